@@ -28,5 +28,5 @@ pub fn file() -> PathBuf {
 /// What is wrong with the flight.
 pub fn fly(path: &Path) -> Result<PathBuf> {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
-    record::fly(path, &folder().join("box.toml"), &case, CYCLES)
+    record::fly(path, &folder().join("system.toml"), &case, CYCLES)
 }

@@ -36,7 +36,7 @@ impl Tape {
         let attachment = |name: &str, path: &Path| -> Result<Attachment> {
             Ok(Attachment { name: name.into(), media_type: "application/toml".into(), data: fs::read(path)? })
         };
-        let attachments = [attachment("box.toml", system_path)?, attachment("robot.toml", &robot)?];
+        let attachments = [attachment("system.toml", system_path)?, attachment("robot.toml", &robot)?];
         let clock = RunClock { t0_unix_ns: BEGAN_UNIX_NS, t0_mono_ns: 0 };
         let writer = RunWriter::create(path, clock, &Default::default(), &attachments)?;
         Ok(Self { writer, channels: HashMap::new(), beat: 0 })
@@ -164,7 +164,7 @@ pub fn box_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Resu
             section.insert((*key).into(), (*word).into());
         }
     }
-    let path = folder.join("box.toml");
+    let path = folder.join("system.toml");
     fs::write(&path, toml::to_string(&table)?)?;
     Ok(path)
 }

@@ -38,7 +38,7 @@ impl Place {
     }
 
     fn system_file(&self) -> PathBuf {
-        self.folder.path().join("box.toml")
+        self.folder.path().join("system.toml")
     }
 
     fn command(&self, name: &str) -> Command {

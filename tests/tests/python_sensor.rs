@@ -72,7 +72,7 @@ fn a_new_sensor_in_rust_is_the_tested_template_under_its_name_and_nothing_is_ove
     std::fs::write(folder.path().join("leaf.py"), "mine").unwrap();
     for args in [&["soil-probe"][..], &["leaf", "--python"]] {
         let (done, said) = new_sensor(folder.path(), args);
-        assert!(!done && said.contains("is there already"), "{said}");
+        assert!(!done && said.contains("already exists"), "{said}");
     }
     assert_eq!(std::fs::read_to_string(folder.path().join("leaf.py")).unwrap(), "mine");
     for args in [&["Soil"][..], &["2soil"], &["soil/probe"], &["soil", "--nims", "/nowhere"]] {

@@ -1,10 +1,11 @@
-//! Node estimate and motion to cable velocities.
+//! Computes cable velocities from the node estimate and the planned motion.
 //!
 //! Invariants:
-//! * [`Controller::step`] is pure: no clock, no input or output, no allocation. The same samples give the same bits.
-//! * Every finite input gives finite velocities inside the limits; what has no good answer has a row that is not `valid`.
-//! * Another law is a variant of [`Law`] and a name in the configuration; motions, slots, limits and stretch stay as they are. A law of one's own is
-//!   a [`CableLaw`] in a program of its own ([`process::main_with`]), which the system file starts in this one's place.
+//! * [`Controller::step`] is pure: no clock, no I/O, no allocation. The same samples give the same bits.
+//! * Every finite input gives finite velocities within the limits. Where no such answer exists, the row is not `valid`.
+//! * A further law is a variant of [`Law`] and a name in the configuration; motions, slots, limits and stretch stay as
+//!   they are. A custom law is a [`CableLaw`] in a separate program ([`process::main_with`]) that the system file names
+//!   in place of this one.
 #![forbid(unsafe_code)]
 
 mod controller;

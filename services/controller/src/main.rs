@@ -1,4 +1,4 @@
-//! The controller: node estimate and motion to cable velocities, with the law that the system file names.
+//! The controller, with the law that the system file names; see the library.
 
 use std::process::ExitCode;
 

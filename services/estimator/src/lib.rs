@@ -1,12 +1,12 @@
-//! Motor state to node estimate: where the node is, how it moves, and how the lines pull.
+//! Computes the node estimate from the motor state: position, velocity and cable tensions.
 //!
 //! Invariants:
-//! * [`Estimator::step`] is pure: no clock, no input or output, no allocation. The same samples give the same bits.
-//! * An estimate is `valid` only if every cable was read in this cycle or at most [`BRIDGED_CYCLES`] before, the position is
-//!   known to motor-io, and everything in it is finite. An invalid one carries what was measured and nothing else.
-//! * A method is a [`CableEstimator`]: one cable's readings and commands to its length and velocity. A standard one is a row in
-//!   `method.rs`, which alone has its name. One's own is a program of its own ([`process::main_with`]), which the system file starts in this
-//!   one's place or beside it.
+//! * [`Estimator::step`] is pure: no clock, no I/O, no allocation. The same samples give the same bits.
+//! * An estimate is `valid` only if every cable was read in this cycle or at most [`BRIDGED_CYCLES`] before, motor-io
+//!   knows the position, and every number is finite. An invalid estimate carries only what was measured.
+//! * A method is a [`CableEstimator`]: the readings and commands of one cable to its length and velocity. A standard
+//!   method is a row in `method.rs`. A custom method is a separate program ([`process::main_with`]) that the system
+//!   file names in place of this one or beside it.
 #![forbid(unsafe_code)]
 
 mod cable_estimator;

@@ -1,4 +1,4 @@
-//! The estimator: motor state to node estimate, by the method that the system file names.
+//! The estimator, with the method that the system file names; see the library.
 
 use std::process::ExitCode;
 

@@ -1,13 +1,15 @@
-//! The virtual motor control box: winches, cables and node that speak the real bytes on pseudo-terminals.
+//! The virtual motor box: simulated winches, cables and node behind the drives' real serial protocol on
+//! pseudo-terminals.
 //!
-//! Where the hardware would be, there is [`Machine`]: drive units that understand packet serial, and the physics they turn.
-//! [`Wire`] gives each serial port a name and the speed of a real wire, and [`MotorBox`] lets it all live in real time. Whatever
-//! talks to the box cannot tell it from hardware, and needs not know that it is there. Sensors on the node have ports beside the drives'.
+//! [`Machine`] takes the place of the hardware: drive units that understand packet serial, and the physics that they
+//! move. [`Wire`] gives each serial port a name and the speed of a real wire; [`MotorBox`] runs them in real time. A
+//! program at a port cannot distinguish the box from hardware. Simulated sensors on the node have ports beside those of
+//! the drives.
 //!
 //! # Invariants
-//! * Nothing in the control loop may read what the box publishes: truth is for evaluation.
+//! * Nothing in the control loop reads what the box publishes: the truth is for evaluation.
 //! * [`Machine`] has no clock; time is an argument. The same bytes at the same times give the same answers.
-//! * The box lives at most 20 ms at once: where the computer stands still, so does the box; and where it has no time for motor-io.
+//! * The box advances by at most 20 ms at once. Its time stops while the box or motor-io waits for a processor.
 #![forbid(unsafe_code)]
 
 mod device;

@@ -2,7 +2,7 @@
 
 use plant::{MotorInput, Plant, SpeedGains};
 use roboclaw::codec::{Motor, Pid, Write};
-use roboclaw::unit::{Measured, Target, Unit, UnitLine, UnitOptions};
+use roboclaw::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Packet, Status};
 use serial::{Device, Paced};
 
@@ -38,7 +38,7 @@ struct Winch {
 /// One serial line with its units.
 #[derive(Debug, Clone)]
 struct Bank {
-    line: UnitLine,
+    bus: UnitBus,
     winches: Vec<[Option<Winch>; 2]>,
     /// Whether the stop button of each unit is pressed.
     stopped: Vec<bool>,
@@ -80,7 +80,7 @@ impl Machine {
                     .collect();
                 let units = port.units.iter().map(|unit| unit_of(unit, config.turnaround_ns)).collect();
                 let stopped = vec![false; port.units.len()];
-                let mut bank = Bank { line: UnitLine::new(units), applied: Vec::new(), winches, stopped };
+                let mut bank = Bank { bus: UnitBus::new(units), applied: Vec::new(), winches, stopped };
                 bank.commission(&plant, config.plant.motor.current_limit_a);
                 bank
             })
@@ -98,7 +98,7 @@ impl Machine {
 
     /// Units on a port.
     pub fn units(&self, port: usize) -> &[Unit] {
-        self.banks.get(port).map_or(&[], |bank| bank.line.units())
+        self.banks.get(port).map_or(&[], |bank| bank.bus.units())
     }
 
     /// How far it has come, ns.
@@ -117,7 +117,7 @@ impl Machine {
             self.now_ns += step_ns;
             self.measure();
             for bank in &mut self.banks {
-                bank.line.advance(self.now_ns);
+                bank.bus.advance(self.now_ns);
             }
             self.listen()?;
         }
@@ -131,7 +131,7 @@ impl Machine {
     pub fn receive(&mut self, port: usize, at_ns: u64, byte: u8, answer: &mut Paced) -> Result<(), BoxError> {
         self.advance(at_ns)?;
         if let Some(bank) = self.banks.get_mut(port) {
-            bank.line.receive(at_ns, byte, answer);
+            bank.bus.receive(at_ns, byte, answer);
         }
         self.listen()
     }
@@ -150,7 +150,7 @@ impl Machine {
             }
             BoxFault::Estop { port, address, on } => {
                 let found = self.banks.get_mut(port).and_then(|bank| {
-                    let unit = bank.line.units().iter().position(|unit| unit.address() == address)?;
+                    let unit = bank.bus.units().iter().position(|unit| unit.address() == address)?;
                     bank.stopped.get_mut(unit)
                 });
                 *found.ok_or(BoxError::NoSuchUnit { port, address })? = on;
@@ -166,7 +166,7 @@ impl Machine {
     }
 
     fn unit_mut(&mut self, port: usize, address: u8) -> Result<&mut Unit, BoxError> {
-        let units = self.banks.get_mut(port).map(|bank| bank.line.units_mut());
+        let units = self.banks.get_mut(port).map(|bank| bank.bus.units_mut());
         units
             .and_then(|units| units.iter_mut().find(|unit| unit.address() == address))
             .ok_or(BoxError::NoSuchUnit { port, address })
@@ -194,7 +194,7 @@ impl Machine {
                         measured.status.0 |= [Status::OVER_CURRENT_1, Status::OVER_CURRENT_2][motor];
                     }
                 }
-                bank.line.measure(unit, &measured);
+                bank.bus.measure(unit, &measured);
             }
         }
     }
@@ -202,7 +202,7 @@ impl Machine {
     /// Units to plant: targets, and settings that have changed.
     fn listen(&mut self) -> Result<(), BoxError> {
         for bank in &mut self.banks {
-            let units = bank.line.units().iter().zip(&bank.winches).zip(&mut bank.applied);
+            let units = bank.bus.units().iter().zip(&bank.winches).zip(&mut bank.applied);
             for ((unit, winches), applied) in units {
                 for (winch, motor) in winches.iter().zip(MOTORS) {
                     let Some(Winch { cable, sign }) = *winch else { continue };
@@ -228,23 +228,23 @@ impl Bank {
     /// Tunes the units as an installer would, over the line, and has them keep it.
     fn commission(&mut self, plant: &Plant, current_limit_a: f64) {
         let mut nobody = Paced::new(0);
-        let mut tell = |line: &mut UnitLine, packet: Packet| {
+        let mut tell = |bus: &mut UnitBus, packet: Packet| {
             for &byte in packet.iter() {
-                line.receive(0, byte, &mut nobody);
+                bus.receive(0, byte, &mut nobody);
             }
         };
         for (unit, winches) in self.winches.iter().enumerate() {
-            let address = self.line.units()[unit].address();
+            let address = self.bus.units()[unit].address();
             for (winch, motor) in winches.iter().zip(MOTORS) {
                 let Some(winch) = winch else { continue };
-                tell(&mut self.line, Write::VelocityPid(motor, pid_of(plant.gains(winch.cable))).encode(address));
+                tell(&mut self.bus, Write::VelocityPid(motor, pid_of(plant.gains(winch.cable))).encode(address));
                 let centiamps = (current_limit_a * 100.0).round() as u32;
-                tell(&mut self.line, Write::MaxCurrent(motor, centiamps).encode(address));
+                tell(&mut self.bus, Write::MaxCurrent(motor, centiamps).encode(address));
             }
-            tell(&mut self.line, Write::Save.encode(address));
+            tell(&mut self.bus, Write::Save.encode(address));
         }
         let settings = |unit: &Unit| MOTORS.map(|motor| (unit.velocity_pid(motor), unit.max_current_a(motor)));
-        self.applied = self.line.units().iter().map(settings).collect();
+        self.applied = self.bus.units().iter().map(settings).collect();
     }
 }
 

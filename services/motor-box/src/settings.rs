@@ -2,7 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use config::{DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection, RobotFile, SystemFile};
+use config::{
+    DeviceKind as Speaks, DeviceSection, DriveProtocol, FieldSection, GroundFile, MotorBoxSection, RobotFile,
+    SystemFile,
+};
 use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
@@ -171,6 +174,10 @@ fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfi
             .map(|rest| rest.trim_start_matches('/'))
             .filter(|rest| !rest.is_empty() && !rest.contains(".."))
             .ok_or_else(|| ConfigError::NotOurPort(port.path.clone()))?;
+        match port.protocol {
+            // The only family whose units `machine` has.
+            DriveProtocol::Roboclaw => {}
+        }
         let units = port
             .units
             .iter()

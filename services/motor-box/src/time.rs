@@ -171,7 +171,7 @@ impl FarEnd {
         if program != self.program {
             self.program = program;
             let watch = |tid| Thread::of(tid).ok().map(Waiting::new);
-            self.threads = program.map_or([None, None], |program| [watch(program.main), watch(program.line)]);
+            self.threads = program.map_or([None, None], |program| [watch(program.main), watch(program.port)]);
         }
     }
 

@@ -2,17 +2,19 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use drives::{CountBound, UnitAnswer};
 use motor_box::settings::{PortConfig, UnitConfig};
 use motor_box::{BoxConfig, BoxFault, Machine, Shared, Socket};
 use plant::line::IdlerConfig;
 use plant::{Fault, PlantConfig};
 use roboclaw::driver::WIRE_MARGIN_NS;
-use roboclaw::{Bus, BusConfig, Drive, UnitAnswer, UnitConfig as DriverUnit};
+use roboclaw::{Bus, BusConfig, Drive, UnitConfig as DriverUnit};
 use serial::Pipe;
 
 const COUNTS_PER_M: f64 = 10_865.0;
 const BAUD: u32 = 230_400;
 const PERIOD_NS: u64 = 10_000_000;
+const BOUND: CountBound = CountBound { counts_s: 15_000.0, margin: 0.0 };
 const ANCHORS: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 
 /// Three cables: two on the unit at 0x80, one on the second motor of the unit at 0x81; the last encoder counts backwards.
@@ -48,7 +50,7 @@ impl Rig {
     fn new() -> Self {
         let machine = Shared::new(Machine::new(&config()).unwrap());
         let pipe = Pipe::new("box", BAUD, machine.socket(0));
-        let unit = |address| DriverUnit { address, watchdog_tenths: 3, fastest_counts_s: 10_000 };
+        let unit = |address| DriverUnit { address, watchdog_tenths: 3, bound: BOUND };
         let units = vec![unit(0x80), unit(0x81)];
         let config = BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units, stop_pin: None };
         let bus = Bus::new(pipe, &config).unwrap();
@@ -64,7 +66,7 @@ impl Rig {
     /// One control cycle with these speeds on the wire, counts per second.
     fn cycle(&mut self, speeds: [i32; 3]) {
         use serial::Transport;
-        self.bus.line_mut().wait_until(self.next_ns);
+        self.bus.transport_mut().wait_until(self.next_ns);
         self.next_ns += PERIOD_NS;
         let drives = [[Drive::Speed(speeds[0]), Drive::Speed(speeds[1])], [Drive::Idle, Drive::Speed(speeds[2])]];
         self.bus.cycle(&drives, self.next_ns, &mut self.answers);
@@ -112,7 +114,7 @@ fn a_driver_that_falls_silent_is_found_out_by_the_watchdog() {
         rig.cycle([500, 0, 0]);
     }
     let before = rig.lengths_m()[0];
-    rig.bus.line_mut().wait_until(rig.next_ns + 2_000_000_000);
+    rig.bus.transport_mut().wait_until(rig.next_ns + 2_000_000_000);
     let after = rig.lengths_m()[0];
     let machine = rig.machine.lock();
     assert_eq!(machine.units(0)[0].watchdog_trips(), 1);

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
+use drives::CountBound;
 use motor_box::settings::{PortConfig, UnitConfig};
 use motor_box::{BoxConfig, MotorBox};
 use plant::PlantConfig;
@@ -13,10 +14,11 @@ use plant::line::IdlerConfig;
 use roboclaw::driver::USB_MARGIN_NS;
 use roboclaw::{Bus, BusConfig, Drive, UnitConfig as DriverUnit};
 use rustix::process::{Pid, Signal, kill_process};
-use serial::{Line, Transport};
+use serial::{ReopeningPort, Transport};
 
 const COUNTS_PER_M: f64 = 10_865.0;
 const BAUD: u32 = 230_400;
+const BOUND: CountBound = CountBound { counts_s: 15_000.0, margin: 0.0 };
 const ANCHORS: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 const SPEED_M_S: f64 = 0.02;
 const WATCHDOG_NS: u64 = 300_000_000;
@@ -85,15 +87,15 @@ fn peer(prefix: &[&str], link: &Path, close_ms: Option<u64>) -> Ended {
 fn the_program_that_drives() {
     let Ok(link) = std::env::var(PEER) else { return };
     let close_ms: Option<u64> = std::env::var(CLOSE).ok().and_then(|text| text.parse().ok());
-    let unit = |address| DriverUnit { address, watchdog_tenths: 3, fastest_counts_s: 10_000 };
+    let unit = |address| DriverUnit { address, watchdog_tenths: 3, bound: BOUND };
     let units = vec![unit(0x80), unit(0x81)];
     let config = BusConfig { baud: BAUD, margin_ns: USB_MARGIN_NS, units, stop_pin: None };
-    let mut bus = Bus::new(Line::new(&link, BAUD), &config).unwrap();
+    let mut bus = Bus::new(ReopeningPort::new(&link, BAUD), &config).unwrap();
     let mut answers = bus.blank_answers();
     let counts = (SPEED_M_S * COUNTS_PER_M) as i32;
     let (began, mut moving) = (Instant::now(), None);
     while close_ms.is_none_or(|ms| moving.is_none_or(|since: Instant| since.elapsed() < Duration::from_millis(ms))) {
-        let deadline_ns = bus.line().now_ns() + 10_000_000;
+        let deadline_ns = bus.transport().now_ns() + 10_000_000;
         // Units move only once they were told to stand still.
         let speed = if moving.is_some() { Drive::Speed(counts) } else { Drive::HOLD };
         bus.cycle(&[[speed; 2]; 2], deadline_ns, &mut answers);
@@ -101,7 +103,7 @@ fn the_program_that_drives() {
             moving = Some(Instant::now());
         }
         let _ = bus.settle(deadline_ns);
-        bus.line_mut().wait_until(deadline_ns);
+        bus.transport_mut().wait_until(deadline_ns);
         assert!(began.elapsed() < Duration::from_secs(60));
     }
     drop(bus);

@@ -1,20 +1,25 @@
-//! Between the core and the drive units: velocities to counts per second, answers to the replies in [`MotorInput`].
+//! Connection between the core and the drive units: velocities to counts per second, answers to the replies in [`MotorInput`].
 
+use crate::backend;
 use crate::core::DriveCommand;
 use crate::settings::CoreConfig;
-use config::{PortSection, SystemFile};
-use messages::{CABLES, MotorInput, UNITS};
-use roboclaw::driver::USB_MARGIN_NS;
-use roboclaw::fleet::MAX_FLEET;
-use roboclaw::{
-    BusConfig, Drive, Error, Fleet, FleetCommand, PortConfig, Status, StatusPin, StopInput, UnitAnswer, UnitConfig,
+use config::SystemFile;
+use drives::{
+    AXES, Capabilities, Command, DriveBus, DriveStatus, Error, Fleet, FleetCommand, MAX_FLEET, StopInput, UnitAnswer,
+    UnitInfo,
 };
+use messages::{CABLES, MotorInput, UNITS};
+use std::fmt;
 use std::path::Path;
+use std::sync::Arc;
 
-/// A motor cannot turn faster than this many times the fastest cable; an encoder that says so has jumped.
-const FASTEST: f64 = 1.5;
+/// Capabilities without which the robot cannot be driven: the control law commands velocities, and the watchdog of the drives is what
+/// stops the motors when this process ends.
+const NEEDED: Capabilities = Capabilities { velocity: true, watchdog: true, ..Capabilities::NONE };
+/// Capabilities without which some fault of a cable is not detected.
+const WATCHED: Capabilities = Capabilities { currents: true, duties: true, supply: true, ..Capabilities::NONE };
 
-/// In the order in which the times of reading are kept.
+/// Slowly read values, in the order in which the times of reading are kept.
 const SLOW: [u8; 4] =
     [MotorInput::SLOW_SUPPLY, MotorInput::SLOW_STATUS, MotorInput::SLOW_CURRENT, MotorInput::SLOW_DUTY];
 
@@ -29,63 +34,108 @@ pub struct Drives {
     reboots: [u32; UNITS],
     /// Port of each unit.
     port: [usize; UNITS],
-    /// When each of the slow values of a unit was last read: supply, status, currents, duties.
+    /// Names of port and unit in messages.
+    names: Vec<(Arc<str>, Arc<str>)>,
+    /// Time of the last reading of each unit's supply, status, currents and duties, ns.
     slow_ns: [[u64; 4]; UNITS],
     trouble: Option<Error>,
     lost: Option<Error>,
-    /// Of each unit that has not answered for several attempts: why.
+    /// Reason why a unit has not answered several attempts.
     absent: [Option<Error>; UNITS],
+    /// Last status of each unit, and the errors that were reported of it.
+    conditions: [Conditions; UNITS],
+    /// A reading that the family does not offer, per port.
+    unwatched: Vec<(Arc<str>, &'static str)>,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Conditions {
+    errors: DriveStatus,
+    native: u32,
+    reported: DriveStatus,
+}
+
+/// Errors that a unit reports, in neutral words and with the unit's own status.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnitCondition {
+    port: Arc<str>,
+    unit: Arc<str>,
+    errors: DriveStatus,
+    native: u32,
+}
+
+impl fmt::Display for UnitCondition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { port, unit, errors, native } = self;
+        write!(f, "{port}, {unit} reports: {errors} (its own status: {native:#x})")
+    }
 }
 
 impl Drives {
-    /// Begins to look for the ports; returns at once. `{domain}` in a path stands for `domain_root`.
+    /// Starts to look for the ports; returns at once. `{domain}` in a path stands for `domain_root`.
     ///
     /// # Errors
-    /// Those of the configuration; a port that is not there is not one.
+    /// A configuration that the drive family does not have, or a family that lacks what the robot needs. A port that is not there is
+    /// not an error, see [`Drives::lost`].
     pub fn open(system_file: &SystemFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
+        let sections = &system_file.motor_io.ports;
         let mut place = [(0, 0); CABLES];
-        for (unit, section) in system_file.motor_io.ports.iter().flat_map(|port| &port.units).enumerate() {
-            for (motor, cable) in section.cables.iter().enumerate() {
+        for (unit, section) in sections.iter().flat_map(|port| &port.units).enumerate() {
+            for (motor, cable) in section.cables.iter().enumerate().take(AXES) {
                 if let Some(place) = place.get_mut(cable.wrapping_sub(1)) {
                     *place = (unit, motor);
                 }
             }
         }
+        let domain = domain_root.to_string_lossy();
+        let buses = sections
+            .iter()
+            .map(|port| backend::open(port, &port.path.replace("{domain}", &domain), config))
+            .collect::<Result<Vec<_>, _>>()?;
+        let unwatched = buses
+            .iter()
+            .filter_map(|bus| Some((Arc::clone(bus.port()), bus.capabilities().first_missing(WATCHED)?)))
+            .collect();
+        let names = buses
+            .iter()
+            .flat_map(|bus| {
+                (0..bus.unit_count()).filter_map(|unit| Some((Arc::clone(bus.port()), bus.unit(unit)?.name)))
+            })
+            .collect();
+        let fleet = Fleet::open(buses, NEEDED)?;
         let mut port = [0; UNITS];
-        let on_port =
-            system_file.motor_io.ports.iter().enumerate().flat_map(|(at, port)| port.units.iter().map(move |_| at));
-        for (place, at) in port.iter_mut().zip(on_port) {
-            *place = at;
+        for (unit, place) in port.iter_mut().enumerate() {
+            *place = fleet.port_of(unit).unwrap_or(0);
         }
-        let ports: Vec<PortConfig> =
-            system_file.motor_io.ports.iter().map(|port| port_config(port, config, domain_root)).collect();
         Ok(Self {
-            fleet: Fleet::open(&ports)?,
+            fleet,
             place,
             cables: config.cable_count(),
             counts_per_m: config.counts_per_m,
             reboots: [0; UNITS],
             port,
+            names,
             slow_ns: [[0; 4]; UNITS],
             trouble: None,
             lost: None,
             absent: [const { None }; UNITS],
+            conditions: [Conditions::default(); UNITS],
+            unwatched,
         })
     }
 
     /// Sends the command, reads the encoders, and writes the answers into `input`; over by `deadline_ns`.
     pub fn exchange(&mut self, cycle: u64, command: &DriveCommand, deadline_ns: u64, input: &mut MotorInput) {
-        let mut drives = [[Drive::Idle; 2]; MAX_FLEET];
+        let mut units = [[None; AXES]; MAX_FLEET];
         for i in 0..self.cables {
             let (unit, motor) = self.place[i];
-            drives[unit][motor] = if command.released[i] {
-                Drive::RELEASE
+            units[unit][motor] = Some(if command.released[i] {
+                Command::Release
             } else {
-                // `as` saturates, and the core lets only finite velocities through.
-                Drive::Speed((command.speed_m_s[i] * self.counts_per_m[i]).round() as i32)
-            };
+                Command::Velocity(command.speed_m_s[i] * self.counts_per_m[i])
+            });
         }
-        let reply = self.fleet.exchange(&FleetCommand { cycle, drives }, deadline_ns);
+        let reply = self.fleet.exchange(&FleetCommand { cycle, units }, deadline_ns);
         self.lost = reply.ports.iter().find_map(|port| port.lost.clone());
         for (unit, answer) in reply.units.iter().enumerate().take(UNITS) {
             input.unit[unit] = outcome(answer, &mut self.reboots[unit]);
@@ -95,7 +145,7 @@ impl Drives {
                 Err(_) => {}
             }
             if let Err(error) = &answer.outcome {
-                // What comes after the first error of a line is its way back.
+                // Errors after the first one of a port belong to its resynchronisation.
                 if !matches!(error, Error::Resynchronising { .. }) || self.trouble.is_none() {
                     self.trouble = Some(error.clone());
                 }
@@ -110,11 +160,13 @@ impl Drives {
             input.unit_alive[unit] = u8::from(report.was_alive);
             input.supply_v[unit] = if report.supply_v.is_known() { report.supply_v.value } else { f64::NAN };
             input.status[unit] = report.status.value.0;
+            self.conditions[unit].errors = report.status.value.errors();
+            self.conditions[unit].native = report.native_status;
             let stop = reply.ports.get(self.port[unit]).map_or(&StopInput::Unknown, |port| &port.stop);
             if *stop != StopInput::Unknown {
-                // A button on the port stops all its units, as one on a unit does that one, and it is looked at in every cycle.
+                // A button on the port stops all its units, as one on a unit stops that one. It is read in every cycle.
                 input.slow_fresh[unit] |= MotorInput::SLOW_STATUS;
-                input.status[unit] |= if stop.says_stop() { Status::EMERGENCY_STOP } else { 0 };
+                input.status[unit] |= if stop.requires_stop() { DriveStatus::EMERGENCY_STOP } else { 0 };
             }
             if let StopInput::Unreadable(error) = stop {
                 self.trouble = Some(error.clone());
@@ -126,31 +178,55 @@ impl Drives {
             let report = &answer.report;
             input.sampled_ns[i] = report.counts.at_ns;
             input.counts[i] = report.counts.value[motor];
-            // A drive's current and duty are positive where they turn the way its count rises. Ours: a current where it pulls the line
-            // in, as in the motor model; a duty where line pays out.
+            // A drive's current and duty are positive in the direction in which its count rises. Ours: a current where it pulls the
+            // cable in, as in the motor model; a duty where it pays the cable out.
             input.current_a[i] = -report.currents_a.value[motor] * self.counts_per_m[i].signum();
             input.duty[i] = report.duties.value[motor] * self.counts_per_m[i].signum();
         }
     }
 
-    /// Time that virtual drives have left out so far, ns; 0 of real ones.
+    /// Time that virtual drives have left out so far, ns; 0 for real ones.
     #[must_use]
     pub fn left_out_ns(&self) -> u64 {
         self.fleet.left_out_ns()
     }
 
-    /// What went wrong since the last call, the newest of it.
+    /// Newest failure since the last call.
     pub fn trouble(&mut self) -> Option<Error> {
         self.trouble.take()
     }
 
-    /// Why a unit that is needed does not answer: its port, and what comes from there.
+    /// Errors that a unit reports now and did not report at the last call; one unit per call.
+    pub fn condition(&mut self) -> Option<UnitCondition> {
+        self.conditions.iter_mut().zip(&self.names).find_map(|(now, (port, unit))| {
+            let new = now.errors != now.reported;
+            now.reported = now.errors;
+            (new && now.errors.0 != 0).then(|| UnitCondition {
+                port: Arc::clone(port),
+                unit: Arc::clone(unit),
+                errors: now.errors,
+                native: now.native,
+            })
+        })
+    }
+
+    /// Port and name, firmware and watchdog of each unit, for the log.
+    pub fn units(&self) -> impl Iterator<Item = (&Arc<str>, UnitInfo)> {
+        self.names.iter().map(|(port, _)| port).zip(self.fleet.units())
+    }
+
+    /// Ports whose family does not offer a reading that faults are detected by, and the first such reading.
+    pub fn unwatched(&self) -> impl Iterator<Item = (&Arc<str>, &'static str)> {
+        self.unwatched.iter().map(|(port, reading)| (port, *reading))
+    }
+
+    /// Reason why a unit does not answer, with its port.
     #[must_use]
     pub fn absent(&self) -> Option<&Error> {
         self.absent.iter().flatten().next()
     }
 
-    /// The port that is not there, as of the last exchange.
+    /// A port that is not there, as of the last exchange.
     #[must_use]
     pub fn lost(&self) -> Option<&Error> {
         self.lost.as_ref()
@@ -167,30 +243,9 @@ fn outcome(answer: &UnitAnswer, reboots: &mut u32) -> u8 {
         Err(error) if error.is_lost() => MotorInput::UNIT_LOST,
         Err(error) if error.is_silence() => MotorInput::UNIT_LOST,
         Err(Error::WatchdogRefused { .. }) => MotorInput::UNIT_LOST,
-        // This program came too late: that says nothing about the unit.
+        // This program was too late, which says nothing about the unit.
         Err(Error::Busy { .. } | Error::TooLate { .. }) => MotorInput::UNIT_LATE,
         Err(Error::NoAnswer { .. } | Error::Unanswered { .. }) => MotorInput::UNIT_SILENT,
         Err(_) => MotorInput::UNIT_RESYNC,
-    }
-}
-
-fn port_config(port: &PortSection, config: &CoreConfig, domain_root: &Path) -> PortConfig {
-    let unit = |section: &config::UnitSection| {
-        let counts = section.cables.iter().filter_map(|cable| config.counts_per_m.get(cable.wrapping_sub(1)));
-        let finest = counts.fold(0.0, |most: f64, counts| most.max(counts.abs()));
-        UnitConfig {
-            address: section.address,
-            watchdog_tenths: (config.watchdog_s * 10.0).round() as u8,
-            fastest_counts_s: (FASTEST * config.cable_speed_m_s * finest) as u32,
-        }
-    };
-    PortConfig {
-        path: port.path.replace("{domain}", &domain_root.to_string_lossy()),
-        bus: BusConfig {
-            baud: port.baud,
-            margin_ns: USB_MARGIN_NS,
-            units: port.units.iter().map(unit).collect(),
-            stop_pin: port.stop_pin.and_then(|pin| StatusPin::named(pin.name())),
-        },
     }
 }

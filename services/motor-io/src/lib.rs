@@ -1,23 +1,26 @@
-//! The clock of the robot and the only process that moves it.
+//! The clock of the robot, and the only process that moves it.
 //!
-//! The deciding part is [`Core`]: in each cycle [`Core::decide`] turns what arrived (commands, requests, the plan's motion, signs of
-//! life) into what the drives do, then [`Core::observe`] turns the drives' replies into the cycle's samples. Both see the same
-//! [`messages::MotorInput`], which is published, so that a run file holds all it takes to run the same decisions again, bit for bit.
+//! [`Core`] decides: in each cycle [`Core::decide`] turns what arrived (commands, requests, the planned motion,
+//! heartbeats) into commands for the drives, then [`Core::observe`] turns the drives' replies into the cycle's samples.
+//! Both read the same [`messages::MotorInput`], which is published, so a run file holds everything to repeat the same
+//! decisions bit for bit.
 //!
-//! A cycle k: velocities chosen for k are sent, encoders are read, `motor/state` k goes out; estimator and controller answer with
-//! commands based on k; they are applied in cycle k + 1. Cable velocities are dL/dt: positive pays line out.
+//! A cycle k: the velocities chosen for k are sent, encoders are read, `motor/state` k is published; estimator and
+//! controller answer with commands based on k; these are applied in cycle k + 1. Cable velocity is dL/dt: positive pays
+//! out.
 //!
 //! Invariants:
-//! * Nothing but a command that the [`arbiter`] accepted and the [`limits`] let through, or a jog, ever moves a cable.
+//! * A cable moves only by a command that the [`arbiter`] accepted and the [`limits`] passed, or by a jog.
 //! * The core has no clock, does no I/O and allocates nothing after its construction.
-//! * The node's speed and its change are bounded by motor-io's own lengths, a motion begins where motor-io believes the node is, and
-//!   commands that lead away from the set point are a fault.
-//! * A fault stays until it is reset, and no motion goes on by itself after one.
+//! * The node's speed and acceleration are bounded by the lengths that motor-io measures itself, a motion begins where
+//!   motor-io computes the node to be, and commands that lead away from the setpoint are a fault.
+//! * A fault stays until it is reset, and no motion continues by itself after one.
 //! * Time to live counts cycles, never milliseconds.
 #![forbid(unsafe_code)]
 
 pub mod answer;
 pub mod arbiter;
+mod backend;
 pub mod commanded_envelope;
 pub mod core;
 pub mod drives;
@@ -25,6 +28,7 @@ pub mod energy;
 pub mod inbox;
 pub mod kernel;
 pub mod limits;
+pub mod mode;
 pub mod motion;
 pub mod node;
 pub mod odometry;

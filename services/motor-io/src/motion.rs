@@ -9,7 +9,6 @@ pub struct Motion {
     end_s: f64,
     known_s: f64,
     segment: u32,
-    suspended: bool,
     planner_gone: bool,
     orphaned: u32,
     beat: u64,
@@ -27,12 +26,6 @@ impl Motion {
     #[must_use]
     pub fn segment(&self) -> u32 {
         self.segment
-    }
-
-    /// The robot holds in the middle of it.
-    #[must_use]
-    pub fn suspended(&self) -> bool {
-        self.suspended
     }
 
     /// What plan/motion says this cycle: the end may move, as the planner adds segments.
@@ -79,7 +72,6 @@ impl Motion {
     pub fn begin(&mut self, input: &MotorInput) {
         self.id = input.motion;
         self.segment = input.motion_segment;
-        self.suspended = false;
         self.beat = input.planner_beat;
         self.note(input);
     }
@@ -116,16 +108,6 @@ impl Motion {
         self.known_s + tolerance_s < self.end_s
     }
 
-    /// The robot holds, and may go on later.
-    pub fn suspend(&mut self) {
-        self.suspended = self.id != 0;
-    }
-
-    /// It goes on.
-    pub fn resume(&mut self) {
-        self.suspended = false;
-    }
-
     /// It is over, or given up, at this plan time.
     pub fn finish(&mut self, plan_time_s: f64) {
         if self.id != 0 {
@@ -134,7 +116,6 @@ impl Motion {
         }
         self.id = 0;
         self.segment = 0;
-        self.suspended = false;
         self.planner_gone = false;
         self.orphaned = 0;
     }

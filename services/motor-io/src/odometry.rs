@@ -1,12 +1,12 @@
 //! Encoder counts to line lengths: zero points, jumps, and how far the position can be trusted.
 
 use crate::settings::CoreConfig;
+use drives::CountBound;
 use messages::{CABLES, MotorState};
 
-/// No line is faster than this many times the fastest cable.
-const JUMP_FACTOR: f64 = 1.5;
-/// A count may change by so much more than what its line can do in the time that passed before it is taken for a glitch: a few encoder
-/// steps and the spring of an idler wheel, m.
+/// Fastest believable cable, as a multiple of the robot's cable speed limit: the only bound on encoder counts.
+const OVER_SPEED: f64 = 1.5;
+/// Motion that is believed in no time at all, m: a few encoder steps and the spring of an idler wheel.
 const JUMP_MARGIN_M: f64 = 0.005;
 /// After a unit was away, its line may have moved by this much before somebody has to look, m.
 const RETURN_TOLERANCE_M: f64 = 0.005;
@@ -14,6 +14,17 @@ const RETURN_TOLERANCE_M: f64 = 0.005;
 const VELOCITY_WINDOW_NS: u64 = 50_000_000;
 /// Readings kept for it: enough for 250 cycles per second.
 const HISTORY: usize = 16;
+
+/// Motion of the counts of a unit that its drive needs not explain, for the unit's cables (from 1).
+///
+/// The bound is the one that [`Odometry::read`] applies in metres. The drive's driver does not judge counts by it: it holds one sample
+/// back to find out whether the unit restarted.
+#[must_use]
+pub(crate) fn count_bound(config: &CoreConfig, cables: &[usize]) -> CountBound {
+    let counts = cables.iter().filter_map(|cable| config.counts_per_m.get(cable.wrapping_sub(1)));
+    let finest = counts.fold(0.0, |most: f64, counts| most.max(counts.abs()));
+    CountBound { counts_s: OVER_SPEED * config.cable_speed_m_s * finest, margin: JUMP_MARGIN_M * finest }
+}
 
 /// What one reading of one cable came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -111,7 +122,7 @@ impl Odometry {
             return Reading::Good;
         }
         let passed_s = sampled_ns.saturating_sub(it.sampled_ns) as f64 * 1e-9;
-        let fastest_m_s = JUMP_FACTOR * self.fastest_m_s;
+        let fastest_m_s = OVER_SPEED * self.fastest_m_s;
         let [low_m_s, high_m_s] = drift_m_s.unwrap_or([-fastest_m_s, fastest_m_s]);
         let explained = low_m_s * passed_s - JUMP_MARGIN_M..=high_m_s * passed_s + JUMP_MARGIN_M;
         let moved = metres(counts, it.counts, scale);

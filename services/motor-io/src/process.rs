@@ -5,7 +5,6 @@ use crate::drives::Drives;
 use crate::inbox::Inbox;
 use crate::kernel::Evidence;
 use crate::position::{Keeper, PositionFile};
-use crate::safety::Mode;
 use crate::settings::CoreConfig;
 use bus::clock::{Pacer, SECOND_NS, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
@@ -110,6 +109,9 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         None
     });
     let mut drives = Drives::open(&system_file, &config, chassis.bus().domain().root())?;
+    for (port, reading) in drives.unwatched() {
+        warn!("{port}: its drives do not report {reading}, so the faults of a cable that show in it are not detected");
+    }
     let mut ports = Ports::open(chassis.bus())?;
     // A later life has a larger number; a computer that starts again begins with empty shared memory.
     let life = now_ns().max(1);
@@ -136,8 +138,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         chassis.pass_begin();
         if !chassis.running() {
             ending += 1;
-            let moving = matches!(core.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);
-            if !moving || ending > last_stop {
+            if !core.moves() || ending > last_stop {
                 break;
             }
             if ending == 1 {
@@ -189,7 +190,12 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
             if up {
                 chassis.ready()?;
                 ready = true;
-                let _ = drives.trouble(); // what was said while the units were being set up
+                let _ = drives.trouble(); // of the time while the units were being set up
+                for (port, unit) in drives.units() {
+                    let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
+                    let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
+                    info!("{port}, {}: firmware {firmware}, watchdog {watchdog_ms} ms", unit.name);
+                }
             } else if cycle >= patience
                 && let Some(error) = drives.lost()
             {
@@ -314,7 +320,7 @@ impl Ports {
 
 /// Passes on what the core has answered. Whoever is not allowed to arm because a unit does not answer (`absent`) is told on which port,
 /// and what comes from there; the core knows of no ports.
-fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&roboclaw::Error>, reporter: &mut Reporter) {
+fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, reporter: &mut Reporter) {
     let Some(call) = call else { return };
     let Some(answer) =
         core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
@@ -362,7 +368,8 @@ struct Reporter {
     faults: u32,
     complained_ns: u64,
     troubled_ns: u64,
-    trouble: Option<roboclaw::Error>,
+    conditions_ns: u64,
+    trouble: Option<drives::Error>,
 }
 
 impl Reporter {
@@ -383,14 +390,20 @@ impl Reporter {
         })
     }
 
-    /// Noise comes in bursts, and a line that is gone stays gone: not more than one sentence a second, and the same one again
+    /// Noise comes in bursts, and a port that is gone stays gone: not more than one sentence a second, and the same one again
     /// only after a minute.
     fn drives(&mut self, drives: &mut Drives) {
         let now = now_ns();
+        if now.saturating_sub(self.conditions_ns) > SECOND_NS
+            && let Some(condition) = drives.condition()
+        {
+            self.conditions_ns = now;
+            warn!("{condition}");
+        }
         let Some(trouble) = drives.trouble() else { return };
         // Where it is known what is the matter with a unit, its way back is no news.
         let error = match drives.absent() {
-            Some(absent) if matches!(trouble, roboclaw::Error::Resynchronising { .. }) => absent.clone(),
+            Some(absent) if matches!(trouble, drives::Error::Resynchronising { .. }) => absent.clone(),
             _ => trouble,
         };
         let pause_ns = if self.trouble.as_ref() == Some(&error) { 60 * SECOND_NS } else { SECOND_NS };

@@ -3,9 +3,9 @@
 
 use crate::answer::{Answer, Sentence, sentence};
 use crate::arbiter::role::Refusal;
-use crate::core::{Core, Jog};
+use crate::core::Core;
+use crate::mode::{Jog, Mode, Stop};
 use crate::plan_clock::SLOWEST;
-use crate::safety::Mode;
 use crate::settings::{CoreConfig, JOG_LIMIT_M};
 use cable_robot::{Vector3, elastic, kinematics, tension};
 use messages::faults::{Faults, STOPS};
@@ -110,8 +110,10 @@ impl Core {
     }
 
     fn disarm(&mut self) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Not disarmed: the robot moves; stop first."),
+        match *self.safety.mode() {
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
+                no!("Not disarmed: the robot moves; stop first.")
+            }
             Mode::Disarmed => yes!("Already disarmed."),
             _ if self.limits.last_speed() != 0.0 => {
                 no!("Not disarmed: the robot is still coming to rest; try again in a second.")
@@ -128,15 +130,15 @@ impl Core {
     }
 
     fn pause(&mut self, input: &MotorInput) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following => {
-                self.pausing = true;
+        match self.safety.mode_mut() {
+            Mode::Following(following) => {
+                following.pausing = true;
                 yes!(
                     "Pausing: the robot comes to rest on its path and holds; resume goes on, stop gives the motion up."
                 )
             }
-            Mode::Jogging => {
-                self.cancel_jog();
+            Mode::Jogging(jog) => {
+                jog.cancelled = true;
                 yes!("The cable comes to rest and holds.")
             }
             Mode::Holding => {
@@ -145,24 +147,23 @@ impl Core {
                     && self.begins_here(input)
                 {
                     self.motion.begin(input);
-                    self.motion.suspend();
                 }
                 yes!("Already holding.")
             }
-            Mode::Stopping => yes!("Already coming to rest."),
+            Mode::Stopping(_) => yes!("Already coming to rest."),
             Mode::Disarmed => no!("The drives are off, so nothing can be held; arm first."),
             Mode::Faulted | Mode::EmergencyStop => yes!("Already stopped by a fault; reset it to go on."),
         }
     }
 
     fn resume(&mut self, input: &MotorInput) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following if self.pausing => {
-                self.pausing = false;
+        match self.safety.mode_mut() {
+            Mode::Following(following) if following.pausing => {
+                following.pausing = false;
                 yes!("Going on.")
             }
-            Mode::Following => yes!("The motion is running."),
-            Mode::Holding if self.motion.suspended() => {
+            Mode::Following(_) => yes!("The motion is running."),
+            Mode::Holding if self.motion.id() != 0 => {
                 let lost = self.who_is_lost();
                 if lost != 0 {
                     return no!("Not resumed: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
@@ -175,44 +176,45 @@ impl Core {
                 if input.motion != self.motion.id() || input.motion_epoch != self.safety.epoch() {
                     return no!("Not resumed: the planner no longer has this motion; stop, then start a new one.");
                 }
-                if !self.chosen_in_charge().is_some_and(|chosen| self.motion.has(chosen.segment)) {
+                let Some(chosen) = self.chosen_in_charge().filter(|chosen| self.motion.has(chosen.segment)) else {
                     return no!(
                         "Not resumed: no controller answers for this motion; look at nims status which process is missing."
                     );
-                }
+                };
                 if let Some(off_m) = self.setpoint_distance_m(input).filter(|off_m| *off_m > self.config.divergence_m) {
                     return no!(
                         "Not resumed: the node is {off_m:.2} m from where the motion was left (accepted: {} m); stop, then start a new motion.",
                         self.config.divergence_m
                     );
                 }
-                self.follow();
+                self.follow(&chosen);
                 yes!("Going on where the motion was left.")
             }
             Mode::Holding => no!("There is no paused motion to go on with."),
-            Mode::Stopping => no!("The robot is coming to rest; resume when it holds."),
-            Mode::Jogging => no!("A cable is being jogged; there is no paused motion."),
+            Mode::Stopping(_) => no!("The robot is coming to rest; resume when it holds."),
+            Mode::Jogging(_) => no!("A cable is being jogged; there is no paused motion."),
             Mode::Disarmed => no!("The drives are off and no motion is kept; arm and start a new one."),
             Mode::Faulted | Mode::EmergencyStop => no!("A fault has ended the motion; reset it, then start a new one."),
         }
     }
 
     fn stop_request(&mut self) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following => {
-                self.begin_stop(true, 0);
+        match self.safety.mode_mut() {
+            Mode::Following(following) => {
+                let stop = Stop { dropped: true, ..Stop::on_path(following.steering) };
+                self.begin_stop(stop, 0);
                 yes!("Stopping on the path; the motion is given up.")
             }
-            Mode::Stopping => {
-                self.drop_motion_after_stop();
+            Mode::Stopping(stop) => {
+                stop.dropped = true;
                 yes!("Already coming to rest; the motion is given up.")
             }
-            Mode::Jogging => {
-                self.cancel_jog();
+            Mode::Jogging(jog) => {
+                jog.cancelled = true;
                 yes!("The cable comes to rest and holds.")
             }
             Mode::Holding => {
-                let kept = self.motion.suspended();
+                let kept = self.motion.id() != 0;
                 self.abandon();
                 self.safety.clear_stops(STOPS);
                 self.safety.bump();
@@ -239,7 +241,7 @@ impl Core {
 
     fn reset(&mut self) -> Outcome {
         match self.safety.mode() {
-            Mode::Following | Mode::Stopping | Mode::Jogging => {
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
                 no!("Nothing is reset while the robot moves; stop first.")
             }
             Mode::Holding => {
@@ -272,7 +274,9 @@ impl Core {
     /// Zeroing changes what every length means, so nothing may move by the old ones.
     fn may_zero(&self) -> Outcome {
         match self.safety.mode() {
-            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Not zeroed: the robot moves; stop first."),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
+                no!("Not zeroed: the robot moves; stop first.")
+            }
             Mode::Faulted | Mode::EmergencyStop => no!("Not zeroed: the robot is stopped by a fault; reset it first."),
             Mode::Holding | Mode::Disarmed if !self.odometry.complete() => {
                 no!("Not zeroed: not every encoder has been read yet; try again in a second.")
@@ -336,7 +340,9 @@ impl Core {
         match (self.safety.mode(), self.odometry.position()) {
             (_, MotorState::POSITION_KNOWN) => yes!("The position is known; there is nothing to confirm."),
             (_, MotorState::POSITION_UNKNOWN) => no!("There is no position to confirm; zero the robot where it is."),
-            (Mode::Following | Mode::Stopping | Mode::Jogging, _) => no!("Not confirmed: the robot moves; stop first."),
+            (Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_), _) => {
+                no!("Not confirmed: the robot moves; stop first.")
+            }
             _ => {
                 self.abandon();
                 self.odometry.confirm();
@@ -360,8 +366,8 @@ impl Core {
         }
         match self.safety.mode() {
             Mode::Holding => {}
-            Mode::Jogging => return no!("Not jogged: a cable is being jogged; wait until it holds."),
-            Mode::Following | Mode::Stopping => return no!("Not jogged: the robot moves; stop first."),
+            Mode::Jogging(_) => return no!("Not jogged: a cable is being jogged; wait until it holds."),
+            Mode::Following(_) | Mode::Stopping(_) => return no!("Not jogged: the robot moves; stop first."),
             Mode::Disarmed => return no!("Not jogged: the drives are off; arm first."),
             Mode::Faulted | Mode::EmergencyStop => {
                 return no!("Not jogged: the robot is stopped by a fault; reset it first.");
@@ -371,7 +377,7 @@ impl Core {
         if lost != 0 {
             return no!("Not jogged: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
         }
-        if self.motion.suspended() {
+        if self.motion.id() != 0 {
             return no!("Not jogged: a motion is paused; stop to give it up first.");
         }
         let cable = number as usize - 1;
@@ -384,8 +390,7 @@ impl Core {
                 );
             }
         }
-        self.jog = Some(Jog { cable, left_m: metres, cancelled: false });
-        self.safety.enter(Mode::Jogging);
+        self.safety.enter(Mode::Jogging(Jog { cable, left_m: metres, cancelled: false }));
         yes!("Cable {number} {} {:.3} m.", if metres > 0.0 { "pays out" } else { "reels in" }, metres.abs())
     }
 

@@ -14,28 +14,9 @@
 //! fault; only a cable whose encoder does not tell the truth is let go. Lost commands, estimates or supervisors are no faults of the
 //! robot: it stops on the path and holds, the motion is kept, and `resume` goes on with it once the cause is gone.
 
+use crate::mode::Mode;
 use messages::faults::{Faults, HARD, LASTING, STOPS};
 use messages::{CABLES, MotorAuthority};
-
-/// See the module's picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Mode {
-    /// The drives are off.
-    Disarmed = MotorAuthority::MODE_DISARMED,
-    /// The drives hold, nothing moves.
-    Holding = MotorAuthority::MODE_HOLDING,
-    /// One cable moves slowly.
-    Jogging = MotorAuthority::MODE_JOGGING,
-    /// The robot follows a motion.
-    Following = MotorAuthority::MODE_FOLLOWING,
-    /// It comes to rest.
-    Stopping = MotorAuthority::MODE_STOPPING,
-    /// Something is wrong with it: it comes to rest and stays there until a reset.
-    Faulted = MotorAuthority::MODE_FAULTED,
-    /// Zero at once, until a reset.
-    EmergencyStop = MotorAuthority::MODE_EMERGENCY_STOP,
-}
 
 /// See the module's text.
 #[derive(Debug, Clone)]
@@ -54,10 +35,15 @@ impl Safety {
         Self { mode: Mode::Disarmed, energised: false, latched: Faults::default(), live: Faults::default(), epoch: 1 }
     }
 
-    /// Present mode.
+    /// True while cables move because the operator or a mission asked for it.
     #[must_use]
-    pub fn mode(&self) -> Mode {
-        self.mode
+    pub fn mode(&self) -> &Mode {
+        &self.mode
+    }
+
+    /// State of the present mode, to change it. Only [`Safety::enter`] changes the mode itself.
+    pub fn mode_mut(&mut self) -> &mut Mode {
+        &mut self.mode
     }
 
     /// The drives hold or move.
@@ -140,7 +126,7 @@ impl Safety {
 
     /// The robot may not move otherwise than the new mode says. Never leads out of a latched mode; [`Safety::reset`] does.
     pub fn enter(&mut self, mode: Mode) {
-        if !matches!(self.mode, Mode::Faulted | Mode::EmergencyStop) || mode == Mode::EmergencyStop {
+        if !self.mode.is_latched() || mode == Mode::EmergencyStop {
             self.mode = mode;
         }
     }

@@ -12,9 +12,9 @@
 
 use crate::settings::CoreConfig;
 use cable_robot::motor::Motor;
+use drives::DriveStatus;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState, UNITS};
-use roboclaw::Status;
 
 /// Cycles without an answer before a unit is lost: one may be noise, two a coincidence.
 const LOST_CYCLES: u32 = 3;
@@ -211,11 +211,11 @@ impl Watch {
             if self.low_supply[unit] >= SUPPLY_READINGS {
                 found.unit(MotorAuthority::FAULT_SUPPLY, unit);
             }
-            let status = Status(self.status[unit]);
-            if status.has(Status::EMERGENCY_STOP) {
+            let status = DriveStatus(self.status[unit]);
+            if status.has(DriveStatus::EMERGENCY_STOP) {
                 found.unit(MotorAuthority::FAULT_EMERGENCY_INPUT, unit);
             }
-            if status.has(Status::ERRORS & !Status::EMERGENCY_STOP) {
+            if status.has(DriveStatus::ERRORS & !DriveStatus::EMERGENCY_STOP) {
                 found.unit(MotorAuthority::FAULT_DRIVE_ERROR, unit);
             }
         }

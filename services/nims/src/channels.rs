@@ -1,4 +1,4 @@
-//! `nims channel`: any channel, of a known type or not.
+//! `nims channel`: lists, counts and prints channels of any type.
 
 use bus::{Bus, Party, Tap, clock};
 use command::values::seconds;
@@ -10,19 +10,19 @@ use std::time::Duration;
 /// `nims channel`.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Every channel with its type.
+    /// List every channel with its type.
     List,
-    /// How often samples arrive, and how many are lost on the way.
+    /// Count the samples that arrive per second, and the lost ones.
     Hz {
         /// Channel; default: all.
         name: Option<String>,
-        /// For how long to count, s.
+        /// Time to count, s.
         #[arg(long = "for", value_name = "SECONDS", default_value = "3", value_parser = seconds, allow_negative_numbers = true)]
         seconds: f64,
     },
-    /// Print samples of any type as they come, one JSON object per line.
+    /// Print samples as they arrive, one JSON object per line.
     Echo {
-        /// Channel.
+        /// Name of the channel.
         name: String,
         /// Stop after this many samples.
         #[arg(long, short = 'n', value_name = "N")]
@@ -34,7 +34,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// Carries the command out.
+    /// Runs the command.
     ///
     /// # Errors
     /// Shared memory cannot be read, or there is no such channel.
@@ -48,10 +48,10 @@ impl Command {
     }
 }
 
-/// Longest time between two looks at the channels that are counted: less than any channel's buffer holds.
-const LOOK: Duration = Duration::from_millis(20);
+/// Time between two polls of the counted channels: shorter than the time in which any channel's buffer fills.
+const POLL: Duration = Duration::from_millis(20);
 
-/// `nims channel list`: JSON and words.
+/// `nims channel list`.
 ///
 /// # Errors
 /// Shared memory cannot be read.
@@ -72,10 +72,10 @@ fn list(bus: &Bus) -> Answer<Output> {
     Ok(Output::new(json!({ "channels": rows }), lines.join("\n")))
 }
 
-/// `nims channel hz`: JSON and words, after counting for some seconds.
+/// `nims channel hz`: counts for some seconds.
 ///
 /// # Errors
-/// No such channel, or a time that makes no sense.
+/// There is no such channel, or the time is out of range.
 fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
     let time = duration(seconds)?;
     let names = match name {
@@ -83,7 +83,7 @@ fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
         None => bus.channels()?.into_iter().map(|channel| channel.name).collect(),
     };
     let mut taps = names.iter().map(|name| bus.tap(name)).collect::<Result<Vec<Tap>, _>>()?;
-    // What was there before the counting began is history.
+    // Discard the samples from before the start.
     for tap in &mut taps {
         while tap.receive(|_| ())?.is_some() {}
     }
@@ -91,7 +91,7 @@ fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
     let started = clock::now_ns();
     let end = started + time.as_nanos() as u64;
     while clock::now_ns() < end {
-        clock::sleep_until(end.min(clock::now_ns() + LOOK.as_nanos() as u64));
+        clock::sleep_until(end.min(clock::now_ns() + POLL.as_nanos() as u64));
         for (tap, (received, lost)) in taps.iter_mut().zip(&mut counts) {
             while let Some(missing) = tap.receive(|raw| raw.missing)? {
                 *received += 1;
@@ -105,7 +105,7 @@ fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
     let mut rows = Vec::new();
     for ((name, (received, lost)), tap) in names.iter().zip(&counts).zip(&taps) {
         let hz = *received as f64 / elapsed;
-        // Without numbers nobody knows.
+        // Losses can be counted only if the samples carry sequence numbers.
         let lost = tap.has_header().then_some(*lost);
         let words = lost.map_or_else(|| "-".to_owned(), |lost| lost.to_string());
         lines.push(format!("{name:width$}  {hz:7.1} Hz  {words} lost"));
@@ -114,10 +114,10 @@ fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
     Ok(Output::new(json!({ "seconds": elapsed, "channels": rows }), lines.join("\n")))
 }
 
-/// `nims channel echo`: prints samples until enough have come, the time is over, nobody reads, or Ctrl-C.
+/// `nims channel echo`: prints samples until the count or the time is reached, or standard output is closed.
 ///
 /// # Errors
-/// No such channel.
+/// There is no such channel.
 fn echo(bus: &Bus, name: &str, count: Option<u64>, seconds: Option<f64>) -> Answer {
     let end = match seconds {
         Some(seconds) => Some(clock::now_ns() + duration(seconds)?.as_nanos() as u64),
@@ -142,9 +142,9 @@ fn echo(bus: &Bus, name: &str, count: Option<u64>, seconds: Option<f64>) -> Answ
             }
         }
         if left > 0 {
-            // A foreign publisher need not notify.
-            let look = clock::now_ns() + 50_000_000;
-            waiter.wait_until(Some(end.map_or(look, |end| end.min(look))))?;
+            // Poll as well: a publisher outside this project may not notify.
+            let poll_ns = clock::now_ns() + 50_000_000;
+            waiter.wait_until(Some(end.map_or(poll_ns, |end| end.min(poll_ns))))?;
         }
     }
     Ok(())
@@ -158,7 +158,7 @@ fn duration(seconds: f64) -> Answer<Duration> {
     }
 }
 
-/// A sample as JSON by its definition; bytes in hexadecimal if there is none that fits.
+/// Returns a sample as JSON, by its schema; without a matching schema, the bytes in hexadecimal.
 fn sample(schema: Option<&Schema>, bytes: &[u8]) -> Value {
     let Some(schema) = schema else {
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
@@ -166,7 +166,7 @@ fn sample(schema: Option<&Schema>, bytes: &[u8]) -> Value {
     };
     let mut fields = Map::new();
     for (field, value) in schema.decode(bytes) {
-        // Padding says nothing.
+        // Skip padding fields.
         if field.path.rsplit('.').next().is_some_and(|last| last.starts_with("pad") && last[3..].parse::<u8>().is_ok())
         {
             continue;
@@ -187,7 +187,7 @@ fn array(value: &FieldValue<'_>) -> Value {
     }
 }
 
-/// JSON has no NaN and no infinity: they become null.
+/// Returns a number as JSON; NaN and infinities, which JSON lacks, become null.
 fn to_json(number: Number) -> Value {
     match number {
         Number::Unsigned(value) => json!(value),

@@ -1,4 +1,4 @@
-//! The command line: which commands there are, and who carries each out.
+//! The command line: the commands with their arguments, and their dispatch.
 
 use crate::{
     channels, demo, fault, new_sensor, operate, processes, programs, set, status, swap, top, visualization_export,
@@ -15,10 +15,10 @@ use std::path::PathBuf;
 #[derive(Debug, Parser)]
 #[command(name = "nims", version = runtime::build::own(), propagate_version = true, after_help = programs::HELP)]
 pub struct Cli {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
-    /// The robot's domain: the name of its system, or the path of a folder; default: the only one that runs.
+    /// The robot's domain: the name of its system, or the path of a folder; default: that of the only running robot.
     #[arg(long, global = true, value_name = "NAME")]
     pub domain: Option<String>,
     /// Print one JSON object on stdout.
@@ -29,68 +29,69 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// The whole thing on the virtual motor box: up, mission, report; ends by itself.
+    /// Start a robot on the virtual motor box, fly a mission, write the report, and stop the robot.
     Demo(demo::Args),
-    /// Start every process of a system and watch them; Ctrl-C holds the robot, stops them and closes the run file.
+    /// Start every process of a system and monitor them; Ctrl-C holds the robot, stops them and closes the run file.
     #[command(disable_help_flag = true, disable_version_flag = true)]
     Up {
         /// System file and options; `nims up --help` lists them.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
         arguments: Vec<OsString>,
     },
-    /// What the robot and its processes are doing.
+    /// Show the state of the robot and its processes.
     Status,
-    /// The same, live in the terminal; q quits.
+    /// Show the robot and its processes live in the terminal; q quits.
     Top,
-    /// Look at channels.
+    /// List, count and print channels.
     #[command(subcommand)]
     Channel(channels::Command),
-    /// What moves the robot, and what brings it to rest.
+    /// Commands that move the robot or bring it to rest.
     #[command(flatten)]
     Operate(operate::Command),
-    /// Processes that come and go.
+    /// Commands that start and end processes.
     #[command(flatten)]
     Processes(processes::Command),
-    /// Let another controller or estimator take over while the robot moves.
+    /// Replace the controller or estimator in charge while the robot moves.
     Swap(swap::Args),
-    /// Set a parameter of the controllers or estimators while the robot runs, for all of them and until the run ends; without a value,
-    /// show it.
+    /// Set a parameter of all controllers or estimators while the robot runs, until the run ends; without a value, show
+    /// it.
     #[command(after_help = set::help())]
     Set(set::Args),
-    /// Break something in the virtual motor box, or a process, on purpose; `nims fault list` says what there is.
+    /// Cause a fault in the virtual motor box or in a process; `nims fault list` lists the faults.
     Fault {
-        /// What: `list`, or e.g. `stall 2`, `noise 1 0.01`, `stop controller`, `nan estimator`.
+        /// The fault: `list`, or e.g. `stall 2`, `noise 1 0.01`, `stop controller`, `nan estimator`.
         #[arg(required = true, allow_negative_numbers = true)]
         words: Vec<String>,
-        /// Put it right after so many seconds.
+        /// End the fault after this many seconds.
         #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
         seconds: Option<f64>,
     },
-    /// Write a sensor of one's own that runs as it is, to be changed: in Rust, or in Python.
+    /// Write an example sensor that runs unchanged, in Rust or in Python, as the start of a new sensor.
     NewSensor(new_sensor::Args),
-    /// What is done before the first flight.
+    /// Commands for use before the first flight.
     #[command(flatten)]
     Commissioning(commissioning::Command),
-    /// Every formula from any language: one JSON object per line in, one per line out.
+    /// Evaluate the project's formulas for programs in any language: one JSON object per line in, one per line out.
     Solve,
-    /// What is done with a recorded run.
+    /// Commands for recorded runs.
     #[command(flatten)]
     Analysis(analysis::Command),
-    /// The channels of a run as tables for other tools, one file each, whatever type they have.
+    /// Write the channels of a run, of any type, as tables for other tools: one file per channel.
     Export(ExportArgs),
-    /// Compute a run again from what was recorded and compare every bit; with --law or --set: what would have been commanded instead.
+    /// Compute a recorded run again and compare every bit; with --law or --set: compute the commands of another law or
+    /// parameter.
     Replay(replay::Args),
-    /// `nims X`: the program nims-X.
+    /// Run the program nims-X as `nims X`.
     #[command(external_subcommand)]
     Program(Vec<OsString>),
 }
 
-/// `nims export`: tables, or one file of drawings.
+/// `nims export`: writes tables, or one file with a visualization.
 #[derive(Debug, clap::Args)]
 pub struct ExportArgs {
     #[command(flatten)]
     tables: analysis::export::Args,
-    /// In place of tables: as Foxglove, Lichtblick, RViz and rerun draw it in three dimensions, to this new file.
+    /// Instead of tables: write the visualization for Foxglove, Lichtblick, RViz and rerun to this new file.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "format", "channel", "from", "to"])]
     visualization: Option<PathBuf>,
 }
@@ -105,10 +106,10 @@ impl ExportArgs {
 }
 
 impl Cli {
-    /// Carries the command out. `None`: it has printed by itself.
+    /// Runs the command. Returns `None` if the command has printed its output itself.
     ///
     /// # Errors
-    /// One sentence.
+    /// The command failed: one sentence.
     pub fn run(&self) -> Answer<Option<Output>> {
         let domain = self.domain.as_deref();
         let output = match &self.command {

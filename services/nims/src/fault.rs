@@ -1,7 +1,8 @@
-//! `nims fault`: breaks something in the virtual motor box, or a process, on purpose; and what the robot makes of it.
+//! `nims fault`: causes faults in the virtual motor box or in a process.
 //!
-//! [`ROWS`] is the one place that says how each fault is found out, how soon, and what the robot does: `nims fault list` prints it,
-//! `docs/faults.md` is that list, and the tests break things and hold the robot to it.
+//! [`ROWS`] is the only specification of how and how soon the robot detects each fault, and of its reaction: `nims
+//! fault list` prints it, `docs/faults.md` is that output, and the tests cause the faults and compare the robot's
+//! behaviour with it.
 
 use bus::Bus;
 use command::{Answer, Failure, Output};
@@ -15,123 +16,123 @@ use serde_json::{Value, json};
 use std::fmt::Write;
 use std::time::Duration;
 
-/// The virtual motor box.
+/// Process name of the virtual motor box.
 const MOTOR_BOX: &str = "motor-box";
 
-/// What can be done to a process: word, signal, what it means.
+/// Faults of a process: word, signal that is sent, effect.
 const SIGNALS: [(&str, Signal, &str); 3] = [
-    ("kill", Signal::KILL, "the process ends at once"),
-    ("stop", Signal::STOP, "the process stands still, and everything that it holds stays as it is"),
-    ("continue", Signal::CONT, "it goes on"),
+    ("kill", Signal::KILL, "the process ends at once (SIGKILL)"),
+    ("stop", Signal::STOP, "the process is suspended (SIGSTOP); it keeps its locks and memory"),
+    ("continue", Signal::CONT, "the process continues (SIGCONT)"),
 ];
 
-/// How a fault is found out and what follows.
+/// Detection of a fault and the robot's reaction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Row {
-    /// The request that stands for its kind.
+    /// Example request of this kind of fault.
     pub example: &'static str,
-    /// How the robot finds out.
-    pub found: &'static str,
-    /// Within so many control cycles of a moving robot; 0: not at all.
+    /// How the robot detects it.
+    pub detection: &'static str,
+    /// Number of control cycles in which a moving robot detects it; 0: it is no fault of the robot.
     pub cycles: u32,
-    /// At least one of these is named; 0: it is no fault of the robot's, and `says` stands in the log.
+    /// Fault bits, of which at least one is set; 0: it is no fault of the robot, and `log` appears in the log.
     pub bits: u32,
-    /// The mode that follows, `MotorAuthority::MODE_*`.
+    /// The resulting mode, `MotorAuthority::MODE_*`.
     pub mode: u8,
     /// What the robot does.
     pub reaction: &'static str,
-    /// What is said where no fault is named.
-    pub says: &'static str,
+    /// Log sentence, if `bits` is 0.
+    pub log: &'static str,
 }
 
 const FAULTED: u8 = MotorAuthority::MODE_FAULTED;
 const HOLDING: u8 = MotorAuthority::MODE_HOLDING;
 const FOLLOWING: u8 = MotorAuthority::MODE_FOLLOWING;
 
-/// A bus out of step is not given up at once, because noise would do the same.
-const IN_VAIN: &str = "no answer in time; the bus is brought back into step in vain for 0.4 s";
-/// Stops where it is and holds.
-const STOPS: &str = "stops at once and holds on all lines; the motion is dropped";
-/// The same but for one line.
-const LETS_GO: &str = "stops at once; this cable is let go, because its encoder does not tell the truth, and the others hold; the position has to be confirmed";
-/// Stops on the path.
-const ON_THE_PATH: &str = "stops on the path and holds; the motion is kept, and `resume` goes on with it";
+/// Detection of a silent drive unit. motor-io resynchronises first, because noise causes the same symptom.
+const RESYNC_FAILS: &str = "no answer in time; bus resynchronisation fails for 0.4 s";
+/// Reaction: an immediate stop.
+const STOPS: &str = "stops at once and holds all cables; the motion is dropped";
+/// Reaction: an immediate stop that releases the faulty cable.
+const RELEASES_CABLE: &str =
+    "stops at once; releases this cable, whose encoder is wrong, and holds the others; the position must be confirmed";
+/// Reaction: a stop on the path.
+const STOPS_ON_PATH: &str = "stops on the path and holds; the motion is kept, and `resume` continues it";
 
-/// A controller that has gone, or stands still.
-const NO_COMMAND: &str = "no command for as many cycles as ttl_cycles";
-/// An estimator that has; without an estimate there is no command either.
-const NO_ESTIMATE: &str = "no estimate for as many cycles as ttl_cycles";
-const ESTIMATOR_GONE: u32 = MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_COMMAND_LOST;
+/// Detection of a controller that has ended or is suspended.
+const NO_COMMAND: &str = "no command for ttl_cycles cycles";
+/// Detection of an estimator that has ended or is suspended.
+const NO_ESTIMATE: &str = "no estimate for ttl_cycles cycles";
+/// Without an estimate there is no command either, so either fault may be named.
+const ESTIMATOR_LOST: u32 = MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_COMMAND_LOST;
 
-/// An answer names the cycle that it is based on.
-const OLD_COMMAND: &str =
-    "its commands are based on cycles long past and are refused, for as many cycles as ttl_cycles";
-/// So does an estimate.
-const OLD_ESTIMATE: &str = "its estimates are of cycles long past and are not used, for as many cycles as ttl_cycles";
+/// Detection of a late controller: a command carries the cycle that it is based on.
+const OLD_COMMAND: &str = "its commands are based on old cycles and are rejected, for ttl_cycles cycles";
+/// Detection of a late estimator: an estimate carries the cycle that it is based on.
+const OLD_ESTIMATE: &str = "its estimates are based on old cycles and are rejected, for ttl_cycles cycles";
 
 const fn row(
     example: &'static str,
-    found: &'static str,
+    detection: &'static str,
     cycles: u32,
     bits: u32,
     mode: u8,
     reaction: &'static str,
 ) -> Row {
-    Row { example, found, cycles, bits, mode, reaction, says: "" }
+    Row { example, detection, cycles, bits, mode, reaction, log: "" }
 }
 
-/// What is no fault of the robot's, and is said by whoever sees it.
-const fn noted(
+/// An event that is no fault of the robot and only appears in the log.
+const fn logged_row(
     example: &'static str,
-    found: &'static str,
+    detection: &'static str,
     mode: u8,
     reaction: &'static str,
-    says: &'static str,
+    log: &'static str,
 ) -> Row {
-    Row { example, found, cycles: 0, bits: 0, mode, reaction, says }
+    Row { example, detection, cycles: 0, bits: 0, mode, reaction, log }
 }
 
-/// Every kind of fault at least once.
+/// The table of faults: every kind at least once.
 pub const ROWS: [Row; 28] = [
-    noted(
+    logged_row(
         "noise 1 0.0005 for 1",
-        "checksums and encoder steps that cannot be; the bus is brought back into step, 50 to 100 ms each time",
+        "wrong checksums and implausible encoder steps; the bus is resynchronised, 50 to 100 ms each time",
         FOLLOWING,
-        "goes on more slowly while readings are missing; the periods count as lost to *resync*",
+        "slows down while readings are missing; the periods count as lost to *resync*",
         "PORT, unit 0x80: the answer to COMMAND has a wrong checksum; look for noise or two units of one address",
     ),
-    row("silence 1", IN_VAIN, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
-    row("late 1 0.05", IN_VAIN, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
-    row("mute 1 128", IN_VAIN, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
-    row("unplug 1", "the port is gone", 10, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
-    noted(
+    row("silence 1", RESYNC_FAILS, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
+    row("late 1 0.05", RESYNC_FAILS, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
+    row("mute 1 128", RESYNC_FAILS, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
+    row("unplug 1", "the port has disappeared", 10, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
+    logged_row(
         "plug 1",
-        "the port is opened again by itself, and the units found in it",
+        "motor-io opens the port again and finds its units",
         HOLDING,
         "holds after a reset",
         "over: A drive unit does not answer: check its power and its cable, then reset.",
     ),
     row(
         "reboot 1 128 for 0.1",
-        "the unit's encoders begin at zero again",
+        "the unit's encoders restart at zero",
         100,
         MotorAuthority::FAULT_UNIT_REBOOT | MotorAuthority::FAULT_LOST_UNIT,
         FAULTED,
-        "stops at once and holds on all lines; the position is from before and has to be confirmed",
+        "stops at once and holds all cables; the position from before must be confirmed",
     ),
     row(
         "estop 1 128",
-        "the unit's own status, asked for every 12 cycles for two units, every 24 where answers leave little time for it; or the port's \
-         stop_pin, looked at in every cycle",
+        "the unit's status, read every 12 cycles for two units, every 24 if answers leave little time; or the port's stop_pin, read in \
+         every cycle",
         40,
         MotorAuthority::FAULT_EMERGENCY_INPUT,
         MotorAuthority::MODE_EMERGENCY_STOP,
-        "the unit lets its motors go by itself; every other line is held where it is at once, until the button is released and the robot \
-         is reset",
+        "the unit itself releases its motors; all other cables are held at once, until the button is released and the robot is reset",
     ),
     row(
         "supply 9",
-        "five readings below supply_min_v; it is asked for every 12 cycles for two units, every 24 where answers leave little time for it",
+        "five readings below supply_min_v; read every 12 cycles for two units, every 24 if answers leave little time",
         80,
         MotorAuthority::FAULT_SUPPLY,
         FAULTED,
@@ -139,117 +140,119 @@ pub const ROWS: [Row; 28] = [
     ),
     row(
         "stall 2",
-        "the drive pushes with more than stall_duty and the line does not move, for stall_cycles; where it was to be paid out it is slack as well",
+        "the drive's duty exceeds stall_duty while the cable does not move, for stall_cycles; a cable that should pay out is slack too",
         100,
         MotorAuthority::FAULT_STALL,
         FAULTED,
-        LETS_GO,
+        RELEASES_CABLE,
     ),
     row(
         "dead 2",
-        "the drive pushes with more than stall_duty and the line does not seem to move, for stall_cycles",
+        "the drive's duty exceeds stall_duty while the cable seems not to move, for stall_cycles",
         100,
         MotorAuthority::FAULT_STALL,
         FAULTED,
-        LETS_GO,
+        RELEASES_CABLE,
     ),
     row(
         "slip 2 1.0",
-        "as an encoder that is dead, if the wheel slips wholly; a small part that slips is not found out as such: the node is then elsewhere \
-         by that part of the line's motion",
+        "as `dead`, if the wheel slips completely; a small slip is not detected: the position is then wrong by that part of the cable's \
+         motion",
         100,
         MotorAuthority::FAULT_STALL,
         FAULTED,
-        LETS_GO,
+        RELEASES_CABLE,
     ),
     row(
         "jump 2 500",
-        "a step beyond what the line's commands since the last reading explain, in two readings one after the other: 5 mm, and 30 mm/s and a \
-         quarter of `cable_speed_limit_m_s` for the time between; a smaller one is not found out: the node is then elsewhere by that much",
+        "in two consecutive readings, a step that exceeds the motion explained by the commands since the last reading by more than 5 mm \
+         plus 30 mm/s and a quarter of `cable_speed_limit_m_s` times the time between; a smaller step is not detected: the position is \
+         then wrong by that much",
         5,
         MotorAuthority::FAULT_ENCODER_JUMP,
         FAULTED,
-        "stops at once and holds on all lines; the length stays what it was, and the position has to be confirmed",
+        "stops at once and holds all cables; the step is not added to the length, and the position must be confirmed",
     ),
     row(
         "break 2",
-        "a line that is reeled in without the current of its tension, or paid out and not pulled",
+        "the cable is reeled in without the current that its tension needs, or paid out without being pulled",
         100,
         MotorAuthority::FAULT_SLACK,
         FAULTED,
         STOPS,
     ),
-    row("stop controller", NO_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, ON_THE_PATH),
-    noted(
+    row("stop controller", NO_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, STOPS_ON_PATH),
+    logged_row(
         "continue controller",
         "commands arrive again",
         HOLDING,
-        "holds; `resume` goes on with the motion",
+        "holds; `resume` continues the motion",
         "over: The controller stopped answering, so the robot stopped and holds: when nims status shows it again, resume; if it does not come \
          back, end nims up and start it again.",
     ),
-    row("stop estimator", NO_ESTIMATE, 10, ESTIMATOR_GONE, HOLDING, ON_THE_PATH),
-    row("kill controller", NO_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, ON_THE_PATH),
-    row("kill estimator", NO_ESTIMATE, 10, ESTIMATOR_GONE, HOLDING, ON_THE_PATH),
+    row("stop estimator", NO_ESTIMATE, 10, ESTIMATOR_LOST, HOLDING, STOPS_ON_PATH),
+    row("kill controller", NO_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, STOPS_ON_PATH),
+    row("kill estimator", NO_ESTIMATE, 10, ESTIMATOR_LOST, HOLDING, STOPS_ON_PATH),
     row(
         "kill planner",
-        "no sign of life for two seconds",
+        "no heartbeat for two seconds",
         250,
         MotorAuthority::FAULT_PLANNER_LOST,
         HOLDING,
-        "finishes the segment that it is on and holds",
+        "finishes the current segment and holds",
     ),
-    noted(
+    logged_row(
         "kill recorder",
-        "the supervisor sees its end at once and starts another, which repairs the file of the first",
+        "the supervisor detects the end at once and restarts the recorder, which repairs the run file",
         FOLLOWING,
-        "the mission goes on; the channels keep over a second for the next recorder",
+        "the mission goes on; the channels store more than a second of samples for the next recorder",
         "recorder was ended by signal 9",
     ),
-    noted(
+    logged_row(
         "kill motor-io",
-        "the drives hear nothing for as long as their own watchdog waits (watchdog_s), and stop their motors",
+        "the drives receive no command for watchdog_s, and their watchdog stops the motors",
         MotorAuthority::MODE_DISARMED,
-        "the gears hold the lines or let them run out, as `nims check` says; started again it is disarmed, with the position from before",
+        "the gears hold the cables or let them run out, see `nims check`; after its restart motor-io is disarmed, with the position from \
+         before",
         "motor-io was ended by signal 9",
     ),
-    row("slow controller 10", OLD_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, ON_THE_PATH),
-    row("slow estimator 10", OLD_ESTIMATE, 10, MotorAuthority::FAULT_ESTIMATE_LOST, HOLDING, ON_THE_PATH),
+    row("slow controller 10", OLD_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, STOPS_ON_PATH),
+    row("slow estimator 10", OLD_ESTIMATE, 10, MotorAuthority::FAULT_ESTIMATE_LOST, HOLDING, STOPS_ON_PATH),
     row(
         "nan controller",
-        "a command that is no number is refused, for as many cycles as ttl_cycles",
+        "commands that are NaN are rejected, for ttl_cycles cycles",
         10,
         MotorAuthority::FAULT_COMMAND_REFUSED,
         HOLDING,
-        ON_THE_PATH,
+        STOPS_ON_PATH,
     ),
     row(
         "nan estimator",
-        "an estimate that is no number is refused, for as many cycles as ttl_cycles",
+        "estimates that are NaN are rejected, for ttl_cycles cycles",
         10,
         MotorAuthority::FAULT_ESTIMATE_LOST,
         HOLDING,
-        ON_THE_PATH,
+        STOPS_ON_PATH,
     ),
-    row("frozen controller", OLD_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, ON_THE_PATH),
-    row("frozen estimator", OLD_ESTIMATE, 10, MotorAuthority::FAULT_ESTIMATE_LOST, HOLDING, ON_THE_PATH),
+    row("frozen controller", OLD_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, STOPS_ON_PATH),
+    row("frozen estimator", OLD_ESTIMATE, 10, MotorAuthority::FAULT_ESTIMATE_LOST, HOLDING, STOPS_ON_PATH),
 ];
 
 impl Row {
-    /// First word of the example: the kind.
+    /// Returns the kind of fault: the first word of the example.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         self.example.split(' ').next().unwrap_or_default()
     }
 
-    /// What the operator reads, without the cables and units.
+    /// Returns the sentences that the operator reads, without the names of cables and units.
     #[must_use]
     pub fn sentence(&self) -> String {
-        if self.bits == 0 { self.says.to_owned() } else { fault_sentences(self.bits).collect::<Vec<_>>().join(" ") }
+        if self.bits == 0 { self.log.to_owned() } else { fault_sentences(self.bits).collect::<Vec<_>>().join(" ") }
     }
 }
 
-/// The arguments and the meaning of a kind.
+/// Returns the arguments and the effect of a kind of fault.
 fn kind_of(name: &str) -> (&'static str, &'static str) {
     let of_box = KINDS.iter().find(|kind| kind.name == name).map(|kind| (kind.arguments, kind.what));
     let of_process = SIGNALS.iter().find(|(word, ..)| *word == name).map(|(_, _, what)| ("PROCESS", *what));
@@ -258,20 +261,20 @@ fn kind_of(name: &str) -> (&'static str, &'static str) {
     of_box.or(of_process).or(of_output).unwrap_or(("", ""))
 }
 
-/// The page `docs/faults.md`.
+/// Returns the page `docs/faults.md`.
 #[must_use]
 pub fn page() -> String {
     let mut page = String::from(
         "# Faults on request\n\n\
-         What `nims fault` can break on the virtual motor box, and what the robot makes of it while it moves. On real drives the command does nothing.\n\
-         `nims fault KIND ... --for SECONDS` puts it right again after that time, `off` behind the words of most kinds puts it right at once.\n\
-         Cables, ports and units count as in the system file, from 1; a unit is named by its address.\n\
-         What is said of a controller or an estimator is so without a standby; with one, the standby's answer of the same cycle is used.\n\n\
-         This page is the output of `nims fault list`. The tests break each of these things in flight and hold the robot to the number of\n\
-         control cycles, the fault and the mode that stand here (`tests/tests/live/faults.rs`; the deaths of processes: `tests/tests/live/processes.rs`).\n\
-         From the moment in which a line's encoder or motor is wrong (`stall`, `dead`, `slip`) to the one in which it is found out, the loop pulls the node\n\
-         after that line, so that others can hang loose for as long and while the node swings back; none is pulled beyond its limit.\n\n\
-         | fault | what happens | how the robot finds out | within cycles | what it does | mode | what it says |\n\
+         `nims fault` causes these faults on the virtual motor box. The table lists the reaction of a moving robot. Real drives reject the command.\n\
+         `nims fault KIND ... --for SECONDS` ends the fault after that time; for most kinds, `off` as the last word ends it at once.\n\
+         Cables and ports are numbered from 1, as in the system file; a unit is named by its address.\n\
+         The rows of controllers and estimators apply without a standby; with one, the robot uses the standby's output of the same cycle.\n\n\
+         This page is the output of `nims fault list`. The tests cause each fault in flight and check the number of control cycles, the\n\
+         fault and the mode (`tests/tests/live/faults.rs`; deaths of processes: `tests/tests/live/processes.rs`).\n\
+         Until a wrong encoder or motor (`stall`, `dead`, `slip`) is detected, the controller pulls the node after that cable. Other cables can\n\
+         be slack during that time and while the node swings back; no tension exceeds its limit.\n\n\
+         | fault | what happens | detection | within cycles | reaction | mode | message |\n\
          |---|---|---|---|---|---|---|\n",
     );
     for row in &ROWS {
@@ -283,7 +286,7 @@ pub fn page() -> String {
             "| `{} {arguments}`, e.g. `{}` | {what} | {} | {cycles} | {} | {} | {sentence} |",
             row.kind(),
             row.example,
-            row.found,
+            row.detection,
             row.reaction,
             mode_name(row.mode),
         );
@@ -295,17 +298,17 @@ fn list() -> Value {
     let rows = ROWS.iter().map(|row| {
         let (arguments, what) = kind_of(row.kind());
         json!({
-            "kind": row.kind(), "arguments": arguments, "what": what, "example": row.example, "found": row.found,
+            "kind": row.kind(), "arguments": arguments, "what": what, "example": row.example, "found": row.detection,
             "cycles": row.cycles, "faults": row.bits, "mode": mode_name(row.mode), "reaction": row.reaction, "sentence": row.sentence(),
         })
     });
     json!({ "faults": rows.collect::<Vec<_>>() })
 }
 
-/// `nims fault`: the answer and its sentence.
+/// Causes the fault, or lists the faults.
 ///
 /// # Errors
-/// No such fault, real drives, no such process; refused; not answered.
+/// There is no such fault or process, the robot has real drives, or the request is refused or not answered.
 pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> Answer<Output> {
     let first = words.first().map(String::as_str).unwrap_or_default();
     if first == "list" && words.len() == 1 && seconds.is_none() {
@@ -315,10 +318,12 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
     let sentence = match signal {
         Some((word, signal, _)) => {
             let [_, name] = words else {
-                return Err(Failure::BadInput(format!("say which process: nims fault {word} PROCESS")));
+                return Err(Failure::BadInput(format!("the process is missing: nims fault {word} PROCESS")));
             };
             if seconds.is_some_and(|seconds| *word != "stop" || !(seconds > 0.0 && seconds <= 3600.0)) {
-                return Err(Failure::BadInput("--for is for `stop` here: above 0, at most 3600 seconds".to_owned()));
+                let accepted =
+                    "for faults of processes, --for is accepted with `stop` only: above 0, at most 3600 seconds";
+                return Err(Failure::BadInput(accepted.to_owned()));
             }
             to_process(&virtual_only(domain)?, word, *signal, name, seconds)?
         }
@@ -334,7 +339,7 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
             }
             let mut request = client::plain(OperatorRequest::VERB_FAULT);
             if text.len() > request.text.len() {
-                return Err(Failure::BadInput("these are too many words for a fault".to_owned()));
+                return Err(Failure::BadInput("the text of the fault is too long; see nims fault list".to_owned()));
             }
             put_text(&mut request.text, &text);
             client::send(&virtual_only(domain)?, &process, &request)?
@@ -343,7 +348,7 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
     Ok(Output::accepted(sentence))
 }
 
-/// Whose output is spoilt, and how.
+/// Returns the process whose output is to be faulty, and the request to it.
 fn to_output(words: &[String]) -> Answer<(String, String)> {
     let slots = [config::Slot::A, config::Slot::B];
     let names = [Role::Controller, Role::Estimator].map(|role| slots.map(|slot| role.process_name(slot))).concat();
@@ -352,18 +357,22 @@ fn to_output(words: &[String]) -> Answer<(String, String)> {
             Ok((process.clone(), [std::slice::from_ref(kind), rest].concat().join(" ")))
         }
         [kind, ..] => {
-            Err(Failure::BadInput(format!("say whose output: nims fault {kind} PROCESS, one of {}", names.join(", "))))
+            let names = names.join(", ");
+            Err(Failure::BadInput(format!("the process is missing: nims fault {kind} PROCESS, one of {names}")))
         }
-        [] => Err(Failure::BadInput("say which fault; nims fault list says what there is".to_owned())),
+        [] => Err(Failure::BadInput("the fault is missing; nims fault list lists the faults".to_owned())),
     }
 }
 
-/// The robot that is meant, if its drives are virtual.
+/// Joins the robot.
+///
+/// # Errors
+/// Its drives are not virtual.
 fn virtual_only(domain: Option<&str>) -> Answer<Bus> {
     let bus = client::join(domain)?;
     if client::box_of(&bus)?.motor_box.is_none() {
         return Err(Failure::NotNow(
-            "this robot has real drives, so nothing was done: faults on request are for the virtual motor box"
+            "this robot has real drives, so nothing was done: nims fault works with the virtual motor box only"
                 .to_owned(),
         ));
     }
@@ -397,7 +406,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_has_a_row_and_every_row_is_a_fault() {
+    fn every_kind_has_a_row_and_every_row_is_a_valid_request() {
         let of_process = SIGNALS.iter().map(|(word, ..)| *word).chain(OUTPUT_FAULTS.iter().map(|(word, ..)| *word));
         for name in KINDS.iter().map(|kind| kind.name).chain(of_process) {
             assert!(ROWS.iter().any(|row| row.kind() == name), "{name} is not in the table");
@@ -411,7 +420,7 @@ mod tests {
                 "{}",
                 row.example
             );
-            assert_eq!(row.cycles == 0, row.bits == 0, "{}: what is found out is found out by a cycle", row.example);
+            assert_eq!(row.cycles == 0, row.bits == 0, "{}: every detected fault has a number of cycles", row.example);
         }
     }
 }

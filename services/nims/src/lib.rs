@@ -1,12 +1,13 @@
-//! The operator's command: requests to a running robot, live views, and the tools that need none.
+//! The operator's command `nims`: requests to a running robot, live views, and tools that need no robot.
 //!
-//! Each command stands in a module or a crate of its own, with its arguments; [`cli`] lists them, and prints once what comes of it.
+//! Each command has its own module or crate, which also defines its arguments. [`cli`] lists the commands and
+//! dispatches them; the output is printed in one place.
 //!
 //! Invariants:
-//! * It moves nothing itself: it asks motor-io and the planner, and prints their answer.
-//! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now. A failure is one
-//!   sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
-//! * Bad input is found before anything is started or asked.
+//! * The command moves nothing itself: it sends requests to motor-io and the planner, and prints their answers.
+//! * Exit code 0: answered ("not feasible" is an answer too); 2: bad input; 1: it could not be done now. A failure is
+//!   one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
+//! * Input is checked before anything is started or requested.
 
 #![forbid(unsafe_code)]
 

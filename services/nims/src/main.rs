@@ -1,4 +1,4 @@
-//! The operator's command; what it does stands in the library.
+//! Entry point of the `nims` command; the library implements it.
 
 use nims::cli::Cli;
 use std::process::ExitCode;

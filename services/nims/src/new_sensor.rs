@@ -1,4 +1,4 @@
-//! `nims new-sensor`: a sensor that runs as it is, in a folder of its own (Rust) or in one file (Python).
+//! `nims new-sensor`: writes an example sensor that runs unchanged, as a Rust crate or as one Python file.
 
 use command::{Answer, Failure, Output};
 use serde_json::json;
@@ -9,38 +9,38 @@ use std::path::{Path, PathBuf};
 /// `nims new-sensor`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// What it is called, and its channel sensor/NAME: 1 to 16 of a-z, 0-9, dash.
+    /// Name of the sensor and of its channel sensor/NAME: 1 to 16 of a-z, 0-9, dash.
     pub name: String,
-    /// One file in Python in place of a folder in Rust.
+    /// Write one Python file instead of a Rust crate.
     #[arg(long)]
     pub python: bool,
-    /// The sources of nims, for a sensor in Rust. Default: where this program was built from.
+    /// The sources of nims, for a sensor in Rust. Default: the folder from which this program was built.
     #[arg(long, value_name = "FOLDER", conflicts_with = "python")]
     pub nims: Option<PathBuf>,
 }
 
-/// The templates, which are also compiled and tested as they stand.
+/// The templates; the tests compile and run them unchanged.
 const MANIFEST: &str = include_str!("../../../scripts/templates/sensor/Cargo.toml");
 const MAIN: &str = include_str!("../../../scripts/templates/sensor/src/main.rs");
 const DRIVER: &str = include_str!("../../../scripts/templates/sensor/src/driver.rs");
 const PYTHON: &str = include_str!("../../../scripts/templates/sensor.py");
-/// What a sensor in Python needs beside it.
+/// The Python module that a Python sensor imports.
 const PYTHON_BUS: &str = include_str!("../../../scripts/python/nims_bus.py");
-/// Where the templates lead to nims.
-const UP: &str = "../../../shared";
-/// As for `nims plug`.
+/// Path from the Rust template to the libraries of nims.
+const SHARED_IN_TEMPLATE: &str = "../../../shared";
+/// Longest name, characters; the same as for `nims plug`.
 const NAME_MAX: usize = 16;
 
-/// Writes it, and says what to do next.
+/// Writes the sensor and returns the commands that build and start it.
 ///
 /// # Errors
-/// The name cannot be used, something of that name is there already, or the sources are not.
+/// The name is not valid, a file of that name exists, or the sources of nims are not found.
 pub fn new_sensor(asked: &Args) -> Answer<Output> {
     let name = asked.name.as_str();
     let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     if !name.starts_with(|c: char| c.is_ascii_lowercase()) || name.len() > NAME_MAX || !name.bytes().all(usable) {
         return Err(Failure::BadInput(format!(
-            "the name \"{name}\" cannot be used; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`, beginning with a letter"
+            "the name is \"{name}\"; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`, starting with a letter"
         )));
     }
     let (written, next) = if asked.python { python(name)? } else { rust(name, asked.nims.as_deref())? };
@@ -73,9 +73,9 @@ fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> 
     let shared = shared_of(nims)?;
     let folder = PathBuf::from(name);
     if folder.exists() {
-        return Err(taken(&folder));
+        return Err(exists(&folder));
     }
-    let manifest = renamed(MANIFEST, name).replace(UP, &shared.display().to_string());
+    let manifest = renamed(MANIFEST, name).replace(SHARED_IN_TEMPLATE, &shared.display().to_string());
     let mut written = Vec::new();
     for (path, text) in
         [("Cargo.toml", manifest), ("src/main.rs", renamed(MAIN, name)), ("src/driver.rs", renamed(DRIVER, name))]
@@ -92,21 +92,22 @@ fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> 
     Ok((written, next))
 }
 
-/// The libraries that a sensor in Rust is built on: in the folder that was given, or where this program was built.
+/// Returns the folder of the libraries that a Rust sensor depends on: in `nims`, or in the folder from which this
+/// program was built.
 fn shared_of(nims: Option<&Path>) -> Answer<PathBuf> {
     let built_from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let root = nims.unwrap_or(&built_from);
     let shared = root.join("shared");
     if !shared.join("runtime/messages/Cargo.toml").is_file() {
         return Err(Failure::BadInput(format!(
-            "the sources of nims are not in {}: say where they are with --nims FOLDER, or write it in Python with --python",
+            "the sources of nims are not in {}: give their folder with --nims FOLDER, or write the sensor in Python with --python",
             root.display()
         )));
     }
     shared.canonicalize().map_err(Failure::not_now)
 }
 
-/// A template under another name: `example` and `Example` are what it is called there.
+/// Returns a template with its placeholder names `example` and `Example` replaced.
 fn renamed(template: &str, name: &str) -> String {
     let camel: String = name
         .split('-')
@@ -122,13 +123,13 @@ fn write_new(path: &Path, text: &str) -> Answer {
     }
     match OpenOptions::new().write(true).create_new(true).open(path) {
         Ok(mut file) => file.write_all(text.as_bytes()).map_err(failed),
-        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Err(taken(path)),
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Err(exists(path)),
         Err(error) => Err(failed(error)),
     }
 }
 
-fn taken(path: &Path) -> Failure {
-    Failure::BadInput(format!("{} is there already, and is not overwritten: choose another name", path.display()))
+fn exists(path: &Path) -> Failure {
+    Failure::BadInput(format!("{} already exists and is not overwritten: choose another name", path.display()))
 }
 
 #[cfg(test)]
@@ -136,13 +137,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn templates_take_the_name_everywhere() {
+    fn the_name_is_replaced_everywhere_in_the_templates() {
         for template in [MANIFEST, MAIN, DRIVER, PYTHON] {
             let text = renamed(template, "soil-probe-2");
             assert!(!text.contains("xample"), "{text}");
         }
         assert!(renamed(MAIN, "soil-probe-2").contains("pub struct SoilProbe2 {"));
         assert!(renamed(PYTHON, "soil").contains("class Soil(Sample)"));
-        assert_eq!(MANIFEST.matches(UP).count(), 2);
+        assert_eq!(MANIFEST.matches(SHARED_IN_TEMPLATE).count(), 2);
     }
 }

@@ -1,4 +1,5 @@
-//! `nims start`, `stop-process`, `restart`, `plug`, `unplug`: asks the supervisor, and follows the process table until it has come about.
+//! `nims start`, `stop-process`, `restart`, `plug`, `unplug`: sends a request to the supervisor and waits until the
+//! process table shows the change.
 
 use command::{Answer, Failure, Output};
 
@@ -7,43 +8,43 @@ use client::{SupervisorCommand, follow, state_name};
 use messages::{ProcessState, text_of};
 use serde_json::json;
 
-/// Processes that come and go while the robot runs.
+/// Commands that start and end processes while the robot runs.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Start a process: a role such as controller, or a `[[process]]` of the system file.
     Start(StartArgs),
-    /// End a process in good order.
+    /// Shut a process down.
     StopProcess {
-        /// Its name in the process table.
+        /// Name in the process table.
         process: String,
     },
-    /// End a process in good order and start it again.
+    /// Shut a process down and start it again.
     Restart {
-        /// Its name in the process table.
+        /// Name in the process table.
         process: String,
     },
-    /// Start a program that the system file does not know, e.g. a sensor, as one of the robot's processes.
+    /// Start a program that is not in the system file, e.g. a sensor, as a process of the robot.
     Plug(PlugArgs),
-    /// End a process that was plugged in, and forget it.
+    /// Shut down a process that was plugged in, and remove it from the process table.
     Unplug {
-        /// Its name in the process table.
+        /// Name in the process table.
         process: String,
     },
 }
 
 impl Command {
-    /// Asks the supervisor and follows the process table until the process is where it was asked to be.
+    /// Sends the request to the supervisor and waits until the process has the requested state.
     ///
     /// # Errors
-    /// No supervisor, refused, or it does not come about: why.
+    /// No supervisor runs, it refuses, or the process does not reach the state in time; each with the reason.
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
-        let asked = match self {
+        let command = match self {
             Self::Start(StartArgs { process, slot, law }) => {
                 SupervisorCommand::Start { name: process.clone(), slot: *slot, law: law.clone() }
             }
             Self::StopProcess { process } => SupervisorCommand::Stop { name: process.clone() },
             Self::Restart { process } => SupervisorCommand::Restart { name: process.clone() },
-            // A program with a slash is looked for from the present folder, where it runs too.
+            // A relative path is resolved in the current folder, which is also the program's working folder.
             Self::Plug(PlugArgs { name, replace, command }) => SupervisorCommand::Plug {
                 name: name.clone(),
                 folder: std::env::current_dir().map_err(Failure::not_now)?,
@@ -52,19 +53,19 @@ impl Command {
             },
             Self::Unplug { process } => SupervisorCommand::Unplug { name: process.clone() },
         };
-        tell(&client::join(domain)?, &asked)
+        send_and_follow(&client::join(domain)?, &command)
     }
 }
 
 /// `nims start`.
 #[derive(Debug, clap::Args)]
 pub struct StartArgs {
-    /// A role, the name of a process in the process table, or a `[[process]]` of the system file.
+    /// A role, a process of the process table, or a `[[process]]` of the system file.
     pub process: String,
-    /// For a controller or an estimator: which slot; default: the first free one.
+    /// Slot of a controller or estimator; default: the first free one.
     #[arg(long, value_enum)]
     pub slot: Option<config::Slot>,
-    /// For a controller or an estimator: which law, or which `[[process]]`; default: as configured.
+    /// Law of a controller, method of an estimator, or the name of a `[[process]]`; default: as configured.
     #[arg(long)]
     pub law: Option<String>,
 }
@@ -72,22 +73,25 @@ pub struct StartArgs {
 /// `nims plug`.
 #[derive(Debug, clap::Args)]
 pub struct PlugArgs {
-    /// What it shall be called: 1 to 16 of a-z, 0-9, dash.
+    /// Name of the process: 1 to 16 of a-z, 0-9, dash.
     pub name: String,
-    /// If a process of that name runs: start this one beside it, and end the other when this one has said its first valid sample.
+    /// If a process of this name runs: start the new one beside it, and end the old one at the first valid sample of
+    /// the new one.
     #[arg(long)]
     pub replace: bool,
-    /// Program and arguments, behind `--`; {name}, {domain}, {system} and {run} stand for its name, the robot's domain, the system file, the run folder.
+    /// Program and arguments, after `--`; {name}, {domain}, {system} and {run} are replaced by the name of the process,
+    /// the domain, the system file and the run folder.
     #[arg(last = true, required = true)]
     pub command: Vec<String>,
 }
 
-/// Asks, follows, and says in one sentence what came of it.
+/// Sends a request to the supervisor, waits until the process table shows the change, and returns the result as a
+/// sentence.
 ///
 /// # Errors
 /// As [`follow`].
-pub(crate) fn tell(bus: &Bus, asked: &SupervisorCommand) -> Answer<Output> {
-    let row = follow(bus, asked, |_| ())?;
+pub(crate) fn send_and_follow(bus: &Bus, command: &SupervisorCommand) -> Answer<Output> {
+    let row = follow(bus, command, |_| ())?;
     let name = text_of(&row.name);
     let sentence = match row.state {
         ProcessState::STATE_READY => format!("{name} is ready (process {})", row.pid),

@@ -1,4 +1,5 @@
-//! Programs beside this one: `nims up` is the supervisor, and `nims X` runs `nims-X` where X is not built in, as git and cargo do.
+//! Programs in the same folder as `nims`: `nims up` runs the supervisor, and `nims X` runs `nims-X` if X is not built
+//! in, as git and cargo do.
 
 use command::{Answer, Failure};
 use std::ffi::{OsStr, OsString};
@@ -6,11 +7,11 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What the help says of the programs that come with nims.
-pub const HELP: &str = "Programs beside this one:\n  bench  Measure whether this machine is good enough for a robot\n  \
-                        paper  Every figure and table of the paper from this code\nAny other `nims X` runs the program nims-X.";
+/// Help text about the programs that come with nims.
+pub const HELP: &str = "Programs in the same folder:\n  bench  Measure whether this machine is good enough for a robot\n  \
+                        paper  Compute every figure and table of the paper\nAny other `nims X` runs the program nims-X.";
 
-/// Becomes the supervisor. Returns only where that fails.
+/// Replaces this process by the supervisor. Returns only if that fails.
 pub fn up(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
     match sibling("supervisor") {
         Ok(path) => become_program(&path, arguments, domain, json),
@@ -18,7 +19,7 @@ pub fn up(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
     }
 }
 
-/// Becomes `nims-X`. Returns only where that fails.
+/// Replaces this process by the program `nims-X`. Returns only if that fails.
 pub fn beside(words: &[OsString], domain: Option<&str>, json: bool) -> Failure {
     let Some((name, arguments)) = words.split_first() else { return unknown(OsStr::new("")) };
     let plain = |name: &&str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-');
@@ -35,17 +36,17 @@ fn unknown(name: &OsStr) -> Failure {
     ))
 }
 
-/// A program in the folder of this one.
+/// Returns the path of a program in the folder of this one.
 ///
 /// # Errors
-/// It was not built, or not installed.
+/// The program was not built or not installed.
 pub fn sibling(name: &str) -> Answer<PathBuf> {
     let path = std::env::current_exe().map_err(Failure::not_now)?.with_file_name(name);
     if path.is_file() {
         return Ok(path);
     }
     let path = path.display();
-    Err(Failure::NotNow(format!("there is no program {path}: build all of them with `cargo build --workspace`")))
+    Err(Failure::NotNow(format!("there is no program {path}: build all programs with `cargo build --workspace`")))
 }
 
 fn become_program(path: &Path, arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
@@ -55,10 +56,10 @@ fn become_program(path: &Path, arguments: &[OsString], domain: Option<&str>, jso
     Failure::NotNow(format!("{} cannot be run: {}", path.display(), command.exec()))
 }
 
-/// Every formula from any language, until the input ends.
+/// Answers the requests of `nims solve` until the input ends.
 ///
 /// # Errors
-/// The input cannot be read.
+/// Standard input cannot be read, or standard output cannot be written.
 pub fn solve() -> Answer {
     solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now)
 }

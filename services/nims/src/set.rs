@@ -1,4 +1,4 @@
-//! `nims set`: another value of a parameter while the robot runs.
+//! `nims set`: shows and changes parameters while the robot runs.
 
 use command::{Answer, Failure, Output};
 
@@ -17,68 +17,73 @@ use std::time::Duration;
 /// `nims set`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Which parameter, as in the system file, e.g. controller.length_gain_per_s; default: all, to be shown.
+    /// Parameter, as in the system file, e.g. controller.length_gain_per_s; default: show all.
     pub key: Option<String>,
-    /// Its new value, written as in the system file.
+    /// New value, written as in the system file; default: show the value.
     #[arg(allow_hyphen_values = true)]
     pub value: Option<String>,
 }
 
-/// How long a process may take to say that it has taken a change up, ns: it is announced a tenth of a second ahead.
-const TAKEN_NS: u64 = 5_000_000_000;
-/// The parameter of which `nims check` warns where it does not fit the drives.
+/// Longest time in which a process applies a change, ns; the supervisor announces a change 0.1 s before it takes
+/// effect.
+const APPLY_NS: u64 = 5_000_000_000;
+/// The parameter for which `nims check` warns if it does not suit the drives.
 const HORIZON: &str = "controller.horizon_cycles";
-/// The process table comes once a second; a stall of the machine may come between, ns.
+/// Longest time to wait for the process table, ns: it is published once a second, and the machine may stall.
 const TABLE_NS: u64 = 1_500_000_000;
-/// How long the supervisor may take to say what is set.
-const SAID: Duration = Duration::from_secs(1);
+/// Longest time to wait for the supervisor's sample of the set parameters.
+const TUNED_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The parameters that can be set, as the help shows them and `docs/tuning.md` has them.
+/// Returns the table of parameters that can be set, for the help and for `docs/tuning.md`.
 #[must_use]
 pub fn table() -> String {
     let rows = TUNABLE.iter().map(|one| format!("  {:<36} {:<30} {}\n", one.key, one.accepted, one.what));
     rows.collect()
 }
 
-/// The help behind the arguments.
+/// Returns the help text after the arguments.
 #[must_use]
 pub fn help() -> String {
-    format!("Parameters, and the values that they take:\n{}", table())
+    format!("Parameters and their accepted values:\n{}", table())
 }
 
-/// Sets, shows one, or shows all.
+/// Sets one parameter, shows one, or shows all.
 ///
 /// # Errors
-/// Refused, with the reason, or a process does not take it up.
-pub fn set(domain: Option<&str>, asked: &Args) -> Answer<Output> {
+/// The change is refused, with the reason, or a process does not apply it in time.
+pub fn set(domain: Option<&str>, args: &Args) -> Answer<Output> {
     let bus = client::join(domain)?;
-    let Some(key) = &asked.key else { return show(&bus, None) };
-    let Some(value) = &asked.value else { return show(&bus, Some(key)) };
+    let Some(key) = &args.key else { return show(&bus, None) };
+    let Some(value) = &args.value else { return show(&bus, Some(key)) };
     let mut followers = followers(&bus, key)?;
     let (before, after, robot) = changed(&bus, key, value)?;
     let request = SupervisorCommand::Set { key: key.clone(), value: value.clone() }.to_request()?;
     let sentence = client::send(&bus, client::SUPERVISOR, &request)?;
-    let said = client::newest::<SystemConfig>(&bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
-    follow(&bus, &mut followers, said.changes)?;
+    let published = client::newest::<SystemConfig>(&bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
+    follow(&bus, &mut followers, published.changes)?;
     let sentence = format!("{sentence}{}", remarks(&bus, key, &before, &after, &robot)?);
-    let value = json!({ "accepted": true, "answer": sentence, "key": key, "changes": said.changes,
-        "from_cycle": said.from_cycle, "taken_up_by": followers.iter().map(|one| &one.name).collect::<Vec<_>>() });
+    let value = json!({ "accepted": true, "answer": sentence, "key": key, "changes": published.changes,
+        "from_cycle": published.from_cycle, "taken_up_by": followers.iter().map(|one| &one.name).collect::<Vec<_>>() });
     Ok(Output::new(value, format!("{sentence}.")))
 }
 
-/// The system as it is and with the change; refused where a law or a method cannot work with it.
+/// Returns the configuration before and after the change, and the robot file.
+///
+/// # Errors
+/// The value is out of range, or a law or method does not work with it.
 fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(SystemFile, SystemFile, RobotFile)> {
-    let begun = client::box_of(bus)?;
-    let robot = begun.robot_file().map_err(Failure::not_now)?;
-    let said = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
-    let tuned = Tuned::parse(&text_of(&said.parameters)).map_err(Failure::NotNow)?;
-    let before = begun.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
-    let after = tuned.with(key, value).and_then(|tuned| begun.tuned(&robot, &tuned)).map_err(Failure::BadInput)?;
+    let file = client::box_of(bus)?;
+    let robot = file.robot_file().map_err(Failure::not_now)?;
+    let published = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
+    let tuned = Tuned::parse(&text_of(&published.parameters)).map_err(Failure::NotNow)?;
+    let before = file.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
+    let after = tuned.with(key, value).and_then(|tuned| file.tuned(&robot, &tuned)).map_err(Failure::BadInput)?;
     check::chain_can_be_built(&after, &robot)?;
     Ok((before, after, robot))
 }
 
-/// What else there is to know about a change: laws that do not use it, and a horizon that does not fit the drives.
+/// Returns remarks on a change: running laws that do not use the parameter, and a warning about a horizon that does not
+/// suit the drives.
 fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Answer<String> {
     let role = key.split('.').next().unwrap_or_default();
     let mut idle: Vec<String> = Vec::new();
@@ -96,7 +101,8 @@ fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot:
     Ok(idle + &warning)
 }
 
-/// The laws or methods of a role's processes by the process table; empty for one that is as configured.
+/// Returns the law or method of each running process of a role, from the process table; an empty string means "as
+/// configured".
 fn laws_of(bus: &Bus, role: &str) -> Answer<Vec<String>> {
     let mut rows = bus.subscriber::<ProcessState>("system/process")?;
     let alive = bus.domain().alive();
@@ -121,7 +127,8 @@ fn role_of(name: &str) -> Option<Role> {
     [Role::Controller, Role::Estimator].into_iter().find(|role| role.name() == name)
 }
 
-/// The law or method of a process, where it is the same with the change as without it. What a program of one's own uses is not known.
+/// Returns the name of the law or method if the change does not alter its configuration. `None` also for custom
+/// programs, whose parameters are unknown.
 fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Option<String> {
     match role {
         "controller" => {
@@ -145,14 +152,15 @@ fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, rob
     }
 }
 
-/// A process that has to take the change up.
+/// A running process that has to apply the change.
 struct Follower {
     name: String,
-    said: Subscriber<SystemConfig>,
+    config: Subscriber<SystemConfig>,
+    /// Number of changes that it has applied.
     changes: u32,
 }
 
-/// The processes of the parameter's role that run.
+/// Returns the running processes of the parameter's role.
 fn followers(bus: &Bus, key: &str) -> Answer<Vec<Follower>> {
     let roles = [Role::Controller, Role::Estimator].into_iter();
     let alive: Vec<String> = bus.domain().alive().into_iter().map(|node| node.name).collect();
@@ -160,20 +168,21 @@ fn followers(bus: &Bus, key: &str) -> Answer<Vec<Follower>> {
     for role in roles.filter(|role| key.split('.').next() == Some(role.name())) {
         for name in [Slot::A, Slot::B].map(|slot| role.process_name(slot)) {
             if alive.contains(&name) {
-                let said = bus.subscriber(&format!("system/config/{name}"))?;
-                followers.push(Follower { name, said, changes: 0 });
+                let config = bus.subscriber(&format!("system/config/{name}"))?;
+                followers.push(Follower { name, config, changes: 0 });
             }
         }
     }
     Ok(followers)
 }
 
-/// Waits until each says that it works with this change. One that has ended meanwhile will begin with it.
+/// Waits until each process reports that it has applied the change. Processes that have ended are ignored: they start
+/// with it.
 fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
-    let give_up = clock::now_ns() + TAKEN_NS;
+    let give_up = clock::now_ns() + APPLY_NS;
     loop {
         for one in followers.iter_mut() {
-            one.changes = one.said.latest()?.map_or(one.changes, |said| said.changes);
+            one.changes = one.config.latest()?.map_or(one.changes, |config| config.changes);
         }
         let late: Vec<&str> =
             followers.iter().filter(|one| one.changes < changes).map(|one| one.name.as_str()).collect();
@@ -187,7 +196,7 @@ fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
                 return Ok(());
             }
             return Err(Failure::NotNow(format!(
-                "it is set, but {} has not taken it up: look at its log, or start it again with `nims restart`",
+                "the parameter is set, but {} has not applied it: see its log, or restart it with `nims restart`",
                 late.join(", ")
             )));
         }
@@ -195,22 +204,22 @@ fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
     }
 }
 
-/// What the parameters are now.
+/// Shows the current values of one parameter or of all.
 fn show(bus: &Bus, key: Option<&str>) -> Answer<Output> {
-    let begun = client::box_of(bus)?;
-    let robot: RobotFile = begun.robot_file().map_err(Failure::not_now)?;
-    let said = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
-    let tuned = Tuned::parse(&text_of(&said.parameters)).map_err(Failure::NotNow)?;
-    let file: SystemFile = begun.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
+    let file = client::box_of(bus)?;
+    let robot: RobotFile = file.robot_file().map_err(Failure::not_now)?;
+    let published = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
+    let tuned = Tuned::parse(&text_of(&published.parameters)).map_err(Failure::NotNow)?;
+    let current: SystemFile = file.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
     if let Some(key) = key {
-        // The reason why not, in the words of a change.
+        // Report an unknown key in the same words as a change would.
         tuned.with(key, "0").map_err(Failure::BadInput)?;
     }
     let (mut value, mut lines) = (json!({}), Vec::new());
     for one in TUNABLE.iter().filter(|one| key.is_none_or(|key| key == one.key)) {
-        let (was, is) = (begun.value_of(one.key), file.value_of(one.key));
+        let (was, is) = (file.value_of(one.key), current.value_of(one.key));
         let shown = |value: &str| if value.is_empty() { "not given".to_owned() } else { value.to_owned() };
-        let set = if was == is { String::new() } else { format!("  (set; the file says {})", shown(&was)) };
+        let set = if was == is { String::new() } else { format!("  (set; {} in the file)", shown(&was)) };
         lines.push(format!("{:<36} {:<12} {}{set}", one.key, shown(&is), one.what));
         value[one.key] = json!({ "value": is, "file": was, "accepted": one.accepted });
     }

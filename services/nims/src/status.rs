@@ -1,4 +1,4 @@
-//! `nims status`: the robot and its processes at one glance.
+//! `nims status`: the state of the robot and its processes.
 
 use bus::{Bus, Memory, Subscriber, clock};
 use client::{Running, state_name};
@@ -14,22 +14,25 @@ use std::collections::BTreeMap;
 
 pub use robot_state::sentences::mode_name;
 
-/// The slowest rows come once a second; a stall of the machine may come between.
-const PATIENCE_NS: u64 = 1_500_000_000;
-const LOOK_NS: u64 = 20_000_000;
-/// The recorder speaks once a second; what is older than this is not the present any more, s.
+/// Longest time to wait for a sample of every channel, ns: the slowest publish once a second, and the machine may
+/// stall.
+const TIMEOUT_NS: u64 = 1_500_000_000;
+/// Time between two polls of the channels, ns.
+const POLL_NS: u64 = 20_000_000;
+/// Age from which the recorder's status is stale, s: it is published once a second.
 const OLD_S: f64 = 2.5;
-/// motor-io that has not been heard for this long steers nothing, s: a shared machine stands still for up to 0.25 s.
+/// Age of the last sample from which motor-io does not control the motors, s: a shared machine may stall for 0.25 s.
 const SILENT_S: f64 = 1.0;
-/// A cycle without readings has no estimate: where the position is known, the next ones are worth waiting for.
+/// Time to wait for a valid estimate if the position is known, ns: a cycle without readings has none, a later one may.
 const ESTIMATE_NS: u64 = 300_000_000;
-/// What a process has said before is given to a late listener with its next heartbeat, five times a second.
+/// Time in which a new subscriber receives the stored log, ns: a process sends it with its next heartbeat, five times a
+/// second.
 const LOG_NS: u64 = 500_000_000;
 
 /// Why no mission runs.
-const WITHOUT_MOTOR_IO: &str = "motor-io does not run";
+const WITHOUT_MOTOR_IO: &str = "motor-io is not running";
 
-/// Below this much free shared memory a process may not find room, bytes.
+/// Free shared memory below which a new process may fail to start, bytes.
 const SCARCE_BYTES: u64 = 8 << 20;
 
 /// Newest sample of a channel.
@@ -39,11 +42,11 @@ struct Newest<T: Message> {
 }
 
 impl<T: Message> Newest<T> {
-    fn of(bus: &Bus, channel: &str) -> Answer<Self> {
+    fn subscribe(bus: &Bus, channel: &str) -> Answer<Self> {
         Ok(Self { subscriber: bus.subscriber(channel)?, sample: None })
     }
 
-    fn look(&mut self) -> Answer<bool> {
+    fn poll(&mut self) -> Answer<bool> {
         if let Some(sample) = self.subscriber.latest()? {
             self.sample = Some(sample);
         }
@@ -51,24 +54,24 @@ impl<T: Message> Newest<T> {
     }
 }
 
-/// The state of the robot as JSON and as words.
+/// Returns the state of the robot.
 ///
 /// # Errors
 /// Shared memory cannot be read.
 pub fn status(bus: &Bus) -> Answer<Output> {
-    let mut authority = Newest::<MotorAuthority>::of(bus, "motor/authority")?;
-    let mut state = Newest::<MotorState>::of(bus, "motor/state")?;
+    let mut authority = Newest::<MotorAuthority>::subscribe(bus, "motor/authority")?;
+    let mut state = Newest::<MotorState>::subscribe(bus, "motor/state")?;
     let [a, b] = SLOT_NAMES;
-    let estimates = [a, b].map(|slot| Newest::<NodeEstimate>::of(bus, &format!("node/estimate/{slot}")));
-    let controls = [a, b].map(|slot| Newest::<ControlStatus>::of(bus, &format!("control/status/{slot}")));
+    let estimates = [a, b].map(|slot| Newest::<NodeEstimate>::subscribe(bus, &format!("node/estimate/{slot}")));
+    let controls = [a, b].map(|slot| Newest::<ControlStatus>::subscribe(bus, &format!("control/status/{slot}")));
     let [estimate_a, estimate_b] = estimates;
     let mut estimates = [estimate_a?, estimate_b?];
     let [control_a, control_b] = controls;
     let mut controls = [control_a?, control_b?];
-    let mut seats = Newest::<MotorSlots>::of(bus, "motor/slots")?;
-    let mut plan = Newest::<PlanStatus>::of(bus, "plan/status")?;
-    let mut recorder = Newest::<RecorderStatus>::of(bus, "recorder/status")?;
-    let mut set = Newest::<SystemConfig>::of(bus, TUNED_CHANNEL)?;
+    let mut motor_slots = Newest::<MotorSlots>::subscribe(bus, "motor/slots")?;
+    let mut plan = Newest::<PlanStatus>::subscribe(bus, "plan/status")?;
+    let mut recorder = Newest::<RecorderStatus>::subscribe(bus, "recorder/status")?;
+    let mut set = Newest::<SystemConfig>::subscribe(bus, TUNED_CHANNEL)?;
     let mut table = bus.subscriber::<ProcessState>("system/process")?;
     let mut processes: BTreeMap<String, ProcessState> = BTreeMap::new();
 
@@ -82,15 +85,15 @@ pub fn status(bus: &Bus) -> Answer<Output> {
             }
         }
         let have = [
-            authority.look()?,
-            state.look()?,
-            // One of the two slots will do.
-            estimates[0].look()? | estimates[1].look()?,
-            controls[0].look()? | controls[1].look()?,
-            seats.look()?,
-            plan.look()?,
-            recorder.look()?,
-            set.look()?,
+            authority.poll()?,
+            state.poll()?,
+            // One of the two slots suffices.
+            estimates[0].poll()? | estimates[1].poll()?,
+            controls[0].poll()? | controls[1].poll()?,
+            motor_slots.poll()?,
+            plan.poll()?,
+            recorder.poll()?,
+            set.poll()?,
             !processes.is_empty(),
         ];
         let known = state.sample.is_some_and(|state| state.position_known == MotorState::POSITION_KNOWN);
@@ -98,17 +101,17 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         let settled = !known
             || passed >= ESTIMATE_NS
             || estimates.iter().any(|one| one.sample.is_some_and(|estimate| estimate.valid == 1));
-        if (have.iter().all(|have| *have) && settled) || passed >= PATIENCE_NS {
+        if (have.iter().all(|have| *have) && settled) || passed >= TIMEOUT_NS {
             break;
         }
-        clock::sleep_until(clock::now_ns() + LOOK_NS);
+        clock::sleep_until(clock::now_ns() + POLL_NS);
     }
 
     let mut value = json!({ "domain": bus.domain().name() });
     let mut lines = vec![format!("domain     {}", bus.domain().name())];
     if let Some(running) = Running::of(bus.domain()) {
         value["run"] = json!(running.run);
-        value["box"] = json!(running.system_file);
+        value["system"] = json!(running.system_file);
         lines.push(format!("run        {}", running.run.display()));
     }
     if let Some(set) = set.sample.filter(|set| set.changes > 0) {
@@ -120,15 +123,15 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         Some(authority) => {
             motors(authority, processes.get("motor-io"), &mut value, &mut lines);
             if authority.faults & MotorAuthority::FAULT_LOST_UNIT != 0
-                && let Some(said) = of_ports(bus)?
+                && let Some(warning) = port_warning(bus)?
             {
-                lines.push(format!("drives     {said}"));
-                value["drives"] = json!(said);
+                lines.push(format!("drives     {warning}"));
+                value["drives"] = json!(warning);
             }
         }
-        None => lines.push("motor-io   says nothing: it does not run; nothing can move".to_owned()),
+        None => lines.push("motor-io   is not running; the robot cannot move".to_owned()),
     }
-    if let Some(sample) = &seats.sample {
+    if let Some(sample) = &motor_slots.sample {
         slots(sample, &processes, &mut value, &mut lines);
     }
     if let Some(state) = &state.sample {
@@ -146,7 +149,7 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         value["position_m"] = json!(estimate.position_m);
         value["tensions_n"] = json!(tensions);
         let listed: Vec<String> = tensions.iter().map(|tension| format!("{tension:.1}")).collect();
-        lines.push(format!("node       at {x:.3}, {y:.3}, {z:.3} m; lines carry {} N", listed.join(", ")));
+        lines.push(format!("node       at {x:.3}, {y:.3}, {z:.3} m; tensions {} N", listed.join(", ")));
     } else {
         lines.push("node       position not estimated".to_owned());
     }
@@ -155,8 +158,7 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         value["tracking_error_m"] = json!(control.error_norm_m);
     }
     if let Some(plan) = &plan.sample {
-        let heard = authority.sample.as_ref();
-        let steered = steering(heard, processes.get("motor-io"), clock::now_ns());
+        let steered = steering(authority.sample.as_ref(), processes.get("motor-io"), clock::now_ns());
         mission(plan, steered, &mut value, &mut lines);
     }
     if let Some(recorder) = &recorder.sample {
@@ -176,14 +178,14 @@ pub fn status(bus: &Bus) -> Answer<Output> {
     Ok(Output::new(value, lines.join("\n")))
 }
 
-/// Shared memory, on one line; with a warning while there is still room for what the warning asks for.
+/// Returns the usage of shared memory on one text line, with a warning before it is exhausted.
 fn memory_words(memory: &Memory) -> String {
     let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 * 1e-6);
     let used = format!("{} of shared memory used by this robot", megabytes(memory.used));
     match (memory.total, memory.free) {
         (0, _) => used,
         (total, free) if free < SCARCE_BYTES => format!(
-            "{used}, ONLY {} of {} free: no sensor can be plugged in and no process started until /dev/shm has room again",
+            "{used}, ONLY {} of {} free: processes and sensors may fail to start; free space in /dev/shm",
             megabytes(free),
             megabytes(total)
         ),
@@ -216,26 +218,27 @@ fn motors(authority: &MotorAuthority, row: Option<&ProcessState>, value: &mut Va
     ));
 }
 
-/// What motor-io said last of one of its serial ports: which, and what comes from there.
-fn of_ports(bus: &Bus) -> Answer<Option<String>> {
+/// Returns motor-io's last warning about one of its serial ports.
+fn port_warning(bus: &Bus) -> Answer<Option<String>> {
     let Ok(file) = client::box_of(bus) else { return Ok(None) };
     let root = bus.domain().root().to_string_lossy().into_owned();
     let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.replace("{domain}", &root)).collect();
     let mut log = bus.subscriber::<LogEvent>("system/log/motor-io")?;
-    let (mut said, give_up) = (None, clock::now_ns() + LOG_NS);
+    let (mut warning, give_up) = (None, clock::now_ns() + LOG_NS);
     while clock::now_ns() < give_up {
         while let Some(event) = log.receive()? {
             let text = text_of(&event.text);
             if event.level >= LogEvent::LEVEL_WARN && ports.iter().any(|port| text.starts_with(port)) {
-                said = Some(text);
+                warning = Some(text);
             }
         }
-        clock::sleep_until(clock::now_ns() + LOOK_NS);
+        clock::sleep_until(clock::now_ns() + POLL_NS);
     }
-    Ok(said)
+    Ok(warning)
 }
 
-/// How far the position can be trusted; of one from before a start, when that was, by motor-io's row of the process table.
+/// Returns how reliable the position is. For a position that was restored at a start of motor-io, `row`, the row of
+/// motor-io in the process table, adds the time of that start.
 pub(crate) fn position_words(position_known: u8, row: Option<&ProcessState>, now_ns: u64) -> String {
     let sentence = sentences::position_sentence(position_known);
     let Some(row) = row.filter(|_| position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT) else {
@@ -247,38 +250,39 @@ pub(crate) fn position_words(position_known: u8, row: Option<&ProcessState>, now
     format!("{sentence} motor-io was started {ago_s:.0} s ago, {which}.")
 }
 
-/// Who is in charge, and who stands by.
+/// Adds the controllers and estimators in charge and on standby.
 fn slots(slots: &MotorSlots, processes: &BTreeMap<String, ProcessState>, value: &mut Value, lines: &mut Vec<String>) {
-    for (role, who) in sentences::ROLE_NAMES.iter().enumerate() {
-        let seats = SLOT_NAMES.iter().enumerate().map(|(slot, name)| {
-            let seat = SLOTS * role + slot;
-            let (phase, cause) = (slots.phase[seat], sentences::cause_phrase(role, slots.cause[seat]));
-            // One that was asked to end has not failed.
+    for (role, role_name) in sentences::ROLE_NAMES.iter().enumerate() {
+        let states = SLOT_NAMES.iter().enumerate().map(|(slot, name)| {
+            let index = SLOTS * role + slot;
+            let (phase, cause) = (slots.phase[index], sentences::cause_phrase(role, slots.cause[index]));
+            // A process that was ended on request has not failed.
             let ended = processes.values().any(|row| {
                 row.state == ProcessState::STATE_STOPPED
-                    && text_of(&row.role) == *who
+                    && text_of(&row.role) == *role_name
                     && usize::from(row.slot) == slot + 1
             });
             let cause = if ended && phase == MotorSlots::PHASE_EMPTY { "" } else { cause };
             (*name, sentences::phase_name(phase), cause, phase != MotorSlots::PHASE_EMPTY)
         });
-        let listed: Vec<String> = seats
+        let listed: Vec<String> = states
             .clone()
-            .filter(|(.., cause, there)| *there || !cause.is_empty())
+            .filter(|(.., cause, occupied)| *occupied || !cause.is_empty())
             .map(|(name, phase, cause, _)| match cause {
                 "" => format!("{name} {phase}"),
                 cause => format!("{name} {phase} (it {cause})"),
             })
             .collect();
-        value[*who] =
-            seats.map(|(name, phase, cause, _)| json!({ "slot": name, "phase": phase, "cause": cause })).collect();
+        value[*role_name] =
+            states.map(|(name, phase, cause, _)| json!({ "slot": name, "phase": phase, "cause": cause })).collect();
         if !listed.is_empty() {
-            lines.push(format!("{who:<10} {}", listed.join(", ")));
+            lines.push(format!("{role_name:<10} {}", listed.join(", ")));
         }
     }
 }
 
-/// What a motor-io says that steers at present; otherwise why none does. Its last sample may outlive it.
+/// Returns `authority` if motor-io runs and publishes, otherwise why the motors are not controlled: the last sample
+/// remains in shared memory after motor-io has ended.
 fn steering<'a>(
     authority: Option<&'a MotorAuthority>,
     row: Option<&ProcessState>,
@@ -289,13 +293,13 @@ fn steering<'a>(
     let Some(authority) = authority.filter(|_| !ended) else { return Err(WITHOUT_MOTOR_IO.to_owned()) };
     let age_s = now_ns.saturating_sub(authority.header.stamp_ns) as f64 * 1e-9;
     if age_s > SILENT_S {
-        return Err(format!("motor-io has said nothing for {age_s:.0} s"));
+        return Err(format!("no message from motor-io for {age_s:.0} s"));
     }
     Ok(authority)
 }
 
 fn mission(plan: &PlanStatus, steered: Result<&MotorAuthority, String>, value: &mut Value, lines: &mut Vec<String>) {
-    let was = is_on(plan) && steered.is_err();
+    let was = is_active(plan) && steered.is_err();
     let state = format!("{}{}", if was { "was " } else { "" }, mission_state(plan.state));
     value["mission"] = json!({
         "state": state, "name": text_of(&plan.mission), "leg": plan.leg, "legs": plan.legs,
@@ -304,8 +308,8 @@ fn mission(plan: &PlanStatus, steered: Result<&MotorAuthority, String>, value: &
     lines.push(format!("mission    {}", steered_words(plan, steered)));
 }
 
-/// Whether the planner has a mission under way.
-fn is_on(plan: &PlanStatus) -> bool {
+/// Returns whether the planner has a mission that is not finished.
+fn is_active(plan: &PlanStatus) -> bool {
     matches!(plan.state, PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED)
 }
 
@@ -321,19 +325,20 @@ fn mission_state(state: u8) -> &'static str {
     }
 }
 
-/// What the planner does, on one line; `authority` is what a motor-io says that runs.
+/// Returns the state of the mission on one text line; `authority` is the newest sample of a running motor-io.
 pub(crate) fn mission_words(plan: &PlanStatus, authority: Option<&MotorAuthority>) -> String {
     steered_words(plan, authority.ok_or_else(|| WITHOUT_MOTOR_IO.to_owned()))
 }
 
-/// The same, or why nothing steers: without motor-io no mission runs, whatever the planner says.
+/// As [`mission_words`], with the reason why the motors are not controlled: without motor-io no mission runs, even if
+/// the planner still reports one.
 fn steered_words(plan: &PlanStatus, steered: Result<&MotorAuthority, String>) -> String {
     let (name, reason) = (text_of(&plan.mission), text_of(&plan.reason));
     let slows = steered.as_ref().is_ok_and(|authority| {
         let moves = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
         moves && authority.plan_rate_target == 0.0
     });
-    let without = steered.err().filter(|_| is_on(plan));
+    let without = steered.err().filter(|_| is_active(plan));
     let mut line = match plan.state {
         PlanStatus::STATE_RUNNING if slows => "slowing down".to_owned(),
         state if without.is_some() => format!("was {}", mission_state(state)),
@@ -349,7 +354,7 @@ fn steered_words(plan: &PlanStatus, steered: Result<&MotorAuthority, String>) ->
         }
     }
     if let Some(without) = without {
-        line += &format!("; {without}, so nothing moves");
+        line += &format!("; {without}, so the robot does not move");
     }
     if !reason.is_empty() {
         line += &format!("; {reason}");
@@ -357,11 +362,11 @@ fn steered_words(plan: &PlanStatus, steered: Result<&MotorAuthority, String>) ->
     line
 }
 
-/// What the recorder does, in a word or two; why, where it does not record.
+/// Returns whether the recorder records, with the reason if it does not.
 pub(crate) fn recording_words(row: &RecorderStatus, now_ns: u64) -> String {
     let age_s = now_ns.saturating_sub(row.header.stamp_ns) as f64 * 1e-9;
     match client::unrecorded_of(row) {
-        _ if age_s > OLD_S => format!("NOT RECORDING: the recorder has said nothing for {age_s:.0} s"),
+        _ if age_s > OLD_S => format!("NOT RECORDING: no message from the recorder for {age_s:.0} s"),
         Some(why) => format!("NOT RECORDING: {why}"),
         None => "recording".to_owned(),
     }
@@ -372,7 +377,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_position_from_before_a_start_names_that_start() {
+    fn the_words_for_a_restored_position_name_the_start_of_motor_io() {
         let row = ProcessState { started_ns: 5_000_000_000, restarts: 2, ..ProcessState::default() };
         let before = MotorState::POSITION_FROM_BEFORE_THE_CUT;
         let words = position_words(before, Some(&row), 17_000_000_000);
@@ -399,9 +404,9 @@ mod tests {
         let (row, now_ns) = (Some(&died), 10 * second_ns);
         assert!(steering(Some(&authority), None, now_ns).is_ok());
         for (steered, why) in [
-            (steering(None, None, now_ns), "motor-io does not run"),
-            (steering(Some(&authority), row, now_ns), "motor-io does not run"),
-            (steering(Some(&authority), None, 14 * second_ns), "motor-io has said nothing for 4 s"),
+            (steering(None, None, now_ns), "motor-io is not running"),
+            (steering(Some(&authority), row, now_ns), "motor-io is not running"),
+            (steering(Some(&authority), None, 14 * second_ns), "no message from motor-io for 4 s"),
         ] {
             let (mut value, mut lines) = (json!({}), Vec::new());
             mission(&plan, steered, &mut value, &mut lines);
@@ -416,12 +421,12 @@ mod tests {
     }
 
     #[test]
-    fn a_recorder_says_why_it_does_not_record() {
+    fn the_words_for_a_recorder_that_does_not_record_contain_the_reason() {
         let mut row = RecorderStatus { state: RecorderStatus::STATE_FAILED, ..RecorderStatus::default() };
         messages::put_text(&mut row.reason, "the folder was removed");
         assert!(recording_words(&row, 0).ends_with("the folder was removed"));
         row.state = RecorderStatus::STATE_RECORDING;
         assert_eq!(recording_words(&row, 0), "recording");
-        assert!(recording_words(&row, 9_000_000_000).contains("nothing for 9 s"), "it hangs, whatever it said before");
+        assert!(recording_words(&row, 9_000_000_000).contains("for 9 s"), "the last status is stale");
     }
 }

@@ -1,7 +1,8 @@
 //! `nims swap`: another controller or estimator takes over while the robot moves.
 //!
-//! The new one is started in the slot that is not in charge, qualifies beside the one in charge, and takes over in a cycle that motor-io
-//! announces; the old one stays for a second, in case the new one fails, and is then ended, unless the box keeps a standby.
+//! The new one is started in the slot that is not in charge, qualifies beside the one in charge, and takes over in a
+//! cycle that motor-io announces; the old one stays for a second, in case the new one fails, and is then ended, unless
+//! the box keeps a standby.
 
 use crate::processes;
 use bus::{Bus, Subscriber, Waiter, clock};
@@ -39,7 +40,8 @@ pub struct Args {
     /// Whose.
     #[arg(value_enum)]
     pub role: SlottedRole,
-    /// Law or method, or the name of a `[[process]]` of that role; it is started in the free slot. Default: the standby that runs there.
+    /// Law or method, or the name of a `[[process]]` of that role; it is started in the free slot. Default: the standby
+    /// that runs there.
     pub name: Option<String>,
     /// Slot of the new one. Default: the one that is not in charge.
     #[arg(long, value_enum)]
@@ -98,7 +100,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
             slot: Some(name_of(slot)),
             law: (law != DEFAULT).then(|| law.clone()),
         };
-        robot.tell(&processes::tell(bus, &start)?.words);
+        robot.tell(&processes::send_and_follow(bus, &start)?.words);
     }
     let outcome = robot.qualify(slot, &new).and_then(|()| robot.take_over(slot));
     if let Err(failure) = outcome {
@@ -221,7 +223,7 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        self.tell(&processes::tell(self.bus, &SupervisorCommand::Stop { name })?.words);
+        self.tell(&processes::send_and_follow(self.bus, &SupervisorCommand::Stop { name })?.words);
         Ok(())
     }
 

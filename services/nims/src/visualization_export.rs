@@ -1,4 +1,5 @@
-//! `nims export RUN --visualization OUT`: an old run as tools draw it in three dimensions, by the same core that draws a living one.
+//! `nims export RUN --visualization OUT`: draws a recorded run in three dimensions, with the code that draws a running
+//! robot.
 
 use analysis::report::robot_of;
 use command::{Answer, Failure, Output};
@@ -9,18 +10,18 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use visualization::{Drawing, Visualization};
 
-/// Between two frames, ns: as the process draws them.
+/// Time between two frames, ns, as in the visualization process.
 const FRAME_NS: u64 = 40_000_000;
-/// Between two frames of what changes slowly, ns.
+/// Time between two frames of the slowly changing drawings, ns.
 const SLOW_NS: u64 = 500_000_000;
 
-/// Between two looks at how far it is, bytes.
-const SHOW_BYTES: u64 = 1 << 20;
+/// Bytes read between two updates of the progress bar.
+const PROGRESS_BYTES: u64 = 1 << 20;
 
-/// Draws a run into a file of its own; JSON and words.
+/// Draws a run into a new run file.
 ///
 /// # Errors
-/// There is no run, no robot file in it, or the file cannot be written.
+/// There is no such run, it holds no robot file, or the new file cannot be written.
 pub fn export_visualization(run: &Path, out: &Path) -> Answer<Output> {
     analysis::runs::there(run)?;
     if out.exists() {
@@ -30,7 +31,7 @@ pub fn export_visualization(run: &Path, out: &Path) -> Answer<Output> {
     let (mut film, mut show): (Option<Film>, _) = (None, analysis::runs::progress("drawing"));
     let mut shown = 0;
     loop {
-        if reader.position() - shown >= SHOW_BYTES {
+        if reader.position() - shown >= PROGRESS_BYTES {
             shown = reader.position();
             show(shown, reader.bytes());
         }
@@ -44,11 +45,11 @@ pub fn export_visualization(run: &Path, out: &Path) -> Answer<Output> {
             Some(film) => film,
             None => film.insert(Film::begin(run, out, &reader, authority.map(|a| (a.header.stamp_ns, now_ns)))?),
         };
-        film.take(&channel.name, &channel.type_name, &sample, now_ns)?;
+        film.record(&channel.name, &channel.type_name, &sample, now_ns)?;
     }
     show(reader.bytes(), reader.bytes());
     let Some(film) = film else {
-        return Err(Failure::NotNow(format!("{} holds nothing that could be drawn", run.display())));
+        return Err(Failure::NotNow(format!("{} holds no samples that can be drawn", run.display())));
     };
     let (messages, frames) = (film.written, film.frames);
     let path = film.writer.finish(&BTreeMap::from([("reason".to_owned(), "drawn to its end".to_owned())]));
@@ -57,7 +58,7 @@ pub fn export_visualization(run: &Path, out: &Path) -> Answer<Output> {
     Ok(Output::new(json!({ "file": path, "frames": frames, "messages": messages }), words))
 }
 
-/// A visualization that is being drawn into a file.
+/// A visualization and the run file that it is written to.
 struct Film {
     visualization: Visualization,
     clock: RunClock,
@@ -70,11 +71,12 @@ struct Film {
 }
 
 impl Film {
-    /// `known` is a stamp with its UNIX time, for files of other origin, which say nothing of their clock.
+    /// Creates the file. `known` is a stamp with its UNIX time, for run files from other programs, which do not store
+    /// the clock.
     fn begin(run: &Path, out: &Path, reader: &RunReader, known: Option<(u64, u64)>) -> Answer<Self> {
         let Some(robot) = robot_of(run, reader.attachments()) else {
             return Err(Failure::NotNow(format!(
-                "{} holds no robot.toml that this program accepts, so it is not known where the anchors are",
+                "{} holds no robot.toml that this program accepts, so the anchor positions are unknown",
                 run.display()
             )));
         };
@@ -96,8 +98,8 @@ impl Film {
         })
     }
 
-    fn take(&mut self, channel: &str, type_name: &str, sample: &[u8], now_ns: u64) -> Answer {
-        if let Some(drawing) = self.visualization.note(channel, type_name, sample) {
+    fn record(&mut self, channel: &str, type_name: &str, sample: &[u8], now_ns: u64) -> Answer {
+        if let Some(drawing) = self.visualization.record(channel, type_name, sample) {
             self.write(&drawing, now_ns)?;
         }
         if now_ns >= self.next_frame_ns {

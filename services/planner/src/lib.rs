@@ -1,13 +1,13 @@
-//! Missions and requests to checked motion segments.
+//! Turns missions and requests into checked motion segments.
 //!
-//! [`mission`] reads what the operator wants, [`plan`] makes segments of it and checks each against the robot's limits,
-//! [`Planner`] keeps track of the one mission that is flown, [`progress`] keeps on disk how far it came, [`dry_run()`] says what would
-//! happen. [`scan`] makes way points of patterns over an area.
+//! [`mission`] reads a mission file, [`plan`] makes segments of it and checks each against the robot's limits,
+//! [`Planner`] tracks the one mission that is flown, [`progress`] stores on disk how far it came, [`dry_run()`] predicts
+//! a mission without flying it. [`scan`] makes way points of patterns over an area.
 //!
 //! Invariants:
-//! * A mission is checked whole before its first segment is published: a refused mission moves nothing.
+//! * A mission is checked as a whole before its first segment is published: a rejected mission moves nothing.
 //! * Segments follow each other without a gap, each from rest to rest, so a motion without a successor ends at rest.
-//! * [`Planner`] is pure: time and samples come with every call.
+//! * [`Planner`] is pure: time and samples are arguments of every call.
 #![forbid(unsafe_code)]
 
 pub mod adaptive;

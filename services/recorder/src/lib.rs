@@ -1,16 +1,20 @@
-//! Every channel, known or not, to the files of one run.
+//! Records every channel, of known or unknown type, to the files of one run.
 //!
-//! [`Recorder`] finds the channels of a domain, listens to each without knowing its type, and hands what it hears in batches to a [`Session`],
-//! which decides about files: when to flush, when the disk is too full, when to begin another file.
+//! [`Recorder`] finds the channels of a domain, subscribes to each without its type, and passes the received samples in
+//! batches to a [`Session`], which manages the files: when to flush, when the disk is too full, when to begin the next
+//! file.
 //!
 //! Invariants:
-//! * It never slows a publisher: it takes copies from its own buffers, and only this process waits for the disk.
-//! * It listens to the channels of the table before their publishers exist, so that the first sample of a run is in the file.
-//! * Whatever is missing in the file is counted, per channel, and said in `recorder/status` while it happens, in the file at the place where
-//!   it is missing (`recorder/gap`), and at its end.
-//! * Each file of a run can be read alone: it has every definition, the configuration, and the last word of channels that rarely speak.
-//! * The death of this process costs the time since the last flush, half a second by default; the file is readable up to there.
-//! * It knows nothing of what the samples mean.
+//! * It never slows a publisher: it copies from its own buffers, and only this process waits for the disk.
+//! * It subscribes to the channels of the table before their publishers exist, so the first sample of a run is in the
+//!   file.
+//! * Every missing sample is counted per channel, and reported in `recorder/status` when it happens, in the file where
+//!   it is missing (`recorder/gap`), and at the end of the file.
+//! * Each file of a run can be read alone: it has every definition, the configuration, and the last sample of channels
+//!   that publish rarely.
+//! * The death of this process costs the time since the last flush, half a second by default; the file is readable up
+//!   to there.
+//! * It does not interpret the samples.
 
 #![forbid(unsafe_code)]
 

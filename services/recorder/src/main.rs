@@ -1,4 +1,4 @@
-//! Every channel, known or not, to one run file.
+//! Records every channel to the files of one run; see the library.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -76,7 +76,7 @@ fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
         about.insert("git_dirty".to_owned(), dirty.to_string());
     }
     if let Ok(file) = chassis.system_file() {
-        about.insert("box".to_owned(), file.name.clone());
+        about.insert("system".to_owned(), file.name.clone());
     }
     about
 }

@@ -51,7 +51,7 @@ fn numbers<T: Message>(run: &Path, channel: &str) -> Vec<u64> {
 #[test]
 fn every_sample_from_the_first_on_is_in_the_file() {
     let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
-    fs::write(run.path().join("box.toml"), "name = \"test\"\n").unwrap();
+    fs::write(run.path().join("system.toml"), "name = \"test\"\n").unwrap();
     let bus = Bus::join(&domain, "test").unwrap();
     // published before there was a recorder: as much of it as the channel keeps
     let mut early = bus.publisher::<LogEvent>("system/log/early").unwrap();
@@ -98,7 +98,7 @@ fn every_sample_from_the_first_on_is_in_the_file() {
     assert_eq!(numbers::<LogEvent>(run.path(), "system/log/early"), (1..=100).collect::<Vec<_>>());
     let report = info(run.path()).unwrap();
     assert!(report.healthy, "{:?}", report.verdict);
-    assert_eq!(report.attachments, ["box.toml"]);
+    assert_eq!(report.attachments, ["system.toml"]);
     assert_eq!(report.about["domain"], domain.name());
     for channel in ["recorder/status", "system/heartbeat/recorder"] {
         assert!(report.channels.iter().any(|found| found.name == channel), "{channel}");
@@ -266,7 +266,7 @@ fn a_disk_that_fills_up_is_said_within_a_second_and_recording_goes_on_when_there
     let text = fs::read_to_string(boxes.join("demo3.toml")).unwrap();
     let robot = boxes.join("../robots/lab3.toml");
     let text = text.replace("\"../robots/lab3.toml\"", &format!("{:?}", robot.display().to_string()));
-    let system_file = run.path().join("box.toml");
+    let system_file = run.path().join("system.toml");
     fs::write(&system_file, text + "\n[recorder]\nmin_free_bytes = 4000000\n").unwrap();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut recording = Recording::start_with(&domain, run.path(), &bus, &["--system", system_file.to_str().unwrap()]);

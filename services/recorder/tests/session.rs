@@ -106,7 +106,7 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
     let folder = parent.path().join("run");
     assert!(Session::open(settings(&folder), RunClock::now(), 0, 10_000).is_err());
     fs::create_dir(&folder).unwrap();
-    fs::write(folder.join("box.toml"), "x").unwrap();
+    fs::write(folder.join("system.toml"), "x").unwrap();
     let mut session = Session::open(settings(&folder), RunClock::now(), 0, 10_000).unwrap();
     let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
     hear(&mut session, row, 1, SECOND / 2, 0);
@@ -134,7 +134,7 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
     let mut reader = RunReader::open(&folder).unwrap();
     while reader.next_sample().unwrap().is_some() {}
     let kept: Vec<&str> = reader.attachments().iter().map(|file| file.name.as_str()).collect();
-    assert_eq!(kept, ["box.toml", "missions/1-over.toml"], "and so does the configuration");
+    assert_eq!(kept, ["system.toml", "missions/1-over.toml"], "and so does the configuration");
 }
 
 #[test]
@@ -220,7 +220,7 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
     let folder = tempfile::tempdir().unwrap();
     let mut wanted = settings(folder.path());
     wanted.segment_ns = 10 * SECOND;
-    fs::write(folder.path().join("box.toml"), "x").unwrap();
+    fs::write(folder.path().join("system.toml"), "x").unwrap();
     fs::create_dir(folder.path().join("missions")).unwrap();
     let mut session = Session::open(wanted, RunClock::now(), 0, 10_000).unwrap();
     let [busy, still, silent] =
@@ -249,7 +249,7 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
         let mut reader = RunReader::open(file).unwrap();
         while reader.next_sample().unwrap().is_some() {}
         let kept: Vec<&str> = reader.attachments().iter().map(|file| file.name.as_str()).collect();
-        let mut expected = vec!["box.toml", "missions/4-over.toml"];
+        let mut expected = vec!["system.toml", "missions/4-over.toml"];
         expected.extend((at >= 2).then_some("missions/50-over.toml"));
         assert_eq!(kept, expected, "{names:?} {at}");
         assert_eq!(reader.ends()[0]["failed_syncs"], "0");

@@ -1,9 +1,8 @@
-//! Any sensor's readings with the place where each was taken, on `sample/NAME`, and a live map of what they say, on `map/NAME`.
-//!
-//! What it computes stands in the crate `georeference`; here is its process.
+//! The process around the crate `georeference`: publishes the readings of any sensor with the place where each was
+//! taken on `sample/NAME`, and a live map of them on `map/NAME`.
 //!
 //! Invariants:
-//! * Nothing depends on it: the robot flies without it, and what it makes can be made again from the run (`nims map`).
+//! * No other process depends on it: the robot flies without it, and `nims map` computes its output again from the run.
 #![forbid(unsafe_code)]
 
 pub mod process;

@@ -1,4 +1,4 @@
-//! Readings of any sensor to samples with a place, and to live maps; see the library.
+//! Publishes readings of any sensor with their places, and live maps; see the library.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;

@@ -1,11 +1,14 @@
-//! Sensors on serial ports: what they say becomes the standard [`messages::Reading`] on `sensor/NAME`.
+//! Reads sensors on serial ports and publishes the standard [`messages::Reading`] on `sensor/NAME`.
 //!
-//! One program, `sensor FILE.toml`, and one process for each sensor. Rangefinder, lines of text and Modbus registers differ in their
-//! [`Protocol`] and in nothing else, so opening, losing and finding a port, counting bad frames and marking old values stand here once.
+//! One program, `sensor FILE.toml`, and one process for each sensor. Rangefinders, text lines and Modbus registers
+//! differ only in their [`Protocol`]. Opening, losing and finding a port, counting bad frames and marking old values
+//! are common to all.
 //!
 //! # Invariants
-//! * A [`Protocol`] and a [`Sensor`] have no clock and no I/O; any bytes are taken, and after garbage the next whole frame is understood.
-//! * A bad frame is counted and never published. A device that is silent or gone ends nothing: its last value is repeated as stale.
+//! * A [`Protocol`] and a [`Sensor`] have no clock and no I/O. They accept any bytes, and resynchronise at the next
+//!   whole frame.
+//! * A bad frame is counted and never published. If a device is silent or gone, the process goes on and repeats the
+//!   last value, marked as stale.
 #![forbid(unsafe_code)]
 
 mod line;

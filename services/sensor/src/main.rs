@@ -1,4 +1,4 @@
-//! A sensor on a serial port; see the library.
+//! Reads a sensor on a serial port; see the library.
 #![forbid(unsafe_code)]
 
 use std::path::PathBuf;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use messages::Reading;
 use runtime::{BadInput, Chassis, now_ns};
-use serial::{Line, Transport};
+use serial::{ReopeningPort, Transport};
 use tracing::{info, warn};
 
 use crate::{Sensor, SensorFile};
@@ -27,7 +27,7 @@ pub fn serve(path: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
     chassis.reads(path);
     let port = file.port.replace("{domain}", &chassis.bus().domain().root().to_string_lossy());
     let mut sensor = Sensor::new(&file, now_ns()).map_err(BadInput)?;
-    let mut line = Line::new(&port, file.baud);
+    let mut line = ReopeningPort::new(&port, file.baud);
     let mut out = chassis.bus().publisher::<Reading>(&format!("sensor/{}", chassis.name()))?;
     let mut waiter = chassis.waiter(&[])?;
     chassis.ready()?;
@@ -67,7 +67,7 @@ pub fn serve(path: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
 }
 
 /// Asks if it has to, and takes what comes; an error shows at the next look at the connection.
-fn exchange(line: &mut Line, sensor: &mut Sensor, chassis: &mut Chassis) -> Vec<Reading> {
+fn exchange(line: &mut ReopeningPort, sensor: &mut Sensor, chassis: &mut Chassis) -> Vec<Reading> {
     let now = now_ns();
     if let Some(question) = sensor.question(now) {
         let _ = line.write_all(question, now + WRITE_NS);

@@ -4,12 +4,13 @@
 
 use command::{Answer, Failure};
 use config::RESOLVED;
+use runlog::SYSTEM_FILE;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 /// Names that the run folder uses for its own files.
-const RESERVED: [&str; 5] = ["box.toml", "mission.toml", "manifest.json", "set.toml", RESOLVED];
+const RESERVED: [&str; 5] = [SYSTEM_FILE, "mission.toml", "manifest.json", "set.toml", RESOLVED];
 /// Largest configuration file, bytes; a motor table has a few thousand.
 const LARGEST: u64 = 16 << 20;
 
@@ -110,7 +111,7 @@ mod tests {
         let mut copies = Copies::default();
         copies.read(&one, Path::new("robot.toml")).unwrap();
         copies.read(&one, Path::new("robot.toml")).unwrap();
-        for name in ["robot.toml", "box.toml"] {
+        for name in ["robot.toml", "system.toml"] {
             assert_eq!(copies.read(&other, Path::new(name)).unwrap_err().exit_code(), 2);
         }
     }

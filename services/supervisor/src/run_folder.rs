@@ -44,7 +44,7 @@ impl RunFolder {
             )));
         }
         let mut copies = copies_of(file)?;
-        for (original, name) in [(Some(system_path), "box.toml"), (mission, "mission.toml")] {
+        for (original, name) in [(Some(system_path), runlog::SYSTEM_FILE), (mission, "mission.toml")] {
             let Some(original) = original else { continue };
             let bytes = fs::read(original).map_err(|error| {
                 Failure::BadInput(format!("the file {} cannot be read: {error}", original.display()))
@@ -60,7 +60,7 @@ impl RunFolder {
         copies.write(&path).map_err(|(copy, error)| failed(&copy, error))?;
         let manifest = json!({
             "name": file.name,
-            "box": system_path.file_name().map(|name| name.to_string_lossy()),
+            "system": system_path.file_name().map(|name| name.to_string_lossy()),
             "robot": file.robot.file_name().map(|name| name.to_string_lossy()),
             "virtual": file.motor_box.is_some(),
             "rate_hz": file.rate_hz,

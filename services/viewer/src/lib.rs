@@ -1,10 +1,11 @@
 //! The viewer: every channel of a robot live, over the WebSocket protocol of Foxglove and Lichtblick.
 //!
 //! Invariants:
-//! * A tool is offered every channel, known or not, under the definition that the recorder would write for it.
-//! * A channel is listened to only while some tool wants it, and at most so many of its samples per second are passed
-//!   on ([`Budget`]). What a slow tool does not take is dropped; a publisher never waits.
-//! * It listens on this machine alone unless it is told otherwise, and nothing that a tool sends moves the robot.
+//! * The viewer offers every channel, of known or unknown type, under the definition that the recorder would write for
+//!   it.
+//! * It subscribes to a channel only while a tool requests it, and limits how many of its samples it forwards per
+//!   second ([`Budget`]). Samples that a slow tool does not take are dropped; a publisher never waits.
+//! * By default it accepts connections from this machine only, and nothing that a tool sends moves the robot.
 
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! Every channel live, for Foxglove and Lichtblick.
+//! Serves every channel live to Foxglove and Lichtblick; see the library.
 
 use std::net::IpAddr;
 use std::process::ExitCode;

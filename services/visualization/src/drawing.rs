@@ -151,7 +151,7 @@ impl Visualization {
     }
 
     /// Takes a sample in, as it lies in memory; what it says once and for all is drawn at once. A type of another version is passed over.
-    pub fn note(&mut self, channel: &str, type_name: &str, sample: &[u8]) -> Option<Drawing> {
+    pub fn record(&mut self, channel: &str, type_name: &str, sample: &[u8]) -> Option<Drawing> {
         match channel {
             "motor/authority" => self.authority = read(type_name, sample).or(self.authority),
             "node/estimate/a" | "node/estimate/b" => {

@@ -1,13 +1,14 @@
-//! The robot as tools draw it in three dimensions: messages that ROS 2 itself defines, made from the robot's own.
+//! Publishes the robot as messages that ROS 2 itself defines, so that tools can draw it in three dimensions.
 //!
-//! Foxglove, Lichtblick, RViz, rerun and whoever else knows `tf2_msgs/TFMessage`, `geometry_msgs/PoseStamped`, `nav_msgs/Path`,
-//! `visualization_msgs/MarkerArray`, `sensor_msgs/PointCloud2` and `rcl_interfaces/Log` shows where the node is, its lines and anchors, where
-//! it is to go and has been, and what its sensors measured, without a plug-in.
+//! Foxglove, Lichtblick, RViz, rerun and other tools that read `tf2_msgs/TFMessage`, `geometry_msgs/PoseStamped`,
+//! `nav_msgs/Path`, `visualization_msgs/MarkerArray`, `sensor_msgs/PointCloud2` and `rcl_interfaces/Log` show the node,
+//! cables and anchors, the planned and the flown path, and the sensors' measurements, without a plug-in.
 //!
 //! Invariants:
-//! * [`Visualization`] is pure: it takes samples as bytes and gives CDR bodies; live ([`process`]) and from old runs alike.
-//! * Every body of a type has the same length, so that it travels as a sample of fixed size ([`messages::ros`]).
-//! * Nothing depends on it: the robot flies without it.
+//! * [`Visualization`] is pure: samples in as bytes, CDR bodies out; the same for live samples ([`process`]) and
+//!   recorded runs.
+//! * Every body of a type has the same length, so it fits a sample of fixed size ([`messages::ros`]).
+//! * No other process depends on it: the robot flies without it.
 
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! Visualization: the robot as tools draw it in three dimensions, live.
+//! Publishes the robot live for tools that draw it in three dimensions; see the library.
 
 use std::process::ExitCode;
 

@@ -118,7 +118,7 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
         }
         for tap in &mut taps {
             let (name, type_name) = (tap.info().name.clone(), tap.info().type_name.clone());
-            while let Some(drawn) = tap.receive(|raw| visualization.note(&name, &type_name, raw.bytes))? {
+            while let Some(drawn) = tap.receive(|raw| visualization.record(&name, &type_name, raw.bytes))? {
                 if let Some(drawing) = drawn {
                     ports.send(chassis.bus(), &drawing)?;
                 }

@@ -35,7 +35,9 @@ fn dependencies_point_one_way() {
         ("architecture", &[]),
         // a driver is made over the transport of `serial`
         ("serial", &["cable-robot", "evidence"]),
-        ("roboclaw", &["cable-robot", "serial"]),
+        // what every drive family has in common
+        ("drives", &["serial"]),
+        ("roboclaw", &["drives", "serial"]),
         ("messages", &[]),
         ("evidence", &[]),
         ("bus", &["messages"]),
@@ -131,6 +133,38 @@ fn foreign_interfaces_are_named_in_one_place() {
             assert!(!depends || name == only, "{name} depends on {foreign}; only {only} may");
         }
     }
+}
+
+/// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box
+/// and the names of configuration keys know which there are.
+#[test]
+fn drive_families_are_named_in_one_place() {
+    let packages = packages();
+    let families: Vec<&String> = packages
+        .iter()
+        .filter(|(_, package)| package.place == "shared" && package.dependencies.contains("drives"))
+        .map(|(name, _)| name)
+        .collect();
+    let names: BTreeSet<&str> = families.iter().map(|name| name.as_str()).collect();
+    assert_eq!(names, config::DriveProtocol::NAMES.iter().copied().collect(), "crates and names of families differ");
+    let may = ["motor-io/src/backend.rs", "config/src/choice.rs", "config/src/drive_family.rs"];
+    let mut named: BTreeSet<&&str> = BTreeSet::new();
+    for (name, package) in &packages {
+        let depends = package.dependencies.iter().any(|dependency| families.contains(&dependency));
+        assert!(!depends || ["motor-io", "motor-box"].contains(&name.as_str()), "{name} depends on a drive family");
+        if families.contains(&name) || name == "motor-box" {
+            continue;
+        }
+        for (path, text) in sources(package) {
+            let text = text.to_lowercase();
+            let place = may.iter().find(|place| path.ends_with(place));
+            for family in families.iter().filter(|family| text.contains(family.as_str())) {
+                assert!(place.is_some(), "{} names {family}; accepted: {may:?}", path.display());
+            }
+            named.extend(place);
+        }
+    }
+    assert_eq!(named.len(), may.len(), "this test looks in the wrong place");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The table at the end of the benchmarks: medians as criterion stored them, and ratios of two of them.
 //!
-//! The benchmarks stand in `benches/ratios`; `scripts/bench` runs them. Nothing here asserts a time: a ratio that falls
-//! short of its goal is shown as such.
+//! The benchmarks are in `benches/ratios`; `scripts/bench` runs them. Nothing here asserts a time: the table marks a
+//! ratio that misses its goal.
 #![forbid(unsafe_code)]
 
 use std::fmt::Write as _;

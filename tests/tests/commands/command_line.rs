@@ -167,7 +167,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&[], &["--help"]),
         (&["fly"], &["fly"]),
         (&["up"], &["CONFIG"]),
-        (&["up", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["up", "no-such-system.toml"], &["no-such-system.toml", "no such file"]),
         (&["up", SYSTEM, "--for", "soon"], &["soon", "not a number"]),
         (&["up", SYSTEM, "--for", "-1"], &["--for"]),
         (&["up", SYSTEM, "--domain", "My Robot"], &["My Robot"]),
@@ -192,7 +192,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["check", "Cargo.toml"], &["Cargo.toml", "[robot]"]),
         (&["info", "no-such-run"], &["no-such-run"]),
         (&["recover", "no-such-run"], &["no-such-run"]),
-        (&["run", "demo", "--dry-run", "--config", "no-such-box.toml"], &["no-such-box.toml"]),
+        (&["run", "demo", "--dry-run", "--config", "no-such-system.toml"], &["no-such-system.toml"]),
         (&["bench", "drives"], &["drives", "tick, bus, chain, disk"]),
         (&["bench", "--rate", "1000"], &["--rate", "1000", "10 to 250"]),
         (&["bench", "--rate", "-100"], &["--rate", "10 to 250"]),
@@ -200,7 +200,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["bench", "--seconds", "0"], &["--seconds", "above 0"]),
         (&["bench", "--seconds", "inf"], &["inf", "finite"]),
         (&["bench", "--seconds", "1e9"], &["hour"]),
-        (&["bench", "--system", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["bench", "--system", "no-such-system.toml"], &["no-such-system.toml", "no such file"]),
         (&["bench", "--system", ROBOT], &["lab3.toml"]),
         (&["bench", "disk", "--runs", "no-such-folder"], &["no-such-folder", "--runs"]),
         (&["bench", "disk", "--runs", "README.md"], &["README.md", "--runs"]),
@@ -215,7 +215,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
 fn sensor_and_scene_files_are_checked_too() {
     let finding = |file: &str| answer(&["check", file, "--json"])["findings"][0]["finding"].to_string();
     assert!(finding("configs/sensors/tfmini.toml").contains("distance in m"));
-    assert!(finding("configs/ground/fig10.toml").contains("prisms on the ground"));
+    assert!(finding("configs/ground/fig10.toml").contains("prisms on a plane"));
     let folder = tempfile::tempdir().unwrap();
     let spoilt = |from: &str, what: &str, with: &str| {
         let text = std::fs::read_to_string(root().join(from)).unwrap();
@@ -429,7 +429,7 @@ mod planar {
         assert!(back.len() == 2 && (back[0] - 2.5).abs() < 1e-9 && (back[1] - 3.0).abs() < 1e-9, "{back:?}");
         // With a zero in the middle it is the same point; with anything else it is none.
         assert_eq!(aq("ik", &["--at", "2.5,0,3.0"])["lengths_m"], json!(lengths));
-        refused(&[&["ik"], &AQ[..], &["--at", "2.5,0.1,3.0"]].concat(), 2, &["beside the plane", "x and z"]);
+        refused(&[&["ik"], &AQ[..], &["--at", "2.5,0.1,3.0"]].concat(), 2, &["outside the plane", "x and z"]);
         refused(&["ik", "--config", ROBOT, "--at", "2.5,3.0"], 2, &["moves in space", "x, y and z"]);
     }
 
@@ -492,7 +492,7 @@ mod planar {
         let own = answer(&["check", "configs/systems/aq4.toml", "--json"]);
         assert_eq!(own["usable"], json!(true), "{own}");
         for (mission, file, says) in
-            [("spiral", "configs/systems/aq4.toml", "beside the plane"), ("cross-section", SYSTEM, "moves in space")]
+            [("spiral", "configs/systems/aq4.toml", "outside the plane"), ("cross-section", SYSTEM, "moves in space")]
         {
             let value = answer(&["run", mission, "--dry-run", "--config", file, "--json"]);
             assert_eq!(value["feasible"], json!(false));
@@ -501,12 +501,12 @@ mod planar {
         for (from, to, says) in [
             ("[8.0, 0.3]", "[8.0, 0.0, 0.3]", &["anchors_m", "number 3"][..]),
             ("drag_n_s2_m2 = 25.0", "drag_n_s2_m2 = -1.0", &["drag_n_s2_m2"]),
-            ("[[0.0, 3.8], [8.0, 6.0]]", "[[0.0, 3.8], [8.0, 1.0, 6.0]]", &["keep_out", "beside the plane"]),
+            ("[[0.0, 3.8], [8.0, 6.0]]", "[[0.0, 3.8], [8.0, 1.0, 6.0]]", &["keep_out", "outside the plane"]),
         ] {
             let files = changed("robots/aq4.toml", from, to);
             refused(&["check", &files.file("robots/aq4.toml")], 2, says);
         }
         let files = changed("systems/aq4.toml", "start_m = [4.0, 2.0]", "start_m = [4.0, 1.0, 2.0]");
-        refused(&["check", &files.file("systems/aq4.toml")], 2, &["start_m", "beside the plane"]);
+        refused(&["check", &files.file("systems/aq4.toml")], 2, &["start_m", "outside the plane"]);
     }
 }

@@ -123,12 +123,12 @@ fn what_is_no_run_is_bad_input() {
     let (folder, files) = hostile();
     for command in ["info", "recover", "export", "report", "map", "replay"] {
         refused(&[command, "configs/systems/demo3.toml"], &["demo3.toml"]);
-        refused(&[command, &files[0].0], &["pipe.toml", "no regular file"]);
+        refused(&[command, &files[0].0], &["pipe.toml", "regular file"]);
         refused(&[command, "no/such/run"], &["no/such/run"]);
     }
     // nor is a folder with a pipe under the name of a run file one
     fs::rename(&files[0].0, folder.path().join("run.mcap")).unwrap();
-    refused(&["info", folder.path().to_str().unwrap()], &["run.mcap", "no regular file"]);
+    refused(&["info", folder.path().to_str().unwrap()], &["run.mcap", "regular file"]);
 }
 
 #[test]

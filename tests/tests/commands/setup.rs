@@ -82,7 +82,7 @@ fn a_site_is_calibrated_from_a_pipe() {
     assert_eq!(read("site-calibration-2.toml").lines().count(), first.lines().count());
     let refused = setup(folder.path(), &["--out", "site-calibration.toml"], &[String::new()]);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(text(&refused.stderr).contains("is there already"), "{}", text(&refused.stderr));
+    assert!(text(&refused.stderr).contains("already exists"), "{}", text(&refused.stderr));
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn broken_off_anywhere_nothing_is_lost() {
         assert_eq!(left.status.code(), Some(1));
         let said = text(&left.stderr);
         let last = said.lines().last().unwrap();
-        assert!(last.starts_with("nims: ") && last.contains("`nims setup site.toml` goes on"), "{said}");
+        assert!(last.starts_with("nims: ") && last.contains("`nims setup site.toml` continues"), "{said}");
         assert!(left.stdout.is_empty());
     }
     let read = |folder: &Path| std::fs::read_to_string(folder.join("site.toml")).unwrap();
@@ -131,7 +131,7 @@ fn what_cannot_be_begun_or_gone_on_with_is_refused_before_any_question() {
     std::fs::remove_dir(folder.path().join("site.toml")).unwrap();
     let nothing = setup(folder.path(), &[], &[]);
     assert_eq!(nothing.status.code(), Some(1));
-    assert!(text(&nothing.stderr).contains("nothing was answered"), "{}", text(&nothing.stderr));
+    assert!(text(&nothing.stderr).contains("no question was answered"), "{}", text(&nothing.stderr));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 

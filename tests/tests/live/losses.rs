@@ -74,7 +74,7 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         assert!(report.channels.iter().any(|channel| channel.name == "motor/state"), "{report}");
         let mut reader = runlog::RunReader::open(&robot.run()).unwrap();
         while reader.next_sample().unwrap().is_some() {}
-        for name in ["box.toml", "robot.toml", "resolved.toml"] {
+        for name in ["system.toml", "robot.toml", "resolved.toml"] {
             assert!(reader.attachments().iter().any(|file| file.name == name), "{name} is not in the run file");
         }
         let command::Output { words, .. } = analysis::report::report(&[robot.run()], None).unwrap();
@@ -145,21 +145,18 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         }
         let command::Output { value, words, .. } =
             analysis::report::report(std::slice::from_ref(&run), Some(&folder.path().join("live.html"))).unwrap();
-        assert!(words.contains("being flown") && words.contains("being recorded"), "{words}");
+        assert!(words.contains("is running") && words.contains("being recorded"), "{words}");
         assert!(value["runs"][0]["flown_m"].as_f64().unwrap() > 0.0 && !words.contains("-0.0"), "{words}");
         rustix::process::kill_process(rustix::process::Pid::from_child(&demo), Signal::INT).unwrap();
         assert_eq!(demo.wait().unwrap().code(), Some(1));
         let said = std::fs::read_to_string(folder.path().join("stderr")).unwrap();
         let last = said.trim_end().lines().last().unwrap();
-        assert!(
-            last.contains("broken off") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()),
-            "{said}"
-        );
+        assert!(last.contains("aborted") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()), "{said}");
         assert!(
             run.join("report.html").is_file() && run.join("report.svg").is_file() && run.join("report.json").is_file()
         );
         let command::Output { value, words, .. } = analysis::report::report(std::slice::from_ref(&run), None).unwrap();
-        assert!(words.contains("was broken off at") && !words.contains("-0.0"), "{words}");
+        assert!(words.contains("was aborted at") && !words.contains("-0.0"), "{words}");
         let legs = value["runs"][0]["legs"].as_array().unwrap();
         let (flown, sum) = (
             value["runs"][0]["flown_m"].as_f64().unwrap(),

@@ -428,7 +428,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
             std::fs::write(&path, text.replace("gear_friction = 0.85 ", "gear_friction = 0.0 ")).unwrap();
         });
         let said = robot.told(&["check", robot.system_file().to_str().unwrap()]);
-        let (_, rest) = said.split_once("a line runs out at ").expect("check warns of it");
+        let (_, rest) = said.split_once("a cable unwinds at ").expect("check warns of it");
         let announced_m_s = 1e-3 * rest.split_once(" mm/s").unwrap().0.parse::<f64>().unwrap();
         robot.arm();
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
@@ -441,7 +441,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
         let seconds = 1e-9 * (robot.seen.header.stamp_ns - before.header.stamp_ns) as f64;
         let run_out = |i: usize| (robot.seen.length_m[i] - before.length_m[i]) / seconds;
         let fastest_m_s = (0..3).map(run_out).fold(0.0, f64::max);
-        println!("a line runs out at {:.1} mm/s; check says {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
+        println!("a cable unwinds at {:.1} mm/s; check says {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
         // Check says it for the middle of the volume, where the lines are steeper.
         assert!((0.5..1.5).contains(&(fastest_m_s / announced_m_s)), "{fastest_m_s} of {announced_m_s} m/s");
         assert!(taut(&robot), "{:?}", robot.seen);

@@ -1,11 +1,11 @@
-//! ExportedTable tables hold what the run files hold, says software of others: CSV, NumPy, Parquet; of a run of several
-//! files, with unknown types.
+//! Exported tables (CSV, NumPy, Parquet) hold what the run files hold, checked with independent software, for a run of
+//! several files with types that this project does not define.
 
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;
 use recorder::{Batch, Heard, Session, Settings};
 use runlog::export::{ExportRequest, Format, export};
-use runlog::{ChannelSpec, RunClock};
+use runlog::{ChannelSpec, NotARunReason, RunClock, RunError};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -148,13 +148,22 @@ fn only_what_is_asked_for_is_exported_and_nothing_is_overwritten() {
     let text = std::fs::read_to_string(&done.tables[1].file).unwrap();
     let times: Vec<f64> = text.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
     assert!(!times.is_empty() && times.iter().all(|t_s| (5.0..10.0).contains(t_s)), "{times:?}");
-    assert!(export_few().unwrap_err().to_string().contains("could not make the table"), "it exists already");
+    let again = export_few().unwrap_err();
+    assert!(
+        matches!(&again, RunError::Io { source, .. } if source.kind() == std::io::ErrorKind::AlreadyExists),
+        "an existing table was overwritten: {again}"
+    );
 
     let mut none = wanted(Format::Csv, &tables);
     none.channels = vec!["sensor/rain".into()];
-    let error = export(&recorded, &none, &mut |_, _| {}).unwrap_err().to_string();
-    assert!(error.contains("no channel sensor/rain; there are motor/input, "), "{error}");
+    let error = export(&recorded, &none, &mut |_, _| {}).unwrap_err();
+    assert!(
+        matches!(&error, RunError::NotARun { what: NotARunReason::NoChannel { wanted, there }, .. }
+            if wanted == &["sensor/rain"] && there.contains(&"motor/input".into())),
+        "{error}"
+    );
     let mut late = wanted(Format::Csv, &tables);
     late.from_s = 1e6;
-    assert!(export(&recorded, &late, &mut |_, _| {}).unwrap_err().to_string().contains("no sample in that time"));
+    let error = export(&recorded, &late, &mut |_, _| {}).unwrap_err();
+    assert!(matches!(error, RunError::NotARun { what: NotARunReason::NoSampleThen, .. }), "{error}");
 }

@@ -171,7 +171,7 @@ fn readings_that_become_no_samples_are_said_with_their_cause_and_once() {
     }
     let now = counts(&logger);
     let sentence = complaint("soil", &now, &nothing).unwrap();
-    assert!(sentence.contains("sensor/soil: 3 of 4") && sentence.contains("3 not as the type"), "{sentence}");
+    assert!(sentence.contains("sensor/soil: 3 of 4") && sentence.contains("3 not of the type"), "{sentence}");
     assert!(!sentence.contains("gaps"), "{sentence}");
     assert_eq!(complaint("soil", &now, &now), None);
 }

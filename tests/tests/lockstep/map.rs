@@ -206,9 +206,7 @@ fn the_report_of_the_flight_shows_the_map() {
     let page = out.join("page.html");
     analysis::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
     let text = std::fs::read_to_string(&page).unwrap();
-    assert!(
-        text.contains("range as a map: distance from 0.") && text.contains("soil as a map: moisture_percent from ")
-    );
+    assert!(text.contains("Map of range: distance from 0.") && text.contains("Map of soil: moisture_percent from "));
 }
 
 #[test]
@@ -242,14 +240,14 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
 fn what_is_not_there_is_said_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let absent = map(&asked(&folder.path().join("none"), folder.path())).unwrap_err();
-    assert!(absent.exit_code() == 2 && absent.to_string().contains("there is no run"), "{absent}");
+    assert!(absent.exit_code() == 2 && absent.to_string().contains("does not exist"), "{absent}");
     let system_path = configs("systems/demo3.toml");
     let run = folder.path().join("run.mcap");
     let mut tape = Tape::new(&run, &system_path).unwrap();
     tape.write("sensor/height", Reading::default()).unwrap();
     tape.finish().unwrap();
     let other = map(&asked(&run, folder.path())).unwrap_err();
-    assert!(other.exit_code() == 2 && other.to_string().contains("there are height"), "{other}");
+    assert!(other.exit_code() == 2 && other.to_string().contains("available: height"), "{other}");
     let empty = map(&Args { sensor: Vec::new(), ..asked(&run, folder.path()) }).unwrap_err();
     assert!(empty.exit_code() == 1 && empty.to_string().contains("no reading"), "{empty}");
 }

@@ -62,9 +62,9 @@ fn one_run_several_and_a_torn_one() {
     assert_eq!(one["sensors"][0]["channel"], "sensor/height");
     for seen in [
         "Path from above",
-        "Tension, by truth",
+        "Tension (truth)",
         "Power of all motors",
-        "sensor/height over the path",
+        "sensor/height along the path",
         "cable 3",
         "Following",
     ] {
@@ -82,10 +82,8 @@ fn one_run_several_and_a_torn_one() {
     sound(&page);
     assert_eq!(value["runs"][1]["recording"]["healthy"], false);
     assert!(value["runs"][1]["analysis"]["truth"].is_null());
-    assert!(
-        page.contains("three beside four") && page.contains("cable 4") && page.contains("There is no truth in the run")
-    );
-    assert!(words.contains("four: ") && words.contains("the recording is not whole"), "{words}");
+    assert!(page.contains("three and four") && page.contains("cable 4") && page.contains("The run has no truth"));
+    assert!(words.contains("four: ") && words.contains("the recording is incomplete"), "{words}");
     // The same axes on both sides.
     let ticks = |caption: &str, which: usize| -> String {
         let figure = page.split(&format!("<b>{caption}</b>")).nth(which).unwrap();
@@ -106,7 +104,7 @@ fn one_run_several_and_a_torn_one() {
 fn what_is_no_run_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let nothing = report(&[folder.path().join("nothing")], None).unwrap_err();
-    assert!(nothing.to_string().contains("there is no run") && nothing.exit_code() == 2, "{nothing}");
+    assert!(nothing.to_string().contains("does not exist") && nothing.exit_code() == 2, "{nothing}");
     let empty = report(&[folder.path().to_path_buf()], None).unwrap_err();
     assert!(empty.to_string().contains("no run file"), "{empty}");
 }

@@ -35,8 +35,8 @@ fn files(folder: &Path, anchors: Option<&str>) -> SystemFile {
     let said = said.replace("../robots/lab3.toml", "robot.toml");
     assert!(said.contains(&counts));
     std::fs::write(folder.join("robot.toml"), robot).unwrap();
-    std::fs::write(folder.join("box.toml"), said).unwrap();
-    SystemFile::load(&folder.join("box.toml")).unwrap()
+    std::fs::write(folder.join("system.toml"), said).unwrap();
+    SystemFile::load(&folder.join("system.toml")).unwrap()
 }
 
 /// Flies the mission with what the files make of a robot whose encoders give [`COUNTS_PER_M`]; the mean distance
@@ -109,8 +109,8 @@ fn a_robot_with_encoders_that_are_off_flies_true_after_a_calibration_by_its_own_
     let after_m = flown_m(&file);
     println!("{:.1} mm before, {:.1} mm after; scale {scale:.5}", 1e3 * before_m, 1e3 * after_m);
     assert!(before_m > 0.01 && after_m < 0.2 * before_m && after_m < 0.004, "{before_m} {after_m}");
-    let said = nims(&["check", folder.path().join("box.toml").to_str().unwrap()]);
-    assert!(said.contains("the robot's own") && said.contains("times the true ones"), "{said}");
+    let said = nims(&["check", folder.path().join("system.toml").to_str().unwrap()]);
+    assert!(said.contains("measured by the robot") && said.contains("times the true ones"), "{said}");
 }
 
 /// What the operator's command answers.

@@ -5,7 +5,6 @@
 //! `motor/authority`: `docs/counters.md` has the rules one by one, and what is here follows their order.
 
 use super::starved::Evidence;
-use crate::safety::Mode;
 use messages::faults::STOPS;
 use messages::{MotorAuthority, MotorInput, UNITS};
 
@@ -19,8 +18,8 @@ pub(super) struct Cycle {
     pub under_way: bool,
     /// A valid answer to the cycle before was used.
     pub fresh: bool,
-    /// At its end.
-    pub mode: Mode,
+    /// The robot is at rest or comes to rest by itself at the end of the cycle: no command is asked for.
+    pub at_rest: bool,
     /// The plan clock stands.
     pub resting: bool,
     /// Why the robot was stopped; bits.
@@ -55,7 +54,7 @@ impl Account {
         self.period = match () {
             () if !cycle.under_way => MotorAuthority::PERIOD_NO_MISSION,
             () if cycle.fresh && trouble.is_none() => MotorAuthority::PERIOD_STEERED,
-            () if at_rest(cycle) && cycle.resting && cycle.faults & STOPS == 0 => MotorAuthority::PERIOD_PAUSED,
+            () if cycle.at_rest && cycle.resting && cycle.faults & STOPS == 0 => MotorAuthority::PERIOD_PAUSED,
             () => cause,
         };
         if !cycle.under_way {
@@ -94,7 +93,7 @@ impl Account {
             () => MotorAuthority::PERIOD_LOST_ANSWER,
         };
         let cause = match () {
-            () if at_rest(cycle) && !cycle.fresh && cycle.faults & STOPS != 0 => self.cause_of_stop(cycle.faults),
+            () if cycle.at_rest && !cycle.fresh && cycle.faults & STOPS != 0 => self.cause_of_stop(cycle.faults),
             () => trouble.or(self.trouble).unwrap_or(silence),
         };
         (trouble, cause)
@@ -147,11 +146,6 @@ impl Account {
 /// Why an exchange took longer than a period although every unit answered.
 fn slow(cycle: &Cycle) -> u8 {
     if cycle.evidence.of_drives() { MotorAuthority::PERIOD_LOST_COMPUTER } else { MotorAuthority::PERIOD_LOST_DRIVE }
-}
-
-/// No command is asked for: the robot comes to rest by itself, or is at rest.
-fn at_rest(cycle: &Cycle) -> bool {
-    cycle.mode != Mode::Following
 }
 
 /// What keeps a unit from answering.

@@ -41,7 +41,7 @@ impl Core {
         let grown = |now_ns: u64, then_ns: u64| now_ns.saturating_sub(then_ns) as f64 * 1e-9 > CHAIN_SHARE * period_s;
         let waited = |now_ns: u64, then_ns: u64| then_ns != 0 && grown(now_ns, then_ns);
         let starved = &mut self.starved;
-        let could_ns = input.tick_ns.max(self.end_ns);
+        let could_ns = input.tick_ns.max(self.timing.end_ns);
         let late_tick = since_s(could_ns) > LATE_SHARE * period_s;
         let own_wait = waited(input.run_delay_ns, starved.run_delay_ns);
         starved.left_out_s = input.box_left_out_ns.saturating_sub(starved.box_left_out_ns) as f64 * 1e-9;
@@ -50,8 +50,9 @@ impl Core {
         let held_up = starved.now.late_tick || own_wait || left_out;
         starved.now = Evidence {
             late_tick,
-            overrun: held_up && !grown(input.begin_ns, self.end_ns),
-            slow_drives: self.end_ns.saturating_sub(self.begin_ns) as f64 * 1e-9 > EXCHANGE_SHARE * period_s,
+            overrun: held_up && !grown(input.begin_ns, self.timing.end_ns),
+            slow_drives: self.timing.end_ns.saturating_sub(self.timing.begin_ns) as f64 * 1e-9
+                > EXCHANGE_SHARE * period_s,
             waited: own_wait,
             left_out,
             chain: std::array::from_fn(|seat| waited(input.chain_delay_ns[seat], starved.chain_delay_ns[seat])),
@@ -60,14 +61,15 @@ impl Core {
         starved.box_left_out_ns = input.box_left_out_ns;
 
         // A whole period passed between the end of the exchange and the tick: this program slept through another one.
-        let slept = self.end_ns != 0 && input.tick_ns.saturating_sub(self.end_ns) as f64 * 1e-9 > period_s;
+        let slept =
+            self.timing.end_ns != 0 && input.tick_ns.saturating_sub(self.timing.end_ns) as f64 * 1e-9 > period_s;
         let own = starved.now.of_drives() || slept;
         let in_charge = self.arbiter.in_charge();
         let age = |age: u32, evidence: bool| if evidence { 0 } else { age.saturating_add(1) };
         starved.own_age = age(starved.own_age, own);
         let evidence = own || starved.now.of_chain(in_charge);
         starved.age = age(starved.age, evidence);
-        let passed = (since_s(self.begin_ns) / period_s + 0.5).clamp(1.0, 64.0) as u32;
+        let passed = (since_s(self.timing.begin_ns) / period_s + 0.5).clamp(1.0, 64.0) as u32;
         let these = if evidence { u64::MAX } else { 0 };
         starved.recent = starved.recent.checked_shl(passed).unwrap_or(0) | these.checked_shr(64 - passed).unwrap_or(0);
     }
@@ -102,10 +104,10 @@ impl Core {
         })
     }
 
-    /// A command is missing for too long: true if that is the computer's doing, and the robot slows down and waits for the next one.
-    pub(super) fn waits_for_the_computer(&mut self) -> bool {
-        let recent = self.missing.min(RECENT_CYCLES);
-        let waits = self.missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
+    /// A command is missing for too long, for so many cycles: true if that is the computer's doing, and the robot slows down and waits for the next one.
+    pub(super) fn waits_for_the_computer(&mut self, missing: u32) -> bool {
+        let recent = missing.min(RECENT_CYCLES);
+        let waits = missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
         if waits {
             self.safety.note_stop(MotorAuthority::FAULT_COMPUTER);
             self.starved.said = self.config.cycles(SAID_S);

@@ -1,8 +1,8 @@
 //! What each mode wants: to hold, to follow, to stop on the path.
 
-use super::{Beat, Core, Stop};
+use super::{Beat, Core};
 use crate::arbiter::Chosen;
-use crate::safety::Mode;
+use crate::mode::{Braking, Following, Mode, Steering, Stop};
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
 /// So long without answers for which this program was too late, and the robot stops on its path, s.
@@ -13,23 +13,23 @@ const ORPHANED_CYCLES: u32 = 5;
 impl Core {
     /// The velocities the mode asks for.
     pub(super) fn wanted(&mut self, input: &MotorInput) -> [f64; CABLES] {
-        match self.safety.mode() {
+        match *self.safety.mode() {
             Mode::Holding => {
                 self.start(input);
                 [0.0; CABLES]
             }
-            Mode::Jogging => self.jogging(),
-            Mode::Following => self.following(input),
-            Mode::Stopping => self.stopping(input),
+            Mode::Jogging(jog) => self.jogging(jog),
+            Mode::Following(following) => self.following(following, input),
+            Mode::Stopping(stop) => self.stopping(stop, input),
             Mode::Disarmed | Mode::Faulted | Mode::EmergencyStop => [0.0; CABLES],
         }
     }
 
     /// Begins a motion that is offered, if a controller follows it already.
     fn start(&mut self, input: &MotorInput) {
-        let follows = self.chosen_in_charge().is_some_and(|chosen| chosen.segment == input.motion_segment);
+        let chosen = self.chosen_in_charge().filter(|chosen| chosen.segment == input.motion_segment);
         self.safety.clear_stops(MotorAuthority::FAULT_OFF_START);
-        if follows
+        if let Some(chosen) = chosen
             && self.who_is_lost() == 0
             && self.odometry.position() == MotorState::POSITION_KNOWN
             && !self.unit_trouble
@@ -37,7 +37,7 @@ impl Core {
             && self.begins_here(input)
         {
             self.motion.begin(input);
-            self.follow();
+            self.follow(&chosen);
         }
     }
 
@@ -54,110 +54,102 @@ impl Core {
             | bit(&self.planner, MotorAuthority::FAULT_PLANNER_LOST)
     }
 
-    /// From Holding to Following, for the first time or again.
-    pub(crate) fn follow(&mut self) {
+    /// From Holding to Following, for the first time or again; `chosen` answers for the motion.
+    pub(crate) fn follow(&mut self, chosen: &Chosen) {
         self.safety.clear_stops(messages::faults::STOPS);
-        self.motion.resume();
-        self.pausing = false;
-        self.missing = 0;
-        self.diverging = 0;
-        self.settled = 0;
-        self.gap_wait = 0;
-        self.stop = Stop::default();
-        self.good = ([0.0; CABLES], 0.0);
-        self.safety.enter(Mode::Following);
+        self.safety.enter(Mode::Following(Following::from_rest(self.ttl_cycles(chosen))));
     }
 
-    fn following(&mut self, input: &MotorInput) -> [f64; CABLES] {
+    fn following(&mut self, mut state: Following, input: &MotorInput) -> [f64; CABLES] {
         let lost = self.who_is_lost();
         if lost & MotorAuthority::FAULT_SUPERVISOR_LOST != 0 {
-            self.begin_stop(false, MotorAuthority::FAULT_SUPERVISOR_LOST);
-            return self.stopping(input);
+            return self.stop_on_path(&state, MotorAuthority::FAULT_SUPERVISOR_LOST, input);
         }
         if self.watch.late() > self.config.cycles(LATE_S) {
             // This program does not get to speak with the drives: it comes to rest while it still does now and then.
-            self.begin_stop(false, MotorAuthority::FAULT_LONG_GAP);
-            return self.stopping(input);
+            return self.stop_on_path(&state, MotorAuthority::FAULT_LONG_GAP, input);
         }
-        if lost != 0 || (self.motion.orphaned() > ORPHANED_CYCLES && !self.motion.ended(self.clock.time_s())) {
+        let ended = self.motion.ended(self.clock.time_s());
+        if lost != 0 || (self.motion.orphaned() > ORPHANED_CYCLES && !ended) {
             // What is known of the motion is flown to its end; see `settle`.
             self.safety.note_stop(MotorAuthority::FAULT_PLANNER_LOST);
         }
-        let ended = self.motion.ended(self.clock.time_s());
-        self.settled = if ended { self.settled.saturating_add(1) } else { 0 };
-        let run = !self.pausing && !ended && !self.unit_trouble && self.gap_wait == 0;
+        state.settled = if ended { state.settled.saturating_add(1) } else { 0 };
+        let run = !state.pausing && !ended && !self.unit_trouble && state.gap_wait == 0;
         self.clock.set_ease(self.watch.ease());
         let usable = self.chosen.filter(|chosen| self.motion.has(chosen.segment) || (ended && chosen.segment == 0));
-        match usable {
-            Some(chosen) => {
-                self.use_command(input, &chosen);
-                self.note_command();
-                if self.gap_wait > 0 && !self.unit_trouble {
-                    self.gap_wait -= 1;
-                    if self.gap_wait == 0 {
-                        self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP);
-                    }
-                }
-                self.clock.advance(run, self.config.ramp_s);
-                self.good = (chosen.velocity_m_s, self.clock.rate());
-                chosen.velocity_m_s
-            }
-            None if self.unit_trouble => {
-                // Without this cycle's readings no controller can answer. The drives go on, and so does the plan, slower.
-                self.clock.advance(false, self.config.ramp_s);
-                self.last_good()
-            }
-            None => {
-                self.missing += 1;
-                if self.missing < self.ttl_cycles {
-                    self.clock.advance(run, self.config.ramp_s);
-                    return self.last_good();
-                }
-                if self.waits_for_the_computer() {
-                    // As far as the drives go on, so does the plan, until both stand.
-                    self.clock.advance(false, self.config.stop_s);
-                    return self.last_good();
-                }
-                let cause = self.why_missing(input);
-                let cause = self.or_the_computer(cause);
-                self.begin_stop(false, cause);
-                self.stop.open = true;
-                [0.0; CABLES]
+        let wanted = if let Some(chosen) = usable {
+            self.note_command();
+            self.wait_after_gap(&mut state);
+            self.clock.advance(run, self.config.ramp_s);
+            self.use_command(&mut state.steering, input, &chosen)
+        } else if self.unit_trouble {
+            // Without this cycle's readings no controller can answer. The drives go on, and so does the plan, slower.
+            self.clock.advance(false, self.config.ramp_s);
+            state.steering.last_slowed_to(self.clock.rate())
+        } else if !state.steering.record_missing() {
+            self.clock.advance(run, self.config.ramp_s);
+            state.steering.last_slowed_to(self.clock.rate())
+        } else if self.waits_for_the_computer(state.steering.missing()) {
+            // As far as the drives go on, so does the plan, until both stand.
+            self.clock.advance(false, self.config.stop_s);
+            state.steering.last_slowed_to(self.clock.rate())
+        } else {
+            let cause = self.why_missing(input);
+            let cause = self.or_the_computer(cause);
+            self.begin_stop(Stop::open(), cause);
+            return [0.0; CABLES];
+        };
+        self.safety.enter(Mode::Following(state));
+        wanted
+    }
+
+    /// From Following to Stopping, in this cycle.
+    fn stop_on_path(&mut self, state: &Following, cause: u32, input: &MotorInput) -> [f64; CABLES] {
+        let stop = Stop::on_path(state.steering);
+        self.begin_stop(stop, cause);
+        self.stopping(stop, input)
+    }
+
+    /// Counts down the cycles with a command after a gap.
+    fn wait_after_gap(&mut self, state: &mut Following) {
+        if state.gap_wait > 0 && !self.unit_trouble {
+            state.gap_wait -= 1;
+            if state.gap_wait == 0 {
+                self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP);
             }
         }
     }
 
-    fn stopping(&mut self, input: &MotorInput) -> [f64; CABLES] {
-        if self.stop.open {
-            return [0.0; CABLES];
-        }
+    fn stopping(&mut self, mut stop: Stop, input: &MotorInput) -> [f64; CABLES] {
+        let Braking::OnPath { steering, .. } = &mut stop.braking else { return [0.0; CABLES] };
         let usable = self.chosen.filter(|chosen| self.motion.has(chosen.segment));
         self.clock.advance(false, self.config.stop_s);
-        if let Some(chosen) = usable {
-            self.use_command(input, &chosen);
-            self.good = (chosen.velocity_m_s, self.clock.rate());
-            return chosen.velocity_m_s;
-        }
-        self.missing += 1;
-        if self.missing >= self.ttl_cycles && !self.unit_trouble {
-            self.stop.open = true;
-        }
-        self.last_good()
+        let wanted = if let Some(chosen) = usable {
+            self.use_command(steering, input, &chosen)
+        } else {
+            let wanted = steering.last_slowed_to(self.clock.rate());
+            if steering.record_missing() && !self.unit_trouble {
+                stop.braking = Braking::Open;
+            }
+            wanted
+        };
+        self.safety.enter(Mode::Stopping(stop));
+        wanted
     }
 
-    fn use_command(&mut self, input: &MotorInput, chosen: &Chosen) {
+    /// Uses a command at the present rate of the plan clock.
+    fn use_command(&mut self, steering: &mut Steering, input: &MotorInput, chosen: &Chosen) -> [f64; CABLES] {
         self.motion.follow(if chosen.segment == 0 { self.motion.segment() } else { chosen.segment });
-        self.missing = 0;
-        self.fresh = true;
-        self.ttl_cycles = self.config.ttl_cycles.min(chosen.ttl_cycles);
-        self.command_age_ns = input.begin_ns.saturating_sub(chosen.oldest_input_ns);
+        steering.record(&chosen.velocity_m_s, self.clock.rate(), self.ttl_cycles(chosen));
+        self.decision.fresh = true;
+        self.decision.command_age_ns = input.begin_ns.saturating_sub(chosen.oldest_input_ns);
+        chosen.velocity_m_s
     }
 
-    /// The last command that was used, slowed down as far as the plan clock has been since.
-    fn last_good(&self) -> [f64; CABLES] {
-        let (velocity, rate) = self.good;
-        let factor = if rate > 0.0 { (self.clock.rate() / rate).min(1.0) } else { 0.0 };
-        velocity.map(|v| v * factor)
+    /// How long a command stands in for the missing ones after it, cycles.
+    fn ttl_cycles(&self, chosen: &Chosen) -> u32 {
+        self.config.ttl_cycles.min(chosen.ttl_cycles)
     }
 
     fn why_missing(&self, input: &MotorInput) -> u32 {
@@ -178,37 +170,21 @@ impl Core {
         }
     }
 
-    /// Comes to rest on the path. `cause` 0: it was asked for, or the motion is at its end.
-    pub(crate) fn begin_stop(&mut self, dropped: bool, cause: u32) {
+    /// Comes to rest. `cause` 0: it was asked for, or the motion is at its end.
+    pub(crate) fn begin_stop(&mut self, stop: Stop, cause: u32) {
         if cause == 0 {
             // Whatever had slowed the robot down before is not why it rests now.
             self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP | MotorAuthority::FAULT_COMPUTER);
         }
         self.safety.note_stop(cause);
-        self.stop = Stop { open: false, dropped, waited: 0 };
-        self.safety.enter(Mode::Stopping);
+        self.safety.enter(Mode::Stopping(stop));
     }
 
-    /// A stop under way is to give up the motion after all.
-    pub(crate) fn drop_motion_after_stop(&mut self) {
-        self.stop.dropped = true;
-    }
-
-    /// Everything ends here: fault or emergency.
+    /// The motion is given up; in an emergency its clock stands at once.
     pub(crate) fn abandon(&mut self) {
         self.motion.finish(self.clock.time_s());
-        self.pausing = false;
-        self.jog = None;
-        self.gap_wait = 0;
-        if self.safety.mode() == Mode::EmergencyStop {
+        if *self.safety.mode() == Mode::EmergencyStop {
             self.clock.stand();
-        }
-    }
-
-    /// The cable comes to rest where it is.
-    pub(crate) fn cancel_jog(&mut self) {
-        if let Some(jog) = &mut self.jog {
-            jog.cancelled = true;
         }
     }
 }

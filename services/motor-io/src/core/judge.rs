@@ -4,7 +4,6 @@
 
 use super::Core;
 use crate::limits::NodeLimit;
-use crate::safety::Mode;
 use cable_robot::Vector3;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput};
@@ -24,12 +23,7 @@ impl Core {
 
     /// The set point at the present plan time, and its velocity at the present rate; `None` unless the robot follows one.
     fn setpoint(&self, input: &MotorInput) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let follows = match self.safety.mode() {
-            Mode::Following => true,
-            Mode::Stopping => !self.stop.open,
-            _ => false,
-        };
-        if !follows || input.setpoint_known == 0 {
+        if self.safety.mode().steering().is_none() || input.setpoint_known == 0 {
             return None;
         }
         let (position, velocity) = (Vector3::from(input.setpoint_m), Vector3::from(input.setpoint_velocity_m_s));
@@ -60,13 +54,13 @@ impl Core {
             distance_m > self.config.divergence_m && off.dot(&(node_m_s - planned_m_s)) > GROWS_M_S * distance_m
         });
         // In a cycle without readings nothing is known.
+        let Some(steering) = self.safety.mode_mut().steering_mut() else { return true };
         if !self.unit_trouble {
-            self.diverging = if grows { self.diverging.saturating_add(1) } else { 0 };
+            steering.diverging = if grows { steering.diverging.saturating_add(1) } else { 0 };
         }
-        if self.diverging < self.config.cycles(self.config.divergence_s) {
+        if steering.diverging < self.config.cycles(self.config.divergence_s) {
             return true;
         }
-        self.diverging = 0;
         let mut found = Faults::default();
         found.robot(MotorAuthority::FAULT_DIVERGING);
         if self.safety.found(&found) {

@@ -20,11 +20,12 @@ use crate::arbiter::{Arbiter, ArbiterInput, Chosen};
 use crate::commanded_envelope::CommandedEnvelope;
 use crate::energy::EnergyMeter;
 use crate::limits::Limits;
+use crate::mode::{Braking, Following, Mode, Stop};
 use crate::motion::Motion;
 use crate::node::Node;
 use crate::odometry::Odometry;
 use crate::plan_clock::PlanClock;
-use crate::safety::{Mode, Safety};
+use crate::safety::Safety;
 use crate::settings::CoreConfig;
 use crate::watch::Watch;
 use arrayvec::ArrayVec;
@@ -67,28 +68,6 @@ pub struct Observation {
     pub energy: Energy,
 }
 
-/// How the robot comes to rest in [`Mode::Stopping`].
-#[derive(Debug, Clone, Copy, Default)]
-struct Stop {
-    /// Without a controller: the vector shrinks to zero.
-    open: bool,
-    /// The motion is given up, not kept.
-    dropped: bool,
-    /// Cycles at standstill of the plan clock.
-    waited: u32,
-}
-
-/// One cable on its way.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Jog {
-    /// Cable, from 0.
-    pub(crate) cable: usize,
-    /// How far it still has to go, m.
-    pub(crate) left_m: f64,
-    /// Comes to rest where it is.
-    pub(crate) cancelled: bool,
-}
-
 /// See the crate's text. Everything it does follows from its configuration and the sequence of [`MotorInput`]s.
 #[derive(Debug, Clone)]
 pub struct Core {
@@ -99,43 +78,60 @@ pub struct Core {
     pub(crate) limits: Limits,
     pub(crate) odometry: Odometry,
     pub(crate) node: Node,
-    /// Cycles in a row in which commands have moved the node away from its set point.
-    diverging: u32,
     envelope: CommandedEnvelope,
     pub(crate) watch: Watch,
     pub(crate) chosen: Option<Chosen>,
-    pub(crate) pausing: bool,
-    pub(crate) jog: Option<Jog>,
     pub(crate) arbiter: Arbiter,
     energy: EnergyMeter,
-    stop: Stop,
     answers: ArrayVec<Answer, REQUESTS>,
-    /// Velocities of the last command that was used, and the plan clock's rate then.
-    good: ([f64; CABLES], f64),
-    ttl_cycles: u32,
-    missing: u32,
-    settled: u32,
-    /// Cycles at rest.
+    /// Cycles at rest with the drives on, in any mode.
     still: u32,
-    gap_wait: u32,
-    gap_s: f64,
+    /// A unit did not answer in the last exchange.
     unit_trouble: bool,
     supervisor: Beat,
     planner: Beat,
-    began: bool,
-    begin_ns: u64,
-    end_ns: u64,
+    timing: Timing,
     account: Account,
     starved: Starved,
-    /// A motion was under way when this cycle began.
-    under_way: bool,
-    /// A command that answers the cycle before is used in this one.
-    fresh: bool,
-    wanted: [f64; CABLES],
     sent: DriveCommand,
-    sent_before: [f64; CABLES],
-    scale: f64,
+    decision: Decision,
+}
+
+/// Times of the newest cycle.
+#[derive(Debug, Clone, Copy, Default)]
+struct Timing {
+    /// False before the first cycle.
+    began: bool,
+    /// Begin of the cycle, ns.
+    begin_ns: u64,
+    /// End of the newest exchange with the drives, ns.
+    end_ns: u64,
+    /// Time since the cycle before began, s.
+    gap_s: f64,
+}
+
+/// What the first half of a cycle decided, for the second half.
+#[derive(Debug, Clone, Copy)]
+struct Decision {
+    /// A motion was under way when the cycle began.
+    under_way: bool,
+    /// A command that answers the cycle before is used.
+    fresh: bool,
+    /// Age of the oldest input of that command, ns; 0: no command is used.
     command_age_ns: u64,
+    /// Cable velocities before the limits, m/s.
+    wanted_m_s: [f64; CABLES],
+    /// Cable velocities of the cycle before, m/s.
+    sent_before_m_s: [f64; CABLES],
+    /// Factor by which the velocity limits scaled the vector.
+    scale: f64,
+}
+
+impl Decision {
+    /// Nothing is decided yet.
+    fn new(under_way: bool, sent_before_m_s: [f64; CABLES]) -> Self {
+        Self { under_way, fresh: false, command_age_ns: 0, wanted_m_s: [0.0; CABLES], sent_before_m_s, scale: 1.0 }
+    }
 }
 
 /// A sign of life that has to change.
@@ -171,38 +167,21 @@ impl Core {
             limits: Limits::new(config.cable_speed_m_s, config.cable_acceleration_m_s2, config.period_s),
             odometry: Odometry::new(&config),
             node: Node::new(config.robot),
-            diverging: 0,
             envelope: CommandedEnvelope::new(&config),
             watch: Watch::new(),
             arbiter: Arbiter::new(&config),
             energy: EnergyMeter::default(),
             chosen: None,
-            pausing: false,
-            jog: None,
-            stop: Stop::default(),
             answers: ArrayVec::new(),
-            good: ([0.0; CABLES], 0.0),
-            ttl_cycles: config.ttl_cycles,
-            missing: 0,
-            settled: 0,
             still: 0,
-            gap_wait: 0,
-            gap_s: 0.0,
             unit_trouble: false,
             supervisor: Beat::default(),
             planner: Beat::default(),
-            began: false,
-            begin_ns: 0,
-            end_ns: 0,
+            timing: Timing::default(),
             account: Account::default(),
             starved: Starved::default(),
-            under_way: false,
-            fresh: false,
-            wanted: [0.0; CABLES],
             sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES] },
-            sent_before: [0.0; CABLES],
-            scale: 1.0,
-            command_age_ns: 0,
+            decision: Decision::new(false, [0.0; CABLES]),
             config,
         }
     }
@@ -210,11 +189,11 @@ impl Core {
     /// First half of a cycle: from what arrived (never from the drives' replies, which come later) to what is sent.
     pub fn decide(&mut self, input: &MotorInput) -> DriveCommand {
         self.answers.clear();
-        self.fresh = false;
-        // The cycle in which a motion is taken up moves nothing yet: the next one is the first that can be steered. The cycle that ends it counts.
-        self.under_way = self.motion.id() != 0;
+        // The cycle in which a motion is taken up moves nothing yet: the next one is the first that can be steered.
+        // The cycle that ends it counts.
+        self.decision = Decision::new(self.motion.id() != 0, self.sent.speed_m_s);
         self.keep_time(input);
-        let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping);
+        let moving = self.safety.mode().on_motion();
         self.supervisor.note(input.supervisor_beat);
         self.planner.note(input.planner_beat);
         self.motion.note(input);
@@ -235,11 +214,9 @@ impl Core {
                 self.answers.push(answer);
             }
         }
-        self.command_age_ns = 0;
         let wanted = self.wanted(input);
         let wanted = self.keep_correction(input, wanted);
-        self.wanted = wanted;
-        self.sent_before = self.sent.speed_m_s;
+        self.decision.wanted_m_s = wanted;
         let before = self.limits.last_speed();
         let (speed_m_s, scale) = match self.safety.mode() {
             Mode::EmergencyStop | Mode::Disarmed => {
@@ -249,19 +226,19 @@ impl Core {
             _ => {
                 let mut limits = self.limits.clone();
                 // A fault ends at once, as fast as the cables' limits allow.
-                let node = if self.safety.mode() == Mode::Faulted { None } else { self.node_limit() };
+                let node = if *self.safety.mode() == Mode::Faulted { None } else { self.node_limit() };
                 let sent = limits.toward(&wanted, node.as_ref());
                 if self.judge(input, &wanted) && self.keep_lengths(&wanted) && self.keep_lengths(&sent.0) {
                     self.limits = limits;
                     sent
                 } else {
                     // Nothing of the command is sent.
-                    (self.fresh, self.command_age_ns) = (false, 0);
+                    (self.decision.fresh, self.decision.command_age_ns) = (false, 0);
                     self.limits.toward(&[0.0; CABLES], None)
                 }
             }
         };
-        self.scale = scale;
+        self.decision.scale = scale;
         self.settle(before, &speed_m_s);
         let released = if self.loops_begin_anew(&speed_m_s) { [true; CABLES] } else { self.safety.released() };
         self.sent = DriveCommand { speed_m_s, released };
@@ -277,7 +254,7 @@ impl Core {
     /// What the mode and the arbiter asked for in this cycle, before the [`limits`](crate::limits); cable velocities, m/s.
     #[must_use]
     pub fn asked_m_s(&self) -> &[f64; CABLES] {
-        &self.wanted
+        &self.decision.wanted_m_s
     }
 
     /// Time on the plan clock, s.
@@ -292,20 +269,18 @@ impl Core {
         self.motion.id()
     }
 
-    /// Present mode.
+    /// True while cables move because the operator or a mission asked for it.
     #[must_use]
-    pub fn mode(&self) -> Mode {
-        self.safety.mode()
+    pub fn moves(&self) -> bool {
+        self.safety.mode().moves()
     }
 
     /// True while the robot moves by a controller's commands, so that one that is a little late is worth waiting for.
     #[must_use]
     pub fn awaits_command(&self) -> bool {
-        match self.safety.mode() {
-            Mode::Following => !self.unit_trouble && self.missing == 0,
-            Mode::Stopping => !self.stop.open && self.missing == 0,
-            _ => false,
-        }
+        let following = matches!(self.safety.mode(), Mode::Following(_));
+        let steering = self.safety.mode().steering();
+        steering.is_some_and(|steering| steering.missing() == 0) && !(following && self.unit_trouble)
     }
 
     /// The slots whose answer is worth waiting for: controller and estimator.
@@ -324,9 +299,9 @@ impl Core {
 
     /// Late ticks, gaps, and what only the first cycle brings.
     fn keep_time(&mut self, input: &MotorInput) {
-        if !self.began {
-            self.began = true;
-            self.begin_ns = input.begin_ns;
+        if !self.timing.began {
+            self.timing.began = true;
+            self.timing.begin_ns = input.begin_ns;
             if input.first_epoch != 0 {
                 self.safety.begin_epoch(input.first_epoch);
             }
@@ -335,29 +310,32 @@ impl Core {
             }
         }
         self.note_evidence(input);
-        self.gap_s = input.begin_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
-        self.begin_ns = input.begin_ns;
+        let gap_s = input.begin_ns.saturating_sub(self.timing.begin_ns) as f64 * 1e-9;
+        (self.timing.gap_s, self.timing.begin_ns) = (gap_s, input.begin_ns);
         let left_out_s = self.left_out_s();
-        if let Some(jog) = &mut self.jog {
+        if let Mode::Jogging(jog) = self.safety.mode_mut() {
             // The drives went on for as long as no new velocity came, and `settle` counted a period of it.
-            let passed_s = self.gap_s.min(self.config.watchdog_s) - left_out_s;
+            let passed_s = gap_s.min(self.config.watchdog_s) - left_out_s;
             jog.left_m -= self.sent.speed_m_s[jog.cable] * (passed_s - self.config.period_s);
         }
-        let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);
-        if moving && self.gap_s > self.config.watchdog_s {
-            // The drives stopped by themselves: from here the robot starts again, from rest.
-            self.limits.zero();
-            self.clock.stand();
-            self.cancel_jog();
-            if self.gap_s > LONGEST_GAP_S && self.safety.mode() != Mode::Jogging {
-                if self.safety.mode() == Mode::Following {
-                    self.begin_stop(false, MotorAuthority::FAULT_LONG_GAP);
-                }
-                self.stop.open = true;
-            } else if self.safety.mode() == Mode::Following {
-                self.gap_wait = self.config.cycles(AFTER_GAP_S);
+        if self.safety.mode().moves() && gap_s > self.config.watchdog_s {
+            self.restart_from_rest(gap_s > LONGEST_GAP_S);
+        }
+    }
+
+    /// The drives' watchdog stopped the motors in a gap: the robot starts again, from rest. `long`: only on a request.
+    fn restart_from_rest(&mut self, long: bool) {
+        self.limits.zero();
+        self.clock.stand();
+        match self.safety.mode_mut() {
+            Mode::Jogging(jog) => jog.cancelled = true,
+            Mode::Following(_) if long => self.begin_stop(Stop::open(), MotorAuthority::FAULT_LONG_GAP),
+            Mode::Following(Following { gap_wait, .. }) => {
+                *gap_wait = self.config.cycles(AFTER_GAP_S);
                 self.safety.note_stop(MotorAuthority::FAULT_LONG_GAP);
             }
+            Mode::Stopping(stop) if long => stop.braking = Braking::Open,
+            _ => {}
         }
     }
 }

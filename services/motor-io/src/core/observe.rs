@@ -1,8 +1,8 @@
 //! The second half of a cycle: what the drives replied, and what the cycle came to.
 
 use super::{Core, Observation, account};
+use crate::mode::Mode;
 use crate::odometry::Reading;
-use crate::safety::Mode;
 use crate::watch::Situation;
 use messages::faults::Faults;
 use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
@@ -14,7 +14,7 @@ impl Core {
     /// Second half of a cycle: the drives' replies.
     pub fn observe(&mut self, input: &MotorInput) -> Observation {
         let n = self.config.cable_count();
-        self.end_ns = input.end_ns;
+        self.timing.end_ns = input.end_ns;
         let mut found = Faults::default();
         let back = self.watch.units(&self.config, input, self.starves(), &mut found);
         let ok: [bool; CABLES] =
@@ -42,7 +42,7 @@ impl Core {
         let velocity: [f64; CABLES] = std::array::from_fn(|i| if i < n { self.odometry.velocity_m_s(i) } else { 0.0 });
         let situation = Situation {
             energised: self.safety.energised(),
-            following: matches!(self.safety.mode(), Mode::Following | Mode::Stopping),
+            following: self.safety.mode().on_motion(),
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
             excused_m_s: std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
@@ -64,7 +64,7 @@ impl Core {
         self.close_period(input);
         let state = self.state(input, &velocity, &fresh);
         let supply = self.watch.supply_v();
-        let passed_s = self.gap_s.min(self.config.watchdog_s);
+        let passed_s = self.timing.gap_s.min(self.config.watchdog_s);
         let mut energy = self.energy.add(n, passed_s, self.config.robot.motor().resistance_ohm, |i| {
             (self.watch.current_a(i), self.watch.duty(i), supply[self.config.unit_of_cable[i]])
         });
@@ -76,9 +76,9 @@ impl Core {
     /// What this period of wall-clock time counts as.
     fn close_period(&mut self, input: &MotorInput) {
         let cycle = account::Cycle {
-            under_way: self.under_way,
-            fresh: self.fresh,
-            mode: self.safety.mode(),
+            under_way: self.decision.under_way,
+            fresh: self.decision.fresh,
+            at_rest: !matches!(self.safety.mode(), Mode::Following(_)),
             resting: self.clock.rate() == 0.0,
             faults: self.safety.faults().bits,
             evidence: self.evidence(),
@@ -92,18 +92,19 @@ impl Core {
     /// else the controller would drive the node back.
     fn catch_up(&mut self, n: usize, before: &[f64; CABLES], fresh: &[bool; CABLES]) {
         let period_s = self.config.period_s;
-        let gap = self.gap_s > GAP_PERIODS * period_s && self.gap_s <= self.config.watchdog_s;
-        if !gap || self.safety.mode() != Mode::Following || !fresh[..n].iter().all(|fresh| *fresh) {
+        let gap_s = self.timing.gap_s;
+        let gap = gap_s > GAP_PERIODS * period_s && gap_s <= self.config.watchdog_s;
+        if !gap || !matches!(self.safety.mode(), Mode::Following(_)) || !fresh[..n].iter().all(|fresh| *fresh) {
             return;
         }
         let (mut along, mut square) = (0.0, 0.0);
-        for (i, (before, v)) in before.iter().zip(&self.sent_before).enumerate().take(n) {
+        for (i, (before, v)) in before.iter().zip(&self.decision.sent_before_m_s).enumerate().take(n) {
             along += (self.odometry.length_m(i) - before) * v;
             square += v * v;
         }
         // Below 5 mm/s there is nothing to catch up with.
         if square > 2.5e-5 {
-            self.clock.catch_up((along / square - period_s).clamp(0.0, self.gap_s - period_s));
+            self.clock.catch_up((along / square - period_s).clamp(0.0, gap_s - period_s));
         }
     }
 
@@ -152,15 +153,15 @@ impl Core {
             plan_rate: self.clock.rate(),
             plan_rate_target: self.clock.target(),
             period_s: self.config.period_s,
-            scale: self.scale,
+            scale: self.decision.scale,
             bus_ns: input.end_ns.saturating_sub(input.begin_ns),
             wake_ns: input.begin_ns.saturating_sub(input.tick_ns),
-            command_age_ns: self.command_age_ns,
+            command_age_ns: self.decision.command_age_ns,
             faults: faults.bits,
             epoch: self.safety.epoch(),
             segment: self.motion.segment(),
             motion: self.motion.id(),
-            mode: self.safety.mode() as u8,
+            mode: self.safety.mode().number(),
             position_known: self.odometry.position(),
             fault_cable: faults.cables.map(u8::from),
             fault_unit: faults.units.map(u8::from),

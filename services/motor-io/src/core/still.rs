@@ -5,7 +5,7 @@
 //! drum on, slowly, without end, and nobody sees it. A drive whose loop was open for a moment begins with nothing summed up.
 
 use super::Core;
-use crate::safety::Mode;
+use crate::mode::Mode;
 use messages::CABLES;
 
 /// Times at rest at which it happens, s: once the drums stand, and once more when a node that was thrown about hangs still.

@@ -1,4 +1,5 @@
-//! The flight of the demonstration: armed, zeroed, flown to its end, also where the machine pauses.
+//! The flight of the demonstration: arms the robot, sets the position, flies the mission, and resumes it after stops
+//! that were caused by a lack of CPU time.
 
 use super::robot::Robot;
 use bus::clock;
@@ -10,55 +11,55 @@ use std::io::IsTerminal;
 use std::path::Path;
 use std::time::Duration;
 
-/// How long a request is repeated while the robot is not ready for it: drives answer, an estimate settles.
+/// How long a request is repeated while the robot is not ready for it: the drives connect and the estimate settles.
 const SETTLE: Duration = Duration::from_secs(15);
-/// A mission that makes no progress for this long is broken off, s: ramps, and stalls of the machine.
+/// Time without progress after which the mission is aborted, s; longer than ramps and stalls of the machine.
 const STUCK_S: f64 = 30.0;
-/// And one that takes so many times as long as planned.
+/// Multiple of the planned time after which the mission is aborted.
 const LATENESS: f64 = 5.0;
-/// How often progress is shown.
-const LOOK: Duration = Duration::from_millis(100);
+/// Time between two updates of the progress bar.
+const POLL: Duration = Duration::from_millis(100);
 /// Time for the robot to hold after the last segment.
 const REST: Duration = Duration::from_secs(15);
-/// Stops after which the robot holds and the motion is kept, and for which a machine without time is reason enough.
-const BY_ITSELF: u32 = MotorAuthority::FAULT_LONG_GAP
+/// Faults after which the robot holds and keeps the motion, and which a lack of CPU time alone can cause.
+const RESUMABLE_FAULTS: u32 = MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_COMPUTER
     | MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_ESTIMATE_LOST
     | MotorAuthority::FAULT_SUPERVISOR_LOST
     | MotorAuthority::FAULT_PLANNER_LOST;
 
-/// Arms, says where the node is, flies the mission and waits for its end.
+/// Arms the robot, sets its position to `start`, flies the mission and waits for its end.
 pub fn fly(robot: &mut Robot, mission: &Path, start: &[f64; 3], planned_s: f64) -> Answer {
-    insist(robot, client::MOTOR_IO, &client::plain(OperatorRequest::VERB_ARM))?;
-    insist(robot, client::MOTOR_IO, &client::with_args(OperatorRequest::VERB_ZERO_AT, start)?)?;
+    send_until_accepted(robot, client::MOTOR_IO, &client::plain(OperatorRequest::VERB_ARM))?;
+    send_until_accepted(robot, client::MOTOR_IO, &client::with_args(OperatorRequest::VERB_ZERO_AT, start)?)?;
     let mut estimates = robot.bus().subscriber::<NodeEstimate>("node/estimate/a")?;
-    wait(robot, SETTLE, "the estimator gives no position", |_| {
+    wait(robot, SETTLE, "the estimator published no valid position", |_| {
         Ok(estimates.latest()?.is_some_and(|estimate| estimate.valid == 1))
     })?;
     let mut plans = robot.bus().subscriber::<PlanStatus>("plan/status")?;
-    insist(robot, client::PLANNER, &client::run_request(mission, false)?)?;
+    send_until_accepted(robot, client::PLANNER, &client::run_request(mission, false)?)?;
 
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     let style = ProgressStyle::with_template("{msg:40} {wide_bar} {percent:>3} %")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
-    let mut patience = Patience::new(planned_s, clock::now_ns());
+    let mut limits = TimeLimits::new(planned_s, clock::now_ns());
     let (mut running, mut resumes) = (false, Resumes::default());
     loop {
-        robot.look(LOOK)?;
-        going_on(robot)?;
+        robot.poll_after(POLL)?;
+        check_flyable(robot)?;
         if let Some(plan) = plans.latest()? {
             match plan.state {
                 PlanStatus::STATE_RUNNING => running = true,
                 PlanStatus::STATE_DONE if running => break,
                 PlanStatus::STATE_ABORTED | PlanStatus::STATE_REFUSED => {
-                    return Err(Failure::NotNow(broken_off(robot, &plan)));
+                    return Err(Failure::NotNow(abort_reason(robot, &plan)));
                 }
-                PlanStatus::STATE_PAUSED => resumes.look(robot),
+                PlanStatus::STATE_PAUSED => resumes.resume(robot),
                 _ => {}
             }
-            patience.note(plan.progress, clock::now_ns());
+            limits.record(plan.progress, clock::now_ns());
             bar.set_position((1000.0 * plan.progress) as u64);
             bar.set_message(format!(
                 "{}, leg {} of {}, {:.0} s left",
@@ -68,20 +69,21 @@ pub fn fly(robot: &mut Robot, mission: &Path, start: &[f64; 3], planned_s: f64) 
                 plan.time_left_s
             ));
         }
-        if let Some(why) = patience.over(clock::now_ns()) {
-            let hindrance = resumes.refused.map(|refused| format!(": {refused}")).unwrap_or_default();
-            return Err(Failure::NotNow(format!("{why}{hindrance}")));
+        if let Some(why) = limits.exhausted(clock::now_ns()) {
+            let obstacle = resumes.refused.map(|refused| format!(": {refused}")).unwrap_or_default();
+            return Err(Failure::NotNow(format!("{why}{obstacle}")));
         }
     }
     bar.finish_and_clear();
-    resumes.tell_all();
-    wait(robot, REST, "the robot does not come to rest", |robot| {
+    resumes.report_total();
+    wait(robot, REST, "the robot did not come to rest", |robot| {
         Ok(robot.authority().is_some_and(|authority| authority.mode == MotorAuthority::MODE_HOLDING))
     })
 }
 
-/// Why a mission was broken off or refused: the faults say more than the planner, which only knows that there is one.
-fn broken_off(robot: &Robot, plan: &PlanStatus) -> String {
+/// Returns why a mission was aborted or refused: the faults if there are any, because the planner's reason does not
+/// name them.
+fn abort_reason(robot: &Robot, plan: &PlanStatus) -> String {
     let faults = robot.authority().map(robot_state::sentences::faults_of).unwrap_or_default();
     match faults.is_empty() {
         true => text_of(&plan.reason),
@@ -89,24 +91,23 @@ fn broken_off(robot: &Robot, plan: &PlanStatus) -> String {
     }
 }
 
-/// How often a stop that the machine caused is told, ns: a machine with too much to do causes one a second.
-const TELL_NS: u64 = 10_000_000_000;
+/// Shortest time between two messages about a resumed mission, ns: an overloaded machine causes a stop every second.
+const REPORT_NS: u64 = 10_000_000_000;
 
-/// Going on after stops for which nobody asked and whose processes are all there: this machine had no time for the robot.
+/// Resumes the mission after stops that no operator requested and no process death explains: the machine lacked CPU
+/// time.
 #[derive(Debug, Default)]
 struct Resumes {
     count: u32,
-    told_ns: Option<u64>,
-    /// Why the robot cannot go on yet.
+    reported_ns: Option<u64>,
+    /// Why motor-io last refused to resume.
     refused: Option<String>,
 }
 
 impl Resumes {
-    fn look(&mut self, robot: &mut Robot) {
-        let Some(faults) = robot.authority().map(|authority| authority.faults & BY_ITSELF).filter(|bits| *bits != 0)
-        else {
-            return;
-        };
+    fn resume(&mut self, robot: &mut Robot) {
+        let faults = robot.authority().map(|authority| authority.faults & RESUMABLE_FAULTS);
+        let Some(faults) = faults.filter(|bits| *bits != 0) else { return };
         let resume = client::plain(OperatorRequest::VERB_RESUME);
         if let Err(refusal) = client::send(robot.bus(), client::MOTOR_IO, &resume) {
             self.refused = Some(refusal.to_string());
@@ -114,56 +115,56 @@ impl Resumes {
         }
         (self.count, self.refused) = (self.count + 1, None);
         let now_ns = clock::now_ns();
-        if self.told_ns.is_none_or(|told_ns| now_ns >= told_ns + TELL_NS) {
-            self.told_ns = Some(now_ns);
+        if self.reported_ns.is_none_or(|reported_ns| now_ns >= reported_ns + REPORT_NS) {
+            self.reported_ns = Some(now_ns);
             let sentence = robot_state::sentences::fault_sentences(faults).next().unwrap_or_default();
             let what = sentence.split(": ").next().unwrap_or_default();
             let times = match self.count {
                 1 => String::new(),
                 count => format!(", for the {count}th time"),
             };
-            eprintln!("nims: {what}; all processes are there, so the demonstration goes on by itself{times}");
+            eprintln!("nims: {what}; all processes run, so the demonstration resumes the mission{times}");
         }
     }
 
-    fn tell_all(&self) {
+    fn report_total(&self) {
         if self.count > 1 {
             let count = self.count;
-            eprintln!("nims: the robot held {count} times for want of time, and the demonstration went on by itself");
+            eprintln!("nims: the robot held {count} times for lack of CPU time; the demonstration resumed the mission");
         }
     }
 }
 
-/// How long the end of a mission is waited for: a machine that stands still makes it late, and that is no reason to break it off, but
-/// without progress it has no end.
+/// Time limits of a mission. A stalled machine only delays the mission, so the limit on the total time is generous; the
+/// limit on the time without progress detects a mission that never ends.
 #[derive(Debug)]
-struct Patience {
+struct TimeLimits {
     planned_s: f64,
     began_ns: u64,
     progress: f64,
     progress_ns: u64,
 }
 
-impl Patience {
+impl TimeLimits {
     fn new(planned_s: f64, now_ns: u64) -> Self {
         Self { planned_s, began_ns: now_ns, progress: 0.0, progress_ns: now_ns }
     }
 
-    fn note(&mut self, progress: f64, now_ns: u64) {
+    fn record(&mut self, progress: f64, now_ns: u64) {
         if progress > self.progress {
             (self.progress, self.progress_ns) = (progress, now_ns);
         }
     }
 
-    /// Why the end is not waited for any longer.
-    fn over(&self, now_ns: u64) -> Option<String> {
+    /// Returns which limit is exceeded, if any.
+    fn exhausted(&self, now_ns: u64) -> Option<String> {
         let seconds = |from_ns: u64| now_ns.saturating_sub(from_ns) as f64 * 1e-9;
         let (planned_s, done) = (self.planned_s, 100.0 * self.progress);
         if seconds(self.progress_ns) > STUCK_S {
-            Some(format!("the mission stands at {done:.0} % for {STUCK_S:.0} s"))
+            Some(format!("the mission made no progress beyond {done:.0} % for {STUCK_S:.0} s"))
         } else if seconds(self.began_ns) > LATENESS * planned_s + STUCK_S {
             Some(format!(
-                "the mission should have taken {planned_s:.0} s, and is at {done:.0} % after {LATENESS:.0} times as long"
+                "the mission is planned to take {planned_s:.0} s, and is at {done:.0} % after {LATENESS:.0} times as long"
             ))
         } else {
             None
@@ -171,48 +172,48 @@ impl Patience {
     }
 }
 
-/// Asks until it is accepted: just after the start a process may not be ready for it yet.
-fn insist(robot: &mut Robot, process: &str, request: &OperatorRequest) -> Answer {
+/// Repeats a request until it is accepted: just after the start a process may not be ready for it.
+fn send_until_accepted(robot: &mut Robot, process: &str, request: &OperatorRequest) -> Answer {
     let give_up = clock::now_ns() + SETTLE.as_nanos() as u64;
     loop {
         match client::send(robot.bus(), process, request) {
             Ok(_) => return Ok(()),
             Err(failure) if clock::now_ns() >= give_up => return Err(failure),
             Err(_) => {
-                robot.look(LOOK)?;
-                going_on(robot)?;
+                robot.poll_after(POLL)?;
+                check_flyable(robot)?;
             }
         }
     }
 }
 
-fn wait(robot: &mut Robot, patience: Duration, what: &str, mut done: impl FnMut(&Robot) -> Answer<bool>) -> Answer {
-    let give_up = clock::now_ns() + patience.as_nanos() as u64;
+fn wait(robot: &mut Robot, timeout: Duration, what: &str, mut done: impl FnMut(&Robot) -> Answer<bool>) -> Answer {
+    let give_up = clock::now_ns() + timeout.as_nanos() as u64;
     while !done(robot)? {
         if clock::now_ns() >= give_up {
-            return Err(Failure::NotNow(format!("{what} within {} s", patience.as_secs())));
+            return Err(Failure::NotNow(format!("{what} within {} s", timeout.as_secs())));
         }
-        robot.look(LOOK)?;
-        going_on(robot)?;
+        robot.poll_after(POLL)?;
+        check_flyable(robot)?;
     }
     Ok(())
 }
 
-/// Whether there is still a point in waiting.
-fn going_on(robot: &Robot) -> Answer {
+/// Fails if the mission can no longer succeed: a signal, a faulted robot, or a dead process.
+fn check_flyable(robot: &Robot) -> Answer {
     if robot.is_stopping() {
-        return Err(Failure::NotNow(format!("it was stopped by {}", command::SIGNAL)));
+        return Err(Failure::NotNow(format!("stopped by {}", command::SIGNAL)));
     }
     if let Some(authority) = robot.authority()
         && matches!(authority.mode, MotorAuthority::MODE_FAULTED | MotorAuthority::MODE_EMERGENCY_STOP)
     {
         let faults = robot_state::sentences::faults_of(authority);
-        // Nobody calls an emergency stop a fault.
+        // A requested emergency stop has no fault.
         let why = if faults.is_empty() { mode_name(authority.mode).to_owned() } else { faults.join(" ") };
         return Err(Failure::NotNow(format!("the robot has stopped: {why}")));
     }
-    match robot.dead_and_vital() {
-        Some(name) => Err(Failure::NotNow(format!("{name} has died, and the mission cannot be done without it"))),
+    match robot.dead_required_process() {
+        Some(name) => Err(Failure::NotNow(format!("{name} has died, and the mission needs it"))),
         None => Ok(()),
     }
 }
@@ -224,16 +225,16 @@ mod tests {
     const SECOND_NS: u64 = 1_000_000_000;
 
     #[test]
-    fn a_mission_that_is_late_is_waited_for_and_one_that_stands_is_not() {
-        let mut patience = Patience::new(20.0, 0);
+    fn a_late_mission_may_go_on_and_one_without_progress_may_not() {
+        let mut limits = TimeLimits::new(20.0, 0);
         for second in 1..=100_u32 {
-            patience.note(f64::from(second) / 200.0, u64::from(second) * SECOND_NS);
-            assert_eq!(patience.over(u64::from(second) * SECOND_NS), None, "{second}");
+            limits.record(f64::from(second) / 200.0, u64::from(second) * SECOND_NS);
+            assert_eq!(limits.exhausted(u64::from(second) * SECOND_NS), None, "{second}");
         }
-        assert_eq!(patience.over(129 * SECOND_NS), None);
-        assert!(patience.over(131 * SECOND_NS).is_some(), "no progress for 31 s");
-        let mut slow = Patience::new(1.0, 0);
-        slow.note(0.5, 34 * SECOND_NS);
-        assert!(slow.over(34 * SECOND_NS).is_none() && slow.over(36 * SECOND_NS).is_some());
+        assert_eq!(limits.exhausted(129 * SECOND_NS), None);
+        assert!(limits.exhausted(131 * SECOND_NS).is_some(), "no progress for 31 s");
+        let mut slow = TimeLimits::new(1.0, 0);
+        slow.record(0.5, 34 * SECOND_NS);
+        assert!(slow.exhausted(34 * SECOND_NS).is_none() && slow.exhausted(36 * SECOND_NS).is_some());
     }
 }

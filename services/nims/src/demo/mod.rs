@@ -1,4 +1,4 @@
-//! `nims demo`: the whole robot on the virtual motor box, from nothing to a report.
+//! `nims demo`: starts a robot on the virtual motor box, flies a mission, and writes the report.
 
 mod flying;
 mod robot;
@@ -10,7 +10,7 @@ use command::{Answer, Failure, Output};
 use commissioning::check::{self, Flight};
 use config::SystemFile;
 use planner::mission::Mission;
-use robot::{Ending, Robot, Wanted};
+use robot::{Ending, Robot, StartOptions};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -19,97 +19,98 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// System file; default: configs/systems/demo3.toml.
     pub config: Option<PathBuf>,
-    /// Mission file; default: the one that the box names, `demo` if it names none.
+    /// Mission file; default: `planner.demo` of the system file.
     #[arg(long)]
     pub mission: Option<PathBuf>,
-    /// Run folder; default: a new one in the box's runs folder.
+    /// Run folder; default: a new one in the runs folder of the system file.
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
 }
 
-/// Where the demonstration's system file stands in the project.
-const DEFAULT_BOX: &str = "configs/systems/demo3.toml";
-/// Runs the demonstration, and reports.
+/// The default system file, in the project's folder.
+const DEFAULT_SYSTEM: &str = "configs/systems/demo3.toml";
+
+/// Runs the demonstration and writes the report.
 ///
 /// # Errors
-/// Whatever did not work; the processes have ended by then, the run file is closed and the report is written.
-pub fn run(asked: &Args, domain: Option<&str>) -> Answer<Output> {
-    let config = match &asked.config {
+/// Everything that failed, in one sentence. Before it returns, the processes are ended, the run file is closed and the
+/// report is written.
+pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
+    let config = match &args.config {
         Some(config) => config.clone(),
-        None => default_box()?,
+        None => default_system()?,
     };
     let file = SystemFile::load(&config).map_err(Failure::bad)?;
     let Some(start) = file.motor_box.as_ref().map(|section| section.start_m.position_m) else {
         return Err(Failure::BadInput(format!(
-            "{} has no [motor_box], and a demonstration flies on the virtual motor box only: use `nims up` for a real robot",
+            "{} has no [motor_box]; the demonstration needs the virtual motor box: use `nims up` for a real robot",
             config.display()
         )));
     };
     let path =
-        operate::mission_path(asked.mission.as_deref().unwrap_or(&file.planner.demo), Some(&file.planner.missions))?;
+        operate::mission_path(args.mission.as_deref().unwrap_or(&file.planner.demo), Some(&file.planner.missions))?;
     let mission = Mission::read(&path).map_err(Failure::bad)?;
     let flight = check::fly(&mission, &file, &start)?;
     check::can_be_built(&file)?;
 
     let domain = domain.unwrap_or(&file.name);
-    let wanted = Wanted { config: &config, domain, run: asked.run.as_deref(), mission: &path };
-    let mut robot = Robot::start(&wanted, command::stop_flag()?)?;
+    let options = StartOptions { config: &config, domain, run: args.run.as_deref(), mission: &path };
+    let mut robot = Robot::start(&options, command::stop_flag()?)?;
     let flown = flying::fly(&mut robot, &path, &start, flight.duration_s);
-    let because = flown.as_ref().err().map_or_else(|| "the mission was done".to_owned(), ToString::to_string);
+    let because = flown.as_ref().err().map_or_else(|| "the mission is done".to_owned(), ToString::to_string);
     let ending = robot.end(&because)?;
-    let told = Told { mission: &mission, flight: &flight, file: &file, ending: &ending };
-    let broken_off = flown.err();
-    match told.report(broken_off.as_ref().map(|_| because.as_str())) {
-        Ok((output, unsound)) => Ok(output.failing(failure(broken_off, &ending, Ok(unsound)))),
+    let report = Report { mission: &mission, flight: &flight, file: &file, ending: &ending };
+    let aborted = flown.err();
+    match report.write(aborted.as_ref().map(|_| because.as_str())) {
+        Ok((output, unsound)) => Ok(output.failing(failure(aborted, &ending, Ok(unsound)))),
         Err(why) => {
-            let why_not = why.clone();
-            Err(failure(broken_off, &ending, Err(why)).unwrap_or(why_not))
+            let report_failure = why.clone();
+            Err(failure(aborted, &ending, Err(why)).unwrap_or(report_failure))
         }
     }
 }
 
-/// How the demonstration failed, if it did: all that went wrong, and where the run is, in one sentence.
-fn failure(broken_off: Option<Failure>, ending: &Ending, told: Answer<Option<String>>) -> Option<Failure> {
-    let exit = broken_off.clone();
-    let mut parts: Vec<String> = broken_off
+/// Returns everything that failed, and where the run is, as one sentence; `None` if nothing failed.
+fn failure(aborted: Option<Failure>, ending: &Ending, report: Answer<Option<String>>) -> Option<Failure> {
+    let mut parts: Vec<String> = aborted
         .iter()
-        .map(|why| format!("the demonstration was broken off: {}", end_of(&why.to_string())))
+        .map(|why| format!("the demonstration was aborted: {}", without_full_stop(&why.to_string())))
         .collect();
     parts.extend(ending.failed.clone());
-    match told {
-        Ok(unsound) => parts.extend(unsound.map(|unsound| format!("the run file is not sound: {unsound}"))),
+    match report {
+        Ok(unsound) => parts.extend(unsound.map(|unsound| format!("the run file is damaged: {unsound}"))),
         Err(failure) => parts.push(failure.to_string()),
     }
     if parts.is_empty() {
         return None;
     }
     let sentence = format!("{}; {}", parts.join("; "), ending.place);
-    Some(match exit {
+    Some(match aborted {
         Some(Failure::BadInput(_)) => Failure::BadInput(sentence),
         _ => Failure::NotNow(sentence),
     })
 }
 
-/// Without the full stop, where the sentence goes on.
-fn end_of(sentence: &str) -> &str {
+fn without_full_stop(sentence: &str) -> &str {
     sentence.trim_end_matches('.')
 }
 
-/// What there is to tell about a demonstration that has ended.
-struct Told<'a> {
+/// The inputs of the report on a demonstration that has ended.
+struct Report<'a> {
     mission: &'a Mission,
     flight: &'a Flight,
     file: &'a SystemFile,
     ending: &'a Ending,
 }
 
-impl Told<'_> {
-    /// Writes the report into the run folder and prints it, also of a mission that was `broken_off`; what of the run file is not sound.
-    fn report(&self, broken_off: Option<&str>) -> Answer<(Output, Option<String>)> {
+impl Report<'_> {
+    /// Writes the report into the run folder. Returns the output, and what is damaged in the run file, if anything.
+    /// `aborted` is the reason why the mission was not completed.
+    fn write(&self, aborted: Option<&str>) -> Answer<(Output, Option<String>)> {
         let Self { mission, flight, file, ending } = self;
         let run = &ending.run;
         let report = runlog::info(run).map_err(Failure::not_now)?;
-        // Where nothing moved, there is nothing to draw; the page says what happened instead.
+        // A run without motion cannot be analysed; its report page still lists the events.
         let analysis = accuracy::analyse(run).ok();
         let picture = run.join("report.svg");
         if let Some(analysis) = &analysis {
@@ -118,14 +119,14 @@ impl Told<'_> {
         let page = run.join(analysis::report::PAGE);
         let verdict = analysis::report::report(std::slice::from_ref(run), Some(&page))?.words;
         let value = json!({
-            "mission": mission.name, "box": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
+            "mission": mission.name, "system": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
             "recorded": { "messages": report.messages, "channels": report.channels.len(), "lost": lost(&report), "healthy": report.healthy },
             "mode": ending.mode, "run": run, "picture": analysis.as_ref().map(|_| &picture), "page": page, "died": ending.value["died"],
-            "unrecorded": ending.value["unrecorded"], "broken_off": broken_off,
+            "unrecorded": ending.value["unrecorded"], "broken_off": aborted,
         });
-        let words = match (&analysis, broken_off) {
+        let words = match (&analysis, aborted) {
             (Some(analysis), None) => words(mission, flight, file, analysis, &report, run, &page),
-            // The verdict has the figures of what was flown.
+            // The verdict has the figures of the completed part.
             _ => format!("{}\nrun        {}", verdict, run.display()),
         };
         std::fs::write(run.join("report.json"), format!("{value:#}\n")).map_err(Failure::not_now)?;
@@ -133,16 +134,16 @@ impl Told<'_> {
     }
 }
 
-/// The box of the demonstration, from the present folder or from where this program was built.
-fn default_box() -> Answer<PathBuf> {
-    let here = PathBuf::from(DEFAULT_BOX);
+/// Returns the default system file in the current folder, or in a folder above this program.
+fn default_system() -> Answer<PathBuf> {
+    let here = PathBuf::from(DEFAULT_SYSTEM);
     if here.is_file() {
         return Ok(here);
     }
-    let own = std::env::current_exe().map_err(Failure::not_now)?;
-    own.ancestors().map(|folder| folder.join(DEFAULT_BOX)).find(|path| path.is_file()).ok_or_else(|| {
+    let program = std::env::current_exe().map_err(Failure::not_now)?;
+    program.ancestors().map(|folder| folder.join(DEFAULT_SYSTEM)).find(|path| path.is_file()).ok_or_else(|| {
         Failure::BadInput(format!(
-            "there is no {DEFAULT_BOX} here: run it in the project's folder, or name a system file"
+            "there is no {DEFAULT_SYSTEM} here: run `nims demo` in the project's folder, or give a system file"
         ))
     })
 }
@@ -161,11 +162,7 @@ fn words(
     page: &Path,
 ) -> String {
     let millimetres = |error: &accuracy::Error| {
-        format!(
-            "RMS {:.2} mm, max {:.2} mm from the setpoint while it moves",
-            1000.0 * error.rms_m,
-            1000.0 * error.max_m
-        )
+        format!("RMS {:.2} mm, max {:.2} mm from the setpoint while moving", 1000.0 * error.rms_m, 1000.0 * error.max_m)
     };
     let mut lines = vec![
         format!("mission    {} on {}: {:.2} m in {:.1} s", mission.name, file.name, flight.length_m, flight.duration_s),
@@ -176,7 +173,7 @@ fn words(
     }
     if let Some(tensions) = &analysis.tensions {
         lines.push(format!(
-            "tensions   {:.1} to {:.1} N; as chosen within 15 % or 2 N in {:.1} % of the samples, at most {:.2} N off",
+            "tensions   {:.1} to {:.1} N; within 15 % or 2 N of the chosen ones in {:.1} % of the samples, at most {:.2} N off",
             tensions.least_n,
             tensions.greatest_n,
             100.0 * tensions.as_chosen,

@@ -1,4 +1,4 @@
-//! The robot of the demonstration: a supervisor that was started for it, and what its processes say.
+//! The robot of the demonstration: starts a supervisor, monitors its processes, and ends it.
 
 use crate::programs::sibling;
 use bus::{Bus, Domain, Party, Subscriber, clock};
@@ -15,37 +15,37 @@ use std::time::Duration;
 
 /// The name under which the demonstration joins the domain.
 const NAME: &str = "nims-demo";
-/// How often it looks whether the robot is up, ns.
-const LOOK_NS: u64 = 10_000_000;
+/// Time between two checks whether the robot is ready, ns.
+const POLL_NS: u64 = 10_000_000;
 
-/// What is to be started.
-pub struct Wanted<'a> {
+/// Options of the supervisor.
+pub struct StartOptions<'a> {
     /// System file.
     pub config: &'a Path,
     /// Name of the domain.
     pub domain: &'a str,
-    /// Run folder, if not a new one.
+    /// Run folder; `None`: a new one.
     pub run: Option<&'a Path>,
-    /// Mission that is flown, to be kept with the run.
+    /// Mission file; the supervisor stores a copy in the run.
     pub mission: &'a Path,
 }
 
-/// How the run ended, as the supervisor says.
+/// How the run ended, by the supervisor's answer.
 #[derive(Debug, Clone, Default)]
 pub struct Ending {
     /// The folder of the run.
     pub run: PathBuf,
-    /// Where the run is, as a part of a sentence.
+    /// Part of a sentence that names the folder of the run.
     pub place: String,
     /// Mode of motor-io at the end.
     pub mode: String,
-    /// What went wrong on the way, in one sentence.
+    /// What failed during the run, in one sentence.
     pub failed: Option<String>,
-    /// The whole answer.
+    /// The supervisor's whole answer.
     pub value: Value,
 }
 
-/// A supervisor that runs, as its child.
+/// A running supervisor, which is a child process.
 pub struct Robot {
     child: Child,
     stdin: Option<ChildStdin>,
@@ -61,26 +61,26 @@ impl Robot {
     /// Starts the supervisor and waits until every process is ready.
     ///
     /// # Errors
-    /// It does not come up, or a signal asks to end: why.
-    pub fn start(wanted: &Wanted<'_>, stop: StopFlag) -> Answer<Self> {
+    /// The supervisor has ended, with its reason, or a signal ended the start.
+    pub fn start(options: &StartOptions<'_>, stop: StopFlag) -> Answer<Self> {
         let mut command = Command::new(sibling("supervisor")?);
-        command.arg(wanted.config).arg("--mission").arg(wanted.mission).args(["--domain", wanted.domain]);
-        if let Some(run) = wanted.run {
+        command.arg(options.config).arg("--mission").arg(options.mission).args(["--domain", options.domain]);
+        if let Some(run) = options.run {
             command.arg("--run").arg(run);
         }
         command.args(["--parent", "--json"]).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().map_err(Failure::not_now)?;
         let stdin = child.stdin.take();
-        let domain = Domain::parse(wanted.domain)?;
+        let domain = Domain::parse(options.domain)?;
         while Running::of(&domain).is_none_or(|running| running.pid != child.id()) {
-            still_starting(&mut child, &stop)?;
+            wait_for_start(&mut child, &stop)?;
         }
         let bus = Bus::join_as(&domain, NAME, Party::Command)?;
         let mut beats = bus.subscriber::<Heartbeat>(&format!("system/heartbeat/{SUPERVISOR}"))?;
         let ready = |beat: &Heartbeat| beat.state == Heartbeat::STATE_READY;
         let own = child.id();
         while beats.latest()?.is_none_or(|beat| beat.pid != own || !ready(&beat)) {
-            still_starting(&mut child, &stop)?;
+            wait_for_start(&mut child, &stop)?;
         }
         let (authority, table) = (bus.subscriber("motor/authority")?, bus.subscriber("system/process")?);
         Ok(Self { child, stdin, bus, stop, authority, last_authority: None, table, rows: BTreeMap::new() })
@@ -91,21 +91,21 @@ impl Robot {
         &self.bus
     }
 
-    /// What motor-io said last.
+    /// Newest state of motor-io.
     pub fn authority(&self) -> Option<&MotorAuthority> {
         self.last_authority.as_ref()
     }
 
-    /// Whether a signal asks to end.
+    /// Returns whether a signal has requested the end.
     pub fn is_stopping(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Sleeps and takes in what was said meanwhile.
+    /// Sleeps, then receives the new samples.
     ///
     /// # Errors
     /// Shared memory fails, or the supervisor has ended.
-    pub fn look(&mut self, time: Duration) -> Answer {
+    pub fn poll_after(&mut self, time: Duration) -> Answer {
         clock::sleep_until(clock::now_ns() + time.as_nanos() as u64);
         self.last_authority = messages::newer(self.last_authority, self.authority.latest()?);
         while let Some(row) = self.table.receive()? {
@@ -117,54 +117,57 @@ impl Robot {
         }
     }
 
-    /// A process without which the robot cannot go on, which has died and is not replaced.
-    pub fn dead_and_vital(&self) -> Option<String> {
+    /// Returns a process that the mission needs and that has died without a replacement.
+    pub fn dead_required_process(&self) -> Option<String> {
         let over = |row: &ProcessState| [ProcessState::STATE_DIED, ProcessState::STATE_GAVE_UP].contains(&row.state);
-        let vital = |role: &str| ["motor-box", "motor-io", "estimator", "controller", "planner"].contains(&role);
+        let required = |role: &str| ["motor-box", "motor-io", "estimator", "controller", "planner"].contains(&role);
         let replaced = |row: &ProcessState| {
             row.slot != 0
                 && self.rows.values().any(|other| other.role == row.role && other.state == ProcessState::STATE_READY)
         };
-        let dead = self.rows.values().find(|row| over(row) && vital(&text_of(&row.role)) && !replaced(row));
+        let dead = self.rows.values().find(|row| over(row) && required(&text_of(&row.role)) && !replaced(row));
         dead.map(|row| text_of(&row.name))
     }
 
-    /// Ends the robot for this reason, and says how that went.
+    /// Ends the supervisor, which logs the reason, and returns its answer.
     ///
     /// # Errors
-    /// The supervisor did not say how.
+    /// The supervisor gave no answer.
     pub fn end(self, because: &str) -> Answer<Ending> {
         let Self { mut child, stdin, bus, authority, table, .. } = self;
         drop((authority, table, bus));
         if let Some(mut stdin) = stdin {
-            // A supervisor that has ended by itself does not read it.
+            // The write fails if the supervisor has already ended.
             let _ = stdin.write_all(because.as_bytes());
         }
-        let said = answer_of(&mut child)?;
-        let text = |key: &str| said[key].as_str().map(str::to_owned);
+        let answer = answer_of(&mut child)?;
+        let text = |key: &str| answer[key].as_str().map(str::to_owned);
         let run = text("run").unwrap_or_default();
         Ok(Ending {
             place: text("place").unwrap_or_else(|| format!("the run is in {run}")),
             run: run.into(),
             mode: text("mode").unwrap_or_else(|| "unknown".to_owned()),
             failed: text("failed"),
-            value: said,
+            value: answer,
         })
     }
 }
 
-/// Waits a moment; why the supervisor does not come up.
-fn still_starting(child: &mut Child, stop: &StopFlag) -> Answer {
+/// Waits for [`POLL_NS`].
+///
+/// # Errors
+/// The supervisor has ended, with its reason, or a signal has requested the end.
+fn wait_for_start(child: &mut Child, stop: &StopFlag) -> Answer {
     if stop.load(Ordering::Relaxed) {
-        // Its standard input ends with this process, and it ends what it has started.
-        return Err(Failure::NotNow(format!("it was stopped by {}", command::SIGNAL)));
+        // The supervisor ends its processes when its standard input, which this process holds, is closed.
+        return Err(Failure::NotNow(format!("stopped by {}", command::SIGNAL)));
     }
     if child.try_wait().map_err(Failure::not_now)?.is_some() {
-        let said = answer_of(child)?;
-        let sentence = said["failed"].as_str().unwrap_or("the supervisor has ended").to_owned();
-        return Err(if said["bad_input"] == true { Failure::BadInput(sentence) } else { Failure::NotNow(sentence) });
+        let answer = answer_of(child)?;
+        let sentence = answer["failed"].as_str().unwrap_or("the supervisor has ended").to_owned();
+        return Err(if answer["bad_input"] == true { Failure::BadInput(sentence) } else { Failure::NotNow(sentence) });
     }
-    clock::sleep_until(clock::now_ns() + LOOK_NS);
+    clock::sleep_until(clock::now_ns() + POLL_NS);
     Ok(())
 }
 
@@ -176,5 +179,5 @@ fn answer_of(child: &mut Child) -> Answer<Value> {
     }
     child.wait().map_err(Failure::not_now)?;
     serde_json::from_str(&text)
-        .map_err(|_| Failure::NotNow("the supervisor ended without saying how; see its messages above".to_owned()))
+        .map_err(|_| Failure::NotNow("the supervisor ended without an answer; see its messages above".to_owned()))
 }

@@ -1,4 +1,4 @@
-//! The picture: a pure function of a snapshot.
+//! Draws a snapshot; a pure function.
 
 use super::snapshot::{Recording, Snapshot};
 use crate::status::{mission_words, mode_name, position_words};
@@ -13,14 +13,14 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph, Wrap};
 use robot_state::{Periods, sentences};
 
-/// What is older than this is not the present any more, s: the slowest rows come once a second.
+/// Age from which a sample is stale, s: the slowest channels publish once a second.
 const OLD_S: f64 = 2.5;
-/// From this width on, channels stand beside the processes.
+/// Terminal width from which the channels are drawn beside the processes, characters.
 const WIDE: u16 = 120;
-/// Characters of a bar.
+/// Width of a bar, characters.
 const BAR: usize = 12;
 
-/// Draws the robot, or that there is none.
+/// Draws the robot, or the reason why there is none.
 pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot) {
     let area = frame.area();
     let Some(domain) = &snapshot.domain else {
@@ -49,7 +49,7 @@ pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot) {
     };
     panel(frame, top, &format!(" nims {domain} — q quits "), robot);
     panel(frame, middle, " cables ", cables);
-    panel(frame, slots, " who flies it ", control);
+    panel(frame, slots, " control ", control);
     panel(frame, left, " processes ", processes);
     panel(frame, right, " channels ", channels(snapshot, right.height.saturating_sub(2), right.width));
 }
@@ -68,14 +68,13 @@ fn labelled(label: &str, mut spans: Vec<Span<'static>>) -> Line<'static> {
     Line::from(spans)
 }
 
-/// Mode, faults, place, mission, cycle, recording.
+/// Mode, faults, position, mission, cycle and recording.
 fn robot(snapshot: &Snapshot) -> Vec<Line<'static>> {
     let mut lines = Vec::new();
     match &snapshot.authority {
-        None => lines.push(labelled(
-            "mode",
-            vec![styled("motor-io says nothing: it does not run; nothing can move", Color::Red)],
-        )),
+        None => {
+            lines.push(labelled("mode", vec![styled("motor-io is not running; the robot cannot move", Color::Red)]))
+        }
         Some(authority) => {
             let age_s = snapshot.age_s(authority.header.stamp_ns);
             if age_s > OLD_S {
@@ -83,7 +82,7 @@ fn robot(snapshot: &Snapshot) -> Vec<Line<'static>> {
                     "mode",
                     vec![styled(
                         format!(
-                            "motor-io has said nothing for {age_s:.0} s; the drives' own watchdog has stopped the motors; before that: {}",
+                            "no message from motor-io for {age_s:.0} s; the watchdog of the drives has stopped the motors; last mode: {}",
                             mode_name(authority.mode)
                         ),
                         Color::Red,
@@ -153,7 +152,7 @@ fn cycle(authority: &MotorAuthority) -> Line<'static> {
             Span::raw(format!("{} at {:.0} Hz; ", authority.header.cycle, 1.0 / authority.period_s)),
             if periods.unsteered() == 0 { Span::raw(periods.words()) } else { styled(periods.words(), Color::Yellow) },
             Span::raw(format!(
-                "; bus {:.1} ms, woke {:.1} ms after its tick, command {:.1} ms old",
+                "; bus {:.1} ms, woke {:.1} ms late, command {:.1} ms old",
                 milliseconds(authority.bus_ns),
                 milliseconds(authority.wake_ns),
                 milliseconds(authority.command_age_ns)
@@ -164,7 +163,7 @@ fn cycle(authority: &MotorAuthority) -> Line<'static> {
 
 fn recording(snapshot: &Snapshot) -> Line<'static> {
     let Some(recording) = &snapshot.recording else {
-        return labelled("recording", vec![styled("the recorder says nothing", Color::Yellow)]);
+        return labelled("recording", vec![styled("no message from the recorder", Color::Yellow)]);
     };
     let Recording { why, bytes, lost, free_bytes, stamp_ns } = recording;
     let age_s = snapshot.age_s(*stamp_ns);
@@ -177,7 +176,7 @@ fn recording(snapshot: &Snapshot) -> Line<'static> {
         snapshot.run
     );
     if age_s > OLD_S {
-        labelled("recording", vec![styled(format!("the recorder has said nothing for {age_s:.0} s"), Color::Red)])
+        labelled("recording", vec![styled(format!("no message from the recorder for {age_s:.0} s"), Color::Red)])
     } else if why.is_none() {
         labelled("recording", vec![Span::raw(words)])
     } else {
@@ -185,9 +184,9 @@ fn recording(snapshot: &Snapshot) -> Line<'static> {
     }
 }
 
-/// Length, tension and current of each line.
+/// Length, tension and current of each cable.
 fn cables(snapshot: &Snapshot) -> Vec<Line<'static>> {
-    let Some(state) = snapshot.state else { return vec![Line::from("no reading of the drives yet")] };
+    let Some(state) = snapshot.state else { return vec![Line::from("no reading from the drives yet")] };
     let active = snapshot.authority.map_or(0, |authority| usize::from(authority.active_estimator).min(1));
     let estimate = snapshot.estimate[active]
         .filter(|estimate| estimate.valid == 1 && snapshot.age_s(estimate.header.stamp_ns) < OLD_S);
@@ -220,58 +219,65 @@ fn cables(snapshot: &Snapshot) -> Vec<Line<'static>> {
         .collect()
 }
 
-/// A bar for a share of the full scale; what is no number is empty.
+/// A bar for a fraction of the full scale; empty if the fraction is not finite.
 fn bar(share: f64, color: Color) -> Span<'static> {
     let filled = if share.is_finite() { (share.clamp(0.0, 1.0) * BAR as f64).round() as usize } else { 0 };
     Span::styled("█".repeat(filled) + &"░".repeat(BAR - filled), Style::new().fg(color))
 }
 
-/// Who is in which slot, how far it is trusted, and what motor-io thinks of it.
+/// Controller and estimator in each slot, with the progress of their qualification and motor-io's verdict.
 fn control(snapshot: &Snapshot) -> Vec<Line<'static>> {
-    let Some(authority) = snapshot.authority else { return vec![Line::from("nobody: motor-io does not run")] };
+    let Some(authority) = snapshot.authority else { return vec![Line::from("motor-io is not running")] };
     let mut lines = Vec::new();
     for (slot, name) in SLOT_NAMES.iter().enumerate() {
         let status = snapshot.control[slot].filter(|status| snapshot.age_s(status.header.stamp_ns) < OLD_S);
         let in_charge = usize::from(authority.in_charge[CONTROLLERS]) == slot;
-        if status.is_none() && !in_charge && set_aside(snapshot, CONTROLLERS, slot).is_empty() {
+        if status.is_none() && !in_charge && failure_cause(snapshot, CONTROLLERS, slot).is_empty() {
             continue;
         }
-        let law = status.map_or("nobody", |status| law_name(status.law));
+        let law = status.map_or("empty", |status| law_name(status.law));
         let words = format!("{law:<14} {}", sentences::verdict_sentence(authority.verdict[slot]));
-        lines.push(seat(snapshot, CONTROLLERS, slot, name, in_charge, words));
+        lines.push(slot_line(snapshot, CONTROLLERS, slot, name, in_charge, words));
     }
     for (slot, name) in SLOT_NAMES.iter().enumerate() {
         let estimate = snapshot.estimate[slot].filter(|estimate| snapshot.age_s(estimate.header.stamp_ns) < OLD_S);
         let in_charge = usize::from(authority.in_charge[ESTIMATORS]) == slot;
         let words = match estimate {
-            None if !in_charge && set_aside(snapshot, ESTIMATORS, slot).is_empty() => continue,
-            None => "nobody".to_owned(),
+            None if !in_charge && failure_cause(snapshot, ESTIMATORS, slot).is_empty() => continue,
+            None => "empty".to_owned(),
             Some(estimate) if estimate.valid == 1 => {
                 format!("lengths agree within {:.1} mm", 1000.0 * estimate.residual_m)
             }
             Some(_) => "no valid estimate".to_owned(),
         };
-        lines.push(seat(snapshot, ESTIMATORS, slot, name, in_charge, words));
+        lines.push(slot_line(snapshot, ESTIMATORS, slot, name, in_charge, words));
     }
     lines
 }
 
-fn seat(snapshot: &Snapshot, role: usize, slot: usize, name: &str, in_charge: bool, words: String) -> Line<'static> {
-    let who = sentences::ROLE_NAMES[role];
+fn slot_line(
+    snapshot: &Snapshot,
+    role: usize,
+    slot: usize,
+    name: &str,
+    in_charge: bool,
+    words: String,
+) -> Line<'static> {
+    let role_name = sentences::ROLE_NAMES[role];
     let mark = if in_charge { styled("IN CHARGE", Color::Green) } else { Span::raw("         ") };
-    let mut spans = vec![Span::raw(format!("{who:<10} {name} ")), mark, Span::raw(format!(" {words}"))];
+    let mut spans = vec![Span::raw(format!("{role_name:<10} {name} ")), mark, Span::raw(format!(" {words}"))];
     if let Some(slots) = &snapshot.slots {
         spans.push(Span::raw(format!("  {}", crate::swap::progress(role, SLOTS * role + slot, slots))));
     }
-    let cause = set_aside(snapshot, role, slot);
+    let cause = failure_cause(snapshot, role, slot);
     if !cause.is_empty() {
         spans.push(styled(format!(" (it {cause})"), Color::Yellow));
     }
     Line::from(spans)
 }
 
-/// What last cost a slot its trust.
-fn set_aside(snapshot: &Snapshot, role: usize, slot: usize) -> &'static str {
+/// Why a slot was last disqualified; empty if it was not.
+fn failure_cause(snapshot: &Snapshot, role: usize, slot: usize) -> &'static str {
     snapshot.slots.map_or("", |slots| sentences::cause_phrase(role, slots.cause[SLOTS * role + slot]))
 }
 
@@ -280,20 +286,20 @@ fn law_name(law: u8) -> &'static str {
         ControlStatus::LAW_LQ_ENDPOINT => "lq-endpoint",
         ControlStatus::LAW_PREVIEW => "preview",
         ControlStatus::LAW_P_FEEDFORWARD => "p-feedforward",
-        _ => "a law of its own",
+        _ => "custom law",
     }
 }
 
 fn processes(snapshot: &Snapshot) -> Vec<Line<'static>> {
     if snapshot.processes.is_empty() {
-        return vec![Line::from(styled("no supervisor: nobody looks after the processes", Color::Red))];
+        return vec![Line::from(styled("no supervisor: the processes are not monitored", Color::Red))];
     }
     let newest = snapshot.processes.iter().map(|(row, _)| row.header.stamp_ns).max().unwrap_or(0);
     let mut lines = Vec::new();
     let age_s = snapshot.age_s(newest);
     if age_s > OLD_S {
         lines.push(Line::from(styled(
-            format!("the supervisor has said nothing for {age_s:.0} s; what follows was so before"),
+            format!("no message from the supervisor for {age_s:.0} s; the states below are old"),
             Color::Red,
         )));
     }
@@ -326,7 +332,7 @@ fn process(row: &ProcessState, beat: Option<&Heartbeat>) -> Line<'static> {
         }
     }
     if row.restarts > 0 {
-        spans.push(styled(format!(" started again {}x", row.restarts), Color::Yellow));
+        spans.push(styled(format!(" restarted {}x", row.restarts), Color::Yellow));
     }
     let reason = text_of(&row.reason);
     if !reason.is_empty() {
@@ -335,11 +341,11 @@ fn process(row: &ProcessState, beat: Option<&Heartbeat>) -> Line<'static> {
     Line::from(spans)
 }
 
-/// As many channels as fit: those with losses first, then the busiest.
+/// As many channels as fit: channels with losses first, then the fastest.
 fn channels(snapshot: &Snapshot, height: u16, width: u16) -> Vec<Line<'static>> {
     let mut rows: Vec<_> = snapshot.channels.iter().collect();
     if rows.is_empty() {
-        return vec![Line::from("the recorder has counted none yet")];
+        return vec![Line::from("no counts from the recorder yet")];
     }
     rows.sort_by(|a, b| b.lost.cmp(&a.lost).then(b.hz.total_cmp(&a.hz)).then(a.name.cmp(&b.name)));
     let name_width = usize::from(width.saturating_sub(21)).clamp(12, 40);

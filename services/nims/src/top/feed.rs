@@ -10,22 +10,23 @@ use messages::{
 };
 use std::collections::BTreeMap;
 
-/// The name under which it joins a domain.
+/// The name under which `nims top` joins a domain.
 const NAME: &str = "nims-top";
-/// Names of those who only look on: where nobody else is, no robot runs.
-const ONLOOKERS: [&str; 2] = [NAME, "nims-command"];
-/// How often it looks whether the robot is still, or again, there, ns.
-const LOOK_NS: u64 = 1_000_000_000;
-/// The recorder's rows come once a second; over this many a rate is steady enough to be read.
+/// Participants that only observe: if a domain has no others, no robot runs in it.
+const OBSERVERS: [&str; 2] = [NAME, "nims-command"];
+/// Time between two checks whether the robot still runs, ns.
+const CHECK_NS: u64 = 1_000_000_000;
+/// Number of rows over which a rate is averaged. The recorder publishes one row per channel and second; an average over
+/// fewer flickers.
 const RATE_ROWS: usize = 4;
 
-/// The newest of everything that a robot says.
+/// Subscriptions to everything that `nims top` shows, with the newest sample of each.
 pub struct Feed {
     bus: Bus,
     domain: Domain,
     run: String,
     scale: Scale,
-    looked_ns: u64,
+    checked_ns: u64,
     authority: Newest<MotorAuthority>,
     state: Newest<MotorState>,
     slots: Newest<MotorSlots>,
@@ -36,7 +37,7 @@ pub struct Feed {
     rows: BTreeMap<String, ProcessState>,
     beats: BTreeMap<String, Newest<Heartbeat>>,
     recorder: Subscriber<RecorderStatus>,
-    channels: BTreeMap<String, Counted>,
+    channels: BTreeMap<String, ChannelCounts>,
     recording: Option<Recording>,
 }
 
@@ -46,26 +47,26 @@ struct Newest<T: Message> {
 }
 
 impl<T: Message> Newest<T> {
-    fn of(bus: &Bus, channel: &str) -> Answer<Self> {
+    fn subscribe(bus: &Bus, channel: &str) -> Answer<Self> {
         Ok(Self { subscriber: bus.subscriber(channel)?, sample: None })
     }
 
-    fn look(&mut self) -> Answer<Option<T>> {
+    fn poll(&mut self) -> Answer<Option<T>> {
         self.sample = self.subscriber.latest()?.or(self.sample);
         Ok(self.sample)
     }
 }
 
-/// The recorder's last rows of a channel: when, and how many messages until then.
+/// The recorder's last rows of a channel: each with its stamp in ns and the number of messages until then.
 #[derive(Debug, Default)]
-struct Counted {
+struct ChannelCounts {
     rows: Vec<(u64, u64)>,
     lost: u64,
 }
 
-impl Counted {
-    fn note(&mut self, stamp_ns: u64, messages: u64, lost: u64) {
-        // a new recorder counts from the beginning
+impl ChannelCounts {
+    fn record(&mut self, stamp_ns: u64, messages: u64, lost: u64) {
+        // A restarted recorder counts from 0.
         if self.rows.last().is_some_and(|(_, before)| *before > messages) {
             self.rows.clear();
         }
@@ -87,10 +88,10 @@ impl Counted {
 }
 
 impl Feed {
-    /// Joins the robot that is meant.
+    /// Joins the domain of this name, or that of the only running robot.
     ///
     /// # Errors
-    /// No robot runs, or several do.
+    /// No robot runs, or several robots run and none is named.
     pub fn join(name: Option<&str>) -> Answer<Self> {
         let domain = client::domain(name)?;
         if !is_alive(&domain) {
@@ -101,13 +102,19 @@ impl Feed {
         Ok(Self {
             run: Running::of(&domain).map(|running| running.run.display().to_string()).unwrap_or_default(),
             scale: scale(&bus).unwrap_or_default(),
-            looked_ns: clock::now_ns(),
-            authority: Newest::of(&bus, "motor/authority")?,
-            state: Newest::of(&bus, "motor/state")?,
-            slots: Newest::of(&bus, "motor/slots")?,
-            estimate: [Newest::of(&bus, &slot("node/estimate", 0))?, Newest::of(&bus, &slot("node/estimate", 1))?],
-            control: [Newest::of(&bus, &slot("control/status", 0))?, Newest::of(&bus, &slot("control/status", 1))?],
-            plan: Newest::of(&bus, "plan/status")?,
+            checked_ns: clock::now_ns(),
+            authority: Newest::subscribe(&bus, "motor/authority")?,
+            state: Newest::subscribe(&bus, "motor/state")?,
+            slots: Newest::subscribe(&bus, "motor/slots")?,
+            estimate: [
+                Newest::subscribe(&bus, &slot("node/estimate", 0))?,
+                Newest::subscribe(&bus, &slot("node/estimate", 1))?,
+            ],
+            control: [
+                Newest::subscribe(&bus, &slot("control/status", 0))?,
+                Newest::subscribe(&bus, &slot("control/status", 1))?,
+            ],
+            plan: Newest::subscribe(&bus, "plan/status")?,
             table: bus.subscriber("system/process")?,
             rows: BTreeMap::new(),
             beats: BTreeMap::new(),
@@ -119,21 +126,21 @@ impl Feed {
         })
     }
 
-    /// Whether the robot is still there; looks once a second.
+    /// Returns whether the robot still runs; checks once a second.
     pub fn is_alive(&mut self) -> bool {
         let now = clock::now_ns();
-        if now < self.looked_ns + LOOK_NS {
+        if now < self.checked_ns + CHECK_NS {
             return true;
         }
-        self.looked_ns = now;
+        self.checked_ns = now;
         is_alive(&self.domain)
     }
 
-    /// Takes in what has come.
+    /// Receives new samples and returns a snapshot.
     ///
     /// # Errors
     /// Shared memory fails.
-    pub fn look(&mut self) -> Answer<Snapshot> {
+    pub fn poll(&mut self) -> Answer<Snapshot> {
         while let Some(row) = self.table.receive()? {
             let name = text_of(&row.name);
             if row.state == ProcessState::STATE_GONE {
@@ -142,13 +149,13 @@ impl Feed {
                 continue;
             }
             if row.pid != 0 && !self.beats.contains_key(&name) {
-                self.beats.insert(name.clone(), Newest::of(&self.bus, &format!("system/heartbeat/{name}"))?);
+                self.beats.insert(name.clone(), Newest::subscribe(&self.bus, &format!("system/heartbeat/{name}"))?);
             }
             self.rows.insert(name, row);
         }
         while let Some(row) = self.recorder.receive()? {
             let stamp_ns = row.header.stamp_ns;
-            self.channels.entry(text_of(&row.channel)).or_default().note(stamp_ns, row.messages, row.lost);
+            self.channels.entry(text_of(&row.channel)).or_default().record(stamp_ns, row.messages, row.lost);
             self.recording = Some(Recording {
                 why: client::unrecorded_of(&row),
                 bytes: row.total_bytes,
@@ -157,13 +164,13 @@ impl Feed {
                 stamp_ns,
             });
         }
-        let lost = self.channels.values().map(|counted| counted.lost).sum();
+        let lost = self.channels.values().map(|counts| counts.lost).sum();
         let mut processes = Vec::with_capacity(self.rows.len());
         for (name, row) in &self.rows {
-            let beat = self.beats.get_mut(name).map(Newest::look).transpose()?.flatten();
+            let beat = self.beats.get_mut(name).map(Newest::poll).transpose()?.flatten();
             processes.push((*row, beat.filter(|beat| beat.pid == row.pid)));
         }
-        // In the order in which they were started.
+        // In the order of their start; processes that do not run come last.
         processes.sort_by_key(|(row, _)| (row.pid == 0, row.started_ns));
         let [estimate_a, estimate_b] = &mut self.estimate;
         let [control_a, control_b] = &mut self.control;
@@ -173,17 +180,17 @@ impl Feed {
             waiting: String::new(),
             run: self.run.clone(),
             scale: self.scale,
-            authority: self.authority.look()?,
-            state: self.state.look()?,
-            slots: self.slots.look()?,
-            estimate: [estimate_a.look()?, estimate_b.look()?],
-            control: [control_a.look()?, control_b.look()?],
-            plan: self.plan.look()?,
+            authority: self.authority.poll()?,
+            state: self.state.poll()?,
+            slots: self.slots.poll()?,
+            estimate: [estimate_a.poll()?, estimate_b.poll()?],
+            control: [control_a.poll()?, control_b.poll()?],
+            plan: self.plan.poll()?,
             processes,
             channels: self
                 .channels
                 .iter()
-                .map(|(name, counted)| ChannelRow { name: name.clone(), hz: counted.hz(), lost: counted.lost })
+                .map(|(name, counts)| ChannelRow { name: name.clone(), hz: counts.hz(), lost: counts.lost })
                 .collect(),
             recording: self.recording.clone().map(|recording| Recording { lost, ..recording }),
         })
@@ -191,17 +198,18 @@ impl Feed {
 }
 
 fn is_alive(domain: &Domain) -> bool {
-    domain.alive().iter().any(|node| !ONLOOKERS.contains(&node.name.as_str()))
+    domain.alive().iter().any(|node| !OBSERVERS.contains(&node.name.as_str()))
 }
 
-/// What the robot's file says of its limits.
+/// Returns the full scale from the robot file; the longest possible cable joins the two anchors that are farthest
+/// apart.
 fn scale(bus: &Bus) -> Option<Scale> {
     let file = client::box_of(bus).ok()?.robot_file().ok()?;
     let robot = file.robot().ok()?;
     let anchors = robot.anchors();
-    let apart = anchors.iter().flat_map(|a| anchors.iter().map(move |b| (a - b).norm()));
+    let distances_m = anchors.iter().flat_map(|a| anchors.iter().map(move |b| (a - b).norm()));
     Some(Scale {
-        length_m: apart.fold(1.0, f64::max),
+        length_m: distances_m.fold(1.0, f64::max),
         tension_n: robot.tension_limits_n(),
         current_a: file.motor.current_limit_a,
     })
@@ -212,18 +220,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rate_is_counted_over_the_last_rows_and_begins_anew_with_a_new_recorder() {
-        let mut counted = Counted::default();
-        assert_eq!(counted.hz(), 0.0);
+    fn a_rate_covers_the_last_rows_and_restarts_with_a_new_recorder() {
+        let mut counts = ChannelCounts::default();
+        assert_eq!(counts.hz(), 0.0);
         for second in 1..=10_u64 {
-            // slower from the fifth second on
+            // 100 Hz until the fifth second, then 10 Hz
             let messages = if second <= 5 { 100 * second } else { 500 + 10 * (second - 5) };
-            counted.note(second * 1_000_000_000, messages, second);
+            counts.record(second * 1_000_000_000, messages, second);
         }
-        assert_eq!((counted.hz(), counted.lost), (10.0, 10));
-        counted.note(11_000_000_000, 3, 0);
-        assert_eq!(counted.hz(), 0.0);
-        counted.note(12_000_000_000, 53, 0);
-        assert_eq!((counted.hz(), counted.lost), (50.0, 0));
+        assert_eq!((counts.hz(), counts.lost), (10.0, 10));
+        counts.record(11_000_000_000, 3, 0);
+        assert_eq!(counts.hz(), 0.0);
+        counts.record(12_000_000_000, 53, 0);
+        assert_eq!((counts.hz(), counts.lost), (50.0, 0));
     }
 }

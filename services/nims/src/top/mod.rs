@@ -1,4 +1,4 @@
-//! `nims top`: the robot and its processes, live in the terminal.
+//! `nims top`: a live view of the robot and its processes in the terminal.
 
 mod draw;
 mod feed;
@@ -14,26 +14,26 @@ use std::io::IsTerminal;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// How often it draws: as fast as figures can be read.
+/// Time between two frames: changing figures remain readable.
 const DRAW: Duration = Duration::from_millis(200);
-/// How often it looks for a robot while there is none, ns.
-const LOOK_NS: u64 = 1_000_000_000;
+/// Time between two searches for a running robot, ns.
+const SEARCH_NS: u64 = 1_000_000_000;
 
-/// Shows what the robot does until someone presses q.
+/// Shows the robot until the user presses q.
 ///
 /// # Errors
-/// Without a terminal; or shared memory fails.
+/// Standard input or output is no terminal, or shared memory fails.
 pub fn top(domain: Option<&str>, json: bool) -> Answer {
     if json || !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
         return Err(Failure::BadInput(
-            "`nims top` draws on a terminal; use `nims status`, or `nims status --json`, for anything else".to_owned(),
+            "`nims top` needs a terminal; elsewhere use `nims status` or `nims status --json`".to_owned(),
         ));
     }
     let stop = command::stop_flag()?;
-    // Its panic hook puts the terminal back too.
+    // ratatui's panic hook restores the terminal too.
     let mut terminal = ratatui::try_init().map_err(|error| {
         ratatui::restore();
-        Failure::NotNow(format!("the terminal cannot be drawn on: {error}"))
+        Failure::NotNow(format!("cannot draw on the terminal: {error}"))
     })?;
     let shown = show(domain, &mut terminal, &|| stop.load(Ordering::Relaxed));
     ratatui::restore();
@@ -42,14 +42,14 @@ pub fn top(domain: Option<&str>, json: bool) -> Answer {
 
 fn show(domain: Option<&str>, terminal: &mut ratatui::DefaultTerminal, stopped: &dyn Fn() -> bool) -> Answer {
     let mut feed: Option<Feed> = None;
-    let (mut waiting, mut looked_ns) = (String::new(), 0);
+    let (mut waiting, mut searched_ns) = (String::new(), 0);
     while !stopped() {
         if feed.as_mut().is_some_and(|feed| !feed.is_alive()) {
-            // Whoever holds a channel keeps the next robot from making it anew.
+            // An open channel would prevent the next robot from creating it.
             feed = None;
         }
-        if feed.is_none() && clock::now_ns() >= looked_ns + LOOK_NS {
-            looked_ns = clock::now_ns();
+        if feed.is_none() && clock::now_ns() >= searched_ns + SEARCH_NS {
+            searched_ns = clock::now_ns();
             match Feed::join(domain) {
                 Ok(joined) => feed = Some(joined),
                 Err(failure @ Failure::BadInput(_)) => return Err(failure),
@@ -57,19 +57,19 @@ fn show(domain: Option<&str>, terminal: &mut ratatui::DefaultTerminal, stopped: 
             }
         }
         let snapshot = match &mut feed {
-            Some(feed) => feed.look()?,
+            Some(feed) => feed.poll()?,
             None => Snapshot::waiting(clock::now_ns(), &waiting),
         };
         terminal.draw(|frame| draw::draw(frame, &snapshot)).map_err(Failure::not_now)?;
-        if is_over(DRAW)? {
+        if quit_within(DRAW)? {
             break;
         }
     }
     Ok(())
 }
 
-/// Waits; true if someone wants to leave meanwhile.
-fn is_over(time: Duration) -> Answer<bool> {
+/// Waits for `time`, or until the user resizes the terminal or quits. Returns whether the user quits.
+fn quit_within(time: Duration) -> Answer<bool> {
     let deadline = clock::now_ns() + time.as_nanos() as u64;
     loop {
         let left = Duration::from_nanos(deadline.saturating_sub(clock::now_ns()));
@@ -86,7 +86,7 @@ fn is_over(time: Duration) -> Answer<bool> {
                     return Ok(true);
                 }
             }
-            // drawn in the new size at once
+            // Redraw in the new size at once.
             Event::Resize(..) => return Ok(false),
             _ => {}
         }

@@ -1,4 +1,4 @@
-//! What `nims top` shows, as plain data: whatever was heard last, and when.
+//! The data that `nims top` shows: the newest sample of every channel, with its time.
 
 use messages::{
     ControlStatus, Heartbeat, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState, SLOTS,
@@ -9,86 +9,86 @@ use messages::{
 pub struct Snapshot {
     /// CLOCK_MONOTONIC, ns.
     pub now_ns: u64,
-    /// The robot's domain; `None`: there is no robot, and `waiting` says so.
+    /// The robot's domain; `None` if no robot runs, with the reason in `waiting`.
     pub domain: Option<String>,
-    /// Why nothing is shown.
+    /// Why there is no robot to show.
     pub waiting: String,
     /// The run folder.
     pub run: String,
-    /// What the bars reach to.
+    /// Full scale of the bars.
     pub scale: Scale,
-    /// From motor-io.
+    /// Mode, faults and cycle of motor-io.
     pub authority: Option<MotorAuthority>,
-    /// From motor-io.
+    /// Lengths, velocities and currents of the cables, from motor-io.
     pub state: Option<MotorState>,
-    /// From motor-io: how far each controller and estimator is trusted.
+    /// Qualification of each controller and estimator, from motor-io.
     pub slots: Option<MotorSlots>,
-    /// From each estimator.
+    /// Newest estimate of each estimator.
     pub estimate: [Option<NodeEstimate>; SLOTS],
-    /// From each controller.
+    /// Newest status of each controller.
     pub control: [Option<ControlStatus>; SLOTS],
-    /// From the planner.
+    /// Status of the planner.
     pub plan: Option<PlanStatus>,
-    /// The process table, with the last heartbeat of each.
+    /// The process table, with the last heartbeat of each process.
     pub processes: Vec<(ProcessState, Option<Heartbeat>)>,
-    /// What the recorder says of each channel.
+    /// The recorder's counts of each channel.
     pub channels: Vec<ChannelRow>,
-    /// The recorder as a whole.
+    /// State of the recording.
     pub recording: Option<Recording>,
 }
 
 /// Full scale of the bars.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Longest line, m.
+    /// Longest cable, m.
     pub length_m: f64,
-    /// Least and greatest tension, N.
+    /// Lower and upper tension limit, N.
     pub tension_n: [f64; 2],
     /// Greatest current, A.
     pub current_a: f64,
 }
 
 impl Default for Scale {
-    /// For a robot whose file is not known.
+    /// Scale for a robot whose file cannot be read.
     fn default() -> Self {
         Self { length_m: 20.0, tension_n: [0.0, 100.0], current_a: 10.0 }
     }
 }
 
-/// One channel, as the recorder sees it.
+/// The recorder's counts of one channel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ChannelRow {
-    /// Name.
+    /// Channel name.
     pub name: String,
-    /// Samples per second, over the last seconds.
+    /// Samples per second over the last few seconds.
     pub hz: f64,
-    /// Samples lost since the recorder began.
+    /// Samples lost since the recorder started.
     pub lost: u64,
 }
 
 /// The state of the recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
-    /// Why nothing is being recorded, if that is so.
+    /// Why nothing is being recorded; `None` while recording.
     pub why: Option<String>,
-    /// Bytes so far.
+    /// Bytes recorded so far.
     pub bytes: u64,
     /// Samples lost, over all channels.
     pub lost: u64,
-    /// Room left, bytes.
+    /// Free disk space, bytes.
     pub free_bytes: u64,
-    /// When it said so, ns.
+    /// CLOCK_MONOTONIC time of the recorder's status, ns.
     pub stamp_ns: u64,
 }
 
 impl Snapshot {
-    /// Nothing to show, and why.
+    /// Returns a snapshot without a robot, with the reason.
     #[must_use]
     pub fn waiting(now_ns: u64, why: &str) -> Self {
         Self { now_ns, waiting: why.to_owned(), ..Self::default() }
     }
 
-    /// Seconds since a stamp.
+    /// Returns the time since a stamp, s.
     #[must_use]
     pub fn age_s(&self, stamp_ns: u64) -> f64 {
         self.now_ns.saturating_sub(stamp_ns) as f64 * 1e-9

@@ -10,7 +10,7 @@
 use std::path::Path;
 
 use roboclaw::codec::Motor;
-use roboclaw::unit::{Target, Unit, UnitLine, UnitOptions};
+use roboclaw::unit::{Target, Unit, UnitBus, UnitOptions};
 use serial::{Device, Jack, Paced, monotonic_ns, sleep_until};
 
 /// Short beside the time of one byte at most speeds.
@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .iter()
         .map(|text| u8::from_str_radix(text.trim_start_matches("0x"), 16).map(|at| Unit::new(UnitOptions::new(at))))
         .collect();
-    let mut line = UnitLine::new(units?);
+    let mut line = UnitBus::new(units?);
     let mut jack = Jack::new(Path::new(link));
     jack.plug()?;
     let (mut arriving, mut leaving) = (Paced::new(baud), Paced::new(baud));

@@ -1,55 +1,54 @@
-//! RoboClaw motor controllers over packet serial: the bytes, a driver that is never deceived by a late or broken answer, and the
+//! RoboClaw motor controllers over packet serial: the encoding, a driver that detects late and broken answers, and the
 //! unit's side of the protocol for simulation.
 //!
-//! A unit drives two brushed motors with encoders and closes their speed loops; up to eight units share a line. From the bottom up:
+//! A unit drives two brushed motors with encoders and closes their speed loops; up to eight units share a serial port.
+//! From the bottom up:
 //! * [`codec`]: commands, questions and answers as bytes, [`Status`] in words. No state.
 //! * [`Bus`]: the units of one line, in step with them or on the way back to it, see [`driver`] for the rules and why.
-//! * [`Fleet`]: several lines, each with a thread, all starting a control cycle together.
 //! * [`mod@unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
 //!
-//! Architecture invariants: one thread owns a line. Nothing here moves a motor by itself, and after a unit was lost or restarted it
-//! moves only once it was told to stand still. A sample carries the time at which it was asked for. In a control cycle nothing is
-//! allocated and nothing is waited for longer than the deadline and one answer's time.
+//! Architecture invariants: one thread owns a port. Nothing here moves a motor by itself, and a unit that was lost or
+//! restarted moves only after a command to stand still. A sample carries the time at which it was requested. A control
+//! cycle allocates nothing, and waits at most until the deadline plus the time of one answer.
 //!
-//! What the protocol cannot tell: an acknowledgement is a single byte without a checksum, so a disturbance that looks like it just
-//! after a command was lost passes for one. Whoever commands has to see the encoders follow.
+//! Limit of the protocol: an acknowledgement is a single byte without a checksum, so a disturbance that looks like it
+//! just after a lost command is accepted as one. The caller has to check that the encoders follow.
 //!
 //! ```
-//! use roboclaw::driver::{Bus, BusConfig, Drive, UnitConfig, WIRE_MARGIN_NS};
-//! use roboclaw::unit::{Unit, UnitLine, UnitOptions};
+//! use drives::{Command, CountBound, DriveBus};
+//! use roboclaw::driver::{Bus, BusConfig, UnitConfig, WIRE_MARGIN_NS};
+//! use roboclaw::unit::{Unit, UnitBus, UnitOptions};
 //! use serial::{Pipe, Transport};
 //!
-//! // A virtual unit on a simulated line; `serial::Line::new("/dev/serial/by-path/..", 230_400)` for a real one.
-//! let line = Pipe::new("simulated", 230_400, UnitLine::new(vec![Unit::new(UnitOptions::new(0x80))]));
-//! let unit = UnitConfig { address: 0x80, watchdog_tenths: 3, fastest_counts_s: 50_000 };
+//! // A virtual unit on a simulated line; `serial::ReopeningPort::new("/dev/serial/by-path/..", 230_400)` for a real one.
+//! let line = Pipe::new("simulated", 230_400, UnitBus::new(vec![Unit::new(UnitOptions::new(0x80))]));
+//! let bound = CountBound { counts_s: 50_000.0, margin: 0.0 };
+//! let unit = UnitConfig { address: 0x80, watchdog_tenths: 3, bound };
 //! let config = BusConfig { baud: 230_400, margin_ns: WIRE_MARGIN_NS, units: vec![unit], stop_pin: None };
 //! let mut bus = Bus::new(line, &config)?;
 //! bus.settle(100_000_000)?;
 //!
 //! let mut answers = bus.blank_answers();
-//! for drive in [Drive::HOLD, Drive::Speed(1000)] {
-//!     let deadline_ns = bus.line().now_ns() + 10_000_000;
-//!     bus.cycle(&[[drive; 2]], deadline_ns, &mut answers);
+//! for command in [Command::HOLD, Command::Velocity(1000.0)] {
+//!     let deadline_ns = bus.now_ns() + 10_000_000;
+//!     bus.exchange(&[[Some(command); 2]], deadline_ns, &mut answers);
 //!     assert!(answers[0].outcome.is_ok());
 //! }
 //! assert_eq!(answers[0].report.counts.value, [0, 0]); // nobody turns the encoders of a unit without physics
-//! # Ok::<(), roboclaw::Error>(())
+//! # Ok::<(), drives::Error>(())
 //! ```
 #![forbid(unsafe_code)]
 
 pub mod codec;
 mod crc;
 pub mod driver;
-mod error;
-pub mod fleet;
 mod packet;
 mod status;
 pub mod unit;
 
+pub use codec::Command;
 pub use crc::{Crc, crc16};
-pub use driver::{Bus, BusConfig, Counters, Drive, StopInput, Timed, UnitAnswer, UnitConfig, UnitReport};
-pub use error::{Command, Error, Misfit};
-pub use fleet::{Fleet, FleetCommand, FleetReply, PortConfig, PortReport};
+pub use driver::{Bus, BusConfig, Drive, UnitConfig, watchdog_tenths};
 pub use packet::{MAX_PACKET, Packet};
 pub use serial::StatusPin;
 pub use status::{Status, StatusWidth};

@@ -1,9 +1,9 @@
-//! What a unit reports about itself (command 90), in one layout whatever its firmware.
+//! Status of a unit (command 90), in one layout for every firmware.
 //!
 //! Old firmware answers with 16 bits, new firmware with 32, and the same bit means different things. [`Status`] always holds the
 //! layout of new firmware, which has a place for everything old firmware can say.
 
-use std::fmt;
+use drives::DriveStatus;
 
 /// Bits of the answer, decided by the firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,36 +29,37 @@ impl StatusWidth {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Status(pub u32);
 
-/// (bit of new firmware, bit of old firmware or 0, meaning)
-const CONDITIONS: [(u32, u16, &str); 25] = [
-    (Status::EMERGENCY_STOP, 0x0004, "emergency stop"),
-    (Status::TEMPERATURE_1, 0x0008, "board too hot"),
-    (Status::TEMPERATURE_2, 0x0010, "second temperature sensor too hot"),
-    (Status::MAIN_VOLTAGE_HIGH, 0x0020, "main supply too high"),
-    (Status::LOGIC_VOLTAGE_HIGH, 0x0040, "logic supply too high"),
-    (Status::LOGIC_VOLTAGE_LOW, 0x0080, "logic supply too low"),
-    (Status::DRIVER_1, 0x0100, "motor 1 driver fault"),
-    (Status::DRIVER_2, 0x0200, "motor 2 driver fault"),
-    (Status::SPEED_1, 0, "motor 1 does not follow its speed"),
-    (Status::SPEED_2, 0, "motor 2 does not follow its speed"),
-    (Status::POSITION_1, 0, "motor 1 does not follow its position"),
-    (Status::POSITION_2, 0, "motor 2 does not follow its position"),
-    (Status::CURRENT_1, 0, "motor 1 current error"),
-    (Status::CURRENT_2, 0, "motor 2 current error"),
-    (Status::OVER_CURRENT_1, 0x0001, "motor 1 over-current warning"),
-    (Status::OVER_CURRENT_2, 0x0002, "motor 2 over-current warning"),
-    (Status::MAIN_VOLTAGE_HIGH_WARNING, 0x0400, "main supply high"),
-    (Status::MAIN_VOLTAGE_LOW_WARNING, 0x0800, "main supply low"),
-    (Status::TEMPERATURE_1_WARNING, 0x1000, "board hot"),
-    (Status::TEMPERATURE_2_WARNING, 0x2000, "second temperature sensor hot"),
-    (Status::SIGNAL_S4, 0x4000, "input S4 active"),
-    (Status::SIGNAL_S5, 0x8000, "input S5 active"),
-    (Status::SPEED_LIMIT_WARNING, 0, "speed limit reached"),
-    (Status::POSITION_LIMIT_WARNING, 0, "position limit reached"),
-    (Status::UNKNOWN, 0, "a condition this program does not know"),
+/// (bit of new firmware, bit of old firmware or 0, neutral bit)
+const CONDITIONS: [(u32, u16, u32); 26] = [
+    (Status::EMERGENCY_STOP, 0x0004, DriveStatus::EMERGENCY_STOP),
+    (Status::TEMPERATURE_1, 0x0008, DriveStatus::OVERHEATED),
+    (Status::TEMPERATURE_2, 0x0010, DriveStatus::MOTOR_OVERHEATED),
+    (Status::MAIN_VOLTAGE_HIGH, 0x0020, DriveStatus::SUPPLY_HIGH),
+    (Status::LOGIC_VOLTAGE_HIGH, 0x0040, DriveStatus::LOGIC_SUPPLY_HIGH),
+    (Status::LOGIC_VOLTAGE_LOW, 0x0080, DriveStatus::LOGIC_SUPPLY_LOW),
+    (Status::DRIVER_1, 0x0100, DriveStatus::STAGE_1),
+    (Status::DRIVER_2, 0x0200, DriveStatus::STAGE_2),
+    (Status::SPEED_1, 0, DriveStatus::SPEED_1),
+    (Status::SPEED_2, 0, DriveStatus::SPEED_2),
+    (Status::POSITION_1, 0, DriveStatus::POSITION_1),
+    (Status::POSITION_2, 0, DriveStatus::POSITION_2),
+    (Status::CURRENT_1, 0, DriveStatus::CURRENT_1),
+    (Status::CURRENT_2, 0, DriveStatus::CURRENT_2),
+    (Status::UNKNOWN_ERRORS, 0, DriveStatus::OTHER_ERROR),
+    (Status::OVER_CURRENT_1, 0x0001, DriveStatus::OVER_CURRENT_1_WARNING),
+    (Status::OVER_CURRENT_2, 0x0002, DriveStatus::OVER_CURRENT_2_WARNING),
+    (Status::MAIN_VOLTAGE_HIGH_WARNING, 0x0400, DriveStatus::SUPPLY_HIGH_WARNING),
+    (Status::MAIN_VOLTAGE_LOW_WARNING, 0x0800, DriveStatus::SUPPLY_LOW_WARNING),
+    (Status::TEMPERATURE_1_WARNING, 0x1000, DriveStatus::HOT_WARNING),
+    (Status::TEMPERATURE_2_WARNING, 0x2000, DriveStatus::MOTOR_HOT_WARNING),
+    (Status::SIGNAL_S4, 0x4000, DriveStatus::INPUT_1),
+    (Status::SIGNAL_S5, 0x8000, DriveStatus::INPUT_2),
+    (Status::SPEED_LIMIT_WARNING, 0, DriveStatus::SPEED_LIMIT_WARNING),
+    (Status::POSITION_LIMIT_WARNING, 0, DriveStatus::POSITION_LIMIT_WARNING),
+    (Status::UNKNOWN_WARNINGS, 0, DriveStatus::OTHER_WARNING),
 ];
 
-#[allow(missing_docs)] // each is described by the table above
+#[allow(missing_docs)] // the table above gives the neutral condition of each
 impl Status {
     pub const EMERGENCY_STOP: u32 = 0x1;
     pub const TEMPERATURE_1: u32 = 0x2;
@@ -84,7 +85,8 @@ impl Status {
     pub const SIGNAL_S5: u32 = 0x80_0000;
     pub const SPEED_LIMIT_WARNING: u32 = 0x100_0000;
     pub const POSITION_LIMIT_WARNING: u32 = 0x200_0000;
-    pub const UNKNOWN: u32 = 0xFC00_C000;
+    pub const UNKNOWN_ERRORS: u32 = 0xC000;
+    pub const UNKNOWN_WARNINGS: u32 = 0xFC00_0000;
 }
 
 impl Status {
@@ -115,20 +117,11 @@ impl Status {
         self.has(Status::ERRORS)
     }
 
-    /// What is the case, in words.
-    pub fn conditions(self) -> impl Iterator<Item = &'static str> {
-        CONDITIONS.iter().filter(move |(wide, _, _)| self.0 & wide != 0).map(|&(_, _, meaning)| meaning)
-    }
-}
-
-impl fmt::Display for Status {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.0 == 0 {
-            return f.write_str("in order");
-        }
-        for (index, meaning) in self.conditions().enumerate() {
-            write!(f, "{}{meaning}", if index == 0 { "" } else { ", " })?;
-        }
-        Ok(())
+    /// The same conditions in neutral bits.
+    #[must_use]
+    pub fn neutral(self) -> DriveStatus {
+        DriveStatus(
+            CONDITIONS.iter().filter(|(wide, _, _)| self.0 & wide != 0).fold(0, |all, (_, _, neutral)| all | neutral),
+        )
     }
 }

@@ -37,7 +37,7 @@ pub struct Program {
     /// Its first thread, which is also the number of the process.
     pub main: u32,
     /// The thread that has the line.
-    pub line: u32,
+    pub port: u32,
 }
 
 /// The device's side of the file.
@@ -82,7 +82,7 @@ impl LeftOut {
     #[must_use]
     pub fn program(&self) -> Option<Program> {
         let both = read(&self.file, PROGRAM).filter(|both| *both != 0)?;
-        Some(Program { main: (both >> 32) as u32, line: both as u32 })
+        Some(Program { main: (both >> 32) as u32, port: both as u32 })
     }
 }
 
@@ -94,7 +94,7 @@ impl Drop for LeftOut {
 
 /// The program's side: what a line goes by beside the machine's clock. Nothing where the device is a real one.
 #[derive(Debug)]
-pub struct LineClock {
+pub struct PortClock {
     path: PathBuf,
     far_side: Mutex<FarSide>,
 }
@@ -103,13 +103,13 @@ pub struct LineClock {
 struct FarSide {
     file: Option<File>,
     device: Option<Thread>,
-    line: Option<Thread>,
+    port: Option<Thread>,
     /// What the device told last, and what of it, or of devices before it, was left out while this line was connected.
     told_ns: u64,
     left_out_ns: u64,
 }
 
-impl LineClock {
+impl PortClock {
     pub(crate) fn new(link: &str) -> Self {
         Self { path: beside(Path::new(link)), far_side: Mutex::default() }
     }
@@ -119,7 +119,7 @@ impl LineClock {
         let mut far_side = self.far_side();
         far_side.file = OpenOptions::new().read(true).write(true).open(&self.path).ok();
         far_side.told_ns = far_side.file.as_ref().and_then(|file| read(file, LEFT_OUT)).unwrap_or_default();
-        (far_side.device, far_side.line) = (None, None);
+        (far_side.device, far_side.port) = (None, None);
         if let Some(file) = &far_side.file {
             let both = u64::from(std::process::id()) << 32 | thread_id();
             // A device that does not learn of this program lives on the machine's clock.
@@ -127,7 +127,7 @@ impl LineClock {
             let device = read(file, DEVICE).and_then(|tid| Thread::of(tid as u32).ok());
             far_side.device = device;
         }
-        far_side.line = Thread::of(thread_id() as u32).ok();
+        far_side.port = Thread::of(thread_id() as u32).ok();
     }
 
     /// The port was closed: the device goes on without this program.
@@ -136,7 +136,7 @@ impl LineClock {
         if let Some(file) = far_side.file.take() {
             let _ = write(&file, PROGRAM, 0);
         }
-        (far_side.device, far_side.line) = (None, None);
+        (far_side.device, far_side.port) = (None, None);
     }
 
     /// Time that the device has left out so far, while this line was connected, ns; never goes back.
@@ -173,20 +173,20 @@ impl LineClock {
     /// Whether the device, or the thread that has the line, wants a processor at this moment. For a third one: a thread that asks runs.
     #[must_use]
     pub fn either_wants_to_run(&self) -> bool {
-        self.is_simulated() && (self.device_wants_to_run() || !self.line_sleeps())
+        self.is_simulated() && (self.device_wants_to_run() || !self.port_sleeps())
     }
 
     /// Whether the thread that has the line sleeps, which it does only where it waits for what the device says, and the device could say
     /// it. For a third one: a thread that asks runs.
     #[must_use]
-    pub fn line_waits_for_the_device(&self) -> bool {
-        !self.device_wants_to_run() && self.line_sleeps()
+    pub fn port_waits_for_device(&self) -> bool {
+        !self.device_wants_to_run() && self.port_sleeps()
     }
 
-    fn line_sleeps(&self) -> bool {
+    fn port_sleeps(&self) -> bool {
         let mut far_side = self.far_side();
         let sleeps = |thread: &mut Thread| thread.look(monotonic_ns()).is_some() && thread.state() == State::Asleep;
-        far_side.line.as_mut().is_some_and(sleeps)
+        far_side.port.as_mut().is_some_and(sleeps)
     }
 
     /// Whether the far side is a simulated device that tells of its time.
@@ -242,10 +242,10 @@ mod tests {
         let link = link("both");
         let device = LeftOut::create(&link)?;
         assert_eq!(device.program(), None);
-        let line = LineClock::new(&link.to_string_lossy());
+        let line = PortClock::new(&link.to_string_lossy());
         assert_eq!((line.left_out_ns(), line.is_simulated()), (0, false));
         line.connected();
-        let own = Program { main: std::process::id(), line: thread_id() as u32 };
+        let own = Program { main: std::process::id(), port: thread_id() as u32 };
         assert_eq!((device.program(), line.is_simulated()), (Some(own), true));
         device.tell(7)?;
         assert_eq!(line.left_out_ns(), 7);
@@ -271,7 +271,7 @@ mod tests {
         });
         let Ok(file) = told.recv() else { panic!("no device") };
         let file = file?;
-        let line = LineClock::new(&link.to_string_lossy());
+        let line = PortClock::new(&link.to_string_lossy());
         line.connected();
         // Once its thread sleeps, what it said decides.
         while line.device_wants_to_run() {
@@ -291,7 +291,7 @@ mod tests {
     #[test]
     fn what_was_left_out_never_goes_back() -> io::Result<()> {
         let link = link("back");
-        let line = LineClock::new(&link.to_string_lossy());
+        let line = PortClock::new(&link.to_string_lossy());
         let first = LeftOut::create(&link)?;
         line.connected();
         first.tell(5)?;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::{Error, LineClock};
+use crate::{Error, PortClock};
 
 /// An input of a serial port beside its data: what drives it is on or off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,7 +41,7 @@ pub trait Transport: Send {
     }
 
     /// What a simulated device of this machine leaves out of its time, for others than the line's own thread.
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         None
     }
 
@@ -90,7 +90,7 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     fn stamp_ns(&self) -> u64 {
         (**self).stamp_ns()
     }
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         (**self).clock()
     }
     fn wait_until(&mut self, until_ns: u64) {

@@ -1,16 +1,17 @@
-//! How a cable robot is controlled: laws from set point and position to velocities, the drives' delay and lag, filters of lengths.
+//! Control of a cable robot: laws from setpoint and position to velocities, delay and lag of the drives, filters of
+//! lengths.
 //!
 //! | module | what |
 //! |---|---|
 //! | [`law`] | the paper's LQ endpoint law and proportional feedforward |
 //! | [`preview`] | a law that looks ahead on the path beyond the drives' delay |
 //! | [`drive_lag`] | delay and lag of drives, identified while the robot moves |
-//! | [`motor_model`] | the paper's motor model (18)-(19), learnt while it runs |
+//! | [`motor_model`] | the paper's motor model (18)-(19), identified while it runs |
 //! | [`length_filter`] | a Kalman filter on length and velocity of one cable |
 //!
 //! Invariants:
 //! * Pure functions and small state machines: no clock, no I/O, no allocation after construction.
-//! * `libm` gives the functions that IEEE 754 leaves open, so that every machine computes the same bits.
+//! * Functions that IEEE 754 does not fix come from `libm`, so every machine computes the same bits.
 #![forbid(unsafe_code)]
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also refuses NaN, which `a > b` would let pass")]
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]

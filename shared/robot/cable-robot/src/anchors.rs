@@ -1,4 +1,4 @@
-//! The points the lines leave from, and the space they span: all of it, or the plane y = 0.
+//! Anchor positions of a robot that moves in space or in the plane y = 0.
 
 use std::ops::Deref;
 
@@ -7,19 +7,19 @@ use nalgebra::Vector3;
 use crate::MAX_CABLES;
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
-/// The key of the robot file.
+/// Key of the robot file.
 const KEY: &str = "anchors_m";
 
-/// Anchors whose triangle has less than this share of its squared longest side as area count as collinear.
+/// Anchors count as collinear if the area of their triangle is below this share of its squared longest side.
 pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
-/// Anchors closer than this count as one point, m: no pulley is smaller.
+/// Anchors closer than this count as one point, m. Pulleys are larger.
 const COINCIDENT_M: f64 = 1e-3;
 
-/// The points the lines leave from: at least as many as there are directions, at most eight, finite and distinct.
+/// Anchor positions: one per cable, from one per direction up to eight, finite and distinct.
 ///
 /// A planar robot has its anchors and its node in the plane y = 0 and moves in two directions, x and z. Positions, unit
-/// vectors and forces stay vectors of space with y = 0; ranks and redundancies are counted in the plane.
+/// vectors and forces remain 3-vectors with y = 0; ranks and redundancies are counted in the plane.
 ///
 /// ```
 /// use cable_robot::Anchors;
@@ -43,31 +43,31 @@ impl Anchors {
         if !(3..=MAX_CABLES).contains(&points.len()) {
             return refuse(KEY, format!("has {} points", points.len()), "3 to 8 points [x, y, z] in metres");
         }
-        Self::checked(points.iter().copied(), points.len(), false)
+        Self::from_points(points.iter().copied(), points.len(), false)
     }
 
     /// Checks and copies anchor positions [x, z] of a robot in the plane y = 0, m.
     pub fn planar(points: &[[f64; 2]]) -> Result<Self, RobotError> {
-        Self::flat(points.iter().map(|[x, z]| [*x, 0.0, *z]), points.len())
+        Self::from_plane_points(points.iter().map(|[x, z]| [*x, 0.0, *z]), points.len())
     }
 
-    /// The same from points [x, y, z], whose y has to be 0.
+    /// Like [`Anchors::planar`], from points [x, y, z] with y = 0.
     pub fn in_plane(points: &[[f64; 3]]) -> Result<Self, RobotError> {
         if let Some(i) = points.iter().position(|p| p[1] != 0.0) {
-            let problem = format!("number {} is {} m beside the plane y = 0", i + 1, points[i][1]);
+            let problem = format!("number {} is {} m outside the plane y = 0", i + 1, points[i][1]);
             return refuse(KEY, problem, "points [x, z] in metres, or [x, 0, z]");
         }
-        Self::flat(points.iter().copied(), points.len())
+        Self::from_plane_points(points.iter().copied(), points.len())
     }
 
-    fn flat(points: impl Iterator<Item = [f64; 3]>, count: usize) -> Result<Self, RobotError> {
+    fn from_plane_points(points: impl Iterator<Item = [f64; 3]>, count: usize) -> Result<Self, RobotError> {
         if !(2..=MAX_CABLES).contains(&count) {
             return refuse(KEY, format!("has {count} points"), "2 to 8 points [x, z] in metres");
         }
-        Self::checked(points, count, true)
+        Self::from_points(points, count, true)
     }
 
-    fn checked(points: impl Iterator<Item = [f64; 3]>, len: usize, planar: bool) -> Result<Self, RobotError> {
+    fn from_points(points: impl Iterator<Item = [f64; 3]>, len: usize, planar: bool) -> Result<Self, RobotError> {
         let mut result = Self { points: [Vector3::zeros(); MAX_CABLES], len, planar };
         for (i, p) in points.enumerate() {
             if !p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST_M) {
@@ -84,12 +84,13 @@ impl Anchors {
         Ok(result)
     }
 
-    /// In how many directions the node moves: 3, or 2 in the plane y = 0.
+    /// Number of directions in which the node moves: 3, or 2 in the plane y = 0.
     pub fn dimensions(&self) -> usize {
         if self.planar { 2 } else { 3 }
     }
 
-    /// True if all of them lie on one straight line, so that the node can swing around it whatever the lines do. In a plane it cannot.
+    /// True if all anchors lie on one straight line, so that the node can swing around it whatever the tensions. Always
+    /// false for a planar robot, which cannot swing.
     ///
     /// ```
     /// # use cable_robot::Anchors;
@@ -108,12 +109,12 @@ impl Anchors {
     }
 }
 
-/// True if these points of space lie on one straight line.
+/// True if all points lie on one straight line.
 pub fn on_a_line(points: &[Vector3<f64>]) -> bool {
     let [first, rest @ ..] = points else { return true };
     let farthest = rest.iter().map(|p| p - first).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
     let Some(along) = farthest else { return true };
-    // The area that two sides span, beside the square of the longer one.
+    // Area spanned by two sides, relative to the square of the longer one.
     rest.iter().all(|p| along.cross(&(p - first)).norm() <= COLLINEAR_TOLERANCE * along.norm_squared())
 }
 
@@ -129,11 +130,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_of_anchors_is_told_from_a_slender_triangle() {
+    fn a_row_of_anchors_differs_from_a_slender_triangle() {
         let row = |beside: f64| Anchors::new(&[[0.0, 0.0, 3.0], [4.0, beside, 3.0], [8.0, 0.0, 3.0]]).unwrap();
         assert!(row(0.0).are_on_a_line() && row(1e-12).are_on_a_line());
         assert!(!row(0.01).are_on_a_line());
-        // not level, and seen from another of its points
+        // not level, and starting from another of its points
         let slanting = [[1.0, 2.0, 3.0], [0.0, 0.0, 1.0], [2.0, 4.0, 5.0], [3.0, 6.0, 7.0]];
         assert!(Anchors::new(&slanting).unwrap().are_on_a_line());
         let mut bent = slanting;
@@ -142,11 +143,11 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_takes_points_of_its_own_only() {
+    fn a_plane_accepts_only_points_with_y_0() {
         let corners = [[0.0, 0.0, 4.0], [6.0, 0.0, 4.0], [6.0, 0.0, 0.0], [0.0, 0.0, 0.0]];
         let planar = Anchors::in_plane(&corners).unwrap();
         assert_eq!(planar, Anchors::planar(&corners.map(|[x, _, z]| [x, z])).unwrap());
-        // The same points in space: four lines that hold nothing sideways.
+        // The same points in space: four cables that hold nothing sideways.
         assert_ne!(planar, Anchors::new(&corners).unwrap());
         for bad in [&[[0.0, 0.0, 4.0], [6.0, 0.1, 4.0]][..], &corners[..1], &[[0.0, 0.0, 4.0]; 2], &[[0.0; 3]; 9]] {
             assert_eq!(Anchors::in_plane(bad).unwrap_err().key, "anchors_m");

@@ -1,23 +1,24 @@
 //! One number per cable, without allocation.
 //!
-//! A [`CableVec`] has 0 to [`MAX_CABLES`] entries; what its numbers are says whoever carries it. Too many entries are the one error.
+//! A [`CableVec`] has 0 to [`MAX_CABLES`] entries; the field or function that uses it defines their meaning and unit.
+//! The only error is too many entries.
 
 use std::ops::{Deref, DerefMut};
 
 use thiserror::Error;
 
-/// The most cables a robot may have. Messages carry arrays of this length.
+/// Largest number of cables of a robot. Messages carry arrays of this length.
 pub const MAX_CABLES: usize = 8;
 
-/// More values than a robot can have cables.
+/// Error: more values than a robot can have cables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("{given} values for cables were given, and a robot has at most {MAX_CABLES} cables")]
 pub struct TooManyCables {
-    /// How many values were given.
+    /// Number of values given.
     pub given: usize,
 }
 
-/// One `f64` per cable: lengths, velocities, tensions. A slice in use, an array in storage.
+/// One `f64` per cable (lengths, velocities, tensions): used as a slice, stored as an array.
 ///
 /// ```
 /// use cable_robot::CableVec;
@@ -33,13 +34,13 @@ pub struct CableVec {
 }
 
 impl CableVec {
-    /// `n` zeros; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    /// Returns `n` zeros; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
     pub const fn zeros(n: usize) -> Self {
         let len = if n > MAX_CABLES { MAX_CABLES } else { n };
         Self { values: [0.0; MAX_CABLES], len }
     }
 
-    /// The same value for each of `n` cables; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    /// Returns the same value for each of `n` cables; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
     pub fn repeat(n: usize, value: f64) -> Self {
         Self::from_fn(n, |_| value)
     }
@@ -52,12 +53,12 @@ impl CableVec {
         Ok(Self::from_fn(values.len(), |i| values[i]))
     }
 
-    /// The first `n` values of a message's array; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    /// Copies the first `n` values of a message's array; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
     pub fn from_array8(values: &[f64; MAX_CABLES], n: usize) -> Self {
         Self::from_fn(n, |i| values[i])
     }
 
-    /// The value of each of `n` cables by its index; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    /// Computes the value of each of `n` cables from its index; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
     pub fn from_fn(n: usize, mut value: impl FnMut(usize) -> f64) -> Self {
         let mut result = Self::zeros(n);
         for i in 0..result.len {
@@ -66,32 +67,32 @@ impl CableVec {
         result
     }
 
-    /// The values, then zeros, as messages carry them.
+    /// Returns the values padded with zeros, as messages carry them.
     pub const fn to_array8(&self) -> [f64; MAX_CABLES] {
         self.values
     }
 
-    /// A function of every value.
+    /// Applies a function to every value.
     pub fn map(&self, mut f: impl FnMut(f64) -> f64) -> Self {
         Self::from_fn(self.len, |i| f(self.values[i]))
     }
 
-    /// A function of every value and its partner; as long as the shorter of the two.
+    /// Applies a function to every value and the value of the same cable in `other`; as long as the shorter of the two.
     pub fn zip_map(&self, other: &[f64], mut f: impl FnMut(f64, f64) -> f64) -> Self {
         Self::from_fn(self.len.min(other.len()), |i| f(self.values[i], other[i]))
     }
 
-    /// The sum of the values.
+    /// Sum of the values.
     pub fn sum(&self) -> f64 {
         self.iter().sum()
     }
 
-    /// The sum of the squares.
+    /// Sum of the squares.
     pub fn norm_squared(&self) -> f64 {
         self.iter().map(|v| v * v).sum()
     }
 
-    /// The largest magnitude; NaN if any value is NaN.
+    /// Largest magnitude; NaN if any value is NaN.
     pub fn max_abs(&self) -> f64 {
         self.iter().fold(0.0, |m: f64, v| if v.is_nan() || m.is_nan() { f64::NAN } else { m.max(v.abs()) })
     }

@@ -1,8 +1,10 @@
-//! Lines that stretch. The measured length l is unstretched line paid out beyond the routed part Lx; with the stiffness
-//! EA, straight-line length L and tension T belong together by (L + Lx) = (l + Lx)(1 + T / EA). Rigid lines: l = L.
+//! Cables that stretch. The measured length l is the unstretched cable paid out beyond the routed part Lx.
+//! With the stiffness EA, straight-line length L and tension T are related by (L + Lx) = (l + Lx)(1 + T / EA).
+//! Rigid cables: l = L.
 //!
-//! Lengths and positions in m, tensions and EA in N; one entry per cable. Accelerations enter with (15)-(16), the choice of tensions
-//! with (27)-(37). A pose that nothing holds is a [`crate::tension::TensionError`], lengths that no equilibrium has an [`ElasticError`].
+//! Lengths and positions in m, tensions and EA in N; one entry per cable. Accelerations enter with (15)-(16), the
+//! choice of tensions with (27)-(37). A pose that no tensions can hold is a [`crate::tension::TensionError`]; lengths
+//! without an equilibrium are an [`ElasticError`].
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -13,13 +15,14 @@ use crate::kinematics::{
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
 
-/// Coordinates (m) and forces (N) beyond this are a wrong unit or an error.
+/// Coordinates (m) and forces (N) beyond this are in a wrong unit or erroneous.
 const LARGEST: f64 = 1e6;
 
-/// Bound of the equilibrium iteration; from the last cycle's position it needs two or three.
+/// Bound of the equilibrium iteration, which needs two or three steps from the last cycle's position.
 const MAX_ITERATIONS: usize = 100;
 
-/// Measured lengths that stretch to these straight-line lengths under these tensions, m; as many as the robot has cables.
+/// Unstretched (measured) lengths of cables with these straight-line lengths and tensions, m; as many as
+/// the robot has cables.
 pub fn unstretched(robot: &Robot, lengths_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
     CableVec::from_fn(routed.len().min(lengths_m.len()).min(tensions_n.len()), |i| match robot.stiffness_n() {
@@ -28,7 +31,7 @@ pub fn unstretched(robot: &Robot, lengths_m: &[f64], tensions_n: &[f64]) -> Cabl
     })
 }
 
-/// Straight-line lengths to which these measured lengths stretch under these tensions, m; as many as the robot has cables.
+/// Straight-line lengths of cables with these measured lengths and tensions, m; as many as the robot has cables.
 pub fn stretched(robot: &Robot, unstretched_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
     CableVec::from_fn(routed.len().min(unstretched_m.len()).min(tensions_n.len()), |i| match robot.stiffness_n() {
@@ -37,10 +40,10 @@ pub fn stretched(robot: &Robot, unstretched_m: &[f64], tensions_n: &[f64]) -> Ca
     })
 }
 
-/// What the winches have to hold so that the node is at a position with a chosen distribution of tension.
+/// Cable lengths and tensions that hold the node at a position with a chosen tension distribution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Realisation {
-    /// Measured (unstretched) lengths, m: what is commanded.
+    /// Measured (unstretched) lengths to be commanded, m.
     pub unstretched_m: CableVec,
     /// Straight-line lengths, m.
     pub lengths_m: CableVec,
@@ -48,7 +51,7 @@ pub struct Realisation {
     pub tensions_n: CableVec,
 }
 
-/// Measured lengths that put the node at a position, accelerating, with the chosen distribution.
+/// Computes the measured lengths that hold the node at a position with an acceleration and the chosen distribution.
 ///
 /// ```
 /// use cable_robot::*;
@@ -73,7 +76,8 @@ pub fn realise(
     realise_under(robot, position, &robot.wrench_n(acceleration_m_s2), distribution)
 }
 
-/// The same under any force that the lines have to provide together, N: with the drag of a node that moves, say.
+/// Like [`realise`], for any force that the cables provide together, N, for example including the
+/// drag of a moving node.
 pub fn realise_under(
     robot: &Robot,
     position: &Vector3<f64>,
@@ -85,65 +89,67 @@ pub fn realise_under(
     Ok(Realisation { unstretched_m: unstretched(robot, &lengths_m, &tensions_n), lengths_m, tensions_n })
 }
 
-/// No equilibrium found.
+/// Error of the elastic equilibrium.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum ElasticError {
-    /// The rigid case failed.
+    /// Error of the kinematics of rigid cables.
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
-    /// A measured length leaves no line to stretch.
-    #[error("cable {} has a measured length of {length_m} m, which with its routed part is no line; check the lengths", cable + 1)]
+    /// A measured length plus its routed part is not positive.
+    #[error("cable {} has a measured length of {length_m} m, which with its routed part is not positive; check the lengths", cable + 1)]
     NoLine {
         /// Index of the cable, from 0.
         cable: usize,
         /// The measured length, m.
         length_m: f64,
     },
-    /// The guess or the force on the node is not a number, or no force or position on Earth.
+    /// The guess or the force on the node is not finite, or too large to be real.
     #[error("{what} is not finite or beyond 1e6; give numbers in SI units")]
     NotFinite {
-        /// Which.
+        /// The wrong argument.
         what: &'static str,
     },
-    /// The iteration ended short of balance.
+    /// The iteration ended without balanced forces.
     #[error(
         "no equilibrium found in {MAX_ITERATIONS} iterations: {residual_n:.3e} N are out of balance; check lengths and stiffness"
     )]
     NotConverged {
-        /// Force out of balance, N.
+        /// Remaining force, N.
         residual_n: f64,
     },
 }
 
-/// Where the node hangs with measured lengths given, and how the lines pull there.
+/// Equilibrium position and tensions for given measured lengths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Equilibrium {
     /// Position, m.
     pub position: Vector3<f64>,
-    /// Tensions, N; 0 for a slack line.
+    /// Tensions, N; 0 for a slack cable.
     pub tensions_n: CableVec,
     /// Straight-line lengths, m.
     pub lengths_m: CableVec,
-    /// Which lines are slack; unused ones are false.
+    /// Whether each cable is slack; unused entries are false.
     pub slack: [bool; MAX_CABLES],
-    /// Elastic lines: force out of balance, N. Rigid lines: RMS of the lengths that do not fit, m.
+    /// Elastic cables: remaining force, N. Rigid cables: RMS of the length residuals, m.
     pub residual: f64,
-    /// Newton steps taken from the start that led here; 0 for rigid lines.
+    /// Newton steps from the starting point; 0 for rigid cables.
     pub iterations: usize,
-    /// How the position follows the measured lengths, dX/dl, 3 x N; zero columns for slack lines.
+    /// Sensitivity of the position to the measured lengths, dX/dl, 3 x N; zero columns for slack cables.
     pub sensitivity: NodeJacobian,
 }
 
 impl Equilibrium {
-    /// Covariance of the position, m², for independent errors of the measured lengths of these standard deviations, m.
+    /// Covariance of the position, m², for independent errors of the measured lengths with these
+    /// standard deviations, m.
     pub fn covariance(&self, sigma_length_m: &[f64]) -> Matrix3<f64> {
         self.sensitivity.covariance(sigma_length_m)
     }
 
-    /// Covariance of the position, m², that the anchors' own covariance brings with it: Σ B_i B_j' (e_i' C_ij e_j) with the
-    /// lines' unit vectors e. The same in every cycle, so that no averaging removes it; None if the robot's calibration states
-    /// none. That elastic lines turn with their anchors is neglected: a few percent of the deviation, a sixth close below the
-    /// anchors. Where the position was told (and the lengths reckoned from it) the true error is smaller.
+    /// Covariance of the position, m², caused by the covariance of the anchors: Σ B_i B_j' (e_i' C_ij e_j) with the
+    /// unit vectors e of the cables. The error is the same in every cycle, so averaging does not reduce it. None if the
+    /// robot's calibration has no covariance. The rotation of elastic cables with their anchors is neglected: a few
+    /// percent of the standard deviation, a sixth close below the anchors. If the position was set by the operator and
+    /// the lengths were computed from it, the true error is smaller.
     pub fn covariance_by_anchors(&self, robot: &Robot) -> Option<Matrix3<f64>> {
         let anchors = robot.anchors();
         let mut sum = Matrix3::zeros();
@@ -157,18 +163,19 @@ impl Equilibrium {
         Some(sum)
     }
 
-    /// True if any line is slack.
+    /// True if any cable is slack.
     pub fn any_slack(&self) -> bool {
         self.slack.iter().any(|s| *s)
     }
 }
 
-/// The elastic equilibrium: the position at which Σ T_i (-u_i) = m (g + a), T_i = max(0, EA ((L_i + Lx)/(l_i + Lx) - 1)).
+/// Computes the elastic equilibrium: the position at which Σ T_i (-u_i) = m (g + a), T_i = max(0, EA ((L_i +
+/// Lx)/(l_i + Lx) - 1)).
 ///
-/// It is the minimum of a convex potential (a stretched line's energy grows convexly with the position, and lines cannot
-/// push), so it is unique wherever lines are taut in every direction, and damped Newton finds it from anywhere; `guess` (the
-/// last cycle's position) saves steps. For rigid lines it is forward kinematics near the guess, with the unique or the
-/// least-norm tensions.
+/// The position minimises a convex potential (the energy of a stretched cable is convex in the position, and cables
+/// cannot push). It is therefore unique wherever cables are taut in every direction, and damped Newton steps find it
+/// from any start; `guess` (the last cycle's position) saves steps. For rigid cables this is forward kinematics near
+/// the guess, with the unique or the least-norm tensions.
 pub fn equilibrium(
     robot: &Robot,
     unstretched_m: &[f64],
@@ -178,7 +185,8 @@ pub fn equilibrium(
     equilibrium_under(robot, unstretched_m, &robot.wrench_n(acceleration_m_s2), guess)
 }
 
-/// The same under any force that the lines provide together, N: with the drag of a node that moves, say.
+/// Like [`equilibrium`], for any force that the cables provide together, N, for example including the
+/// drag of a moving node.
 pub fn equilibrium_under(
     robot: &Robot,
     unstretched_m: &[f64],
@@ -207,13 +215,13 @@ pub fn equilibrium_under(
     if robot.is_planar() {
         wrench.y = 0.0;
     }
-    let lines = Lines { robot, unstretched_m, stiffness, wrench };
-    let found = lines.balance(lines.start(guess));
-    // A guess far away from very stiff lines can cost more steps than there are; the lengths themselves know better.
-    if found.is_err() && guess.is_some() { lines.balance(lines.start(None)) } else { found }
+    let cables = ElasticCables { robot, unstretched_m, stiffness, wrench };
+    let found = cables.balance(cables.start(guess));
+    // With very stiff cables and a distant guess the iteration can reach its bound: start from the lengths instead.
+    if found.is_err() && guess.is_some() { cables.balance(cables.start(None)) } else { found }
 }
 
-struct Lines<'a> {
+struct ElasticCables<'a> {
     robot: &'a Robot,
     unstretched_m: &'a [f64],
     stiffness: f64,
@@ -227,8 +235,8 @@ struct Balance {
     potential: f64,
 }
 
-impl Lines<'_> {
-    /// From a guess, or from where the rigid lines would meet, or below the middle of the anchors.
+impl ElasticCables<'_> {
+    /// Starting point: the guess, or the position of rigid cables, or a point below the centre of the anchors.
     fn start(&self, guess: Option<&Vector3<f64>>) -> Vector3<f64> {
         if let Some(guess) = guess {
             let y = if self.robot.is_planar() { 0.0 } else { guess.y };
@@ -243,8 +251,8 @@ impl Lines<'_> {
         middle - Vector3::new(0.0, 0.0, 0.5 * longest)
     }
 
-    /// Unstretched line from drum to node, and how much longer than it the straight line with the routed part is.
-    fn line(&self, i: usize, x: &Vector3<f64>) -> (f64, f64, Vector3<f64>, f64) {
+    /// Total unstretched length from drum to node, stretch, unit vector and straight-line length of a cable.
+    fn geometry(&self, i: usize, x: &Vector3<f64>) -> (f64, f64, Vector3<f64>, f64) {
         let d = x - self.robot.anchors()[i];
         let length = d.norm();
         let u = if length > 0.0 { d / length } else { Vector3::zeros() };
@@ -253,10 +261,10 @@ impl Lines<'_> {
         (total, length - self.unstretched_m[i], u, length)
     }
 
-    fn at(&self, x: &Vector3<f64>) -> Balance {
+    fn evaluate(&self, x: &Vector3<f64>) -> Balance {
         let mut balance = Balance { gradient: self.wrench, hessian: Matrix3::zeros(), potential: self.wrench.dot(x) };
         for i in 0..self.robot.cable_count() {
-            let (total, stretch, u, length) = self.line(i, x);
+            let (total, stretch, u, length) = self.geometry(i, x);
             if stretch <= 0.0 || length == 0.0 {
                 continue;
             }
@@ -272,23 +280,24 @@ impl Lines<'_> {
 
     fn balance(&self, start: Vector3<f64>) -> Result<Equilibrium, ElasticError> {
         let anchors = self.robot.anchors();
-        // Forces are differences of lengths times stiffness, so their rounding grows with both.
+        // Forces are length differences times stiffness, so their rounding errors grow with both.
         let longest = self.unstretched_m.iter().fold(1.0, |m: f64, l| m.max(*l));
         let tolerance = 1e-10 * (1.0 + self.wrench.norm()) + 1e-15 * self.stiffness * longest;
-        let softest = (0..anchors.len()).fold(f64::INFINITY, |m, i| m.min(self.stiffness / self.line(i, &start).0));
+        let softest = (0..anchors.len()).fold(f64::INFINITY, |m, i| m.min(self.stiffness / self.geometry(i, &start).0));
         let mut x = start;
-        let mut now = self.at(&x);
+        let mut now = self.evaluate(&x);
         let mut damping = 0.0;
         let mut iterations = 0;
         while now.gradient.norm() > tolerance && iterations < MAX_ITERATIONS {
             iterations += 1;
-            // A node that hangs on fewer taut lines than there are directions has soft directions: damped, it falls until one is taut.
+            // A node on fewer taut cables than directions has soft directions: the damped step lets it fall
+            // until a cable is taut.
             let floor = if damping > 0.0 { damping } else { 1e-12 * softest };
             let Some(mut step) = linalg::solve_spd(&(now.hessian + Matrix3::identity() * floor), &now.gradient) else {
                 damping = (10.0 * damping).max(1e-6 * softest);
                 continue;
             };
-            // No step beyond the size of the machine.
+            // Limit the step to the size of the robot.
             if step.norm() > longest {
                 step *= longest / step.norm();
             }
@@ -296,8 +305,8 @@ impl Lines<'_> {
             let mut accepted = false;
             for _ in 0..30 {
                 let next = x - step * share;
-                let there = self.at(&next);
-                // Near the end the potential drowns in its own rounding: then the gradient decides.
+                let there = self.evaluate(&next);
+                // Near the minimum, rounding hides the decrease of the potential: then the gradient decides.
                 let falls = there.potential <= now.potential - 1e-4 * share * now.gradient.dot(&step);
                 if falls || there.gradient.norm() < 0.5 * now.gradient.norm() {
                     (x, now, accepted) = (next, there, true);
@@ -329,7 +338,7 @@ impl Lines<'_> {
         let mut tensions_n = CableVec::zeros(n);
         let mut lengths_m = CableVec::zeros(n);
         for i in 0..n {
-            let (total, stretch, u, length) = self.line(i, &x);
+            let (total, stretch, u, length) = self.geometry(i, &x);
             lengths_m[i] = length;
             slack[i] = stretch <= 0.0;
             if !slack[i] {

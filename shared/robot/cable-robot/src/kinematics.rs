@@ -1,9 +1,9 @@
 //! Lengths, positions and velocities: (6)-(14).
 //!
-//! Lengths are N straight-line distances in m, positions 3-vectors in m. J of (14) is N x 3 with unit vectors from the anchors to
-//! the node as rows, so that cable velocities are J times the node's; B = J⁻¹, or the pseudo-inverse for more than three cables; the
-//! structure matrix Λ = -Jᵀ is 3 x N. What has no answer (unreachable lengths, two of them, a singular pose, anchors on one line) is a
-//! [`KinematicsError`].
+//! Lengths are N straight-line distances in m, positions 3-vectors in m. J of (14) is N x 3; its rows are unit vectors
+//! from the anchors to the node, so that cable velocities are J times the node velocity. B is J⁻¹, or the
+//! pseudo-inverse for more than three cables; the structure matrix Λ = -Jᵀ is 3 x N. Unreachable or ambiguous lengths,
+//! a singular pose and anchors on one line are a [`KinematicsError`].
 
 mod matrices;
 mod solution;
@@ -16,28 +16,28 @@ use nalgebra::{Matrix3, Vector3};
 use crate::anchors::COLLINEAR_TOLERANCE;
 use crate::{Anchors, CableVec, linalg, planar};
 
-/// Lengths may miss each other by this share of the squared length and still count as touching spheres: rounding of
-/// lengths measured with the node in the plane of the anchors.
+/// Spheres that miss each other by this share of the squared length count as touching: rounding of lengths measured
+/// with the node in the plane of the anchors.
 const TOUCH_TOLERANCE: f64 = 1e-9;
 
-/// Anchors at nearly one height let the mirror image fit the lengths nearly as well as the true position, and with noise
-/// sometimes better. The lower one is taken unless it misses by this share of the length more than the other: 2 cm on
-/// 7 m, several times what calibrated lengths are wrong by.
+/// With anchors at nearly one height, the mirror image fits the lengths nearly as well as the true position, and with
+/// noise sometimes better. The lower point is chosen unless its residual is larger by more than this share of the
+/// length: 2 cm on 7 m, several times the error of calibrated lengths.
 const MIRROR_TOLERANCE: f64 = 0.003;
 
-/// Bound of the least-squares iteration; it needs about five.
+/// Bound of the least-squares iteration, which needs about five steps.
 const MAX_ITERATIONS: usize = 50;
 
-/// Straight-line lengths from the anchors to a position, m (6).
+/// Computes the straight-line lengths from the anchors to a position, m (6).
 pub fn inverse_kinematics(anchors: &Anchors, position: &Vector3<f64>) -> CableVec {
     CableVec::from_fn(anchors.len(), |i| (position - anchors[i]).norm())
 }
 
-/// The position with these straight-line lengths: closed form for as many cables as directions, least squares in length
-/// for more.
+/// Computes the position with these straight-line lengths: closed form for as many cables as directions, least squares
+/// in length for more.
 ///
-/// Of two mirror solutions it is the nearer to `near` if given, otherwise the lower one; of more than three cables, whose
-/// mirror solutions do not fit equally well, the lower one unless the upper one fits clearly better.
+/// Of two mirror solutions, the one nearer to `near` if given, otherwise the lower one. With more than three cables the
+/// mirror solutions do not fit equally well; the lower one is chosen unless the upper one fits clearly better.
 ///
 /// ```
 /// use cable_robot::Anchors;
@@ -75,17 +75,17 @@ pub fn forward_kinematics(
     least_squares(anchors, lengths_m, near)
 }
 
-/// Where three spheres meet.
+/// Intersection of three spheres.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair {
-    /// Both points; the same point twice where the spheres do not meet.
+    /// Both points; the same point twice if the spheres do not intersect.
     pub points: [Vector3<f64>; 2],
-    /// Squared distance from the plane of the anchors; negative where the spheres do not meet.
+    /// Squared distance from the plane of the anchors; negative if the spheres do not intersect.
     pub height_squared: f64,
 }
 
-/// Intersection of three spheres in the frame of their plane: solves (7)-(9) without (10)-(12)'s division by the
-/// horizontal distance of the anchors, which fails for anchors one above the other.
+/// Computes the intersection of three spheres in the frame of their plane. Solves (7)-(9) without the division of
+/// (10)-(12) by the horizontal distance of the anchors, which fails for anchors above each other.
 ///
 /// # Errors
 /// The centres lie on one line.
@@ -109,7 +109,7 @@ pub fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, Kinematics
     Ok(Pair { points: [foot - ez * h, foot + ez * h], height_squared })
 }
 
-/// The chosen one of two mirror points, and the other.
+/// Returns the chosen one of two mirror points, and the other.
 fn choose(
     points: [Vector3<f64>; 2],
     near: Option<&Vector3<f64>>,
@@ -133,7 +133,7 @@ fn residuals(anchors: &Anchors, lengths: &[f64], x: &Vector3<f64>) -> f64 {
     anchors.iter().zip(lengths).map(|(a, l)| ((x - a).norm() - l) * ((x - a).norm() - l)).sum()
 }
 
-/// Least squares in length from the best triple and from its mirror.
+/// Least squares in length, from the best triple of cables and from its mirror image.
 fn least_squares(anchors: &Anchors, l: &[f64], near: Option<&Vector3<f64>>) -> Result<Forward, KinematicsError> {
     let n = anchors.len();
     let mut best: Option<(f64, [Vector3<f64>; 2])> = None;
@@ -188,7 +188,7 @@ fn descend(anchors: &Anchors, lengths: &[f64], start: Vector3<f64>) -> Vector3<f
         };
         let next = x - step;
         let next_cost = residuals(anchors, lengths, &next);
-        // Close to the end the cost drowns in its own rounding; an undamped step is then trusted.
+        // Near the minimum, rounding hides the decrease of the cost: accept undamped steps.
         let close = damping <= 1e-9 && step.norm() <= 1e-7 * (1.0 + x.norm());
         if next_cost <= cost || close {
             let done = step.norm() <= 1e-14 * (1.0 + x.norm());
@@ -216,7 +216,7 @@ mod tests {
         proptest::collection::vec([-6.0..6.0f64, -6.0..6.0f64, 2.5..4.0f64], n).prop_filter_map(
             "spread",
             |mut points| {
-                // Corners of a polygon, shaken, so that no three are collinear.
+                // Corners of a polygon with random offsets, so that no three are collinear.
                 let n = points.len() as f64;
                 for (i, p) in points.iter_mut().enumerate() {
                     let angle = 2.0 * std::f64::consts::PI * i as f64 / n;
@@ -232,7 +232,7 @@ mod tests {
         [-2.0..2.0f64, -2.0..2.0f64, -1.0..2.0f64].prop_map(Vector3::from)
     }
 
-    /// The paper's own form, (7)-(12), with its frame: anchor 1 at the origin, anchor 2 on the x axis.
+    /// The form of the paper, (7)-(12), in its frame: anchor 1 at the origin, anchor 2 on the x axis.
     fn paper_form(a2: [f64; 2], a3: [f64; 3], l: [f64; 3]) -> Vector3<f64> {
         let ([x2, z2], [x3, y3, z3], [l1, l2, l3]) = (a2, a3, l);
         let alpha = -z2 / x2;
@@ -258,7 +258,7 @@ mod tests {
 
         #[test]
         fn closed_form_agrees_with_the_papers(anchors in random_anchors(3), p in inside()) {
-            // Turn the paper's frame by moving to anchor 1 and rotating anchor 2 to y = 0.
+            // Transform to the paper's frame: shift anchor 1 to the origin and rotate anchor 2 to y = 0.
             let (a, l) = (&anchors, inverse_kinematics(&anchors, &p));
             let (d2, d3, dp) = (a[1] - a[0], a[2] - a[0], p - a[0]);
             let r = (d2.x * d2.x + d2.y * d2.y).sqrt();
@@ -355,7 +355,7 @@ mod tests {
 
     #[test]
     fn anchors_one_above_the_other_are_no_obstacle() {
-        // Horizontally collinear, which the paper's own form cannot do.
+        // Horizontally collinear, which the form in the paper cannot solve.
         let a = Anchors::new(&[[0.0, 0.0, 3.0], [0.0, 0.0, 5.0], [4.0, 1.0, 4.0]]).unwrap();
         let p = Vector3::new(2.0, 3.0, 1.0);
         let l = inverse_kinematics(&a, &p);
@@ -388,6 +388,6 @@ mod tests {
         let p = Vector3::new(3.7, 2.9, 3.0);
         let l = inverse_kinematics(&a, &p);
         let found = forward_kinematics(&a, &l, None).unwrap().position;
-        assert!((found - p).norm() < 1e-3, "rounding of the lengths is a square root here: {found:?}");
+        assert!((found - p).norm() < 1e-3, "the error is the square root of the rounding of the lengths: {found:?}");
     }
 }

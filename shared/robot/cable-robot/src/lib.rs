@@ -1,17 +1,17 @@
-//! The mathematics of a cable-suspended robot: a node hanging from three to eight lines that run over pulleys (the
-//! *anchors*) to winches. A planar robot moves in the x-z plane (y = 0) on two to eight lines; everything that takes
-//! [`Anchors`] or a [`Robot`] counts directions accordingly.
+//! The mathematics of a cable-suspended robot: a node that hangs from three to eight cables, which run over pulleys
+//! (the *anchors*) to winches. A planar robot moves in the x-z plane (y = 0) on two to eight cables; everything that
+//! takes [`Anchors`] or a [`Robot`] counts directions accordingly.
 //!
-//! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion before it starts.
-//! Equation numbers in parentheses, like (14), are those of Borgstrom et al., "Design and Implementation of NIMS3D, a 3-D Cabled
-//! Robot for Actuated Sensing Applications", IEEE Transactions on Robotics 25 (2), 2009.
+//! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion
+//! before it starts. Equation numbers in parentheses, like (14), refer to Borgstrom et al., "Design and Implementation
+//! of NIMS3D, a 3-D Cabled Robot for Actuated Sensing Applications", IEEE Transactions on Robotics 25 (2), 2009.
 //!
 //! # Invariants
-//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except where a [`Robot`] is built from its parts and
-//!   where an error is turned into text.
-//! * SI units, z up. Cable velocity is dL/dt: positive pays line out. Only [`motor`] speaks of reel-in speed.
-//! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input gives
-//!   the same bits on every processor.
+//! * No input or output, no clock, no messages, no threads. No allocation, except when a [`Robot`] is built from its
+//!   parts and when an error is formatted.
+//! * SI units, z up. Cable velocity is dL/dt: positive pays out cable. Only [`motor`] uses the reel-in speed.
+//! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input
+//!   gives the same bits on every processor.
 //! * Every iteration is bounded.
 //!
 //! # Example
@@ -36,7 +36,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![forbid(unsafe_code)]
-#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also refuses NaN, which `a > b` would let pass")]
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also rejects NaN, which `a > b` would accept")]
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 pub mod anchors;

@@ -1,21 +1,21 @@
-//! Keeping a command inside its limits without bending the path.
+//! Scaling of cable velocities to their limits without changing the path.
 //!
-//! N cable velocities and N limits in m/s. There are no errors: what is not a number stands still.
+//! N cable velocities and N limits in m/s. There are no errors: values that are not finite give standstill.
 
 use crate::CableVec;
 
-/// A command after scaling.
+/// Cable velocities after scaling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scaled {
     /// Cable velocities, m/s.
     pub velocities_m_s: CableVec,
-    /// What all of them were multiplied with, 0 to 1.
+    /// The common scale factor, 0 to 1.
     pub factor: f64,
 }
 
-/// Scales all cable velocities by one factor so that each keeps its limit, m/s: limiting one cable alone would bend the
-/// path and stress four lines against each other. Anything that is not finite, or a missing or negative limit, gives
-/// standstill and factor 0.
+/// Scales all cable velocities by one factor so that each keeps its limit, m/s. Limiting one cable alone would change
+/// the path and tension the cables against each other. A value that is not finite, or a missing or negative limit,
+/// gives standstill and factor 0.
 ///
 /// ```
 /// use cable_robot::CableVec;

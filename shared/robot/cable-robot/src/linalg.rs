@@ -1,29 +1,30 @@
-//! Small fixed-size kernels. nalgebra's general products may pick instructions by processor; these never do.
+//! Small fixed-size kernels. nalgebra's general products may select instructions by processor; these never do.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{CableVec, MAX_CABLES};
 
-/// Below this the diagonal of R counts as zero: rows are unit vectors, so it is a sine of an angle.
+/// Diagonal entries of R below this count as zero. Rows are unit vectors, so an entry is the sine of an angle.
 const RANK_TOLERANCE: f64 = 1e-9;
 
-/// The axes of space.
+/// Axes of space.
 const SPACE: [usize; 3] = [0, 1, 2];
 
-/// Those of the plane y = 0.
+/// Axes of the plane y = 0.
 const PLANE: [usize; 2] = [0, 2];
 
-/// The n x D matrix of these axes of some rows as Q R: Q with orthonormal columns, padded with rows of zeros to N; R upper triangular.
+/// QR decomposition of the n x D matrix of the selected axes of some rows: Q with orthonormal columns, padded with rows
+/// of zeros to N; R upper triangular.
 ///
-/// By Gram-Schmidt carried out twice: unlike the normal equations it does not square the condition number.
+/// Gram-Schmidt with reorthogonalisation: unlike the normal equations it does not square the condition number.
 struct Qr<const N: usize, const D: usize> {
     q: [[f64; N]; D],
     r: [[f64; D]; D],
 }
 
 impl<const N: usize, const D: usize> Qr<N, D> {
-    /// None where the rank is below D. At most N rows.
-    fn of(rows: &[Vector3<f64>], axes: [usize; D]) -> Option<Self> {
+    /// None if the rank is below D. At most N rows.
+    fn decompose(rows: &[Vector3<f64>], axes: [usize; D]) -> Option<Self> {
         let (mut q, mut r) = ([[0.0; N]; D], [[0.0; D]; D]);
         for j in 0..D {
             let mut v = [0.0; N];
@@ -51,10 +52,10 @@ impl<const N: usize, const D: usize> Qr<N, D> {
     }
 }
 
-/// Columns of the 3 x n (pseudo-)inverse of the n x 3 matrix with these rows, or None where the rank is below three. In
-/// the plane the y of the rows is left out, the rank is two and the y of the columns 0.
+/// Columns of the 3 x n (pseudo-)inverse of the n x 3 matrix with these rows, or None if the rank is below three. In
+/// the plane the y of the rows is ignored, the rank is two and the y of the columns is 0.
 pub fn pseudo_inverse(rows: &[Vector3<f64>], planar: bool) -> Option<[Vector3<f64>; MAX_CABLES]> {
-    // Most robots have three or four cables, and theirs is solved in every cycle.
+    // Most robots have three or four cables and solve this in every cycle.
     match (rows.len() <= 4, planar) {
         (true, false) => inverse_columns::<4, 3>(rows, SPACE),
         (false, false) => inverse_columns::<MAX_CABLES, 3>(rows, SPACE),
@@ -66,7 +67,7 @@ fn inverse_columns<const N: usize, const D: usize>(
     rows: &[Vector3<f64>],
     axes: [usize; D],
 ) -> Option<[Vector3<f64>; MAX_CABLES]> {
-    let Qr { q, r } = Qr::<N, D>::of(rows, axes)?;
+    let Qr { q, r } = Qr::<N, D>::decompose(rows, axes)?;
     let mut columns = [Vector3::zeros(); MAX_CABLES];
     for (i, column) in columns.iter_mut().enumerate().take(rows.len()) {
         for j in (0..D).rev() {
@@ -80,23 +81,23 @@ fn inverse_columns<const N: usize, const D: usize>(
     Some(columns)
 }
 
-/// The shortest x with A x = b for the 3 x n matrix A of these columns, or None where its rank is below three; in the plane, where y is left
-/// out, below two.
+/// The shortest x with A x = b for the 3 x n matrix A of these columns, or None if its rank is below three; in the
+/// plane, where y is ignored, below two.
 pub fn shortest(columns: &[Vector3<f64>], planar: bool, b: &Vector3<f64>) -> Option<CableVec> {
     match (columns.len() <= 4, planar) {
-        (true, false) => shortest_of::<4, 3>(columns, SPACE, b),
-        (false, false) => shortest_of::<MAX_CABLES, 3>(columns, SPACE, b),
-        (_, true) => shortest_of::<MAX_CABLES, 2>(columns, PLANE, b),
+        (true, false) => shortest_by_qr::<4, 3>(columns, SPACE, b),
+        (false, false) => shortest_by_qr::<MAX_CABLES, 3>(columns, SPACE, b),
+        (_, true) => shortest_by_qr::<MAX_CABLES, 2>(columns, PLANE, b),
     }
 }
 
 /// Aᵀ = Q R, so x = Q y with Rᵀ y = b.
-fn shortest_of<const N: usize, const D: usize>(
+fn shortest_by_qr<const N: usize, const D: usize>(
     columns: &[Vector3<f64>],
     axes: [usize; D],
     b: &Vector3<f64>,
 ) -> Option<CableVec> {
-    let Qr { q, r } = Qr::<N, D>::of(columns, axes)?;
+    let Qr { q, r } = Qr::<N, D>::decompose(columns, axes)?;
     let (mut x, mut y) = ([0.0; N], [0.0; D]);
     for j in 0..D {
         let known: f64 = (0..j).map(|i| r[i][j] * y[i]).sum();
@@ -108,7 +109,7 @@ fn shortest_of<const N: usize, const D: usize>(
     Some(CableVec::from_fn(columns.len(), |i| x[i]))
 }
 
-/// Inner product of two slices of one length.
+/// Inner product of two slices of equal length.
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
@@ -118,7 +119,7 @@ pub fn outer(a: &Vector3<f64>, b: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[a * b.x, a * b.y, a * b.z])
 }
 
-/// Solves the symmetric positive definite system by Cholesky, or None where a pivot is not positive.
+/// Solves a symmetric positive definite system by Cholesky decomposition; None if a pivot is not positive.
 pub fn solve_spd(m: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let l00 = positive_root(m[(0, 0)])?;
     let (l10, l20) = (m[(1, 0)] / l00, m[(2, 0)] / l00);

@@ -1,8 +1,8 @@
-//! A motion: path and speed profile, placed on the plan clock; setpoints at any time; and the check of a whole segment
-//! before it starts.
+//! A motion: path and speed profile placed on the plan clock, setpoints at any time, and the check of a whole
+//! segment before it starts.
 //!
-//! Positions in m, velocities in m/s, accelerations in m/s², plan time in s. A check answers with a report or with a [`Refusal`]: where
-//! on the path, and which limit, tensions after (15)-(16) included.
+//! Positions in m, velocities in m/s, accelerations in m/s², plan time in s. A check returns a [`Report`] or a
+//! [`Refusal`] with the position on the path and the violated limit, including tensions after (15)-(16).
 
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -13,29 +13,29 @@ use crate::profile::{Profile, slope, speed_between};
 use crate::tension::{TensionError, Violation};
 use crate::{CableVec, Distribution, Robot, elastic, tension};
 
-/// Arc lengths of path and profile may differ by this, m: the profile may have travelled through a message.
+/// Largest difference between the arc lengths of path and profile, m: a message may have rounded the profile.
 const LENGTH_TOLERANCE_M: f64 = 1e-6;
 
-/// Share by which a limit may be exceeded as rounding.
+/// Relative excess over a limit that counts as rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Sampling bound of a check: with more samples than this in one segment the step grows.
+/// Largest number of samples of a check: in longer segments the step grows.
 const MAX_SAMPLES: f64 = 1e5;
 
-/// One move: where, how fast, and from when.
+/// A move: path, speed and start time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// Number of the segment, unique within a run.
     pub id: u64,
-    /// Its geometry.
+    /// Geometry.
     pub path: Path,
-    /// Its speed over arc length.
+    /// Speed over arc length.
     pub profile: Profile,
-    /// When it starts on the plan clock, s.
+    /// Start on the plan clock, s.
     pub start_s: f64,
 }
 
-/// Where the node should be at a time.
+/// Desired state of the node at a plan time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
     /// Position, m.
@@ -44,11 +44,11 @@ pub struct Setpoint {
     pub velocity: Vector3<f64>,
     /// Acceleration, m/s².
     pub acceleration: Vector3<f64>,
-    /// The segment it belongs to.
+    /// Segment that the setpoint belongs to.
     pub segment_id: u64,
     /// Arc length along that segment, m.
     pub path_s_m: f64,
-    /// True before the start and after the end: the setpoint rests.
+    /// True before the start and after the end of the segment, when the setpoint rests.
     pub at_rest: bool,
 }
 
@@ -58,7 +58,7 @@ impl Segment {
         self.start_s + self.profile.duration()
     }
 
-    /// The setpoint at a plan time, s; at rest at the start before it, at the end after it.
+    /// Computes the setpoint at a plan time, s; before the start and after the end it rests there.
     pub fn setpoint(&self, plan_time_s: f64) -> Setpoint {
         let t = plan_time_s - self.start_s;
         let along = self.profile.at(t);
@@ -69,12 +69,13 @@ impl Segment {
     }
 
     /// Checks the whole segment against the robot's limits before it starts: tensions with the acceleration of the
-    /// profile and the drag, and at rest (16), cable speeds, lengths, ground, keep-out boxes, speed and acceleration of the node. Samples
-    /// lie at most `step_m` apart along the path, at every knot with the accelerations of both its sides.
+    /// profile and the drag, and at rest (16), cable speeds, lengths, ground, keep-out boxes, speed and
+    /// acceleration of the node. Samples are at most `step_m` apart along the path; at every knot both adjacent
+    /// accelerations are checked.
     ///
-    /// At a plan rate r acceleration and drag are r² times the profile's, and the forces that tensions within limits can give
-    /// form a convex set: what holds at full rate and at rest holds at every rate between, so the node may be slowed
-    /// down and stopped anywhere.
+    /// At a plan rate r, acceleration and drag are r² times those of the profile, and the forces of feasible tensions
+    /// form a convex set. A segment that is feasible at full rate and at rest is therefore feasible at every rate
+    /// between, so the node may slow down and stop anywhere.
     ///
     /// ```
     /// use cable_robot::*;
@@ -135,18 +136,18 @@ fn derivatives(point: &PathPoint, v: f64, a: f64) -> (Vector3<f64>, Vector3<f64>
     (point.tangent * v, point.tangent * a + point.curvature * (v * v))
 }
 
-/// The current segment and, if there is one, its successor.
+/// The current segment and its successor, if any.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
-    /// The segment under way, or about to start, or just finished.
+    /// The segment in progress, about to start, or just finished.
     pub current: Segment,
-    /// The one that takes over at its own start.
+    /// The successor, which takes over at its own start time.
     pub next: Option<Segment>,
 }
 
 impl Motion {
-    /// The setpoint at a plan time, s: the successor's from its start on, otherwise the current segment's, at rest
-    /// before the start and after the end.
+    /// Computes the setpoint at a plan time, s: of the successor from its start on, otherwise of the current segment,
+    /// at rest before the start and after the end.
     pub fn setpoint(&self, plan_time_s: f64) -> Setpoint {
         match &self.next {
             Some(next) if plan_time_s >= next.start_s => next.setpoint(plan_time_s),
@@ -160,7 +161,7 @@ impl Motion {
     }
 }
 
-/// What a segment that was not refused comes close to.
+/// Extreme values of a segment that passed the check.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Report {
     /// Highest tension, N.
@@ -191,28 +192,28 @@ impl Report {
     }
 }
 
-/// Why a segment may not be flown: where, and what would be wrong there.
+/// Why a check rejects a segment: position and violated limit.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error(
     "at ({:.3}, {:.3}, {:.3}) m, {:.3} m along the segment: {cause}",
     position.x, position.y, position.z, path_s_m
 )]
 pub struct Refusal {
-    /// Where, m.
+    /// Position, m.
     pub position: Vector3<f64>,
-    /// How far along the segment, m.
+    /// Arc length along the segment, m.
     pub path_s_m: f64,
-    /// What.
+    /// Violated limit.
     pub cause: Cause,
 }
 
-/// What would be wrong.
+/// The limit that a segment would violate.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum Cause {
     /// A tension limit.
     #[error("{0}")]
     Tension(Violation),
-    /// No tensions at all: singular pose, or a distribution that does not fit.
+    /// No tensions exist: singular pose, or a distribution that does not fit the number of cables.
     #[error("{0}")]
     NoTension(TensionError),
     /// A cable would run too fast.
@@ -253,18 +254,18 @@ pub enum Cause {
         /// Longest allowed, m.
         max_m: f64,
     },
-    /// Beside the plane of a planar robot.
-    #[error("the node would be {y_m:.3} m beside the plane y = 0 that this robot moves in")]
+    /// Outside the plane of a planar robot.
+    #[error("the node would be {y_m:.3} m outside the plane y = 0 of this planar robot")]
     OutOfPlane {
-        /// How far, m.
+        /// Distance from the plane, m.
         y_m: f64,
     },
     /// Below the ground.
     #[error("the node would be {below_m:.3} m below the ground limit of {ground_m:.3} m")]
     Ground {
-        /// How far below, m.
+        /// Depth below the ground limit, m.
         below_m: f64,
-        /// The ground, m.
+        /// Ground limit, m.
         ground_m: f64,
     },
     /// Inside a keep-out box.
@@ -273,10 +274,10 @@ pub enum Cause {
         /// Index of the box, from 0.
         number: usize,
     },
-    /// The path itself is none.
+    /// The path is not valid.
     #[error("{0}")]
     BadPath(crate::path::PathError),
-    /// Path and profile do not belong together.
+    /// The lengths of path and profile differ.
     #[error("the path is {path_m:.6} m long and the speed profile {profile_m:.6} m; plan the profile for this path")]
     LengthMismatch {
         /// Length of the path, m.
@@ -291,7 +292,7 @@ pub enum Cause {
         start_s: f64,
     },
     /// The step of the check is not a positive number.
-    #[error("the check was asked for samples every {step_m} m; give a finite step above 0 m")]
+    #[error("the step of the check is {step_m} m; accepted: a finite step above 0 m")]
     BadStep {
         /// The step, m.
         step_m: f64,
@@ -327,7 +328,7 @@ fn check_pose(
     }
     let limit_m_s2 = robot.acceleration_limit_m_s2();
     let acceleration_m_s2 = acceleration.norm();
-    // Profiles hold the curvature of a path to samples of it, so 1 % is theirs.
+    // Profiles keep the acceleration limit at samples of the curvature; between samples the excess is at most 1 %.
     if acceleration_m_s2 > limit_m_s2 * 1.01 {
         return Err(Cause::NodeAcceleration { acceleration_m_s2, limit_m_s2 });
     }

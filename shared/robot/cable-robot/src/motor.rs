@@ -1,33 +1,34 @@
-//! What a winch motor draws, seen from the line. Speeds here are reel-in speeds: positive winds line in.
+//! Electrical model of a winch motor, with forces and speeds at the cable. Speeds are reel-in speeds:
+//! positive winds up cable.
 
 use crate::robot_error::{RobotError, not_negative, positive};
 
-/// A geared winch motor, seen from the line; the keys of the robot file's `[motor]`.
+/// A geared winch motor, with quantities at the cable; the keys of `[motor]` in the robot file.
 ///
 /// ```
 /// use cable_robot::motor::Motor;
 /// let motor = Motor::default();
-/// // Lifting costs more current than lowering.
+/// // Lifting draws more current than lowering.
 /// assert!(motor.current_a(20.0, 0.2) > motor.current_a(20.0, -0.2));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motor {
-    /// Newtons of line tension per ampere.
+    /// Cable tension per armature current, N/A.
     pub force_constant_n_a: f64,
     /// Armature resistance, Ω.
     pub resistance_ohm: f64,
     /// Share of the tension lost in the gear: 0 for an ideal motor, near 1 for a self-locking gear.
     pub gear_friction: f64,
-    /// Friction that does not depend on load or speed, N.
+    /// Friction independent of load and speed, N.
     pub coulomb_n: f64,
-    /// Friction per speed, N s/m.
+    /// Viscous friction, N s/m.
     pub viscous_n_s_m: f64,
-    /// Speed over which friction changes its sign, m/s; 0 for an ideal sign.
+    /// Speed range over which friction changes its sign, m/s; 0 for an ideal sign function.
     pub transition_m_s: f64,
 }
 
 impl Default for Motor {
-    /// A heavily geared brushed motor on a small drum, as the robot file documents it.
+    /// A brushed motor with a high gear ratio on a small drum, as documented in the robot file.
     fn default() -> Self {
         Self {
             force_constant_n_a: 40.0,
@@ -41,7 +42,7 @@ impl Default for Motor {
 }
 
 impl Motor {
-    /// An ideal motor: current is tension over the force constant.
+    /// An ideal motor: the current is the tension divided by the force constant.
     pub fn ideal(force_constant_n_a: f64, resistance_ohm: f64) -> Self {
         Self {
             force_constant_n_a,
@@ -53,7 +54,7 @@ impl Motor {
         }
     }
 
-    /// Refuses parameters that no winch has.
+    /// Rejects parameters outside the physical range.
     pub fn check(&self) -> Result<(), RobotError> {
         positive("force_constant_n_a", self.force_constant_n_a, "a finite value above 0, in newtons per ampere")?;
         not_negative("resistance_ohm", self.resistance_ohm, "a finite resistance of 0 or more, in ohms")?;
@@ -91,8 +92,8 @@ impl Motor {
             / self.force_constant_n_a
     }
 
-    /// The tension at which this current is drawn at this speed, N: the inverse of [`Motor::current_a`]. None where the
-    /// gear locks itself (no tension can back-drive it), because the current then says nothing about the tension.
+    /// Tension at which this current is drawn at this speed, N: the inverse of [`Motor::current_a`]. None for a
+    /// self-locking gear, which no tension can back-drive: its current does not determine the tension.
     pub fn tension_n(&self, current_a: f64, reel_in_m_s: f64) -> Option<f64> {
         let s = self.friction_sign(reel_in_m_s);
         let share = 1.0 + self.gear_friction * s;

@@ -1,7 +1,7 @@
-//! The geometry of a move, parametrised by arc length: where, in which direction, how curved. No time in here.
+//! The geometry of a move, parametrised by arc length: position, direction and curvature, without time.
 //!
-//! Arc length in m, positions in m, tangents as unit vectors, curvature in 1/m; µ of (25)-(26) in 1/m. A path that is none is a
-//! [`PathError`], before it is used.
+//! Arc length in m, positions in m, tangents as unit vectors, curvature in 1/m; µ of (25)-(26) in 1/m. [`Path::check`]
+//! returns a [`PathError`] for an invalid path.
 
 mod curves;
 mod cut;
@@ -15,39 +15,39 @@ use curves::invert;
 use nalgebra::Vector3;
 use thiserror::Error;
 
-/// Shortest path that is a motion, m; anything shorter is a dwell.
+/// Length of the shortest path that is a motion, m; a shorter one is a dwell.
 pub const SHORTEST_M: f64 = 1e-6;
 
-/// A path that cannot be built.
+/// Error of an invalid path.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum PathError {
     /// A coordinate or parameter is not a finite number.
     #[error("{what} of the path is {value}; give a finite number")]
     NotFinite {
-        /// The parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
     },
     /// Start and end coincide.
     #[error("the path is {length_m:e} m long; use a dwell to stay in place")]
     TooShort {
-        /// Its length, m.
+        /// Length of the path, m.
         length_m: f64,
     },
     /// A parabola or a lateral path without horizontal extent.
     #[error(
-        "a path that sags or swings needs start and end {SHORTEST_M} m or more apart horizontally; use a line to go straight up or down"
+        "start and end of a parabola or lateral path must be {SHORTEST_M} m or more apart horizontally; use a line for vertical moves"
     )]
     Vertical,
-    /// A radius below zero, or no turn.
+    /// A negative radius or an invalid number of turns.
     #[error("{what} of the spiral is {value}; accepted: {accepted}")]
     Spiral {
-        /// The parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// What is accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
 }
@@ -75,9 +75,9 @@ pub enum Path {
     Parabola(Parabola),
     /// A spiral about a vertical axis.
     Spiral(Spiral),
-    /// A line that bows down and sideways.
+    /// A line with vertical and sideways harmonics.
     Lateral(Lateral),
-    /// Staying at a point.
+    /// A point at which the node stays.
     Dwell(Vector3<f64>),
 }
 
@@ -87,7 +87,7 @@ impl Path {
         Self::Line(Line { from, to })
     }
 
-    /// Refuses what is not a path: parameters that are not finite, zero length, a vertical parabola, a negative radius.
+    /// Rejects parameters that are not finite, zero length, a vertical parabola and a negative radius.
     pub fn check(&self) -> Result<(), PathError> {
         match self {
             Self::Dwell(p) => finite("position", p),
@@ -141,7 +141,7 @@ impl Path {
         }
     }
 
-    /// Position, tangent and curvature at an arc length, m; before the start it is the start, after the end the end.
+    /// Position, tangent and curvature at an arc length, m; clamped to the start and the end.
     pub fn at(&self, s_m: f64) -> PathPoint {
         match self {
             Self::Line(l) => l.at(s_m),
@@ -167,7 +167,7 @@ impl Path {
         self.at(s_m).curvature.norm()
     }
 
-    /// Where it starts, m.
+    /// Start position, m.
     pub fn start(&self) -> Vector3<f64> {
         match self {
             Self::Line(Line { from, .. }) | Self::Parabola(Parabola { from, .. }) => *from,
@@ -177,7 +177,7 @@ impl Path {
         }
     }
 
-    /// Where it ends, m.
+    /// End position, m.
     pub fn end(&self) -> Vector3<f64> {
         match self {
             Self::Line(Line { to, .. }) | Self::Parabola(Parabola { to, .. }) => *to,
@@ -187,7 +187,7 @@ impl Path {
         }
     }
 
-    /// Arc length of a point inside the path that is more curved than its surroundings, m, if there is one.
+    /// Arc length of an inner point with a local maximum of curvature, m, if the path has one.
     pub fn sharpest_m(&self) -> Option<f64> {
         match self {
             Self::Parabola(p) if p.mu_per_m != 0.0 => {
@@ -198,7 +198,7 @@ impl Path {
         }
     }
 
-    /// Curvature of its sharpest point, 1/m, where that is known without a search.
+    /// Greatest curvature, 1/m, if it is known without a search.
     pub fn greatest_curvature(&self) -> Option<f64> {
         match self {
             Self::Line(_) | Self::Dwell(_) => Some(0.0),
@@ -207,7 +207,7 @@ impl Path {
         }
     }
 
-    /// True if it has no curvature anywhere.
+    /// True if the curvature is 0 everywhere.
     pub fn is_straight(&self) -> bool {
         match self {
             Self::Line(_) | Self::Dwell(_) => true,
@@ -256,7 +256,7 @@ mod tests {
                 .prop_map(|(from, to, mu_per_m)| Path::Parabola(Parabola { from, to, mu_per_m })),
             (point(), 0.0..2.0f64, prop_oneof![0.0..2.0f64, Just(f64::NAN)], -5.0..5.0f64, -1.0..1.0f64, 0.0..6.0f64)
                 .prop_map(|(centre, r0, r1, turns, rise_m, start_angle_rad)| {
-                    // NaN stands for "the same radius": a helix.
+                    // NaN means "the same radius": a helix.
                     let end_radius_m = if r1.is_nan() { r0 } else { r1 };
                     Path::Spiral(Spiral { centre, start_radius_m: r0, end_radius_m, turns, rise_m, start_angle_rad })
                 }),
@@ -275,7 +275,7 @@ mod tests {
             let p = path.at(s);
             prop_assert!((p.tangent.norm() - 1.0).abs() < 1e-12);
             prop_assert!(p.tangent.dot(&p.curvature).abs() < 1e-9 * (1.0 + p.curvature.norm()));
-            // A step that is small against the radius of curvature.
+            // A step that is small relative to the radius of curvature.
             let h = (1e-4 * length).min(1e-3 / (1.0 + p.curvature.norm()));
             let (a, b) = (path.point(s - h), path.point(s + h));
             prop_assert!(((b - a) / (2.0 * h) - p.tangent).norm() < 1e-5);
@@ -288,7 +288,7 @@ mod tests {
             let most = (0..=2000).map(|i| path.curvature(path.length() * f64::from(i) / 2000.0)).fold(0.0, f64::max);
             if let Some(greatest) = path.greatest_curvature() {
                 prop_assert!(most <= greatest * (1.0 + 1e-9) + 1e-12, "{most} {greatest}");
-                // And no less, up to what lies between two samples.
+                // And no less, up to the value between two samples.
                 prop_assert!(greatest <= most.max(path.curvature(path.sharpest_m().unwrap_or(0.0))) * (1.0 + 1e-9) + 1e-12, "{most} {greatest}");
             }
         }
@@ -314,7 +314,7 @@ mod tests {
         }
     }
 
-    /// Simpson on |dX/du| over the path's own parameter: an oracle that shares no formula with arc_length.
+    /// Simpson's rule on |dX/du| over the parameter of the path: an oracle that shares no formula with arc_length.
     fn simpson(f: impl Fn(f64) -> f64, end: f64) -> f64 {
         let n = 20_000;
         let h = end / n as f64;
@@ -362,10 +362,10 @@ mod tests {
         for i in 1..20 {
             let u = f64::from(i) / 20.0;
             let off = bow.at_fraction(u).position - (bow.from + chord * u);
-            // Along the way, seen from above, it neither hurries nor lags.
+            // Seen from above, its progress along the line is uniform.
             assert!((off.x * chord.x + off.y * chord.y).abs() < 1e-12);
             assert!((bow.scaled(0.5).at_fraction(u).position - (bow.from + chord * u) - off * 0.5).norm() < 1e-12);
-            // Between two points it hangs below their middle by no more than it says.
+            // Between two points it hangs below their middle by no more than the sagitta.
             let (a, b) = (bow.at_fraction(u - 0.05).position, bow.at_fraction(u + 0.05).position);
             assert!((0.5 * (a.z + b.z) - bow.at_fraction(u).position.z).abs() <= bow.sagitta_m(0.1));
         }

@@ -1,25 +1,25 @@
-//! A robot in the x-z plane: two directions, two to eight cables. Points have y = 0.
+//! Kinematics of a robot in the x-z plane: two directions, two to eight cables. Points have y = 0.
 //!
-//! Tensions are those of [`crate::tension::general`], the cost of moves that of [`crate::energy`] with `planar` set.
+//! [`crate::tension::general`] computes the tensions of such a robot, and [`crate::energy`] the cost of its moves.
 //!
-//! N lengths in m give x and z in m (6)-(12); what has no answer is a [`KinematicsError`].
+//! N lengths in m determine x and z in m (6)-(12); a failure is a [`KinematicsError`].
 
 use nalgebra::{Vector2, Vector3};
 
 use crate::kinematics::{Forward, KinematicsError, LONGEST_M};
 use crate::{CableVec, MAX_CABLES};
 
-/// Lengths may miss each other by this share of the squared length and still count as touching circles: rounding.
+/// Circles that miss each other by this share of the squared length count as touching: rounding.
 const TOUCH_TOLERANCE: f64 = 1e-9;
 
-/// A mirror image that fits the lengths worse by this share of the length is not the position.
+/// A mirror image whose residual is larger by this share of the length is excluded.
 const MIRROR_TOLERANCE: f64 = 0.003;
 
-/// Bound of the least-squares iteration; it needs about five.
+/// Bound of the least-squares iteration, which needs about five steps.
 const MAX_ITERATIONS: usize = 50;
 
-/// The position with these straight-line lengths: where two circles meet, least squares in length for more than two cables.
-/// Of two mirror solutions it is the nearer to `near` if given, otherwise the lower one.
+/// Computes the position with these straight-line lengths: the intersection of two circles, least squares in length for
+/// more than two cables. Of two mirror solutions, the one nearer to `near` if given, otherwise the lower one.
 ///
 /// ```
 /// use cable_robot::Vector3;
@@ -49,7 +49,7 @@ pub fn forward_kinematics(
     let hint = near.map(|p| Vector2::new(p.x, p.z));
     let lift = |p: Vector2<f64>| Vector3::new(p.x, 0.0, p.y);
     if n == 2 {
-        let (points, height_squared) = meet(&flat[0], &flat[1], lengths_m[0], lengths_m[1])?;
+        let (points, height_squared) = intersect_circles(&flat[0], &flat[1], lengths_m[0], lengths_m[1])?;
         let longest = lengths_m[0].max(lengths_m[1]);
         if height_squared < -TOUCH_TOLERANCE * longest * longest {
             return Err(KinematicsError::Unreachable { shortfall_m: (-height_squared).sqrt() });
@@ -58,11 +58,11 @@ pub fn forward_kinematics(
         return Ok(Forward { position: lift(position), mirror: Some(lift(mirror)), residual_rms_m: 0.0 });
     }
     let rms = |p: &Vector2<f64>| (squares(flat, lengths_m, p) / n as f64).sqrt();
-    // The best start among all pairs of circles, and its mirror image.
+    // Best starting point of all pairs of circles, and its mirror image.
     let mut starts: Option<(f64, [Vector2<f64>; 2])> = None;
     for i in 0..n {
         for j in i + 1..n {
-            let Ok((points, _)) = meet(&flat[i], &flat[j], lengths_m[i], lengths_m[j]) else { continue };
+            let Ok((points, _)) = intersect_circles(&flat[i], &flat[j], lengths_m[i], lengths_m[j]) else { continue };
             let least = rms(&points[0]).min(rms(&points[1]));
             if starts.as_ref().is_none_or(|(best, _)| least < *best) {
                 starts = Some((least, points));
@@ -83,8 +83,14 @@ pub fn forward_kinematics(
     Ok(Forward { position: lift(position), mirror: None, residual_rms_m: rms(&position) })
 }
 
-/// Where two circles meet, and the squared distance of these points from the line of centres; negative where they do not.
-fn meet(a: &Vector2<f64>, b: &Vector2<f64>, ra: f64, rb: f64) -> Result<([Vector2<f64>; 2], f64), KinematicsError> {
+/// Intersections of two circles, and the squared distance of these points from the line of centres; negative if the
+/// circles do not intersect.
+fn intersect_circles(
+    a: &Vector2<f64>,
+    b: &Vector2<f64>,
+    ra: f64,
+    rb: f64,
+) -> Result<([Vector2<f64>; 2], f64), KinematicsError> {
     let d = b - a;
     let length = d.norm();
     if !(length >= 1e-3) {

@@ -1,4 +1,4 @@
-//! The robot as every process sees it: geometry, mass, limits, lines and motors, checked once.
+//! The checked configuration of a robot for all processes: geometry, mass, limits, cables and motors.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,13 +8,13 @@ pub use crate::robot_error::RobotError;
 use crate::robot_error::{FARTHEST_M, not_negative, positive, refuse};
 use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
 
-/// Most keep-out boxes of a robot.
+/// Largest number of keep-out boxes of a robot.
 pub const MAX_KEEP_OUT: usize = 8;
 
-/// Length limits where the robot file gives none, m: a hand's width, and longer than any winch holds.
+/// Length limits if the robot file has none, m: the width of a hand, and longer than any winch holds.
 pub const DEFAULT_LENGTH_LIMITS_M: [f64; 2] = [0.05, 1e3];
 
-/// An axis-aligned box the node may not enter, m.
+/// An axis-aligned box that the node may not enter, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KeepOut {
     /// Lower corner.
@@ -43,21 +43,21 @@ impl KeepOut {
     }
 }
 
-/// What a robot is built from; the keys of the robot file. [`RobotParts::default`] fills only what has a default: anchors,
+/// The parts of a robot: the keys of the robot file. [`RobotParts::default`] sets only parts with a default; anchors,
 /// mass, tension limits, speed and acceleration must be given.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotParts {
     /// Anchor positions, m, z up.
     pub anchors_m: Vec<[f64; 3]>,
-    /// The node moves in the plane y = 0 only, in which all anchors lie.
+    /// Whether the node moves only in the plane y = 0, in which all anchors lie.
     pub planar: bool,
-    /// Mass of the node, kg; in water with the water that moves along.
+    /// Mass of the node, kg; in water including the added mass.
     pub node_mass_kg: f64,
     /// Weight less buoyancy, N; default mass x standard gravity.
     pub net_weight_n: Option<f64>,
-    /// Drag per square of speed, N s²/m²; default 0.
+    /// Drag divided by squared speed, N s²/m²; default 0.
     pub drag_n_s2_m2: f64,
-    /// Lowest and highest tension of a line, N.
+    /// Lowest and highest tension of a cable, N.
     pub tension_limits_n: [f64; 2],
     /// Highest speed of the node, m/s.
     pub speed_limit_m_s: f64,
@@ -65,21 +65,21 @@ pub struct RobotParts {
     pub cable_speed_limit_m_s: Option<f64>,
     /// Highest acceleration of the node, m/s².
     pub acceleration_limit_m_s2: f64,
-    /// The node stays at or above this height, m.
+    /// Lowest height of the node, m.
     pub ground_m: f64,
-    /// Boxes the node stays out of, each by its lower and its upper corner, m.
+    /// Keep-out boxes, each with its lower and upper corner, m.
     pub keep_out_m: Vec<[[f64; 3]; 2]>,
-    /// EA of the lines, N; None for rigid lines.
+    /// EA of the cables, N; None for rigid cables.
     pub stiffness_n: Option<f64>,
-    /// Line between drum and anchor per cable, m, which stretches too; default 0.
+    /// Cable between drum and anchor per cable, m, which also stretches; default 0.
     pub routed_length_m: Option<Vec<f64>>,
     /// Shortest and longest measured length per cable, m; default [`DEFAULT_LENGTH_LIMITS_M`].
     pub length_limits_m: Option<Vec<[f64; 2]>>,
-    /// The winch motors, seen from the line.
+    /// The winch motors, with quantities at the cable.
     pub motor: Motor,
-    /// What they draw as it was measured; None for the model. At most 24 speeds and 16 tensions.
+    /// Measured current of the motors; None for the model. At most 24 speeds and 16 tensions.
     pub motor_table: Option<CurrentTable>,
-    /// Covariance of x1, y1, z1, x2, .. of the anchors, a row per coordinate, m²; None if it is not known.
+    /// Covariance of x1, y1, z1, x2, .. of the anchors, a row per coordinate, m²; None if unknown.
     pub anchor_covariance_m2: Option<Vec<Vec<f64>>>,
 }
 
@@ -107,7 +107,7 @@ impl Default for RobotParts {
     }
 }
 
-/// A checked robot. Copy, so that every process and every test carries its own.
+/// A checked robot. It is `Copy`, so that every process and every test has its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Robot {
     anchors: Anchors,
@@ -133,7 +133,7 @@ pub struct Robot {
 type AnchorBlocks = [[Matrix3<f64>; MAX_CABLES]; MAX_CABLES];
 
 impl Robot {
-    /// Checks a description. The error names the key and what is accepted.
+    /// Checks a description. The error names the key and the accepted values.
     pub fn new(parts: RobotParts) -> Result<Self, RobotError> {
         let anchors = if parts.planar { Anchors::in_plane(&parts.anchors_m)? } else { Anchors::new(&parts.anchors_m)? };
         let n = anchors.len();
@@ -157,7 +157,7 @@ impl Robot {
         }
         let (keep_out, keep_out_count) = keep_out_boxes(&parts.keep_out_m)?;
         if let Some(stiffness) = parts.stiffness_n {
-            positive("stiffness_n", stiffness, "a finite EA above 0, in newtons, or no key for rigid lines")?;
+            positive("stiffness_n", stiffness, "a finite EA above 0, in newtons, or no key for rigid cables")?;
         }
         let routed_length_m = match &parts.routed_length_m {
             None => CableVec::zeros(n),
@@ -219,12 +219,12 @@ impl Robot {
         })
     }
 
-    /// How many cables.
+    /// Number of cables.
     pub fn cable_count(&self) -> usize {
         self.anchors.len()
     }
 
-    /// In how many directions the node moves: 3, or 2 in the plane y = 0.
+    /// Number of directions in which the node moves: 3, or 2 in the plane y = 0.
     pub fn dimensions(&self) -> usize {
         self.anchors.dimensions()
     }
@@ -234,17 +234,17 @@ impl Robot {
         self.anchors.is_planar()
     }
 
-    /// How many cables there are beyond what the directions need: in so many ways tensions can be chosen.
+    /// Number of cables beyond the number of directions: the degrees of freedom of the tensions.
     pub fn redundancy(&self) -> usize {
         self.cable_count() - self.dimensions()
     }
 
-    /// How tensions are shared out if nobody asks for another way: least norm, where there is a choice.
+    /// Default tension distribution: least norm if the robot is redundant, otherwise unique.
     pub fn default_distribution(&self) -> Distribution {
         if self.redundancy() == 0 { Distribution::Unique } else { Distribution::LeastNorm }
     }
 
-    /// Where the lines leave their pulleys, m.
+    /// Anchor positions, m.
     pub fn anchors(&self) -> &Anchors {
         &self.anchors
     }
@@ -259,7 +259,7 @@ impl Robot {
         self.net_weight_n
     }
 
-    /// Drag per square of speed, N s²/m².
+    /// Drag divided by squared speed, N s²/m².
     pub fn drag_n_s2_m2(&self) -> f64 {
         self.drag_n_s2_m2
     }
@@ -289,17 +289,17 @@ impl Robot {
         self.ground_m
     }
 
-    /// Boxes the node stays out of.
+    /// Keep-out boxes.
     pub fn keep_out(&self) -> &[KeepOut] {
         &self.keep_out[..self.keep_out_count]
     }
 
-    /// EA of the lines, N; None for rigid lines.
+    /// EA of the cables, N; None for rigid cables.
     pub fn stiffness_n(&self) -> Option<f64> {
         self.stiffness_n
     }
 
-    /// Line between drum and anchor per cable, m.
+    /// Cable between drum and anchor per cable, m.
     pub fn routed_length_m(&self) -> &CableVec {
         &self.routed_length_m
     }
@@ -309,12 +309,12 @@ impl Robot {
         &self.length_limits_m[..self.cable_count()]
     }
 
-    /// The winch motors' friction model.
+    /// Friction model of the winch motors.
     pub fn motor(&self) -> &Motor {
         &self.motor
     }
 
-    /// What the winch motors draw: as it was measured, or else by the friction model.
+    /// Current of the winch motors: measured if there is a table, otherwise by the friction model.
     pub fn current(&self) -> &dyn Current {
         match &self.motor_table {
             Some(table) => table,
@@ -322,18 +322,18 @@ impl Robot {
         }
     }
 
-    /// What they draw as it was measured, if it was.
+    /// Measured current of the winch motors, if any.
     pub fn motor_table(&self) -> Option<&MotorTable> {
         self.motor_table.as_ref()
     }
 
-    /// Covariance between the positions of two anchors, counted from 0, m²; None if it is not known.
+    /// Covariance between the positions of two anchors, counted from 0, m²; None if unknown.
     pub fn anchor_covariance_m2(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
         self.anchor_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
     }
 
-    /// The same robot with other anchors, for a calibration tried out or an error injected on purpose. The number of
-    /// cables and the directions it moves in may not change.
+    /// The same robot with other anchors, to try out a calibration or inject an error. The number of cables and of
+    /// directions must stay the same.
     pub fn with_anchors(&self, anchors: Anchors) -> Result<Self, RobotError> {
         if anchors.len() != self.anchors.len() {
             let problem = format!("has {} points for a robot of {} cables", anchors.len(), self.anchors.len());
@@ -346,22 +346,22 @@ impl Robot {
         Ok(Self { anchors, ..*self })
     }
 
-    /// The same robot with rigid lines.
+    /// The same robot with rigid cables.
     pub fn with_rigid_lines(&self) -> Self {
         Self { stiffness_n: None, ..*self }
     }
 
-    /// The force the lines provide together, b = m (a + g) of (15), N; with buoyancy, b = m a + net weight.
+    /// Force that the cables provide together, b = m (a + g) of (15), N; with buoyancy, b = m a + net weight.
     pub fn wrench_n(&self, acceleration_m_s2: &Vector3<f64>) -> Vector3<f64> {
         acceleration_m_s2 * self.node_mass_kg + Vector3::new(0.0, 0.0, self.net_weight_n)
     }
 
-    /// The force the lines provide against the drag of a node that moves, c |v| v, N.
+    /// Force that the cables provide against the drag of a moving node, c |v| v, N.
     pub fn drag_n(&self, velocity_m_s: &Vector3<f64>) -> Vector3<f64> {
         velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm())
     }
 
-    /// The force the lines provide together for a node that moves and accelerates: [`Robot::wrench_n`] and the drag, N.
+    /// Force that the cables provide together for a moving and accelerating node: [`Robot::wrench_n`] plus the drag, N.
     ///
     /// ```
     /// use cable_robot::*;

@@ -2,19 +2,19 @@
 
 use thiserror::Error;
 
-/// A key of a robot's description and what is wrong with it, in one sentence.
+/// Error of a key of a robot's description: problem and accepted values in one sentence.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[error("{key} {problem}; accepted: {accepted}")]
 pub struct RobotError {
-    /// The key as the robot file spells it.
+    /// Key of the robot file.
     pub key: &'static str,
-    /// What was given.
+    /// Description of the problem.
     pub problem: String,
-    /// What is accepted.
+    /// Accepted values.
     pub accepted: &'static str,
 }
 
-/// Magnitudes above this are a wrong unit, m.
+/// Magnitudes above this are in a wrong unit, m.
 pub(crate) const FARTHEST_M: f64 = 1e5;
 
 pub(crate) fn refuse<T>(

@@ -1,13 +1,13 @@
-//! How lines share the force on the node: (15)-(16), (27)-(43).
+//! Distribution of the force on the node over the cables: (15)-(16), (27)-(43).
 //!
-//! As many lines as directions have one solution. Four in space have a line of solutions, T = Tp + λ N / |N|, with the null vector
-//! N_k = (-1)^k det(Λ without column k) and Tp the least-norm solution; limits cut an interval out of it. This is the
-//! same as the paper's elimination of one cable, without its division by a determinant that may vanish. More lines are
-//! solved through the dual problem, which has one unknown per direction whatever their number; so is every planar robot
-//! with more than two.
+//! As many cables as directions have one solution. Four cables in space have a line of solutions, T = Tp + λ N / |N|,
+//! with the null vector N_k = (-1)^k det(Λ without column k) and the least-norm solution Tp; the limits cut an interval
+//! out of it. This is equivalent to the paper's elimination of one cable, without its division by a determinant that
+//! may vanish. More cables, and planar robots with more than two, are solved through the dual problem, which has one
+//! unknown per direction for any number of cables.
 //!
-//! Λ is 3 x N, its columns unit vectors from the node to the anchors; the wrench b = m (a + g) of (15) and tensions are in N. What has no
-//! answer is a [`TensionError`], and says by which cable.
+//! Λ is 3 x N; its columns are unit vectors from the node to the anchors. The wrench b = m (a + g) of (15) and tensions
+//! are in N. A [`TensionError`] gives the reason and, where limits are violated, the cable.
 
 mod distribution;
 pub mod general;
@@ -22,7 +22,7 @@ pub use hold::hold;
 use crate::kinematics::StructureMatrix;
 use crate::{CableVec, Robot, linalg};
 
-/// Tensions of a robot at a position, accelerating: b = m (a + g), within the robot's limits.
+/// Tensions of a robot at a position with an acceleration: b = m (a + g), within the robot's limits.
 pub fn at(
     robot: &Robot,
     position: &Vector3<f64>,
@@ -32,7 +32,7 @@ pub fn at(
     under(robot, position, &robot.wrench_n(acceleration_m_s2), method)
 }
 
-/// Tensions of a robot at a position under any force that the lines have to provide together, N, within the robot's limits.
+/// Tensions of a robot at a position for any force that the cables provide together, N, within the robot's limits.
 pub fn under(
     robot: &Robot,
     position: &Vector3<f64>,
@@ -43,12 +43,12 @@ pub fn under(
     distribute(&structure, wrench_n, robot.tension_limits_n(), method)
 }
 
-/// The acceleration of the node under these tensions (16), m/s²; drag left aside.
+/// Acceleration of the node with these tensions (16), m/s², without drag.
 pub fn node_acceleration(robot: &Robot, structure: &StructureMatrix, tensions_n: &[f64]) -> Vector3<f64> {
     (structure.force(tensions_n) - robot.wrench_n(&Vector3::zeros())) / robot.node_mass_kg()
 }
 
-/// The unique tensions of as many cables as directions (15), N, whatever their limits.
+/// The unique tensions of as many cables as directions (15), N, without limits.
 pub fn unique(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
     if structure.len() != structure.dimensions() {
         let accepted = "three cables, or two in a plane";
@@ -57,12 +57,12 @@ pub fn unique(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<Ca
     least_norm_unbounded(structure, wrench_n)
 }
 
-/// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For as many cables as directions the unique solution.
+/// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For as many cables as directions, the unique solution.
 pub fn least_norm_unbounded(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
     linalg::shortest(structure, structure.is_planar(), wrench_n).ok_or(TensionError::Singular)
 }
 
-/// Tensions within `limits_n` = [min, max] whose forces add up to the wrench, N.
+/// Computes tensions within `limits_n` = [min, max] whose forces add up to the wrench, N.
 ///
 /// ```
 /// use cable_robot::Anchors;
@@ -134,7 +134,7 @@ pub struct FourCables {
 }
 
 impl FourCables {
-    /// The line of solutions and the interval (34) the limits leave of it.
+    /// Computes the line of solutions and the interval (34) within the limits.
     pub fn new(structure: &StructureMatrix, wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<Self, TensionError> {
         if structure.len() != 4 || structure.is_planar() {
             let method = Distribution::LeastNorm;
@@ -150,7 +150,7 @@ impl FourCables {
         let (mut low_n, mut high_n) = (f64::NEG_INFINITY, f64::INFINITY);
         for (t, d) in particular_n.iter().zip(direction.iter()) {
             if d.abs() < 1e-12 {
-                // This cable's tension does not depend on λ: not a bound, a test.
+                // The tension of this cable does not depend on λ: it gives no bound, only a test.
                 if *t < min - TOLERANCE * scale || *t > max + TOLERANCE * scale {
                     (low_n, high_n) = (f64::INFINITY, f64::NEG_INFINITY);
                 }
@@ -178,13 +178,12 @@ impl FourCables {
         self.particular_n.zip_map(&self.direction, |t, d| t + lambda_n * d)
     }
 
-    /// λ of the least norm: 0, or the end of the interval nearest to it (36).
+    /// The least norm: λ = 0, or the end of the interval nearest to it (36).
     pub fn least_norm(&self) -> CableVec {
         self.at(0.0f64.clamp(self.low_n, self.high_n))
     }
 
-    /// The least sum: the end of the interval that the sign of c of (37) says; the least norm where the sum is the same
-    /// everywhere.
+    /// The least sum: the end of the interval given by the sign of c of (37); the least norm if the sum is constant.
     pub fn min_sum(&self) -> CableVec {
         let c = self.direction.sum();
         let lambda = if c > 1e-12 {
@@ -194,11 +193,11 @@ impl FourCables {
         } else {
             return self.least_norm();
         };
-        // Without an upper limit on tension, an end may be open only where the sum grows towards it.
+        // Without an upper tension limit an end may be infinite, but only where the sum grows towards it.
         if lambda.is_finite() { self.at(lambda) } else { self.least_norm() }
     }
 
-    /// The greatest distance to the nearest limit. Where it has no bound, the least norm.
+    /// The greatest distance to the nearest limit; the least norm if that distance is unbounded.
     pub fn safest(&self) -> CableVec {
         match self.most_even() {
             Some((lambda, _)) => self.at(lambda.clamp(self.low_n, self.high_n)),
@@ -216,14 +215,14 @@ impl FourCables {
         [a.min(b), a.max(b)]
     }
 
-    /// c of (37): how the sum of tensions changes with the tension of the last cable. Infinite where the last cable's
-    /// tension is fixed.
+    /// c of (37): derivative of the sum of tensions with respect to the tension of the last cable. Infinite if the
+    /// tension of the last cable is fixed.
     pub fn c(&self) -> f64 {
         self.direction.sum() / self.direction[3]
     }
 
-    /// λ that maximises the least distance to a limit, and that distance. A concave piecewise linear function has its
-    /// maximum where a rising and a falling piece meet; with eight pieces all pairs are tried.
+    /// λ that maximises the smallest distance to a limit, and that distance. A concave piecewise linear function has
+    /// its maximum where a rising and a falling piece meet; with eight pieces all pairs are tried.
     fn most_even(&self) -> Option<(f64, f64)> {
         let mut pieces = [(0.0, 0.0); 8];
         let mut count = 0;
@@ -241,7 +240,7 @@ impl FourCables {
             for (p1, d1) in pieces.iter().filter(|p| p.1 <= 0.0) {
                 let lambda = (p1 - p0) / (d0 - d1);
                 let least = pieces.iter().fold(f64::INFINITY, |m, (p, d)| m.min(p + lambda * d));
-                // The maximum is a plateau where one cable does not depend on λ: take its point of least norm.
+                // The maximum is a plateau if one cable does not depend on λ: take its point of least norm.
                 let better = best.is_none_or(|(at, value)| {
                     least > value + 1e-12 || (least > value - 1e-12 && lambda.abs() < at.abs())
                 });
@@ -256,7 +255,7 @@ impl FourCables {
     fn least_violation(&self) -> Violation {
         let lambda = self.most_even().map_or(0.0, |(lambda, _)| lambda);
         let tensions = self.at(lambda);
-        // At the best compromise at least two cables miss by the same amount; the first is named.
+        // With the most even excess at least two cables miss by the same amount; report the first.
         worst_violation(&tensions, self.limits_n).unwrap_or(Violation {
             cable: 0,
             tension_n: tensions[0],
@@ -275,7 +274,7 @@ fn null_vector(s: &StructureMatrix) -> CableVec {
     })
 }
 
-/// Least norm within limits for any number of cables (27), of a planar robot too.
+/// Least norm within limits for any number of cables (27), also of a planar robot.
 pub fn least_norm(
     structure: &StructureMatrix,
     wrench_n: &Vector3<f64>,

@@ -1,25 +1,25 @@
-//! Where the anchors are, from measurements a field team can make: section III of the paper, and what beats it.
+//! Computes the anchors from measurements that a field team can make: section III of the paper, and improvements on it.
 //!
-//! Offline work: unlike `cable-robot` this crate allocates. It still does no input or output.
+//! Offline work: unlike `cable-robot` this crate allocates. It does no I/O.
 //!
 //! * [`survey`]: x and y of the anchors from horizontal ranges between plumb lines, (1)-(2), for any number of anchors.
 //! * [`heights`]: heights from lengths to points of the reference plane, (4)-(5), as a linear regression: the global
 //!   minimum without a search.
 //! * [`joint`]: everything at once by maximum likelihood, with scale, encoder zeros and outliers.
 //! * [`gps`]: the baseline of the paper, anchors from points whose positions are known.
-//! * [`holdout`]: how well points that took no part are predicted.
-//! * [`placement`]: where to put the points, and how good the answer will be, before anybody walks there.
-//! * [`motor_fit`]: what the motors draw over speed and tension, from recorded runs.
-//! * [`Measurements`] and [`calibrate`] join them: measurements in, anchors with covariance out, or a refusal.
+//! * [`holdout`]: how well points that were left out are predicted.
+//! * [`placement`]: where to put the points, and the expected uncertainty, before anything is measured.
+//! * [`motor_fit`]: motor current over speed and tension, from recorded runs.
+//! * [`Measurements`] and [`calibrate`] combine these: measurements in, anchors with covariance or a refusal out.
 //!
-//! # What lengths can tell
-//! The points need not be measured, but there have to be three of them, not on one line, **whatever the number of
-//! cables**. With points on one line, all of them can be shifted sideways and the squared heights changed with them
-//! (`w_i += 2 a_i.e - 2 c.e - e.e`) and no length changes; counting equations (four cables, two points) does not see
-//! that. Points that are nearly on a line determine the heights in theory only: such data are refused by the standard
-//! deviation they predict.
+//! # What lengths determine
+//! The positions of the points need not be measured, but there have to be three points that are not collinear,
+//! **whatever the number of cables**. Collinear points can all be shifted sideways and the squared heights changed with
+//! them (`w_i += 2 a_i.e - 2 c.e - e.e`) without changing any length; counting equations (four cables, two points) does
+//! not reveal this. Nearly collinear points determine the heights in theory only: such data are rejected by the
+//! standard deviation they predict.
 //!
-//! A residual is not an accuracy: a line that stretches by 0.3 % leaves residuals of millimetres and heights wrong by
+//! A residual is not an accuracy: a cable that stretches by 0.3 % leaves residuals of millimetres and heights wrong by
 //! centimetres. Every answer therefore carries the covariance of every anchor.
 //!
 //! # Gauge

@@ -27,7 +27,7 @@
 use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
-use cable_robot::energy::table::{MAX_SPEEDS, MAX_TENSIONS, place};
+use cable_robot::energy::table::{MAX_SPEEDS, MAX_TENSIONS, locate};
 
 /// Speeds that a table may hold in either direction, m/s: closer together where friction changes its sign.
 const SPEEDS_M_S: [f64; 11] = [0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8];
@@ -235,8 +235,8 @@ pub fn fit(samples: &[Sample], speeds_m_s: &[f64], tensions_n: &[f64]) -> Result
 
 /// The four points around a sample with their shares; None outside the table.
 fn corners(sample: &Sample, speeds_m_s: &[f64], tensions_n: &[f64]) -> Option<[(usize, f64); 4]> {
-    let (i, u) = place(speeds_m_s, sample.reel_in_m_s, "speed", "m/s").ok()?;
-    let (j, w) = place(tensions_n, sample.tension_n, "tension", "N").ok()?;
+    let (i, u) = locate(speeds_m_s, sample.reel_in_m_s, "speed", "m/s").ok()?;
+    let (j, w) = locate(tensions_n, sample.tension_n, "tension", "N").ok()?;
     let at = |i: usize, j: usize| i * tensions_n.len() + j;
     Some([
         (at(i, j), (1.0 - u) * (1.0 - w)),

@@ -1,13 +1,13 @@
-//! From readings to maps: what many samples of a quantity, taken at known places, say about the field they were taken from.
+//! From readings to maps: estimates a scalar field from samples taken at known places.
 //!
-//! [`track`] says where a sensor was at the very instant of its reading, between two estimates of the node, and how sure that is.
-//! [`grid`] is a regular map of a scalar in the plane with a standard deviation for every cell. It takes one sample at a time, as a live
-//! map needs it, and says where another sample would help most.
+//! [`track`] interpolates where a sensor was when its reading was taken, between two estimates of the node, with its
+//! uncertainty. [`grid`] is a regular map of a scalar in the plane with a standard deviation for every cell. It takes
+//! one sample at a time, as a live map needs it, and names the places where another sample would help most.
 //!
 //! Invariants:
 //! * No clock, no I/O, no messages: times are numbers, and the same samples in the same order give the same bits.
-//! * Adding a sample and making the map anew allocate nothing; nor does a track.
-//! * What is not known is `None`, never a number that looks like one.
+//! * Adding a sample and refreshing the map allocate nothing; nor does a track.
+//! * An unknown value is `None`, never a number.
 //!
 //! ```
 //! use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};

@@ -1,4 +1,4 @@
-//! How well a run followed its setpoints, from the run file alone.
+//! Tracking accuracy of a run, from the run file alone.
 
 use crate::counters::Count;
 use crate::tracker::{Cycle, Tracker};
@@ -9,90 +9,92 @@ use robot_state::Periods;
 use serde::Serialize;
 use std::path::Path;
 
-/// Deviation of a tension from the chosen one that counts as the same: this share of it, or the next constant.
+/// Relative deviation of a tension from the chosen one that counts as equal.
 const TENSION_SHARE: f64 = 0.15;
-/// See above, N.
+/// Absolute deviation that counts as equal, N.
 const TENSION_N: f64 = 2.0;
 
-/// Root mean square and maximum of an error.
+/// Root mean square and maximum of a position error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Error {
     /// Root mean square, m.
     pub rms_m: f64,
     /// Maximum, m.
     pub max_m: f64,
-    /// How many samples.
+    /// Number of samples.
     pub samples: usize,
 }
 
-/// Tensions that really were, against those that were chosen.
+/// True tensions compared with the chosen ones.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Tensions {
-    /// Part of the samples in which every line is within 15 % or 2 N of the chosen tension.
+    /// Share of the samples in which every cable is within 15 % or 2 N of the chosen tension.
     pub as_chosen: f64,
     /// Largest deviation, N.
     pub worst_n: f64,
-    /// Least tension of any line, N.
+    /// Least tension of a cable, N.
     pub least_n: f64,
-    /// Largest tension of any line, N.
+    /// Greatest tension of a cable, N.
     pub greatest_n: f64,
 }
 
-/// What a run comes to.
+/// Accuracy of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Analysis {
     /// Time in which the setpoint moved, s.
     pub moving_s: f64,
-    /// Estimate against setpoint, over moving cycles.
+    /// Error of the estimate from the setpoint, over moving cycles.
     pub estimate: Error,
-    /// Truth against setpoint, over moving cycles, also those without a valid estimate; only the virtual box knows it.
+    /// Error of the truth from the setpoint, over moving cycles, including those without a valid estimate; only the
+    /// virtual motor box publishes the truth.
     pub truth: Option<Error>,
-    /// Tensions by truth, over moving cycles.
+    /// True tensions over moving cycles.
     pub tensions: Option<Tensions>,
-    /// Control cycles that ran.
+    /// Number of control cycles.
     pub cycles: u64,
     /// Periods of missions: steered, paused, and lost by cause.
     pub periods: Periods,
-    /// For plots.
+    /// Points for plots.
     #[serde(skip)]
-    pub track: Vec<Point>,
+    pub track: Vec<TrackPoint>,
 }
 
 /// One moving cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
-    /// Time since the first one, s.
+pub struct TrackPoint {
+    /// Time since the first moving cycle, s.
     pub time_s: f64,
-    /// Where the node should be, m.
+    /// Setpoint, m.
     pub setpoint: Vector3<f64>,
-    /// Where it was estimated, m.
+    /// Estimated position, m.
     pub estimate: Vector3<f64>,
-    /// Where it was at the next true sample, m.
+    /// True position at the next sample of the truth, m.
     pub truth: Option<Vector3<f64>>,
-    /// How far that is from the set point of that sample's own time, m.
+    /// Distance of the true position from the setpoint at the time of its own sample, m.
     pub truth_off_m: Option<f64>,
 }
 
-/// Sums up what the cycles of a run come to.
+/// Accumulates the cycles of a run.
 #[derive(Default)]
-pub struct Tally {
+pub struct AccuracySum {
     first: Option<MotorAuthority>,
     last: Option<MotorAuthority>,
     moving: u64,
     begin_ns: Option<u64>,
     estimate: Distances,
     truth: Distances,
-    tensions: TensionTally,
+    tensions: TensionSum,
 }
 
-impl Tally {
-    /// Takes the next cycle in; a point for plots if the node was to move in it.
-    pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<Point> {
+impl AccuracySum {
+    /// Adds the next cycle; returns a point for plots if the setpoint moves.
+    pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<TrackPoint> {
         let now = cycle.authority;
         self.first.get_or_insert(*now);
         self.last = Some(*now);
         let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return None };
-        // Every true position between this cycle and the next, against the setpoint of its own time; also while there is no estimate.
+        // Compare every true position between this cycle and the next with the setpoint of its own time, also without
+        // an estimate.
         let mut nearest = None;
         for truth in cycle.truth {
             let Some(target) = cycle.setpoint_at(truth.header.stamp_ns) else { continue };
@@ -106,7 +108,7 @@ impl Tally {
         }
         let estimate = cycle.estimate?;
         let begin_ns = *self.begin_ns.get_or_insert(now.header.stamp_ns);
-        let point = Point {
+        let point = TrackPoint {
             time_s: now.header.stamp_ns.saturating_sub(begin_ns) as f64 * 1e-9,
             setpoint: setpoint.position,
             estimate: Vector3::from(estimate.position_m),
@@ -118,9 +120,9 @@ impl Tally {
         Some(point)
     }
 
-    /// The result; `None` if there was no cycle, or nothing moved.
+    /// Returns the accuracy; `None` without cycles or motion.
     #[must_use]
-    pub fn result(&self, track: Vec<Point>, periods: Periods) -> Option<Analysis> {
+    pub fn result(&self, track: Vec<TrackPoint>, periods: Periods) -> Option<Analysis> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
         Some(Analysis {
             moving_s: self.moving as f64 * last.period_s,
@@ -134,30 +136,30 @@ impl Tally {
     }
 }
 
-/// Reads a run and compares.
+/// Reads a run and computes its accuracy.
 ///
 /// # Errors
-/// It cannot be read, or nothing moved in it.
+/// The run cannot be read, or nothing moved in it.
 pub fn analyse(run: &Path) -> Answer<Analysis> {
-    let (mut tracker, mut tally, mut track) = (Tracker::default(), Tally::default(), Vec::new());
+    let (mut tracker, mut tally, mut track) = (Tracker::default(), AccuracySum::default(), Vec::new());
     let mut count = Count::default();
     let mut each = |cycle: &Cycle<'_>| track.extend(tally.add(cycle));
     let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
         count.note(&recorded);
-        tracker.note(&recorded, &mut each);
+        tracker.record(&recorded, &mut each);
     }
     tracker.finish(&mut each);
     if tally.first.is_none() {
         return Err(Failure::NotNow(format!(
-            "{} holds no motor/authority: nothing can be said about it",
+            "{} has no channel motor/authority, so it cannot be analysed",
             run.display()
         )));
     }
     tally.result(track, count.periods()).ok_or_else(|| Failure::NotNow(format!("nothing moved in {}", run.display())))
 }
 
-/// Sums up distances.
+/// Accumulates distances.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Distances {
     squares: f64,
@@ -166,14 +168,14 @@ pub struct Distances {
 }
 
 impl Distances {
-    /// One more, m.
+    /// Adds a distance, m.
     pub fn add(&mut self, distance_m: f64) {
         self.squares += distance_m * distance_m;
         self.max_m = self.max_m.max(distance_m);
         self.samples += 1;
     }
 
-    /// `None` without any.
+    /// Returns the error; `None` without samples.
     #[must_use]
     pub fn result(&self) -> Option<Error> {
         let rms_m = (self.squares / self.samples.max(1) as f64).sqrt();
@@ -181,7 +183,7 @@ impl Distances {
     }
 }
 
-struct TensionTally {
+struct TensionSum {
     samples: u64,
     good: u64,
     worst_n: f64,
@@ -189,13 +191,13 @@ struct TensionTally {
     greatest_n: f64,
 }
 
-impl Default for TensionTally {
+impl Default for TensionSum {
     fn default() -> Self {
         Self { samples: 0, good: 0, worst_n: 0.0, least_n: f64::INFINITY, greatest_n: 0.0 }
     }
 }
 
-impl TensionTally {
+impl TensionSum {
     fn add(&mut self, truth: &TruthNode, chosen: &ControlStatus) {
         let cables = usize::from(truth.cable_count).min(truth.tension_n.len());
         if chosen.valid != 1 || chosen.tension_n[..cables].iter().all(|tension| *tension == 0.0) {

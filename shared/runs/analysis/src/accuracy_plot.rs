@@ -1,6 +1,6 @@
-//! One picture of a run: the path from above and from the side, and the tracking error over time.
+//! Plot of a run: the path from above and from the side, and the tracking error over time.
 
-use crate::accuracy::{Analysis, Point};
+use crate::accuracy::{Analysis, TrackPoint};
 use command::{Answer, Failure};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -8,7 +8,7 @@ use std::error::Error;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (1000, 700);
-/// More points than pixels only make the file large.
+/// Maximum number of points; more points than pixels only enlarge the file.
 const POINTS: usize = 800;
 const PLANNED: RGBColor = RGBColor(150, 150, 150);
 const ESTIMATE: RGBColor = RGBColor(31, 119, 180);
@@ -16,22 +16,22 @@ const TRUTH: RGBColor = RGBColor(214, 39, 40);
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Position = cable_robot::Vector3<f64>;
-type Drawn = Result<(), Box<dyn Error>>;
+type DrawResult = Result<(), Box<dyn Error>>;
 
-/// Draws the run into an SVG file.
+/// Draws the run to an SVG file.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn draw(path: &Path, analysis: &Analysis, title: &str) -> Answer {
     let failed =
-        |error: Box<dyn Error>| Failure::NotNow(format!("the picture {} cannot be drawn: {error}", path.display()));
+        |error: Box<dyn Error>| Failure::NotNow(format!("the plot {} cannot be drawn: {error}", path.display()));
     let step = analysis.track.len().div_ceil(POINTS).max(1);
-    let track: Vec<Point> = analysis.track.iter().step_by(step).copied().collect();
+    let track: Vec<TrackPoint> = analysis.track.iter().step_by(step).copied().collect();
     let root = SVGBackend::new(path, SIZE).into_drawing_area();
-    all(&root, &track, title).map_err(failed)
+    draw_all(&root, &track, title).map_err(failed)
 }
 
-fn all(root: &Area<'_>, track: &[Point], title: &str) -> Drawn {
+fn draw_all(root: &Area<'_>, track: &[TrackPoint], title: &str) -> DrawResult {
     root.fill(&WHITE)?;
     let root = root.titled(title, ("sans-serif", 20))?;
     let (upper, lower) = root.split_vertically(430);
@@ -45,19 +45,19 @@ fn all(root: &Area<'_>, track: &[Point], title: &str) -> Drawn {
 
 fn view(
     area: &Area<'_>,
-    track: &[Point],
+    track: &[TrackPoint],
     caption: &str,
     x: &str,
     y: &str,
-    of: impl Fn(&Position) -> (f64, f64),
-) -> Drawn {
+    project: impl Fn(&Position) -> (f64, f64),
+) -> DrawResult {
     let points = || track.iter().flat_map(|point| [point.setpoint, point.estimate].into_iter().chain(point.truth));
     let bound = |pick: fn((f64, f64)) -> f64, from: f64, take: fn(f64, f64) -> f64| {
-        points().map(|p| pick(of(&p))).fold(from, take)
+        points().map(|p| pick(project(&p))).fold(from, take)
     };
     let (mut x0, mut x1) = (bound(|p| p.0, f64::INFINITY, f64::min), bound(|p| p.0, f64::NEG_INFINITY, f64::max));
     let (mut y0, mut y1) = (bound(|p| p.1, f64::INFINITY, f64::min), bound(|p| p.1, f64::NEG_INFINITY, f64::max));
-    // The same scale on both axes, so that a circle is a circle.
+    // The same scale on both axes keeps circles round.
     let half = 0.55 * (x1 - x0).max((y1 - y0) * 1.25).max(0.1);
     let (mid_x, mid_y) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
     (x0, x1, y0, y1) = (mid_x - half, mid_x + half, mid_y - half / 1.25, mid_y + half / 1.25);
@@ -68,13 +68,13 @@ fn view(
         .y_label_area_size(45)
         .build_cartesian_2d(x0..x1, y0..y1)?;
     chart.configure_mesh().light_line_style(WHITE).x_desc(x).y_desc(y).draw()?;
-    chart.draw_series(LineSeries::new(track.iter().map(|p| of(&p.setpoint)), PLANNED.stroke_width(4)))?;
-    chart.draw_series(LineSeries::new(track.iter().filter_map(|p| p.truth).map(|p| of(&p)), &TRUTH))?;
-    chart.draw_series(LineSeries::new(track.iter().map(|p| of(&p.estimate)), &ESTIMATE))?;
+    chart.draw_series(LineSeries::new(track.iter().map(|p| project(&p.setpoint)), PLANNED.stroke_width(4)))?;
+    chart.draw_series(LineSeries::new(track.iter().filter_map(|p| p.truth).map(|p| project(&p)), &TRUTH))?;
+    chart.draw_series(LineSeries::new(track.iter().map(|p| project(&p.estimate)), &ESTIMATE))?;
     Ok(())
 }
 
-fn errors(area: &Area<'_>, track: &[Point]) -> Drawn {
+fn errors(area: &Area<'_>, track: &[TrackPoint]) -> DrawResult {
     let off = |a: &Position, b: &Position| 1000.0 * (a - b).norm();
     let estimate: Vec<(f64, f64)> = track.iter().map(|p| (p.time_s, off(&p.estimate, &p.setpoint))).collect();
     let truth: Vec<(f64, f64)> = track.iter().filter_map(|p| Some((p.time_s, 1000.0 * p.truth_off_m?))).collect();

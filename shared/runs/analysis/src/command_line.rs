@@ -4,21 +4,22 @@ use crate::{map, motor_table, report, runs};
 use command::{Answer, Output};
 use std::path::PathBuf;
 
-/// What can be done with a recorded run.
+/// Commands for recorded runs.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// A run as one page: what was flown, how well, what happened; several runs side by side.
+    /// A run as one page: motions, accuracy, events; several runs side by side.
     Report {
         /// Run folders or files.
         #[arg(required = true, value_name = "RUN")]
         runs: Vec<PathBuf>,
-        /// The page; default: report.html in the run folder (comparison.html for several runs, in the first one's).
+        /// The page; default: report.html in the run folder (for several runs: comparison.html in the folder of the
+        /// first).
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// What the sensors of a run measured as maps with uncertainty: contour pictures, grids, point clouds, tables.
+    /// Map the sensor readings of a run with uncertainty: contour plots, grids, point clouds, tables.
     Map(map::Args),
-    /// What is in a run: length, channels, rates, gaps, health.
+    /// Contents of a run: length, channels, rates, gaps, health.
     Info {
         /// Run folder or file.
         run: PathBuf,
@@ -28,15 +29,15 @@ pub enum Command {
         /// Run folder, or a file that ends in .mcap.part or .mcap.
         run: PathBuf,
     },
-    /// What the motors draw over speed and tension, from recorded runs of raising and lowering known loads.
+    /// Measure the motor current over speed and tension from recorded runs that raise and lower known loads.
     MotorTable(motor_table::Args),
 }
 
 impl Command {
-    /// Carries the command out.
+    /// Runs the command.
     ///
     /// # Errors
-    /// One sentence.
+    /// One sentence that the program prints.
     pub fn run(&self) -> Answer<Output> {
         match self {
             Self::Report { runs, out } => report::report(runs, out.as_deref()),

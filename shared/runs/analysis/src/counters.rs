@@ -1,24 +1,25 @@
-//! Periods of missions: how many of them were not steered, and why. `docs/counters.md` has the rules; what is here follows them.
+//! Counts the periods of missions that were not steered, by cause. Implements the rules in `docs/counters.md`.
 
 use messages::{Message, MotorAuthority, MotorInput};
 use robot_state::Periods;
 use runlog::RecordedSample;
 use std::collections::VecDeque;
 
-/// Samples of one channel that wait for the other one's of the same cycle. Beyond this the other channel is not there.
-const WAITING: usize = 4096;
+/// Maximum number of samples of one channel that wait for the other channel's sample of the same cycle. Beyond this the
+/// other channel is considered missing.
+const MAX_WAITING: usize = 4096;
 
-/// What of `motor/input` the count needs.
+/// Fields of `motor/input` used for counting.
 #[derive(Debug, Clone, Copy)]
-struct Tick {
+struct InputRecord {
     at: (u64, u64),
     tick_ns: u64,
     mission: u32,
 }
 
-/// The same of `motor/authority`.
+/// Fields of `motor/authority` used for counting.
 #[derive(Debug, Clone, Copy)]
-struct Word {
+struct AuthorityRecord {
     at: (u64, u64),
     periods: Periods,
     period: u8,
@@ -26,20 +27,20 @@ struct Word {
     motion: u32,
 }
 
-/// Counts the periods of a run, over all lives of motor-io in it. Give it every sample in the order of the file.
+/// Counts the periods of a run over all its lives of motor-io. Requires every sample in file order.
 #[derive(Debug, Default)]
 pub struct Count {
-    ticks: VecDeque<Tick>,
-    words: VecDeque<Word>,
-    last: Option<(Tick, Word)>,
-    /// Of lives that are over, and between lives.
+    inputs: VecDeque<InputRecord>,
+    authorities: VecDeque<AuthorityRecord>,
+    last: Option<(InputRecord, AuthorityRecord)>,
+    /// Sum over completed lives and the time between lives.
     before: Periods,
-    /// The mission that was on when the last life ended, until it is taken up again or ends.
+    /// Mission that was active when the last life ended, until it resumes or ends.
     carried: Option<u32>,
 }
 
 impl Count {
-    /// Takes a sample in; others than those of the two channels are passed over.
+    /// Records a sample; ignores other channels.
     pub fn note(&mut self, recorded: &RecordedSample<'_>) {
         match recorded.channel.name.as_str() {
             "motor/input" => _ = recorded.to::<MotorInput>().map(|input| self.input(&input)),
@@ -48,16 +49,20 @@ impl Count {
         }
     }
 
-    /// Takes in a cycle's input.
+    /// Records the input of a cycle.
     pub fn input(&mut self, input: &MotorInput) {
-        self.ticks.push_back(Tick { at: place(input), tick_ns: input.tick_ns, mission: input.mission });
+        self.inputs.push_back(InputRecord {
+            at: life_and_cycle(input),
+            tick_ns: input.tick_ns,
+            mission: input.mission,
+        });
         self.pair();
     }
 
-    /// Takes in what a cycle came to.
+    /// Records the outcome of a cycle.
     pub fn authority(&mut self, authority: &MotorAuthority) {
-        self.words.push_back(Word {
-            at: place(authority),
+        self.authorities.push_back(AuthorityRecord {
+            at: life_and_cycle(authority),
             periods: Periods::of(authority),
             period: authority.period,
             period_s: authority.period_s,
@@ -66,52 +71,52 @@ impl Count {
         self.pair();
     }
 
-    /// What it comes to so far.
+    /// Returns the counts so far.
     #[must_use]
     pub fn periods(&self) -> Periods {
         let mut all = self.before;
-        match (&self.last, self.words.back()) {
-            (Some((_, word)), _) => all.add(&word.periods),
-            // Without motor/input nothing is known of the time between lives.
-            (None, Some(word)) => all.add(&word.periods),
+        match (&self.last, self.authorities.back()) {
+            (Some((_, authority)), _) => all.add(&authority.periods),
+            // Without motor/input, the time between lives is unknown.
+            (None, Some(authority)) => all.add(&authority.periods),
             (None, None) => {}
         }
         all
     }
 
-    /// A cycle counts once both its samples are there: a life may end between them.
+    /// Counts a cycle as soon as both its samples are present; a life may end between them.
     fn pair(&mut self) {
-        while let (Some(tick), Some(word)) = (self.ticks.front().copied(), self.words.front().copied()) {
-            if tick.at <= word.at {
-                self.ticks.pop_front();
+        while let (Some(input), Some(authority)) = (self.inputs.front().copied(), self.authorities.front().copied()) {
+            if input.at <= authority.at {
+                self.inputs.pop_front();
             }
-            if word.at <= tick.at {
-                self.words.pop_front();
+            if authority.at <= input.at {
+                self.authorities.pop_front();
             }
-            if tick.at == word.at {
-                self.cycle(tick, word);
+            if input.at == authority.at {
+                self.cycle(input, authority);
             }
         }
-        if self.ticks.len() > WAITING {
-            self.ticks.pop_front();
+        if self.inputs.len() > MAX_WAITING {
+            self.inputs.pop_front();
         }
-        if self.words.len() > WAITING {
-            self.words.pop_front();
+        if self.authorities.len() > MAX_WAITING {
+            self.authorities.pop_front();
         }
     }
 
-    fn cycle(&mut self, tick: Tick, word: Word) {
-        let skipped = |before: &Tick| {
-            let periods = tick.tick_ns.saturating_sub(before.tick_ns) as f64 * 1e-9 / word.period_s;
+    fn cycle(&mut self, input: InputRecord, authority: AuthorityRecord) {
+        let skipped = |before: &InputRecord| {
+            let periods = input.tick_ns.saturating_sub(before.tick_ns) as f64 * 1e-9 / authority.period_s;
             ((periods + 0.5) as u64).saturating_sub(1)
         };
         let mut between = 0;
         match &self.last {
-            Some((before, _)) if before.at.0 == tick.at.0 => between = skipped(before),
+            Some((before, _)) if before.at.0 == input.at.0 => between = skipped(before),
             Some((before, then)) => {
                 self.before.add(&then.periods);
                 if then.motion != 0 {
-                    // The life ended with its mission on: nothing steered the node until the next one began.
+                    // The life ended during its mission, so the node was not steered until the next life began.
                     self.before.answer += skipped(before);
                     self.carried = Some(before.mission);
                 }
@@ -119,17 +124,17 @@ impl Count {
             None => {}
         }
         if let Some(mission) = self.carried {
-            let on = word.period == MotorAuthority::PERIOD_NO_MISSION && tick.mission == mission && mission != 0;
+            let on = authority.period == MotorAuthority::PERIOD_NO_MISSION && input.mission == mission && mission != 0;
             match on {
                 true => self.before.answer += 1 + between,
                 false => self.carried = None,
             }
         }
-        self.last = Some((tick, word));
+        self.last = Some((input, authority));
     }
 }
 
-fn place(sample: &impl Message) -> (u64, u64) {
+fn life_and_cycle(sample: &impl Message) -> (u64, u64) {
     let header = sample.header();
     (header.life, header.cycle)
 }
@@ -168,12 +173,12 @@ mod tests {
         run.cycle(1, 1, 5, 0, MotorAuthority::PERIOD_NO_MISSION);
         run.cycle(1, 2, 5, 1, MotorAuthority::PERIOD_NO_MISSION);
         run.cycle(1, 3, 5, 1, MotorAuthority::PERIOD_STEERED);
-        // The next cycle was published by half when the life ended.
+        // The life ended between the two samples of the next cycle.
         let mut half = run.authority;
         half.header.cycle += 1;
         half.steered += 1;
         run.count.authority(&half);
-        // Ticks 4 to 19 never were, or nobody knows of them; 20 and 22 still belong to the mission, and 21 never ran.
+        // Cycles 4 to 19 did not run or were not recorded; 20 and 22 still belong to the mission, and 21 did not run.
         run.cycle(9, 20, 5, 0, MotorAuthority::PERIOD_NO_MISSION);
         run.cycle(9, 22, 5, 0, MotorAuthority::PERIOD_NO_MISSION);
         run.cycle(9, 23, 0, 0, MotorAuthority::PERIOD_NO_MISSION);
@@ -182,7 +187,7 @@ mod tests {
         assert_eq!(periods, Periods { steered: 1, answer: 16 + 3, ..Periods::default() });
         assert_eq!(periods.leading(), "19 of 20 periods not steered");
         assert_eq!(periods.by_cause(), "computer 0, drive 0, resync 0, answer 19");
-        // A life that ends at rest leaves nothing open.
+        // A life that ends at rest adds nothing.
         run.cycle(11, 90, 6, 0, MotorAuthority::PERIOD_NO_MISSION);
         assert_eq!(run.count.periods(), periods);
     }

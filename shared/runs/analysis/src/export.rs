@@ -1,4 +1,4 @@
-//! `nims export`: the channels of a run as tables for other tools.
+//! `nims export`: writes the channels of a run as tables for other tools.
 
 use crate::runs::{progress, there};
 use clap::ValueEnum;
@@ -17,26 +17,26 @@ pub struct Args {
     /// Folder for the tables; default: `export` in the run folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// How they are written.
+    /// File format.
     #[arg(long, value_enum, default_value = "csv")]
     pub format: TableFormat,
-    /// Only this channel; a trailing * stands for any ending. May be given several times.
+    /// Only this channel; a trailing * matches any ending. Repeatable.
     #[arg(long, value_name = "NAME")]
     pub channel: Vec<String>,
-    /// Only from this time on, s since the run began.
+    /// Start time, s since the start of the run.
     #[arg(long, value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
     pub from: Option<f64>,
-    /// Only before this time, s since the run began.
+    /// End time (exclusive), s since the start of the run.
     #[arg(long, value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
     pub to: Option<f64>,
 }
 
-/// How tables are written.
+/// File format of tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum TableFormat {
-    /// Text, a line per sample.
+    /// Text, one row per sample.
     Csv,
-    /// One structured NumPy array per channel, the samples as they lay in memory.
+    /// One structured NumPy array per channel with the memory layout of the samples.
     Npy,
     /// Compressed columns for pandas, polars, DuckDB.
     Parquet,
@@ -52,52 +52,52 @@ impl From<TableFormat> for runlog::export::Format {
     }
 }
 
-/// Beside the tables: what each is, with its definition.
+/// Index of the tables with their definitions.
 const CONTENTS: &str = "tables.json";
 
 /// Writes the tables.
 ///
 /// # Errors
-/// There is no run, it has not what is wanted, or a table cannot be written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    there(&asked.run)?;
-    let wanted = ExportRequest {
-        format: asked.format.into(),
-        folder: asked.out.clone().unwrap_or_else(|| beside(&asked.run)),
-        channels: asked.channel.clone(),
-        from_s: asked.from.unwrap_or(f64::NEG_INFINITY),
-        to_s: asked.to.unwrap_or(f64::INFINITY),
+/// The run does not exist or lacks what was requested, or a table cannot be written.
+pub fn run(args: &Args) -> Answer<Output> {
+    there(&args.run)?;
+    let request = ExportRequest {
+        format: args.format.into(),
+        folder: args.out.clone().unwrap_or_else(|| default_folder(&args.run)),
+        channels: args.channel.clone(),
+        from_s: args.from.unwrap_or(f64::NEG_INFINITY),
+        to_s: args.to.unwrap_or(f64::INFINITY),
     };
-    if wanted.from_s >= wanted.to_s {
-        return Err(Failure::BadInput(format!("--from {} is not before --to {}", wanted.from_s, wanted.to_s)));
+    if request.from_s >= request.to_s {
+        return Err(Failure::BadInput(format!("--from {} is not before --to {}", request.from_s, request.to_s)));
     }
-    let export = runlog::export::export(&asked.run, &wanted, &mut progress("exporting"))?;
-    let value = json!({ "run": asked.run, "folder": wanted.folder, "tables": export.tables, "left_out": export.left_out,
+    let export = runlog::export::export(&args.run, &request, &mut progress("exporting"))?;
+    let value = json!({ "run": args.run, "folder": request.folder, "tables": export.tables, "left_out": export.left_out,
         "repeated": export.repeated, "damaged": export.damaged });
-    let contents = wanted.folder.join(CONTENTS);
+    let contents = request.folder.join(CONTENTS);
     let text = serde_json::to_string_pretty(&value).map_err(Failure::not_now)?;
     std::fs::write(&contents, text + "\n")
         .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", contents.display())))?;
-    Ok(Output::new(value, words(&export, &wanted.folder)))
+    Ok(Output::new(value, words(&export, &request.folder)))
 }
 
-/// `export` in the run folder, or beside a run file.
-fn beside(run: &Path) -> PathBuf {
+/// Returns `export` in the run folder, or in the folder of a run file.
+fn default_folder(run: &Path) -> PathBuf {
     if run.is_dir() { run.join("export") } else { run.parent().unwrap_or(Path::new("")).join("export") }
 }
 
 fn words(export: &ExportResult, folder: &Path) -> String {
-    let mut words = format!("{} tables in {}; {CONTENTS} says what each is", export.tables.len(), folder.display());
+    let mut words = format!("{} tables in {}; {CONTENTS} describes them", export.tables.len(), folder.display());
     let width = export.tables.iter().map(|table| table.channel.len()).max().unwrap_or(0);
     for table in &export.tables {
         let name = table.file.file_name().unwrap_or_default().to_string_lossy();
         let _ = write!(words, "\n{:width$}  {:>9} samples  {name}", table.channel, table.samples);
     }
     for (channel, why) in &export.left_out {
-        let _ = write!(words, "\n{channel} is left out: {why}");
+        let _ = write!(words, "\n{channel} is not exported: {why}");
     }
     if export.damaged > 0 {
-        let _ = write!(words, "\n{} damaged places of the run could not be read; see `nims info`", export.damaged);
+        let _ = write!(words, "\n{} damaged sections of the run could not be read; see `nims info`", export.damaged);
     }
     words
 }

@@ -1,8 +1,8 @@
-//! Recorded runs as people need them: what is in them, a page, maps, tables, accuracy, motor tables.
+//! Analysis of recorded runs: contents, report page, maps, tables, accuracy, motor tables.
 //!
 //! Invariants:
-//! * A run is only read; what is made of it goes into files of its own.
-//! * What is said of a run rests on its files alone, so that it is the same years later.
+//! * A run is only read; results are written to separate files.
+//! * Results depend on the files of the run alone, so they are the same years later.
 #![forbid(unsafe_code)]
 
 pub mod accuracy;

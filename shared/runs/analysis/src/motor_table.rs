@@ -1,4 +1,4 @@
-//! `nims motor-table`: recorded runs of raising and lowering known loads in, a table of the motors' current out.
+//! `nims motor-table`: fits a table of motor currents to recorded runs that raise and lower known loads.
 
 use calibration::motor_fit::{Sample, covered, fit};
 use command::values::{Numbers, numbers};
@@ -13,46 +13,47 @@ use std::path::{Path, PathBuf};
 /// `nims motor-table`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Run folders or files. The robot file of each run must say what hung on the lines (node_mass_kg).
+    /// Run folders or files. The robot file of each run must give the load on the cables (node_mass_kg).
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// Write the table to this new file, for `table` in `[motor]` of a robot file.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Reel-in speeds of the table, m/s, rising, below 0 for paying out; default: as far as the runs go.
+    /// Reel-in speeds of the table, m/s, ascending, below 0 for paying out; default: the range of the runs.
     #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
     pub speeds: Option<Numbers>,
-    /// Tensions of the table, N, rising; default: as far as the runs go.
+    /// Tensions of the table, N, ascending; default: the range of the runs.
     #[arg(long, value_name = "A,B,..", value_parser = numbers)]
     pub tensions: Option<Numbers>,
 }
 
-/// Samples are means over this time, s: long against an encoder step and the drives' own averaging, short against a move.
+/// Averaging time of a sample, s: long compared with an encoder step and the drives' own averaging, short compared with
+/// a move.
 const WINDOW_S: f64 = 0.2;
 
-/// A line whose speed differs by more than this between the halves of a window is accelerating, m/s: half a newton of the
-/// rotor's inertia.
+/// Maximum change of a cable's speed between the halves of a window, m/s. Beyond it the rotor's inertia contributes
+/// more than half a newton.
 const STEADY_M_S: f64 = 0.003;
 
-/// A node slower than this stands, m/s: a gear that locks itself then draws any current.
+/// Minimum speed of the node, m/s; at rest a self-locking gear makes the current arbitrary.
 const STANDING_M_S: f64 = 0.005;
 
-/// What of a cycle counts: only what the robot followed, by a valid estimate.
+/// Recorded data of a cycle; only cycles that follow a motion with a valid estimate are used.
 #[derive(Debug, Clone, Copy, Default)]
-struct Cycle {
+struct CycleData {
     state: Option<MotorState>,
     estimate: Option<NodeEstimate>,
     period_s: f64,
 }
 
-/// The samples of a run: every line in every window of steady motion.
+/// Extracts the samples of a run: one per cable and window of steady motion.
 ///
-/// The tension is the estimate's: with three lines that of the statics of the load, with more that of their stretch.
+/// The tension is the estimated one: with three cables from the statics of the load, with more from their stretch.
 ///
 /// # Errors
-/// The run cannot be read or holds nothing to learn from.
+/// The run cannot be read or has no usable motion.
 pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
-    let mut cycles: BTreeMap<u64, Cycle> = BTreeMap::new();
+    let mut cycles: BTreeMap<u64, CycleData> = BTreeMap::new();
     let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
         match recorded.channel.name.as_str() {
@@ -83,7 +84,7 @@ pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
         .collect();
     let Some(&(.., period_s)) = following.first() else {
         return Err(Failure::BadInput(format!(
-            "{} holds no motion to learn from: nothing was flown in it, or motor/state, motor/authority or node/estimate/a were not recorded",
+            "{} has no usable motion: nothing was flown in it, or motor/state, motor/authority or node/estimate/a was not recorded",
             run.display()
         )));
     };
@@ -102,7 +103,7 @@ pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
     Ok(samples)
 }
 
-/// The means of a window for one line, if it ran steadily and every number is one.
+/// Returns the means of a window for one cable, if its speed is steady and all values are finite.
 fn steady(cycles: &[(u64, MotorState, NodeEstimate, f64)], cable: usize) -> Option<Sample> {
     let mean = |part: &[(u64, MotorState, NodeEstimate, f64)], of: &dyn Fn(&MotorState, &NodeEstimate) -> f64| {
         part.iter().map(|(_, state, estimate, _)| of(state, estimate)).sum::<f64>() / part.len() as f64
@@ -124,28 +125,29 @@ fn steady(cycles: &[(u64, MotorState, NodeEstimate, f64)], cable: usize) -> Opti
     (sample.reel_in_m_s.is_finite() && sample.tension_n.is_finite() && sample.current_a.is_finite()).then_some(sample)
 }
 
-/// Builds the table and writes it; JSON and words.
+/// Runs `nims motor-table`: fits the table and writes it.
 ///
 /// # Errors
-/// Runs that cannot be read or do not cover enough speeds and tensions, or a file that is there already or cannot be written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    let out = asked.out.as_path();
+/// Runs that cannot be read or do not cover enough speeds and tensions, or a file that already exists or cannot be
+/// written.
+pub fn run(args: &Args) -> Answer<Output> {
+    let out = args.out.as_path();
     if out.exists() {
         let out = out.display();
-        return Err(Failure::BadInput(format!("{out} is there already; name a new file, or move that one away")));
+        return Err(Failure::BadInput(format!("{out} already exists; name a new file or move this one")));
     }
     let mut all = Vec::new();
-    for run in &asked.runs {
+    for run in &args.runs {
         if !run.exists() {
             return Err(Failure::BadInput(format!(
-                "there is no run {}: give a run folder or a run file",
+                "{} does not exist; give a run folder or a run file",
                 run.display()
             )));
         }
         all.extend(samples(run)?);
     }
     let given = |axis: &Option<Numbers>| axis.as_ref().map(|Numbers(values)| values.clone());
-    let (speeds, tensions) = match (given(&asked.speeds), given(&asked.tensions)) {
+    let (speeds, tensions) = match (given(&args.speeds), given(&args.tensions)) {
         (Some(speeds), Some(tensions)) => (speeds, tensions),
         (speeds, tensions) => {
             let found = covered(&all).map_err(Failure::bad)?;
@@ -153,7 +155,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
         }
     };
     let found = fit(&all, &speeds, &tensions).map_err(Failure::bad)?;
-    write(asked, &speeds, &tensions, &found.currents_a)?;
+    write(args, &speeds, &tensions, &found.currents_a)?;
     let value = json!({
         "speeds_m_s": speeds,
         "tensions_n": tensions,
@@ -165,7 +167,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
     let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
     let ([slowest, fastest], [loosest, tightest]) = (ends(&speeds), ends(&tensions));
     let words = format!(
-        "{} speeds from {slowest} to {fastest} m/s, {} tensions from {loosest} to {tightest} N, from {} samples that deviate by \
+        "{} speeds from {slowest} to {fastest} m/s, {} tensions from {loosest} to {tightest} N, from {} samples with a residual of \
          {:.3} A (root mean square); written to {}",
         speeds.len(),
         tensions.len(),
@@ -176,30 +178,31 @@ pub fn run(asked: &Args) -> Answer<Output> {
     Ok(Output::new(value, words))
 }
 
-fn write(asked: &Args, speeds: &[f64], tensions: &[f64], currents: &[Vec<f64>]) -> Answer {
+fn write(args: &Args, speeds: &[f64], tensions: &[f64], currents: &[Vec<f64>]) -> Answer {
     let list = |values: &[f64], decimals: usize| {
         values.iter().map(|value| format!("{value:.decimals$}")).collect::<Vec<_>>().join(", ")
     };
-    let runs: Vec<String> = asked
+    let runs: Vec<String> = args
         .runs
         .iter()
         .filter_map(|run| run.file_name())
         .map(|name| format!("{:?}", name.to_string_lossy()))
         .collect();
     let mut text = String::from(
-        "# Motor current over reel-in speed and line tension, as measured; for `table` in [motor] of a robot file.\n",
+        "# Measured motor current over reel-in speed and cable tension; for `table` in [motor] of a robot file.\n",
     );
     let _ = writeln!(text, "date = \"{}\"", runlog::utc(bus::clock::unix_ns()));
     let _ = writeln!(text, "runs = [{}]", runs.join(", "));
-    let _ = writeln!(text, "speeds_m_s = [{}]   # below 0 pays out", list(speeds, 4));
+    let _ = writeln!(text, "speeds_m_s = [{}]   # below 0: paying out", list(speeds, 4));
     let _ = writeln!(text, "tensions_n = [{}]", list(tensions, 3));
-    let _ = writeln!(text, "currents_a = [   # a row per speed");
+    let _ = writeln!(text, "currents_a = [   # one row per speed");
     for row in currents {
         let _ = writeln!(text, "    [{}],", list(row, 4));
     }
     text.push_str("]\n");
-    let cannot = |why: std::io::Error| Failure::NotNow(format!("{} cannot be written: {why}", asked.out.display()));
-    // Never over a file that appeared meanwhile.
-    let mut file = std::fs::File::create_new(&asked.out).map_err(cannot)?;
-    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(cannot)
+    let write_failure =
+        |why: std::io::Error| Failure::NotNow(format!("{} cannot be written: {why}", args.out.display()));
+    // create_new never overwrites a file that was created in the meantime.
+    let mut file = std::fs::File::create_new(&args.out).map_err(write_failure)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(write_failure)
 }

@@ -1,24 +1,24 @@
-//! Recorded runs: `info`, `recover`.
+//! Recorded runs: `info` and `recover`.
 
 use command::{Answer, Failure, Output};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// `nims info`.
+/// Runs `nims info`.
 ///
 /// # Errors
-/// There is no run, or it cannot be read.
+/// The run does not exist or cannot be read.
 pub fn info(run: &Path) -> Answer<Output> {
     there(run)?;
     let report = runlog::info_with(run, &mut progress("reading"))?;
     let mut value = serde_json::to_value(&report).map_err(Failure::not_now)?;
     let mut words = report.to_string();
     if let Some(manifest) = manifest_of(run) {
-        words = format!("{}{words}", of_manifest(&manifest, &report));
+        words = format!("{}{words}", manifest_text(&manifest, &report));
         let unrecorded_s = unrecorded_ends_s(run, &report);
         for (seconds, which) in unrecorded_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
-            words.push_str(&format!("of the {which} {seconds:.1} s of the run nothing was recorded\n"));
+            words.push_str(&format!("the {which} {seconds:.1} s of the run were not recorded\n"));
         }
         value["unrecorded_ends_s"] = json!(unrecorded_s);
         value["manifest"] = manifest;
@@ -26,24 +26,26 @@ pub fn info(run: &Path) -> Answer<Output> {
     Ok(Output::new(value, words))
 }
 
-/// What a run folder says about itself; a run file alone has no manifest.
+/// Reads the manifest of a run folder; a single run file has none.
 fn manifest_of(run: &Path) -> Option<Value> {
     serde_json::from_str(&std::fs::read_to_string(run.join("manifest.json")).ok()?).ok()
 }
 
-/// Why a run ended, as its supervisor wrote it.
+/// Returns the reason for the end of a run from its manifest.
 #[must_use]
 pub fn ended_because(run: &Path) -> Option<String> {
     manifest_of(run)?["ended_because"].as_str().map(str::to_owned)
 }
 
-/// A recorder gives to the disk what it holds twice a second; what is missing at an end beyond this was not recorded, s.
+/// Minimum duration of a reported unrecorded end, s. The recorder writes to the disk twice a second, so a shorter one
+/// is normal.
 const END_S: f64 = 2.0;
-/// The ends of a run, as [`unrecorded_ends_s`] has them.
+/// Names of the two ends in [`unrecorded_ends_s`].
 pub const ENDS: [&str; 2] = ["first", "last"];
 
-/// From the time at which the recorder was ready to the first sample, and from the last one to the end of the run, both as the supervisor
-/// has them, where that is a while: the recorder was not there then, or what it wrote was removed, s.
+/// Returns the unrecorded time at both ends of a run, s: from the time when the recorder was ready to the first sample,
+/// and from the last sample to the end of the run, both according to the supervisor; 0 if negligible. The recorder was
+/// not running then, or its files were removed.
 #[must_use]
 pub fn unrecorded_ends_s(run: &Path, report: &runlog::RunReport) -> [f64; 2] {
     let (Some(manifest), Some(first_ns)) = (manifest_of(run), report.started_unix_ns) else { return [0.0; 2] };
@@ -58,8 +60,8 @@ pub fn unrecorded_ends_s(run: &Path, report: &runlog::RunReport) -> [f64; 2] {
     left.map(|left_s| left_s.filter(|left_s| *left_s > END_S).unwrap_or(0.0))
 }
 
-/// What a run's manifest says, in words.
-fn of_manifest(manifest: &Value, report: &runlog::RunReport) -> String {
+/// Summarises the manifest of a run.
+fn manifest_text(manifest: &Value, report: &runlog::RunReport) -> String {
     let closed = report.files.iter().all(|file| file.finished && !file.recovered);
     let text = |key: &str| manifest[key].as_str().unwrap_or("?");
     let ended = match manifest["ended_because"].as_str() {
@@ -68,8 +70,8 @@ fn of_manifest(manifest: &Value, report: &runlog::RunReport) -> String {
             format!("it is open, but nothing has been written for {} s", report.silent_s)
         }
         None if report.recording => "it is being recorded".to_owned(),
-        None if closed => "no end: its supervisor was ended without writing one".to_owned(),
-        None => "no end: it was cut off".to_owned(),
+        None if closed => "no end: its supervisor ended without recording one".to_owned(),
+        None => "no end: the recording was cut off".to_owned(),
     };
     let mut words = format!("run       {} with nims {}; {ended}\n", text("name"), text("nims_version"));
     for process in manifest["processes"].as_array().into_iter().flatten() {
@@ -77,19 +79,19 @@ fn of_manifest(manifest: &Value, report: &runlog::RunReport) -> String {
         if restarts > 0 {
             let name = process["name"].as_str().unwrap_or("?");
             let times = if restarts == 1 { "once".to_owned() } else { format!("{restarts} times") };
-            words.push_str(&format!("process   {name} was started again {times}\n"));
+            words.push_str(&format!("process   {name} was restarted {times}\n"));
         }
     }
     words
 }
 
-/// `nims recover`: one file, or every unfinished or damaged file of a folder; JSON and words.
+/// Runs `nims recover` on one file, or on every unfinished or damaged file of a folder.
 ///
 /// # Errors
-/// There is no run, or nothing in it can be read.
+/// The run does not exist, or nothing in it can be read.
 pub fn recover(run: &Path) -> Answer<Output> {
     there(run)?;
-    let files = if run.is_dir() { in_need(run)? } else { vec![run.to_path_buf()] };
+    let files = if run.is_dir() { unfinished_files(run)? } else { vec![run.to_path_buf()] };
     let mut recovered = Vec::new();
     let mut words = Vec::new();
     for file in &files {
@@ -98,25 +100,25 @@ pub fn recover(run: &Path) -> Answer<Output> {
         recovered.push(serde_json::to_value(&recovery).map_err(Failure::not_now)?);
     }
     if files.is_empty() {
-        words.push(format!("every run file in {} is finished and whole: nothing to recover", run.display()));
+        words.push(format!("every run file in {} is finished and undamaged: nothing to recover", run.display()));
     }
     Ok(Output::new(json!({ "recovered": recovered }), words.join("\n")))
 }
 
-/// The files of a run that were not closed, or hold damage.
-fn in_need(folder: &Path) -> Answer<Vec<PathBuf>> {
-    let report = runlog::info_with(folder, &mut progress("looking")).map_err(Failure::bad)?;
+/// Returns the files of a run that are unfinished or damaged.
+fn unfinished_files(folder: &Path) -> Answer<Vec<PathBuf>> {
+    let report = runlog::info_with(folder, &mut progress("checking")).map_err(Failure::bad)?;
     let needs = |file: &runlog::FileReport| !file.finished || !file.damage.is_empty();
     Ok(report.files.into_iter().filter(needs).map(|file| file.path).collect())
 }
 
-/// Shows on a terminal how far a long piece of work on bytes of a run is; nothing for a short one.
+/// Returns a callback that shows the progress of long work on a terminal; it shows nothing for short work.
 pub fn progress(what: &'static str) -> impl FnMut(u64, u64) {
-    /// Below this, the work is done before anyone wonders.
+    /// Minimum size for a progress bar; smaller runs are processed in an instant.
     const LONG_BYTES: u64 = 32 << 20;
     let style = ProgressStyle::with_template("{msg} {bar:40} {bytes}/{total_bytes}, {eta} left");
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    // without a terminal it draws nothing
+    // Without a terminal, the bar draws nothing.
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr()).with_style(style).with_message(what);
     move |done, all| {
         if all < LONG_BYTES {
@@ -130,12 +132,12 @@ pub fn progress(what: &'static str) -> impl FnMut(u64, u64) {
     }
 }
 
-/// Whether there is anything at that path.
+/// Checks that a run exists.
 pub fn there(run: &Path) -> Answer {
     if run.exists() {
         Ok(())
     } else {
-        Err(Failure::BadInput(format!("there is no run {}: give a run folder or a run file", run.display())))
+        Err(Failure::BadInput(format!("{} does not exist; give a run folder or a run file", run.display())))
     }
 }
 
@@ -144,7 +146,7 @@ pub(crate) mod tests {
     use super::*;
     use runlog::{FileReport, RunReport};
 
-    /// One that was closed properly.
+    /// A properly closed file.
     pub(crate) fn whole_file(name: &str) -> FileReport {
         FileReport {
             path: PathBuf::from(name),
@@ -164,10 +166,10 @@ pub(crate) mod tests {
         let said = |file: &FileReport| {
             let (recording, silent_s) = (file.recording, file.silent_s);
             let report = RunReport { recording, silent_s, files: vec![file.clone()], ..RunReport::default() };
-            of_manifest(&manifest, &report)
+            manifest_text(&manifest, &report)
         };
-        assert!(said(&file).contains("; no end: its supervisor was ended without writing one"), "{}", said(&file));
-        assert!(said(&FileReport { recovered: true, ..file.clone() }).contains("; no end: it was cut off"));
+        assert!(said(&file).contains("; no end: its supervisor ended without recording one"), "{}", said(&file));
+        assert!(said(&FileReport { recovered: true, ..file.clone() }).contains("; no end: the recording was cut off"));
         let open = FileReport { finished: false, recording: true, ..file };
         assert!(said(&open).contains("; it is being recorded"));
         let silent = FileReport { silent_s: 12, ..open };

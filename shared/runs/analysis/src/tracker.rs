@@ -1,5 +1,4 @@
-//! A run cycle by cycle: what belongs to one control cycle is put together while the file is read once, in memory that does not grow
-//! with the run.
+//! Assembles the samples of each control cycle while a run is read once, in memory that does not grow with the run.
 
 use cable_robot::{Segment, Setpoint};
 use messages::{
@@ -10,45 +9,46 @@ use runlog::RecordedSample;
 use segments::segment_of;
 use std::collections::{BTreeMap, VecDeque};
 
-/// A setpoint slower than this rests, m/s: the ends of a profile, where every law is right.
+/// Minimum speed of a moving setpoint, m/s; slower ones are the ends of a profile, where every law is accurate.
 const MOVING_M_S: f64 = 1e-3;
-/// Cycles that are waited for stragglers: samples of different channels lie in the file in the order of their stamps, but for those
-/// that the recorder heard one look (10 ms) later.
+/// Number of cycles that wait for late samples. The file is sorted by stamps, except for samples that the recorder
+/// received one poll (10 ms) later.
 const WINDOW: usize = 128;
-/// Rows that are at most so many cycles apart follow each other: the plan clock between them is known.
-const NEAR: u64 = 5;
-/// Motions whose segments are remembered: the present one, and those that a straggler can belong to.
+/// Maximum distance of consecutive rows in cycles; the plan clock between them is known.
+const MAX_CYCLE_STEP: u64 = 5;
+/// Number of stored motions: the current one, and those of late samples.
 const MOTIONS: usize = 4;
 
-/// What belongs to one control cycle.
+/// Samples of one control cycle.
 #[derive(Debug, Clone, Copy)]
 pub struct Cycle<'a> {
     /// Mode and plan clock.
     pub authority: &'a MotorAuthority,
-    /// Those of the next cycle. The last cycle of a stretch has none: of a run, a life, an epoch or a motion, or before cycles that were
-    /// not recorded.
+    /// Mode and plan clock of the next cycle; `None` at the end of a run, life, epoch or motion, and before unrecorded
+    /// cycles.
     pub next: Option<&'a MotorAuthority>,
     /// Encoders and drives.
     pub state: Option<&'a MotorState>,
-    /// The estimate that was acted on, if it was valid.
+    /// The estimate in charge, if it is valid.
     pub estimate: Option<&'a NodeEstimate>,
-    /// The account of the controller in charge.
+    /// Status of the controller in charge.
     pub control: Option<&'a ControlStatus>,
     /// Power and loss.
     pub energy: Option<&'a Energy>,
-    /// The segment being followed; `None` unless the robot follows one.
+    /// Current segment; `None` unless the robot follows a motion.
     pub segment: Option<&'a Segment>,
-    /// Where the node should be.
+    /// Setpoint of the node.
     pub setpoint: Option<Setpoint>,
-    /// The setpoint moves.
+    /// Whether the setpoint moves.
     pub moving: bool,
-    /// Every true sample from this cycle to the next one in the file. Where that one is not `next`, they have no set point.
+    /// Samples of the truth from this cycle to the next one in the file. If that one is not `next`, they have no
+    /// setpoint.
     pub truth: &'a [TruthNode],
     segments: &'a [Segment],
 }
 
 impl Cycle<'_> {
-    /// The setpoint at the time of a true sample, which lies between two cycles; `None` behind the last cycle of a stretch.
+    /// Returns the setpoint at the time of a true sample between two cycles; `None` without a next cycle.
     #[must_use]
     pub fn setpoint_at(&self, stamp_ns: u64) -> Option<Setpoint> {
         let (now, then) = (self.authority, self.next?);
@@ -65,44 +65,44 @@ struct Row {
     place: (u64, u64),
     authority: Option<MotorAuthority>,
     state: Option<MotorState>,
-    /// Per slot.
+    /// By slot.
     estimates: [Option<NodeEstimate>; SLOTS],
-    /// Per slot.
+    /// By slot.
     controls: [Option<ControlStatus>; SLOTS],
     energy: Option<Energy>,
 }
 
-/// The segments of one motion, in the order of their start.
+/// The segments of one motion, sorted by start time.
 #[derive(Default)]
 struct MotionSegments {
     epoch: u32,
     segments: Vec<Segment>,
 }
 
-/// Puts cycles together. Give it every sample of a run in order, and [`Tracker::finish`] at the end.
+/// Assembles cycles. Requires every sample of a run in order, and [`Tracker::finish`] at the end.
 #[derive(Default)]
 pub struct Tracker {
     rows: VecDeque<Row>,
     motions: BTreeMap<u32, MotionSegments>,
     truth: VecDeque<TruthNode>,
-    due: Vec<TruthNode>,
+    current_truth: Vec<TruthNode>,
 }
 
 impl Tracker {
-    /// Takes a sample in; `each` gets the cycles that are complete now. False if the channel is one of those it knows and the sample
-    /// is of another version of its type.
-    pub fn note(&mut self, recorded: &RecordedSample<'_>, each: &mut impl FnMut(&Cycle<'_>)) -> bool {
+    /// Records a sample and passes completed cycles to `each`. Returns false if a known channel has a sample of another
+    /// version of its type.
+    pub fn record(&mut self, recorded: &RecordedSample<'_>, each: &mut impl FnMut(&Cycle<'_>)) -> bool {
         let name = recorded.channel.name.as_str();
         let slot = usize::from(name.ends_with("/b"));
         match name {
-            "motor/authority" => self.put(recorded, each, |row, sample| row.authority = Some(sample)),
-            "motor/state" => self.put(recorded, each, |row, sample| row.state = Some(sample)),
-            "energy" => self.put(recorded, each, |row, sample| row.energy = Some(sample)),
+            "motor/authority" => self.store(recorded, each, |row, sample| row.authority = Some(sample)),
+            "motor/state" => self.store(recorded, each, |row, sample| row.state = Some(sample)),
+            "energy" => self.store(recorded, each, |row, sample| row.energy = Some(sample)),
             "node/estimate/a" | "node/estimate/b" => {
-                self.put(recorded, each, |row, sample| row.estimates[slot] = Some(sample))
+                self.store(recorded, each, |row, sample| row.estimates[slot] = Some(sample))
             }
             "control/status/a" | "control/status/b" => {
-                self.put(recorded, each, |row, sample| row.controls[slot] = Some(sample))
+                self.store(recorded, each, |row, sample| row.controls[slot] = Some(sample))
             }
             "truth/node" => recorded.to::<TruthNode>().map(|truth| self.truth.push_back(truth)).is_some(),
             "plan/motion" => recorded.to::<PlanMotion>().map(|motion| self.motion(&motion)).is_some(),
@@ -110,14 +110,14 @@ impl Tracker {
         }
     }
 
-    /// The cycles that were still waiting.
+    /// Passes the waiting cycles to `each`.
     pub fn finish(&mut self, each: &mut impl FnMut(&Cycle<'_>)) {
         while let Some(row) = self.rows.pop_front() {
-            self.give(&row, each);
+            self.emit(&row, each);
         }
     }
 
-    fn put<T: Message>(
+    fn store<T: Message>(
         &mut self,
         recorded: &RecordedSample<'_>,
         each: &mut impl FnMut(&Cycle<'_>),
@@ -126,18 +126,18 @@ impl Tracker {
         let Some(sample) = recorded.to::<T>() else { return false };
         let (life, cycle) = (sample.header().life, sample.header().cycle);
         let last = self.rows.back().map_or((0, 0), |row| row.place);
-        // A sample from outside the control chain names no life: it belongs to the present one.
+        // A sample from outside the control chain has no life: it belongs to the current one.
         let place = (if life == 0 { last.0 } else { life }, cycle);
-        // A run without lives shows a restart of motor-io only by its cycles.
+        // In runs without lives, only the cycle number shows a restart of motor-io.
         let counts_again = place.0 == last.0 && cycle.saturating_add(10 * WINDOW as u64) < last.1;
         if place.0 > last.0 || counts_again {
-            // motor-io was started again and counts from the beginning
+            // motor-io was restarted and counts from the beginning.
             self.finish(each);
         }
         let at = self.rows.iter().rposition(|row| row.place <= place);
         match at {
             Some(at) if self.rows[at].place == place => set(&mut self.rows[at], sample),
-            // a straggler of a cycle that was given away
+            // A late sample of a cycle that has already been passed on.
             None if !self.rows.is_empty() => {}
             at => {
                 let mut row = Row { place, ..Row::default() };
@@ -147,7 +147,7 @@ impl Tracker {
         }
         while self.rows.len() > WINDOW {
             if let Some(row) = self.rows.pop_front() {
-                self.give(&row, each);
+                self.emit(&row, each);
             }
         }
         true
@@ -159,7 +159,7 @@ impl Tracker {
         }
         let motion = self.motions.entry(message.motion).or_default();
         if motion.epoch != message.epoch {
-            // another planner counts its motions from the beginning
+            // Another planner counts its motions from the beginning.
             *motion = MotionSegments { epoch: message.epoch, segments: Vec::new() };
         }
         for one in [&message.current, &message.next] {
@@ -178,15 +178,15 @@ impl Tracker {
         }
     }
 
-    fn give(&mut self, row: &Row, each: &mut impl FnMut(&Cycle<'_>)) {
+    fn emit(&mut self, row: &Row, each: &mut impl FnMut(&Cycle<'_>)) {
         let Some(authority) = &row.authority else { return };
         let next = self.rows.iter().find_map(|row| row.authority.as_ref());
-        self.due.clear();
+        self.current_truth.clear();
         let until = next.map_or(authority.header.stamp_ns, |next| next.header.stamp_ns);
         while let Some(truth) = self.truth.front().filter(|truth| truth.header.stamp_ns < until).copied() {
             self.truth.pop_front();
             if truth.header.stamp_ns >= authority.header.stamp_ns {
-                self.due.push(truth);
+                self.current_truth.push(truth);
             }
         }
         let next = next.filter(|next| follows(authority, next));
@@ -209,19 +209,19 @@ impl Tracker {
             segment,
             setpoint,
             moving,
-            truth: &self.due,
+            truth: &self.current_truth,
             segments,
         });
     }
 }
 
-/// Whether the plan clock ran from one of these cycles to the other.
+/// Returns whether the plan clock ran continuously between these cycles.
 fn follows(now: &MotorAuthority, next: &MotorAuthority) -> bool {
     let stretch = |authority: &MotorAuthority| (authority.header.life, authority.epoch, authority.motion);
-    stretch(now) == stretch(next) && next.header.cycle.saturating_sub(now.header.cycle) <= NEAR
+    stretch(now) == stretch(next) && next.header.cycle.saturating_sub(now.header.cycle) <= MAX_CYCLE_STEP
 }
 
-/// Of segments in the order of their start, the one that began last.
+/// Returns the segment that started last; the segments are sorted by start time.
 fn segment_at(segments: &[Segment], plan_time_s: f64) -> Option<&Segment> {
     let begun = segments.partition_point(|segment| segment.start_s <= plan_time_s);
     begun.checked_sub(1).and_then(|last| segments.get(last))

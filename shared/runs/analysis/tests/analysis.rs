@@ -1,4 +1,4 @@
-//! The demonstration's report against a run that is made here, so that every error in it is known.
+//! Checks the analysis against a synthetic run with known errors.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use analysis::accuracy::{Analysis, analyse};
@@ -11,8 +11,9 @@ use runlog::{ChannelId, ChannelSpec, RunClock, RunWriter};
 use segments::segment_message;
 
 const PERIOD_NS: u64 = 10_000_000;
-/// Estimate and truth are this far beside the setpoint, m.
+/// Offset of the estimate from the setpoint, m.
 const ESTIMATE_OFF_M: f64 = 0.003;
+/// Offset of the truth from the setpoint, m.
 const TRUTH_OFF_M: f64 = 0.004;
 
 fn stamped<T: Message>(mut sample: T, cycle: u64, stamp_ns: u64) -> T {
@@ -42,7 +43,7 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
     };
     write(0, 1, bytemuck::bytes_of(&stamped(motion, 1, 1)));
 
-    // One second at rest before, and one after: what is wrong then does not count.
+    // One second at rest before and after the motion, with errors that must not count.
     let cycles = ((profile.duration() + 2.0) * 100.0) as u64;
     let mut moving = 0;
     for cycle in 1..=cycles {
@@ -70,7 +71,7 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
         write(2, stamp, bytemuck::bytes_of(&stamped(estimate, cycle, stamp)));
         let chosen = ControlStatus { tension_n: [10.0; 8], valid: 1, cable_count: 3, ..Default::default() };
         write(4, stamp, bytemuck::bytes_of(&stamped(chosen, cycle, stamp)));
-        // Truth comes in the middle between two cycles, when the setpoint is half a cycle further.
+        // The truth is half-way between two cycles, when the setpoint has advanced by half a cycle.
         let between = segment.setpoint(plan_time_s + 0.005).position + Vector3::new(0.0, 0.0, TRUTH_OFF_M);
         let mut truth = TruthNode { position_m: between.into(), cable_count: 3, ..Default::default() };
         truth.tension_n[..3].copy_from_slice(&[10.0, 11.9, if cycle % 2 == 0 { 8.1 } else { 7.9 }]);
@@ -106,7 +107,7 @@ fn a_run_in_which_nothing_moved_is_said_to_be_one() {
     assert!(sentence.contains("nothing moved"), "{sentence}");
 }
 
-/// A run in the making: the same leg is flown in several motions and lives, with gaps where the test wants them.
+/// Writer of a synthetic run: the same leg in several motions and lives, with gaps where the test needs them.
 struct Tape {
     folder: tempfile::TempDir,
     writer: RunWriter,
@@ -117,7 +118,7 @@ struct Tape {
 }
 
 impl Tape {
-    /// Along a line of a metre in about 5.5 s.
+    /// Creates a run with a leg of a metre along a line, which takes about 5.5 s.
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut writer =
@@ -140,7 +141,7 @@ impl Tape {
         self.writer.write(self.channels[channel], self.seq, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample)).unwrap();
     }
 
-    /// The cycles of a motion, at 100 Hz from the plan time that the first one has; only truth is there outside of `recorded`.
+    /// Writes the cycles of a motion at 100 Hz from plan time 0; outside of `recorded`, only the truth is written.
     fn motion(&mut self, life: u64, first_cycle: u64, motion: u32, recorded: impl Fn(u64) -> bool) {
         let plan = PlanMotion { current: segment_message(&self.segment), motion, epoch: motion, ..Default::default() };
         self.write(0, plan, life, 0, self.stamp_ns + 1);
@@ -170,7 +171,7 @@ impl Tape {
         }
     }
 
-    /// The analysis, and the report as JSON and in words.
+    /// Returns the analysis, and the report as JSON and as text.
     fn finish(self) -> (Analysis, serde_json::Value, String) {
         self.writer.finish(&Default::default()).unwrap();
         let run = self.folder.path().to_path_buf();
@@ -182,7 +183,7 @@ impl Tape {
 #[test]
 fn what_was_not_recorded_makes_no_error_and_no_path() {
     let mut tape = Tape::new();
-    // The first motion is lost in the middle of its leg, and the next one is seen from the middle of its own on.
+    // The first motion ends in the middle of its leg, and the next one is recorded from the middle of its leg.
     tape.motion(1, 1, 1, |at| at < 250);
     tape.motion(1, 1001, 2, |at| at >= 250);
     let segment = tape.segment;
@@ -213,7 +214,7 @@ fn a_gap_inside_a_leg_counts_neither_as_path_nor_as_time() {
     assert!(value["legs"][0]["complete"] == true);
     let all_s = segment.profile.duration();
     assert!((found.moving_s - (all_s - 1.01)).abs() < 0.03, "{} s of {all_s} s", found.moving_s);
-    // A sample or two that are missing are no gap.
+    // A sample or two that are missing do not form a gap.
     let mut tape = Tape::new();
     tape.motion(1, 1, 1, |at| !(200..203).contains(&at));
     let (found, value, _) = tape.finish();
@@ -224,7 +225,7 @@ fn a_gap_inside_a_leg_counts_neither_as_path_nor_as_time() {
 #[test]
 fn a_life_that_begins_early_takes_nothing_from_the_one_before() {
     let mut tape = Tape::new();
-    // The second life counts its cycles from 1 while those of the first are still waited for.
+    // The second life counts its cycles from 1 while those of the first are still waiting.
     tape.motion(1_000, 1, 1, |_| true);
     tape.motion(2_000, 1, 2, |_| true);
     let one = (100.0 * tape.segment.profile.duration()) as usize;

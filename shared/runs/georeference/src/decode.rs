@@ -1,4 +1,4 @@
-//! From the bytes of a reading to what a sample needs: values, time, lever.
+//! Decodes the bytes of a reading to values, time and lever arm.
 
 use bytemuck::pod_read_unaligned;
 use messages::schema::{Schema, SchemaField, Value};
@@ -6,31 +6,31 @@ use messages::{Header, Message, Reading, Sample, put_text};
 
 use crate::SensorConfig;
 
-/// Values of one sample at most.
+/// Maximum number of values per sample.
 const VALUES: usize = 8;
 
-/// What a reading says, apart from where it was taken.
+/// A decoded reading without its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Said {
-    /// With everything but the place.
+pub(crate) struct DecodedReading {
+    /// The sample without its position.
     pub sample: Sample,
-    /// Where the sensor is on the node, m.
+    /// Position of the sensor on the node, m.
     pub lever_m: [f64; 3],
 }
 
-/// Reads the samples of one channel.
+/// Decoder for the samples of one channel.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    kind: Kind,
+    format: Format,
     latency_ns: Option<u64>,
     lever_m: Option<[f64; 3]>,
 }
 
 #[derive(Debug, Clone)]
-enum Kind {
+enum Format {
     Reading,
-    /// A type of the sensor's own, and a sample with the names of its fields.
-    Own {
+    /// A custom type; `empty` is a sample with the names of its fields.
+    Custom {
         fields: Vec<SchemaField>,
         size: usize,
         empty: Box<Sample>,
@@ -38,32 +38,32 @@ enum Kind {
 }
 
 impl Decoder {
-    /// For a channel with this type, definition and size.
+    /// Creates a decoder for a channel with this type, definition and sample size.
     ///
     /// # Errors
-    /// One sentence: why its samples cannot be read.
+    /// One sentence: why its samples cannot be decoded.
     pub fn of(config: &SensorConfig, type_name: &str, schema: &str, size: usize) -> Result<Self, String> {
-        let kind = if type_name == Reading::type_name() && size == size_of::<Reading>() {
-            Kind::Reading
+        let format = if type_name == Reading::type_name() && size == size_of::<Reading>() {
+            Format::Reading
         } else {
-            own(config, schema, size)?
+            custom_format(config, schema, size)?
         };
         let latency_ns = config.section.latency_s.map(|seconds| (seconds * 1e9) as u64);
-        Ok(Self { kind, latency_ns, lever_m: config.section.lever_m })
+        Ok(Self { format, latency_ns, lever_m: config.section.lever_m })
     }
 
-    /// How long a sample of the channel is, bytes: another one is none.
+    /// Returns the size of a sample of the channel, bytes; samples of another size are malformed.
     pub(crate) fn size(&self) -> usize {
-        match &self.kind {
-            Kind::Reading => size_of::<Reading>(),
-            Kind::Own { size, .. } => *size,
+        match &self.format {
+            Format::Reading => size_of::<Reading>(),
+            Format::Custom { size, .. } => *size,
         }
     }
 
-    /// What a reading says; `None` if it says nothing new, or is not one.
-    pub(crate) fn decode(&self, bytes: &[u8]) -> Option<Said> {
-        match &self.kind {
-            Kind::Reading => {
+    /// Decodes a reading; `None` if it is stale or malformed.
+    pub(crate) fn decode(&self, bytes: &[u8]) -> Option<DecodedReading> {
+        match &self.format {
+            Format::Reading => {
                 let reading: Reading = (bytes.len() == size_of::<Reading>()).then(|| pod_read_unaligned(bytes))?;
                 if reading.quality == Reading::QUALITY_STALE {
                     return None;
@@ -78,9 +78,9 @@ impl Decoder {
                     unit: reading.unit,
                     ..Sample::default()
                 };
-                Some(Said { sample, lever_m: self.lever_m.unwrap_or(reading.lever_m) })
+                Some(DecodedReading { sample, lever_m: self.lever_m.unwrap_or(reading.lever_m) })
             }
-            Kind::Own { fields, size, empty } => {
+            Format::Custom { fields, size, empty } => {
                 if bytes.len() != *size {
                     return None;
                 }
@@ -94,46 +94,46 @@ impl Decoder {
                 if sample.value[..usize::from(sample.count)].iter().any(|value| !value.is_finite()) {
                     sample.quality = Reading::QUALITY_INVALID;
                 }
-                Some(Said { sample, lever_m: self.lever_m.unwrap_or_default() })
+                Some(DecodedReading { sample, lever_m: self.lever_m.unwrap_or_default() })
             }
         }
     }
 
-    /// The instant at which a reading was true.
+    /// Returns a header with the time of measurement.
     fn header(&self, header: &Header) -> Header {
-        let said_ns = match header.oldest_input_ns {
+        let measured_ns = match header.oldest_input_ns {
             oldest_ns if oldest_ns == 0 || oldest_ns > header.stamp_ns => header.stamp_ns,
             oldest_ns => oldest_ns,
         };
-        Header::at(self.latency_ns.map_or(said_ns, |latency_ns| header.stamp_ns.saturating_sub(latency_ns)))
+        Header::at(self.latency_ns.map_or(measured_ns, |latency_ns| header.stamp_ns.saturating_sub(latency_ns)))
     }
 }
 
-fn own(config: &SensorConfig, schema: &str, size: usize) -> Result<Kind, String> {
+fn custom_format(config: &SensorConfig, schema: &str, size: usize) -> Result<Format, String> {
     let schema = Schema::parse(schema).map_err(|error| format!("its definition cannot be read: {error}"))?;
     if schema.size() != size {
-        return Err(format!("its samples have {size} bytes and its definition {}", schema.size()));
+        return Err(format!("its samples have {size} bytes but its definition has {}", schema.size()));
     }
     if !schema.has_header() {
-        return Err("its samples do not begin with a header, so when they were true is not known".to_owned());
+        return Err("its samples do not begin with a header, so their time of measurement is unknown".to_owned());
     }
-    let fields = chosen(&schema, &config.section.fields)?;
+    let fields = selected_fields(&schema, &config.section.fields)?;
     let count = fields.iter().map(|field| field.count.unwrap_or(1)).sum::<usize>().min(VALUES);
     let names: Vec<&str> = fields.iter().map(|field| field.path.as_str()).collect();
     let mut empty = Sample { count: count as u8, value: [f64::NAN; VALUES], ..Sample::default() };
     put_text(&mut empty.quantity, &names.join(","));
-    Ok(Kind::Own { fields, size, empty: Box::new(empty) })
+    Ok(Format::Custom { fields, size, empty: Box::new(empty) })
 }
 
-/// The wanted fields, or the first numbers.
-fn chosen(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String> {
+/// Returns the requested fields; without a request, the first floating-point fields or else the first numbers.
+fn selected_fields(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String> {
     if !wanted.is_empty() {
         return wanted
             .iter()
             .map(|path| {
                 schema.field(path).cloned().ok_or_else(|| {
                     let there: Vec<&str> = values(schema).map(|field| field.path.as_str()).collect();
-                    format!("it has no field `{path}`; there are {}", there.join(", "))
+                    format!("it has no field `{path}`; available: {}", there.join(", "))
                 })
             })
             .collect();
@@ -147,7 +147,7 @@ fn chosen(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String
     if any.is_empty() { Err("it has no numbers".to_owned()) } else { Ok(any) }
 }
 
-/// Fields that may be values: what is neither header nor padding.
+/// Returns the fields that may be values: neither header nor padding.
 fn values(schema: &Schema) -> impl Iterator<Item = &SchemaField> {
     schema.fields().iter().filter(|field| !field.path.starts_with("header.") && !field.path.starts_with("pad"))
 }

@@ -1,13 +1,14 @@
-//! Readings of any sensor with the place where each was taken, and a map of what they say; live and from recorded runs alike.
+//! Adds the position to the readings of any sensor and maps them, live and from recorded runs.
 //!
-//! A reading arrives late: a sensor takes its time, and so does a serial port. What counts is where the sensor was when the reading was
-//! true. So every reading waits until there is an estimate of the node that is newer than it, and gets its place from the two around it.
+//! A reading arrives late because of delays in the sensor and the serial port. Its position is that of the sensor at
+//! the time of measurement. Each reading therefore waits for a newer estimate of the node and gets its position by
+//! interpolation between the two surrounding estimates.
 //!
 //! Invariants:
-//! * [`Logger`] and [`SensorMap`] are pure: no clock, no I/O. The sensor logger runs them live, `nims map` on recorded runs, with the same
-//!   result.
-//! * A reading becomes one sample or is counted, with the reason ([`Counts`]).
-//! * Nothing is allocated per reading: rings and grids are made when a sensor appears.
+//! * [`Logger`] and [`SensorMap`] are pure: no clock, no I/O. The sensor logger runs them live, `nims map` on recorded
+//!   runs, with the same result.
+//! * Each reading becomes one sample, or is counted with the reason ([`Counts`]).
+//! * No allocation per reading: buffers and grids are allocated when a sensor appears.
 #![forbid(unsafe_code)]
 
 mod decode;

@@ -1,32 +1,32 @@
-//! Readings wait for the estimate that is newer than they are, and become samples.
+//! Holds readings until a newer estimate arrives and turns them into samples.
 
 use messages::{MotorAuthority, NodeEstimate, Rule, SLOTS, Sample, blended_estimate, newer};
 use std::collections::VecDeque;
 use survey::SurveyError;
 use survey::track::{Fix, Placing, Track, TrackOptions};
 
-use crate::decode::Said;
+use crate::decode::DecodedReading;
 use crate::{Decoder, LoggerConfig, SensorConfig};
 
-/// Readings of one sensor that wait at most: what its channel holds, 2.5 s at 100 Hz.
+/// Maximum number of waiting readings per sensor: the capacity of its channel, 2.5 s at 100 Hz.
 const WAITING: usize = 256;
 
-/// What became of the readings of a sensor.
+/// Readings of a sensor by outcome.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Readings taken.
+    /// Received readings.
     pub readings: u64,
-    /// They have a place now.
+    /// Readings that became samples with a position.
     pub samples: u64,
-    /// They said nothing new (stale).
+    /// Stale readings, which carry no new value.
     pub passed_over: u64,
-    /// They were not what the channel's type says.
+    /// Readings that do not match the type of the channel.
     pub malformed: u64,
-    /// No estimate came that is newer, in the time that a reading waits, or too many were waiting.
+    /// Readings without a newer estimate within the waiting time, or displaced from a full queue.
     pub unplaced: u64,
-    /// They were older than every estimate that is kept.
+    /// Readings older than all stored estimates.
     pub old: u64,
-    /// The estimates around them were too far apart, or the position was given anew between them.
+    /// Readings between estimates that are too far apart, or between which the position was set again.
     pub gaps: u64,
 }
 
@@ -34,27 +34,27 @@ struct Sensor {
     name: String,
     decoder: Decoder,
     time_sigma_s: f64,
-    /// With the time of arrival, ns.
-    waiting: VecDeque<(u64, Said)>,
+    /// Decoded readings with their time of arrival, ns.
+    waiting: VecDeque<(u64, DecodedReading)>,
     counts: Counts,
 }
 
-/// Takes in estimates and readings, and gives samples.
+/// Turns estimates and readings into georeferenced samples.
 pub struct Logger {
     track: Track,
     estimates: [Option<NodeEstimate>; SLOTS],
     authority: Option<MotorAuthority>,
     sensors: Vec<Sensor>,
     wait_ns: u64,
-    /// Whose turn it is.
+    /// Index of the sensor to serve next.
     turn: usize,
 }
 
 impl Logger {
-    /// Without sensors.
+    /// Creates a logger without sensors.
     ///
     /// # Errors
-    /// None with the track's own options.
+    /// None with the default options of the track.
     pub fn new(config: &LoggerConfig) -> Result<Self, SurveyError> {
         Ok(Self {
             track: Track::new(TrackOptions::default())?,
@@ -66,12 +66,12 @@ impl Logger {
         })
     }
 
-    /// Which slots are in charge.
+    /// Records which slots are in charge.
     pub fn authority(&mut self, authority: &MotorAuthority) {
         self.authority = newer(self.authority, Some(*authority));
     }
 
-    /// An estimate of a slot. Where there are two, what counts is what the robot acts on.
+    /// Records an estimate of a slot. With two slots, the track follows the estimate that the robot acts on.
     pub fn estimate(&mut self, slot: usize, estimate: &NodeEstimate) {
         let Some(newest) = self.estimates.get_mut(slot) else { return };
         *newest = Some(*estimate);
@@ -90,7 +90,8 @@ impl Logger {
         }
     }
 
-    /// A sensor from now on; its number. One that has come again, perhaps with another type, keeps its number and its counts.
+    /// Adds a sensor and returns its index. A sensor that reappears, perhaps with another type, keeps its index and
+    /// counts.
     pub fn sensor(&mut self, name: &str, config: &SensorConfig, decoder: Decoder) -> usize {
         if let Some(known) = self.sensors.iter().position(|sensor| sensor.name == name) {
             self.sensors[known].decoder = decoder;
@@ -106,11 +107,11 @@ impl Logger {
         self.sensors.len() - 1
     }
 
-    /// A reading of a sensor, as it lies in memory, that arrived at `now_ns`.
+    /// Records the raw bytes of a reading that arrived at `now_ns`.
     pub fn reading(&mut self, sensor: usize, bytes: &[u8], now_ns: u64) {
         let Some(sensor) = self.sensors.get_mut(sensor) else { return };
         sensor.counts.readings += 1;
-        let Some(said) = sensor.decoder.decode(bytes) else {
+        let Some(reading) = sensor.decoder.decode(bytes) else {
             let malformed = bytes.len() != sensor.decoder.size();
             *(if malformed { &mut sensor.counts.malformed } else { &mut sensor.counts.passed_over }) += 1;
             return;
@@ -119,10 +120,10 @@ impl Logger {
             sensor.waiting.pop_front();
             sensor.counts.unplaced += 1;
         }
-        sensor.waiting.push_back((now_ns, said));
+        sensor.waiting.push_back((now_ns, reading));
     }
 
-    /// The next sample that is ready at `now_ns`, with the number of its sensor.
+    /// Returns the next sample that is ready at `now_ns`, with the index of its sensor.
     pub fn next_sample(&mut self, now_ns: u64) -> Option<(usize, Sample)> {
         for _ in 0..self.sensors.len() {
             if let Some(sample) = self.sample_of(self.turn, now_ns) {
@@ -135,8 +136,8 @@ impl Logger {
 
     fn sample_of(&mut self, sensor: usize, now_ns: u64) -> Option<Sample> {
         let sensor = self.sensors.get_mut(sensor)?;
-        while let Some((arrived_ns, said)) = sensor.waiting.front() {
-            let placing = self.track.at(said.sample.header.stamp_ns, sensor.time_sigma_s, said.lever_m);
+        while let Some((arrived_ns, reading)) = sensor.waiting.front() {
+            let placing = self.track.at(reading.sample.header.stamp_ns, sensor.time_sigma_s, reading.lever_m);
             let place = match placing {
                 Placing::Early if now_ns < arrived_ns.saturating_add(self.wait_ns) => return None,
                 Placing::At(place) => Some(place),
@@ -153,7 +154,7 @@ impl Logger {
                     None
                 }
             };
-            let mut sample = said.sample;
+            let mut sample = reading.sample;
             sensor.waiting.pop_front();
             if let Some(place) = place {
                 sensor.counts.samples += 1;
@@ -165,7 +166,7 @@ impl Logger {
         None
     }
 
-    /// Names and counts of the sensors, by their numbers.
+    /// Returns names and counts of the sensors by index.
     pub fn counts(&self) -> impl Iterator<Item = (&str, Counts)> {
         self.sensors.iter().map(|sensor| (sensor.name.as_str(), sensor.counts))
     }

@@ -1,4 +1,4 @@
-//! The samples of one sensor as a map.
+//! Map of the samples of one sensor.
 
 use messages::{FieldMap, Header, Reading, Sample, put_text, text_of};
 use survey::SurveyError;
@@ -6,30 +6,30 @@ use survey::grid::{GridMap, GridSample};
 
 use crate::{LoggerConfig, Plane, SensorConfig};
 
-/// What becomes of a sample in a map.
+/// Conversion of samples to map values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Mapping {
     plane: Plane,
-    /// From 0.
+    /// Index of the mapped value, from 0.
     value: usize,
     looks_down: bool,
     sigma: Option<f64>,
 }
 
 impl Mapping {
-    /// `None` if the sensor is to have no map.
+    /// Returns the conversion for a sensor; `None` if the sensor has no map.
     fn of(plane: Plane, sensor: &SensorConfig) -> Option<Self> {
         let value = sensor.section.map_value.unwrap_or(1).checked_sub(1)?;
         Some(Self { plane, value, looks_down: sensor.section.looks_down, sigma: sensor.section.sigma })
     }
 
-    /// The sample as the map takes it; `None` if it has no such value, or a bad one.
+    /// Converts a sample; `None` if the value is missing or invalid.
     fn grid_sample(&self, sample: &Sample) -> Option<GridSample> {
         if sample.quality == Reading::QUALITY_INVALID || self.value >= usize::from(sample.count) {
             return None;
         }
-        let said = *sample.value.get(self.value)?;
-        let value = if self.looks_down { sample.position_m[2] - said } else { said };
+        let number = *sample.value.get(self.value)?;
+        let value = if self.looks_down { sample.position_m[2] - number } else { number };
         let [xx, yy] = self.plane.of(sample.position_std_m).map(|std_m| std_m * std_m);
         Some(GridSample {
             position_m: self.plane.of(sample.position_m),
@@ -41,51 +41,52 @@ impl Mapping {
     }
 }
 
-/// The map of one sensor as it grows.
+/// Map of one sensor that is updated with each sample.
 #[derive(Debug, Clone)]
 pub struct SensorMap {
     mapping: Mapping,
     grid: GridMap,
-    /// Sum of the variances of the height, m², and how many: what looks down is wrong by as much as the node's height.
+    /// Sum of the variances of the node's height, m², and their count; a sensor that looks down has this height error
+    /// in its map.
     heights_m2: (f64, u64),
     names: [String; 2],
-    fresh: bool,
+    updated: bool,
 }
 
 impl SensorMap {
-    /// An empty one with at most `side` cells along each side; `None` if the sensor is to have none.
+    /// Creates an empty map with at most `side` cells along each side; `None` if the sensor has no map.
     ///
     /// # Errors
-    /// An area or cells that cannot be.
+    /// An invalid area or cell size.
     pub fn new(config: &LoggerConfig, sensor: &SensorConfig, side: usize) -> Result<Option<Self>, SurveyError> {
         let Some(mapping) = Mapping::of(config.plane, sensor) else { return Ok(None) };
         let spec = config.grid(side)?;
         let grid = GridMap::new(spec, config.options(sensor, spec.cell_m))?;
-        Ok(Some(Self { mapping, grid, heights_m2: (0.0, 0), names: Default::default(), fresh: false }))
+        Ok(Some(Self { mapping, grid, heights_m2: (0.0, 0), names: Default::default(), updated: false }))
     }
 
-    /// The same map, empty, on another grid.
+    /// Returns an empty map with the same settings on another grid.
     #[must_use]
     pub fn on(&self, grid: GridMap) -> Self {
-        Self { grid, heights_m2: (0.0, 0), fresh: false, ..self.clone() }
+        Self { grid, heights_m2: (0.0, 0), updated: false, ..self.clone() }
     }
 
-    /// Takes a sample in.
+    /// Adds a sample.
     pub fn add(&mut self, sample: &Sample) {
         let Some(point) = self.mapping.grid_sample(sample) else { return };
         self.grid.add(&point);
-        self.fresh = true;
+        self.updated = true;
         if self.mapping.looks_down {
             self.heights_m2.0 += sample.position_std_m[2] * sample.position_std_m[2];
             self.heights_m2.1 += 1;
         }
         if self.names[0].is_empty() {
-            self.names = self.named(sample);
+            self.names = self.names_from(sample);
         }
     }
 
-    /// Quantity and unit of what the map shows.
-    fn named(&self, sample: &Sample) -> [String; 2] {
+    /// Returns quantity and unit of the map from a sample.
+    fn names_from(&self, sample: &Sample) -> [String; 2] {
         if self.mapping.looks_down {
             return ["height".to_owned(), "m".to_owned()];
         }
@@ -97,43 +98,44 @@ impl SensorMap {
         [word(&sample.quantity), word(&sample.unit)]
     }
 
-    /// Quantity and unit of what the map shows; empty before the first sample.
+    /// Returns quantity and unit of the map; empty before the first sample.
     #[must_use]
     pub fn names(&self) -> &[String; 2] {
         &self.names
     }
 
-    /// Where it lies.
+    /// Returns the plane of the map.
     #[must_use]
     pub fn plane(&self) -> Plane {
         self.mapping.plane
     }
 
-    /// Whether it shows the height of what the sensor looks down at.
+    /// Returns whether the map shows heights below a sensor that looks down.
     #[must_use]
     pub fn looks_down(&self) -> bool {
         self.mapping.looks_down
     }
 
-    /// The map itself.
+    /// Returns the grid.
     #[must_use]
     pub fn grid(&self) -> &GridMap {
         &self.grid
     }
 
-    /// The same to be made anew.
+    /// Returns the grid for refreshing.
     pub fn grid_mut(&mut self) -> &mut GridMap {
         &mut self.grid
     }
 
-    /// What is common to the heights of all cells, m: the standard deviation of the node's own height if the sensor looks down, else 0.
+    /// Returns the standard deviation common to all cells, m: that of the node's height if the sensor looks down, else
+    /// 0.
     #[must_use]
     pub fn common_sigma(&self) -> f64 {
         let (sum, count) = self.heights_m2;
         if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
     }
 
-    /// Value and standard deviation of a cell.
+    /// Returns value and standard deviation of a cell.
     #[must_use]
     pub fn value(&self, column: usize, row: usize) -> Option<(f64, f64)> {
         let cell = self.grid.cell(column, row)?;
@@ -141,19 +143,20 @@ impl SensorMap {
         Some((cell.value, (cell.sigma * cell.sigma + common * common).sqrt()))
     }
 
-    /// Where a sample is in the plane of the map, and the value that the map takes of it.
+    /// Returns the position of a sample in the plane of the map, and the value used from it.
     #[must_use]
     pub fn point(&self, sample: &Sample) -> Option<([f64; 2], f64)> {
         self.mapping.grid_sample(sample).map(|point| (point.position_m, point.value))
     }
 
-    /// The map as it travels, if there are samples since the last time. It has to have at most [`FieldMap::SIDE`] cells along each side.
+    /// Fills the message to publish if there are new samples; returns whether it did. The map must have at most
+    /// [`FieldMap::SIDE`] cells along each side.
     pub fn publishable(&mut self, into: &mut FieldMap) -> bool {
         let spec = *self.grid.spec();
-        if !self.fresh || spec.columns > FieldMap::SIDE || spec.rows > FieldMap::SIDE {
+        if !self.updated || spec.columns > FieldMap::SIDE || spec.rows > FieldMap::SIDE {
             return false;
         }
-        self.fresh = false;
+        self.updated = false;
         self.grid.refresh();
         let counts = self.grid.counts();
         into.header = Header::at(counts.newest_ns);

@@ -1,4 +1,4 @@
-//! What the logger is told, as it is used.
+//! Settings of the logger, resolved from the system file.
 
 use cable_robot::Robot;
 use config::{LoggedSensorSection, SensorLoggerSection};
@@ -7,28 +7,28 @@ use survey::grid::{GridOptions, GridSpec};
 
 use crate::Plane;
 
-/// What holds for all sensors, and what for some.
+/// Settings for all sensors, and the overrides for single ones.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoggerConfig {
     /// The section of the system file.
     pub section: SensorLoggerSection,
-    /// Where maps lie.
+    /// Plane of the maps.
     pub plane: Plane,
     /// Two opposite corners of the maps, m.
     pub area_m: [[f64; 2]; 2],
 }
 
-/// One sensor.
+/// Settings of one sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorConfig {
-    /// Its entry in the system file; empty if it has none.
+    /// Entry in the system file; defaults if it has none.
     pub section: LoggedSensorSection,
-    /// How exactly the instant of a reading is known, s.
+    /// Standard deviation of the time of measurement, s.
     pub time_sigma_s: f64,
 }
 
 impl LoggerConfig {
-    /// For a robot.
+    /// Resolves the settings for a robot.
     #[must_use]
     pub fn of(section: &SensorLoggerSection, robot: &Robot) -> Self {
         let plane = if robot.is_planar() { Plane::Upright } else { Plane::Level };
@@ -44,7 +44,7 @@ impl LoggerConfig {
         Self { section: section.clone(), plane, area_m }
     }
 
-    /// What holds for the sensor of this name; `None` if it is to be left out.
+    /// Returns the settings of a sensor by name; `None` if it is excluded.
     #[must_use]
     pub fn sensor(&self, name: &str) -> Option<SensorConfig> {
         let excluded = self.section.exclude.iter().any(|pattern| match pattern.strip_suffix('*') {
@@ -54,17 +54,17 @@ impl LoggerConfig {
         if excluded {
             return None;
         }
-        let own = self.section.sensor.iter().find(|sensor| sensor.name == name);
+        let entry = self.section.sensor.iter().find(|sensor| sensor.name == name);
         let section =
-            own.cloned().unwrap_or_else(|| LoggedSensorSection { name: name.to_owned(), ..Default::default() });
+            entry.cloned().unwrap_or_else(|| LoggedSensorSection { name: name.to_owned(), ..Default::default() });
         let time_sigma_s = section.time_sigma_s.unwrap_or(self.section.time_sigma_s);
         Some(SensorConfig { section, time_sigma_s })
     }
 
-    /// The grid of live maps: at most `side` cells along each side.
+    /// Returns the grid of live maps with at most `side` cells along each side.
     ///
     /// # Errors
-    /// An area without a size.
+    /// An area without extent.
     pub fn grid(&self, side: usize) -> Result<GridSpec, SurveyError> {
         let [a, b] = self.area_m;
         let low: [f64; 2] = std::array::from_fn(|k| a[k].min(b[k]));
@@ -75,7 +75,7 @@ impl LoggerConfig {
         GridSpec::covering(low, high, cell_m)
     }
 
-    /// How the map of a sensor is made on cells of this size.
+    /// Returns the map options of a sensor for this cell size.
     #[must_use]
     pub fn options(&self, sensor: &SensorConfig, cell_m: f64) -> GridOptions {
         let options = GridOptions::for_cell(cell_m);

@@ -1,21 +1,24 @@
-//! What is said of readings that became no samples.
+//! Warnings about readings that did not become samples.
 
 use crate::Counts;
 
-/// One sentence about the readings of a sensor that got no place since `before`, or were none; nothing where all became samples or were
+/// Returns one sentence about readings since `before` that got no position or were malformed; `None` if all others were
 /// only stale.
 #[must_use]
 pub fn complaint(name: &str, now: &Counts, before: &Counts) -> Option<String> {
-    let kinds = [
+    let counts = [
         (now.unplaced - before.unplaced, "without a newer estimate"),
         (now.old - before.old, "older than any estimate"),
         (now.gaps - before.gaps, "in gaps of the estimates"),
-        (now.malformed - before.malformed, "not as the type of the channel says"),
+        (now.malformed - before.malformed, "not of the type of the channel"),
     ];
-    let lost: u64 = kinds.iter().map(|(count, _)| count).sum();
-    let said = kinds.iter().filter(|(count, _)| *count > 0).map(|(count, kind)| format!("{count} {kind}"));
+    let lost: u64 = counts.iter().map(|(count, _)| count).sum();
+    let reasons = counts.iter().filter(|(count, _)| *count > 0).map(|(count, reason)| format!("{count} {reason}"));
     (lost > 0).then(|| {
         let all = now.readings - before.readings;
-        format!("sensor/{name}: {lost} of {all} readings became no samples: {}", said.collect::<Vec<_>>().join(", "))
+        format!(
+            "sensor/{name}: {lost} of {all} readings did not become samples: {}",
+            reasons.collect::<Vec<_>>().join(", ")
+        )
     })
 }

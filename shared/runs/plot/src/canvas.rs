@@ -1,30 +1,30 @@
-//! A plane of pixels with letters of its own.
+//! A pixel canvas with its own bitmap font.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingBackend, DrawingErrorKind};
 use std::convert::Infallible;
 
-/// A plane of pixels that plotters can draw on.
+/// An RGB pixel buffer that plotters can draw on.
 pub struct Canvas {
     width: usize,
     height: usize,
     rgb: Vec<u8>,
-    /// How much of each pixel the path being drawn covers; zero between paths.
+    /// Coverage of each pixel by the current path, 0 to 1; zero between paths.
     cover: Vec<f32>,
 }
 
 impl Canvas {
-    /// White.
+    /// Creates a white canvas.
     pub fn new((width, height): (u32, u32)) -> Self {
         let (width, height) = (width as usize, height as usize);
         Self { width, height, rgb: vec![255; 3 * width * height], cover: vec![0.0; width * height] }
     }
 
-    /// The pixels as a PNG file.
+    /// Encodes the pixels as PNG.
     ///
     /// # Errors
-    /// A size of zero.
+    /// The width or height is zero.
     pub fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
@@ -48,7 +48,7 @@ impl Canvas {
         }
     }
 
-    /// A line from point to point with round joints, each pixel blended once.
+    /// Draws a polyline with round joints; blends each pixel once.
     fn stroke(&mut self, path: &[BackendCoord], width: u32, colour: BackendColor) {
         let half = 0.5 * f64::from(width.max(1));
         let reach = half.ceil() as i32 + 1;
@@ -84,12 +84,12 @@ impl Canvas {
     }
 }
 
-/// The font's size for a text of so many pixels.
+/// Returns the font size for a text height in pixels.
 fn raster_height(size: f64) -> RasterHeight {
     if size < 18.0 { RasterHeight::Size16 } else { RasterHeight::Size20 }
 }
 
-/// The text in letters the font has.
+/// Replaces letters that the font lacks.
 fn plain(text: &str) -> String {
     let mut plain = String::with_capacity(text.len());
     for letter in text.chars() {

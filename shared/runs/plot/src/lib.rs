@@ -1,7 +1,7 @@
-//! Pictures: charts described as data, drawn alike as SVG and as PNG, the same bytes on every machine.
+//! Charts described as data and drawn as SVG or PNG, with the same bytes on every machine.
 //!
-//! A PNG needs no font of the system: its letters come pre-rasterised (Noto Sans Mono). Where that font lacks a letter,
-//! such as a Greek one, its name is written instead.
+//! PNG needs no system font: its letters are pre-rasterised (Noto Sans Mono). A letter that this font lacks, such as a
+//! Greek one, is spelt out.
 #![forbid(unsafe_code)]
 
 mod canvas;
@@ -13,12 +13,13 @@ pub use svg::{ranges, svg, ticks};
 
 use command::{Answer, Failure};
 use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::error::Error;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Colours of series, by number; they differ in lightness too, so that a print in grey keeps them apart.
+/// Colours of series by number. They also differ in lightness, so that they stay distinct in a grey print.
 pub const COLOURS: [RGBColor; 8] = [
     RGBColor(31, 119, 180),
     RGBColor(214, 39, 40),
@@ -30,42 +31,42 @@ pub const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 0, 0),
 ];
 
-/// The number of grey among [`COLOURS`].
+/// Index of grey in [`COLOURS`].
 pub const GREY: usize = 5;
-/// The number of black among [`COLOURS`].
+/// Index of black in [`COLOURS`].
 pub const BLACK: usize = 7;
 
 const FRAME: RGBColor = RGBColor(200, 200, 200);
 const CAPTION_PX: u32 = 16;
 const TITLE_PX: u32 = 20;
 
-/// A title over a grid of charts.
+/// A titled grid of charts.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Picture {
-    /// Above all.
+    /// Title above the grid.
     pub title: String,
-    /// Width and height, pixels.
+    /// Width and height, px.
     pub size: (u32, u32),
-    /// Charts side by side; the rest goes below.
+    /// Number of charts per row.
     pub columns: usize,
-    /// The charts.
+    /// The charts, row by row.
     pub charts: Vec<Chart>,
 }
 
 /// One chart.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Chart {
-    /// Above it.
+    /// Caption above the chart.
     pub caption: String,
-    /// Below it.
+    /// Horizontal axis.
     pub x: Axis,
-    /// Left of it.
+    /// Vertical axis.
     pub y: Axis,
-    /// What is drawn, the first at the bottom.
+    /// Series, drawn in this order.
     pub series: Vec<Series>,
-    /// The same scale on both axes.
+    /// Whether both axes have the same scale.
     pub equal_scale: bool,
-    /// Where the names of series stand, if they have any.
+    /// Corner of the legend, which lists the named series.
     pub legend: Legend,
 }
 
@@ -74,25 +75,25 @@ pub struct Chart {
 pub struct Axis {
     /// Quantity and unit.
     pub label: String,
-    /// From and to; `None`: as the data need.
+    /// Limits; `None` derives them from the data.
     pub range: Option<[f64; 2]>,
-    /// Names in place of the numbers 0, 1, 2 .. ; only on pages.
+    /// Labels that replace the numbers 0, 1, 2 ..; only in HTML pages.
     pub names: Vec<String>,
 }
 
 impl Axis {
-    /// As wide as the data need.
-    pub fn of(label: &str) -> Self {
+    /// Creates an axis with limits from the data.
+    pub fn auto(label: &str) -> Self {
         Self { label: label.to_owned(), ..Self::default() }
     }
 
-    /// With a fixed range.
-    pub fn from_to(label: &str, from: f64, to: f64) -> Self {
+    /// Creates an axis with fixed limits.
+    pub fn fixed(label: &str, from: f64, to: f64) -> Self {
         Self { label: label.to_owned(), range: Some([from, to]), names: Vec::new() }
     }
 }
 
-/// A corner for the names of series.
+/// Corner of the legend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Legend {
     /// Upper right.
@@ -106,52 +107,52 @@ pub enum Legend {
     LowerLeft,
 }
 
-/// Points with one look.
+/// Points drawn in one style.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// For the legend; empty: not named.
+    /// Name in the legend; empty for no entry.
     pub name: String,
-    /// Number among [`COLOURS`].
+    /// Index in [`COLOURS`].
     pub colour: usize,
-    /// How they look.
-    pub look: Look,
-    /// x and y. What is not finite interrupts a line.
+    /// Drawing style.
+    pub style: SeriesStyle,
+    /// x and y. A value that is not finite interrupts a line.
     pub points: Vec<[f64; 2]>,
 }
 
-/// How points look.
+/// Drawing style of a series.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Look {
-    /// A line, so many pixels wide.
+pub enum SeriesStyle {
+    /// A line of this width, px.
     Line(u32),
     /// A dashed line.
     Dashed,
-    /// A line with a disc at every point.
+    /// A line with a disc at each point.
     Marked,
-    /// Discs of this radius in pixels.
+    /// Discs of this radius, px.
     Discs(u32),
-    /// Bars of this width, in units of x, from y = 0.
+    /// Bars from y = 0 of this width in units of x.
     Bars(f64),
-    /// Rectangles of this size about the points, each in a colour of the scale for its value in 0..=1.
+    /// Rectangles of this size centred at the points, each in the colour of its value from 0 to 1 on the colour scale.
     Cells([f64; 2], Vec<f64>),
-    /// Discs of this radius in pixels, each in a colour of the scale for its value in 0..=1.
+    /// Discs of this radius in px, each in the colour of its value from 0 to 1 on the colour scale.
     Scaled(u32, Vec<f64>),
-    /// Filled from each point up to this other value of y.
+    /// Area between the points and these values of y.
     Band(Vec<f64>),
     /// Filled rectangles; two points each, opposite corners.
     Blocks,
 }
 
 impl Series {
-    /// A line.
+    /// Creates a line series of 2 px.
     pub fn line(name: &str, colour: usize, points: Vec<[f64; 2]>) -> Self {
-        Self { name: name.to_owned(), colour, look: Look::Line(2), points }
+        Self { name: name.to_owned(), colour, style: SeriesStyle::Line(2), points }
     }
 
-    /// The same with another look.
+    /// Returns the series with another style.
     #[must_use]
-    pub fn looking(self, look: Look) -> Self {
-        Self { look, ..self }
+    pub fn with_style(self, style: SeriesStyle) -> Self {
+        Self { style, ..self }
     }
 }
 
@@ -191,32 +192,32 @@ pub fn save_png(path: &Path, picture: &Picture) -> Answer {
 }
 
 fn cannot(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::NotNow(format!("the picture {} cannot be written: {error}", path.display()))
+    Failure::NotNow(format!("the plot {} cannot be written: {error}", path.display()))
 }
 
-type Drawn = Result<(), String>;
+type DrawResult = Result<(), String>;
 
-fn words(error: impl Error) -> String {
+fn to_text(error: impl Error) -> String {
     error.to_string()
 }
 
-fn draw<B: DrawingBackend>(root: &DrawingArea<B, Shift>, picture: &Picture) -> Drawn {
-    root.fill(&WHITE).map_err(words)?;
+fn draw<B: DrawingBackend>(root: &DrawingArea<B, Shift>, picture: &Picture) -> DrawResult {
+    root.fill(&WHITE).map_err(to_text)?;
     let body = if picture.title.is_empty() {
         root.clone()
     } else {
-        root.titled(&picture.title, ("sans-serif", TITLE_PX)).map_err(words)?
+        root.titled(&picture.title, ("sans-serif", TITLE_PX)).map_err(to_text)?
     };
     let columns = picture.columns.max(1);
     let rows = picture.charts.len().div_ceil(columns).max(1);
     for (area, chart) in body.split_evenly((rows, columns)).iter().zip(&picture.charts) {
         draw_chart(area, chart)?;
     }
-    root.present().map_err(words)
+    root.present().map_err(to_text)
 }
 
-/// The range of an axis: the given one, or what the data need with a little air.
-fn range(axis: &Axis, values: impl Iterator<Item = f64>) -> [f64; 2] {
+/// Returns the limits of an axis: the given ones, or those of the data with a margin.
+fn axis_range(axis: &Axis, values: impl Iterator<Item = f64>) -> [f64; 2] {
     if let Some(range) = axis.range {
         return range;
     }
@@ -235,7 +236,7 @@ fn range(axis: &Axis, values: impl Iterator<Item = f64>) -> [f64; 2] {
     [low - air, high + air]
 }
 
-/// Widens the narrower of two ranges until both have the same scale on a plane of this size.
+/// Extends the narrower of two ranges until both have the same scale on an area of this size in px.
 pub fn equalise(x: &mut [f64; 2], y: &mut [f64; 2], (width, height): (u32, u32)) {
     let per_pixel = |range: &[f64; 2], pixels: u32| (range[1] - range[0]) / f64::from(pixels.max(1));
     let scale = per_pixel(x, width).max(per_pixel(y, height));
@@ -245,19 +246,20 @@ pub fn equalise(x: &mut [f64; 2], y: &mut [f64; 2], (width, height): (u32, u32))
     }
 }
 
-/// A number as short as it can be told apart from its neighbours on the axis.
-pub fn tick(value: f64) -> String {
+/// Formats a tick value with the fewest digits that distinguish it from its neighbours.
+pub fn format_tick(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
 }
 
-/// The parts of a line that are inside the ranges: a chart that ends below a value shows the line leave, not a false value.
-fn clipped(points: &[[f64; 2]], x: [f64; 2], y: [f64; 2]) -> Vec<Vec<(f64, f64)>> {
+/// Returns the parts of a line inside the ranges. A line that leaves the chart is cut at its edge, not at a false
+/// value.
+fn clip_line(points: &[[f64; 2]], x: [f64; 2], y: [f64; 2]) -> Vec<Vec<(f64, f64)>> {
     let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
     let mut open = false;
     for pair in points.windows(2) {
         let [a, b] = [pair[0], pair[1]];
-        // Liang and Barsky: the share of the segment that is inside.
+        // Clipping by Liang and Barsky: the share of the segment that is inside.
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
         let mut inside = a.iter().chain(&b).all(|value| value.is_finite());
         for (k, range) in [x, y].iter().enumerate() {
@@ -284,13 +286,13 @@ fn clipped(points: &[[f64; 2]], x: [f64; 2], y: [f64; 2]) -> Vec<Vec<(f64, f64)>
     pieces
 }
 
-fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn {
+fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> DrawResult {
     const X_LABELS_PX: u32 = 42;
     const Y_LABELS_PX: u32 = 62;
     const MARGIN_PX: u32 = 10;
     let all = || chart.series.iter().flat_map(|series| series.points.iter());
-    let mut x = range(&chart.x, all().map(|point| point[0]));
-    let mut y = range(&chart.y, all().map(|point| point[1]));
+    let mut x = axis_range(&chart.x, all().map(|point| point[0]));
+    let mut y = axis_range(&chart.y, all().map(|point| point[1]));
     if chart.equal_scale {
         let (width, height) = area.dim_in_pixel();
         let caption = if chart.caption.is_empty() { 0 } else { 2 * CAPTION_PX };
@@ -305,7 +307,7 @@ fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) ->
     if !chart.caption.is_empty() {
         builder.caption(&chart.caption, ("sans-serif", CAPTION_PX));
     }
-    let mut plane = builder.build_cartesian_2d(x[0]..x[1], y[0]..y[1]).map_err(words)?;
+    let mut plane = builder.build_cartesian_2d(x[0]..x[1], y[0]..y[1]).map_err(to_text)?;
     plane
         .configure_mesh()
         .light_line_style(TRANSPARENT)
@@ -313,77 +315,89 @@ fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) ->
         .axis_style(FRAME)
         .x_labels(9)
         .y_labels(8)
-        .x_label_formatter(&|value| tick(*value))
-        .y_label_formatter(&|value| tick(*value))
+        .x_label_formatter(&|value| format_tick(*value))
+        .y_label_formatter(&|value| format_tick(*value))
         .label_style(("sans-serif", CAPTION_PX))
         .x_desc(&chart.x.label)
         .y_desc(&chart.y.label)
         .draw()
-        .map_err(words)?;
+        .map_err(to_text)?;
     for series in &chart.series {
-        let colour = COLOURS[series.colour % COLOURS.len()];
-        let line = |width: u32| colour.stroke_width(width);
-        let shown = |p: &&[f64; 2]| (x[0]..=x[1]).contains(&p[0]) && (y[0]..=y[1]).contains(&p[1]);
-        let pieces = || clipped(&series.points, x, y);
-        let discs = |radius: u32| {
-            series.points.iter().filter(shown).map(move |p| Circle::new((p[0], p[1]), radius, colour.filled()))
-        };
-        match &series.look {
-            Look::Line(_) | Look::Marked => {
-                let width = if let Look::Line(width) = series.look { width } else { 2 };
-                for piece in pieces() {
-                    plane.draw_series(LineSeries::new(piece, line(width))).map_err(words)?;
-                }
-                if series.look == Look::Marked {
-                    plane.draw_series(discs(3)).map_err(words)?;
-                }
-            }
-            Look::Dashed => {
-                for piece in pieces() {
-                    plane.draw_series(DashedLineSeries::new(piece, 6, 4, line(2))).map_err(words)?;
-                }
-            }
-            Look::Discs(radius) => drop(plane.draw_series(discs(*radius)).map_err(words)?),
-            Look::Bars(width) => {
-                let bars =
-                    series.points.iter().filter(shown).map(|p| {
-                        Rectangle::new([(p[0] - 0.5 * width, 0.0), (p[0] + 0.5 * width, p[1])], colour.filled())
-                    });
-                plane.draw_series(bars).map_err(words)?;
-            }
-            Look::Cells([width, height], values) => {
-                let cells = series.points.iter().zip(values).filter(|(p, _)| shown(p)).map(|(p, value)| {
-                    let (w, h) = (0.5 * width, 0.5 * height);
-                    Rectangle::new([(p[0] - w, p[1] - h), (p[0] + w, p[1] + h)], scale(*value).filled())
-                });
-                plane.draw_series(cells).map_err(words)?;
-            }
-            Look::Scaled(radius, values) => {
-                let discs = series.points.iter().zip(values).filter(|(p, _)| shown(p));
-                let discs = discs.map(|(p, value)| Circle::new((p[0], p[1]), *radius, scale(*value).filled()));
-                plane.draw_series(discs).map_err(words)?;
-            }
-            Look::Band(high) => {
-                let inside = |value: f64| value.clamp(y[0], y[1]);
-                let known = |(p, high): &(&[f64; 2], &f64)| p[1].is_finite() && high.is_finite();
-                let low = series.points.iter().zip(high).filter(known).map(|(p, _)| (p[0], inside(p[1])));
-                let back = series.points.iter().zip(high).filter(known).map(|(p, high)| (p[0], inside(*high)));
-                let outline: Vec<(f64, f64)> = low.chain(back.rev()).collect();
-                plane.draw_series([Polygon::new(outline, colour.mix(0.25).filled())]).map_err(words)?;
-            }
-            Look::Blocks => {
-                let inside = |p: [f64; 2]| (p[0].clamp(x[0], x[1]), p[1].clamp(y[0], y[1]));
-                let pairs = series.points.chunks_exact(2);
-                let blocks = pairs.map(|pair| Rectangle::new([inside(pair[0]), inside(pair[1])], colour.filled()));
-                plane.draw_series(blocks).map_err(words)?;
-            }
-        }
+        draw_series(&mut plane, series, x, y)?;
     }
     name_series(&plane.plotting_area().strip_coord_spec(), chart)
 }
 
-/// Names and looks of the series in a corner of the plane.
-fn name_series<B: DrawingBackend>(plane: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn {
+/// Draws one series inside the ranges of the axes.
+fn draw_series<B: DrawingBackend>(
+    plane: &mut ChartContext<'_, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>,
+    series: &Series,
+    x: [f64; 2],
+    y: [f64; 2],
+) -> DrawResult {
+    let colour = COLOURS[series.colour % COLOURS.len()];
+    let line = |width: u32| colour.stroke_width(width);
+    let shown = |p: &&[f64; 2]| (x[0]..=x[1]).contains(&p[0]) && (y[0]..=y[1]).contains(&p[1]);
+    let pieces = || clip_line(&series.points, x, y);
+    let discs = |radius: u32| {
+        series.points.iter().filter(shown).map(move |p| Circle::new((p[0], p[1]), radius, colour.filled()))
+    };
+    match &series.style {
+        SeriesStyle::Line(_) | SeriesStyle::Marked => {
+            let width = if let SeriesStyle::Line(width) = series.style { width } else { 2 };
+            for piece in pieces() {
+                plane.draw_series(LineSeries::new(piece, line(width))).map_err(to_text)?;
+            }
+            if series.style == SeriesStyle::Marked {
+                plane.draw_series(discs(3)).map_err(to_text)?;
+            }
+        }
+        SeriesStyle::Dashed => {
+            for piece in pieces() {
+                plane.draw_series(DashedLineSeries::new(piece, 6, 4, line(2))).map_err(to_text)?;
+            }
+        }
+        SeriesStyle::Discs(radius) => drop(plane.draw_series(discs(*radius)).map_err(to_text)?),
+        SeriesStyle::Bars(width) => {
+            let bars = series
+                .points
+                .iter()
+                .filter(shown)
+                .map(|p| Rectangle::new([(p[0] - 0.5 * width, 0.0), (p[0] + 0.5 * width, p[1])], colour.filled()));
+            plane.draw_series(bars).map_err(to_text)?;
+        }
+        SeriesStyle::Cells([width, height], values) => {
+            let cells = series.points.iter().zip(values).filter(|(p, _)| shown(p)).map(|(p, value)| {
+                let (w, h) = (0.5 * width, 0.5 * height);
+                Rectangle::new([(p[0] - w, p[1] - h), (p[0] + w, p[1] + h)], scale_colour(*value).filled())
+            });
+            plane.draw_series(cells).map_err(to_text)?;
+        }
+        SeriesStyle::Scaled(radius, values) => {
+            let discs = series.points.iter().zip(values).filter(|(p, _)| shown(p));
+            let discs = discs.map(|(p, value)| Circle::new((p[0], p[1]), *radius, scale_colour(*value).filled()));
+            plane.draw_series(discs).map_err(to_text)?;
+        }
+        SeriesStyle::Band(high) => {
+            let inside = |value: f64| value.clamp(y[0], y[1]);
+            let known = |(p, high): &(&[f64; 2], &f64)| p[1].is_finite() && high.is_finite();
+            let low = series.points.iter().zip(high).filter(known).map(|(p, _)| (p[0], inside(p[1])));
+            let back = series.points.iter().zip(high).filter(known).map(|(p, high)| (p[0], inside(*high)));
+            let outline: Vec<(f64, f64)> = low.chain(back.rev()).collect();
+            plane.draw_series([Polygon::new(outline, colour.mix(0.25).filled())]).map_err(to_text)?;
+        }
+        SeriesStyle::Blocks => {
+            let inside = |p: [f64; 2]| (p[0].clamp(x[0], x[1]), p[1].clamp(y[0], y[1]));
+            let pairs = series.points.chunks_exact(2);
+            let blocks = pairs.map(|pair| Rectangle::new([inside(pair[0]), inside(pair[1])], colour.filled()));
+            plane.draw_series(blocks).map_err(to_text)?;
+        }
+    }
+    Ok(())
+}
+
+/// Draws the legend.
+fn name_series<B: DrawingBackend>(plane: &DrawingArea<B, Shift>, chart: &Chart) -> DrawResult {
     const ROW_PX: i32 = 20;
     const SAMPLE_PX: i32 = 24;
     const GAP_PX: i32 = 8;
@@ -394,7 +408,7 @@ fn name_series<B: DrawingBackend>(plane: &DrawingArea<B, Shift>, chart: &Chart) 
     let style = ("sans-serif", CAPTION_PX).into_text_style(plane);
     let mut widest = 0;
     for series in &named {
-        let (width, _) = plane.estimate_text_size(&series.name, &style).map_err(words)?;
+        let (width, _) = plane.estimate_text_size(&series.name, &style).map_err(to_text)?;
         widest = widest.max(width as i32);
     }
     let (width, height) = (widest + SAMPLE_PX + 3 * GAP_PX, ROW_PX * named.len() as i32 + GAP_PX);
@@ -407,32 +421,36 @@ fn name_series<B: DrawingBackend>(plane: &DrawingArea<B, Shift>, chart: &Chart) 
         Legend::LowerLeft => (GAP_PX, lower),
     };
     let frame = [(left, top), (left + width, top + height)];
-    plane.draw(&Rectangle::new(frame, WHITE.mix(0.85).filled())).map_err(words)?;
-    plane.draw(&Rectangle::new(frame, FRAME)).map_err(words)?;
+    plane.draw(&Rectangle::new(frame, WHITE.mix(0.85).filled())).map_err(to_text)?;
+    plane.draw(&Rectangle::new(frame, FRAME)).map_err(to_text)?;
     for (row, series) in named.iter().enumerate() {
         let colour = COLOURS[series.colour % COLOURS.len()];
         let (x, y) = (left + GAP_PX, top + GAP_PX / 2 + ROW_PX * row as i32 + ROW_PX / 2);
         let line =
             |from: i32, to: i32, width: u32| PathElement::new([(x + from, y), (x + to, y)], colour.stroke_width(width));
         let disc = |radius: u32| Circle::new((x + SAMPLE_PX / 2, y), radius, colour.filled());
-        match series.look {
-            Look::Line(width) => plane.draw(&line(0, SAMPLE_PX, width)),
-            Look::Dashed => plane.draw(&line(0, 9, 2)).and_then(|()| plane.draw(&line(14, SAMPLE_PX, 2))),
-            Look::Marked => plane.draw(&line(0, SAMPLE_PX, 2)).and_then(|()| plane.draw(&disc(3))),
-            Look::Discs(radius) => plane.draw(&disc(radius)),
-            Look::Bars(_) | Look::Cells(..) | Look::Scaled(..) | Look::Band(_) | Look::Blocks => {
+        match series.style {
+            SeriesStyle::Line(width) => plane.draw(&line(0, SAMPLE_PX, width)),
+            SeriesStyle::Dashed => plane.draw(&line(0, 9, 2)).and_then(|()| plane.draw(&line(14, SAMPLE_PX, 2))),
+            SeriesStyle::Marked => plane.draw(&line(0, SAMPLE_PX, 2)).and_then(|()| plane.draw(&disc(3))),
+            SeriesStyle::Discs(radius) => plane.draw(&disc(radius)),
+            SeriesStyle::Bars(_)
+            | SeriesStyle::Cells(..)
+            | SeriesStyle::Scaled(..)
+            | SeriesStyle::Band(_)
+            | SeriesStyle::Blocks => {
                 plane.draw(&Rectangle::new([(x + 6, y - 6), (x + SAMPLE_PX - 6, y + 6)], colour.filled()))
             }
         }
-        .map_err(words)?;
+        .map_err(to_text)?;
         let text = Text::new(series.name.as_str(), (x + SAMPLE_PX + GAP_PX, y - ROW_PX / 2 + 2), style.clone());
-        plane.draw(&text).map_err(words)?;
+        plane.draw(&text).map_err(to_text)?;
     }
     Ok(())
 }
 
-/// Dark blue through green to yellow, as light as the value is large.
-pub fn scale(value: f64) -> RGBColor {
+/// Returns a colour of the scale from dark blue through green to yellow; lightness increases with the value.
+pub fn scale_colour(value: f64) -> RGBColor {
     const STOPS: [[f64; 3]; 5] =
         [[68.0, 20.0, 95.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
     let at = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
@@ -442,8 +460,9 @@ pub fn scale(value: f64) -> RGBColor {
     RGBColor(channel(0), channel(1), channel(2))
 }
 
-/// The colour of a series, as pages write it. Black is what the page writes with: on dark paper it is not to be seen otherwise.
-pub fn colour_of(number: usize) -> String {
+/// Returns the CSS colour of a series. Black becomes `currentColor`, the text colour of the page, which stays visible
+/// in dark mode.
+pub fn css_colour(number: usize) -> String {
     if number == BLACK {
         return "currentColor".to_owned();
     }
@@ -451,7 +470,7 @@ pub fn colour_of(number: usize) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Text that HTML and SVG take literally.
+/// Escapes text for HTML and SVG.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {
@@ -475,17 +494,24 @@ mod tests {
 
     fn picture() -> Picture {
         let wave: Vec<[f64; 2]> = (0..60).map(|i| [f64::from(i), 3.0 + libm::sin(f64::from(i) * 0.2)]).collect();
-        let looks = [Look::Line(2), Look::Dashed, Look::Marked, Look::Discs(3), Look::Bars(0.5)];
+        let looks = [
+            SeriesStyle::Line(2),
+            SeriesStyle::Dashed,
+            SeriesStyle::Marked,
+            SeriesStyle::Discs(3),
+            SeriesStyle::Bars(0.5),
+        ];
         let mut series: Vec<Series> = looks
             .into_iter()
             .enumerate()
             .map(|(k, look)| {
                 let shifted = wave.iter().map(|p| [p[0], p[1] + k as f64]).collect();
-                Series::line(&format!("σ = {k}"), k, shifted).looking(look)
+                Series::line(&format!("σ = {k}"), k, shifted).with_style(look)
             })
             .collect();
         series[0].points[30][1] = f64::NAN;
-        let chart = Chart { caption: "a".into(), x: Axis::of("x, m"), y: Axis::of("µ²"), series, ..Chart::default() };
+        let chart =
+            Chart { caption: "a".into(), x: Axis::auto("x, m"), y: Axis::auto("µ²"), series, ..Chart::default() };
         Picture {
             title: "title".into(),
             size: (640, 320),
@@ -517,7 +543,7 @@ mod tests {
     #[test]
     fn a_line_is_cut_where_it_leaves_the_chart() {
         let points = [[0.0, 4.0], [1.0, 0.0], [2.0, 1.0], [f64::NAN, 0.0], [3.0, 1.0], [4.0, -1.0]];
-        let pieces = clipped(&points, [0.0, 10.0], [0.0, 2.0]);
+        let pieces = clip_line(&points, [0.0, 10.0], [0.0, 2.0]);
         assert_eq!(pieces, [vec![(0.5, 2.0), (1.0, 0.0), (2.0, 1.0)], vec![(3.0, 1.0), (3.5, 0.0)]]);
     }
 

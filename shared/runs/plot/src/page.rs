@@ -1,20 +1,20 @@
-//! What pages are made of.
+//! HTML building blocks of pages.
 
 use crate::escape;
 
-/// Numbers in rows.
+/// A table of text cells.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Table {
-    /// Above it.
+    /// Caption; empty for none.
     pub caption: String,
-    /// Names of the columns.
+    /// Column names.
     pub head: Vec<String>,
-    /// Cells.
+    /// Rows of cells.
     pub rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    /// A table without rows.
+    /// Creates a table without rows.
     pub fn new(caption: &str, head: &[&str]) -> Self {
         Self {
             caption: caption.to_owned(),
@@ -29,7 +29,7 @@ impl Table {
     }
 }
 
-/// The table as HTML.
+/// Renders a table as HTML.
 #[must_use]
 pub fn html_table(table: &Table) -> String {
     let mut out = "<table>\n".to_owned();

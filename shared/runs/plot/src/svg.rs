@@ -1,22 +1,22 @@
-//! A chart as an SVG element for a page: fine lines, coordinates between pixels, text in the page's own font.
+//! Renders a chart as an inline SVG element for a page: fine lines, fractional coordinates, and the font of the page.
 
-use super::{Chart, Look, Series, clipped, colour_of, equalise, range, scale, tick};
+use super::{Chart, Series, SeriesStyle, axis_range, clip_line, css_colour, equalise, format_tick, scale_colour};
 use std::fmt::Write as _;
 
-/// Room for the numbers and the label of the y axis, pixels.
+/// Left margin for the labels of the y axis, px.
 const LEFT: f64 = 74.0;
-/// And right of the plane.
+/// Right margin, px.
 const RIGHT: f64 = 14.0;
-/// Above it.
+/// Top margin, px.
 const TOP: f64 = 10.0;
-/// For the numbers and the label of the x axis.
+/// Bottom margin for the labels of the x axis, px.
 const BELOW: f64 = 44.0;
-/// A band narrower than this is hidden by its line, pixels.
+/// Minimum height of a visible band, px; its line covers a narrower one.
 const BAND_PX: f64 = 1.2;
-/// Points closer to the last one than this are not drawn, pixels.
+/// Minimum distance between drawn points, px.
 const CLOSE_PX: f64 = 0.35;
 
-/// Where the chart's numbers lie on the plane.
+/// Mapping from chart coordinates to pixels.
 struct Plane {
     x: [f64; 2],
     y: [f64; 2],
@@ -38,30 +38,30 @@ impl Plane {
     }
 }
 
-/// The ranges of both axes as they are drawn on a plane of this size.
+/// Returns the limits of both axes as drawn on an area of this size in px.
 pub fn ranges(chart: &Chart, size: (u32, u32)) -> [[f64; 2]; 2] {
     let all = || chart.series.iter().flat_map(|series| series.points.iter());
     let high = || {
-        chart.series.iter().flat_map(|series| match &series.look {
-            Look::Band(high) => high.as_slice(),
+        chart.series.iter().flat_map(|series| match &series.style {
+            SeriesStyle::Band(high) => high.as_slice(),
             _ => &[],
         })
     };
-    let mut x = range(&chart.x, all().map(|point| point[0]));
-    let mut y = range(&chart.y, all().map(|point| point[1]).chain(high().copied()));
+    let mut x = axis_range(&chart.x, all().map(|point| point[0]));
+    let mut y = axis_range(&chart.y, all().map(|point| point[1]).chain(high().copied()));
     if chart.equal_scale {
         equalise(&mut x, &mut y, (size.0 - (LEFT + RIGHT) as u32, size.1 - (TOP + BELOW) as u32));
     }
     [x, y]
 }
 
-/// The chart as an `<svg>` of this size; its caption is for the page.
+/// Renders the chart as an `<svg>` of this size in px, without its caption.
 pub fn svg(chart: &Chart, size: (u32, u32)) -> String {
     let [x, y] = ranges(chart, size);
     let (width, height) = (f64::from(size.0), f64::from(size.1));
     let plane = Plane { x, y, width: width - LEFT - RIGHT, height: height - TOP - BELOW };
     let mut out = String::new();
-    // Writing into a string cannot fail.
+    // Writing to a string cannot fail.
     let _ = write!(out, "<svg viewBox=\"0 0 {width} {height}\" role=\"img\">");
     grid(&mut out, &plane, chart);
     for series in &chart.series {
@@ -75,7 +75,7 @@ pub fn svg(chart: &Chart, size: (u32, u32)) -> String {
     out
 }
 
-/// About so many round numbers within a range.
+/// Returns round numbers within a range, about as many as requested.
 pub fn ticks(range: [f64; 2], about: f64) -> Vec<f64> {
     let span = range[1] - range[0];
     if !(span.is_finite() && span > 0.0) {
@@ -93,8 +93,12 @@ fn grid(out: &mut String, plane: &Plane, chart: &Chart) {
     for value in ticks(plane.x, plane.width / 90.0) {
         let at = plane.x(value);
         let _ = write!(out, "<path class=\"grid\" d=\"M{at:.1} {TOP}V{bottom:.1}\"/>");
-        let _ =
-            write!(out, "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>", bottom + 16.0, tick(value));
+        let _ = write!(
+            out,
+            "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+            bottom + 16.0,
+            format_tick(value)
+        );
     }
     let names = chart.y.names.as_slice();
     let values = if names.is_empty() {
@@ -104,7 +108,8 @@ fn grid(out: &mut String, plane: &Plane, chart: &Chart) {
     };
     for value in values {
         let at = plane.y(value);
-        let text = names.get(value as usize).filter(|_| !names.is_empty()).cloned().unwrap_or_else(|| tick(value));
+        let text =
+            names.get(value as usize).filter(|_| !names.is_empty()).cloned().unwrap_or_else(|| format_tick(value));
         let _ = write!(out, "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right:.1}\"/>");
         let _ = write!(out, "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>", LEFT - 6.0, at + 4.0);
     }
@@ -124,41 +129,46 @@ fn grid(out: &mut String, plane: &Plane, chart: &Chart) {
 }
 
 fn draw(out: &mut String, plane: &Plane, series: &Series) {
-    let colour = colour_of(series.colour);
+    let colour = css_colour(series.colour);
     let stroke = |width: f64, dash: &str| format!("fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{dash}");
-    match &series.look {
-        // what lies under other lines is wide, and pale
-        Look::Line(width @ 5..) => lines(out, plane, series, &stroke(f64::from(*width), " stroke-opacity=\"0.35\"")),
-        Look::Line(width) => lines(out, plane, series, &stroke(0.75 * f64::from(*width), "")),
-        Look::Dashed => lines(out, plane, series, &stroke(1.2, " stroke-dasharray=\"5 4\"")),
-        Look::Marked => {
+    match &series.style {
+        // Background lines are wide and pale.
+        SeriesStyle::Line(width @ 5..) => {
+            lines(out, plane, series, &stroke(f64::from(*width), " stroke-opacity=\"0.35\""))
+        }
+        SeriesStyle::Line(width) => lines(out, plane, series, &stroke(0.75 * f64::from(*width), "")),
+        SeriesStyle::Dashed => lines(out, plane, series, &stroke(1.2, " stroke-dasharray=\"5 4\"")),
+        SeriesStyle::Marked => {
             lines(out, plane, series, &stroke(1.5, ""));
             discs(out, plane, series, 3, &colour);
         }
-        Look::Discs(radius) => discs(out, plane, series, *radius, &colour),
-        Look::Band(high) => band(out, plane, series, high, &colour),
-        Look::Bars(width) => {
+        SeriesStyle::Discs(radius) => discs(out, plane, series, *radius, &colour),
+        SeriesStyle::Band(high) => band(out, plane, series, high, &colour),
+        SeriesStyle::Bars(width) => {
             for p in series.points.iter().filter(|p| p[0].is_finite() && p[1].is_finite()) {
                 rectangle(out, plane, [[p[0] - 0.5 * width, 0.0], [p[0] + 0.5 * width, p[1]]], &colour);
             }
         }
-        Look::Blocks => {
+        SeriesStyle::Blocks => {
             series.points.chunks_exact(2).for_each(|pair| rectangle(out, plane, [pair[0], pair[1]], &colour))
         }
-        Look::Cells([width, height], values) => {
-            // without seams between neighbours
+        SeriesStyle::Cells([width, height], values) => {
+            // crispEdges avoids seams between adjacent cells.
             out.push_str("<g shape-rendering=\"crispEdges\">");
             for (p, value) in series.points.iter().zip(values) {
                 let (w, h) = (0.5 * width, 0.5 * height);
-                rectangle(out, plane, [[p[0] - w, p[1] - h], [p[0] + w, p[1] + h]], &hex(scale(*value)));
+                rectangle(out, plane, [[p[0] - w, p[1] - h], [p[0] + w, p[1] + h]], &hex(scale_colour(*value)));
             }
             out.push_str("</g>");
         }
-        Look::Scaled(radius, values) => {
+        SeriesStyle::Scaled(radius, values) => {
             for (p, value) in series.points.iter().zip(values).filter(|(p, _)| plane.shows(p)) {
                 let (x, y) = (plane.x(p[0]), plane.y(p[1]));
-                let _ =
-                    write!(out, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{}\"/>", hex(scale(*value)));
+                let _ = write!(
+                    out,
+                    "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{}\"/>",
+                    hex(scale_colour(*value))
+                );
             }
         }
     }
@@ -170,7 +180,7 @@ fn hex(colour: plotters::style::RGBColor) -> String {
 
 fn lines(out: &mut String, plane: &Plane, series: &Series, style: &str) {
     let mut path = String::new();
-    for piece in clipped(&series.points, plane.x, plane.y) {
+    for piece in clip_line(&series.points, plane.x, plane.y) {
         let mut last = None;
         let end = piece.len() - 1;
         for (at, (x, y)) in piece.into_iter().map(|(x, y)| (plane.x(x), plane.y(y))).enumerate() {
@@ -187,7 +197,7 @@ fn lines(out: &mut String, plane: &Plane, series: &Series, style: &str) {
     }
 }
 
-/// Filled from each point up to its other value; the stretches in which it is wide enough to be seen.
+/// Draws a filled band between each point and its other value, where it is high enough to be visible.
 fn band(out: &mut String, plane: &Plane, series: &Series, high: &[f64], colour: &str) {
     let inside = |value: f64| plane.y(value).clamp(TOP, TOP + plane.height);
     let all: Vec<(f64, f64, f64)> =
@@ -200,7 +210,7 @@ fn band(out: &mut String, plane: &Plane, series: &Series, high: &[f64], colour: 
                 let _ = write!(path, "{}{x:.1} {low:.1}", if at == 0 { "M" } else { "L" });
             }
             if let [(x, low, high)] = part {
-                // one stretch alone: a stroke of a pixel
+                // A single point becomes a band of one pixel.
                 let _ = write!(path, "M{:.1} {low:.1}H{:.1}V{high:.1}H{:.1}Z", x - 0.5, x + 0.5, x - 0.5);
                 continue;
             }
@@ -222,13 +232,13 @@ fn discs(out: &mut String, plane: &Plane, series: &Series, radius: u32, colour: 
     }
 }
 
-/// Between two opposite corners, as far as it is on the plane.
+/// Draws the visible part of the rectangle with these opposite corners.
 fn rectangle(out: &mut String, plane: &Plane, [a, b]: [[f64; 2]; 2], colour: &str) {
     let clamp = |value: f64, range: [f64; 2]| value.clamp(range[0], range[1]);
     let (x0, x1) = (plane.x(clamp(a[0].min(b[0]), plane.x)), plane.x(clamp(a[0].max(b[0]), plane.x)));
     let (y0, y1) = (plane.y(clamp(a[1].max(b[1]), plane.y)), plane.y(clamp(a[1].min(b[1]), plane.y)));
     if x1 > x0 && y1 > y0 {
-        // what is shorter than a pixel is still seen
+        // A rectangle narrower than a pixel stays visible.
         let width = (x1 - x0).max(0.8);
         let _ = write!(
             out,
@@ -255,13 +265,13 @@ mod tests {
         let points: Vec<[f64; 2]> = (0..50).map(|i| [f64::from(i), f64::from(i % 7)]).collect();
         let high = points.iter().map(|p| p[1] + 3.0).collect();
         let chart = Chart {
-            x: Axis::from_to("time, s", 5.0, 20.0),
-            y: Axis::from_to("µ & σ", 1.0, 5.0),
+            x: Axis::fixed("time, s", 5.0, 20.0),
+            y: Axis::fixed("µ & σ", 1.0, 5.0),
             series: vec![
-                Series::line("", 0, points.clone()).looking(Look::Band(high)),
+                Series::line("", 0, points.clone()).with_style(SeriesStyle::Band(high)),
                 Series::line("", 1, points.clone()),
-                Series::line("", 2, vec![[0.0, 0.0], [50.0, 2.0]]).looking(Look::Blocks),
-                Series::line("", 3, points).looking(Look::Scaled(2, vec![0.5; 50])),
+                Series::line("", 2, vec![[0.0, 0.0], [50.0, 2.0]]).with_style(SeriesStyle::Blocks),
+                Series::line("", 3, points).with_style(SeriesStyle::Scaled(2, vec![0.5; 50])),
             ],
             ..Chart::default()
         };

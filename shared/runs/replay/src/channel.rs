@@ -1,4 +1,4 @@
-//! A channel of the run: its samples as types of this build, and how they compare with what is computed now.
+//! A channel of the run: its samples as types of this build, and their comparison with the recomputed ones.
 
 use messages::Message;
 use runlog::{Conversion, RecordedChannel, RecordedSample};
@@ -6,45 +6,45 @@ use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-/// Why a sample could not be compared.
-pub(super) type Why = &'static str;
+/// Reason why a sample was not compared.
+pub(super) type SkipReason = &'static str;
 
-/// Another type altogether, or one that cannot be read.
-const DEFINITION: Why = "recorded by a build with another definition";
-/// What made it ended, or the recording did, before the sample that says what it was made from.
-const ALONE: Why = "the sample that says what it was made from was not recorded";
+/// Its type is a different one or cannot be decoded.
+const DEFINITION: SkipReason = "recorded by a build with another definition";
+/// The process or the recording ended before the sample that names its inputs.
+const ALONE: SkipReason = "the sample that names its inputs was not recorded";
 
 /// The first sample that differs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
     /// Control cycle.
     pub cycle: u64,
-    /// Since the run began, s.
+    /// Time since the start of the run, s.
     pub time_s: f64,
-    /// Which number, e.g. `velocity_m_s[2]`.
+    /// Path of the field, e.g. `velocity_m_s[2]`.
     pub field: String,
-    /// As it was.
+    /// Recorded value.
     pub recorded: String,
-    /// As it is now.
+    /// Recomputed value.
     pub replayed: String,
 }
 
-/// How the samples of one channel compare.
+/// Result of the comparison for one channel.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Tally {
-    /// Its name.
+    /// Channel name.
     pub channel: String,
-    /// Samples in the run.
+    /// Number of samples in the run.
     pub recorded: u64,
-    /// The same, bit for bit.
+    /// Number of samples that are equal bit for bit.
     pub equal: u64,
-    /// Not the same.
+    /// Number of samples that differ.
     pub different: u64,
-    /// Not compared, by reason.
-    pub not_compared: BTreeMap<Why, u64>,
-    /// The first that differs.
+    /// Number of samples that were not compared, by reason.
+    pub not_compared: BTreeMap<SkipReason, u64>,
+    /// First sample that differs.
     pub first: Option<Difference>,
-    /// The definition has changed since; only what both have was compared.
+    /// Whether the definition of the message has changed since; only common fields were compared.
     pub definition_changed: bool,
 }
 
@@ -62,7 +62,7 @@ impl<T: Message> Channel<T> {
         Self { tally, known: None, waiting: VecDeque::new(), t0_ns: 0 }
     }
 
-    /// The sample as this build knows it.
+    /// Decodes a recorded sample.
     pub(super) fn read(&mut self, recorded: &RecordedSample<'_>, t0_ns: u64) -> Option<T> {
         self.t0_ns = t0_ns;
         self.tally.recorded += 1;
@@ -81,29 +81,31 @@ impl<T: Message> Channel<T> {
         self.known.as_ref()?.conversion::<T>()
     }
 
-    /// Keeps a sample until everything that it rests on has been read too.
+    /// Stores a sample until all its inputs have been read too.
     pub(super) fn wait(&mut self, time_ns: u64, sample: T) {
         self.waiting.push_back((time_ns, sample));
     }
 
-    /// The same, and within a life of its process the samples are brought into the order in which they were published: the file has them in
-    /// the order of their stamps, and the first ones of a run may have none.
-    pub(super) fn wait_in_turn(&mut self, time_ns: u64, sample: T, life: impl Fn(&T) -> u32) {
-        let later = |(_, other): &&(u64, T)| life(other) == life(&sample) && other.header().seq > sample.header().seq;
+    /// Stores a sample as [`Channel::wait`] does, in the order of publication within an incarnation. The file is sorted
+    /// by stamps, and the first samples of a run may have none.
+    pub(super) fn wait_in_order(&mut self, time_ns: u64, sample: T, incarnation: impl Fn(&T) -> u32) {
+        let later = |(_, other): &&(u64, T)| {
+            incarnation(other) == incarnation(&sample) && other.header().seq > sample.header().seq
+        };
         let behind = self.waiting.iter().rev().take_while(later).count();
         self.waiting.insert(self.waiting.len() - behind, (time_ns, sample));
     }
 
-    /// The next sample that was published by then.
-    pub(super) fn due(&mut self, until_ns: u64) -> Option<(u64, T)> {
+    /// Returns the next sample that was published by then.
+    pub(super) fn next_due(&mut self, until_ns: u64) -> Option<(u64, T)> {
         if self.waiting.front()?.0 > until_ns { None } else { self.waiting.pop_front() }
     }
 
-    pub(super) fn skip(&mut self, why: Why) {
+    pub(super) fn skip(&mut self, why: SkipReason) {
         *self.tally.not_compared.entry(why).or_default() += 1;
     }
 
-    /// Compares every bit but what publishing gives and no step.
+    /// Compares all bits except those that publication sets.
     pub(super) fn compare(&mut self, time_ns: u64, recorded: &T, mut replayed: T) {
         replayed.header_mut().take_over_publication(recorded.header());
         let (was, is) = (bytemuck::bytes_of(recorded), bytemuck::bytes_of(&replayed));
@@ -121,7 +123,7 @@ impl<T: Message> Channel<T> {
         }
     }
 
-    /// The same for one text of a sample.
+    /// Compares one text of a sample.
     pub(super) fn compare_text(&mut self, time_ns: u64, cycle: u64, field: &str, recorded: &str, replayed: &str) {
         if recorded == replayed {
             self.tally.equal += 1;
@@ -142,31 +144,31 @@ impl<T: Message> Channel<T> {
         time_ns.saturating_sub(self.t0_ns) as f64 * 1e-9
     }
 
-    /// The outcome where the channel carries other things too.
+    /// Returns the result of a channel that also carries samples which are not recomputed.
     pub(super) fn end_of_some(mut self) -> Option<Tally> {
         self.tally.recorded = self.tally.equal + self.tally.different;
         self.end()
     }
 
-    /// The outcome, if anything was recorded.
+    /// Returns the result, if anything was recorded.
     pub(super) fn end(mut self) -> Option<Tally> {
         let tally = &mut self.tally;
-        let said = tally.equal + tally.different + tally.not_compared.values().sum::<u64>();
-        if tally.recorded > said {
-            *tally.not_compared.entry(ALONE).or_default() += tally.recorded - said;
+        let accounted = tally.equal + tally.different + tally.not_compared.values().sum::<u64>();
+        if tally.recorded > accounted {
+            *tally.not_compared.entry(ALONE).or_default() += tally.recorded - accounted;
         }
         (tally.recorded > 0).then_some(self.tally)
     }
 }
 
-/// The last samples of a channel, found by a number that they carry.
+/// The last samples of a channel, found by a number that they contain.
 pub(super) struct History<T> {
-    /// Number and time of each; apart from the samples, because they are searched often.
+    /// Number and time of each sample; separate from the samples, because they are searched often.
     keys: VecDeque<(u64, u64)>,
     samples: VecDeque<T>,
 }
 
-/// Samples kept: five seconds at 200 Hz, far more than anybody looks back.
+/// Capacity: five seconds at 200 Hz, far more than any lookup needs.
 const KEPT: usize = 1024;
 
 impl<T> History<T> {
@@ -183,7 +185,7 @@ impl<T> History<T> {
         self.samples.push_back(sample);
     }
 
-    /// The sample of this number; of several, because a process began to count anew, the one nearest in time.
+    /// Returns the sample with this number; if a process restarted its count, the one nearest in time.
     pub(super) fn find(&self, number: u64, time_ns: u64) -> Option<&T> {
         let of_number = self.keys.iter().enumerate().filter(|(_, (its, _))| *its == number);
         let (at, _) = of_number.min_by_key(|(_, (_, its_ns))| its_ns.abs_diff(time_ns))?;

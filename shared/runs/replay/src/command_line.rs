@@ -1,4 +1,4 @@
-//! The command: progress, the table, the verdict.
+//! The command `nims replay`: progress bar, table, verdict.
 
 use super::{Changes, Replayed, run};
 use command::values::assignment;
@@ -15,13 +15,13 @@ use std::time::Instant;
 pub struct Args {
     /// Run folder or file.
     pub run: PathBuf,
-    /// Another law for the controllers.
+    /// Replace the control law.
     #[arg(long, value_name = "LAW")]
     pub law: Option<String>,
-    /// Another value for a key of the system file or the robot file, e.g. controller.horizon_cycles=30; as often as needed.
+    /// Replace the value of a key of the system file or the robot file, e.g. controller.horizon_cycles=30; repeatable.
     #[arg(long, value_name = "KEY=VALUE", value_parser = assignment)]
     pub set: Vec<(String, String)>,
-    /// With --law or --set: draw both velocities of each cable into this .svg or .png file.
+    /// With --law or --set: plot recorded and changed velocities of each cable to this .svg or .png file.
     #[arg(long, value_name = "FILE", requires = "another")]
     pub plot: Option<PathBuf>,
 }
@@ -29,49 +29,49 @@ pub struct Args {
 /// Steps of the progress bar.
 const STEPS: f64 = 1000.0;
 
-/// Computes the run again and says what came of it.
+/// Runs `nims replay`.
 ///
 /// # Errors
-/// What cannot be read; and, without changes, that something differs from what was recorded, or that nothing could be compared.
-pub fn replay(asked: &Args) -> Answer<Output> {
-    let changes = Changes { law: asked.law.clone(), set: asked.set.clone() };
+/// The run cannot be read; or, without changes, samples differ from the recorded ones or none could be compared.
+pub fn replay(args: &Args) -> Answer<Output> {
+    let changes = Changes { law: args.law.clone(), set: args.set.clone() };
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(STEPS as u64) } else { ProgressBar::hidden() };
-    let style = ProgressStyle::with_template("computing the run again {wide_bar} {percent:>3} %")
+    let style = ProgressStyle::with_template("replaying the run {wide_bar} {percent:>3} %")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
     let began = Instant::now();
-    let replayed = run(&asked.run, &changes, &mut |share| bar.set_position((STEPS * share) as u64))?;
+    let replayed = run(&args.run, &changes, &mut |share| bar.set_position((STEPS * share) as u64))?;
     bar.finish_and_clear();
     let took_s = began.elapsed().as_secs_f64();
-    // With changes everything differs; how much is what counts.
+    // With changes everything differs, so only the size of the differences is reported.
     let mut words = if replayed.instead.is_some() { Vec::new() } else { table(&replayed) };
     words.push(format!(
-        "{} cycles, {:.1} s of the robot, computed again in {took_s:.2} s, {:.0} times faster",
+        "{} cycles, {:.1} s of robot time, replayed in {took_s:.2} s, {:.0} times faster",
         replayed.cycles,
         replayed.flown_s,
         replayed.flown_s / took_s.max(1e-3)
     ));
-    if let (Some(instead), Some(path)) = (&replayed.instead, &asked.plot) {
-        instead.draw(path, &format!("{}: recorded, and {}", asked.run.display(), changed(&changes)))?;
-        words.push(format!("picture {}", path.display()));
+    if let (Some(instead), Some(path)) = (&replayed.instead, &args.plot) {
+        instead.draw(path, &format!("{}: recorded, and with {}", args.run.display(), change_list(&changes)))?;
+        words.push(format!("plot: {}", path.display()));
     }
     if let Some(instead) = &replayed.instead {
-        words.push(format!("with {}, {}", changed(&changes), instead.words()));
+        words.push(format!("with {}, {}", change_list(&changes), instead.words()));
     }
     let (equal, different) = (replayed.equal(), replayed.different());
     let verdict = match (&replayed.instead, different, equal) {
         (Some(_), ..) => None,
-        (None, 0, 0) => Some(format!("nothing in {} could be compared", asked.run.display())),
+        (None, 0, 0) => Some(format!("no sample in {} could be compared", args.run.display())),
         (None, 0, _) => None,
-        (None, ..) => Some(format!("{different} samples differ from what was recorded")),
+        (None, ..) => Some(format!("{different} samples differ from the recorded ones")),
     };
     if verdict.is_none() && replayed.instead.is_none() {
-        words.push(format!("{equal} samples computed again are the same as recorded, bit for bit"));
+        words.push(format!("{equal} replayed samples are equal to the recorded ones, bit for bit"));
     }
-    Ok(Output::new(value(asked, &replayed, took_s), words.join("\n")).failing(verdict.map(Failure::NotNow)))
+    Ok(Output::new(value(args, &replayed, took_s), words.join("\n")).failing(verdict.map(Failure::NotNow)))
 }
 
-fn changed(changes: &Changes) -> String {
+fn change_list(changes: &Changes) -> String {
     let law = changes.law.iter().map(|law| format!("law {law}"));
     law.chain(changes.set.iter().map(|(key, value)| format!("{key} = {value}"))).collect::<Vec<_>>().join(", ")
 }
@@ -89,27 +89,27 @@ fn table(replayed: &Replayed) -> Vec<String> {
     for tally in &replayed.channels {
         let channel = &tally.channel;
         if tally.definition_changed {
-            lines.push(format!("{channel}: its definition has changed since; what both have was compared"));
+            lines.push(format!("{channel}: its definition has changed since; only the common fields were compared"));
         }
         lines.extend(tally.not_compared.iter().map(|(why, count)| format!("{channel}: {count} not compared: {why}")));
         if let Some(first) = &tally.first {
             lines.push(format!(
-                "{channel}: first difference in cycle {} at {:.2} s: {} was {}, is now {}",
+                "{channel}: first difference in cycle {} at {:.2} s: {} was {} and is now {}",
                 first.cycle, first.time_s, first.field, first.recorded, first.replayed
             ));
         }
     }
     if replayed.channels.iter().any(|tally| tally.definition_changed) {
         let build = replayed.recorded_by.as_deref().unwrap_or("an unnamed version");
-        lines.push(format!("definitions have changed since: nims {build} recorded the run, and replays all of it"));
+        lines.push(format!("definitions have changed since: nims {build} recorded the run and can replay all of it"));
     }
     lines.extend(replayed.damage.iter().map(|damage| format!("not readable: {damage}")));
     lines
 }
 
-fn value(asked: &Args, replayed: &Replayed, took_s: f64) -> Value {
+fn value(args: &Args, replayed: &Replayed, took_s: f64) -> Value {
     let mut value = json!({
-        "run": asked.run,
+        "run": args.run,
         "cycles": replayed.cycles,
         "flown_s": replayed.flown_s,
         "took_s": took_s,

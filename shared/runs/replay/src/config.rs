@@ -1,4 +1,4 @@
-//! The configuration that a run was recorded with, as it stands in the run file, and what is changed of it.
+//! The configuration stored in the run file, with the requested changes.
 
 use super::changes::Changes;
 use command::{Answer, Failure};
@@ -6,54 +6,54 @@ use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
-use runlog::Attachment;
+use runlog::{Attachment, FORMER_SYSTEM_FILE, SYSTEM_FILE};
 use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Names under which the recorder keeps the configuration.
-const BOX: &str = "box.toml";
+/// File name under which the recorder stores the robot file.
 const ROBOT: &str = "robot.toml";
-/// Tables of the robot file; every other key is one of the system file.
+/// Tables of the robot file; all other keys belong to the system file.
 const ROBOT_TABLES: [&str; 4] = ["robot", "lines", "motor", "site"];
 
-/// What the deciding parts are made from.
+/// Configuration of the deciding parts.
 #[derive(Debug, Clone)]
 pub(super) struct Configuration {
     file: SystemFile,
     robot: RobotFile,
     core: CoreConfig,
-    /// The law, or the method, is not the one that a process had been started with.
+    /// Whether the requested law differs from the one that a process was started with.
     law_changed: bool,
+    /// The same for the estimation method.
     method_changed: bool,
-    /// What is changed of the controllers' and the estimators' sections.
+    /// Requested changes of the `[controller]` and `[estimator]` sections.
     sections_changed: Vec<(String, String)>,
 }
 
 impl Configuration {
-    /// As recorded, with these changes.
+    /// Reads the recorded configuration and applies the changes.
     ///
     /// # Errors
-    /// The run holds no configuration, or it cannot be used, or a change cannot.
+    /// The run has no configuration, it cannot be used, or a change cannot be applied.
     pub(super) fn of(attachments: &[Attachment], changes: &Changes) -> Answer<Self> {
         let folder = tempfile::tempdir().map_err(Failure::not_now)?;
-        // A name is a name of a file, not a way out of the folder.
+        // The name of an attachment must not lead out of the folder.
         for (attachment, name) in attachments.iter().filter_map(|one| Some((one, Path::new(&one.name).file_name()?))) {
+            let name = if name == FORMER_SYSTEM_FILE { Path::new(SYSTEM_FILE) } else { Path::new(name) };
             fs::write(folder.path().join(name), &attachment.data).map_err(Failure::not_now)?;
         }
         let plain = |problem: &dyn std::fmt::Display| {
             Failure::bad(problem.to_string().replace(&format!("{}/", folder.path().display()), "the run's "))
         };
         let table = |name: &str| -> Answer<Table> {
-            let text = fs::read_to_string(folder.path().join(name)).map_err(|_| {
-                Failure::BadInput(format!("the run file holds no {name}, so nothing can be computed again from it"))
-            })?;
+            let text = fs::read_to_string(folder.path().join(name))
+                .map_err(|_| Failure::BadInput(format!("the run file has no {name}, so the run cannot be replayed")))?;
             text.parse().map_err(|error| plain(&format!("{name}: {error}")))
         };
-        let (mut file, mut robot) = (table(BOX)?, table(ROBOT)?);
+        let (mut file, mut robot) = (table(SYSTEM_FILE)?, table(ROBOT)?);
         file.insert("robot".to_owned(), Value::String(ROBOT.to_owned()));
-        // What its sensors looked at is recorded, and not computed again.
+        // Sensor readings are recorded and not recomputed, so the ground is not needed.
         if let Some(Value::Table(section)) = file.get_mut("motor_box") {
             for key in ["ground", "scene"] {
                 section.remove(key); // `scene`: as older runs name it
@@ -69,11 +69,11 @@ impl Configuration {
             set(&mut file, "controller.law", law)?;
             changed.push("controller.law");
         }
-        for (name, table) in [(BOX, file), (ROBOT, robot)] {
+        for (name, table) in [(SYSTEM_FILE, file), (ROBOT, robot)] {
             let text = toml::to_string(&table).map_err(Failure::not_now)?;
             fs::write(folder.path().join(name), text).map_err(Failure::not_now)?;
         }
-        let file = SystemFile::load(&folder.path().join(BOX)).map_err(|error| plain(&error))?;
+        let file = SystemFile::load(&folder.path().join(SYSTEM_FILE)).map_err(|error| plain(&error))?;
         let robot = file.robot_file().map_err(|error| plain(&error))?;
         let core = CoreConfig::from_files(&file, &robot).map_err(|error| plain(&error))?;
         let this = Self {
@@ -89,50 +89,50 @@ impl Configuration {
         Ok(this)
     }
 
-    /// How many cables.
+    /// Returns the number of cables.
     pub(super) fn cables(&self) -> usize {
         self.core.cable_count()
     }
 
-    /// The deciding part of motor-io.
+    /// Creates the deciding part of motor-io.
     pub(super) fn core(&self) -> Core {
         Core::new(self.core.clone())
     }
 
-    /// The estimator of that life, by the method that its estimates name and the parameters that it said it works with.
-    pub(super) fn estimator(&self, incarnation: u32, method: u8, said: Option<&str>) -> Option<EstimatorConfig> {
+    /// Returns the configuration of an estimator from the method in its estimates and its reported parameters.
+    pub(super) fn estimator(&self, incarnation: u32, method: u8, parameters: Option<&str>) -> Option<EstimatorConfig> {
         let method = Method::numbered(method)?;
-        self.with_sections(said)?.estimator_config(incarnation, Some(method)).ok()
+        self.with_sections(parameters)?.estimator_config(incarnation, Some(method)).ok()
     }
 
-    /// The controller of that life, with the law that its answers name and the parameters that it said it works with.
-    pub(super) fn controller(&self, incarnation: u32, law: u8, said: Option<&str>) -> Option<ControllerConfig> {
+    /// Returns the configuration of a controller from the law in its answers and its reported parameters.
+    pub(super) fn controller(&self, incarnation: u32, law: u8, parameters: Option<&str>) -> Option<ControllerConfig> {
         let law = Law::numbered(law)?;
-        self.with_sections(said)?.controller_config(incarnation, Some(law)).ok()
+        self.with_sections(parameters)?.controller_config(incarnation, Some(law)).ok()
     }
 
-    /// Time in which a controller fades from old parameters to new ones, s.
+    /// Returns the time in which a controller fades from old parameters to new ones, s.
     pub(super) fn fade_s(&self) -> f64 {
         self.file.arbiter.fade_s
     }
 
-    /// With the sections that a process said it works with, and what is changed of them; `None` if they are none.
-    fn with_sections(&self, said: Option<&str>) -> Option<Cow<'_, Self>> {
-        let Some(said) = said else { return Some(Cow::Borrowed(self)) };
-        let mut sections: Table = said.parse().ok()?;
+    /// Returns this configuration with reported sections and the requested changes; `None` if they are invalid.
+    fn with_sections(&self, parameters: Option<&str>) -> Option<Cow<'_, Self>> {
+        let Some(parameters) = parameters else { return Some(Cow::Borrowed(self)) };
+        let mut sections: Table = parameters.parse().ok()?;
         for (key, value) in &self.sections_changed {
             set(&mut sections, key, value).ok()?;
         }
         let mut with = self.clone();
-        let mut take = |name: &str| sections.remove(name);
-        if let Some(section) = take("controller") {
+        let mut remove = |name: &str| sections.remove(name);
+        if let Some(section) = remove("controller") {
             let law = with.file.controller.law;
             with.file.controller = section.try_into().ok()?;
             if self.law_changed {
                 with.file.controller.law = law;
             }
         }
-        if let Some(section) = take("estimator") {
+        if let Some(section) = remove("estimator") {
             let method = with.file.estimator.method;
             with.file.estimator = section.try_into().ok()?;
             if self.method_changed {
@@ -163,7 +163,7 @@ fn is_of_a_section(key: &str) -> bool {
     key.starts_with("controller.") || key.starts_with("estimator.")
 }
 
-/// Puts a value, written as in a configuration file or as a bare word, where its dotted key says.
+/// Sets a dotted key to a value in TOML syntax or to a bare word.
 fn set(table: &mut Table, key: &str, value: &str) -> Answer {
     let value = match format!("value = {value}").parse::<Table>() {
         Ok(mut read) => read.remove("value").unwrap_or_else(|| Value::String(value.to_owned())),
@@ -178,7 +178,7 @@ fn set(table: &mut Table, key: &str, value: &str) -> Answer {
         }
         let inner = at.entry(name).or_insert_with(|| Value::Table(Table::new()));
         let Value::Table(inner) = inner else {
-            return Err(Failure::BadInput(format!("--set {key}: `{name}` is no table of the configuration")));
+            return Err(Failure::BadInput(format!("--set {key}: `{name}` is not a table of the configuration")));
         };
         at = inner;
     }
@@ -201,6 +201,6 @@ mod tests {
             "name = \"x\"\n[controller]\nhorizon_cycles = 30\nlaw = \"preview\"\n[estimator]\nprior = [0.5, 0.5]";
         assert_eq!(table, wanted.parse::<Table>().unwrap());
         let why = set(&mut table, "name.inner", "1").unwrap_err().to_string();
-        assert_eq!(why, "--set name.inner: `name` is no table of the configuration");
+        assert_eq!(why, "--set name.inner: `name` is not a table of the configuration");
     }
 }

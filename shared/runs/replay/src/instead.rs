@@ -1,25 +1,25 @@
-//! What would have been commanded instead: the differences that a changed law or parameter makes, each part on its own recorded inputs.
+//! Effect of a changed law or parameter on the commands, with each part on its own recorded inputs.
 
 use command::{Answer, Failure};
 use messages::{CABLES, MotorAuthority, MotorCommand, MotorState, NodeEstimate};
-use plot::{Axis, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 use serde::Serialize;
 use std::path::Path;
 
-/// Points of a curve; more than pixels only make the file large.
+/// Maximum number of points per curve; more than pixels only enlarge the file.
 const POINTS: usize = 4000;
-/// A pause longer than this interrupts a curve, s.
+/// Pause that interrupts a curve, s.
 const PAUSE_S: f64 = 0.5;
 
-/// The difference of one quantity over many cycles.
+/// Accumulated difference of one quantity over many cycles.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Sum {
+struct DifferenceSum {
     squares: f64,
     max: f64,
     count: u64,
 }
 
-impl Sum {
+impl DifferenceSum {
     fn add(&mut self, difference: f64) {
         self.squares += difference * difference;
         self.max = self.max.max(difference.abs());
@@ -31,37 +31,37 @@ impl Sum {
     }
 }
 
-/// How large differences are.
+/// Magnitude of differences.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Spread {
     /// Root mean square.
     pub rms: f64,
-    /// Largest.
+    /// Maximum.
     pub max: f64,
 }
 
-/// Over the cycles in which the robot followed a motion by the controller and the estimate compared.
+/// Differences over the cycles in which the robot followed a motion with the compared controller and estimate.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Instead {
-    /// Cycles in which both gave a command.
+    /// Cycles with a command from both.
     pub cycles: u64,
-    /// Cycles in which only the recorded one did, and only the new one.
+    /// Cycles with a command only in the recording.
     pub only_recorded: u64,
-    /// See `only_recorded`.
+    /// Cycles with a command only from the changed controller.
     pub only_new: u64,
     /// Difference of the commanded velocity per cable, m/s.
     pub command_m_s: Vec<Spread>,
-    /// Difference of what motor-io would have sent for the recorded commands, per cable, m/s.
+    /// Difference of the velocity that motor-io sends for the recorded commands, per cable, m/s.
     pub sent_m_s: Vec<Spread>,
     /// Distance between the estimated positions, m.
     pub position_m: Spread,
-    /// Cycles in which motor-io would have been in another mode.
+    /// Cycles in which motor-io is in a different mode.
     pub cycles_of_other_mode: u64,
     #[serde(skip)]
     curve: Curve,
 }
 
-/// Commands over time, thinned out evenly as it grows.
+/// Commands over time, decimated as their number grows.
 #[derive(Clone, Default, PartialEq)]
 struct Curve {
     points: Vec<(f64, [f64; CABLES], [f64; CABLES])>,
@@ -92,13 +92,13 @@ impl Curve {
     }
 }
 
-/// Collects them.
+/// Accumulates the differences of a replay.
 #[derive(Debug, Default)]
 pub(super) struct Collector {
     cables: usize,
-    command: [Sum; CABLES],
-    sent: [Sum; CABLES],
-    position: Sum,
+    command: [DifferenceSum; CABLES],
+    sent: [DifferenceSum; CABLES],
+    position: DifferenceSum,
     instead: Instead,
 }
 
@@ -107,7 +107,7 @@ impl Collector {
         Self { cables, ..Self::default() }
     }
 
-    /// A controller's answer to a cycle, as recorded and as it is now.
+    /// Records a controller's answer to a cycle, recorded and recomputed.
     pub(super) fn command(
         &mut self,
         time_s: f64,
@@ -140,7 +140,7 @@ impl Collector {
         self.instead.cycles += 1;
     }
 
-    /// What motor-io sent in a cycle in which it followed a motion.
+    /// Records the velocities that motor-io sent in a cycle in which it followed a motion.
     pub(super) fn sent(&mut self, authority: &MotorAuthority, recorded: &MotorState, new: &MotorState) {
         if authority.mode == MotorAuthority::MODE_FOLLOWING {
             for i in 0..self.cables {
@@ -149,12 +149,12 @@ impl Collector {
         }
     }
 
-    /// The mode that motor-io was in, and the one it would have been in.
+    /// Records the modes of motor-io, recorded and recomputed.
     pub(super) fn mode(&mut self, recorded: &MotorAuthority, new: &MotorAuthority) {
         self.instead.cycles_of_other_mode += u64::from(recorded.mode != new.mode);
     }
 
-    /// An estimate of a cycle.
+    /// Records an estimate, recorded and recomputed.
     pub(super) fn estimate(&mut self, recorded: &NodeEstimate, new: &NodeEstimate) {
         if recorded.valid == 1 && new.valid == 1 {
             let squares = recorded.position_m.iter().zip(&new.position_m).map(|(a, b)| (a - b) * (a - b));
@@ -163,7 +163,7 @@ impl Collector {
     }
 
     pub(super) fn end(self) -> Instead {
-        let spreads = |sums: &[Sum; CABLES]| sums[..self.cables].iter().map(Sum::spread).collect();
+        let spreads = |sums: &[DifferenceSum; CABLES]| sums[..self.cables].iter().map(DifferenceSum::spread).collect();
         Instead {
             command_m_s: spreads(&self.command),
             sent_m_s: spreads(&self.sent),
@@ -174,11 +174,11 @@ impl Collector {
 }
 
 impl Instead {
-    /// A table of the differences.
+    /// Returns the differences as a text table.
     pub(super) fn words(&self) -> String {
         let mm = |spread: &Spread| format!("{:>10.3} {:>10.3}", 1e3 * spread.rms, 1e3 * spread.max);
         let mut lines = vec![
-            format!("over {} cycles in which the robot followed a motion, and both gave a command:", self.cycles),
+            format!("over {} cycles with a motion and a command from both:", self.cycles),
             "cable   commanded, mm/s         sent, mm/s".to_owned(),
             "               RMS        max        RMS        max".to_owned(),
         ];
@@ -187,37 +187,37 @@ impl Instead {
         }
         let position = &self.position_m;
         lines.push(format!(
-            "estimated position: RMS {:.3} mm, max {:.3} mm apart; motor-io in another mode in {} cycles",
+            "estimated position: difference RMS {:.3} mm, max {:.3} mm; motor-io in a different mode in {} cycles",
             1e3 * position.rms,
             1e3 * position.max,
             self.cycles_of_other_mode
         ));
         for (count, who) in [(self.only_recorded, "recorded"), (self.only_new, "changed")] {
             if count > 0 {
-                lines.push(format!("in {count} cycles only the {who} controller gave a command"));
+                lines.push(format!("in {count} cycles only the {who} controller sent a command"));
             }
         }
         lines.join("\n")
     }
 
-    /// Both velocities of each cable over time, into `.svg` or `.png`.
+    /// Plots both velocities of each cable over time to `.svg` or `.png`.
     ///
     /// # Errors
-    /// Another ending, nothing to draw, or the file cannot be written.
+    /// An unknown file extension, no data, or a file that cannot be written.
     pub(super) fn draw(&self, path: &Path, title: &str) -> Answer {
         let save = match path.extension().and_then(|ending| ending.to_str()) {
             Some("svg") => plot::save_svg,
             Some("png") => plot::save_png,
             _ => {
                 return Err(Failure::BadInput(format!(
-                    "--plot {}: give a file that ends in .svg or .png",
+                    "--plot is {}; accepted: a file that ends in .svg or .png",
                     path.display()
                 )));
             }
         };
         let Some((begin_s, ..)) = self.curve.points.first() else {
             return Err(Failure::NotNow(
-                "there is nothing to draw: the robot followed no motion in this run".to_owned(),
+                "there is nothing to plot: the robot followed no motion in this run".to_owned(),
             ));
         };
         let charts = (0..self.command_m_s.len()).map(|i| {
@@ -234,11 +234,11 @@ impl Instead {
             };
             Chart {
                 caption: format!("cable {}", i + 1),
-                x: Axis::of("time, s"),
-                y: Axis::of("velocity, mm/s"),
+                x: Axis::auto("time, s"),
+                y: Axis::auto("velocity, mm/s"),
                 series: vec![
                     Series::line("recorded", GREY, line(false)),
-                    Series::line("instead", i, line(true)).looking(Look::Line(1)),
+                    Series::line("changed", i, line(true)).with_style(SeriesStyle::Line(1)),
                 ],
                 legend: Legend::LowerLeft,
                 ..Chart::default()

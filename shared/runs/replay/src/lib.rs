@@ -1,8 +1,9 @@
-//! `nims replay`: what was decided in a run, computed again from what was recorded, by the very same steps.
+//! `nims replay`: recomputes the decisions of a run from its recorded inputs with the same steps.
 //!
-//! motor-io's safety machine and arbiter work on `motor/input`, estimators on `motor/state` and the `motor/authority` that their estimates
-//! name, controllers on what `control/status` says they had seen, each with the parameters that it said it works with (`system/config/NAME`). Every part gets its recorded inputs, not what another part makes of them
-//! now: a difference stays where it arises. A process that was started on the way begins with its first sample.
+//! motor-io's safety machine and arbiter work on `motor/input`, estimators on `motor/state` and the `motor/authority`
+//! that their estimates name, controllers on the samples that `control/status` names, each with the parameters that it
+//! reported (`system/config/NAME`). Each part gets its recorded inputs, not the recomputed outputs of another part, so
+//! a difference stays where it arises. A process that was started during the run begins with its first sample.
 #![forbid(unsafe_code)]
 
 mod changes;
@@ -11,7 +12,7 @@ mod command_line;
 mod config;
 mod instead;
 mod parts;
-mod used;
+mod reported;
 
 pub use changes::Changes;
 pub use channel::{Difference, Tally};
@@ -27,70 +28,70 @@ use messages::{
     OperatorRequest, PlanMotion, SLOT_NAMES, SLOTS, SystemConfig, text_of,
 };
 use parts::{Controllers, Estimators, MotorIo, Recent};
+use reported::ReportedParameters;
 use runlog::{RecordedSample, RunReader};
 use std::path::Path;
-use used::Used;
 
-/// A sample is worked on when the run is read this far beyond it, ns: by then everything that it rests on has been read and worked on too.
-/// Samples of one cycle stand in the file within some milliseconds of each other, but in no certain order.
+/// Delay between reading and processing a sample, ns: by then all its inputs have been read and processed too. Samples
+/// of one cycle are within some milliseconds of each other in the file, in no particular order.
 const INPUTS_BEHIND_NS: u64 = 400_000_000;
-/// The same for estimates, on which controllers rest.
+/// The same delay for estimates, which controllers need.
 const ESTIMATES_BEHIND_NS: u64 = 700_000_000;
-/// The same for everything else.
+/// The same delay for all other samples.
 const BEHIND_NS: u64 = 1_000_000_000;
-/// Time of the run after which there is work again.
+/// Interval of run time between two passes of processing, ns.
 const EVERY_NS: u64 = 20_000_000;
 
-/// What came of it.
+/// Result of a replay.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Replayed {
-    /// Every channel of which something was recorded.
+    /// Channels with recorded samples.
     pub channels: Vec<Tally>,
-    /// Control cycles.
+    /// Number of control cycles.
     pub cycles: u64,
-    /// From the first to the last of them, s.
+    /// Time from the first to the last cycle, s.
     pub flown_s: f64,
-    /// What could not be read of the run, a sentence each.
+    /// Unreadable parts of the run, one sentence each.
     pub damage: Vec<String>,
-    /// With changes: what they would have done.
+    /// With changes: their effect.
     pub instead: Option<Instead>,
-    /// The build that recorded the run, as it named itself.
+    /// Version of the build that recorded the run.
     pub recorded_by: Option<String>,
 }
 
 impl Replayed {
-    /// Samples that are the same, bit for bit.
+    /// Returns the number of samples that are equal bit for bit.
     #[must_use]
     pub fn equal(&self) -> u64 {
         self.channels.iter().map(|tally| tally.equal).sum()
     }
 
-    /// Samples that are not the same.
+    /// Returns the number of samples that differ.
     #[must_use]
     pub fn different(&self) -> u64 {
         self.channels.iter().map(|tally| tally.different).sum()
     }
 }
 
-/// Computes a run again. `progress` is told now and then how much of it is done, 0 to 1.
+/// Replays a run; calls `progress` repeatedly with the completed share, 0 to 1.
 ///
 /// # Errors
-/// There is no run, it holds no configuration, or a change cannot be used.
+/// The run does not exist or has no configuration, or a change cannot be applied.
 pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Answer<Replayed> {
     if !path.exists() {
-        return Err(Failure::BadInput(format!("there is no run {}: give a run folder or a run file", path.display())));
+        return Err(Failure::BadInput(format!("{} does not exist; give a run folder or a run file", path.display())));
     }
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
-    // The configuration stands before the first sample.
+    // The attachments with the configuration precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
     let configuration = Configuration::of(reader.attachments(), changes)?;
     let recorded_by = reader.about().get("nims_version").cloned();
     let total = reader.bytes().max(1) as f64;
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
-    let mut machine = Machine::new(configuration, !changes.is_empty());
+    let mut replay = Replay::new(configuration, !changes.is_empty());
     let mut count = 0_u64;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
-        machine.take(&recorded);
+        replay.add(&recorded);
         count += 1;
         if count.is_multiple_of(4096) {
             progress(reader.position() as f64 / total);
@@ -98,18 +99,18 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     }
     let damage = reader.damage().iter().map(|(file, damage)| format!("{}: {}", file.display(), damage.why));
     let damage: Vec<String> = damage.collect();
-    Ok(Replayed { damage, recorded_by, ..machine.end() })
+    Ok(Replayed { damage, recorded_by, ..replay.end() })
 }
 
-/// All parts and all channels.
-struct Machine {
+/// All deciding parts and all channels.
+struct Replay {
     configuration: Configuration,
     collector: Option<Collector>,
     motor_io: MotorIo,
     estimators: [Estimators; SLOTS],
     controllers: [Controllers; SLOTS],
     recent: Recent,
-    used: Channel<SystemConfig>,
+    reported: Channel<SystemConfig>,
     input: Channel<MotorInput>,
     motion: Channel<PlanMotion>,
     state: Channel<MotorState>,
@@ -122,16 +123,16 @@ struct Machine {
     control: [Channel<ControlStatus>; SLOTS],
     begin_ns: Option<u64>,
     newest_ns: u64,
-    worked_ns: u64,
+    processed_ns: u64,
     cycles: u64,
     first_and_last_ns: Option<(u64, u64)>,
 }
 
-fn slotted<T: messages::Message>(beginning: &str) -> [Channel<T>; SLOTS] {
+fn channel_per_slot<T: messages::Message>(beginning: &str) -> [Channel<T>; SLOTS] {
     SLOT_NAMES.map(|slot| Channel::new(&format!("{beginning}/{slot}")))
 }
 
-impl Machine {
+impl Replay {
     fn new(configuration: Configuration, changed: bool) -> Self {
         Self {
             collector: changed.then(|| Collector::new(configuration.cables())),
@@ -145,9 +146,9 @@ impl Machine {
                 motions: History::new(),
                 estimates: std::array::from_fn(|_| History::new()),
                 commands: std::array::from_fn(|_| History::new()),
-                used: Used::default(),
+                reported: ReportedParameters::default(),
             },
-            used: Channel::new("system/config"),
+            reported: Channel::new("system/config"),
             input: Channel::new("motor/input"),
             motion: Channel::new("plan/motion"),
             state: Channel::new("motor/state"),
@@ -155,23 +156,32 @@ impl Machine {
             slots: Channel::new("motor/slots"),
             energy: Channel::new("energy"),
             request: Channel::new("operator/request"),
-            estimate: slotted("node/estimate"),
-            command: slotted("motor/command"),
-            control: slotted("control/status"),
+            estimate: channel_per_slot("node/estimate"),
+            command: channel_per_slot("motor/command"),
+            control: channel_per_slot("control/status"),
             begin_ns: None,
             newest_ns: 0,
-            worked_ns: 0,
+            processed_ns: 0,
             cycles: 0,
             first_and_last_ns: None,
         }
     }
 
-    /// The next sample of the run.
-    fn take(&mut self, recorded: &RecordedSample<'_>) {
-        // A sample may repeat an old stamp (a cycle without a reading), so what counts is its place in the file.
+    /// Processes the next sample of the run.
+    fn add(&mut self, recorded: &RecordedSample<'_>) {
+        // A sample may repeat an old stamp (a cycle without a reading), so the newest log time so far is used.
         self.newest_ns = self.newest_ns.max(recorded.log_time_ns);
         let time_ns = self.newest_ns;
         let t0_ns = *self.begin_ns.get_or_insert(time_ns);
+        self.store(recorded, time_ns, t0_ns);
+        if time_ns >= self.processed_ns + EVERY_NS {
+            self.processed_ns = time_ns;
+            self.process(time_ns);
+        }
+    }
+
+    /// Decodes a sample and stores it until it is compared or used as an input.
+    fn store(&mut self, recorded: &RecordedSample<'_>, time_ns: u64, t0_ns: u64) {
         let (name, slot) = match recorded.channel.name.rsplit_once('/') {
             Some((name, slot)) if slot == SLOT_NAMES[0] => (name, 0),
             Some((name, slot)) if slot == SLOT_NAMES[1] => (name, 1),
@@ -220,7 +230,7 @@ impl Machine {
             }
             "node/estimate" => {
                 if let Some(estimate) = self.estimate[slot].read(recorded, t0_ns) {
-                    self.estimate[slot].wait_in_turn(time_ns, estimate, |estimate| estimate.incarnation);
+                    self.estimate[slot].wait_in_order(time_ns, estimate, |estimate| estimate.incarnation);
                 }
             }
             "motor/command" => {
@@ -230,38 +240,34 @@ impl Machine {
             }
             "control/status" => {
                 if let Some(status) = self.control[slot].read(recorded, t0_ns) {
-                    self.control[slot].wait_in_turn(time_ns, status, |status| status.incarnation);
+                    self.control[slot].wait_in_order(time_ns, status, |status| status.incarnation);
                 }
             }
             name if name.starts_with("system/config/") => {
-                if let Some(said) = self.used.read(recorded, t0_ns) {
-                    self.recent.used.note(&said);
+                if let Some(report) = self.reported.read(recorded, t0_ns) {
+                    self.recent.reported.record(&report);
                 }
             }
             _ => {}
         }
-        if time_ns >= self.worked_ns + EVERY_NS {
-            self.worked_ns = time_ns;
-            self.work(time_ns);
-        }
     }
 
-    /// Works on everything that is far enough behind.
-    fn work(&mut self, now_ns: u64) {
-        while let Some((time_ns, input)) = self.input.due(now_ns.saturating_sub(INPUTS_BEHIND_NS)) {
+    /// Processes everything that is far enough behind.
+    fn process(&mut self, now_ns: u64) {
+        while let Some((time_ns, input)) = self.input.next_due(now_ns.saturating_sub(INPUTS_BEHIND_NS)) {
             self.motor_io.step(time_ns, &input, &self.configuration);
         }
         for slot in 0..SLOTS {
-            self.estimates(slot, now_ns.saturating_sub(ESTIMATES_BEHIND_NS));
+            self.compare_estimates(slot, now_ns.saturating_sub(ESTIMATES_BEHIND_NS));
         }
-        self.motor_io(now_ns.saturating_sub(BEHIND_NS));
+        self.compare_motor_io(now_ns.saturating_sub(BEHIND_NS));
         for slot in 0..SLOTS {
-            self.controls(slot, now_ns.saturating_sub(BEHIND_NS));
+            self.compare_controls(slot, now_ns.saturating_sub(BEHIND_NS));
         }
     }
 
-    fn motor_io(&mut self, until_ns: u64) {
-        while let Some((time_ns, state)) = self.state.due(until_ns) {
+    fn compare_motor_io(&mut self, until_ns: u64) {
+        while let Some((time_ns, state)) = self.state.next_due(until_ns) {
             match self.motor_io.made(state.header.cycle, time_ns) {
                 Ok(made) => {
                     if let Some(collector) = &mut self.collector {
@@ -272,7 +278,7 @@ impl Machine {
                 Err(why) => self.state.skip(why),
             }
         }
-        while let Some((time_ns, authority)) = self.authority.due(until_ns) {
+        while let Some((time_ns, authority)) = self.authority.next_due(until_ns) {
             match self.motor_io.made(authority.header.cycle, time_ns) {
                 Ok(made) => {
                     if let Some(collector) = &mut self.collector {
@@ -283,25 +289,25 @@ impl Machine {
                 Err(why) => self.authority.skip(why),
             }
         }
-        while let Some((time_ns, slots)) = self.slots.due(until_ns) {
+        while let Some((time_ns, slots)) = self.slots.next_due(until_ns) {
             match self.motor_io.made(slots.header.cycle, time_ns) {
                 Ok(made) => self.slots.compare(time_ns, &slots, made.slots),
                 Err(why) => self.slots.skip(why),
             }
         }
-        while let Some((time_ns, energy)) = self.energy.due(until_ns) {
+        while let Some((time_ns, energy)) = self.energy.next_due(until_ns) {
             match self.motor_io.made(energy.header.cycle, time_ns) {
                 Ok(made) => self.energy.compare(time_ns, &energy, made.energy),
                 Err(why) => self.energy.skip(why),
             }
         }
-        while let Some((time_ns, request)) = self.request.due(until_ns) {
-            self.answer(time_ns, &request);
+        while let Some((time_ns, request)) = self.request.next_due(until_ns) {
+            self.compare_answer(time_ns, &request);
         }
     }
 
-    /// Compares an answer of motor-io; other processes answer on the same channel.
-    fn answer(&mut self, time_ns: u64, request: &OperatorRequest) {
+    /// Compares an answer of motor-io; answers of other processes on the channel are skipped.
+    fn compare_answer(&mut self, time_ns: u64, request: &OperatorRequest) {
         let answer = self.motor_io.answer(request.id, time_ns);
         let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.verb) else { return };
         let word = |accepted: bool| if accepted { "accepted" } else { "refused" };
@@ -310,29 +316,29 @@ impl Machine {
         self.request.compare_text(time_ns, request.header.cycle, "answer", &was, &is);
     }
 
-    fn estimates(&mut self, slot: usize, until_ns: u64) {
-        while let Some((time_ns, estimate)) = self.estimate[slot].due(until_ns) {
+    fn compare_estimates(&mut self, slot: usize, until_ns: u64) {
+        while let Some((time_ns, estimate)) = self.estimate[slot].next_due(until_ns) {
             let again = self.estimators[slot].step(time_ns, &estimate, &self.recent, &self.configuration);
-            let mut used = estimate;
+            let mut input = estimate;
             match again {
                 Ok(mut made) => {
-                    // The kernel's number of a thread is nothing that a step decides.
+                    // The kernel's thread id is not a result of the step.
                     made.thread = estimate.thread;
                     if let Some(collector) = &mut self.collector {
                         collector.estimate(&estimate, &made);
-                        // A changed estimator is a change for the controllers too.
-                        used = made;
+                        // A changed estimator also changes the inputs of the controllers.
+                        input = made;
                     }
                     self.estimate[slot].compare(time_ns, &estimate, made);
                 }
                 Err(why) => self.estimate[slot].skip(why),
             }
-            self.recent.estimates[slot].push(used.header.cycle, time_ns, used);
+            self.recent.estimates[slot].push(input.header.cycle, time_ns, input);
         }
     }
 
-    fn controls(&mut self, slot: usize, until_ns: u64) {
-        while let Some((time_ns, status)) = self.control[slot].due(until_ns) {
+    fn compare_controls(&mut self, slot: usize, until_ns: u64) {
+        while let Some((time_ns, status)) = self.control[slot].next_due(until_ns) {
             let again = self.controllers[slot].step(time_ns, &status, &self.recent, &self.configuration);
             let command = self.recent.commands[slot].find(status.header.seq, time_ns).copied();
             let command = command.filter(|command| command.incarnation == status.incarnation);
@@ -358,9 +364,9 @@ impl Machine {
         }
     }
 
-    /// What is left, and the outcome.
+    /// Processes the remaining samples and returns the result.
     fn end(mut self) -> Replayed {
-        self.work(u64::MAX);
+        self.process(u64::MAX);
         let Self { state, authority, slots, energy, request, estimate, command, control, .. } = self;
         let motor_io = [state.end(), authority.end(), slots.end(), energy.end(), request.end_of_some()];
         let estimators = estimate.map(Channel::end);

@@ -1,44 +1,44 @@
-//! The deciding parts, each one life of a process after the other, fed with what was recorded.
+//! The deciding parts, one instance per incarnation of a process, fed with the recorded inputs.
 
-use super::channel::{History, Why};
+use super::channel::{History, SkipReason};
 use super::config::Configuration;
-use super::used::Used;
+use super::reported::ReportedParameters;
 use controller::{Controller, Inputs};
 use estimator::Estimator;
 use messages::{ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion, SLOTS};
 use motor_io::{Answer, Core, Observation};
 
-/// The first sample of a process is not in the run, so nobody knows what it had learnt before.
-const BEGINNING: Why = "the beginning of its process's life was not recorded";
-/// The same behind a loss.
-const GAP: Why = "it follows a gap in the recording";
-/// Nothing of this build makes such samples.
-const FOREIGN: Why = "made by a program or a law of one's own";
-/// An input is not in the run.
-const INPUT: Why = "what it was made from was not recorded";
+/// The first sample of an incarnation is missing, so the state at its first recorded sample is unknown.
+const BEGINNING: SkipReason = "the start of its process was not recorded";
+/// The same after a loss.
+const GAP: SkipReason = "it follows a gap in the recording";
+/// This build has no code that computes such samples.
+const FOREIGN: SkipReason = "computed by a custom program, law or estimator";
+/// An input is missing in the run.
+const INPUT: SkipReason = "one of its inputs was not recorded";
 
-/// One process after the other in the same place.
-struct Life<P> {
+/// The incarnations of a process in one slot, one after the other.
+struct Incarnations<P> {
     part: Option<P>,
     incarnation: u32,
     seq: u64,
-    why: Why,
+    why: SkipReason,
 }
 
-impl<P> Life<P> {
-    fn none() -> Self {
+impl<P> Incarnations<P> {
+    fn new() -> Self {
         Self { part: None, incarnation: 0, seq: 0, why: BEGINNING }
     }
 
-    /// The part that makes the sample of this number: a new one for the first sample of a life, the same one for the next, and none behind
-    /// a gap.
-    fn part(&mut self, incarnation: u32, seq: u64, begin: impl FnOnce() -> Option<P>) -> Result<&mut P, Why> {
+    /// Returns the part that computes the sample with this number: a new one for the first sample of an incarnation,
+    /// the same one for the next sample, and none after a gap.
+    fn part(&mut self, incarnation: u32, seq: u64, begin: impl FnOnce() -> Option<P>) -> Result<&mut P, SkipReason> {
         let same = incarnation == self.incarnation;
         if seq == 1 {
             (self.part, self.why) = (begin(), FOREIGN);
         } else if !same || seq != self.seq + 1 {
             let why = match self.why {
-                // What is nobody's stays so.
+                // A custom program stays one for its whole incarnation.
                 FOREIGN if same => FOREIGN,
                 _ if same && self.seq > 0 => GAP,
                 _ => BEGINNING,
@@ -49,25 +49,25 @@ impl<P> Life<P> {
         self.part.as_mut().ok_or(self.why)
     }
 
-    /// What the part missed it cannot make up for.
-    fn lose(&mut self, why: Why) -> Why {
+    /// Discards the part, because it missed an input and cannot continue.
+    fn lose(&mut self, why: SkipReason) -> SkipReason {
         (self.part, self.why) = (None, why);
         why
     }
 }
 
-/// What was recorded lately, for those who looked at it.
+/// Recently recorded samples, indexed for the parts that used them.
 pub(super) struct Recent {
     pub(super) states: History<MotorState>,
     pub(super) authorities: History<MotorAuthority>,
     pub(super) motions: History<PlanMotion>,
     pub(super) estimates: [History<NodeEstimate>; SLOTS],
     pub(super) commands: [History<MotorCommand>; SLOTS],
-    pub(super) used: Used,
+    pub(super) reported: ReportedParameters,
 }
 
-/// The sample of that cycle or beat; 0: nobody had seen one.
-fn seen<T>(history: &History<T>, number: u64, time_ns: u64) -> Result<Option<&T>, Why> {
+/// Returns the sample of that cycle or beat; 0 means that the process had not received one.
+fn received<T>(history: &History<T>, number: u64, time_ns: u64) -> Result<Option<&T>, SkipReason> {
     match number {
         0 => Ok(None),
         _ => history.find(number, time_ns).map(Some).ok_or(INPUT),
@@ -76,19 +76,19 @@ fn seen<T>(history: &History<T>, number: u64, time_ns: u64) -> Result<Option<&T>
 
 /// motor-io: safety machine and arbiter.
 pub(super) struct MotorIo {
-    life: Life<Core>,
-    made: History<Result<Observation, Why>>,
+    incarnations: Incarnations<Core>,
+    made: History<Result<Observation, SkipReason>>,
     answers: History<Answer>,
 }
 
 impl MotorIo {
     pub(super) fn new() -> Self {
-        Self { life: Life::none(), made: History::new(), answers: History::new() }
+        Self { incarnations: Incarnations::new(), made: History::new(), answers: History::new() }
     }
 
-    /// One cycle.
+    /// Computes one cycle.
     pub(super) fn step(&mut self, time_ns: u64, input: &MotorInput, configuration: &Configuration) {
-        let core = self.life.part(0, input.header.seq, || Some(configuration.core()));
+        let core = self.incarnations.part(0, input.header.seq, || Some(configuration.core()));
         let made = core.map(|core| {
             core.decide(input);
             for answer in core.answers() {
@@ -99,12 +99,12 @@ impl MotorIo {
         self.made.push(input.header.cycle, time_ns, made);
     }
 
-    /// What the cycle came to.
-    pub(super) fn made(&self, cycle: u64, time_ns: u64) -> Result<&Observation, Why> {
+    /// Returns the outcome of a cycle.
+    pub(super) fn made(&self, cycle: u64, time_ns: u64) -> Result<&Observation, SkipReason> {
         self.made.find(cycle, time_ns).ok_or(INPUT)?.as_ref().map_err(|why| *why)
     }
 
-    /// What it answered to a request.
+    /// Returns the answer to a request.
     pub(super) fn answer(&self, id: u64, time_ns: u64) -> Option<&Answer> {
         self.answers.find(id, time_ns)
     }
@@ -112,89 +112,93 @@ impl MotorIo {
 
 /// The estimators of a slot.
 pub(super) struct Estimators {
-    life: Life<Estimator>,
+    incarnations: Incarnations<Estimator>,
 }
 
 impl Estimators {
     pub(super) fn new() -> Self {
-        Self { life: Life::none() }
+        Self { incarnations: Incarnations::new() }
     }
 
-    /// The step that made `recorded`, again.
+    /// Recomputes the step that produced `recorded`.
     pub(super) fn step(
         &mut self,
         time_ns: u64,
         recorded: &NodeEstimate,
         recent: &Recent,
         configuration: &Configuration,
-    ) -> Result<NodeEstimate, Why> {
+    ) -> Result<NodeEstimate, SkipReason> {
         let NodeEstimate { header, incarnation, method, seen_authority, .. } = *recorded;
-        let config = |said: Option<&str>| configuration.estimator(incarnation, method, said);
-        let begin = || config(recent.used.at_start(incarnation)).map(|config| Estimator::new(&config));
-        let estimator = self.life.part(incarnation, header.seq, begin)?;
-        if let Some(config) = recent.used.from(incarnation, header.seq).and_then(|said| config(Some(said))) {
+        let config = |parameters: Option<&str>| configuration.estimator(incarnation, method, parameters);
+        let begin = || config(recent.reported.at_start(incarnation)).map(|config| Estimator::new(&config));
+        let estimator = self.incarnations.part(incarnation, header.seq, begin)?;
+        if let Some(config) =
+            recent.reported.from(incarnation, header.seq).and_then(|parameters| config(Some(parameters)))
+        {
             estimator.configure(&config);
         }
         let state = recent.states.find(header.cycle, time_ns).ok_or(INPUT);
-        let inputs = state.and_then(|state| Ok((state, seen(&recent.authorities, seen_authority, time_ns)?)));
+        let inputs = state.and_then(|state| Ok((state, received(&recent.authorities, seen_authority, time_ns)?)));
         match inputs {
             Ok((state, authority)) => Ok(estimator.step(state, authority)),
-            Err(why) => Err(self.life.lose(why)),
+            Err(why) => Err(self.incarnations.lose(why)),
         }
     }
 }
 
 /// The controllers of a slot.
 pub(super) struct Controllers {
-    life: Life<Controller>,
+    incarnations: Incarnations<Controller>,
 }
 
 impl Controllers {
     pub(super) fn new() -> Self {
-        Self { life: Life::none() }
+        Self { incarnations: Incarnations::new() }
     }
 
-    /// The step that made `recorded` and the command of the same number, again.
+    /// Recomputes the step that produced `recorded` and the command of the same number.
     pub(super) fn step(
         &mut self,
         time_ns: u64,
         recorded: &ControlStatus,
         recent: &Recent,
         configuration: &Configuration,
-    ) -> Result<(MotorCommand, ControlStatus), Why> {
+    ) -> Result<(MotorCommand, ControlStatus), SkipReason> {
         let ControlStatus { header, incarnation, chosen_law, .. } = *recorded;
-        let config = |said: Option<&str>| configuration.controller(incarnation, chosen_law, said);
-        let begin = || config(recent.used.at_start(incarnation)).map(Controller::new);
-        let controller = self.life.part(incarnation, header.seq, begin)?;
-        if let Some(config) = recent.used.from(incarnation, header.seq).and_then(|said| config(Some(said))) {
+        let config = |parameters: Option<&str>| configuration.controller(incarnation, chosen_law, parameters);
+        let begin = || config(recent.reported.at_start(incarnation)).map(Controller::new);
+        let controller = self.incarnations.part(incarnation, header.seq, begin)?;
+        if let Some(config) =
+            recent.reported.from(incarnation, header.seq).and_then(|parameters| config(Some(parameters)))
+        {
             controller.configure(config, configuration.fade_s());
         }
         match inputs(time_ns, recorded, recent) {
-            Ok(seen) => {
-                let (command, mut status) = controller.step(&seen);
-                // What had no say was not handed over.
+            Ok(inputs) => {
+                let (command, mut status) = controller.step(&inputs);
+                // An estimate that had no effect was not passed to the step.
                 status.seen_estimate = recorded.seen_estimate;
                 Ok((command, status))
             }
-            Err(why) => Err(self.life.lose(why)),
+            Err(why) => Err(self.incarnations.lose(why)),
         }
     }
 }
 
-/// What the controller had seen when it made `recorded`.
-fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, Why> {
+/// Returns the inputs that the controller had when it computed `recorded`.
+fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, SkipReason> {
     let cycles = recorded.seen_estimate;
     let mut estimates = [None; SLOTS];
     for (slot, history) in recent.estimates.iter().enumerate() {
-        let estimate = seen(history, cycles[slot], time_ns);
-        // Without the one that was answered there is no answer. The other one decides at most which is answered, and one of a dead
-        // estimator may be long ago.
+        let estimate = received(history, cycles[slot], time_ns);
+        // The estimate of the answered cycle is required. The other one only affects which is answered; that of a dead
+        // estimator may be too old to be found.
         estimates[slot] = if cycles[slot] == recorded.header.cycle { estimate? } else { estimate.ok().flatten() };
     }
     Ok(Inputs {
         estimates,
-        motion: seen(&recent.motions, recorded.seen_motion, time_ns)?,
-        authority: seen(&recent.authorities, recorded.seen_authority, time_ns)?,
-        state: seen(&recent.states, recorded.seen_state, time_ns)?,
+        motion: received(&recent.motions, recorded.seen_motion, time_ns)?,
+        authority: received(&recent.authorities, recorded.seen_authority, time_ns)?,
+        state: received(&recent.states, recorded.seen_state, time_ns)?,
     })
 }

@@ -5,6 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crate::Attachment;
 
+/// The run's copy of the system file.
+pub const SYSTEM_FILE: &str = "system.toml";
+/// The name of that copy in older runs.
+pub const FORMER_SYSTEM_FILE: &str = "box.toml";
 /// Subfolders of a run for files added while it runs, numbered in order of arrival: the missions that were executed,
 /// and the configuration files of processes started later.
 pub const ATTACHED_FOLDERS: [&str; 2] = ["missions", "processes"];
@@ -64,7 +68,8 @@ mod tests {
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, name).unwrap();
         };
-        for name in ["missions/10-a.toml", "missions/2-b.toml", "robot.toml", "box.toml", "processes/1-wind-wind.py"] {
+        for name in ["missions/10-a.toml", "missions/2-b.toml", "robot.toml", "system.toml", "processes/1-wind-wind.py"]
+        {
             write(name);
         }
         for left_out in ["run.mcap", "missions/3-c.toml.new", "log/x.txt", "export/tables.json"] {
@@ -74,7 +79,7 @@ mod tests {
         let names: Vec<&str> = kept.iter().map(|file| file.name.as_str()).collect();
         assert_eq!(
             names,
-            ["box.toml", "robot.toml", "missions/2-b.toml", "missions/10-a.toml", "processes/1-wind-wind.py"]
+            ["robot.toml", "system.toml", "missions/2-b.toml", "missions/10-a.toml", "processes/1-wind-wind.py"]
         );
         assert!(kept.iter().all(|file| file.data == file.name.as_bytes()));
         assert_eq!((kept[0].media_type.as_str(), kept[4].media_type.as_str()), ("application/toml", "text/x-python"));

@@ -70,8 +70,10 @@ pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
 /// skipped.
 #[must_use]
 pub fn next_file(folder: &Path) -> PathBuf {
+    // The unfinished name is tested first: a file that another thread finishes in between then appears under its final
+    // name. In the other order it is missed under both, and the new file would replace it.
     let free = |stem: &str| {
-        !folder.join(format!("{stem}{FILE_ENDING}")).exists() && !folder.join(format!("{stem}{PART_ENDING}")).exists()
+        !folder.join(format!("{stem}{PART_ENDING}")).exists() && !folder.join(format!("{stem}{FILE_ENDING}")).exists()
     };
     let stem = std::iter::once("run".to_owned())
         .chain((2..10_000).map(|number| format!("run-{number:04}")))
@@ -129,6 +131,31 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_is_being_finished_keeps_its_name() {
+        const FILES: usize = 300;
+        let folder = tempfile::tempdir().unwrap();
+        let finals: Vec<PathBuf> = (0..FILES)
+            .map(|_| {
+                let path = next_file(folder.path());
+                fs::write(part_of(&path), "").unwrap();
+                path
+            })
+            .collect();
+        let next = next_file(folder.path());
+        std::thread::scope(|scope| {
+            let finishing = scope.spawn(|| {
+                for path in &finals {
+                    fs::rename(part_of(path), path).unwrap();
+                    std::thread::sleep(std::time::Duration::from_micros(50));
+                }
+            });
+            while !finishing.is_finished() {
+                assert_eq!(next_file(folder.path()), next);
+            }
+        });
+    }
+
+    #[test]
     fn files_come_in_the_order_of_writing_and_names_are_not_used_twice() {
         let folder = tempfile::tempdir().unwrap();
         let error = segments(folder.path()).unwrap_err();
@@ -141,7 +168,7 @@ mod tests {
             assert_eq!(path, folder.path().join(format!("{expected}.mcap")));
             fs::write(if expected == "run" { path } else { part_of(&path) }, "").unwrap();
         }
-        fs::write(folder.path().join("box.toml"), "").unwrap();
+        fs::write(folder.path().join("system.toml"), "").unwrap();
         let names: Vec<_> =
             segments(folder.path()).unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
         assert_eq!(names, ["run.mcap", "run-0002.mcap.part", "run-0003.mcap.part"]);

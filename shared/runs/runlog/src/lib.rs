@@ -4,13 +4,13 @@
 //! ROS 2 definitions can read each file alone. This is the only crate that uses the `mcap` crate.
 //!
 //! Invariants:
-//! * A sample is written as it is in memory, after the four bytes that mean "CDR, little endian". A definition that some
-//!   reader would reject or misread is never written; the channel is recorded as plain bytes instead, and the original
-//!   text is kept in the channel's metadata.
-//! * A growing file is named `NAME.mcap.part`, is locked, and ends at a chunk boundary after every [`RunWriter::flush`].
-//!   Only a finished and synchronised file is named `NAME.mcap`.
-//! * One offset maps CLOCK_MONOTONIC to UNIX time for a whole run ([`RunClock`]), so neither a step of the wall clock nor
-//!   a restarted recorder distorts the time axis.
+//! * A sample is written as it is in memory, after the four bytes that mean "CDR, little endian". A definition that
+//!   some reader would reject or misread is never written; the channel is recorded as plain bytes instead, and the
+//!   original text is kept in the channel's metadata.
+//! * A growing file is named `NAME.mcap.part`, is locked, and ends at a chunk boundary after every
+//!   [`RunWriter::flush`]. Only a finished and synchronised file is named `NAME.mcap`.
+//! * One offset maps CLOCK_MONOTONIC to UNIX time for a whole run ([`RunClock`]), so neither a step of the wall clock
+//!   nor a restarted recorder distorts the time axis.
 //! * The files of a run folder are read as one run. Each can also be read alone.
 //! * The channel definitions are in the file twice, in the chunks and as attachments, so that no single damaged byte
 //!   makes the rest unreadable.
@@ -55,7 +55,7 @@ mod sequence;
 mod sync;
 mod write;
 
-pub use attachments::{ATTACHED_ENDINGS, ATTACHED_FOLDERS, run_attachments};
+pub use attachments::{ATTACHED_ENDINGS, ATTACHED_FOLDERS, FORMER_SYSTEM_FILE, SYSTEM_FILE, run_attachments};
 pub use clock::{RunClock, published_ns, utc};
 pub use conversion::Conversion;
 pub use definition::{ChannelSpec, Definition, Definitions, SchemaRefusal};

@@ -39,7 +39,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 /// A file attached to the run file: a configuration, a calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Attachment {
-    /// e.g. `box.toml`.
+    /// e.g. `system.toml`.
     pub name: String,
     /// e.g. `application/toml`.
     pub media_type: String,
@@ -147,7 +147,7 @@ impl RunWriter {
         fields.insert("t0_mono_ns".into(), clock.t0_mono_ns.to_string());
         fields.insert(BOOT_ID.into(), boot_id());
         writer.write_metadata(&Metadata { name: RUN.into(), metadata: fields }).map_err(RunError::write(&part))?;
-        if let Some(name) = about.get("box") {
+        if let Some(name) = about.get("system") {
             // Foxglove's own tools show this as the name of the device
             let metadata = BTreeMap::from([("deviceName".to_owned(), name.clone())]);
             let device = Metadata { name: "foxglove".into(), metadata };

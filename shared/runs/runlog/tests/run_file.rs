@@ -44,7 +44,8 @@ fn run(folder: &Path, cycles: u64) -> (RunWriter, PathBuf) {
     let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: START };
     let path = next_file(folder);
     let about = BTreeMap::from([("robot".to_owned(), "lab3".to_owned())]);
-    let config = Attachment { name: "box.toml".into(), media_type: "application/toml".into(), data: b"a = 1".to_vec() };
+    let config =
+        Attachment { name: "system.toml".into(), media_type: "application/toml".into(), data: b"a = 1".to_vec() };
     let mut writer = RunWriter::create(&path, clock, &about, &[config]).unwrap();
     let state = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
     let truth = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap();
@@ -98,7 +99,7 @@ fn samples_come_back_bit_for_bit_with_their_times() {
     let report = info(folder.path()).unwrap();
     assert!(report.healthy, "{:?}", report.verdict);
     assert_eq!(report.messages, 600);
-    assert_eq!(report.attachments, ["box.toml"]);
+    assert_eq!(report.attachments, ["system.toml"]);
     assert_eq!(report.ended.as_deref(), Some("stopped"));
     assert_eq!(report.started.as_deref(), Some("2023-11-14 22:13:20 UTC"));
     let state = &report.channels[0];
@@ -172,7 +173,7 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     let report = info(&recovery.file).unwrap();
     assert!(report.files[0].recovered && report.files[0].finished && !report.healthy, "the loss is unknown");
     assert_eq!(report.findings, [Finding::Recovered { path: recovery.file, lack: MissingData::Unknown }]);
-    assert_eq!(report.attachments, ["box.toml"]);
+    assert_eq!(report.attachments, ["system.toml"]);
     assert_eq!(report.about["robot"], "lab3");
     writer.finish(&BTreeMap::new()).unwrap();
     assert_eq!(states(&path).len(), 130);

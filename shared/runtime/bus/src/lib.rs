@@ -1,16 +1,18 @@
 //! Samples between processes over shared memory: typed ports, an untyped tap, waking, and requests.
 //!
 //! Invariants:
-//! * This is the only crate that names iceoryx2; nothing of it shows in the interface.
-//! * Everything of one robot lives in one [`Domain`]; two domains on a machine never meet.
-//! * A publisher never waits for a subscriber: where the buffer is full, the oldest sample makes room, and the subscriber counts it as
-//!   lost by its sequence number.
-//! * Publish, then notify: whoever is woken finds the sample.
-//! * Ports stay in the thread that made them. After creation, receiving and waiting do not allocate; sending takes and returns one counter of
-//!   fixed size, inside iceoryx2.
-//! * What is made has its memory: no page fault ends a process later because others have filled /dev/shm ([`Memory`]).
-//! * Who only looks on leaves places to who controls ([`Party`]); an emergency stop needs no place at all ([`estop`]).
-//! * What a domain consists of is its user's alone: no other user reads it or speaks in it.
+//! * This is the only crate that uses iceoryx2; none of its types is in the interface.
+//! * Everything of one robot lives in one [`Domain`]; two domains on a machine share nothing.
+//! * A publisher never waits for a subscriber: where the buffer is full, the oldest sample is dropped, and the
+//!   subscriber counts the loss by sequence numbers.
+//! * Publish, then notify: a process that is woken finds the sample.
+//! * Ports stay in the thread that created them. After creation, receiving and waiting do not allocate; sending takes
+//!   and returns one counter of fixed size, inside iceoryx2.
+//! * Memory is allocated when a channel or connection is created: no page fault ends a process later because others
+//!   have filled /dev/shm ([`Memory`]).
+//! * Observers leave places to the processes that control ([`Party`]); an emergency stop needs no place at all
+//!   ([`estop`]).
+//! * The files of a domain are accessible to its user alone: no other user can read it or publish in it.
 //! * Connecting to a new peer happens inside the next `send` or `receive`; it costs about 0.1 ms there, once.
 //!
 //! ```

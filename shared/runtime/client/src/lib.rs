@@ -1,8 +1,8 @@
-//! Finding a robot that runs, asking its processes, and reading what they say.
+//! Finds a running robot, sends requests to its processes, and reads their channels.
 //!
 //! Invariants:
-//! * A client moves nothing itself: motor-io and the planner decide, and their answer is passed on as it is.
-//! * No request waits for ever: an answer comes within [`ANSWER`], or the request fails.
+//! * A client moves nothing itself: motor-io and the planner decide, and the client returns their answer unchanged.
+//! * Every request ends: an answer comes within [`ANSWER`], or the request fails.
 //! * An emergency stop needs neither a place on the bus nor memory ([`emergency_stop`]).
 #![forbid(unsafe_code)]
 

@@ -1,12 +1,12 @@
-//! What every command shares: how it fails, what it prints, and the values of its arguments.
+//! Common parts of all commands: failures, output, and the values of arguments.
 //!
-//! A tool owns its arguments and one function `run(&Args) -> Result<Output, Failure>`; a program parses, calls it and prints once
-//! ([`main`]).
+//! A tool owns its arguments and one function `run(&Args) -> Result<Output, Failure>`; a program parses, calls it and
+//! prints once ([`main`]).
 //!
 //! Invariants:
 //! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now.
 //! * A failure is one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
-//! * Behind [`values`], a number is finite and a point has two or three coordinates.
+//! * Arguments parsed by [`values`] are checked: a number is finite, and a point has two or three coordinates.
 #![forbid(unsafe_code)]
 
 mod failure;

@@ -1,18 +1,14 @@
-//! What the values of the configuration files may be. Each problem is one clause: key, what it is, what is accepted.
+//! Checks of the values in configuration files. Each problem is one clause: key, value, accepted values.
 
 use super::{
     ArbiterSection, MotorBoxSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role,
     SystemFile, UnitSection,
 };
 use crate::number::number;
-use crate::{Problem, Slot};
+use crate::{DriveFamily, Problem, Slot};
 use cable_robot::control_bounds::{MAX_LENGTH_GAIN, MAX_PREVIEW, MAX_WINDOW};
 
-/// Baud rates that the drives' set-up program offers.
-const BAUDS: [u32; 8] = [2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
-/// Longest watchdog of a drive, s: a byte of tenths.
-const WATCHDOG_MAX_S: f64 = 25.5;
-/// A name becomes part of a socket's path, which is short.
+/// Longest name, characters: it becomes part of the path of a socket, whose length is limited.
 const NAME_MAX: usize = 16;
 
 fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), Problem> {
@@ -23,7 +19,7 @@ fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), Problem
     }
 }
 
-/// Names of systems and processes are parts of names in shared memory.
+/// Checks the name of a system or process, which becomes part of names in shared memory.
 fn name(key: &str, value: &str) -> Result<(), Problem> {
     let fine = value.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
     if fine && (1..=NAME_MAX).contains(&value.len()) {
@@ -33,13 +29,13 @@ fn name(key: &str, value: &str) -> Result<(), Problem> {
     }
 }
 
-/// A robot file beyond what [`cable_robot::Robot::new`] checks.
+/// Checks a robot file, in addition to [`cable_robot::Robot::new`].
 pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
     let robot = &file.robot;
     if let Some(limit) = robot.cable_speed_limit_m_s {
         number("robot.cable_speed_limit_m_s", limit, "a speed above 0, at most 10 m/s", |v| v > 0.0 && v <= 10.0)?;
     }
-    // a robot of this kind moves at walking pace; ten times that is millimetres taken for metres
+    // Such a robot moves at walking pace. A speed ten times as high is probably in another unit.
     number("robot.speed_limit_m_s", robot.speed_limit_m_s, "a speed above 0, at most 10 m/s", |v| {
         v > 0.0 && v <= 10.0
     })?;
@@ -48,7 +44,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
     })?;
     number("robot.node_mass_kg", robot.node_mass_kg, "a mass above 0, at most 1000 kg", |v| v > 0.0 && v <= 1000.0)?;
     if let Some(anchor) = robot.anchors_m.iter().flatten().find(|value| value.abs() > 500.0) {
-        let clause = format!("holds {anchor}; accepted: metres within 500 m of the origin (are these millimetres?)");
+        let clause = format!("contains {anchor}; accepted: metres within 500 m of the origin (are these millimetres?)");
         return Err(Problem::of("robot.anchors_m", clause));
     }
     limits(robot)?;
@@ -58,12 +54,12 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
             .on(robot.anchors_m.is_planar())
             .map_err(|why| Problem::of("robot.keep_out", format!("is not usable: {why}")))?;
     }
-    // A node that floats is pulled down by lines from below.
+    // A floating node is pulled down by cables from below, so its anchors may be below the ground level.
     let hangs = robot.net_weight_n.is_none_or(|weight| weight > 0.0);
     for (index, anchor) in robot.anchors_m.iter().enumerate() {
         if hangs && anchor[2] <= robot.ground_m {
             let clause = format!(
-                "number {} is at height {} m, not above `ground_m` = {} m; a node hangs below its anchors",
+                "number {} is at height {} m; accepted: above `ground_m` = {} m, because the node hangs below its anchors",
                 index + 1,
                 anchor[2],
                 robot.ground_m
@@ -86,7 +82,8 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
     Ok(())
 }
 
-/// What a robot of this kind has in forces and sizes, with room above: what is beyond has another unit, or lost its decimal point.
+/// Checks forces and sizes against generous limits for such robots: larger values are in another unit or lack a decimal
+/// point.
 fn limits(robot: &RobotSection) -> Result<(), Problem> {
     for tension in robot.tension_limits_n {
         number("robot.tension_limits_n", tension, "two tensions of 0 to 1e5 N", |v| (0.0..=1e5).contains(&v))?;
@@ -104,7 +101,7 @@ fn limits(robot: &RobotSection) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Motors and lines beyond what [`cable_robot::motor::Motor::check`] checks.
+/// Checks motors and cables, in addition to [`cable_robot::motor::Motor::check`].
 fn motors(file: &RobotFile) -> Result<(), Problem> {
     for length in &file.lines.routed_length_m {
         number("lines.routed_length_m", *length, "lengths of 0 to 1000 m", |v| (0.0..=1000.0).contains(&v))?;
@@ -118,7 +115,7 @@ fn motors(file: &RobotFile) -> Result<(), Problem> {
     number("motor.transition_m_s", motor.transition_m_s, "0 to 10 m/s", |v| (0.0..=10.0).contains(&v))
 }
 
-/// A system file for a robot of `cables` cables, whose node may do at most the given speed and acceleration.
+/// Checks a system file for this robot.
 pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Problem> {
     let cables = robot.robot.anchors_m.len();
     name("name", &file.name)?;
@@ -187,19 +184,19 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
 fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(), Problem> {
     if section.counts_per_m.len() != cables {
         let values = section.counts_per_m.len();
-        let clause = format!("has {values} values and the robot has {cables} cables; accepted: one value per cable");
+        let clause = format!("has {values} values for {cables} cables; accepted: one value per cable");
         return Err(Problem::of("motor_io.counts_per_m", clause));
     }
     for value in &section.counts_per_m {
-        number("motor_io.counts_per_m", *value, "100 to 1e7 counts per metre, or the same below 0", |v| {
+        number("motor_io.counts_per_m", *value, "100 to 1e7 counts per metre, positive or negative", |v| {
             (100.0..=1e7).contains(&v.abs())
         })?;
     }
     ports(section, cables)?;
     let period = 1.0 / rate_hz;
-    number("motor_io.watchdog_s", section.watchdog_s, "0.1 to 25.5 s in steps of 0.1", |v| {
-        (0.1..=WATCHDOG_MAX_S).contains(&v) && ((v * 10.0).round() - v * 10.0).abs() < 1e-6
-    })?;
+    for port in &section.ports {
+        watchdog(section.watchdog_s, &port.protocol.family())?;
+    }
     if section.watchdog_s < 3.0 * period {
         let clause = format!("is {}; accepted: at least three periods of {period} s", section.watchdog_s);
         return Err(Problem::of("motor_io.watchdog_s", clause));
@@ -215,7 +212,17 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
     node_bounds(section)
 }
 
-/// What motor-io holds the node to by itself.
+/// Checks that the drives of a port can be set to this watchdog time.
+fn watchdog(seconds: f64, family: &DriveFamily) -> Result<(), Problem> {
+    let ([shortest_s, longest_s], step_s) = (family.watchdog_s, family.watchdog_step_s);
+    let accepted = format!("{shortest_s} to {longest_s} s in steps of {step_s}");
+    number("motor_io.watchdog_s", seconds, &accepted, |v| {
+        let steps = v / step_s;
+        (shortest_s..=longest_s).contains(&v) && (steps.round() - steps).abs() < 1e-6
+    })
+}
+
+/// Checks the limits that motor-io enforces on the node.
 fn node_bounds(section: &MotorIoSection) -> Result<(), Problem> {
     let metres = |v: f64| (0.001..=10.0).contains(&v);
     number("motor_io.node_speed_margin", section.node_speed_margin, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
@@ -253,7 +260,7 @@ fn ports(section: &MotorIoSection, cables: usize) -> Result<(), Problem> {
         let here =
             |problem: Problem| problem.within(&format!("motor_io.ports.{index}"), &format!("port {}", index + 1));
         if section.ports[..index].iter().any(|other| other.path == port.path) {
-            let sentence = format!("the path {} stands at two ports; accepted: each device once", port.path);
+            let sentence = format!("two ports have the path {}; accepted: each device once", port.path);
             return Err(here(Problem::at("path", sentence)));
         }
         serial_port(port).map_err(here)?;
@@ -268,13 +275,14 @@ fn ports(section: &MotorIoSection, cables: usize) -> Result<(), Problem> {
                 );
                 return Err(of_unit(Problem::at("address", sentence)));
             }
-            drive_unit(unit, index + 1, cables, &mut owner).map_err(of_unit)?;
+            let family = port.protocol.family();
+            drive_unit(unit, &family, index + 1, cables, &mut owner).map_err(of_unit)?;
         }
     }
     match owner.iter().position(Option::is_none) {
         Some(cable) => Err(Problem::at(
             "motor_io.ports",
-            format!("no drive unit names cable {}; accepted: every cable on one motor", cable + 1),
+            format!("no drive unit has cable {}; accepted: every cable on one motor", cable + 1),
         )),
         None => Ok(()),
     }
@@ -284,8 +292,9 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
     if port.path.is_empty() {
         return Err(Problem::of("path", "is empty; accepted: a device, e.g. /dev/serial/by-id/..."));
     }
-    if !BAUDS.contains(&port.baud) {
-        let accepted: Vec<String> = BAUDS.iter().map(u32::to_string).collect();
+    let bauds = port.protocol.family().bauds;
+    if !bauds.contains(&port.baud) {
+        let accepted: Vec<String> = bauds.iter().map(u32::to_string).collect();
         return Err(Problem::of("baud", format!("is {}; accepted: {}", port.baud, accepted.join(", "))));
     }
     if port.units.is_empty() {
@@ -294,16 +303,18 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
     Ok(())
 }
 
-/// A unit on the port of that `number`; `owner` holds port and address of the unit that each cable is on.
+/// Checks a unit on the port with this `number`; `owner` contains the port and the address of the unit of each cable.
 fn drive_unit(
     unit: &UnitSection,
+    family: &DriveFamily,
     number: usize,
     cables: usize,
     owner: &mut [Option<(usize, u8)>],
 ) -> Result<(), Problem> {
     let address = unit.address;
-    if !(0x80..=0x87).contains(&address) {
-        let sentence = format!("`address` {address} on port {number} is outside 128 to 135 (0x80 to 0x87)");
+    if !family.addresses.contains(&address) {
+        let accepted = family.addresses_in_words;
+        let sentence = format!("`address` on port {number} is {address}; accepted: {accepted}");
         return Err(Problem::at("address", sentence));
     }
     let at_cables = |sentence: String| Err(Problem::at("cables", sentence));
@@ -315,7 +326,7 @@ fn drive_unit(
     }
     for cable in &unit.cables {
         if !(1..=cables).contains(cable) {
-            return at_cables(format!("unit {address} on port {number} names cable {cable}; accepted: 1 to {cables}"));
+            return at_cables(format!("unit {address} on port {number} has cable {cable}; accepted: 1 to {cables}"));
         }
         if let Some((port, other)) = owner[cable - 1].replace((number, address)) {
             return at_cables(format!(
@@ -336,7 +347,7 @@ fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), Problem
     }
     if start_m[2] < robot.robot.ground_m {
         let (height, ground_m) = (start_m[2], robot.robot.ground_m);
-        let clause = format!("is at height {height} m, below the robot's `ground_m` of {ground_m} m");
+        let clause = format!("is at height {height} m; accepted: at or above the robot's `ground_m` of {ground_m} m");
         return Err(Problem::of("motor_box.start_m", clause));
     }
     number("motor_box.delay_s", section.delay_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
@@ -364,7 +375,7 @@ fn processes(list: &[ProcessSection]) -> Result<(), Problem> {
     Ok(())
 }
 
-/// A role has one process, or one in each slot.
+/// Checks that a role has at most one process, or one in each slot.
 fn place_of_process(process: &ProcessSection, others: &[ProcessSection]) -> Result<(), Problem> {
     let slots = process.role.has_slots();
     let same_place = |other: &&ProcessSection| {
@@ -376,7 +387,7 @@ fn place_of_process(process: &ProcessSection, others: &[ProcessSection]) -> Resu
     let Some(other) = others.iter().find(same_place) else { return Ok(()) };
     let place = if slots { format!(" in slot {}", process.slot().name()) } else { String::new() };
     let sentence = format!(
-        "the processes \"{}\" and \"{}\" both have the `role` \"{}\"{place}; accepted: one, which takes the place of the standard one; give the other `start = false`{}",
+        "the processes \"{}\" and \"{}\" both have the `role` \"{}\"{place}; accepted: one, which replaces the standard process; give the other `start = false`{}",
         other.name,
         process.name,
         process.role.name(),
@@ -385,12 +396,12 @@ fn place_of_process(process: &ProcessSection, others: &[ProcessSection]) -> Resu
     Err(Problem::at("role", sentence))
 }
 
-/// Refuses a name that is reserved: each standard name belongs to its role.
+/// Rejects reserved names: each standard name belongs to its role and slot.
 fn process_name(given: &str, role: Role, slot: Slot) -> Result<(), Problem> {
     let refuse = |sentence: String| Err(Problem::at("name", sentence));
     name("name", given)?;
     if given == "nims" {
-        return refuse("a process cannot be called \"nims\": that is the supervisor".to_owned());
+        return refuse("the process name \"nims\" belongs to the supervisor; choose another name".to_owned());
     }
     for (_, owner) in Role::STANDARD {
         let of_slot = |slot| owner.process_name(slot) == given;
@@ -415,12 +426,12 @@ fn process_keys(process: &ProcessSection) -> Result<(), Problem> {
         return Err(Problem::at(
             "role",
             format!(
-                "process \"{own}\" has `slot`, `standby` or `law`, which only the roles controller and estimator have"
+                "process \"{own}\" has `slot`, `standby` or `law`; accepted: only with the roles controller and estimator"
             ),
         ));
     }
     if process.standby && process.slot() == Slot::A {
-        let sentence = format!("the standby \"{own}\" is in slot a, where the first one is; accepted: slot b");
+        let sentence = format!("the standby \"{own}\" is in slot a; accepted: slot b");
         return Err(Problem::at("slot", sentence));
     }
     if process.law.is_some() && !process.command.is_empty() {
@@ -441,7 +452,7 @@ fn process_keys(process: &ProcessSection) -> Result<(), Problem> {
         && (process.priority > 0 || process.cpu.is_some())
     {
         let sentence =
-            format!("process \"{own}\" is of the control chain, whose `priority` and `cpu` stand in [realtime]");
+            format!("process \"{own}\" belongs to the control chain; set its `priority` and `cpu` in [realtime]");
         return Err(Problem::at(if process.priority > 0 { "priority" } else { "cpu" }, sentence));
     }
     Ok(())

@@ -1,15 +1,15 @@
-//! Choices: keys whose value is one of a few names. Each choice is one enum, and its names stand nowhere else.
+//! Choices: keys whose value is one of a few names. Each choice is one enum, which is the only definition of its names.
 
 use crate::Role;
 use serde::{Deserialize, Serialize};
 
-/// Where a name is this similar to an accepted one, the sentence offers it; clap's bound for its own suggestions.
+/// Jaro similarity above which the error suggests an accepted name; the threshold that clap uses.
 const SIMILAR: f64 = 0.7;
 
-/// Begins the clause about a name that is not accepted, so that it follows the key directly.
+/// Start of the clause about a name that is not accepted; a clause with this start directly follows the key.
 pub(crate) const IS: &str = "is ";
 
-/// A name that is not one of those that are accepted. The sentence continues one that begins with the key.
+/// A name that is not accepted. The message is a clause that follows the key.
 ///
 /// ```
 /// let error = "previw".parse::<config::ControlLaw>().unwrap_err();
@@ -19,9 +19,9 @@ pub(crate) const IS: &str = "is ";
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{IS}\"{given}\"; accepted: {}{}", accepted.join(", "), self.suggestion())]
 pub struct UnknownChoice {
-    /// The name as written.
+    /// The name in the file.
     pub given: String,
-    /// Every accepted name.
+    /// The accepted names.
     pub accepted: Vec<&'static str>,
 }
 
@@ -35,11 +35,11 @@ impl UnknownChoice {
     }
 }
 
-/// Declares a choice: an enum with one name for each value, in files, in sentences and in the process table.
+/// Declares a choice: an enum with a name for each value, for files, sentences and the process table.
 ///
 /// ```
 /// config::choice! {
-///     /// Which way the cable leaves its pulley.
+///     /// Side on which the cable leaves its pulley.
 ///     pub enum Exit {
 ///         /// Over the top.
 ///         Top = "top",
@@ -67,7 +67,7 @@ macro_rules! choice {
             /// The name of every value, in the same order.
             pub const NAMES: &'static [&'static str] = &[$($name),+];
 
-            /// Its name in configuration files.
+            /// Returns the name in configuration files.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self {
@@ -102,36 +102,44 @@ macro_rules! choice {
 }
 
 choice! {
-    /// The control laws that the program `controller` has.
+    /// The control laws of the program `controller`.
     pub enum ControlLaw {
         /// The paper's fixed-endpoint fixed-time law.
         LqEndpoint = "lq-endpoint",
-        /// Preview control over a model of the drives' delay and lag. While the model does not fit, `lq-endpoint` takes over.
+        /// Preview control with a model of the drives' delay and lag; `lq-endpoint` while the model does not fit.
         Preview = "preview",
-        /// Each cable for itself: the desired velocity and a share of the length error.
+        /// Per cable: the desired velocity plus a gain times the length error.
         PFeedforward = "p-feedforward",
     }
 }
 
 choice! {
-    /// The methods that the program `estimator` has.
+    /// The methods of the program `estimator`.
     pub enum EstimatorMethod {
         /// The paper's motor model.
         Phi = "phi",
-        /// A filter on length and velocity of each cable.
+        /// A Kalman filter on length and velocity of each cable.
         Kalman = "kalman",
     }
 }
 
 choice! {
-    /// How the tensions of more cables than directions are chosen.
+    /// Choice of the tensions of a robot with redundant cables.
     pub enum TensionDistribution {
-        /// The smallest sum of squares.
+        /// Smallest sum of squares.
         LeastNorm = "least-norm",
-        /// The smallest sum.
+        /// Smallest sum.
         MinSum = "min-sum",
-        /// The largest distance to both limits.
+        /// Largest distance to both limits.
         Safest = "safest",
+    }
+}
+
+choice! {
+    /// The drive families that motor-io has a driver for.
+    pub enum DriveProtocol {
+        /// RoboClaw packet serial.
+        Roboclaw = "roboclaw",
     }
 }
 
@@ -147,18 +155,18 @@ choice! {
     }
 }
 
-/// What the standard program of a role with slots computes: a law of the controller or a method of the estimator.
+/// The algorithm of the standard program of a role with slots: a law of the controller or a method of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(try_from = "String", into = "&'static str")]
 pub enum Algorithm {
-    /// Of the program `controller`.
+    /// A law of the program `controller`.
     Law(ControlLaw),
-    /// Of the program `estimator`.
+    /// A method of the program `estimator`.
     Method(EstimatorMethod),
 }
 
 impl Algorithm {
-    /// The role whose standard program has it.
+    /// Returns the role whose standard program implements it.
     #[must_use]
     pub const fn role(self) -> Role {
         match self {
@@ -167,7 +175,7 @@ impl Algorithm {
         }
     }
 
-    /// Its name in configuration files.
+    /// Returns the name in configuration files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

@@ -1,19 +1,19 @@
-//! What the virtual motor box has besides drives: sensors on serial ports of their own, and what they see.
+//! Simulated sensors of the virtual motor box, each on its own serial port, and the ground that they measure.
 
 use crate::Problem;
-use crate::file::beside;
+use crate::file::join_normalized;
 use crate::number::number;
 use crate::toml_file::{ConfigError, Source};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// `[[motor_box.device]]`: a sensor on the node, behind a serial port of its own.
+/// `[[motor_box.device]]`: a sensor on the node, with its own serial port.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeviceSection {
-    /// Its port is `{domain}/NAME`.
+    /// NAME of its port `{domain}/NAME`.
     pub name: String,
-    /// What it speaks.
+    /// Protocol.
     pub kind: DeviceKind,
     /// Baud rate of its port.
     #[serde(default = "default_baud")]
@@ -21,72 +21,74 @@ pub struct DeviceSection {
     /// Readings per second.
     #[serde(default = "default_rate")]
     pub rate_hz: f64,
-    /// From the measurement to the answer on its port, s.
+    /// Time from the measurement to the answer on its port, s.
     #[serde(default)]
     pub latency_s: f64,
-    /// Where it is on the node, m.
+    /// Position relative to the node, m.
     #[serde(default)]
     pub lever_m: [f64; 3],
     /// Standard deviation of its values, in their unit.
     #[serde(default)]
     pub noise: f64,
-    /// `tfmini`: width of its beam, degrees.
+    /// `tfmini`: width of the beam, degrees.
     #[serde(default)]
     pub beam_deg: f64,
-    /// `tfmini`: what it counts in, m: 0.01, or 0.001 for one that is set to millimetres.
+    /// `tfmini`: unit of its distance, m: 0.01, or 0.001 for a sensor in millimetre mode.
     #[serde(default = "default_resolution")]
     pub resolution_m: f64,
-    /// `line`: what it says, with `{0}`, `{1}` .. for the values; one that begins with `$` gets the checksum of NMEA 0183.
+    /// `line`: the text line, with `{0}`, `{1}` .. for the values. A line that starts with `$` gets a NMEA 0183
+    /// checksum.
     #[serde(default)]
     pub template: String,
-    /// `modbus`: its address, 1 to 247.
+    /// `modbus`: address, 1 to 247.
     #[serde(default = "default_unit")]
     pub unit_id: u8,
-    /// `modbus`: holding and input register of the first value; each is a float32 in two registers, the high word first.
+    /// `modbus`: holding and input register of the first value; each value is a float32 in two registers, high word
+    /// first.
     #[serde(default)]
     pub register: u16,
-    /// `line` and `modbus`: what each value is at a place.
+    /// `line` and `modbus`: each value as a function of the position.
     #[serde(default, rename = "value")]
     pub values: Vec<FieldSection>,
 }
 
 crate::choice! {
-    /// What a device of the virtual motor box speaks.
+    /// Protocol of a device of the virtual motor box.
     pub enum DeviceKind {
-        /// A Benewake TFmini or TF-Luna that looks straight down: frames of nine bytes.
+        /// A Benewake TFmini or TF-Luna rangefinder that points straight down: frames of nine bytes.
         Tfmini = "tfmini",
-        /// Lines of text.
+        /// Text lines.
         Line = "line",
         /// Registers over Modbus RTU.
         Modbus = "modbus",
     }
 }
 
-/// `[[motor_box.device.value]]`: a quantity that differs from place to place.
+/// `[[motor_box.device.value]]`: a quantity as a function of the position.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FieldSection {
-    /// At the origin.
+    /// Value at the origin.
     pub base: f64,
     /// Change per metre along x, y and z.
     pub slope_per_m: [f64; 3],
-    /// A hill of Gaussian shape.
+    /// A Gaussian peak.
     pub peak: Option<PeakSection>,
 }
 
-/// A hill in a [`FieldSection`].
+/// A Gaussian peak in a [`FieldSection`].
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PeakSection {
-    /// Where it is highest, m.
+    /// Position of the maximum, m.
     pub at_m: [f64; 3],
-    /// How much it adds there.
+    /// Value added at the maximum.
     pub height: f64,
-    /// Standard deviation of its shape, m.
+    /// Standard deviation of the Gaussian, m.
     pub radius_m: f64,
 }
 
-/// A ground file: what stands on the ground under the robot.
+/// A ground file: the objects on the ground under the robot.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroundFile {
@@ -109,7 +111,7 @@ pub struct CylinderSection {
     pub center_m: [f64; 2],
     /// Radius, m.
     pub radius_m: f64,
-    /// From the ground to its top, m.
+    /// Height above the ground, m.
     pub height_m: f64,
 }
 
@@ -117,14 +119,14 @@ pub struct CylinderSection {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrismSection {
-    /// x and y of its middle, m.
+    /// x and y of its centre, m.
     pub center_m: [f64; 2],
-    /// Along its own axes, m.
+    /// Size along its own axes, m.
     pub size_m: [f64; 2],
-    /// From the site's x axis to its own, anticlockwise, degrees.
+    /// Angle from the x axis of the site to its own x axis, counterclockwise, degrees.
     #[serde(default)]
     pub angle_deg: f64,
-    /// From the ground to its top, m.
+    /// Height above the ground, m.
     pub height_m: f64,
     /// A rectangular hole in its top.
     pub cavity: Option<CavitySection>,
@@ -134,19 +136,19 @@ pub struct PrismSection {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CavitySection {
-    /// One corner, in the prism's own axes from its middle, m.
+    /// One corner, in the axes of the prism, relative to its centre, m.
     pub from_m: [f64; 2],
-    /// The opposite one, m.
+    /// The opposite corner, m.
     pub to_m: [f64; 2],
-    /// From the top down, m.
+    /// Depth below the top, m.
     pub depth_m: f64,
 }
 
 impl GroundFile {
-    /// Reads and checks a ground.
+    /// Reads and checks a ground file.
     ///
     /// # Errors
-    /// One sentence that names the file, the key and what is accepted.
+    /// The file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         let file: Self = source.parse()?;
@@ -167,7 +169,7 @@ impl GroundFile {
     }
 }
 
-/// The same for the table of that index in the array `tables`.
+/// Moves a problem into the table with this index in the array `tables`.
 fn numbered(problem: Problem, tables: &str, index: usize) -> Problem {
     problem.within(&format!("{tables}.{index}"), &format!("{tables} {}", index + 1))
 }
@@ -196,7 +198,7 @@ impl PrismSection {
         check_size("height_m", self.height_m)?;
         if let Some(cavity) = self.cavity {
             for corner in cavity.from_m.iter().chain(&cavity.to_m) {
-                number("cavity", *corner, "corners within 1000 m of the prism's middle", |v| v.abs() <= 1000.0)?;
+                number("cavity", *corner, "corners within 1000 m of the prism's centre", |v| v.abs() <= 1000.0)?;
             }
             let depth = format!("above 0, at most the prism's height of {} m", self.height_m);
             number("cavity.depth_m", cavity.depth_m, &depth, |v| v > 0.0 && v <= self.height_m)?;
@@ -205,7 +207,8 @@ impl PrismSection {
     }
 }
 
-/// The devices of a box and the ground that they see; `folder` is that of the system file, and becomes part of the ground's path.
+/// Checks the devices and the ground file, and makes the path of the ground file independent of `folder`, the folder of
+/// the system file.
 pub(super) fn check(
     devices: &[DeviceSection],
     ground: &mut Option<PathBuf>,
@@ -213,7 +216,7 @@ pub(super) fn check(
     ports: &[String],
 ) -> Result<(), Problem> {
     if let Some(ground) = ground {
-        *ground = beside(folder, ground);
+        *ground = join_normalized(folder, ground);
         let unusable = |error: ConfigError| Problem::of("motor_box.ground", format!("is not usable: {error}"));
         GroundFile::load(ground).map_err(unusable)?;
     }
@@ -231,12 +234,12 @@ pub(super) fn check(
             let sentence = format!("two ports of the virtual motor box are called \"{own}\"; accepted: each name once");
             return Err(here(Problem::at("name", sentence)));
         }
-        of_one(device).map_err(here)?;
+        check_device(device).map_err(here)?;
     }
     Ok(())
 }
 
-fn of_one(device: &DeviceSection) -> Result<(), Problem> {
+fn check_device(device: &DeviceSection) -> Result<(), Problem> {
     if !(1200..=3_000_000).contains(&device.baud) {
         return Err(Problem::of("baud", format!("is {}; accepted: 1200 to 3000000", device.baud)));
     }

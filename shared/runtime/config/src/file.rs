@@ -1,7 +1,7 @@
-//! Small files that people and processes write: read with a bound, replaced whole.
+//! Small files: bounded reads and atomic replacement.
 //!
-//! A path may name anything: a pipe that nobody writes, an endless device, a table of gigabytes. [`read_text`] neither waits for such a
-//! thing nor takes it into memory; it refuses it at once, and says what it is.
+//! A path may name anything: a pipe without a writer, an endless device, a file of gigabytes. [`read_text`] rejects
+//! such files at once, without waiting and without reading them into memory.
 
 use rustix::fs::OFlags;
 use std::fs::{self, File, FileType, OpenOptions};
@@ -9,34 +9,34 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-/// Most bytes that are read: a mission with as many legs and points as are accepted has about 12 MB.
+/// Largest file that is read, bytes: a mission with the largest accepted number of legs and points has about 12 MB.
 pub const LARGEST_BYTES: u64 = 16 << 20;
 
 /// Why a file was not read, as the clause after "cannot be read".
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// Nothing has that name.
+    /// There is no such file.
     #[error("there is no such file")]
     Missing,
-    /// A folder.
-    #[error("it is a folder; name a file in it")]
+    /// The path is a folder.
+    #[error("it is a folder; give a file in it")]
     Folder,
-    /// A pipe, a device, a socket: what only a stream has would have to be waited for, and may never end.
-    #[error("it is a {0}; name a regular file")]
+    /// The path is a pipe, a device or a socket. Reading a stream would have to wait and might never end.
+    #[error("it is a {0}; give a regular file")]
     NotRegular(&'static str),
-    /// More than [`LARGEST_BYTES`].
-    #[error("it has {} MB, and at most {} MB are read; is it the right file?", .0 >> 20, LARGEST_BYTES >> 20)]
+    /// The file is larger than [`LARGEST_BYTES`]; its size in bytes.
+    #[error("it has {} MB; accepted: at most {} MB; is it the right file?", .0 >> 20, LARGEST_BYTES >> 20)]
     TooLarge(u64),
-    /// Its bytes are no text.
+    /// The content is not UTF-8.
     #[error("it is not UTF-8 text")]
     NotText,
-    /// The operating system refused.
+    /// An error of the operating system.
     #[error("{0}")]
     System(io::Error),
 }
 
 impl ReadError {
-    fn of(error: io::Error) -> Self {
+    fn from_io(error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::NotFound => Self::Missing,
             io::ErrorKind::IsADirectory => Self::Folder,
@@ -45,49 +45,49 @@ impl ReadError {
     }
 }
 
-/// Opens a regular file of any size to be read.
+/// Opens a regular file of any size for reading.
 ///
 /// # Errors
-/// See [`ReadError`]; a file of another kind is refused without waiting for it.
+/// See [`ReadError`]; a file of another kind is rejected without waiting for it.
 pub fn open(path: &Path) -> Result<File, ReadError> {
-    // Looked at before it is opened, because opening a device may already do something to it ..
-    regular(fs::metadata(path).map_err(ReadError::of)?.file_type())?;
+    // Check before opening, because opening a device may already have an effect on it.
+    regular(fs::metadata(path).map_err(ReadError::from_io)?.file_type())?;
     let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits();
     let flags = i32::try_from(flags).map_err(|_| ReadError::System(io::ErrorKind::InvalidInput.into()))?;
-    let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(ReadError::of)?;
-    // .. and again afterwards, because another file may have taken its name meanwhile.
-    regular(file.metadata().map_err(ReadError::of)?.file_type())?;
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(ReadError::from_io)?;
+    // Check again, because the file may have been replaced between the check and the opening.
+    regular(file.metadata().map_err(ReadError::from_io)?.file_type())?;
     Ok(file)
 }
 
-/// The bytes of a regular file of at most [`LARGEST_BYTES`].
+/// Reads a regular file of at most [`LARGEST_BYTES`].
 ///
 /// # Errors
-/// See [`ReadError`]; a file of another kind is refused without waiting for it.
+/// See [`ReadError`]; a file of another kind is rejected without waiting for it.
 pub fn read(path: &Path) -> Result<Vec<u8>, ReadError> {
     let file = open(path)?;
-    let length = file.metadata().map_err(ReadError::of)?.len();
+    let length = file.metadata().map_err(ReadError::from_io)?.len();
     if length > LARGEST_BYTES {
         return Err(ReadError::TooLarge(length));
     }
     let mut bytes = Vec::new();
-    file.take(LARGEST_BYTES + 1).read_to_end(&mut bytes).map_err(ReadError::of)?;
+    file.take(LARGEST_BYTES + 1).read_to_end(&mut bytes).map_err(ReadError::from_io)?;
     let length = bytes.len() as u64;
     if length > LARGEST_BYTES { Err(ReadError::TooLarge(length)) } else { Ok(bytes) }
 }
 
-/// The same as text.
+/// Reads a regular file of at most [`LARGEST_BYTES`] as text.
 ///
 /// # Errors
-/// As [`read`].
+/// As [`read`], and [`ReadError::NotText`].
 pub fn read_text(path: &Path) -> Result<String, ReadError> {
     String::from_utf8(read(path)?).map_err(|_| ReadError::NotText)
 }
 
-/// The same; `None` if there is no such file.
+/// As [`read_text`]; returns `None` if there is no such file.
 ///
 /// # Errors
-/// As [`read`], but for [`ReadError::Missing`].
+/// As [`read_text`], except [`ReadError::Missing`].
 pub fn read_text_if_there(path: &Path) -> Result<Option<String>, ReadError> {
     match read_text(path) {
         Ok(text) => Ok(Some(text)),
@@ -108,17 +108,17 @@ fn regular(kind: FileType) -> Result<(), ReadError> {
     })
 }
 
-/// Writes a file whole or not at all: beside its place, on the disk, and only then under its name. When it returns, a power cut changes
-/// nothing any more; whenever the power goes before, what was there is still there.
+/// Replaces a file atomically: writes a temporary file next to it, syncs it to the disk, and renames it. After a power
+/// cut the file has either the old or the new content; after the function has returned, the new one.
 ///
 /// # Errors
-/// The operating system's; what was there is untouched then.
+/// An error of the operating system; the file then keeps its old content.
 pub fn replace(path: &Path, text: &str) -> io::Result<()> {
     let mut beside = path.as_os_str().to_owned();
     beside.push(".new");
     let beside = PathBuf::from(beside);
     let write = || {
-        // What is left of a writer that died is no obstacle, whatever it is.
+        // Remove the temporary file of a writer that died.
         fs::remove_file(&beside).or_else(|error| match error.kind() {
             io::ErrorKind::NotFound => Ok(()),
             _ => Err(error),
@@ -131,11 +131,11 @@ pub fn replace(path: &Path, text: &str) -> io::Result<()> {
     write().inspect_err(|_| {
         let _ = fs::remove_file(&beside);
     })?;
-    // The name, too, has to survive a power cut.
+    // Sync the folder as well, so that the new name survives a power cut.
     File::open(folder_of(path))?.sync_all()
 }
 
-/// The folder that a file is in.
+/// Returns the folder of a file.
 #[must_use]
 pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
@@ -144,8 +144,8 @@ pub fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// `inner` seen from `folder`, without `x/..`.
-pub(crate) fn beside(folder: &Path, inner: &Path) -> PathBuf {
+/// Joins `inner` to `folder` and removes `x/..` from the result.
+pub(crate) fn join_normalized(folder: &Path, inner: &Path) -> PathBuf {
     use std::path::Component::{CurDir, Normal, ParentDir};
     let mut result = PathBuf::new();
     for part in folder.join(inner).components() {
@@ -177,13 +177,13 @@ mod tests {
         fs::write(&path, [0xff, 0xfe]).unwrap();
         assert!(matches!(read_text(&path), Err(ReadError::NotText)));
         assert!(matches!(read_text(folder.path()), Err(ReadError::Folder)));
-        // a file of the kernel says that it is empty
+        // Files in /proc report a size of 0.
         assert!(!read("/proc/self/status".as_ref()).unwrap().is_empty());
     }
 
-    /// None of these reads ends by itself, or only with the memory.
+    /// Reading these files would block, or exhaust the memory.
     #[test]
-    fn what_has_no_end_is_refused_at_once() {
+    fn endless_files_are_rejected_at_once() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         rustix::fs::mknodat(rustix::fs::CWD, path("pipe"), rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
@@ -208,13 +208,13 @@ mod tests {
             replace(&path, text).unwrap();
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
         }
-        // a folder under that name cannot be replaced by a file
+        // A folder cannot be replaced by a file.
         let taken = folder.path().join("taken");
         fs::create_dir(&taken).unwrap();
         assert!(replace(&taken, "a = 3\n").is_err());
         assert!(replace(&folder.path().join("nowhere/a.toml"), "").is_err());
         let mut names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         names.sort();
-        assert_eq!(names, ["a.toml", "taken"], "nothing is left beside them");
+        assert_eq!(names, ["a.toml", "taken"], "no temporary file is left");
     }
 }

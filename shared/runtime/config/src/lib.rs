@@ -1,12 +1,15 @@
-//! The configuration files: the robot (what it is) and the box (which processes, drives and parameters run it).
+//! The configuration files: the robot file (geometry, limits, cables, motors) and the system file (processes, drives,
+//! parameters).
 //!
-//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys are errors.
+//! The fields document every key with its unit and default; `configs/` holds complete, commented examples. Unknown keys
+//! are errors.
 
 #![forbid(unsafe_code)]
 
 mod check;
 mod choice;
 mod devices;
+mod drive_family;
 pub mod file;
 mod load;
 mod logger;
@@ -23,10 +26,11 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use choice::{Algorithm, ControlLaw, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
+pub use choice::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
+pub use drive_family::DriveFamily;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
 pub use mission_file::mission_file;

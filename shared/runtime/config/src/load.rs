@@ -1,11 +1,11 @@
-//! Reading the configuration files: the text, then what the values mean together.
+//! Loading of configuration files: parses the text, then checks the values together.
 
-use super::measured::found;
+use super::measured::resolve_named_file;
 use super::{
     CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile,
     check, devices,
 };
-use crate::file::beside;
+use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
 use crate::{Problem, TensionDistribution};
 use cable_robot::motor::Motor;
@@ -16,16 +16,16 @@ impl RobotFile {
     /// Reads and checks a robot file and the measured files that it names.
     ///
     /// # Errors
-    /// One sentence that names the file, the key and what is accepted.
+    /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         let mut file: Self = source.parse()?;
         file.measured(path, &source)?;
         check::robot(&file).map_err(|problem| source.error(&problem))?;
-        let robot = Robot::new(file.parts()).map_err(|error| source.error(&of_robot(&error)))?;
+        let robot = Robot::new(file.parts()).map_err(|error| source.error(&robot_problem(&error)))?;
         if robot.anchors().are_on_a_line() {
-            let clause = "lie on one straight line, so lengths determine no position; move an anchor sideways, or give all points \
-                          as [x, z] for a robot that moves in a plane";
+            let clause = "lie on one straight line, so cable lengths determine no position; move an anchor sideways, or give all \
+                          points as [x, z] for a planar robot";
             return Err(source.error(&Problem::of("robot.anchors_m", clause)));
         }
         Ok(file)
@@ -39,43 +39,44 @@ impl RobotFile {
             (Some(_), false) => {
                 return refuse(
                     "robot.calibration",
-                    "`robot.calibration` and `anchors_m` both say where the anchors are; keep the calibration, or remove it",
+                    "`robot.calibration` and `anchors_m` both give the anchors; remove one of them",
                 );
             }
             (None, true) => {
                 return refuse(
                     "robot",
-                    "`robot` says nowhere where the anchors are; give `anchors_m`, or `calibration` with a file of nims calibrate --out",
+                    "`robot` has no anchors; give `anchors_m`, or `calibration` with a file from nims calibrate --out",
                 );
             }
             (None, false) => {}
             (Some(named), true) => {
-                let calibration = CalibrationFile::load(&found(folder, named))?;
+                let calibration = CalibrationFile::load(&resolve_named_file(folder, named))?;
                 self.robot.anchors_m = calibration.anchors_m.clone().into();
                 self.calibration = Some(calibration);
             }
         }
         if let Some(named) = &self.motor.table {
-            self.motor_table = Some(MotorTableFile::load(&found(folder, named))?);
+            self.motor_table = Some(MotorTableFile::load(&resolve_named_file(folder, named))?);
         }
         Ok(())
     }
 
-    /// The files that this one, in `folder`, names.
+    /// Returns the paths of the files that this file, in `folder`, names.
     #[must_use]
     pub fn named_files(&self, folder: &Path) -> Vec<PathBuf> {
-        [&self.robot.calibration, &self.motor.table].into_iter().flatten().map(|named| found(folder, named)).collect()
+        let named = [&self.robot.calibration, &self.motor.table].into_iter().flatten();
+        named.map(|named| resolve_named_file(folder, named)).collect()
     }
 
-    /// The robot for the mathematics.
+    /// Creates the robot model.
     ///
     /// # Errors
-    /// What [`Robot::new`] refuses; a file that [`RobotFile::load`] accepted is never refused.
+    /// As [`Robot::new`]; a file that [`RobotFile::load`] accepted causes none.
     pub fn robot(&self) -> Result<Robot, RobotError> {
         Robot::new(self.parts())
     }
 
-    /// Largest velocity of a cable, m/s: twice the node's unless the file says otherwise.
+    /// Returns the largest velocity of a cable, m/s; default: twice the speed limit of the node.
     #[must_use]
     pub fn cable_speed_limit_m_s(&self) -> f64 {
         self.robot.cable_speed_limit_m_s.unwrap_or(2.0 * self.robot.speed_limit_m_s)
@@ -94,7 +95,7 @@ impl RobotFile {
             cable_speed_limit_m_s: self.robot.cable_speed_limit_m_s,
             acceleration_limit_m_s2: self.robot.acceleration_limit_m_s2,
             ground_m: self.robot.ground_m,
-            keep_out_m: self.robot.keep_out.iter().map(|corners| self.robot.room(corners)).collect(),
+            keep_out_m: self.robot.keep_out.iter().map(|corners| self.robot.keep_out_box(corners)).collect(),
             stiffness_n: self.lines.stiffness_n,
             routed_length_m: (!self.lines.routed_length_m.is_empty()).then(|| self.lines.routed_length_m.clone()),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
@@ -105,8 +106,8 @@ impl RobotFile {
     }
 }
 
-/// What the mathematics refuses, at the key of the file that it is about.
-fn of_robot(error: &RobotError) -> Problem {
+/// Converts an error of the robot model to a problem at the key of the file that it is about.
+fn robot_problem(error: &RobotError) -> Problem {
     let table = match error.key {
         "stiffness_n" | "routed_length_m" => "lines",
         "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
@@ -118,8 +119,8 @@ fn of_robot(error: &RobotError) -> Problem {
 }
 
 impl RobotSection {
-    /// A box of `keep_out`; of a planar robot it reaches as far as need be on both sides of the plane.
-    fn room(&self, [low, high]: &[Point; 2]) -> [[f64; 3]; 2] {
+    /// Returns a box of `keep_out`; for a planar robot it extends 1 m to both sides of the plane.
+    fn keep_out_box(&self, [low, high]: &[Point; 2]) -> [[f64; 3]; 2] {
         let (mut low, mut high) = (low.position_m, high.position_m);
         if self.anchors_m.is_planar() {
             (low[1], high[1]) = (-1.0, 1.0);
@@ -129,7 +130,7 @@ impl RobotSection {
 }
 
 impl MotorSection {
-    /// The motor for the mathematics.
+    /// Creates the motor model.
     #[must_use]
     pub fn motor(&self) -> Motor {
         Motor {
@@ -144,7 +145,7 @@ impl MotorSection {
 }
 
 impl ControllerSection {
-    /// How the tensions of this robot are chosen; as many cables as directions leave no choice.
+    /// Returns the tension distribution for a robot; without redundant cables the tensions are unique.
     #[must_use]
     pub fn distribution_for(&self, robot: &Robot) -> Distribution {
         match (robot.redundancy(), self.distribution) {
@@ -157,14 +158,14 @@ impl ControllerSection {
 }
 
 impl SystemFile {
-    /// Where the position is kept over restarts, unless motor-io is told another folder: beside that of the runs.
+    /// Returns the default folder for the position that motor-io stores across restarts: next to the runs folder.
     #[must_use]
     pub fn state_folder(&self) -> PathBuf {
         self.runs.parent().unwrap_or(Path::new(".")).join("state")
     }
 
-    /// What the state of this robot is kept under: a real box is one robot, whoever runs it; a virtual one hangs in its domain, and
-    /// another domain's is another robot.
+    /// Returns the name under which the state of this robot is stored. A real robot has one state; a virtual robot has
+    /// one per domain.
     #[must_use]
     pub fn state_name(&self, domain: &str) -> String {
         if self.motor_box.is_none() {
@@ -174,51 +175,51 @@ impl SystemFile {
         format!("{}-{domain}", self.name)
     }
 
-    /// Reads and checks a system file and the robot file it names. The paths `robot`, `runs` and `planner.missions` of the result no
-    /// longer depend on the folder of the file.
+    /// Reads and checks a system file and the robot file that it names. The paths `robot`, `runs` and
+    /// `planner.missions` of the result are no longer relative to the folder of the file.
     ///
     /// # Errors
-    /// One sentence that names the file, the key and what is accepted.
+    /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         let mut file: Self = source.parse()?;
         let refuse = |problem: Problem| source.error(&problem);
         let folder = path.parent().unwrap_or(Path::new(""));
         for inner in [&mut file.robot, &mut file.runs, &mut file.planner.missions] {
-            *inner = beside(folder, inner);
+            *inner = join_normalized(folder, inner);
         }
         if let Some(section) = &mut file.motor_box {
             let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.clone()).collect();
             devices::check(&section.device, &mut section.ground, folder, &ports).map_err(refuse)?;
         }
         if !file.robot.is_file() {
-            let clause = format!("names {}, and there is no such file", file.robot.display());
+            let clause = format!("is {}; there is no such file", file.robot.display());
             return Err(refuse(Problem::of("robot", clause)));
         }
         let robot = RobotFile::load(&file.robot)?;
         check::system_file(&file, &robot).map_err(refuse)?;
-        let counts = robot.calibration.as_ref().map(|found| found.encoders(&file.motor_io.counts_per_m)).transpose();
-        if let Some(counts) = counts.map_err(refuse)?.flatten() {
+        let counts = robot.calibration.as_ref().map(|calibration| calibration.encoders(&file.motor_io.counts_per_m));
+        if let Some(counts) = counts.transpose().map_err(refuse)?.flatten() {
             file.motor_io.counts_per_m = counts;
         }
         Ok(file)
     }
 
-    /// The box as a file with every key, those that were not written at their defaults; `robot` is where its robot file will be found
-    /// from there. [`SystemFile::load`] reads it back.
+    /// Returns the text of a system file with every key, including defaults; `robot` is the path of its robot file
+    /// relative to the new file. [`SystemFile::load`] reads it back.
     ///
     /// # Errors
-    /// A value that TOML cannot hold; no file that was loaded has one.
+    /// A value that TOML cannot represent; no loaded file has one.
     pub fn resolved(&self, robot: &str) -> Result<String, String> {
         let mut file = Self { robot: robot.into(), ..self.clone() };
-        // Beside it as well, as the robot file is.
+        // The ground file is copied next to the new file, like the robot file.
         if let Some(ground) = file.motor_box.as_mut().and_then(|section| section.ground.as_mut()) {
             *ground = "ground.toml".into();
         }
         toml::to_string(&file).map_err(|error| error.to_string())
     }
 
-    /// The robot file that this box names.
+    /// Reads the robot file that this file names.
     ///
     /// # Errors
     /// As [`RobotFile::load`].
@@ -226,7 +227,7 @@ impl SystemFile {
         RobotFile::load(&self.robot)
     }
 
-    /// One control cycle, s.
+    /// Returns the period of a control cycle, s.
     #[must_use]
     pub fn period_s(&self) -> f64 {
         1.0 / self.rate_hz
@@ -238,7 +239,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_resolved_box_file_says_the_same_with_every_key() {
+    fn a_resolved_system_file_has_every_key_and_the_same_values() {
         let boxes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems");
         for entry in std::fs::read_dir(&boxes).unwrap() {
             let path = entry.unwrap().path();

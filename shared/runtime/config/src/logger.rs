@@ -1,4 +1,4 @@
-//! `[sensor_logger]`: what becomes of the readings of sensors.
+//! `[sensor_logger]`: storage of sensor readings and live maps.
 
 use crate::Problem;
 use crate::number::number;
@@ -8,23 +8,23 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorLoggerSection {
-    /// How long a reading waits for an estimate that is newer than it, s.
+    /// Longest time that a reading waits for a newer estimate, s.
     pub wait_s: f64,
-    /// How exactly the instant of a reading is known, s: standard deviation.
+    /// Standard deviation of the time of a reading, s.
     pub time_sigma_s: f64,
     /// Time between two maps of a sensor, s.
     pub map_period_s: f64,
-    /// Side of a cell of the maps, m. Default: what covers the area in 64 cells.
+    /// Side of a cell of the maps, m. Default: 64 cells across the area.
     pub map_cell_m: Option<f64>,
-    /// How far a sample speaks for its surroundings in the maps, m. Default: four cells.
+    /// Distance up to which a sample contributes to the maps, m. Default: four cells.
     pub map_reach_m: Option<f64>,
-    /// Two opposite corners of the maps, m; `[x, z]` of a planar robot. Default: the anchors.
+    /// Two opposite corners of the maps, m; `[x, z]` for a planar robot. Default: the bounding box of the anchors.
     pub map_area_m: Option<[[f64; 2]; 2]>,
-    /// Live maps at most; sensors beyond that have samples only.
+    /// Largest number of live maps; further sensors have samples only.
     pub maps: usize,
-    /// Sensors that are left out (names; a trailing `*` stands for any ending).
+    /// Excluded sensors (names; a trailing `*` matches any ending).
     pub exclude: Vec<String>,
-    /// What differs from sensor to sensor.
+    /// Settings of single sensors.
     pub sensor: Vec<LoggedSensorSection>,
 }
 
@@ -48,28 +48,28 @@ impl Default for SensorLoggerSection {
 #[derive(Debug, Clone, PartialEq, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LoggedSensorSection {
-    /// Its channel is `sensor/NAME`.
+    /// NAME of its channel `sensor/NAME`.
     pub name: String,
-    /// From the event to the `stamp_ns` of its readings, s. Default: as the readings themselves say, by `oldest_input_ns`.
+    /// Time from the measurement to the `stamp_ns` of its reading, s. Default: from `oldest_input_ns` of the reading.
     pub latency_s: Option<f64>,
-    /// How exactly the instant of its readings is known, s. Default: that of `[sensor_logger]`.
+    /// Standard deviation of the time of its readings, s. Default: that of `[sensor_logger]`.
     pub time_sigma_s: Option<f64>,
-    /// Where it is on the node, m. Default: as its readings say, otherwise at the node's own position.
+    /// Position of the sensor relative to the node, m. Default: as in its readings, otherwise zero.
     pub lever_m: Option<[f64; 3]>,
-    /// For readings of a type of their own: the fields that are values, at most eight numbers. Default: the first numbers with a
-    /// fraction, or the first numbers if there is none.
+    /// For readings of a custom type: the numeric fields that are values, at most eight. Default: the first
+    /// floating-point fields, or the first numbers if it has none.
     pub fields: Vec<String>,
-    /// Which value is in the map, from 1; 0: no map. Default 1.
+    /// Number of the value in the map, from 1; 0: no map. Default 1.
     pub map_value: Option<usize>,
-    /// The value is a distance straight down, m: the map shows the height of what is there.
+    /// The value is a distance straight down, m; the map then shows the height of the surface.
     pub looks_down: bool,
-    /// Standard deviation of a value, in its unit. Default: estimated from the scatter of all.
+    /// Standard deviation of a value, in its unit. Default: estimated from the scatter of all values.
     pub sigma: Option<f64>,
-    /// Diameter of what it sees at once, m.
+    /// Diameter of the area that one reading covers, m.
     pub footprint_m: f64,
 }
 
-/// What the numbers may be.
+/// Checks the ranges of the values.
 pub(super) fn check(section: &SensorLoggerSection) -> Result<(), Problem> {
     number("sensor_logger.wait_s", section.wait_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
     number("sensor_logger.time_sigma_s", section.time_sigma_s, "0 to 1 s", |v| (0.0..=1.0).contains(&v))?;

@@ -1,4 +1,4 @@
-//! Files that a robot file names because they are measured, not written: a calibration and a motor table.
+//! Files of measurements that a robot file names: a calibration and a motor table.
 
 use crate::Problem;
 use crate::toml_file::{self, ConfigError, Source};
@@ -6,34 +6,34 @@ use cable_robot::energy::CurrentTable;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// The box of a run with every key, in the folder of the run: every process of the run reads it.
+/// Name of the run's system file with every key, in the run folder; every process of the run reads it.
 pub const RESOLVED: &str = "resolved.toml";
 
-/// A calibration as `nims calibrate --out` writes it; what else is in the file (measurements, residuals) is for people.
+/// A calibration as written by `nims calibrate --out`. Other keys of the file (measurements, residuals) are information
+/// for the reader.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct CalibrationFile {
-    /// `survey`, `joint` or `gps`.
+    /// Method: `survey`, `joint` or `gps`.
     pub method: String,
-    /// When it was made, UTC.
+    /// Date of the calibration, UTC.
     pub date: String,
-    /// Good, usable or poor, and why.
+    /// Good, usable or poor, with the reason.
     pub verdict: String,
-    /// Where the lines leave their pulleys, m.
+    /// Points where the cables leave their pulleys, m.
     pub anchors_m: Vec<[f64; 3]>,
     /// Covariance of x1, y1, z1, x2, .., m².
     pub covariance_m2: Vec<Vec<f64>>,
-    /// How many times the true lengths the measured ones read.
+    /// Ratio of the measured lengths to the true lengths.
     #[serde(default = "one")]
     pub scale: f64,
-    /// Its standard deviation; 0 where it was not sought.
+    /// Standard deviation of `scale`; 0 if the scale was not estimated.
     #[serde(default)]
     pub scale_std: f64,
-    /// The encoder counts per metre that the lengths were reckoned with, if they are the robot's own; those of a tape say nothing of
-    /// the encoders.
+    /// Encoder counts per metre with which the lengths were computed. `None` if the lengths were measured with a tape.
     pub counts_per_m: Option<Vec<f64>>,
 }
 
-/// A system file's `counts_per_m` is that of the encoders of a calibration up to this share; beyond it is about others.
+/// Largest relative difference between `counts_per_m` of the system file and of a calibration with the same encoders.
 const SAME_ENCODERS: f64 = 0.1;
 
 fn one() -> f64 {
@@ -41,31 +41,31 @@ fn one() -> f64 {
 }
 
 impl CalibrationFile {
-    /// Reads a calibration. That its numbers make sense is for [`cable_robot::Robot::new`] to say.
+    /// Reads a calibration. [`cable_robot::Robot::new`] checks its numbers.
     ///
     /// # Errors
-    /// One sentence that names the file.
+    /// The file cannot be read or parsed: one sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         toml_file::load(path)
     }
 
-    /// Encoder counts per true metre of each line, if the calibration was made with the robot's own lengths: it counted that many for what
-    /// it took for `scale` metres.
+    /// Returns the encoder counts per true metre of each cable, if the calibration used the robot's encoders:
+    /// `counts_per_m` counts were taken for one metre but are 1 / `scale` true metres.
     #[must_use]
     pub fn true_counts_per_m(&self) -> Option<Vec<f64>> {
         self.counts_per_m.as_ref().map(|counts| counts.iter().map(|counts| counts * self.scale).collect())
     }
 
-    /// What takes the place of a system file's `counts_per_m`; none where the calibration says nothing of the encoders.
+    /// Returns the replacement for `counts_per_m` of a system file; `None` if the calibration did not use the encoders.
     ///
     /// # Errors
-    /// It is about other encoders.
+    /// The calibration was made with other encoders.
     pub(super) fn encoders(&self, configured: &[f64]) -> Result<Option<Vec<f64>>, Problem> {
         let Some(counts) = self.true_counts_per_m() else { return Ok(None) };
         let same = |(counts, configured): (&f64, &f64)| (counts / configured - 1.0).abs() <= SAME_ENCODERS;
         if counts.len() != configured.len() || !counts.iter().zip(configured).all(same) {
             let clause = format!(
-                "is {configured:?}, and the calibration of {} found {counts:.1?}: these are other encoders; calibrate again",
+                "is {configured:?}, but the calibration of {} found {counts:.1?}: these are other encoders; calibrate again",
                 self.date
             );
             return Err(Problem::of("motor_io.counts_per_m", clause));
@@ -73,7 +73,7 @@ impl CalibrationFile {
         Ok(Some(counts))
     }
 
-    /// The least certain coordinate: anchor from 1, axis, standard deviation in m.
+    /// Returns the least certain coordinate: number of the anchor from 1, axis, standard deviation in m.
     #[must_use]
     pub fn worst(&self) -> (usize, char, f64) {
         let variances = self.covariance_m2.iter().enumerate().map(|(i, row)| (i, row.get(i).copied().unwrap_or(0.0)));
@@ -82,22 +82,22 @@ impl CalibrationFile {
     }
 }
 
-/// A motor table as `nims motor-table --out` writes it.
+/// A motor table as written by `nims motor-table --out`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct MotorTableFile {
-    /// Reel-in speeds, m/s, rising; negative pays out.
+    /// Reel-in speeds, m/s, ascending; negative pays out.
     pub speeds_m_s: Vec<f64>,
-    /// Line tensions, N, rising.
+    /// Cable tensions, N, ascending.
     pub tensions_n: Vec<f64>,
-    /// Armature current, A: a row per speed, a value per tension.
+    /// Armature currents, A: one row per speed, one value per tension.
     pub currents_a: Vec<Vec<f64>>,
 }
 
 impl MotorTableFile {
-    /// Reads a table.
+    /// Reads and checks a table.
     ///
     /// # Errors
-    /// One sentence that names the file.
+    /// The file cannot be read or is no table: one sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         let file: Self = source.parse()?;
@@ -105,25 +105,25 @@ impl MotorTableFile {
         Ok(file)
     }
 
-    /// The table for the mathematics, of motors with this armature resistance, ohm.
+    /// Returns the current table for motors with this armature resistance, ohm.
     ///
     /// # Errors
-    /// Numbers that make no table.
+    /// The numbers form no valid table.
     pub fn table(&self, resistance_ohm: f64) -> Result<CurrentTable, cable_robot::energy::TableError> {
         CurrentTable::new(self.speeds_m_s.clone(), self.tensions_n.clone(), &self.currents_a, resistance_ohm)
     }
 }
 
-/// Where a file is that another one in `folder` names: as written from there, or, if it is not there, beside it by its bare
-/// name, which is how the folder of a run keeps it.
-pub(super) fn found(folder: &Path, named: &Path) -> PathBuf {
-    let written = crate::file::beside(folder, named);
-    let bare = named.file_name().map(|name| folder.join(name));
-    // The folder of a run holds copies of its own, wherever the originals stand.
+/// Resolves the path `named` in a file of `folder`: relative to `folder`, or, if there is no such file, the file of
+/// that name in `folder` itself.
+pub(super) fn resolve_named_file(folder: &Path, named: &Path) -> PathBuf {
+    let relative = crate::file::join_normalized(folder, named);
+    let copy = named.file_name().map(|name| folder.join(name));
+    // A run folder holds copies, which take precedence over the originals.
     let is_run = folder.join(RESOLVED).is_file();
-    match bare {
-        Some(bare) if (is_run || !written.is_file()) && bare.is_file() => bare,
-        _ => written,
+    match copy {
+        Some(copy) if (is_run || !relative.is_file()) && copy.is_file() => copy,
+        _ => relative,
     }
 }
 
@@ -155,7 +155,7 @@ mod tests {
         )
     }
 
-    /// Writes `robots/robot.toml` with what it names around it, and loads it.
+    /// Writes `robots/robot.toml` and the folders of the files that it names, and loads it.
     fn load(folder: &Path, robot: &str) -> Result<RobotFile, ConfigError> {
         for inner in ["robots", "sites"] {
             std::fs::create_dir_all(folder.join(inner)).unwrap();
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_file_takes_anchors_and_currents_from_the_files_that_it_names() {
+    fn a_robot_file_reads_anchors_and_currents_from_the_files_that_it_names() {
         let folder = tempfile::tempdir().unwrap();
         load(folder.path(), ROBOT).unwrap_err();
         std::fs::write(folder.path().join("sites/pond.toml"), calibration("4e-4")).unwrap();
@@ -177,7 +177,7 @@ mod tests {
         assert_eq!(robot.current().current_a(40.0, 0.5), Ok(3.0));
         assert_eq!(robot.current().resistance_ohm(), 2.0);
         assert_eq!(file.calibration.as_ref().unwrap().worst(), (1, 'x', 0.02));
-        // The folder of a run keeps both beside the robot file, by their bare names.
+        // A run folder holds copies of both next to the robot file.
         let run = tempfile::tempdir().unwrap();
         let named = file.named_files(&folder.path().join("robots"));
         assert_eq!(named.len(), 2);
@@ -189,29 +189,29 @@ mod tests {
     }
 
     #[test]
-    fn a_calibration_by_the_robots_own_lengths_corrects_its_encoders_once() {
+    fn a_calibration_with_the_robots_encoders_corrects_their_counts_once() {
         let with = |more: &str| {
             let text = calibration("1e-4").replace("[measurements]", &format!("{more}\n[measurements]"));
             toml::from_str::<CalibrationFile>(&text).unwrap()
         };
         let own = with("scale = 1.01\nscale_std = 0.001\ncounts_per_m = [10000.0, -10000.0, 5000.0]");
-        // It read 1 % too much, so there are 1 % more counts in a true metre.
+        // The measured lengths were 1 % too long, so a true metre has 1 % more counts.
         let counts = own.encoders(&[10000.0, -10000.0, 5000.0]).unwrap().unwrap();
         assert!(counts.iter().zip([10100.0, -10100.0, 5050.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{counts:?}");
-        // whatever the system file says meanwhile
+        // The result does not depend on the counts in the system file.
         assert_eq!(own.encoders(&counts).unwrap().unwrap(), counts);
         for other in [&[10000.0, 10000.0, 5000.0][..], &[10000.0, -10000.0], &[20000.0, -20000.0, 10000.0]] {
             let sentence = own.encoders(other).unwrap_err().to_string();
             assert!(["`motor_io.counts_per_m`", &own.date].iter().all(|part| sentence.contains(part)), "{sentence}");
             assert!(sentence.contains(&format!("{other:?}")) && sentence.contains("10100.0"), "{sentence}");
         }
-        // A tape's error says nothing of the encoders.
+        // A calibration with a tape does not correct the encoders.
         assert_eq!(with("scale = 1.01\nscale_std = 0.001").encoders(&[1.0]), Ok(None));
         assert_eq!(with("").scale, 1.0);
     }
 
     #[test]
-    fn what_does_not_fit_together_is_said_in_one_sentence() {
+    fn files_that_do_not_match_are_rejected_with_one_sentence() {
         let folder = tempfile::tempdir().unwrap();
         let sites = folder.path().join("sites/pond.toml");
         std::fs::create_dir_all(sites.parent().unwrap()).unwrap();

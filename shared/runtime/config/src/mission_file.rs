@@ -1,8 +1,9 @@
-//! Where a mission is that is given by its name.
+//! Finds a mission file by its path or name.
 
 use std::path::{Path, PathBuf};
 
-/// The file that `given` means: a path, or the name of one of the missions.
+/// Returns the mission file for `given`: a path, or the name of a file in the folder `missions`, with or without
+/// `.toml`.
 #[must_use]
 pub fn mission_file(given: &str, missions: &Path) -> PathBuf {
     let path = PathBuf::from(given);

@@ -2,7 +2,7 @@
 
 use crate::Problem;
 
-/// A number as it is quoted in a sentence: not with a hundred digits.
+/// Displays a number in a sentence; very large and very small numbers in exponential notation.
 pub struct Given(pub f64);
 
 impl std::fmt::Display for Given {

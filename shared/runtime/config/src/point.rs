@@ -1,4 +1,4 @@
-//! Points as people write them: `[x, y, z]` in space, `[x, z]` for a planar robot.
+//! Points in files and on the command line: `[x, y, z]` in space, `[x, z]` for a planar robot.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::ops::Deref;
@@ -13,36 +13,36 @@ use std::ops::Deref;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// As [x, y, z], with y = 0 where it was written as [x, z].
+    /// [x, y, z], with y = 0 if it was written as [x, z].
     pub position_m: [f64; 3],
     /// Whether it was written as [x, z].
     pub planar: bool,
 }
 
 impl Point {
-    /// Two numbers are [x, z], three are [x, y, z].
+    /// Creates a point from two numbers [x, z] or three numbers [x, y, z].
     ///
     /// # Errors
-    /// Neither; says what is accepted.
+    /// Another number of numbers.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
         match *numbers {
             [x, z] => Ok(Self { position_m: [x, 0.0, z], planar: true }),
             [x, y, z] => Ok([x, y, z].into()),
-            _ => Err(format!("it has {} numbers; give x, y and z, or x and z for a planar robot", numbers.len())),
+            _ => Err(format!("it has {} numbers; accepted: x, y and z, or x and z for a planar robot", numbers.len())),
         }
     }
 
-    /// The position [x, y, z] on a planar robot or on one in space. A planar one takes [x, 0, z] too.
+    /// Returns the position [x, y, z] for a planar or a spatial robot. A planar robot accepts [x, 0, z] too.
     ///
     /// # Errors
-    /// The point is of the other kind: one clause that says so.
+    /// The point is of the other kind: one clause.
     pub fn on(&self, planar: bool) -> Result<[f64; 3], String> {
         match (self.position_m, self.planar, planar) {
             ([x, _, z], true, false) => {
-                Err(format!("[{x}, {z}] is in a plane, and this robot moves in space; give x, y and z"))
+                Err(format!("[{x}, {z}] is a point of a plane, and this robot moves in space; give x, y and z"))
             }
             ([x, y, z], _, true) if y != 0.0 => {
-                Err(format!("[{x}, {y}, {z}] is beside the plane y = 0 that this robot moves in; give x and z"))
+                Err(format!("[{x}, {y}, {z}] is outside the plane y = 0 in which this robot moves; give x and z"))
             }
             (position_m, ..) => Ok(position_m),
         }
@@ -69,7 +69,7 @@ impl Serialize for Point {
     }
 }
 
-/// Points of one kind: all `[x, y, z]`, or all `[x, z]`, which makes a robot with such anchors a planar one.
+/// Points of one kind: all `[x, y, z]`, or all `[x, z]`. A robot with anchors of the second kind is planar.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Points {
     positions_m: Vec<[f64; 3]>,
@@ -77,7 +77,7 @@ pub struct Points {
 }
 
 impl Points {
-    /// Whether they were written as [x, z].
+    /// Returns whether the points were written as [x, z].
     #[must_use]
     pub fn is_planar(&self) -> bool {
         self.planar
@@ -90,7 +90,7 @@ impl From<Vec<[f64; 3]>> for Points {
     }
 }
 
-/// As [x, y, z], with y = 0 where they were written as [x, z].
+/// The positions [x, y, z], with y = 0 if the points were written as [x, z].
 impl Deref for Points {
     type Target = [[f64; 3]];
     fn deref(&self) -> &[[f64; 3]] {
@@ -103,8 +103,8 @@ impl<'de> Deserialize<'de> for Points {
         let points = Vec::<Point>::deserialize(deserializer)?;
         let planar = points.first().is_some_and(|point| point.planar);
         if let Some(other) = points.iter().position(|point| point.planar != planar) {
-            let problem = format!("number {} has not as many numbers as number 1", other + 1);
-            return Err(serde::de::Error::custom(format!("{problem}; give all as [x, y, z], or all as [x, z]")));
+            let problem = format!("point {} has another number of coordinates than point 1", other + 1);
+            return Err(serde::de::Error::custom(format!("{problem}; accepted: all [x, y, z], or all [x, z]")));
         }
         Ok(Self { positions_m: points.iter().map(|point| point.position_m).collect(), planar })
     }
@@ -120,14 +120,14 @@ mod tests {
     }
 
     #[test]
-    fn two_numbers_make_a_plane_and_a_mixture_is_refused() {
+    fn two_numbers_mean_a_planar_robot_and_a_mixture_is_rejected() {
         let read = |text: &str| toml::from_str::<File>(text).map(|file| file.anchors_m);
         let planar = read("anchors_m = [[0, 4], [6.0, 4.0]]").unwrap();
         assert!(planar.is_planar());
         assert_eq!(planar[..], [[0.0, 0.0, 4.0], [6.0, 0.0, 4.0]]);
         let space = read("anchors_m = [[0, 1, 4]]").unwrap();
         assert!(!space.is_planar());
-        // Which of the points, or how many numbers it has.
+        // The error contains the index of the point, or the number of its coordinates.
         for (text, number) in [("[[0, 1], [1, 2, 3]]", " 2 "), ("[[0, 1, 2, 3]]", " 4 "), ("[[0]]", " 1 ")] {
             let error = read(&format!("anchors_m = {text}")).unwrap_err();
             assert!(error.message().contains(number), "{error}");
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_of_the_other_kind_is_refused_by_its_numbers() {
+    fn the_error_for_a_point_of_the_other_kind_contains_its_coordinates() {
         let (flat, space) = (Point::from_numbers(&[1.0, 2.0]).unwrap(), Point::from([1.0, 0.0, 2.0]));
         assert_eq!((flat.on(true), space.on(true)), (Ok([1.0, 0.0, 2.0]), Ok([1.0, 0.0, 2.0])));
         assert_eq!(space.on(false), Ok([1.0, 0.0, 2.0]));

@@ -1,8 +1,8 @@
-//! What is wrong with a value that was read: at which key, and why.
+//! A problem with a configuration value: its key, and a sentence about it.
 
 use std::fmt;
 
-/// A value that does not fit, found after the file was read.
+/// A value that is not accepted, found after the file was parsed.
 ///
 /// [`Source::error`](crate::toml_file::Source::error) adds file and line.
 ///
@@ -20,25 +20,26 @@ pub struct Problem {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Sentence {
-    /// The key, and a clause about it.
+    /// The quoted key, and a clause that follows it.
     About { subject: String, clause: String },
-    /// One that names the key itself, or several.
+    /// A complete sentence that names its keys itself.
     Whole(String),
 }
 
 impl Problem {
-    /// A dotted `key`, tables of an array numbered from 0, and the clause that follows it in the sentence.
+    /// Creates a problem from a dotted `key`, in which the tables of an array are numbered from 0, and the clause that
+    /// follows the key in the sentence.
     pub fn of(key: impl Into<String>, clause: impl Into<String>) -> Self {
         let key = key.into();
         Self { sentence: Sentence::About { subject: format!("`{key}`"), clause: clause.into() }, key }
     }
 
-    /// A whole sentence about what stands at `key`.
+    /// Creates a problem at `key` from a complete sentence.
     pub fn at(key: impl Into<String>, sentence: impl Into<String>) -> Self {
         Self { key: key.into(), sentence: Sentence::Whole(sentence.into()) }
     }
 
-    /// The same for a key of the table at `table`, which a sentence calls `owner`.
+    /// Returns the problem with its key moved into the table `table`, which the sentence names `owner`.
     #[must_use]
     pub fn within(self, table: &str, owner: &str) -> Self {
         let sentence = match self.sentence {
@@ -48,7 +49,7 @@ impl Problem {
         Self { key: format!("{table}.{}", self.key), sentence }
     }
 
-    /// The dotted key.
+    /// Returns the dotted key.
     #[must_use]
     pub fn key(&self) -> &str {
         &self.key

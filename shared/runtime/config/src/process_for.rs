@@ -1,12 +1,12 @@
-//! Which process a law or a method is: the standard program, or a `[[process]]` of the system file.
+//! Maps the name of a law or method to a process: the standard program, or a `[[process]]` of the system file.
 
 use crate::{ProcessSection, Role, SystemFile};
 
 impl SystemFile {
-    /// The `[[process]]` that this name of a law or a method means; `None` for one that the standard program has itself.
+    /// Returns the `[[process]]` with this name of a law or method; `None` if the standard program implements it.
     ///
     /// # Errors
-    /// There is neither, or the entry has another role.
+    /// Neither exists, or the entry has another role.
     pub fn process_for(&self, role: Role, law: &str) -> Result<Option<&ProcessSection>, String> {
         if let Some(section) = self.process.iter().find(|section| section.name == law) {
             if section.role == role {
@@ -23,9 +23,9 @@ impl SystemFile {
         let others: Vec<&str> =
             self.process.iter().filter(|other| other.role == role).map(|other| other.name.as_str()).collect();
         let or = if others.is_empty() {
-            ", or the name of a [[process]] of that role, of which the system file has none".to_owned()
+            ", or the name of a [[process]] of that role (the system file has no such process)".to_owned()
         } else {
-            format!(", or of the system file {}", others.join(", "))
+            format!(", or from the system file {}", others.join(", "))
         };
         let (role, accepted) = (role.name(), quoted.join(", "));
         Err(format!("nothing was started: the {role} has no \"{law}\"; accepted: {accepted}{or}"))
@@ -39,7 +39,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_law_is_the_standard_programs_own_or_an_entry_of_the_system_file() {
+    fn a_law_is_one_of_the_standard_program_or_an_entry_of_the_system_file() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems/demo3.toml");
         let mut file = SystemFile::load(&path).unwrap();
         let own = "name = \"mine\"\nrole = \"controller\"\ncommand = [\"mine\"]\n";

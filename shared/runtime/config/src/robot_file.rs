@@ -1,4 +1,4 @@
-//! The robot file: geometry, node, lines and motors.
+//! The robot file: geometry, node, cables and motors.
 
 use super::{CalibrationFile, MotorTableFile, Point, Points};
 use serde::Deserialize;
@@ -8,22 +8,22 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotFile {
-    /// What people call this robot.
+    /// Name of the robot.
     pub name: String,
     /// Geometry, node and limits.
     pub robot: RobotSection,
-    /// The lines; leave out for rigid lines without routing.
+    /// The cables; omit it for rigid cables without routing.
     #[serde(default)]
     pub lines: LinesSection,
-    /// The motors, seen from the line.
+    /// The motors, with all quantities at the cable.
     #[serde(default)]
     pub motor: MotorSection,
-    /// Where on Earth it stands; only for georeferenced maps.
+    /// Geographic position; only for georeferenced maps.
     pub site: Option<SiteSection>,
-    /// The calibration that `[robot]` names.
+    /// The calibration that `robot.calibration` names.
     #[serde(skip)]
     pub calibration: Option<CalibrationFile>,
-    /// The table that `[motor]` names.
+    /// The table that `motor.table` names.
     #[serde(skip)]
     pub motor_table: Option<MotorTableFile>,
 }
@@ -39,27 +39,28 @@ pub struct RobotSection {
     /// Drag of the node per square of its speed, N s²/m².
     #[serde(default)]
     pub drag_n_s2_m2: f64,
-    /// A file of `nims calibrate --out`, from the folder of this file: it gives the anchors and how well they are known.
+    /// A file from `nims calibrate --out`, relative to the folder of this file, with the anchors and their covariance.
     pub calibration: Option<PathBuf>,
-    /// Where the lines leave their pulleys, one `[x, y, z]` per cable, 3 to 8; `[x, z]`, 2 to 8, for a planar robot; or else
-    /// `calibration`.
+    /// The points where the cables leave their pulleys, m: one `[x, y, z]` per cable, 3 to 8; one `[x, z]` per cable, 2
+    /// to 8, for a planar robot. Omit them with a `calibration`.
     #[serde(default)]
     pub anchors_m: Points,
-    /// Least and largest line tension allowed, N.
+    /// Smallest and largest allowed cable tension, N.
     pub tension_limits_n: [f64; 2],
     /// Largest speed of the node, m/s.
     pub speed_limit_m_s: f64,
     /// Largest acceleration of the node, m/s².
     pub acceleration_limit_m_s2: f64,
-    /// Largest cable velocity, m/s; default twice the node's speed.
+    /// Largest cable velocity, m/s; default: twice the speed limit of the node.
     pub cable_speed_limit_m_s: Option<f64>,
-    /// Shortest and longest line paid out beyond the pulley, m.
+    /// Shortest and longest cable beyond the pulley, m.
     #[serde(default = "default_length_limits")]
     pub length_limits_m: [f64; 2],
-    /// The node stays above this height, m.
+    /// Smallest height of the node, m.
     #[serde(default)]
     pub ground_m: f64,
-    /// Boxes the node must not enter: `[[[x0, y0, z0], [x1, y1, z1]], ..]`, m; of a planar robot `[[[x0, z0], [x1, z1]], ..]`.
+    /// Boxes that the node must not enter, m: `[[[x0, y0, z0], [x1, y1, z1]], ..]`, or `[[[x0, z0], [x1, z1]], ..]` for
+    /// a planar robot.
     #[serde(default)]
     pub keep_out: Vec<[Point; 2]>,
 }
@@ -68,21 +69,24 @@ pub struct RobotSection {
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinesSection {
-    /// EA, N: tension per unit of strain. Leave out for rigid lines.
+    /// Stiffness EA, N: tension per unit of strain. Omit it for rigid cables.
     pub stiffness_n: Option<f64>,
-    /// Line from the drum to the pulley, which stretches too, m per cable; default 0.
+    /// Length from the drum to the pulley, which stretches too, m per cable; default 0.
     #[serde(default)]
     pub routed_length_m: Vec<f64>,
 }
 
-/// `[motor]`: what the motors draw, by a model or as `table` has it measured. By the model, current = (T (1 + gear_friction s) + coulomb s + viscous v) / force_constant, s = tanh(v / transition), v > 0 reels in.
+/// `[motor]`: the current of the motors, from a model or measured in `table`.
+///
+/// Model: current = (T (1 + gear_friction s) + coulomb s + viscous v) / force_constant, with s = tanh(v / transition);
+/// v > 0 reels in.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotorSection {
-    /// A file of `nims motor-table --out`, from the folder of this file: the cost of moves is reckoned from it. Faults are still
-    /// judged by the model, which also holds outside of what was measured.
+    /// A file from `nims motor-table --out`, relative to the folder of this file, from which the energy of moves is
+    /// computed. Fault detection uses the model, which is valid outside the measured range too.
     pub table: Option<PathBuf>,
-    /// Line tension per ampere, N/A.
+    /// Cable tension per ampere, N/A.
     pub force_constant_n_a: f64,
     /// Armature resistance, ohm.
     pub resistance_ohm: f64,
@@ -92,14 +96,14 @@ pub struct MotorSection {
     pub coulomb_n: f64,
     /// Friction that grows with speed, N s/m.
     pub viscous_n_s_m: f64,
-    /// Speed over which friction changes its sign, m/s.
+    /// Width of the velocity range in which friction changes its sign, m/s.
     pub transition_m_s: f64,
     /// Largest continuous current, A.
     pub current_limit_a: f64,
 }
 
 impl Default for MotorSection {
-    /// A heavily geared brushed motor on a 20 mm drum, as in the comparison of the paper's moves with real motors.
+    /// A brushed motor with a high gear ratio on a 20 mm drum, as in the paper's comparison of moves with real motors.
     fn default() -> Self {
         Self {
             table: None,
@@ -118,11 +122,11 @@ impl Default for MotorSection {
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SiteSection {
-    /// Of the origin, degrees north.
+    /// Latitude of the origin, degrees north.
     pub latitude_deg: f64,
-    /// Of the origin, degrees east.
+    /// Longitude of the origin, degrees east.
     pub longitude_deg: f64,
-    /// Of the x axis, degrees clockwise from north.
+    /// Azimuth of the x axis, degrees clockwise from north.
     pub azimuth_deg: f64,
 }
 

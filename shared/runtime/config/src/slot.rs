@@ -1,19 +1,19 @@
 //! The two slots of a role.
 
 crate::choice! {
-    /// One of the two places of a role: a process can be swapped for another while both live.
+    /// One of the two places of a role: a process can be swapped for the one in the other slot while both run.
     #[derive(Default, clap::ValueEnum)]
     pub enum Slot {
-        /// The first.
+        /// First slot.
         #[default]
         A = "a",
-        /// The second.
+        /// Second slot.
         B = "b",
     }
 }
 
 impl Slot {
-    /// Index in the arrays of samples.
+    /// Returns the index in the arrays of samples.
     #[must_use]
     pub fn index(self) -> usize {
         self as usize

@@ -1,7 +1,7 @@
-//! The system file: which processes run, on which drives, at which rate, with which parameters.
+//! The system file: processes, drives, control rate and parameters of a robot.
 
 use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
-use crate::{Algorithm, ControlLaw, EstimatorMethod, Slot, StopPin, TensionDistribution};
+use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, Slot, StopPin, TensionDistribution};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -9,25 +9,25 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SystemFile {
-    /// What people call this box; also the name of its domain in shared memory (a-z, 0-9, dash; at most 16).
+    /// Name of the system and of its domain in shared memory: 1 to 16 of a-z, 0-9, dash.
     pub name: String,
-    /// The robot file.
+    /// Path of the robot file.
     pub robot: PathBuf,
     /// Control cycles per second, 10 to 250.
     #[serde(default = "default_rate")]
     pub rate_hz: f64,
-    /// Where run folders are made.
+    /// Folder in which run folders are created.
     #[serde(default = "default_runs")]
     pub runs: PathBuf,
     /// Drives and safety limits.
     pub motor_io: MotorIoSection,
-    /// When a second controller or estimator counts as a standby, and how a swap goes.
+    /// Qualification of standby controllers and estimators, and swaps.
     #[serde(default)]
     pub arbiter: ArbiterSection,
-    /// Lengths to position.
+    /// The estimator: cable lengths to position.
     #[serde(default)]
     pub estimator: EstimatorSection,
-    /// Position and motion to velocities.
+    /// The controller: position and motion to cable velocities.
     #[serde(default)]
     pub controller: ControllerSection,
     /// Missions and their checks.
@@ -39,15 +39,15 @@ pub struct SystemFile {
     /// The live view.
     #[serde(default)]
     pub viewer: ViewerSection,
-    /// What becomes of the readings of sensors.
+    /// Storage of sensor readings and live maps.
     #[serde(default)]
     pub sensor_logger: SensorLoggerSection,
-    /// The virtual motor box; leave out on real hardware.
+    /// The virtual motor box; omit it on real hardware.
     pub motor_box: Option<MotorBoxSection>,
     /// Scheduling of the control chain.
     #[serde(default)]
     pub realtime: RealtimeSection,
-    /// Processes besides the standard ones, or changes to them.
+    /// Processes in addition to the standard ones, or replacements of them.
     #[serde(default)]
     pub process: Vec<ProcessSection>,
 }
@@ -56,52 +56,53 @@ pub struct SystemFile {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorIoSection {
-    /// Serial ports and the units on them.
+    /// Serial ports with their drive units.
     pub ports: Vec<PortSection>,
-    /// Encoder counts per metre of line, one per cable; negative where the count falls as line pays out. A calibration by the robot's
-    /// own lengths that the robot file names takes their place as they are loaded.
+    /// Encoder counts per metre of cable, one value per cable; negative if the count decreases while the cable pays
+    /// out. A calibration with the robot's encoders, named in the robot file, replaces them when the file is loaded.
     pub counts_per_m: Vec<f64>,
-    /// The drives stop their motors after this time without a packet, s; steps of 0.1.
+    /// Time without a packet after which the drives stop their motors, s; in steps of 0.1.
     #[serde(default = "default_watchdog")]
     pub watchdog_s: f64,
-    /// So many cycles in a row without a command, and the robot stops and holds; until then the last one is used.
+    /// Number of consecutive cycles without a command after which the robot stops and holds; until then the last
+    /// command applies.
     #[serde(default = "default_ttl")]
     pub ttl_cycles: u32,
-    /// Time in which pause, hold and resume ramp the plan clock between standstill and full rate, s.
+    /// Time in which pause, hold and resume ramp the plan clock between rest and full rate, s.
     #[serde(default = "default_ramp")]
     pub ramp_s: f64,
     /// Cable velocity of jogging, m/s.
     #[serde(default = "default_jog")]
     pub jog_speed_m_s: f64,
-    /// A cable below this tension (by the estimate) for `slack_cycles` is slack, N.
+    /// Estimated tension below which a cable is slack, N.
     #[serde(default = "default_slack")]
     pub slack_n: f64,
-    /// Cycles before slack is a fault.
+    /// Cycles after which a slack cable is a fault.
     #[serde(default = "default_slack_cycles")]
     pub slack_cycles: u32,
     /// Drive output above which a cable that hardly moves is stalled or slipping, 0 to 1.
     #[serde(default = "default_stall_duty")]
     pub stall_duty: f64,
-    /// Cycles before stall or runaway is a fault.
+    /// Cycles after which a stall or a runaway is a fault.
     #[serde(default = "default_stall_cycles")]
     pub stall_cycles: u32,
     /// Lowest supply voltage, V.
     #[serde(default = "default_supply_min")]
     pub supply_min_v: f64,
-    /// The node's speed is bounded by the robot's speed limit and this share of it.
+    /// Fraction by which the node may exceed the robot's speed limit.
     #[serde(default = "default_speed_margin")]
     pub node_speed_margin: f64,
-    /// Largest change of the node's velocity per time, m/s²; no key: four times the robot's acceleration limit.
+    /// Largest acceleration of the node, m/s²; default: four times the robot's acceleration limit.
     pub node_acceleration_limit_m_s2: Option<f64>,
-    /// What a controller may add to the set point's own velocity, m/s; no key: half the robot's speed limit.
+    /// Largest velocity that a controller may add to that of the setpoint, m/s; default: half the robot's speed limit.
     pub correction_limit_m_s: Option<f64>,
-    /// A motion that begins farther from the node than this is not started, m.
+    /// Largest distance from the node to the start of a motion, m; motions that start farther away are rejected.
     #[serde(default = "default_start_bound")]
     pub start_bound_m: f64,
-    /// From this distance to the set point on, commands that lead away from it for `divergence_s` are a fault, m.
+    /// Distance from the setpoint beyond which commands that lead away from it for `divergence_s` are a fault, m.
     #[serde(default = "default_divergence_m")]
     pub divergence_m: f64,
-    /// See `divergence_m`, s.
+    /// Time for which commands may lead away from the setpoint beyond `divergence_m`, s.
     #[serde(default = "default_divergence_s")]
     pub divergence_s: f64,
 }
@@ -110,15 +111,19 @@ pub struct MotorIoSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PortSection {
-    /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` stands for the domain's folder (where the virtual box puts its ports).
+    /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` is replaced by the domain's folder, where the virtual motor box
+    /// creates its ports.
     pub path: String,
+    /// Drive family on this port.
+    #[serde(default)]
+    pub protocol: DriveProtocol,
     /// Baud rate.
     #[serde(default = "default_baud")]
     pub baud: u32,
-    /// Drive units on this line.
+    /// Drive units on this port.
     pub units: Vec<UnitSection>,
-    /// Status pin of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button holds on; no key: none. Open, or not
-    /// to be read, is an emergency stop.
+    /// Status input of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button keeps active; default:
+    /// none. An inactive or unreadable input is an emergency stop.
     pub stop_pin: Option<StopPin>,
 }
 
@@ -126,9 +131,9 @@ pub struct PortSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnitSection {
-    /// Packet serial address, 0x80 to 0x87.
+    /// Address of the unit on the port; which ones there are is up to the drive family.
     pub address: u8,
-    /// Cables (from 1) on motor 1 and motor 2.
+    /// Numbers, from 1, of the cables on motor 1 and motor 2.
     pub cables: Vec<usize>,
 }
 
@@ -136,25 +141,27 @@ pub struct UnitSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ArbiterSection {
-    /// Time for which a second controller or estimator has to answer well beside the one in charge to become its standby, s.
+    /// Time for which a second controller or estimator must publish good output to qualify as standby, s.
     pub qualify_s: f64,
-    /// How far a standby's command may be from that of the controller in charge, as a share of the robot's `cable_speed_limit_m_s`.
+    /// Largest deviation of a standby's command from that of the controller in charge, as a fraction of the robot's
+    /// `cable_speed_limit_m_s`.
     pub command_bound: f64,
-    /// How far it may be from it on average, as a share of what is being commanded, and never less than `bias_bound_m_s`.
+    /// Largest mean deviation of a standby's command, as a fraction of the command; at least `bias_bound_m_s` is
+    /// allowed.
     pub bias_share: f64,
-    /// See `bias_share`, m/s.
+    /// Mean deviation that is always allowed, m/s; see `bias_share`.
     pub bias_bound_m_s: f64,
-    /// How far a standby's estimate may be from the one in charge, m.
+    /// Largest deviation of a standby's estimate from that of the estimator in charge, m.
     pub estimate_bound_m: f64,
-    /// From the announcement of a swap to the cycle in which it takes effect, s.
+    /// Time from the announcement of a swap to the cycle in which it takes effect, s.
     pub announce_s: f64,
     /// Time in which one command fades into another, s.
     pub fade_s: f64,
-    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, unless it had no processor, s.
+    /// Time after a swap during which one missed cycle reverts it, s; cycles missed for lack of CPU time do not count.
     pub probation_s: f64,
-    /// A standby that fails so often is set aside until it is admitted again.
+    /// Number of failures after which a standby is quarantined until it is admitted again.
     pub quarantine_falls: u8,
-    /// Time of good answers after which its failures are forgiven, s.
+    /// Time of good output after which the count of failures is reset, s.
     pub forgive_s: f64,
 }
 
@@ -179,25 +186,26 @@ impl Default for ArbiterSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorSection {
-    /// How readings become lengths: `phi`, the paper's motor model, or `kalman`, a filter on length and velocity of each line.
+    /// Method that computes the lengths: `phi`, the paper's motor model, or `kalman`, a filter on length and velocity
+    /// of each cable.
     pub method: EstimatorMethod,
     /// Rows of the sliding window of the motor model (18)-(20).
     pub eta: usize,
-    /// Pull of the motor model towards `prior`, (m/s)².
+    /// Weight that pulls the motor model towards `prior`, (m/s)².
     pub ridge: f64,
-    /// `[phi1, phi2]` that an unexcited window is pulled to.
+    /// `[phi1, phi2]` of a window without excitation.
     pub prior: [f64; 2],
-    /// Correct for the stretch of the lines (needs `stiffness_n` in the robot file).
+    /// Correct for the stretch of the cables (needs `stiffness_n` in the robot file).
     pub stretch: bool,
     /// Standard deviation of a measured length, m; for the covariance.
     pub sigma_length_m: f64,
-    /// `kalman`: how late the drives follow, delay and lag together, s.
+    /// `kalman`: delay and lag of the drives together, s.
     pub drive_lag_s: f64,
-    /// `kalman`: standard deviation of the acceleration of a line that such a drive does not explain, m/s².
+    /// `kalman`: standard deviation of the cable acceleration that the drive model does not explain, m/s².
     pub acceleration_sigma_m_s2: f64,
-    /// `kalman`: standard deviation of a single reading, m: about an encoder step.
+    /// `kalman`: standard deviation of a single reading, m; about one encoder step.
     pub reading_sigma_m: f64,
-    /// Cycles for which controllers, planner and sensors may act on an estimate.
+    /// Age, in cycles, up to which controllers, planner and sensors may use an estimate.
     pub ttl_cycles: u32,
 }
 
@@ -222,37 +230,37 @@ impl Default for EstimatorSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerSection {
-    /// `lq-endpoint`: the paper's fixed-endpoint fixed-time law. `preview`: knows how late the drives are, and falls back
-    /// to `lq-endpoint` while its model of them does not fit. `p-feedforward`: each line for itself, desired velocity and a
-    /// share of the length error.
+    /// `lq-endpoint`: the paper's fixed-endpoint fixed-time law. `preview`: preview control with a model of the drives'
+    /// delay and lag; `lq-endpoint` while the model does not fit. `p-feedforward`: per cable, the desired velocity plus
+    /// a gain times the length error.
     pub law: ControlLaw,
-    /// Delta of the law, cycles; best near 2 (delay + lag) / period + 3, unstable below a third of that.
+    /// `lq-endpoint`: horizon Delta, cycles; best near 2 (delay + lag) / period + 3, unstable below a third of that.
     pub horizon_cycles: usize,
-    /// Q and R of the law (scalars times identity). Q > 0 leads on ramps; 0 is best.
+    /// `lq-endpoint`: state weight Q, a scalar times identity. Q > 0 leads on ramps; 0 is best.
     pub state_weight: f64,
-    /// R.
+    /// `lq-endpoint`: input weight R, a scalar times identity.
     pub input_weight: f64,
-    /// How the tension of more than three cables is chosen: `least-norm`, `min-sum` or `safest`.
+    /// Tension distribution of redundant cables: `least-norm`, `min-sum` or `safest`.
     pub distribution: TensionDistribution,
     /// Time constant of the loop on the redundant length mode of more than three cables, s.
     pub redundant_s: f64,
-    /// `p-feedforward`: velocity per length error, 1/s; no overshoot up to about 1 / (3 (delay + lag)), unstable from about 14
-    /// with drives of 60 ms delay and 100 ms lag.
+    /// `p-feedforward`: gain from length error to velocity, 1/s; no overshoot up to about 1 / (3 (delay + lag)),
+    /// unstable from about 14 with drives of 60 ms delay and 100 ms lag.
     pub length_gain_per_s: f64,
-    /// Correct for the stretch of the lines (needs `stiffness_n` in the robot file).
+    /// Correct for the stretch of the cables (needs `stiffness_n` in the robot file).
     pub stretch: bool,
-    /// Farther than this from where it should be the controller gives no answer, and the robot stops and holds, m.
+    /// Distance from the setpoint beyond which the controller gives no output, so that the robot stops and holds, m.
     pub error_limit_m: f64,
-    /// `preview`: how far it looks ahead beyond the delay, cycles.
+    /// `preview`: cycles of preview beyond the delay.
     pub preview_cycles: usize,
-    /// `preview`: what a squared acceleration of the command costs against a squared length error, s⁴. The feedback is about
-    /// as quick as this to the power -1/4, in rad/s; what is known beforehand is followed more quickly than that.
+    /// `preview`: cost of a squared acceleration of the command relative to a squared length error, s⁴. The bandwidth
+    /// of the feedback is about this value to the power -1/4, in rad/s; the known motion is followed faster than that.
     pub move_penalty_s4: f64,
-    /// `preview`: `[delay, lag]` of the drives, s, if known; otherwise `lq-endpoint` flies until they are identified.
+    /// `preview`: `[delay, lag]` of the drives, s, if known; otherwise `lq-endpoint` is used until they are identified.
     pub drive_lag_s: Option<[f64; 2]>,
     /// `preview`: identify delay and lag while the robot moves.
     pub identify: bool,
-    /// `preview`: falls back to `lq-endpoint` above this misfit (about the share by which delay and lag are off together).
+    /// `preview`: misfit above which `lq-endpoint` is used; about the relative error of delay plus lag.
     pub misfit_limit: f64,
 }
 
@@ -281,15 +289,15 @@ impl Default for ControllerSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlannerSection {
-    /// Cruise speed where a mission names none, m/s.
+    /// Cruise speed of missions that set none, m/s.
     pub speed_m_s: f64,
     /// Tangential acceleration, m/s².
     pub acceleration_m_s2: f64,
     /// Distance between the points of a path that are checked against (16), m.
     pub check_step_m: f64,
-    /// Where `nims run NAME` looks for missions.
+    /// Folder of the missions that `nims run NAME` flies by name.
     pub missions: PathBuf,
-    /// Which of them `nims demo` flies.
+    /// The mission that `nims demo` flies.
     pub demo: PathBuf,
 }
 
@@ -309,15 +317,15 @@ impl Default for PlannerSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RecorderSection {
-    /// Recording stops, loudly, below this much free space, bytes.
+    /// Free disk space below which recording stops with an error, bytes.
     pub min_free_bytes: u64,
-    /// Longest time before data are handed to the disk, s.
+    /// Longest time before data are written to the disk, s.
     pub flush_s: f64,
-    /// The next file of the run is begun when one has this size, bytes.
+    /// Size at which the next file of the run is started, bytes.
     pub segment_bytes: u64,
-    /// And when it is this old, s.
+    /// Age at which the next file of the run is started, s.
     pub segment_s: f64,
-    /// Channels that are not recorded (names; a trailing `*` stands for any ending).
+    /// Channels that are not recorded (names; a trailing `*` matches any ending).
     pub exclude: Vec<String>,
 }
 
@@ -337,29 +345,29 @@ impl Default for RecorderSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotorBoxSection {
-    /// Where the node hangs at the start, m; `[x, z]` of a planar robot.
+    /// Position of the node at the start, m; `[x, z]` for a planar robot.
     pub start_m: Point,
     /// Delay between a speed command and the drive's reaction, s.
     pub delay_s: f64,
     /// First-order lag of the drive's speed, s.
     pub lag_s: f64,
-    /// True line stiffness EA, N, which the robot file need not know.
+    /// True cable stiffness EA, N; independent of the robot file.
     pub stiffness_n: f64,
     /// Drag of the node in air or water, N s²/m².
     pub drag_n_s2_m2: f64,
-    /// Radius of the empty drum, m, and thickness of the line, m.
+    /// Radius of the empty drum, m.
     pub drum_radius_m: f64,
-    /// Line diameter, m.
+    /// Cable diameter, m.
     pub line_diameter_m: f64,
-    /// Time a unit takes to answer, s.
+    /// Time in which a drive unit answers, s.
     pub turnaround_s: f64,
     /// Supply voltage, V.
     pub supply_v: f64,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Ground file: what stands on the ground, for a rangefinder to look at. Default: nothing.
+    /// Ground file: the objects on the ground, for rangefinders. Default: none.
     pub ground: Option<PathBuf>,
-    /// Sensors on the node, behind ports of their own.
+    /// Simulated sensors on the node, each with its own port.
     pub device: Vec<DeviceSection>,
 }
 
@@ -382,37 +390,38 @@ impl Default for MotorBoxSection {
     }
 }
 
-/// `[realtime]`: degrades with one warning where it is not permitted.
+/// `[realtime]`: without the permissions for it, the system runs with ordinary scheduling and logs one warning.
 #[derive(Debug, Clone, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealtimeSection {
-    /// SCHED_FIFO priority of motor-io, 1 to 90; estimator and controller get one and two more. 0: ordinary scheduling.
+    /// SCHED_FIFO priority of motor-io, 1 to 90; that of estimator and controller is one and two higher. 0: ordinary
+    /// scheduling.
     pub priority: u8,
-    /// Processor for the control chain.
+    /// CPU of the control chain; default: any.
     pub cpu: Option<usize>,
-    /// Lock memory.
+    /// Lock the memory of the control chain in RAM.
     pub lock_memory: bool,
-    /// Longest time that a processor may take to wake up while motor-io runs, µs: 0 keeps them from falling asleep, at the price of
-    /// power. No key: as the system likes.
+    /// Longest wake-up latency of the CPUs while motor-io runs, µs; 0 disables their idle states, which costs power.
+    /// Default: not limited.
     pub idle_latency_us: Option<u32>,
 }
 
 crate::choice! {
-    /// What a process does, which decides what its death means.
+    /// Role of a process. It determines the consequences of its death.
     pub enum Role {
-        /// Virtual motor box.
+        /// The virtual motor box.
         MotorBox = "motor-box",
-        /// Motor I/O.
+        /// The process that controls the drives.
         MotorIo = "motor-io",
-        /// Estimator.
+        /// An estimator.
         Estimator = "estimator",
-        /// Controller.
+        /// A controller.
         Controller = "controller",
-        /// Planner.
+        /// The planner.
         Planner = "planner",
-        /// Recorder.
+        /// The recorder.
         Recorder = "recorder",
-        /// Anything else, e.g. a sensor.
+        /// Any other process, e.g. a sensor.
         Other = "other",
     }
 }
@@ -423,44 +432,46 @@ crate::choice! {
 pub struct ProcessSection {
     /// Unique name, e.g. `rangefinder`.
     pub name: String,
-    /// What it does; default `other`.
+    /// Role of the process; default `other`.
     #[serde(default = "default_role")]
     pub role: Role,
-    /// Program and arguments. A name without a slash is looked for beside `nims`, then in PATH; a relative path begins at the system file's
-    /// folder, which is also where the process runs. `{name}`, `{domain}`, `{system}` and `{run}` stand for its own name, the robot's domain,
-    /// the run's copy of the system file and the run folder. A `.toml` file among the arguments is read from the run's copy of it. Empty, for a controller or an estimator: the standard program.
+    /// Program and arguments. A name without a slash is searched in the folder of `nims`, then in PATH; a relative path
+    /// starts at the folder of the system file, which is also the working folder. `{name}`, `{domain}`, `{system}` and
+    /// `{run}` are replaced by the name of the process, the robot's domain, the run's copy of the system file and the
+    /// run folder. A `.toml` file among the arguments is replaced by the run's copy of it. Empty, for a controller or
+    /// an estimator: the standard program.
     #[serde(default)]
     pub command: Vec<String>,
-    /// For a controller or an estimator: its slot. Default: a, or b for a standby.
+    /// Slot of a controller or estimator. Default: a, or b for a standby.
     pub slot: Option<Slot>,
     /// A second controller or estimator, in slot b, that takes over when the first one dies.
     #[serde(default)]
     pub standby: bool,
-    /// For a controller or an estimator without a `command`: its law, if not the configured one.
+    /// Law or method of a controller or estimator without a `command`; default: as configured.
     pub law: Option<Algorithm>,
-    /// False: started only when it is asked for, by `nims start` or `nims swap`.
+    /// False: started only by `nims start` or `nims swap`.
     #[serde(default = "yes")]
     pub start: bool,
-    /// Start it again when it dies. Default: true for a recorder and where there is a standby, otherwise false.
+    /// Restart the process when it dies. Default: true for a recorder and for a role with a standby, otherwise false.
     pub restart: Option<bool>,
-    /// Pause before it is started again, s; doubles each time, up to 30 s.
+    /// Pause before a restart, s; doubles with each restart, up to 30 s.
     #[serde(default = "default_restart_pause")]
     pub restart_pause_s: f64,
-    /// How often in a row; a recorder is started again for as long as the robot runs.
+    /// Largest number of consecutive restarts; a recorder is restarted without limit.
     #[serde(default = "default_restart_limit")]
     pub restart_limit: u32,
-    /// A process that was ready for this long begins to count anew, s: what killed it before is over.
+    /// Time for which a process must be ready to reset the count of its restarts, s.
     #[serde(default = "default_restart_forgive")]
     pub restart_forgive_s: f64,
-    /// SCHED_FIFO priority, 1 to 90; 0: ordinary. The control chain has its own, in `[realtime]`.
+    /// SCHED_FIFO priority, 1 to 90; 0: ordinary. That of the control chain is in `[realtime]`.
     #[serde(default)]
     pub priority: u8,
-    /// Processor that it runs on; no key: any.
+    /// CPU of the process; default: any.
     pub cpu: Option<usize>,
 }
 
 impl ProcessSection {
-    /// The slot it is for; only controllers and estimators have one.
+    /// Returns the slot; only controllers and estimators have one.
     #[must_use]
     pub fn slot(&self) -> Slot {
         self.slot.unwrap_or(if self.standby { Slot::B } else { Slot::A })
@@ -468,7 +479,7 @@ impl ProcessSection {
 }
 
 impl Role {
-    /// Every role that has a process by default, with its name, which is also that of its program.
+    /// Every role with a standard process, with the name of the role, of the process and of its program.
     pub const STANDARD: [(&'static str, Self); 6] = [
         (Self::MotorIo.name(), Self::MotorIo),
         (Self::Estimator.name(), Self::Estimator),
@@ -478,7 +489,7 @@ impl Role {
         (Self::MotorBox.name(), Self::MotorBox),
     ];
 
-    /// The names of what its standard program can compute: laws of the controller, methods of the estimator.
+    /// Returns the names of the algorithms of the standard program: laws of the controller, methods of the estimator.
     #[must_use]
     pub fn algorithms(self) -> &'static [&'static str] {
         match self {
@@ -488,13 +499,13 @@ impl Role {
         }
     }
 
-    /// Whether it has two slots, so that a process can be swapped for another while both live.
+    /// Returns whether the role has two slots, so that a process can be swapped for another while both run.
     #[must_use]
     pub fn has_slots(self) -> bool {
         matches!(self, Self::Controller | Self::Estimator)
     }
 
-    /// The name of its standard process in that slot.
+    /// Returns the name of the standard process in a slot.
     #[must_use]
     pub fn process_name(self, slot: Slot) -> String {
         match slot {

@@ -1,4 +1,4 @@
-//! Reading TOML files, with errors that a person at the robot can act on.
+//! Reading of TOML files, with errors that name file, line, key and accepted values.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -9,43 +9,43 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// What is wrong with a configuration file, as one sentence: file, line, key, what is accepted.
+/// An error in a configuration file; its message is one sentence with file, line, key and accepted values.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("the file {path} cannot be read: {why}")]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// One clause.
+        /// The reason, as a clause.
         why: String,
     },
-    /// Its text is not what is expected, or a value in it is not accepted.
+    /// The text cannot be parsed, or a value in it is not accepted.
     #[error("{path}, line {line}: {problem}")]
     Text {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
-        /// The dotted key, where the problem has one.
+        /// The dotted key, if the problem is about one.
         key: Option<String>,
-        /// One clause, with the key where there is one.
+        /// The problem, including the key.
         problem: String,
     },
-    /// A value that does not fit and is not written in the file.
+    /// A value is not accepted, and its key is not in the file.
     #[error("{path}: {problem}")]
     Value {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The dotted key.
         key: String,
-        /// One clause, with the key.
+        /// The problem, including the key.
         problem: String,
     },
 }
 
 impl ConfigError {
-    /// The file.
+    /// Returns the path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         match self {
@@ -53,7 +53,7 @@ impl ConfigError {
         }
     }
 
-    /// The dotted key that is wrong, if there is one; tables of an array are numbered from 0.
+    /// Returns the dotted key of the problem, if it is about one; the tables of an array are numbered from 0.
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         match self {
@@ -64,7 +64,7 @@ impl ConfigError {
     }
 }
 
-/// The text of a TOML file, in which the keys of problems are found.
+/// The text of a TOML file; adds line numbers to problems.
 #[derive(Debug, Clone)]
 pub struct Source {
     path: PathBuf,
@@ -72,7 +72,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// Reads the text.
+    /// Reads a file.
     ///
     /// # Errors
     /// [`ConfigError::Unreadable`].
@@ -82,18 +82,18 @@ impl Source {
         Ok(Self { path: path.to_owned(), text })
     }
 
-    /// The text as a `T`. Refusing unknown keys is up to the type (`deny_unknown_fields`).
+    /// Parses the text. Whether unknown keys are errors depends on the type (`deny_unknown_fields`).
     ///
     /// # Errors
     /// [`ConfigError::Text`].
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
         toml::from_str(&self.text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
-            // The document itself has an empty span.
+            // An error about the whole document has an empty span.
             let table = DeTable::parse(&self.text).ok().filter(|_| !span.is_empty());
             let place = table.and_then(|table| place_of(table.get_ref(), &span));
             let message = error.message().trim().replace('\n', "; ");
-            // The message names the key of an unknown or a missing key, but not that of a wrong value.
+            // toml's message names an unknown or missing key, but not the key of a wrong value.
             let subject = match &place {
                 Some(Place::Key(key)) => key.rsplit_once('.').map(|(table, _)| table),
                 Some(Place::Value(key)) => Some(key.as_str()),
@@ -109,7 +109,8 @@ impl Source {
         })
     }
 
-    /// The problem with the file, and with the line of its key or, where that is not written, of its table.
+    /// Returns the problem with the path of the file, and with the line of its key or, if the key is absent, of its
+    /// table.
     #[must_use]
     pub fn error(&self, problem: &Problem) -> ConfigError {
         let (path, key, sentence) = (self.path.clone(), problem.key().to_owned(), problem.to_string());
@@ -120,7 +121,7 @@ impl Source {
     }
 }
 
-/// Reads a TOML file into `T`. Refusing unknown keys is up to the type (`deny_unknown_fields`).
+/// Reads and parses a TOML file. Whether unknown keys are errors depends on the type (`deny_unknown_fields`).
 ///
 /// # Errors
 /// [`ConfigError::Unreadable`] or [`ConfigError::Text`].
@@ -128,7 +129,7 @@ pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
     Source::read(path)?.parse()
 }
 
-/// [`load`] from a text in hand; `path` is only named in errors.
+/// Parses a text; `path` is used in errors only.
 ///
 /// # Errors
 /// [`ConfigError::Text`].
@@ -136,10 +137,10 @@ pub fn parse<T: DeserializeOwned>(text: &str, path: &Path) -> Result<T, ConfigEr
     Source { path: path.to_owned(), text: text.to_owned() }.parse()
 }
 
-/// The line, from 1, on which the dotted `key` stands; tables of an array are numbered from 0.
+/// Returns the number, from 1, of the text line with the dotted `key`; the tables of an array are numbered from 0.
 ///
-/// The last name may stand in a table within the one that is named: `leg.2.speed_m_s` may be a key of that leg's `line`.
-/// If the key is not written, the result is the line of the innermost of its tables that is.
+/// The last name may also be in a table inside the named one: `leg.2.speed_m_s` may be a key of that leg's `line`.
+/// If the key is absent, the result is the text line of the innermost of its tables that is present.
 #[must_use]
 pub fn line_of(text: &str, key: &str) -> Option<usize> {
     let table = DeTable::parse(text).ok()?;
@@ -151,11 +152,11 @@ fn line_at(text: &str, at: usize) -> usize {
     text.get(..at).unwrap_or(text).matches('\n').count() + 1
 }
 
-/// Where the key at the end of this way begins, bytes, or the innermost table on the way.
+/// Returns the byte offset of the key at the end of this path, or of the innermost table on the path.
 fn find(table: &DeTable<'_>, names: &[&str]) -> Option<usize> {
     let (first, rest) = names.split_first()?;
     let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref() == *first) else {
-        return if rest.is_empty() { further_inside(table, first) } else { None };
+        return if rest.is_empty() { find_nested(table, first) } else { None };
     };
     let inner = match (value.get_ref(), rest) {
         (DeValue::Table(inner), _) => find(inner, rest),
@@ -171,17 +172,17 @@ fn find(table: &DeTable<'_>, names: &[&str]) -> Option<usize> {
     inner.or_else(|| Some(key.span().start))
 }
 
-/// Where the first key of that name begins in the tables within this one, bytes.
-fn further_inside(table: &DeTable<'_>, name: &str) -> Option<usize> {
+/// Returns the byte offset of the first key of this name in the tables inside this one.
+fn find_nested(table: &DeTable<'_>, name: &str) -> Option<usize> {
     let inner = table.iter().filter_map(|(_, value)| match value.get_ref() {
         DeValue::Table(inner) => Some(inner),
         _ => None,
     });
     let of_key = |(key, _): (&Spanned<_>, &_)| (key.get_ref() == name).then(|| key.span().start);
-    inner.filter_map(|inner| inner.iter().find_map(of_key).or_else(|| further_inside(inner, name))).min()
+    inner.filter_map(|inner| inner.iter().find_map(of_key).or_else(|| find_nested(inner, name))).min()
 }
 
-/// What stands at a span of the text: a dotted key, or its value.
+/// The element at a span of the text: a key, or the value of a key; both with the dotted key.
 enum Place {
     Key(String),
     Value(String),
@@ -196,18 +197,18 @@ impl Place {
     }
 }
 
-/// The innermost key or value of the table around this span.
+/// Returns the innermost key or value of the table that contains this span.
 fn place_of(table: &DeTable<'_>, at: &Range<usize>) -> Option<Place> {
     table.iter().find_map(|(key, value)| {
         let name: &str = key.get_ref();
         if let Some(inner) = place_in(value.get_ref(), at) {
             return Some(inner.below(name));
         }
-        // A table that begins with a header has the span of the header, which is also where its name stands.
-        if holds(&value.span(), at) {
+        // A table with a header has the span of the header, which also contains its name.
+        if contains(&value.span(), at) {
             return Some(Place::Value(name.to_owned()));
         }
-        holds(&key.span(), at).then(|| Place::Key(name.to_owned()))
+        contains(&key.span(), at).then(|| Place::Key(name.to_owned()))
     })
 }
 
@@ -218,22 +219,22 @@ fn place_in(value: &DeValue<'_>, at: &Range<usize>) -> Option<Place> {
             let name = index.to_string();
             let inner = place_in(item.get_ref(), at).map(|inner| inner.below(&name));
             let is_table = matches!(item.get_ref(), DeValue::Table(_));
-            inner.or_else(|| (is_table && holds(&item.span(), at)).then_some(Place::Value(name)))
+            inner.or_else(|| (is_table && contains(&item.span(), at)).then_some(Place::Value(name)))
         }),
         _ => None,
     }
 }
 
-fn holds(outer: &Range<usize>, inner: &Range<usize>) -> bool {
+fn contains(outer: &Range<usize>, inner: &Range<usize>) -> bool {
     outer.start <= inner.start && inner.end <= outer.end
 }
 
-/// The value itself, unless it is NaN or infinite (which TOML can express).
+/// Returns the value if it is finite; TOML can express NaN and infinities.
 ///
 /// # Errors
-/// What is wrong at the key.
+/// The value is NaN or infinite: a problem at the key.
 pub fn finite(key: &str, value: f64) -> Result<f64, Problem> {
-    if value.is_finite() { Ok(value) } else { Err(Problem::of(key, format!("is {value}; give a finite number"))) }
+    if value.is_finite() { Ok(value) } else { Err(Problem::of(key, format!("is {value}; accepted: a finite number"))) }
 }
 
 #[cfg(test)]
@@ -267,8 +268,8 @@ mod tests {
         count: u32,
     }
 
-    /// Line and key of what is wrong, and the clause about it.
-    fn refused(text: &str) -> (usize, Option<String>, String) {
+    /// Returns line, key and clause of the error in a text.
+    fn error_in(text: &str) -> (usize, Option<String>, String) {
         let error = parse::<Example>(text, Path::new("system.toml")).unwrap_err();
         let sentence = error.to_string();
         assert_eq!(sentence.lines().count(), 1, "{sentence}");
@@ -299,15 +300,15 @@ mod tests {
             ),
         ];
         for (text, line, key, parts) in cases {
-            let (at, named, problem) = refused(text);
+            let (at, named, problem) = error_in(text);
             assert_eq!((at, named.as_deref()), (line, key), "{problem}");
             assert!(parts.iter().all(|part| problem.contains(part)), "{problem}");
         }
-        assert_eq!(refused("speed_m_s = 0.2\nlaw = \"preview").0, 2);
+        assert_eq!(error_in("speed_m_s = 0.2\nlaw = \"preview").0, 2);
     }
 
     #[test]
-    fn a_value_that_is_not_accepted_is_found_by_its_key() {
+    fn the_line_of_a_problem_is_found_by_its_key() {
         let text = "name = \"x\"\n\n[motor_io]\n# speed_m_s = 3\nramp_s = 90\n[planner]\nspeed_m_s = 9\n[[port]]\nbaud = 1\n\
                     [[port]]\nunits = [\n{ address = 1 },\n{ address = 2, cables = [1] },\n]\n[[leg]]\nline = { to_m = 1 }\n";
         for (key, line) in [
@@ -316,9 +317,9 @@ mod tests {
             ("planner.speed_m_s", Some(7)),
             ("port.0.baud", Some(9)),
             ("port.1.units.1.address", Some(13)),
-            // in a table within
+            // in a nested table
             ("leg.0.to_m", Some(16)),
-            // not written: the innermost of its tables
+            // absent: the innermost of its tables
             ("planner.ramp", Some(6)),
             ("port.1.baud", Some(10)),
             ("port.1.units.0.cables", Some(12)),
@@ -336,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_not_there_is_said_so() {
+    fn the_error_for_a_missing_file_names_it() {
         let error = load::<Example>(Path::new("/nowhere/system.toml")).unwrap_err();
         let why = file::ReadError::Missing.to_string();
         assert!(error.to_string().contains("/nowhere/system.toml") && error.to_string().ends_with(&why), "{error}");
@@ -344,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn only_finite_numbers_pass() {
+    fn only_finite_numbers_are_accepted() {
         assert_eq!(finite("x", 1.5), Ok(1.5));
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(finite("robot.node_mass_kg", value).unwrap_err().to_string().contains("`robot.node_mass_kg`"));

@@ -1,18 +1,18 @@
-//! The parameters that can be set while the robot runs, and how a value takes the place of the file's.
+//! Parameters that can be set while the robot runs, and configurations with set values.
 
 use super::{RobotFile, SystemFile, check};
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use toml::{Table, Value};
 
-/// A parameter that `nims set` takes.
+/// A parameter that `nims set` can change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tunable {
-    /// Its key in the system file.
+    /// Key in the system file.
     pub key: &'static str,
-    /// The values that it takes, as the check of the system file has them.
+    /// Accepted values, the same as in a system file.
     pub accepted: &'static str,
-    /// What it does.
+    /// Description.
     pub what: &'static str,
 }
 
@@ -22,69 +22,77 @@ const fn row(key: &'static str, accepted: &'static str, what: &'static str) -> T
 
 /// Every parameter that can be set while the robot runs.
 ///
-/// A change of the others is not one of degree: another law or method has a swap, and another tension distribution, stretch, drive or
-/// limit is another robot.
+/// Other keys are excluded on purpose: a law or method is changed by `nims swap`, and the tension distribution,
+/// stretch, drives and limits define the robot.
 pub const TUNABLE: [Tunable; 18] = [
     row("controller.horizon_cycles", "1 to 200", "horizon of lq-endpoint, cycles"),
     row("controller.state_weight", "0 to 1e9", "Q of lq-endpoint"),
     row("controller.input_weight", "1e-9 to 1e9", "R of lq-endpoint"),
     row("controller.redundant_s", "0.05 to 60 s", "time constant of the loop on the redundant lengths"),
     row("controller.length_gain_per_s", "above 0, at most 50 per second", "p-feedforward: velocity per length error"),
-    row("controller.error_limit_m", "0.01 to 5 m", "farther from the set point there is no answer"),
-    row("controller.preview_cycles", "2 to 200", "preview: how far it looks ahead beyond the delay, cycles"),
+    row("controller.error_limit_m", "0.01 to 5 m", "largest distance from the setpoint; beyond it there is no output"),
+    row("controller.preview_cycles", "2 to 200", "preview: cycles of preview beyond the delay"),
     row("controller.move_penalty_s4", "1e-9 to 1 s⁴", "preview: cost of a squared acceleration of the command"),
     row("controller.drive_lag_s", "two times of 0 to 0.5 s", "preview: delay and lag of the drives"),
     row("controller.identify", "true or false", "preview: identify delay and lag while the robot moves"),
     row("controller.misfit_limit", "above 0, at most 1", "preview: lq-endpoint takes over above this misfit"),
     row("estimator.eta", "2 to 128", "phi: rows of the window of the motor model"),
     row("estimator.ridge", "0 to 1", "phi: pull of the motor model towards its prior, (m/s)²"),
-    row("estimator.prior", "two numbers of -2 to 2", "phi: what a window without excitation is pulled to"),
-    row("estimator.sigma_length_m", "above 0, at most 1 m", "deviation of a measured length, for the covariance"),
-    row("estimator.drive_lag_s", "0.001 to 1 s", "kalman: how late the drives follow"),
-    row("estimator.acceleration_sigma_m_s2", "0.001 to 100 m/s²", "kalman: deviation of an unexplained acceleration"),
-    row("estimator.reading_sigma_m", "0.000001 to 0.1 m", "kalman: deviation of a single reading"),
+    row("estimator.prior", "two numbers of -2 to 2", "phi: parameters for a window without excitation"),
+    row(
+        "estimator.sigma_length_m",
+        "above 0, at most 1 m",
+        "standard deviation of a measured length, for the covariance",
+    ),
+    row("estimator.drive_lag_s", "0.001 to 1 s", "kalman: delay and lag of the drives together"),
+    row(
+        "estimator.acceleration_sigma_m_s2",
+        "0.001 to 100 m/s²",
+        "kalman: standard deviation of the unexplained acceleration",
+    ),
+    row("estimator.reading_sigma_m", "0.000001 to 0.1 m", "kalman: standard deviation of a single reading"),
 ];
 
-/// What was set while the robot runs: keys of [`TUNABLE`], each with its value.
+/// Values that were set while the robot runs, by their keys in [`TUNABLE`].
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Tuned(BTreeMap<String, String>);
 
 impl Tuned {
-    /// As [`Tuned::text`] wrote it.
+    /// Parses the output of [`Tuned::text`].
     ///
     /// # Errors
-    /// A line that is no key with a value.
+    /// A text line is not a key with a value.
     pub fn parse(text: &str) -> Result<Self, String> {
         let pair = |line: &str| {
-            let (key, value) = line.split_once(" = ").ok_or_else(|| format!("`{line}` is no key with a value"))?;
+            let (key, value) = line.split_once(" = ").ok_or_else(|| format!("`{line}` is not a key with a value"))?;
             Ok((key.to_owned(), value.to_owned()))
         };
         text.lines().map(pair).collect::<Result<_, String>>().map(Self)
     }
 
-    /// One line for each key, as TOML.
+    /// Returns the values as TOML, one text line for each key.
     #[must_use]
     pub fn text(&self) -> String {
         self.0.iter().map(|(key, value)| format!("{key} = {value}\n")).collect()
     }
 
-    /// True if nothing was set.
+    /// Returns whether no value was set.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// With one value more, or another one. The value is checked by [`SystemFile::tuned`].
+    /// Returns these values with `key` set to `value`. [`SystemFile::tuned`] checks the value.
     ///
     /// # Errors
-    /// One sentence: the key cannot be set while the robot runs.
+    /// The key cannot be set while the robot runs: one sentence.
     pub fn with(&self, key: &str, value: &str) -> Result<Self, String> {
         let Some(tunable) = TUNABLE.iter().find(|tunable| tunable.key == key) else {
             return Err(format!(
-                "`{key}` is no parameter that can be set while the robot runs; `nims set` lists them, another law or method is a matter of `nims swap`, and everything else of the system file and the next `nims up`"
+                "`{key}` cannot be set while the robot runs; `nims set` lists the parameters that can; use `nims swap` for another law or method, and the system file and the next `nims up` for other keys"
             ));
         };
-        // What is kept is one line of TOML.
+        // The stored value must be a single text line of TOML.
         let read = format!("value = {value}").parse::<Table>().ok().and_then(|mut table| table.remove("value"));
         let read = read.filter(|_| !value.contains(['\n', '\r', '\0', '#']));
         let read = read.ok_or_else(|| refusal(tunable, &value))?;
@@ -99,10 +107,10 @@ fn refusal(tunable: &Tunable, value: &dyn Display) -> String {
 }
 
 impl SystemFile {
-    /// This box with what was set while the robot runs, checked as a file is.
+    /// Returns this configuration with the set values, checked like a file.
     ///
     /// # Errors
-    /// One sentence: which key, what it is, what is accepted.
+    /// A value is not accepted: one sentence with the key, the value and what is accepted.
     pub fn tuned(&self, robot: &RobotFile, tuned: &Tuned) -> Result<Self, String> {
         if tuned.is_empty() {
             return Ok(self.clone());
@@ -124,11 +132,11 @@ impl SystemFile {
         if let (Some(Value::Table(section)), Some(value)) = (table.get_mut(section), read.remove("value")) {
             section.insert(name.to_owned(), value);
         }
-        // The rest was of this type before, so what does not fit is this value.
+        // The rest of the table is valid, so an error is about this value.
         table.try_into().map_err(|_| refusal(tunable, &value))
     }
 
-    /// The value of a parameter, as TOML; empty where the box has none.
+    /// Returns the value of a parameter as TOML; empty if it is not set.
     #[must_use]
     pub fn value_of(&self, key: &str) -> String {
         let Some((section, name)) = key.split_once('.') else { return String::new() };
@@ -136,7 +144,7 @@ impl SystemFile {
         table.get(section).and_then(|section| section.get(name)).map(Value::to_string).unwrap_or_default()
     }
 
-    /// Sections of this box as TOML, every key with its value; what the box does not have is left out.
+    /// Returns the named sections as TOML, with every key that has a value.
     #[must_use]
     pub fn sections(&self, names: &[&str]) -> String {
         let mut table = Table::try_from(self).unwrap_or_default();
@@ -157,19 +165,19 @@ mod tests {
         (file, robot)
     }
 
-    /// The table says what the check says, for every key.
+    /// The accepted values in the table are those of the check, for every key.
     #[test]
-    fn a_value_out_of_range_is_refused_with_the_range_of_the_table() {
+    fn a_value_out_of_range_is_rejected_with_the_range_of_the_table() {
         let (file, robot) = demo();
         for tunable in &TUNABLE {
             for wrong in ["-3.0", "nan", "1e9", "\"x\"", "[9.0, 9.0]", "[0.1]", "7 # x"] {
-                let said = Tuned::default().with(tunable.key, wrong).and_then(|tuned| file.tuned(&robot, &tuned));
-                // The upper end of the weights.
+                let result = Tuned::default().with(tunable.key, wrong).and_then(|tuned| file.tuned(&robot, &tuned));
+                // 1e9 is the accepted maximum of the weights.
                 if wrong == "1e9" && tunable.accepted.ends_with(" to 1e9") {
-                    said.unwrap();
+                    result.unwrap();
                     continue;
                 }
-                let sentence = said.unwrap_err();
+                let sentence = result.unwrap_err();
                 assert!(sentence.starts_with(&format!("`{}` ", tunable.key)), "{sentence}");
                 assert!(sentence.ends_with(&format!(": {}", tunable.accepted)), "{}: {sentence}", tunable.key);
             }
@@ -177,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_set_takes_the_place_of_the_files_and_nothing_else_changes() {
+    fn set_values_replace_those_of_the_file_and_nothing_else_changes() {
         let (file, robot) = demo();
         let tuned = Tuned::default().with("controller.length_gain_per_s", "6").unwrap();
         let tuned = tuned.with("controller.drive_lag_s", "[0.03, 0.05]").unwrap();
@@ -194,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_in_the_table_cannot_be_set() {
+    fn other_keys_cannot_be_set() {
         for key in ["controller.law", "motor_io.ttl_cycles", "controller", "x", ""] {
             let sentence = Tuned::default().with(key, "1").unwrap_err();
             let parts = [&format!("`{key}`"), "`nims set`", "`nims swap`", "`nims up`"];
@@ -207,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_section_is_said_with_every_key() {
+    fn a_section_is_written_with_every_key() {
         let text = demo().0.sections(&["controller"]);
         assert!(text.starts_with("[controller]\n") && text.contains("length_gain_per_s = 3.0\n"), "{text}");
         assert!(text.len() < 1024, "{}", text.len());

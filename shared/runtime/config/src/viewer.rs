@@ -1,18 +1,19 @@
-//! The live view's own keys.
+//! `[viewer]`: the keys of the live view.
 
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr};
 
-/// `[viewer]`: for the optional process that shows every channel live, see `docs/looking.md`.
+/// `[viewer]`: the optional process that shows every channel live, see `docs/looking.md`.
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ViewerSection {
-    /// Address it listens on. The default is this machine itself; nothing asks for a password, so give another one only in a network
-    /// whose members may all look.
+    /// Address to listen on; default: only this machine. There is no password, so use another address only in a network
+    /// whose members may all see the data.
     pub address: IpAddr,
-    /// Port; 0: any that is free.
+    /// TCP port; 0: any free port.
     pub port: u16,
-    /// Samples per second and channel at most that a tool is sent, 1 to 200. Short bursts pass, of what is faster the newest.
+    /// Largest number of samples per second and channel sent to a tool, 1 to 200. Short bursts pass; of a faster
+    /// channel the newest samples are sent.
     pub rate_hz: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Every key of a configuration file stands in each of the files that come with nims, with a word on what it is.
+//! Every configuration key is in each of the example files, with a comment.
 #![allow(clippy::unwrap_used)]
 
 use config::{
@@ -10,7 +10,7 @@ use config::{
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 
-/// The keys of a section: what it says that it would have taken instead of one that it does not know.
+/// Returns the keys of a section, from its error message about an unknown key.
 fn keys<T: DeserializeOwned>() -> Vec<String> {
     let error = toml::from_str::<T>("no-such-key = 1").err().unwrap();
     let (_, expected) = error.message().split_once("expected ").unwrap();
@@ -22,14 +22,14 @@ fn files(folder: &str) -> Vec<PathBuf> {
     std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
 }
 
-/// A line that gives a key, or shows what it would give, in any table.
-fn gives(line: &str, key: &str) -> bool {
+/// Returns whether a text line sets a key, also in a comment or an inline table.
+fn sets(line: &str, key: &str) -> bool {
     let line = line.trim_start_matches(['#', ' ']);
     let inline = [format!("{{ {key} = "), format!(", {key} = ")];
     line.starts_with(&format!("{key} = ")) || inline.iter().any(|text| line.contains(text))
 }
 
-/// The lines of one table: from its head to the next one.
+/// Returns the text lines of one table: from its header to the next header.
 fn table<'a>(text: &'a str, head: &str) -> Vec<&'a str> {
     let heads = |line: &str| line.trim_start_matches(['#', ' ']).starts_with('[') && !line.starts_with("    ");
     let mut lines = text.lines().skip_while(|line| !line.trim_start_matches(['#', ' ']).starts_with(head));
@@ -44,20 +44,21 @@ fn check(folder: &str, sections: &[(&str, Vec<String>)]) {
         let text = std::fs::read_to_string(&path).unwrap();
         for (head, keys) in sections {
             let lines = if head.is_empty() { text.lines().collect() } else { table(&text, head) };
-            assert!(!lines.is_empty(), "{}: there is no {head}", path.display());
+            assert!(!lines.is_empty(), "{}: {head} is missing", path.display());
             for key in keys {
-                let at = lines.iter().position(|line| gives(line, key));
-                let at = at.unwrap_or_else(|| panic!("{}: `{key}` of {head} is not there", path.display()));
-                // Behind the value, or in the line before.
-                let said = [lines[at].trim_start_matches(['#', ' ']), lines[at.saturating_sub(1)]];
-                assert!(said.iter().any(|line| line.contains("# ")), "{}: nothing is said of `{key}`", path.display());
+                let at = lines.iter().position(|line| sets(line, key));
+                let at = at.unwrap_or_else(|| panic!("{}: `{key}` of {head} is missing", path.display()));
+                // The comment is after the value, or in the text line before.
+                let candidates = [lines[at].trim_start_matches(['#', ' ']), lines[at.saturating_sub(1)]];
+                let commented = candidates.iter().any(|line| line.contains("# "));
+                assert!(commented, "{}: `{key}` has no comment", path.display());
             }
         }
     }
 }
 
 #[test]
-fn every_key_of_a_box_file_is_in_each_of_them() {
+fn every_key_of_a_system_file_is_in_each_of_them() {
     let tables = [
         "motor_io",
         "arbiter",
@@ -72,7 +73,7 @@ fn every_key_of_a_box_file_is_in_each_of_them() {
         "process",
     ];
     let own: Vec<String> = keys::<SystemFile>().into_iter().filter(|key| !tables.contains(&key.as_str())).collect();
-    assert_eq!(own.len() + tables.len(), keys::<SystemFile>().len(), "a table has a new name");
+    assert_eq!(own.len() + tables.len(), keys::<SystemFile>().len(), "a table is missing in this test");
     let without = |keys: Vec<String>, table: &str| keys.into_iter().filter(|key| key != table).collect();
     check(
         "systems",

@@ -1,12 +1,12 @@
-//! What the kernel says about the processor time that a thread did not get: evidence, so that a starved computer is not mistaken for a
-//! silent drive, a dead controller or a slack line.
+//! What the kernel records about processor time that a thread did not get. It keeps a starved computer from being
+//! mistaken for a silent drive, a dead controller or a slack cable.
 //!
-//! A [`Thread`] tells how long a thread of this machine was runnable without running, a [`Pressure`] how long any thread of the machine
-//! was, and a [`Load`] how many there are. All of it can be read by every user.
+//! A [`Thread`] measures how long one thread was runnable without running, a [`Pressure`] how long any thread of the
+//! machine was, and a [`Load`] how many threads want to run. Every user may read these.
 //!
 //! Invariants:
-//! * Files are opened once; a look reads them without allocating and without waiting.
-//! * A kernel that does not tell (no `/proc/pressure`, no `schedstat`) gives nothing, never a guess.
+//! * Files are opened once; a reading neither allocates nor waits.
+//! * Where a kernel lacks the statistics (`/proc/pressure`, `schedstat`), the result is empty, never an estimate.
 #![forbid(unsafe_code)]
 
 pub mod busy;

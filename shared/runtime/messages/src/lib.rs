@@ -1,12 +1,14 @@
 //! The fixed-size samples that the processes exchange, their ROS 2 schemas, and the channel table.
 //!
 //! Invariants:
-//! * A sample is `#[repr(C)]`, has no hidden padding (`bytemuck` proves it when this crate compiles) and every number stands at a
-//!   multiple of its own size. It is therefore, byte for byte, a little-endian CDR body: the recorder writes it as it lies in memory.
+//! * A sample is `#[repr(C)]`, has no hidden padding (`bytemuck` proves it when this crate compiles) and every number
+//!   stands at a multiple of its own size. It is therefore, byte for byte, a little-endian CDR body: the recorder
+//!   writes it as it lies in memory.
 //! * A sample begins with a [`Header`].
-//! * No `bool`, no Rust `enum`, no `Option` in a sample: another process may have written any byte. Choices are `u8` constants.
+//! * No `bool`, no Rust `enum`, no `Option` in a sample: another process may have written any byte. Choices are `u8`
+//!   constants.
 //! * The type name that peers compare ends in a hash of the schema text, so two builds that disagree refuse to connect.
-//! * This crate does no I/O and knows nothing else of this project.
+//! * This crate does no I/O and depends on no other crate of this project.
 //!
 //! ```
 //! use messages::{Message, MotorState};

@@ -30,7 +30,9 @@ message! {
         node_bound_m_s: f64,
         /// Distance of the node from the set point, m; NaN: there is none.
         setpoint_distance_m: f64,
-        /// Status bits per unit, as the drive gave them; a stop button on the unit's port shows as the unit's own.
+        /// Conditions per unit, the same bits for every drive family: bit 0 emergency stop (also of a stop button on the unit's port);
+        /// bits 0 to 15 and 26 to 28 are errors, at which the drive stops; the others are warnings and inputs. `DriveStatus` of the
+        /// crate `drives` names each bit. Runs recorded before there were other families have the same bits.
         status: [u32; UNITS],
         /// 1: this cable's reading is from this cycle.
         fresh: [u8; CABLES],
@@ -235,6 +237,7 @@ message! {
         current_a: [f64; CABLES],
         duty: [f64; CABLES],
         supply_v: [f64; UNITS],
+        /// As in `motor/state`.
         status: [u32; UNITS],
         motion: u32,
         motion_epoch: u32,

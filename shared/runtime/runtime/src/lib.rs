@@ -1,6 +1,7 @@
-//! The chassis of a process: arguments, configuration, log, signals, real-time set-up, loop timing, heartbeat.
+//! The framework of a process: arguments, configuration, log, signals, real-time set-up, loop timing, heartbeat.
 //!
-//! A service is a library with a pure `step` over messages, and a `main.rs` that wires it to the bus. The whole of one:
+//! A service is a library with a pure `step` over messages, and a `main.rs` that connects it to the bus. A complete
+//! one:
 //!
 //! ```no_run
 //! use messages::{MotorState, NodeEstimate};
@@ -32,10 +33,13 @@
 //! ```
 //!
 //! Invariants:
-//! * Nothing here blocks the loop: the terminal is written by a thread of its own, the log and the heartbeat are published in the loop's slack.
-//! * SIGINT and SIGTERM only ask: the loop ends itself, and whoever sleeps in [`Chassis::wait`] wakes at once.
-//! * What the system does not permit is left out with one warning that names the cure.
-//! * A program says in one sentence why it failed, and exits with 2 (something given cannot be used) or 1 (it could not be done now).
+//! * Nothing here blocks the loop: the terminal is written by a thread of its own, the log and the heartbeat are
+//!   published in the loop's slack.
+//! * SIGINT and SIGTERM only set a flag: a thread that sleeps in [`Chassis::wait`] wakes at once, and the loop ends
+//!   itself.
+//! * Set-up that the system does not permit is skipped with one warning that names the cure.
+//! * A failed program prints one sentence with the reason, and exits with 2 (bad input) or 1 (it could not be done
+//!   now).
 
 #![forbid(unsafe_code)]
 

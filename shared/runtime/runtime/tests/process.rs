@@ -140,7 +140,7 @@ fn what_cannot_be_used_is_refused_in_one_sentence_with_exit_code_2() {
     assert!(code == 2 && said.starts_with("echo: "), "{code} {said}");
     assert!(["`echo`", &place, &pid].iter().all(|part| said.contains(part)), "{said}");
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("box.toml");
+    let file = folder.path().join("system.toml");
     std::fs::write(&file, "name = \"x\"\nrobbot = \"lab3.toml\"\n").unwrap();
     let name = bus::BusError::DomainName { name: "a b".into(), why: bus::BadName::Characters };
     let missing = config::ConfigError::Unreadable {

@@ -1,4 +1,5 @@
-//! Motion segments between their form in messages and the one that can be evaluated.
+//! Conversion of motion segments between messages ([`PlanSegment`]) and the form that controllers evaluate
+//! ([`Segment`]).
 
 #![forbid(unsafe_code)]
 

@@ -1,5 +1,5 @@
 //! The whole control chain against the plant, one cycle after the other, without processes and without a clock: much
-//! faster than real time and the same bits every time.
+//! faster than real time, and the same bits every time.
 #![forbid(unsafe_code)]
 
 mod lives;

@@ -1,26 +1,26 @@
-//! Physics of a cable-suspended robot: drives, motors, drums, idler encoders, elastic lines and the node.
+//! Physics of a cable-suspended robot: drives, motors, drums, idler encoders, elastic cables and the node.
 //!
-//! The plant stands where the hardware stands. It takes what a motor drive is told (speed or duty) and gives what a
-//! drive can measure (encoder counts, current, supply), plus the truth that only a simulation knows. It is written
-//! apart from the estimator on purpose: delays, encoder steps, friction, drag, stretch and line lost on a slack
-//! idler are here, so that the software above has something real to be wrong about.
+//! The plant takes the place of the hardware. Its input is what a motor drive is commanded (speed or duty), its output
+//! is what a drive can measure (encoder counts, current, supply), plus the truth that only a simulation has. Its model
+//! is deliberately different from the estimator's: delays, encoder steps, friction, drag, stretch and length lost on a
+//! slack idler are included, so that the software above has realistic errors to handle.
 //!
-//! From the drive to the node, one room each:
+//! The modules, from the drive to the node:
 //!
 //! | module | what it models |
 //! |---|---|
 //! | [`drive`] | command delay and lag, speed loop at 300 Hz on encoder counts, saturation |
-//! | [`motor`] | brushed motor and gear seen from the line: quasi-static current, friction, inertia, self-locking |
-//! | [`drum`] | radius that grows with every layer of line |
-//! | [`mod@line`] | elastic line that cannot push; the idler and its encoder |
+//! | [`motor`] | brushed motor and gear seen from the cable: quasi-static current, friction, inertia, self-locking |
+//! | [`drum`] | radius that grows with every layer of cable |
+//! | [`mod@line`] | elastic cable that cannot push; the idler and its encoder |
 //! | [`node`] | point mass with weight or buoyancy, drag and soft ground; in space or in a plane |
-//! | [`ground`] | what a sensor on the node sees: things on the ground, quantities that differ from place to place |
+//! | [`ground`] | what a sensor on the node measures: objects on the ground, fields that vary with the place |
 //! | [`statics`] | the tensions that hold the node at rest at the start |
 //!
 //! # Invariants
-//! * No clock, no input or output, no randomness but the configured seed: the same configuration and the same inputs
-//!   give the same bits. Trigonometric and hyperbolic functions come from `libm`.
-//! * Speeds and lengths are positive when line is paid out; only [`motor`] speaks of reel-in.
+//! * No clock, no I/O, no randomness but the configured seed: the same configuration and the same inputs give the same
+//!   bits. Trigonometric and hyperbolic functions come from `libm`.
+//! * Speeds and lengths are positive when cable is paid out; only [`motor`] uses reel-in speed.
 //! * [`Plant::step`] allocates nothing.
 //!
 //! # Example

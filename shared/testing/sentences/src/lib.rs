@@ -1,5 +1,5 @@
-//! The sentences of a crate stand in one file, `tests/sentences.txt`, and one test compares them all. To reword one, read the difference that the
-//! test prints and renew the file; no other test matches words.
+//! Compares all sentences of a crate with one file, `tests/sentences.txt`. After a change of wording, read the
+//! difference that the test prints and renew the file. No other test matches wording.
 #![forbid(unsafe_code)]
 
 use std::collections::BTreeMap;

@@ -4,50 +4,50 @@ use clap::ValueEnum;
 use command::values::{above_zero, finite};
 use std::path::PathBuf;
 
-/// Longest time for one part, s.
+/// Maximum duration of one part, s.
 const LONGEST_S: f64 = 3600.0;
 
 /// `nims bench`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// What to measure; default: all of it.
+    /// Parts to measure; default: all.
     #[arg(value_enum, value_name = "PART")]
     pub parts: Vec<Part>,
-    /// System file, whose rate, scheduling, runs folder, law and estimator are measured.
+    /// System file; its rate, scheduling, runs folder, law and estimator are measured.
     #[arg(long = "system", value_name = "SYSTEM.toml")]
     pub system_file: Option<PathBuf>,
-    /// Control cycles per second, 10 to 250; default: as the system file says, else 100.
+    /// Control cycles per second, 10 to 250; default: from the system file, otherwise 100.
     #[arg(long, value_name = "HZ", value_parser = finite, allow_negative_numbers = true)]
     pub rate: Option<f64>,
-    /// Time for each part, s; default: as long as its figures need, 18 s for all.
+    /// Duration of each part, s; default: as long as its figures need, 18 s in total.
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
-    /// Folder on the disk that is measured; default: as the system file says, else the present one.
+    /// Folder on the disk to measure; default: from the system file, otherwise the current folder.
     #[arg(long, value_name = "DIR")]
     pub runs: Option<PathBuf>,
-    /// Measure also while a robot runs on this machine, whose time it takes.
+    /// Measure even while a robot runs on this machine; this delays the robot.
     #[arg(long)]
     pub beside: bool,
 }
 
-/// The parts, in the order in which they are measured.
+/// Parts of the benchmark in the order of their execution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Part {
-    /// How late a process wakes up that has to work once per period.
+    /// Delay of a periodic wake-up.
     Tick,
-    /// How long a sample takes to another process and back.
+    /// Round-trip time of a sample to another process.
     Bus,
-    /// How much of a period the control chain computes.
+    /// Computing time of the control chain as a share of the period.
     Chain,
-    /// How fast samples come onto the disk.
+    /// Speed of writing samples to the disk.
     Disk,
 }
 
 impl Part {
-    /// All of them.
+    /// All parts.
     pub const ALL: [Self; 4] = [Self::Tick, Self::Bus, Self::Chain, Self::Disk];
 
-    /// As it is typed.
+    /// Returns the name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

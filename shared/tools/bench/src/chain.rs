@@ -1,5 +1,5 @@
-//! `chain`: what a cycle of motor-io, estimator and controller computes, as a share of the period; and the tensions in it beside the
-//! usual way to get them, a pseudo-inverse by singular value decomposition.
+//! `chain`: computing time of a cycle of motor-io, estimator and controller as a share of the period; and the time for
+//! tensions, compared with a pseudo-inverse by singular value decomposition.
 
 use super::figures::{Ratio, Spread, record};
 use super::flight;
@@ -15,49 +15,49 @@ use runtime::Timing;
 use serde::Serialize;
 use std::hint::black_box;
 
-/// Positions at which tensions are computed, of a flight.
+/// Number of positions of a flight at which tensions are computed.
 const POSES: usize = 64;
-/// Passes over all positions for each flight.
+/// Number of passes over all positions per flight.
 const PASSES: usize = 50;
-/// Both ways agree this far, N.
+/// Maximum difference between both methods, N.
 const AGREE_N: f64 = 1e-6;
-/// Below this, a singular value counts as none.
+/// Singular values below this count as zero.
 const RANK: f64 = 1e-12;
 
-/// What was found.
+/// Result of `chain`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
-    /// How many lines the robot has.
+pub struct ChainResult {
+    /// Number of cables.
     pub cables: usize,
-    /// A cycle of the whole chain.
+    /// Time of a cycle of the whole chain.
     pub ours: Spread,
-    /// Its median as a share of the period.
+    /// Median as a share of the period.
     pub median_share: f64,
-    /// Its tail as a share of the period.
+    /// 99.9 % quantile as a share of the period.
     pub p999_share: f64,
-    /// The tensions of four lines.
+    /// Time for the tensions of four cables.
     pub tensions: Tensions,
 }
 
-/// The tensions that hold the node at one position.
+/// Time for the tensions at one position.
 #[derive(Debug, Clone, Serialize)]
 pub struct Tensions {
-    /// Ours, within the limits of each line.
+    /// By cable-robot, within the limits of each cable.
     pub ours: Spread,
-    /// By a pseudo-inverse, which knows no limits.
+    /// By pseudo-inverse, without limits.
     pub plain: Spread,
-    /// Pseudo-inverse over ours.
+    /// Pseudo-inverse divided by cable-robot.
     pub ratio: Ratio,
 }
 
-/// Measures for so many seconds.
+/// Measures for this many seconds.
 ///
 /// # Errors
-/// It was stopped, or the law or the method of the system file cannot be used.
-pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+/// The benchmark was stopped, or the law or method of the system file cannot be used.
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<ChainResult> {
     let scenario = flight::scenario(settings).map_err(Failure::bad)?;
     let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
-    let poses = Poses::of(&scenario.robot, &cycles)?;
+    let poses = Poses::select(&scenario.robot, &cycles)?;
     let (mut ours, mut tensions) = (Timing::new(), [Timing::new(), Timing::new()]);
     let end_ns = now_ns() + (seconds * 1e9) as u64;
     loop {
@@ -65,15 +65,15 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
         for _ in 0..PASSES {
             poses.time(&mut tensions);
         }
-        watch.look();
-        watch.go_on()?;
+        watch.update();
+        watch.check_stop()?;
         if now_ns() >= end_ns {
             break;
         }
     }
     let ours = Spread::of(&ours);
     let [limited, unlimited] = tensions.map(|timing| Spread::of(&timing).divided(poses.at.len() as u64));
-    Ok(Found {
+    Ok(ChainResult {
         cables: scenario.robot.cable_count(),
         ours,
         median_share: ours.median_s / scenario.period_s,
@@ -82,7 +82,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
     })
 }
 
-/// The whole flight to a fresh chain, each cycle by the clock.
+/// Runs the whole flight through a new chain and times each cycle.
 fn feed(scenario: &Scenario, cycles: &[Cycle], timing: &mut Timing) -> Answer {
     let mut chain = Chain::new(scenario).map_err(Failure::bad)?;
     for cycle in cycles {
@@ -101,7 +101,7 @@ fn feed(scenario: &Scenario, cycles: &[Cycle], timing: &mut Timing) -> Answer {
     Ok(())
 }
 
-/// Where tensions are computed, and for what.
+/// Positions at which tensions are computed, and their load.
 struct Poses {
     robot: Robot,
     weight_n: Vector3<f64>,
@@ -109,8 +109,8 @@ struct Poses {
 }
 
 impl Poses {
-    /// Positions of the flight at which no limit counts, so that both ways have to find the same.
-    fn of(robot: &Robot, cycles: &[Cycle]) -> Answer<Self> {
+    /// Selects the positions of the flight at which no limit is active, so that both methods have the same solution.
+    fn select(robot: &Robot, cycles: &[Cycle]) -> Answer<Self> {
         let weight_n = robot.wrench_n(&Vector3::zeros());
         let all = cycles.iter().step_by((cycles.len() / POSES).max(1)).map(|cycle| Vector3::from(cycle.truth_m));
         let mut poses = Self { robot: *robot, weight_n, at: all.collect() };
@@ -121,9 +121,9 @@ impl Poses {
         };
         let at: Vec<Vector3<f64>> = poses.at.iter().copied().filter(within).collect();
         poses.at = at;
-        if poses.at.is_empty() || !poses.at.iter().all(|at| poses.apart_n(at) <= AGREE_N) {
+        if poses.at.is_empty() || !poses.at.iter().all(|at| poses.difference_n(at) <= AGREE_N) {
             return Err(Failure::NotNow(format!(
-                "tensions at {} positions are not those of a pseudo-inverse within {AGREE_N} N",
+                "the tensions at {} positions differ from those of a pseudo-inverse by more than {AGREE_N} N",
                 poses.at.len()
             )));
         }
@@ -144,13 +144,13 @@ impl Poses {
         Some((inverse * self.weight_n).into())
     }
 
-    /// How far both are from each other, N.
-    fn apart_n(&self, at: &Vector3<f64>) -> f64 {
+    /// Returns the greatest difference between both methods, N.
+    fn difference_n(&self, at: &Vector3<f64>) -> f64 {
         let (Some(ours), Some(plain)) = (self.within_limits(at), self.by_pseudo_inverse(at)) else { return f64::NAN };
         ours.iter().zip(plain).fold(0.0, |most: f64, (ours, plain)| most.max((ours - plain).abs()))
     }
 
-    /// One pass over all positions each way.
+    /// Times one pass over all positions with each method.
     fn time(&self, [ours, plain]: &mut [Timing; 2]) {
         let begin_ns = now_ns();
         for at in &self.at {
@@ -173,8 +173,8 @@ mod tests {
     fn both_ways_find_the_same_tensions_along_most_of_the_flight() {
         let scenario = flight::scenario(&Settings::default()).unwrap();
         let cycles = flight::fly(&scenario).unwrap();
-        let poses = Poses::of(&scenario.robot, &cycles).unwrap();
+        let poses = Poses::select(&scenario.robot, &cycles).unwrap();
         assert!(poses.at.len() > POSES / 2, "{}", poses.at.len());
-        assert!(poses.at.iter().all(|at| poses.apart_n(at) <= AGREE_N));
+        assert!(poses.at.iter().all(|at| poses.difference_n(at) <= AGREE_N));
     }
 }

@@ -1,5 +1,5 @@
-//! `disk`: the samples of a flight into a run file, made safe as often as the recorder does it, beside plain writes of the same bytes
-//! with the same rhythm. Both in turns.
+//! `disk`: writes the samples of a flight to a run file and syncs them as often as the recorder does, alternating with
+//! plain writes of the same bytes.
 
 use super::figures::{Ratio, Spread, record};
 use super::flight;
@@ -19,160 +19,161 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::time::Duration;
 
-/// Samples that go to the disk each way at most, bytes: enough to see it work, too little to wear a memory card.
-const MOST_BYTES: u64 = 64 << 20;
-/// Between two looks at whether the disk has confirmed.
-const LOOK: Duration = Duration::from_micros(200);
+/// Maximum bytes written to the disk per method: enough to measure, too little to wear a memory card.
+const MAX_BYTES: u64 = 64 << 20;
+/// Interval between two checks whether the disk has confirmed.
+const POLL_INTERVAL: Duration = Duration::from_micros(200);
 
-/// What was found.
+/// Result of `disk`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
-    /// Into a run file.
-    pub ours: Way,
-    /// Plain writes.
-    pub plain: Way,
-    /// Plain over ours, of the time that half a second of a robot takes.
+pub struct DiskResult {
+    /// Run file.
+    pub ours: WriteStats,
+    /// Plain file.
+    pub plain: WriteStats,
+    /// Plain file divided by run file, for the time of one batch.
     pub ratio: Ratio,
-    /// What a robot of this rate has to say, MB/s.
+    /// Data rate of a robot at this control rate, MB/s.
     pub needed_mb_s: f64,
-    /// Share of the samples' size that the run file has.
+    /// Size of the run file as a share of the samples' size.
     pub compressed_to: f64,
-    /// The folder lies in memory, so that this says nothing about a disk.
+    /// Whether the folder is in memory, so that the result does not apply to a disk.
     pub in_memory: bool,
 }
 
-/// One way of writing.
+/// Result of one way of writing.
 #[derive(Debug, Clone, Serialize)]
-pub struct Way {
-    /// Samples written and made safe per second, MB/s.
+pub struct WriteStats {
+    /// Samples written and synced per second, MB/s.
     pub mb_s: f64,
-    /// Time for what the recorder gathers between two flushes, until the disk has confirmed it.
+    /// Time for the data that the recorder collects between two flushes, until the disk has confirmed them.
     #[serde(flatten)]
     pub batch: Spread,
-    /// How long `fdatasync` took in it.
+    /// Time of `fdatasync` within it.
     pub sync: Spread,
 }
 
-/// Whether the folder can be used: it is there, and has more room than the recorder leaves free.
+/// Checks that the folder exists, is writable and has more space than the recorder leaves free.
 ///
 /// # Errors
-/// Bad input without such a folder; not now without room.
+/// Bad input without such a folder; not now without space.
 pub fn check(settings: &Settings) -> Answer {
     let runs = &settings.runs;
     let folder = runs.display();
     if !runs.is_dir() {
-        return Err(Failure::BadInput(format!("there is no folder {folder}: name one with --runs DIR")));
+        return Err(Failure::BadInput(format!("the folder {folder} does not exist; give another one with --runs DIR")));
     }
     if access(runs, Access::WRITE_OK | Access::EXEC_OK).is_err() {
         return Err(Failure::NotNow(format!(
-            "this user may not write to {folder}: name another folder with --runs DIR"
+            "this user may not write to {folder}; give another folder with --runs DIR"
         )));
     }
-    let free = free_bytes(runs).map_err(|error| Failure::NotNow(format!("{folder} cannot be looked at: {error}")))?;
+    let free = free_bytes(runs).map_err(|error| Failure::NotNow(format!("{folder} cannot be examined: {error}")))?;
     room(free, settings.least_bytes).map_err(|sentence| Failure::NotNow(format!("{folder} {sentence}")))
 }
 
-/// Whether so much free space is enough.
+/// Checks whether the free space is sufficient.
 fn room(free: u64, least: u64) -> Result<(), String> {
-    let wanted = least.saturating_add(2 * MOST_BYTES);
+    let wanted = least.saturating_add(2 * MAX_BYTES);
     if free >= wanted {
         return Ok(());
     }
     let megabytes = |bytes: u64| bytes as f64 * 1e-6;
     Err(format!(
-        "has {:.0} MB left, and below {:.0} MB nothing is measured: move old runs away, or name another folder with --runs DIR",
+        "has {:.0} MB left; the measurement needs {:.0} MB. Move old runs away, or give another folder with --runs DIR",
         megabytes(free),
         megabytes(wanted)
     ))
 }
 
-/// Measures for so many seconds.
+/// Measures for this many seconds.
 ///
 /// # Errors
-/// It was stopped, or the disk refuses.
-pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+/// The benchmark was stopped, or the disk rejects writes.
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<DiskResult> {
     let scenario = flight::scenario(settings).map_err(Failure::bad)?;
     let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
-    let bytes_per_cycle: usize = flight::said(&cycles[0]).iter().map(|(_, sample)| sample.len()).sum();
+    let bytes_per_cycle: usize = flight::samples(&cycles[0]).iter().map(|(_, sample)| sample.len()).sum();
     let at_once = ((settings.flush_s * settings.rate_hz).round() as usize).clamp(1, cycles.len());
-    let scratch = Scratch::make(&settings.runs)?;
-    let mut run = Run::begin(scratch.folder()).map_err(Failure::not_now)?;
-    let mut plain = Plain::begin(scratch.folder()).map_err(refused)?;
+    let scratch = Scratch::create(&settings.runs)?;
+    let mut run = RunFile::begin(scratch.folder()).map_err(Failure::not_now)?;
+    let mut plain = PlainFile::begin(scratch.folder()).map_err(write_failure)?;
     let end_ns = now_ns() + (seconds * 1e9) as u64;
     let mut bytes = 0;
     let batches = cycles.chunks_exact(at_once).cycle();
     for (turn, batch) in batches.enumerate() {
-        // The one that comes first finds the disk at rest.
+        // Alternate the order, because the first writer finds an idle disk.
         if turn % 2 == 0 {
             run.write(batch, watch)?;
-            plain.write(batch).map_err(refused)?;
+            plain.write(batch).map_err(write_failure)?;
         } else {
-            plain.write(batch).map_err(refused)?;
+            plain.write(batch).map_err(write_failure)?;
             run.write(batch, watch)?;
         }
         bytes += (bytes_per_cycle * batch.len()) as u64;
-        watch.look();
-        watch.go_on()?;
-        if now_ns() >= end_ns || bytes >= MOST_BYTES {
+        watch.update();
+        watch.check_stop()?;
+        if now_ns() >= end_ns || bytes >= MAX_BYTES {
             break;
         }
     }
-    let (in_file, ours, plain) = (run.writer.bytes(), run.times.found(bytes), plain.times.found(bytes));
+    let (in_file, ours, plain) = (run.writer.bytes(), run.times.stats(bytes), plain.times.stats(bytes));
     let ratio = Ratio::of(&plain.batch, &ours.batch);
     let needed_mb_s = bytes_per_cycle as f64 * settings.rate_hz * 1e-6;
     let compressed_to = in_file as f64 / bytes as f64;
-    Ok(Found { ours, plain, ratio, needed_mb_s, compressed_to, in_memory: in_memory(&settings.runs) })
+    Ok(DiskResult { ours, plain, ratio, needed_mb_s, compressed_to, in_memory: in_memory(&settings.runs) })
 }
 
 fn in_memory(folder: &Path) -> bool {
-    statfs(folder).is_ok_and(|found| found.f_type as u32 == commissioning::doctor::TMPFS)
+    statfs(folder).is_ok_and(|found| found.f_type as u32 == commissioning::doctor::TMPFS_MAGIC)
 }
 
-fn refused(error: std::io::Error) -> Failure {
-    Failure::NotNow(format!("the disk refuses what is written to it: {error}"))
+fn write_failure(error: std::io::Error) -> Failure {
+    Failure::NotNow(format!("the disk rejects writes: {error}"))
 }
 
-/// Of one way.
-struct Times {
+/// Times of one way of writing.
+struct WriteTimes {
     batch: Timing,
     sync: Timing,
     total_ns: u64,
 }
 
-impl Times {
+impl WriteTimes {
     fn new() -> Self {
         Self { batch: Timing::new(), sync: Timing::new(), total_ns: 0 }
     }
 
-    fn note(&mut self, writing_ns: u64, sync_ns: u64) {
+    fn add(&mut self, writing_ns: u64, sync_ns: u64) {
         record(&mut self.batch, 0, writing_ns + sync_ns);
         record(&mut self.sync, 0, sync_ns);
         self.total_ns += writing_ns + sync_ns;
     }
 
-    fn found(&self, bytes: u64) -> Way {
+    fn stats(&self, bytes: u64) -> WriteStats {
         let seconds = self.total_ns.max(1) as f64 / SECOND_NS as f64;
-        Way { mb_s: bytes as f64 * 1e-6 / seconds, batch: Spread::of(&self.batch), sync: Spread::of(&self.sync) }
+        WriteStats { mb_s: bytes as f64 * 1e-6 / seconds, batch: Spread::of(&self.batch), sync: Spread::of(&self.sync) }
     }
 }
 
-/// A run file, which is never finished.
-struct Run {
+/// A run file that is never finished.
+struct RunFile {
     writer: RunWriter,
     channels: Vec<ChannelId>,
     seq: u64,
-    times: Times,
+    times: WriteTimes,
 }
 
-impl Run {
+impl RunFile {
     fn begin(folder: &Path) -> Result<Self, RunError> {
         let clock = RunClock::now();
         let mut writer = RunWriter::create(&folder.join("run.mcap"), clock, &BTreeMap::new(), &[])?;
         let channels = channels().into_iter().map(|spec| writer.add_channel(&spec)).collect::<Result<_, _>>()?;
-        Ok(Self { writer, channels, seq: 0, times: Times::new() })
+        Ok(Self { writer, channels, seq: 0, times: WriteTimes::new() })
     }
 
-    /// Writes a batch, and waits until the disk has it. The recorder does not wait: its file is synchronised by a thread of its own.
+    /// Writes a batch and waits until the disk has confirmed it. The recorder does not wait: a separate thread syncs
+    /// its file.
     fn write(&mut self, batch: &[Cycle], watch: &Watch) -> Answer {
         let syncs = |writer: &RunWriter| (writer.sync_report().done, writer.sync_report().failed);
         self.settle(watch)?;
@@ -180,29 +181,29 @@ impl Run {
         let begin_ns = now_ns();
         for cycle in batch {
             self.seq += 1;
-            for ((header, sample), channel) in flight::said(cycle).into_iter().zip(&self.channels) {
+            for ((header, sample), channel) in flight::samples(cycle).into_iter().zip(&self.channels) {
                 self.writer.write(*channel, self.seq, now_ns(), header.stamp_ns, sample).map_err(Failure::not_now)?;
             }
         }
         self.writer.flush().map_err(Failure::not_now)?;
         let writing_ns = now_ns() - begin_ns;
         while syncs(&self.writer) == before {
-            std::thread::sleep(LOOK);
-            watch.go_on()?;
+            std::thread::sleep(POLL_INTERVAL);
+            watch.check_stop()?;
         }
         let report = self.writer.sync_report();
         if report.failing {
-            return Err(Failure::NotNow("the disk does not confirm what it is given".to_owned()));
+            return Err(Failure::NotNow("the disk does not confirm writes".to_owned()));
         }
-        self.times.note(writing_ns, report.last_ns);
+        self.times.add(writing_ns, report.last_ns);
         Ok(())
     }
 
-    /// Waits for what the beginning of the file has asked for.
+    /// Waits for the sync that the creation of the file requested.
     fn settle(&self, watch: &Watch) -> Answer {
         while self.writer.sync_report().done + self.writer.sync_report().failed == 0 {
-            std::thread::sleep(LOOK);
-            watch.go_on()?;
+            std::thread::sleep(POLL_INTERVAL);
+            watch.check_stop()?;
         }
         Ok(())
     }
@@ -223,25 +224,25 @@ fn channels() -> Vec<ChannelSpec> {
 }
 
 /// A plain file.
-struct Plain {
+struct PlainFile {
     file: BufWriter<File>,
-    times: Times,
+    times: WriteTimes,
 }
 
-impl Plain {
+impl PlainFile {
     fn begin(folder: &Path) -> std::io::Result<Self> {
-        Ok(Self { file: BufWriter::new(File::create_new(folder.join("plain"))?), times: Times::new() })
+        Ok(Self { file: BufWriter::new(File::create_new(folder.join("plain"))?), times: WriteTimes::new() })
     }
 
     fn write(&mut self, batch: &[Cycle]) -> std::io::Result<()> {
         let begin_ns = now_ns();
-        for (_, sample) in batch.iter().flat_map(flight::said) {
+        for (_, sample) in batch.iter().flat_map(flight::samples) {
             self.file.write_all(sample)?;
         }
         self.file.flush()?;
         let written_ns = now_ns();
         self.file.get_ref().sync_data()?;
-        self.times.note(written_ns - begin_ns, now_ns() - written_ns);
+        self.times.add(written_ns - begin_ns, now_ns() - written_ns);
         Ok(())
     }
 }
@@ -252,7 +253,7 @@ mod tests {
 
     #[test]
     fn room_is_what_the_recorder_leaves_free_and_both_files() {
-        let wanted = 500_000_000 + 2 * MOST_BYTES;
+        let wanted = 500_000_000 + 2 * MAX_BYTES;
         assert_eq!(room(wanted, 500_000_000), Ok(()));
         let sentence = room(wanted - 1, 500_000_000).unwrap_err();
         assert!(sentence.contains("634 MB") && sentence.contains("--runs"), "{sentence}");
@@ -261,10 +262,10 @@ mod tests {
 
     #[test]
     fn speeds_are_bytes_over_all_the_time() {
-        let mut times = Times::new();
-        times.note(1_000_000, 3_000_000);
-        times.note(2_000_000, 14_000_000);
-        let way = times.found(2_000_000);
+        let mut times = WriteTimes::new();
+        times.add(1_000_000, 3_000_000);
+        times.add(2_000_000, 14_000_000);
+        let way = times.stats(2_000_000);
         assert!((way.mb_s - 100.0).abs() < 1e-9, "{way:?}");
         assert_eq!((way.batch.count, way.batch.worst_s, way.sync.worst_s), (2, 0.016, 0.014));
     }
@@ -273,6 +274,6 @@ mod tests {
     fn every_channel_has_its_own_type() {
         let cycle = &flight::fly(&flight::scenario(&Settings::default()).unwrap()).unwrap()[0];
         let sizes: Vec<usize> = channels().iter().map(|spec| spec.size).collect();
-        assert_eq!(sizes, flight::said(cycle).map(|(_, sample)| sample.len()));
+        assert_eq!(sizes, flight::samples(cycle).map(|(_, sample)| sample.len()));
     }
 }

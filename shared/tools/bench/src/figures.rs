@@ -1,23 +1,24 @@
-//! Figures: medians, tails, ratios. Pure.
+//! Statistics: medians, tails, ratios. Pure.
 
 use runtime::Timing;
 use serde::Serialize;
 
-/// How long something took, over many times.
+/// Distribution of a duration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
-    /// How many times.
+    /// Number of measurements.
     pub count: u64,
-    /// Half of them took no longer, s.
+    /// Median, s.
     pub median_s: f64,
-    /// All but one in a thousand took no longer, s.
+    /// 99.9 % quantile, s.
     pub p999_s: f64,
-    /// The longest, s.
+    /// Maximum, s.
     pub worst_s: f64,
 }
 
 impl Spread {
-    /// Of what was recorded; to two digits, but for the worst. What took no time that the clock could tell counts as 1 ns.
+    /// Summarises the recorded times, to two digits except for the maximum. Times below the resolution of the clock
+    /// count as 1 ns.
     #[must_use]
     pub fn of(timing: &Timing) -> Self {
         let worst_ns = timing.max_ns().max(1);
@@ -30,7 +31,7 @@ impl Spread {
         }
     }
 
-    /// The same of a part of it: each time was `parts` of them in a row.
+    /// Returns the distribution of one of `parts` equal steps that were timed together.
     #[must_use]
     pub fn divided(self, parts: u64) -> Self {
         let parts = parts.max(1) as f64;
@@ -38,24 +39,24 @@ impl Spread {
     }
 }
 
-/// How many times as long the plain way takes as ours.
+/// Time of the plain way divided by the time of the product.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Ratio {
-    /// Of the medians.
+    /// Ratio of the medians.
     pub median: f64,
-    /// Of the tails.
+    /// Ratio of the 99.9 % quantiles.
     pub p999: f64,
 }
 
 impl Ratio {
-    /// Of two spreads.
+    /// Divides two distributions.
     #[must_use]
     pub fn of(plain: &Spread, ours: &Spread) -> Self {
         Self { median: plain.median_s / ours.median_s, p999: plain.p999_s / ours.p999_s }
     }
 }
 
-/// One measurement of both ways, for a [`Timing`].
+/// Records one duration in a [`Timing`].
 pub fn record(timing: &mut Timing, begin_ns: u64, end_ns: u64) {
     timing.begin(begin_ns);
     timing.end(end_ns);
@@ -65,7 +66,7 @@ pub fn record(timing: &mut Timing, begin_ns: u64, end_ns: u64) {
 pub(super) mod tests {
     use super::*;
 
-    /// So many times these durations, ns.
+    /// Records these durations, ns.
     pub fn timing(times: impl IntoIterator<Item = u64>) -> Timing {
         let mut timing = Timing::new();
         times.into_iter().for_each(|took| record(&mut timing, 5, 5 + took));
@@ -82,7 +83,7 @@ pub(super) mod tests {
         assert_eq!(spread.count, 10_000);
         assert!(near(spread.median_s, 5e-3) && near(spread.p999_s, 9.99e-3), "{spread:?}");
         assert_eq!(spread.worst_s, 1e-2);
-        // one in a thousand is the tail's own, not part of it
+        // One in a thousand lies beyond the 99.9 % quantile.
         let spread = Spread::of(&timing(std::iter::repeat_n(1000, 999).chain([5_000_000])));
         assert!(near(spread.p999_s, 1e-6) && spread.worst_s == 5e-3, "{spread:?}");
         let spread = Spread::of(&timing(std::iter::repeat_n(1000, 998).chain([5_000_000; 2])));

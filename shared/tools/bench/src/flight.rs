@@ -1,4 +1,4 @@
-//! A flight to measure with: four lines between uneven poles, computed in lockstep, with everything that each cycle decided.
+//! A flight with four cables between uneven poles, computed in lockstep, with all decisions of each cycle.
 
 use super::settings::Settings;
 use anyhow::{Context, Result, ensure};
@@ -10,9 +10,9 @@ use messages::Header;
 use planner::Mission;
 use plant::PlantConfig;
 
-/// Four poles as an installation in a wood would have them: nothing symmetric, m.
+/// Tops of four asymmetric poles, as in an installation in a wood, m.
 const ANCHORS_M: [[f64; 3]; 4] = [[0.0, 0.0, 6.0], [10.4, 0.3, 6.3], [9.7, 8.9, 5.8], [-0.5, 9.4, 6.1]];
-/// Corners of the square that is flown, m.
+/// Corners of the flown square, m.
 const PATH_M: [[f64; 3]; 4] = [[2.5, 2.5, 4.0], [7.5, 2.5, 4.0], [7.5, 7.5, 4.0], [2.5, 7.5, 4.0]];
 /// Mass of the node, kg.
 const NODE_MASS_KG: f64 = 2.0;
@@ -20,14 +20,14 @@ const NODE_MASS_KG: f64 = 2.0;
 const LIMITS_N: [f64; 2] = [1.0, 150.0];
 /// Speed of the node, m/s.
 const SPEED_M_S: f64 = 0.2;
-/// Cycles of the flight; after the first second the node moves.
+/// Number of cycles; the node moves after the first second.
 const CYCLES: usize = 1000;
 /// Delay and lag of the drives, s.
 const DRIVES_S: [f64; 2] = [0.030, 0.040];
-/// Encoder counts per metre of line: a wheel of 15 mm radius with 1024 counts per turn.
+/// Encoder counts per metre of cable: a wheel of 15 mm radius with 1024 counts per turn.
 const COUNTS_PER_M: f64 = 10_865.0;
 
-/// What is flown.
+/// Creates the scenario.
 ///
 /// # Errors
 /// The law or the method of the system file cannot be used.
@@ -69,22 +69,22 @@ pub fn scenario(settings: &Settings) -> Result<Scenario> {
     })
 }
 
-/// Flies it, cycle by cycle.
+/// Flies the scenario cycle by cycle.
 ///
 /// # Errors
-/// It cannot be flown.
+/// The flight is not possible.
 pub fn fly(scenario: &Scenario) -> Result<Vec<Cycle>> {
     let mission = scenario.mission.clone();
     let mut lockstep = Lockstep::new(scenario.clone())?;
     lockstep.zero_and_arm()?;
-    lockstep.run(&mission).context("the planner refused the mission")?;
+    lockstep.run(&mission).context("the planner rejected the mission")?;
     let cycles = (0..CYCLES).map(|_| lockstep.cycle()).collect::<Result<Vec<_>>>()?;
     let commanded = cycles.iter().filter(|cycle| cycle.command.valid[0] == 1 && cycle.control.valid == 1).count();
     ensure!(commanded > CYCLES / 2, "the flight has only {commanded} commands");
     Ok(cycles)
 }
 
-/// What a cycle says on the bus, and the recorder writes: channel, size, and the bytes by [`said`].
+/// Channels on which a cycle publishes and the recorder records; [`samples`] returns their bytes.
 pub const CHANNELS: [&str; 8] = [
     "motor/input",
     "motor/state",
@@ -96,8 +96,8 @@ pub const CHANNELS: [&str; 8] = [
     "energy",
 ];
 
-/// The samples of a cycle in the order of [`CHANNELS`], each with its header.
-pub fn said(cycle: &Cycle) -> [(&Header, &[u8]); CHANNELS.len()] {
+/// Returns the samples of a cycle in the order of [`CHANNELS`], each with its header.
+pub fn samples(cycle: &Cycle) -> [(&Header, &[u8]); CHANNELS.len()] {
     fn one<T: messages::Message>(sample: &T) -> (&Header, &[u8]) {
         (sample.header(), bytemuck::bytes_of(sample))
     }
@@ -123,7 +123,7 @@ mod tests {
             let settings = Settings { rate_hz, ..Settings::default() };
             let cycles = fly(&scenario(&settings).unwrap()).unwrap();
             let tensions = cycles.iter().flat_map(|cycle| cycle.truth_n.iter().copied().collect::<Vec<_>>());
-            assert!(tensions.fold(f64::INFINITY, f64::min) > 0.0, "a line is slack at {rate_hz} Hz");
+            assert!(tensions.fold(f64::INFINITY, f64::min) > 0.0, "a cable is slack at {rate_hz} Hz");
             let moved = cycles.iter().map(|cycle| cycle.truth_m[0]).fold(f64::NEG_INFINITY, f64::max);
             assert!(moved > PATH_M[0][0] + 0.1, "{moved}");
         }

@@ -1,74 +1,75 @@
-//! What the figures mean for a control rate: one finding for each part, with its cure. Pure.
+//! Evaluates the figures for a control rate: one finding with a remedy for each part. Pure.
 
 use super::words::{duration, percent};
 use super::{chain, disk, round_trip, tick};
 use commissioning::check::{Finding, error, note, warning};
 
-/// Above this share of late or left-out periods the robot holds too often to be flown. A virtual machine with two shared cores, which
-/// now and then stands still as a whole, stays at a third of it, and flies.
-const BAD_TICKS: f64 = 0.05;
-/// A wake-up may take this share of the period without anybody noticing.
-const UNNOTICED: f64 = 0.1;
-/// motor-io gives the chain half a period for its answer, however late the cycle was: a tail beyond is a period without an answer.
+/// Share of late or skipped periods beyond which the robot stops too often. A virtual machine with two shared cores,
+/// which sometimes stalls as a whole, stays at a third of it and can fly.
+const MAX_BAD_SHARE: f64 = 0.05;
+/// Share of the period by which a wake-up may be late without any effect.
+const HARMLESS_SHARE: f64 = 0.1;
+/// motor-io waits half a period for the chain's answer, however late the cycle started; a longer tail means periods
+/// without an answer.
 const MOST_SHARE: f64 = 0.5;
-/// A tenth of that leaves room for the drives, and for what the machine does besides.
+/// A tenth of that leaves time for the drives and for other programs.
 const GOOD_SHARE: f64 = 0.05;
-/// From motor-io over estimator and controller back to motor-io are three ways, one and a half times there and back.
+/// The path from motor-io through estimator and controller back to motor-io has three hops, one and a half round trips.
 const ROUND_TRIPS: f64 = 1.5;
-/// A disk that is this many times as fast as the robot speaks has room for sensors, maps and pictures ..
+/// Ratio of disk speed to data rate that leaves room for sensors, maps and pictures.
 const GOOD_DISK: f64 = 10.0;
-/// .. and one below this falls behind as soon as anything else writes.
+/// Ratio below which the disk falls behind as soon as another program writes.
 const LEAST_DISK: f64 = 2.0;
-/// What a power cut takes is the time between two flushes and the last synchronisation: a second of that is good, s.
+/// Good time of a sync, s. A power cut loses the data since the last flush and the last sync.
 const GOOD_SYNC_S: f64 = 1.0;
-/// Channels keep samples for a recorder for 2.5 s, s.
+/// Maximum time of a sync, s: channels buffer samples for a recorder for 2.5 s.
 const MOST_SYNC_S: f64 = 2.5;
 
-enum Level {
+enum Grade {
     Good,
     Fair,
     Bad,
 }
 
-/// Good, fair or bad by two limits, the first of which is still good, the second still fair.
-fn level(value: f64, good: f64, fair: f64) -> Level {
+/// Grades a value by two limits: up to the first it is good, up to the second fair.
+fn grade(value: f64, good: f64, fair: f64) -> Grade {
     if value <= good {
-        Level::Good
+        Grade::Good
     } else if value <= fair {
-        Level::Fair
+        Grade::Fair
     } else {
-        Level::Bad
+        Grade::Bad
     }
 }
 
-fn finding(part: &str, level: &Level, rate_hz: f64, why: &str, cure: &str) -> Finding {
+fn finding(part: &str, level: &Grade, rate_hz: f64, why: &str, cure: &str) -> Finding {
     match level {
-        Level::Good => note(format!("{part}: good for {rate_hz} Hz: {why}")),
-        Level::Fair => warning(format!("{part}: enough for {rate_hz} Hz, without much to spare: {why}"), cure),
-        Level::Bad => error(format!("{part}: bad for {rate_hz} Hz: {why}"), cure),
+        Grade::Good => note(format!("{part}: good for {rate_hz} Hz: {why}")),
+        Grade::Fair => warning(format!("{part}: sufficient for {rate_hz} Hz with little margin: {why}"), cure),
+        Grade::Bad => error(format!("{part}: insufficient for {rate_hz} Hz: {why}"), cure),
     }
 }
 
-/// Wake-ups.
-pub fn of_ticks(found: &tick::Found, rate_hz: f64) -> Finding {
+/// Evaluates the wake-ups.
+pub fn tick_finding(found: &tick::TickResult, rate_hz: f64) -> Finding {
     let ticks = &found.ours;
     let (worst_s, period_s) = (ticks.lateness.worst_s, 1.0 / rate_hz);
     let bad = ticks.late + ticks.skipped;
     let level = match (ticks.bad_share(), bad) {
-        (share, _) if share > BAD_TICKS => Level::Bad,
-        (_, 0) if ticks.lateness.p999_s <= UNNOTICED * period_s => Level::Good,
-        _ => Level::Fair,
+        (share, _) if share > MAX_BAD_SHARE => Grade::Bad,
+        (_, 0) if ticks.lateness.p999_s <= HARMLESS_SHARE * period_s => Grade::Good,
+        _ => Grade::Fair,
     };
     let why = if bad == 0 {
         format!(
-            "none of {} wake-ups was later than half a period, the worst {} of {}",
+            "none of {} wake-ups was late by more than half a period; the worst was {} late in a period of {}",
             ticks.lateness.count,
             duration(worst_s),
             duration(period_s)
         )
     } else {
         format!(
-            "of {} periods {} began late by more than half a period and {} were left out; the worst was {} late",
+            "of {} periods, {} began late by more than half a period and {} were skipped; the worst was {} late",
             ticks.periods,
             ticks.late,
             ticks.skipped,
@@ -76,12 +77,12 @@ pub fn of_ticks(found: &tick::Found, rate_hz: f64) -> Finding {
         )
     };
     let cure = match (found.scheduling.fifo_priority, found.scheduling.refused.is_empty()) {
-        (None, false) => "permit what is said above, so that the control chain comes first".to_owned(),
-        (None, true) => "let the control chain come first: `priority = 50` in [realtime] of the system file".to_owned(),
+        (None, false) => "permit the settings listed above, so that the control chain has priority".to_owned(),
+        (None, true) => "give the control chain priority: `priority = 50` in [realtime] of the system file".to_owned(),
         (Some(_), _) => format!(
-            "end what else runs here, see `nims doctor` about power saving, take a machine that is not shared{}",
-            match rate_that_would_do(worst_s).filter(|slower| f64::from(*slower) < rate_hz) {
-                Some(slower) => format!(", or fly at {slower} Hz, at which nothing would have been late"),
+            "end other programs, see `nims doctor` about power saving, or use a machine that is not shared{}",
+            match sufficient_rate(worst_s).filter(|slower| f64::from(*slower) < rate_hz) {
+                Some(slower) => format!(", or set the rate to {slower} Hz, at which nothing would have been late"),
                 None => String::new(),
             }
         ),
@@ -89,64 +90,58 @@ pub fn of_ticks(found: &tick::Found, rate_hz: f64) -> Finding {
     finding("tick", &level, rate_hz, &why, &cure)
 }
 
-/// The highest rate in tens of hertz, of those that a box may have, at which this would not have been late.
-fn rate_that_would_do(worst_s: f64) -> Option<u32> {
+/// Returns the highest permitted rate in tens of hertz at which this delay would not have been late.
+fn sufficient_rate(worst_s: f64) -> Option<u32> {
     let rate_hz = (0.5 / worst_s / 10.0).floor() * 10.0;
     (10.0..=250.0).contains(&rate_hz).then_some(rate_hz as u32)
 }
 
-/// Samples between processes.
-pub fn of_bus(found: &round_trip::Found, rate_hz: f64) -> Finding {
+/// Evaluates the round trips.
+pub fn bus_finding(found: &round_trip::BusResult, rate_hz: f64) -> Finding {
     let share = ROUND_TRIPS * found.ours.p999_s * rate_hz;
-    let level = level(share, GOOD_SHARE, MOST_SHARE);
+    let level = grade(share, GOOD_SHARE, MOST_SHARE);
     let why = format!(
-        "the three ways from motor-io round the control chain take {} of the period, {} in the worst thousandth",
+        "the three hops from motor-io through the control chain take {} of the period, {} in the worst thousandth",
         percent(ROUND_TRIPS * found.ours.median_s * rate_hz),
         percent(share)
     );
     let cure = match found.scheduling.refused.first() {
-        Some(_) => "permit the control chain its scheduling, as said above, or fly at a lower rate",
-        None => "end what else runs here, see `nims doctor` about power saving, or fly at a lower rate",
+        Some(_) => "permit the scheduling settings listed above, or set a lower rate",
+        None => "end other programs, see `nims doctor` about power saving, or set a lower rate",
     };
     finding("bus", &level, rate_hz, &why, cure)
 }
 
-/// Computing.
-pub fn of_chain(found: &chain::Found, rate_hz: f64) -> Finding {
-    let level = level(found.p999_share, GOOD_SHARE, MOST_SHARE);
+/// Evaluates the computing time.
+pub fn chain_finding(found: &chain::ChainResult, rate_hz: f64) -> Finding {
+    let level = grade(found.p999_share, GOOD_SHARE, MOST_SHARE);
     let why = format!(
-        "a cycle of the control chain computes for {} of the period, {} in the worst thousandth",
+        "a cycle of the control chain takes {} of the period to compute, {} in the worst thousandth",
         percent(found.median_share),
         percent(found.p999_share)
     );
-    finding(
-        "chain",
-        &level,
-        rate_hz,
-        &why,
-        "end what else computes here, take a faster machine, or fly at a lower rate",
-    )
+    finding("chain", &level, rate_hz, &why, "end other programs, use a faster machine, or set a lower rate")
 }
 
-/// The disk.
-pub fn of_disk(found: &disk::Found, rate_hz: f64) -> Finding {
+/// Evaluates the disk.
+pub fn disk_finding(found: &disk::DiskResult, rate_hz: f64) -> Finding {
     let (times, sync_s) = (found.ours.mb_s / found.needed_mb_s, found.ours.sync.worst_s.max(found.plain.sync.worst_s));
-    let level = match (level(-times, -GOOD_DISK, -LEAST_DISK), level(sync_s, GOOD_SYNC_S, MOST_SYNC_S)) {
-        (Level::Bad, _) | (_, Level::Bad) => Level::Bad,
-        (Level::Good, Level::Good) if !found.in_memory => Level::Good,
-        _ => Level::Fair,
+    let level = match (grade(-times, -GOOD_DISK, -LEAST_DISK), grade(sync_s, GOOD_SYNC_S, MOST_SYNC_S)) {
+        (Grade::Bad, _) | (_, Grade::Bad) => Grade::Bad,
+        (Grade::Good, Grade::Good) if !found.in_memory => Grade::Good,
+        _ => Grade::Fair,
     };
     if found.in_memory {
         return finding(
             "disk",
             &level,
             rate_hz,
-            "this folder lies in memory, and nothing in it outlives a power cut",
-            "name a folder on a disk with --runs DIR",
+            "this folder is in memory, and a power cut erases it",
+            "give a folder on a disk with --runs DIR",
         );
     }
     let why = format!(
-        "it takes in {times:.0} times what the control chain says, and confirmed it after {} at the latest",
+        "it writes {times:.0} times the data rate of the control chain, and confirmed all writes within {}",
         duration(sync_s)
     );
     finding(
@@ -154,14 +149,14 @@ pub fn of_disk(found: &disk::Found, rate_hz: f64) -> Finding {
         &level,
         rate_hz,
         &why,
-        "set `runs` in the system file to a faster disk, and let nothing else write there",
+        "set `runs` in the system file to a faster disk to which no other program writes",
     )
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::figures::{Ratio, Spread};
-    use super::super::scheduling::Reached;
+    use super::super::scheduling::AchievedScheduling;
     use super::*;
     use commissioning::check;
 
@@ -171,14 +166,14 @@ mod tests {
 
     const RATIO: Ratio = Ratio { median: 2.0, p999: 3.0 };
 
-    fn ticks(p999_s: f64, late: u64, skipped: u64, scheduling: Reached) -> tick::Found {
+    fn tick_result(p999_s: f64, late: u64, skipped: u64, scheduling: AchievedScheduling) -> tick::TickResult {
         let lateness = spread(1e-5, p999_s, 0.008);
         let ours = tick::Ticks { lateness, late, skipped, periods: 1000 };
-        tick::Found { plain: ours.clone(), ours, ratio: RATIO, scheduling }
+        tick::TickResult { plain: ours.clone(), ours, ratio: RATIO, scheduling }
     }
 
-    fn fifo() -> Reached {
-        Reached { fifo_priority: Some(50), ..Reached::default() }
+    fn fifo() -> AchievedScheduling {
+        AchievedScheduling { fifo_priority: Some(50), ..AchievedScheduling::default() }
     }
 
     fn assert_is(found: &Finding, level: check::Level, words: &[&str]) {
@@ -192,53 +187,71 @@ mod tests {
     #[test]
     fn ticks_are_judged_by_their_share_and_their_tail() {
         use check::Level::{Error, Note, Warning};
-        // a tenth of a period of 10 ms
-        assert_is(&of_ticks(&ticks(0.001, 0, 0, fifo()), 100.0), Note, &["tick: good for 100 Hz", "1000 wake-ups"]);
-        assert_is(&of_ticks(&ticks(0.001_01, 0, 0, fifo()), 100.0), Warning, &["enough for 100 Hz"]);
-        assert_is(&of_ticks(&ticks(0.000_1, 1, 0, fifo()), 100.0), Warning, &["1 began late", "0 were left out"]);
-        assert_is(&of_ticks(&ticks(0.000_1, 20, 30, fifo()), 100.0), Warning, &["20 began late", "30 were left out"]);
-        assert_is(&of_ticks(&ticks(0.000_1, 20, 31, fifo()), 100.0), Error, &["bad for 100 Hz", "fly at 60 Hz"]);
-        // no cure by a rate that is not lower
-        assert!(!of_ticks(&ticks(0.04, 0, 0, fifo()), 50.0).cure.contains("fly at"));
+        // A tenth of a period of 10 ms.
+        assert_is(
+            &tick_finding(&tick_result(0.001, 0, 0, fifo()), 100.0),
+            Note,
+            &["tick: good for 100 Hz", "1000 wake-ups"],
+        );
+        assert_is(&tick_finding(&tick_result(0.001_01, 0, 0, fifo()), 100.0), Warning, &["sufficient for 100 Hz"]);
+        assert_is(
+            &tick_finding(&tick_result(0.000_1, 1, 0, fifo()), 100.0),
+            Warning,
+            &["1 began late", "0 were skipped"],
+        );
+        assert_is(
+            &tick_finding(&tick_result(0.000_1, 20, 30, fifo()), 100.0),
+            Warning,
+            &["20 began late", "30 were skipped"],
+        );
+        assert_is(
+            &tick_finding(&tick_result(0.000_1, 20, 31, fifo()), 100.0),
+            Error,
+            &["insufficient for 100 Hz", "rate to 60 Hz"],
+        );
+        // No remedy by a rate that is not lower.
+        assert!(!tick_finding(&tick_result(0.04, 0, 0, fifo()), 50.0).cure.contains("rate to"));
     }
 
     #[test]
     fn the_cure_of_late_ticks_is_what_was_not_done_yet() {
-        let refused = Reached { refused: vec!["no".to_owned()], ..Reached::default() };
-        let cure = |scheduling| of_ticks(&ticks(0.1, 100, 0, scheduling), 100.0).cure;
+        let refused = AchievedScheduling { refused: vec!["no".to_owned()], ..AchievedScheduling::default() };
+        let cure = |scheduling| tick_finding(&tick_result(0.1, 100, 0, scheduling), 100.0).cure;
         assert!(cure(refused).contains("permit"));
-        assert!(cure(Reached::default()).contains("[realtime]"));
+        assert!(cure(AchievedScheduling::default()).contains("[realtime]"));
         assert!(cure(fifo()).contains("nims doctor"));
     }
 
     #[test]
     fn a_rate_that_would_do_is_one_that_a_box_may_have() {
-        assert_eq!(rate_that_would_do(0.002), Some(250));
-        assert_eq!(rate_that_would_do(0.001), None);
-        assert_eq!(rate_that_would_do(0.0049), Some(100));
-        assert_eq!(rate_that_would_do(0.0051), Some(90));
-        assert_eq!(rate_that_would_do(0.05), Some(10));
-        assert_eq!(rate_that_would_do(0.051), None);
+        assert_eq!(sufficient_rate(0.002), Some(250));
+        assert_eq!(sufficient_rate(0.001), None);
+        assert_eq!(sufficient_rate(0.0049), Some(100));
+        assert_eq!(sufficient_rate(0.0051), Some(90));
+        assert_eq!(sufficient_rate(0.05), Some(10));
+        assert_eq!(sufficient_rate(0.051), None);
     }
 
     #[test]
     fn the_bus_and_the_chain_have_to_fit_beside_the_drives() {
         use check::Level::{Error, Note, Warning};
-        let bus = |p999_s| round_trip::Found {
+        let bus = |p999_s| round_trip::BusResult {
             sample_bytes: 700,
             ours: spread(1e-5, p999_s, 0.5),
             plain: spread(1e-5, 1e-5, 1e-5),
             ratio: RATIO,
             scheduling: fifo(),
         };
-        for (p999_s, level, words) in
-            [(0.000_333, Note, "bus: good"), (0.000_334, Warning, "bus: enough"), (0.003_34, Error, "bus: bad")]
-        {
-            assert_is(&of_bus(&bus(p999_s), 100.0), level, &[words, "100 Hz"]);
+        for (p999_s, level, words) in [
+            (0.000_333, Note, "bus: good"),
+            (0.000_334, Warning, "bus: sufficient"),
+            (0.003_34, Error, "bus: insufficient"),
+        ] {
+            assert_is(&bus_finding(&bus(p999_s), 100.0), level, &[words, "100 Hz"]);
         }
-        // the same times are worse at a higher rate
-        assert_is(&of_bus(&bus(0.000_333), 200.0), Warning, &["200 Hz"]);
-        let chain = |p999_share| chain::Found {
+        // The same times are worse at a higher rate.
+        assert_is(&bus_finding(&bus(0.000_333), 200.0), Warning, &["200 Hz"]);
+        let chain = |p999_share| chain::ChainResult {
             cables: 4,
             ours: spread(1e-5, p999_share / 100.0, 0.5),
             median_share: 0.001,
@@ -246,7 +259,7 @@ mod tests {
             tensions: chain::Tensions { ours: spread(1.0, 1.0, 1.0), plain: spread(1.0, 1.0, 1.0), ratio: RATIO },
         };
         for (share, level) in [(0.05, Note), (0.0501, Warning), (0.5, Warning), (0.5001, Error)] {
-            assert_is(&of_chain(&chain(share), 100.0), level, &["chain", "0.1 %"]);
+            assert_is(&chain_finding(&chain(share), 100.0), level, &["chain", "0.1 %"]);
         }
     }
 
@@ -254,8 +267,15 @@ mod tests {
     fn a_disk_is_judged_by_speed_and_by_its_longest_wait() {
         use check::Level::{Error, Note, Warning};
         let disk = |mb_s, sync_s, in_memory| {
-            let way = disk::Way { mb_s, batch: spread(0.01, 0.1, 1.0), sync: spread(0.01, 0.1, sync_s) };
-            disk::Found { plain: way.clone(), ours: way, ratio: RATIO, needed_mb_s: 0.5, compressed_to: 0.4, in_memory }
+            let way = disk::WriteStats { mb_s, batch: spread(0.01, 0.1, 1.0), sync: spread(0.01, 0.1, sync_s) };
+            disk::DiskResult {
+                plain: way.clone(),
+                ours: way,
+                ratio: RATIO,
+                needed_mb_s: 0.5,
+                compressed_to: 0.4,
+                in_memory,
+            }
         };
         for (mb_s, sync_s, level) in [
             (5.0, 1.0, Note),
@@ -266,11 +286,11 @@ mod tests {
             (50.0, 2.51, Error),
         ] {
             assert_is(
-                &of_disk(&disk(mb_s, sync_s, false), 100.0),
+                &disk_finding(&disk(mb_s, sync_s, false), 100.0),
                 level,
-                &["disk", "times what the control chain says"],
+                &["disk", "times the data rate of the control chain"],
             );
         }
-        assert_is(&of_disk(&disk(500.0, 0.001, true), 100.0), Warning, &["in memory", "--runs"]);
+        assert_is(&disk_finding(&disk(500.0, 0.001, true), 100.0), Warning, &["in memory", "--runs"]);
     }
 }

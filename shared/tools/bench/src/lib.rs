@@ -1,10 +1,11 @@
-//! `nims bench`: whether this machine is good enough for a robot, and how what was built compares, on this machine and in this run,
-//! with the plain way of doing the same. Needs no robot, and touches none.
+//! `nims bench`: measures whether this machine is suitable for a robot, and compares the implementation with a plain
+//! alternative on this machine in the same run. It needs no robot and does not access one.
 //!
 //! Invariants:
-//! * Everything stands beside a peer that was measured in the same seconds, as medians, tails and a ratio: a time alone says as much
-//!   about what else the machine did.
-//! * Shared memory and files of a benchmark are its own; they are removed when it ends, and where it was killed by the next one.
+//! * Each figure has a peer measured in the same seconds; results are medians, tails and a ratio, because an absolute
+//!   time also depends on the other load of the machine.
+//! * Shared memory and files of a benchmark are private. They are removed at its end or, if it was killed, by the next
+//!   benchmark.
 #![forbid(unsafe_code)]
 
 mod args;
@@ -28,16 +29,16 @@ mod words;
 pub use args::{Args, Part};
 
 use command::{Answer, Failure, Output};
-use report::Report;
+use report::BenchReport;
 use settings::Settings;
 use watch::Watch;
 
-/// `nims bench`.
+/// Runs `nims bench`.
 ///
 /// # Errors
-/// Bad input; a robot that runs; a disk without room; or whatever could not be measured now.
-pub fn run(asked: &Args) -> Answer<Output> {
-    let settings = Settings::of(asked)?;
+/// Bad input, a running robot, a disk without space, or a failed measurement.
+pub fn run(args: &Args) -> Answer<Output> {
+    let settings = Settings::of(args)?;
     let wanted = |part: Part| settings.parts.contains(&part);
     if wanted(Part::Chain) || wanted(Part::Disk) {
         flight::scenario(&settings).map_err(Failure::bad)?;
@@ -46,16 +47,16 @@ pub fn run(asked: &Args) -> Answer<Output> {
         disk::check(&settings)?;
     }
     let robot = robots::running();
-    if let Some(where_it_runs) = robot.as_ref().filter(|_| !asked.beside) {
+    if let Some(where_it_runs) = robot.as_ref().filter(|_| !args.beside) {
         return Err(Failure::NotNow(format!(
-            "a robot runs on this machine ({where_it_runs}), and this would take its time: end it first, or say --beside"
+            "a robot runs on this machine ({where_it_runs}), and a benchmark would delay it; end it first, or use --beside"
         )));
     }
     bus::make_private();
     let stop = command::stop_flag()?;
     place::sweep(wanted(Part::Disk).then_some(&*settings.runs));
     let mut watch = Watch::new(stop, &settings);
-    let mut report = Report {
+    let mut report = BenchReport {
         rate_hz: settings.rate_hz,
         runs: settings.runs.clone(),
         beside: robot.is_some(),

@@ -1,10 +1,10 @@
-//! `nims bench`: whether this machine is good enough for a robot.
+//! The program `nims bench`.
 
 use clap::Parser;
 use nims_bench::{Args, peer};
 use std::process::ExitCode;
 
-/// Measure whether this machine is good enough for a robot, each figure beside the plain way of doing the same.
+/// Measure whether this machine is suitable for a robot, each figure compared with a plain alternative.
 #[derive(Debug, Parser)]
 #[command(name = "nims bench", version = runtime::build::own())]
 struct Cli {

@@ -1,4 +1,4 @@
-//! The other process of `bus`: sends back what comes, over the bus and over its socket, until whoever started it is gone.
+//! The peer process of `bus`: echoes samples over the bus and over its socket until its parent ends.
 
 use bus::{Bus, Domain};
 use command::{Answer, Failure};
@@ -8,22 +8,22 @@ use std::os::fd::AsFd;
 use std::os::unix::net::UnixDatagram;
 use std::sync::mpsc::{Sender, channel};
 
-/// How it is started.
+/// Command-line argument that starts it.
 pub const COMMAND: &str = "bench-peer";
-/// What it says on its socket once it listens; anything else is why it cannot.
+/// Message on its socket once it is ready; any other message is the reason why it is not.
 pub const READY: &[u8] = b"ready";
-/// The channel to it.
-pub const THERE: &str = "motor/state";
-/// The channel back.
-pub const BACK: &str = "bench/back";
+/// Channel to the peer.
+pub const TO_PEER: &str = "motor/state";
+/// Channel back.
+pub const FROM_PEER: &str = "bench/back";
 
-/// Serves. Standard output is its socket; the end of standard input is its own.
+/// Runs the peer. Its standard output is the socket; it ends when its standard input is closed.
 ///
 /// # Errors
-/// What it was given cannot be used.
+/// An unusable argument or socket.
 pub fn serve(domain: &str) -> Answer {
     let no_socket =
-        |error: std::io::Error| Failure::BadInput(format!("{COMMAND} is started by `nims bench` alone: {error}"));
+        |error: std::io::Error| Failure::BadInput(format!("only `nims bench` may start {COMMAND}: {error}"));
     bus::make_private();
     let socket = UnixDatagram::from(std::io::stdout().as_fd().try_clone_to_owned().map_err(no_socket)?);
     socket.peer_addr().map_err(no_socket)?;
@@ -34,8 +34,8 @@ pub fn serve(domain: &str) -> Answer {
             let _ = say.send(Err(failure));
         }
     });
-    // The other thread says something in any case, or has ended.
-    let begun = said.recv().unwrap_or_else(|_| Err(Failure::NotNow("it ended early".to_owned())));
+    // The other thread always sends a result unless it has panicked.
+    let begun = said.recv().unwrap_or_else(|_| Err(Failure::NotNow("the peer's bus thread ended early".to_owned())));
     let word = match &begun {
         Ok(()) => READY.to_vec(),
         Err(failure) => failure.to_string().into_bytes(),
@@ -43,17 +43,17 @@ pub fn serve(domain: &str) -> Answer {
     socket.send(&word).map_err(no_socket)?;
     begun?;
     std::thread::spawn(move || by_socket(&socket));
-    // An error is as good as an end.
+    // An error has the same effect as the end of the input.
     let _ = std::io::stdin().read(&mut [0]);
     Ok(())
 }
 
-/// Publish, notify, receive, as the processes of the control chain do.
+/// Publishes, notifies and receives as the processes of the control chain do.
 fn by_bus(domain: &Domain, say: &Sender<Answer>) -> Answer {
     let bus = Bus::join(domain, COMMAND)?;
-    let mut there = bus.subscriber::<MotorState>(THERE)?;
-    let mut back = bus.publisher::<MotorState>(BACK)?;
-    let mut waiter = bus.waiter(&[THERE])?;
+    let mut there = bus.subscriber::<MotorState>(TO_PEER)?;
+    let mut back = bus.publisher::<MotorState>(FROM_PEER)?;
+    let mut waiter = bus.waiter(&[TO_PEER])?;
     let _ = say.send(Ok(()));
     loop {
         waiter.wait_until(None)?;
@@ -66,7 +66,7 @@ fn by_bus(domain: &Domain, say: &Sender<Answer>) -> Answer {
 fn by_socket(socket: &UnixDatagram) {
     let mut sample = [0; size_of::<MotorState>()];
     while let Ok(bytes) = socket.recv(&mut sample) {
-        // Without anybody at the other end, this process is about to end.
+        // The parent closed its end, so this process is about to end.
         if socket.send(&sample[..bytes]).is_err() {
             return;
         }

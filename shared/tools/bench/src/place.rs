@@ -1,5 +1,5 @@
-//! Where a benchmark works: a domain of its own in shared memory, a folder of its own on the disk. Both bear the number of its process,
-//! go when it ends, and are removed by the next one where it was killed.
+//! Work places of a benchmark: a private domain in shared memory and a private folder on the disk. Both names contain
+//! the process id. They are removed at the end or, if the benchmark was killed, by the next one.
 
 use bus::{Claim, Domain};
 use command::{Answer, Failure};
@@ -8,33 +8,34 @@ use std::fs;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
-/// Where a domain has to lie.
+/// Parent folder of domains.
 const SHARED_MEMORY: &str = "/dev/shm";
-/// What a folder on the disk begins with.
-const ON_DISK: &str = ".nims-bench-";
+/// Name prefix of a folder on the disk.
+const DISK_PREFIX: &str = ".nims-bench-";
 
-/// What a folder in shared memory begins with. Not as those of robots do, so that no command takes it for one.
-fn in_memory() -> String {
+/// Returns the name prefix of a folder in shared memory; it differs from that of robots, so that no command mistakes it
+/// for one.
+fn memory_prefix() -> String {
     format!("nimsbench-{}-", getuid().as_raw())
 }
 
-/// A private domain, removed when this is dropped.
+/// A private domain, removed on drop.
 pub struct PrivateDomain {
     domain: Domain,
-    // last: until everything is removed, nobody else may begin with that
+    // Dropped last: no other process may claim the domain before everything is removed.
     claim: Option<Claim>,
 }
 
 impl PrivateDomain {
-    /// That of this process.
+    /// Creates the domain of this process.
     ///
     /// # Errors
     /// Shared memory cannot be used.
-    pub fn make() -> Answer<Self> {
-        Self::of(&Path::new(SHARED_MEMORY).join(format!("{}{}", in_memory(), std::process::id())))
+    pub fn create() -> Answer<Self> {
+        Self::open(&Path::new(SHARED_MEMORY).join(format!("{}{}", memory_prefix(), std::process::id())))
     }
 
-    fn of(folder: &Path) -> Answer<Self> {
+    fn open(folder: &Path) -> Answer<Self> {
         let domain = Domain::from_root(folder)?;
         let claim = domain.claim()?;
         Ok(Self { domain, claim: Some(claim) })
@@ -49,7 +50,7 @@ impl PrivateDomain {
 
 impl Drop for PrivateDomain {
     fn drop(&mut self) {
-        // Whoever still lives in it, although it was ended, is left to the next start.
+        // If a process is still running in it, the next benchmark removes the domain.
         if self.domain.sweep().is_ok_and(|swept| swept.alive == 0) {
             let _ = fs::remove_dir_all(self.domain.root());
         }
@@ -57,21 +58,21 @@ impl Drop for PrivateDomain {
     }
 }
 
-/// A folder on the disk, removed with what is in it when this is dropped.
+/// A folder on the disk, removed with its contents on drop.
 pub struct Scratch {
     folder: PathBuf,
 }
 
 impl Scratch {
-    /// That of this process.
+    /// Creates the folder of this process.
     ///
     /// # Errors
     /// The folder cannot be written.
-    pub fn make(runs: &Path) -> Answer<Self> {
-        let folder = runs.join(format!("{ON_DISK}{}", std::process::id()));
+    pub fn create(runs: &Path) -> Answer<Self> {
+        let folder = runs.join(format!("{DISK_PREFIX}{}", std::process::id()));
         let made = fs::DirBuilder::new().mode(0o700).create(&folder);
         made.map_err(|error| {
-            Failure::NotNow(format!("{} cannot be made: {error}; choose another folder with --runs", folder.display()))
+            Failure::NotNow(format!("{} cannot be created: {error}; give another folder with --runs", folder.display()))
         })?;
         Ok(Self { folder })
     }
@@ -89,19 +90,19 @@ impl Drop for Scratch {
     }
 }
 
-/// Removes what benchmarks that were killed have left in shared memory and, if it is given, in a folder of runs.
+/// Removes the leftovers of killed benchmarks in shared memory and, if given, in a folder of runs.
 pub fn sweep(runs: Option<&Path>) {
-    for folder in left_in(Path::new(SHARED_MEMORY), &in_memory()) {
-        // Made again only to be removed; where somebody holds it, or lives in it, it stays.
-        let _ = PrivateDomain::of(&folder);
+    for folder in leftovers(Path::new(SHARED_MEMORY), &memory_prefix()) {
+        // Opened only to be removed on drop; it stays if another process claims it or runs in it.
+        let _ = PrivateDomain::open(&folder);
     }
-    for folder in runs.into_iter().flat_map(|runs| left_in(runs, ON_DISK)) {
+    for folder in runs.into_iter().flat_map(|runs| leftovers(runs, DISK_PREFIX)) {
         let _ = fs::remove_dir_all(folder);
     }
 }
 
-/// This user's folders with that beginning whose process is gone.
-fn left_in(place: &Path, beginning: &str) -> Vec<PathBuf> {
+/// Returns this user's folders with this prefix whose process has ended.
+fn leftovers(place: &Path, beginning: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(place).into_iter().flatten().flatten();
     let left = entries.filter(|entry| {
         let pid = entry.file_name().to_str().and_then(|name| name.strip_prefix(beginning)?.parse().ok());
@@ -111,7 +112,7 @@ fn left_in(place: &Path, beginning: &str) -> Vec<PathBuf> {
     left.map(|entry| entry.path()).collect()
 }
 
-/// Whether the process of that number is one of this program's: another one may have its number by now.
+/// Returns whether the process with this id runs this program; another program may have reused the id.
 fn runs_this_program(pid: u32) -> bool {
     let name = |pid: &str| fs::read_to_string(format!("/proc/{pid}/comm")).ok();
     name(&pid.to_string()).is_some_and(|there| Some(there) == name("self"))
@@ -123,8 +124,8 @@ mod tests {
     use bus::Bus;
     use messages::MotorState;
 
-    /// A number that no process has.
-    const NOBODY: u32 = u32::MAX / 2;
+    /// An unused process id.
+    const UNUSED_PID: u32 = u32::MAX / 2;
 
     fn names_in_shared_memory(prefix: &str) -> usize {
         let entries = fs::read_dir(SHARED_MEMORY).unwrap().flatten();
@@ -133,12 +134,12 @@ mod tests {
 
     #[test]
     fn nothing_is_left_of_a_domain() {
-        let place = PrivateDomain::make().unwrap();
+        let place = PrivateDomain::create().unwrap();
         let (root, prefix) = (place.domain().root().to_owned(), place.domain().prefix().to_owned());
         let bus = Bus::join(place.domain(), "test").unwrap();
         let states = bus.publisher::<MotorState>("motor/state").unwrap();
         assert!(root.is_dir() && names_in_shared_memory(&prefix) > 0);
-        assert!(!Domain::all().iter().any(|domain| domain.root() == root), "it is taken for a robot's");
+        assert!(!Domain::all().iter().any(|domain| domain.root() == root), "it is mistaken for the domain of a robot");
         drop((states, bus));
         drop(place);
         assert!(!root.exists());
@@ -148,16 +149,16 @@ mod tests {
     #[test]
     fn what_killed_ones_left_is_removed_and_the_living_are_not() {
         let runs = tempfile::tempdir().unwrap();
-        let living = Scratch::make(runs.path()).unwrap();
+        let living = Scratch::create(runs.path()).unwrap();
         fs::write(living.folder().join("file"), "x").unwrap();
-        let dead = runs.path().join(format!("{ON_DISK}{NOBODY}"));
+        let dead = runs.path().join(format!("{DISK_PREFIX}{UNUSED_PID}"));
         fs::create_dir(&dead).unwrap();
         fs::write(dead.join("file"), "x").unwrap();
-        // not ours, whatever they are
+        // Names of a different form.
         for name in [".nims-bench-", ".nims-bench-notes", "nims-bench-7"] {
             fs::create_dir(runs.path().join(name)).unwrap();
         }
-        let folder = Path::new(SHARED_MEMORY).join(format!("{}{NOBODY}", in_memory()));
+        let folder = Path::new(SHARED_MEMORY).join(format!("{}{UNUSED_PID}", memory_prefix()));
         let left = Domain::from_root(&folder).unwrap();
         let shared = Path::new(SHARED_MEMORY).join(format!("{}left", left.prefix()));
         fs::write(&shared, "x").unwrap();

@@ -1,4 +1,4 @@
-//! What was found.
+//! Results of the benchmark.
 
 use super::args::Part;
 use super::{chain, disk, judge, round_trip, tick};
@@ -6,25 +6,25 @@ use commissioning::check::Finding;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// What was found, as far as it was asked for.
-pub(crate) struct Report {
+/// Results of the measured parts.
+pub(crate) struct BenchReport {
     pub(crate) rate_hz: f64,
     pub(crate) runs: PathBuf,
     pub(crate) beside: bool,
-    pub(crate) tick: Option<tick::Found>,
-    pub(crate) bus: Option<round_trip::Found>,
-    pub(crate) chain: Option<chain::Found>,
-    pub(crate) disk: Option<disk::Found>,
+    pub(crate) tick: Option<tick::TickResult>,
+    pub(crate) bus: Option<round_trip::BusResult>,
+    pub(crate) chain: Option<chain::ChainResult>,
+    pub(crate) disk: Option<disk::DiskResult>,
 }
 
-impl Report {
+impl BenchReport {
     pub(crate) fn verdicts(&self) -> Vec<(Part, Finding)> {
         let rate_hz = self.rate_hz;
         [
-            self.tick.as_ref().map(|found| (Part::Tick, judge::of_ticks(found, rate_hz))),
-            self.bus.as_ref().map(|found| (Part::Bus, judge::of_bus(found, rate_hz))),
-            self.chain.as_ref().map(|found| (Part::Chain, judge::of_chain(found, rate_hz))),
-            self.disk.as_ref().map(|found| (Part::Disk, judge::of_disk(found, rate_hz))),
+            self.tick.as_ref().map(|found| (Part::Tick, judge::tick_finding(found, rate_hz))),
+            self.bus.as_ref().map(|found| (Part::Bus, judge::bus_finding(found, rate_hz))),
+            self.chain.as_ref().map(|found| (Part::Chain, judge::chain_finding(found, rate_hz))),
+            self.disk.as_ref().map(|found| (Part::Disk, judge::disk_finding(found, rate_hz))),
         ]
         .into_iter()
         .flatten()

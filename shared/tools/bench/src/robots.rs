@@ -1,12 +1,12 @@
-//! Whether a robot runs on this machine, whoever's it is.
+//! Detects a robot of any user on this machine.
 
 use bus::Domain;
 use config::Role;
 use std::fs;
 
-/// What runs here, in words; `None`: no robot.
+/// Returns a description of the running robot, if any.
 ///
-/// Other users' domains cannot be looked into, so that any process that drives motors counts as a robot.
+/// Domains of other users are not accessible, so any process with the name of motor-io counts as a robot.
 pub fn running() -> Option<String> {
     let named: Vec<String> = Domain::all()
         .into_iter()
@@ -18,7 +18,7 @@ pub fn running() -> Option<String> {
     }
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     let mut numbers = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
-    numbers.find(|pid| drives_motors(*pid)).map(|pid| format!("process {pid} is its {}", Role::MotorIo.name()))
+    numbers.find(|pid| drives_motors(*pid)).map(|pid| format!("process {pid} is {}", Role::MotorIo.name()))
 }
 
 fn drives_motors(pid: u32) -> bool {
@@ -32,8 +32,8 @@ mod tests {
     #[test]
     fn whoever_lives_in_a_domain_is_found() {
         let domain = Domain::for_test();
-        let bus = bus::Bus::join(&domain, "someone").unwrap();
-        // another test's robot may run besides
+        let bus = bus::Bus::join(&domain, "process").unwrap();
+        // The robot of another test may run at the same time.
         assert!(running().unwrap().contains(domain.name()));
         drop(bus);
     }

@@ -1,8 +1,9 @@
-//! `bus`: a sample as large as `motor/state` to another process and back, over our bus as the control chain does it, and over a pair of
-//! Unix datagram sockets between the same two processes. Both one after the other, once per millisecond.
+//! `bus`: round-trip time of a sample of the size of `motor/state` to another process, over the bus as in the control
+//! chain, and over a pair of Unix datagram sockets between the same processes. Both are measured once per millisecond,
+//! one after the other.
 
 use super::figures::{Ratio, Spread, record};
-use super::peer::{self, BACK, THERE};
+use super::peer::{self, FROM_PEER, TO_PEER};
 use super::place::PrivateDomain;
 use super::scheduling;
 use super::settings::Settings;
@@ -19,46 +20,47 @@ use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
 
-/// Between two pairs of round trips, ns: long enough for both processes to fall asleep, as they do in the control chain.
+/// Pause between two pairs of round trips, ns: long enough for both processes to fall asleep, as in the control chain.
 const PAUSE_NS: u64 = 1_000_000;
-/// Before anything is counted: connecting costs once.
+/// Number of round trips that are not counted, because connecting takes extra time once.
 const WARM_UP: u64 = 20;
-/// Between two looks at whether the peer still lives.
-const LOOK: Duration = Duration::from_millis(200);
-/// So many looks without an answer from a peer that lives, and it is given up. A machine may stand still in between for any time.
+/// Interval between two checks whether the peer is alive.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
+/// Number of checks without an answer from a living peer before giving up. The machine may stall for any time in
+/// between.
 const PATIENCE: u32 = 150;
 
-/// What was found.
+/// Result of `bus`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
+pub struct BusResult {
     /// Size of the sample, bytes.
     pub sample_bytes: usize,
-    /// Round trips over our bus.
+    /// Round trips over the bus.
     pub ours: Spread,
     /// Round trips over datagram sockets.
     pub plain: Spread,
-    /// Sockets over ours.
+    /// Sockets divided by bus.
     pub ratio: Ratio,
-    /// How both processes were scheduled.
-    pub scheduling: scheduling::Reached,
+    /// Scheduling of both processes.
+    pub scheduling: scheduling::AchievedScheduling,
 }
 
-/// The other process; ended when this is dropped.
+/// The peer process, killed on drop.
 struct Peer {
     child: Child,
     socket: UnixDatagram,
 }
 
 impl Peer {
-    /// Starts this program again.
+    /// Starts this program as the peer.
     fn start(domain: &PrivateDomain) -> Answer<Self> {
         let cannot = |error: std::io::Error| Failure::NotNow(format!("the other process cannot be started: {error}"));
         let (socket, theirs) = UnixDatagram::pair().map_err(cannot)?;
-        socket.set_read_timeout(Some(LOOK)).map_err(cannot)?;
+        socket.set_read_timeout(Some(POLL_INTERVAL)).map_err(cannot)?;
         let own = std::env::current_exe().map_err(cannot)?;
         let child = Command::new(own)
             .args([peer::COMMAND, domain.domain().name()])
-            .stdin(Stdio::piped()) // by whose end it knows that nobody waits for it any more
+            .stdin(Stdio::piped()) // the peer ends when this pipe is closed
             .stdout(Stdio::from(OwnedFd::from(theirs)))
             .stderr(Stdio::null())
             .spawn()
@@ -66,18 +68,18 @@ impl Peer {
         Ok(Self { child, socket })
     }
 
-    /// Whether to go on waiting, after so many looks.
-    fn patient(&mut self, looks: u32, watch: &Watch) -> Answer {
-        watch.go_on()?;
+    /// Returns an error if the peer has ended or does not answer after this many checks.
+    fn check_alive(&mut self, looks: u32, watch: &Watch) -> Answer {
+        watch.check_stop()?;
         if let Ok(Some(status)) = self.child.try_wait() {
             return Err(ended(&status));
         }
         if looks < PATIENCE { Ok(()) } else { Err(Failure::NotNow("the other process does not answer".to_owned())) }
     }
 
-    /// What an error of the socket comes from: nobody holds its other end any more.
-    fn lost(&mut self, error: &std::io::Error) -> Failure {
-        // It is about to end, if it has not yet.
+    /// Converts a socket error, which means that the peer closed its end.
+    fn socket_failure(&mut self, error: &std::io::Error) -> Failure {
+        // It is about to end, if it has not ended yet.
         let _ = self.child.kill();
         match self.child.wait() {
             Ok(status) => ended(&status),
@@ -85,22 +87,22 @@ impl Peer {
         }
     }
 
-    /// The next datagram.
+    /// Receives the next datagram.
     fn receive(&mut self, buffer: &mut [u8], watch: &Watch) -> Answer<usize> {
         for looks in 0.. {
             match self.socket.recv(buffer) {
                 Ok(bytes) => return Ok(bytes),
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
-                    self.patient(looks, watch)?;
+                    self.check_alive(looks, watch)?;
                 }
-                Err(error) => return Err(self.lost(&error)),
+                Err(error) => return Err(self.socket_failure(&error)),
             }
         }
         Err(Failure::NotNow("the other process does not answer".to_owned()))
     }
 
-    /// Waits until it listens.
-    fn ready(&mut self, watch: &Watch) -> Answer {
+    /// Waits until the peer is ready.
+    fn wait_ready(&mut self, watch: &Watch) -> Answer {
         let mut said = [0; 512];
         let bytes = self.receive(&mut said, watch)?;
         match &said[..bytes] {
@@ -111,18 +113,18 @@ impl Peer {
 }
 
 fn ended(status: &ExitStatus) -> Failure {
-    Failure::NotNow(format!("the other process ended before everything was measured ({status})"))
+    Failure::NotNow(format!("the other process ended before the end of the measurement ({status})"))
 }
 
 impl Drop for Peer {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// Our side of the bus.
+/// Ports of this process on the bus.
 struct Ports {
     there: Publisher<MotorState>,
     back: Subscriber<MotorState>,
@@ -131,7 +133,7 @@ struct Ports {
 
 impl Ports {
     fn open(bus: &Bus) -> Answer<Self> {
-        Ok(Self { there: bus.publisher(THERE)?, back: bus.subscriber(BACK)?, waiter: bus.waiter(&[BACK])? })
+        Ok(Self { there: bus.publisher(TO_PEER)?, back: bus.subscriber(FROM_PEER)?, waiter: bus.waiter(&[FROM_PEER])? })
     }
 
     fn round(&mut self, number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> {
@@ -139,14 +141,14 @@ impl Ports {
         let begin_ns = now_ns();
         self.there.send(&mut sample)?;
         for looks in 0.. {
-            self.waiter.wait_until(Some(now_ns() + LOOK.as_nanos() as u64))?;
+            self.waiter.wait_until(Some(now_ns() + POLL_INTERVAL.as_nanos() as u64))?;
             while let Some(back) = self.back.receive()? {
                 if back.header().cycle == number {
                     return Ok((begin_ns, now_ns()));
                 }
             }
-            if now_ns().saturating_sub(begin_ns) > LOOK.as_nanos() as u64 {
-                peer.patient(looks, watch)?;
+            if now_ns().saturating_sub(begin_ns) > POLL_INTERVAL.as_nanos() as u64 {
+                peer.check_alive(looks, watch)?;
             }
         }
         Err(Failure::NotNow("the other process does not answer".to_owned()))
@@ -163,7 +165,7 @@ fn by_socket(number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> 
     let (sample, mut back) = (sample(number), MotorState::default());
     let begin_ns = now_ns();
     if let Err(error) = peer.socket.send(bytemuck::bytes_of(&sample)) {
-        return Err(peer.lost(&error));
+        return Err(peer.socket_failure(&error));
     }
     while back.header().cycle != number {
         peer.receive(bytemuck::bytes_of_mut(&mut back), watch)?;
@@ -171,37 +173,37 @@ fn by_socket(number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> 
     Ok((begin_ns, now_ns()))
 }
 
-/// Measures for so many seconds.
+/// Measures for this many seconds.
 ///
 /// # Errors
-/// It was stopped, the other process ended, or there is no room in shared memory.
-pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+/// The benchmark was stopped, the peer ended, or shared memory is full.
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<BusResult> {
     let wanted = ((seconds * 1e9 / PAUSE_NS as f64).round() as u64).max(1);
-    // Dropped after the thread has ended, in which the ports live.
-    let domain = PrivateDomain::make()?;
+    // The domain outlives the thread, which holds the ports.
+    let domain = PrivateDomain::create()?;
     let quiet = Watch::quiet(watch.stop());
     std::thread::scope(|scope| {
-        let measured = scope.spawn(|| trips(settings, &domain, wanted, &quiet));
+        let measured = scope.spawn(|| measure_in_thread(settings, &domain, wanted, &quiet));
         while !measured.is_finished() {
-            watch.look();
-            std::thread::sleep(Watch::LOOK);
+            watch.update();
+            std::thread::sleep(Watch::INTERVAL);
         }
         measured.join().map_err(|_| Failure::NotNow("the thread that measures ended early".to_owned()))?
     })
 }
 
-/// In a thread of its own, whose scheduling the other process inherits.
-fn trips(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch) -> Answer<Found> {
+/// Measures in a separate thread, whose scheduling the peer inherits.
+fn measure_in_thread(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch) -> Answer<BusResult> {
     let (scheduling, _awake) = scheduling::apply(&settings.realtime);
     let mut peer = Peer::start(domain)?;
-    peer.ready(watch)?;
+    peer.wait_ready(watch)?;
     let bus = Bus::join(domain.domain(), "bench")?;
     let mut ports = Ports::open(&bus)?;
     let (mut ours, mut plain) = (Timing::new(), Timing::new());
     let (mut pacer, mut passed) = (Pacer::new(PAUSE_NS), 0);
     for number in 1_u64.. {
         passed += 1 + pacer.next().skipped;
-        // Whoever comes second finds the other process awake a moment ago: each is it every other time.
+        // The second round trip finds the peer recently awake, so the order alternates.
         let first_ours = number % 2 == 0;
         let mut trip = None;
         if first_ours {
@@ -218,12 +220,12 @@ fn trips(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch
         }
         record(&mut ours, begin_ns, end_ns);
         record(&mut plain, by_socket.0, by_socket.1);
-        watch.go_on()?;
+        watch.check_stop()?;
         if passed >= wanted {
             break;
         }
     }
     let (ours, plain) = (Spread::of(&ours), Spread::of(&plain));
     let ratio = Ratio::of(&plain, &ours);
-    Ok(Found { sample_bytes: size_of::<MotorState>(), ours, plain, ratio, scheduling })
+    Ok(BusResult { sample_bytes: size_of::<MotorState>(), ours, plain, ratio, scheduling })
 }

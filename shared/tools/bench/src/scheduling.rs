@@ -1,4 +1,4 @@
-//! The scheduling that `[realtime]` asks for, and how much of it this machine permits.
+//! The scheduling that `[realtime]` requests, and how much of it this machine permits.
 
 use config::{RealtimeSection, Role};
 use runtime::realtime;
@@ -8,59 +8,60 @@ use std::fs::File;
 /// The roles that answer within a cycle, in the order of the chain.
 const ROLES: [Role; 4] = [Role::MotorIo, Role::Estimator, Role::Controller, Role::MotorBox];
 
-/// Without a system file: what the control chain is best given. It is not asked for a processor of its own, because only the box's owner
-/// knows which is free.
-pub fn best() -> RealtimeSection {
+/// Returns the recommended scheduling of the control chain without a system file. It does not pin a processor, because
+/// only the owner of the system knows which one is free.
+pub fn recommended() -> RealtimeSection {
     RealtimeSection { priority: 50, idle_latency_us: Some(0), ..RealtimeSection::default() }
 }
 
-/// What was reached.
+/// Scheduling that was achieved.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Reached {
-    /// SCHED_FIFO at this priority; `null`: ordinary.
+pub struct AchievedScheduling {
+    /// SCHED_FIFO priority; `null`: ordinary scheduling.
     pub fifo_priority: Option<u8>,
-    /// Bound to this processor; `null`: any.
+    /// Pinned processor; `null`: any.
     pub cpu: Option<usize>,
-    /// Memory is locked.
+    /// Whether memory is locked.
     pub memory_locked: bool,
-    /// Longest time that a processor may take to wake up, µs; `null`: as the system likes.
+    /// Maximum wake-up latency of a processor, µs; `null`: system default.
     pub idle_latency_us: Option<u32>,
-    /// What was asked for and is not permitted, each with its cure.
+    /// Refused settings, each with a remedy.
     pub refused: Vec<String>,
-    /// What the kernel gave each process that answers within a cycle.
-    pub given: Vec<Given>,
+    /// Priority of each process that answers within a cycle.
+    pub given: Vec<GrantedPriority>,
 }
 
-/// What a process of the robot is given, as the kernel says it.
+/// Priority of a process of the robot according to the kernel.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Given {
-    /// Its role.
+pub struct GrantedPriority {
+    /// Role of the process.
     pub role: &'static str,
-    /// SCHED_FIFO priority that the system file asks for; `null`: none.
+    /// SCHED_FIFO priority requested by the system file; `null`: none.
     pub asked: Option<u8>,
-    /// SCHED_FIFO priority that it gets; `null`: ordinary.
+    /// SCHED_FIFO priority granted by the kernel; `null`: ordinary.
     pub got: Option<u8>,
 }
 
-/// Sets a thread up for each role, and asks the kernel what came of it.
-fn given(section: &RealtimeSection) -> Vec<Given> {
+/// Configures one thread per role and reads its priority from the kernel.
+fn given(section: &RealtimeSection) -> Vec<GrantedPriority> {
     let of = |role: Role| {
         let section = section.clone();
         let asked = realtime::priority_step(role.name())
             .filter(|_| section.priority > 0)
             .map(|step| section.priority.saturating_add(step));
         let tried = std::thread::spawn(move || {
-            // What this one inherits is nothing that the supervisor has.
+            // Undo the inherited scheduling, which the supervisor's children do not have.
             realtime::ordinary();
             realtime::apply(&section, role.name());
             kernel_priority()
         });
-        Given { role: role.name(), asked, got: tried.join().ok().flatten() }
+        GrantedPriority { role: role.name(), asked, got: tried.join().ok().flatten() }
     };
     ROLES.into_iter().map(of).collect()
 }
 
-/// proc_pid_stat(5): field 40 is the real-time priority, 41 the policy (1: SCHED_FIFO); the name in field 2 may hold anything.
+/// Returns the real-time priority of this thread. In proc_pid_stat(5), field 40 is the priority and 41 the policy (1:
+/// SCHED_FIFO); the name in field 2 may contain any character.
 fn kernel_priority() -> Option<u8> {
     let stat = std::fs::read_to_string("/proc/thread-self/stat").ok()?;
     let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
@@ -68,8 +69,8 @@ fn kernel_priority() -> Option<u8> {
     if of(41)? == "1" { of(40)?.parse().ok() } else { None }
 }
 
-/// Sets up the calling thread as motor-io is; the file keeps the processors awake as long as it is held.
-pub fn apply(section: &RealtimeSection) -> (Reached, Option<File>) {
+/// Schedules the calling thread like motor-io; the returned file keeps the processors awake while it is open.
+pub fn apply(section: &RealtimeSection) -> (AchievedScheduling, Option<File>) {
     let (reached, refused) = realtime::apply(section, Role::MotorIo.name());
     let awake = section.idle_latency_us.map(realtime::stay_awake);
     let (awake, sleepy) = match awake {
@@ -77,7 +78,7 @@ pub fn apply(section: &RealtimeSection) -> (Reached, Option<File>) {
         Some(Err(sentence)) => (None, Some(sentence)),
         None => (None, None),
     };
-    let found = Reached {
+    let found = AchievedScheduling {
         fifo_priority: reached.fifo.then_some(section.priority),
         cpu: section.cpu.filter(|_| reached.pinned),
         memory_locked: reached.locked,
@@ -88,8 +89,8 @@ pub fn apply(section: &RealtimeSection) -> (Reached, Option<File>) {
     (found, awake)
 }
 
-impl Reached {
-    /// In words, a line for what was reached, and one for each thing that was not.
+impl AchievedScheduling {
+    /// Returns one line for the achieved scheduling and one for each refused setting.
     #[must_use]
     pub fn words(&self) -> Vec<String> {
         let mut parts = vec![match self.fifo_priority {
@@ -104,22 +105,22 @@ impl Reached {
             0 => "processors kept awake".to_owned(),
             latency => format!("processors awake within {latency} µs"),
         }));
-        let mut lines = vec![format!("scheduled as motor-io: {}", parts.join(", "))];
+        let mut lines = vec![format!("scheduled like motor-io: {}", parts.join(", "))];
         if !self.given.is_empty() {
-            let each: Vec<String> = self.given.iter().map(Given::words).collect();
-            lines.push(format!("what the kernel gives: {}", each.join(", ")));
+            let each: Vec<String> = self.given.iter().map(GrantedPriority::words).collect();
+            lines.push(format!("priorities granted by the kernel: {}", each.join(", ")));
         }
         lines.extend(self.refused.iter().cloned());
         lines
     }
 }
 
-impl Given {
+impl GrantedPriority {
     fn words(&self) -> String {
         match (self.got, self.asked) {
             (Some(got), Some(asked)) if got == asked => format!("{} {got}", self.role),
             (Some(got), Some(asked)) => format!("{} {got} instead of {asked}", self.role),
-            (Some(got), None) => format!("{} {got}, which nothing asked for", self.role),
+            (Some(got), None) => format!("{} {got}, which was not requested", self.role),
             (None, Some(asked)) => format!("{} ordinary instead of {asked}", self.role),
             (None, None) => format!("{} ordinary", self.role),
         }
@@ -135,9 +136,12 @@ mod tests {
         let section = RealtimeSection { priority: 10, ..RealtimeSection::default() };
         let found = given(&section);
         assert_eq!(found.iter().map(|given| given.asked).collect::<Vec<_>>(), [Some(10), Some(11), Some(12), None]);
-        // Nothing is given that was not asked for, whatever this user may do.
+        // No priority is granted that was not requested, whatever the rights of this user.
         assert!(found.iter().all(|given| given.got.is_none() || given.got <= given.asked), "{found:?}");
-        assert_eq!(Given { role: "estimator", asked: Some(51), got: Some(50) }.words(), "estimator 50 instead of 51");
+        assert_eq!(
+            GrantedPriority { role: "estimator", asked: Some(51), got: Some(50) }.words(),
+            "estimator 50 instead of 51"
+        );
     }
 
     #[test]
@@ -153,7 +157,7 @@ mod tests {
 
     #[test]
     fn what_was_reached_is_all_named() {
-        let reached = Reached {
+        let reached = AchievedScheduling {
             fifo_priority: Some(50),
             cpu: Some(1),
             memory_locked: true,

@@ -1,4 +1,4 @@
-//! What is measured, and for what.
+//! Settings of the benchmark.
 
 use super::args::{Args, Part};
 use super::scheduling;
@@ -7,12 +7,12 @@ use config::{ControllerSection, EstimatorSection, RealtimeSection, RecorderSecti
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Control rates that a box may have, Hz.
+/// Permitted control rates, Hz.
 const RATES_HZ: [f64; 2] = [10.0, 250.0];
 
 const DEFAULT_RATE_HZ: f64 = 100.0;
 
-/// What is measured, and for what.
+/// Settings of the benchmark.
 #[derive(Debug, Clone)]
 pub(crate) struct Settings {
     pub(crate) parts: BTreeSet<Part>,
@@ -33,7 +33,7 @@ impl Default for Settings {
             parts: Part::ALL.into(),
             rate_hz: DEFAULT_RATE_HZ,
             seconds: None,
-            realtime: scheduling::best(),
+            realtime: scheduling::recommended(),
             controller: ControllerSection::default(),
             estimator: EstimatorSection::default(),
             runs: PathBuf::from("."),
@@ -44,22 +44,22 @@ impl Default for Settings {
 }
 
 impl Settings {
-    pub(crate) fn of(asked: &Args) -> Answer<Self> {
-        let mut settings = Self { seconds: asked.seconds, ..Self::default() };
-        if !asked.parts.is_empty() {
-            settings.parts = asked.parts.iter().copied().collect();
+    pub(crate) fn of(args: &Args) -> Answer<Self> {
+        let mut settings = Self { seconds: args.seconds, ..Self::default() };
+        if !args.parts.is_empty() {
+            settings.parts = args.parts.iter().copied().collect();
         }
-        if let Some(path) = &asked.system_file {
+        if let Some(path) = &args.system_file {
             let path = std::path::absolute(path).map_err(Failure::bad)?;
             let file = SystemFile::load(&path).map_err(Failure::bad)?;
             settings.rate_hz = file.rate_hz;
-            settings.runs = commissioning::doctor::where_it_will_be(&file.runs);
+            settings.runs = commissioning::doctor::nearest_existing(&file.runs);
             settings.least_bytes = file.recorder.min_free_bytes;
             settings.flush_s = file.recorder.flush_s;
             (settings.realtime, settings.controller, settings.estimator) =
                 (file.realtime, file.controller, file.estimator);
         }
-        settings.rate_hz = asked.rate.unwrap_or(settings.rate_hz);
+        settings.rate_hz = args.rate.unwrap_or(settings.rate_hz);
         let [least, most] = RATES_HZ;
         if !(least..=most).contains(&settings.rate_hz) {
             return Err(Failure::BadInput(format!(
@@ -67,7 +67,7 @@ impl Settings {
                 settings.rate_hz
             )));
         }
-        if let Some(runs) = &asked.runs {
+        if let Some(runs) = &args.runs {
             settings.runs.clone_from(runs);
         }
         Ok(settings)
@@ -77,7 +77,8 @@ impl Settings {
         (1e9 / self.rate_hz).round() as u64
     }
 
-    /// A thousand ticks at 100 Hz, thousands of everything else: fewer have no tail.
+    /// Returns the duration of a part; by default it gives a thousand ticks at 100 Hz and thousands of other
+    /// measurements, enough for the tail.
     pub(crate) fn seconds_for(&self, part: Part) -> f64 {
         self.seconds.unwrap_or(match part {
             Part::Tick => 10.0,
@@ -92,35 +93,35 @@ impl Settings {
 mod tests {
     use super::*;
 
-    fn asked() -> Args {
+    fn default_args() -> Args {
         Args { parts: Vec::new(), system_file: None, rate: None, seconds: None, runs: None, beside: false }
     }
 
     #[test]
     fn everything_is_measured_in_less_than_twenty_seconds_unless_told_otherwise() {
-        let settings = Settings::of(&asked()).unwrap();
+        let settings = Settings::of(&default_args()).unwrap();
         assert_eq!(settings.parts, Part::ALL.into());
         assert!(Part::ALL.into_iter().map(|part| settings.seconds_for(part)).sum::<f64>() < 20.0);
-        // a thousand ticks: a tail of more than the worst
+        // A thousand ticks, so that the tail differs from the maximum.
         assert!(settings.seconds_for(Part::Tick) * settings.rate_hz >= 1000.0);
-        let settings = Settings::of(&Args { seconds: Some(0.5), ..asked() }).unwrap();
+        let settings = Settings::of(&Args { seconds: Some(0.5), ..default_args() }).unwrap();
         assert!(Part::ALL.into_iter().all(|part| settings.seconds_for(part) == 0.5));
     }
 
     #[test]
     fn parts_are_measured_once_and_in_order() {
         let parts = vec![Part::Disk, Part::Bus, Part::Disk];
-        let settings = Settings::of(&Args { parts, ..asked() }).unwrap();
+        let settings = Settings::of(&Args { parts, ..default_args() }).unwrap();
         assert_eq!(settings.parts.into_iter().collect::<Vec<_>>(), [Part::Bus, Part::Disk]);
     }
 
     #[test]
     fn rates_are_those_of_boxes() {
         for rate in [10.0, 250.0] {
-            assert!(Settings::of(&Args { rate: Some(rate), ..asked() }).is_ok());
+            assert!(Settings::of(&Args { rate: Some(rate), ..default_args() }).is_ok());
         }
         for rate in [9.9, 250.1, -100.0, 0.0] {
-            let refused = Settings::of(&Args { rate: Some(rate), ..asked() }).unwrap_err();
+            let refused = Settings::of(&Args { rate: Some(rate), ..default_args() }).unwrap_err();
             assert!(matches!(&refused, Failure::BadInput(said) if said.contains("--rate")), "{refused}");
         }
     }

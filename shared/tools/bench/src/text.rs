@@ -1,14 +1,14 @@
-//! The figures as a table for people. Pure.
+//! Formats the figures as a table. Pure.
 
 use super::figures::{Ratio, Spread};
-use super::report::Report;
+use super::report::BenchReport;
 use super::words::{digits, duration, percent};
 use super::{chain, disk, round_trip, tick};
 use commissioning::check;
 
 /// Width of the first column.
 const LABEL: usize = 44;
-/// Width of the others.
+/// Width of the other columns.
 const CELL: usize = 13;
 
 fn row(label: &str, cells: &[String]) -> String {
@@ -25,17 +25,17 @@ fn heading(label: &str, cells: &[&str]) -> String {
 
 const SPREAD: [&str; 3] = ["median", "99.9 %", "worst"];
 
-fn of_spread(spread: &Spread) -> Vec<String> {
+fn spread_cells(spread: &Spread) -> Vec<String> {
     [spread.median_s, spread.p999_s, spread.worst_s].map(duration).to_vec()
 }
 
-fn of_ratio(ratio: &Ratio) -> Vec<String> {
+fn ratio_cells(ratio: &Ratio) -> Vec<String> {
     [ratio.median, ratio.p999].map(|ratio| format!("{} : 1", digits(ratio))).to_vec()
 }
 
-/// All parts that were measured, each with its verdict.
+/// Formats all measured parts, each with its verdict.
 #[must_use]
-pub fn report(report: &Report) -> String {
+pub fn report(report: &BenchReport) -> String {
     let mut lines = Vec::new();
     let (rate_hz, verdicts) = (report.rate_hz, report.verdicts());
     let mut part = |mut table: Vec<String>, name: &str| {
@@ -45,71 +45,72 @@ pub fn report(report: &Report) -> String {
         lines.extend(table);
     };
     if let Some(found) = &report.tick {
-        part(of_ticks(found, rate_hz), "tick");
+        part(tick_table(found, rate_hz), "tick");
     }
     if let Some(found) = &report.bus {
-        let mut table = of_bus(found);
-        // the same as that of the wake-ups, if it has been said
+        let mut table = bus_table(found);
+        // Omitted if it has already been printed for the wake-ups.
         if report.tick.is_none() {
             table.extend(found.scheduling.words());
         }
         part(table, "bus");
     }
     if let Some(found) = &report.chain {
-        part(of_chain(found, rate_hz), "chain");
+        part(chain_table(found, rate_hz), "chain");
     }
     if let Some(found) = &report.disk {
-        part(of_disk(found, report), "disk");
+        part(disk_table(found, report), "disk");
     }
     if report.beside {
-        lines.push("measured while a robot ran: what it takes is in these figures".to_owned());
+        lines.push("measured while a robot was running, so the figures include its load".to_owned());
     } else {
         lines.pop();
     }
     lines.join("\n")
 }
 
-fn of_ticks(found: &tick::Found, rate_hz: f64) -> Vec<String> {
-    let mut lines = vec![heading(
-        &format!("how late a wake-up is, at {rate_hz} Hz"),
-        &[&SPREAD[..], &["late", "left out"]].concat(),
-    )];
-    for (label, ticks) in [("  as motor-io waits", &found.ours), ("  an ordinary thread that sleeps", &found.plain)] {
+fn tick_table(found: &tick::TickResult, rate_hz: f64) -> Vec<String> {
+    let mut lines =
+        vec![heading(&format!("delay of a wake-up at {rate_hz} Hz"), &[&SPREAD[..], &["late", "skipped"]].concat())];
+    for (label, ticks) in [("  as motor-io waits", &found.ours), ("  ordinary sleeping thread", &found.plain)] {
         let counts = [format!("{}/{}", ticks.late, ticks.lateness.count), ticks.skipped.to_string()];
-        lines.push(row(label, &[of_spread(&ticks.lateness), counts.to_vec()].concat()));
+        lines.push(row(label, &[spread_cells(&ticks.lateness), counts.to_vec()].concat()));
     }
-    lines.push(row("  ordinary to motor-io", &of_ratio(&found.ratio)));
+    lines.push(row("  ordinary to motor-io", &ratio_cells(&found.ratio)));
     lines.extend(found.scheduling.words());
     lines
 }
 
-fn of_bus(found: &round_trip::Found) -> Vec<String> {
+fn bus_table(found: &round_trip::BusResult) -> Vec<String> {
     vec![
-        heading(&format!("{} bytes to a process and back", found.sample_bytes), &[&SPREAD[..], &["times"]].concat()),
-        row("  over the bus", &[of_spread(&found.ours), vec![found.ours.count.to_string()]].concat()),
-        row("  over datagram sockets", &[of_spread(&found.plain), vec![found.plain.count.to_string()]].concat()),
-        row("  sockets to bus", &of_ratio(&found.ratio)),
+        heading(&format!("round trip of {} bytes", found.sample_bytes), &[&SPREAD[..], &["times"]].concat()),
+        row("  over the bus", &[spread_cells(&found.ours), vec![found.ours.count.to_string()]].concat()),
+        row("  over datagram sockets", &[spread_cells(&found.plain), vec![found.plain.count.to_string()]].concat()),
+        row("  sockets to bus", &ratio_cells(&found.ratio)),
     ]
 }
 
-fn of_chain(found: &chain::Found, rate_hz: f64) -> Vec<String> {
+fn chain_table(found: &chain::ChainResult, rate_hz: f64) -> Vec<String> {
     let tensions = &found.tensions;
     vec![
-        heading(&format!("computing, {} lines", found.cables), &[&SPREAD[..], &["times"]].concat()),
-        row("  a cycle of the control chain", &[of_spread(&found.ours), vec![found.ours.count.to_string()]].concat()),
+        heading(&format!("computing, {} cables", found.cables), &[&SPREAD[..], &["times"]].concat()),
         row(
-            &format!("  the same as a share of the period of {rate_hz} Hz"),
+            "  a cycle of the control chain",
+            &[spread_cells(&found.ours), vec![found.ours.count.to_string()]].concat(),
+        ),
+        row(
+            &format!("  as a share of the period at {rate_hz} Hz"),
             &[found.median_share, found.p999_share, found.ours.worst_s * rate_hz].map(percent),
         ),
-        row("  tensions within their limits", &of_spread(&tensions.ours)),
-        row("  the same by pseudo-inverse, without limits", &of_spread(&tensions.plain)),
-        row("  pseudo-inverse to ours", &of_ratio(&tensions.ratio)),
+        row("  tensions within limits", &spread_cells(&tensions.ours)),
+        row("  by pseudo-inverse, without limits", &spread_cells(&tensions.plain)),
+        row("  pseudo-inverse to within limits", &ratio_cells(&tensions.ratio)),
     ]
 }
 
-fn of_disk(found: &disk::Found, report: &Report) -> Vec<String> {
+fn disk_table(found: &disk::DiskResult, report: &BenchReport) -> Vec<String> {
     let mut lines = vec![heading(
-        &format!("half a second of a robot onto {}", report.runs.display()),
+        &format!("half a second of data to {}", report.runs.display()),
         &["MB/s", "median", "99.9 %", "longest sync"],
     )];
     for (label, way) in [("  as a run file", &found.ours), ("  as a plain file", &found.plain)] {
@@ -117,10 +118,10 @@ fn of_disk(found: &disk::Found, report: &Report) -> Vec<String> {
         lines.push(row(label, &[digits(way.mb_s), median, p999, duration(way.sync.worst_s)]));
     }
     let mut ratio = vec![String::new()];
-    ratio.extend(of_ratio(&found.ratio));
+    ratio.extend(ratio_cells(&found.ratio));
     lines.push(row("  plain file to run file", &ratio));
     lines.push(format!(
-        "the control chain says {} MB/s, which the run file compresses to {}",
+        "the control chain publishes {} MB/s, which the run file compresses to {}",
         digits(found.needed_mb_s),
         percent(found.compressed_to)
     ));

@@ -1,4 +1,5 @@
-//! `tick`: how late a thread wakes up once per period, as motor-io does it and as an ordinary thread does, both at once.
+//! `tick`: delay of a periodic wake-up, for a thread that waits like motor-io and for an ordinary thread, both at the
+//! same time.
 
 use super::figures::{Ratio, Spread, record};
 use super::scheduling;
@@ -13,40 +14,41 @@ use std::time::Duration;
 /// Wake-ups of one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ticks {
-    /// How late they were.
+    /// Delay.
     #[serde(flatten)]
     pub lateness: Spread,
-    /// Those so late that motor-io blames the computer for an answer that is missing then: by more than half a period.
+    /// Number of wake-ups more than half a period late; motor-io attributes a missing answer in such a period to the
+    /// computer.
     pub late: u64,
-    /// Periods that were left out, because the machine stood still for longer.
+    /// Number of periods skipped because the machine stalled.
     pub skipped: u64,
-    /// Periods from the first to the last.
+    /// Number of periods from the first to the last.
     pub periods: u64,
 }
 
 impl Ticks {
-    /// Share of the periods that did not begin in time.
+    /// Returns the share of the periods that were late or skipped.
     #[must_use]
     pub fn bad_share(&self) -> f64 {
         (self.late + self.skipped) as f64 / self.periods.max(1) as f64
     }
 }
 
-/// What was found.
+/// Result of `tick`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
-    /// As motor-io waits.
+pub struct TickResult {
+    /// Thread that waits like motor-io.
     pub ours: Ticks,
-    /// An ordinary thread that sleeps for the rest of the period.
+    /// Ordinary thread that sleeps for the rest of the period.
     pub plain: Ticks,
-    /// Ordinary over ours.
+    /// Ordinary divided by motor-io.
     pub ratio: Ratio,
-    /// How our thread was scheduled.
-    pub scheduling: scheduling::Reached,
+    /// Scheduling of the first thread.
+    pub scheduling: scheduling::AchievedScheduling,
 }
 
-/// Counts wake-ups.
-struct Count {
+/// Accumulates wake-ups.
+struct WakeUpCounter {
     period_ns: u64,
     lateness: Timing,
     late: u64,
@@ -55,12 +57,12 @@ struct Count {
     periods: u64,
 }
 
-impl Count {
+impl WakeUpCounter {
     fn new(period_ns: u64) -> Self {
         Self { period_ns, lateness: Timing::new(), late: 0, skipped: 0, first_due_ns: None, periods: 0 }
     }
 
-    fn note(&mut self, tick: &Tick) {
+    fn add(&mut self, tick: &Tick) {
         record(&mut self.lateness, tick.scheduled_ns, tick.woke_ns);
         self.late += u64::from(2 * tick.lateness_ns() > self.period_ns);
         self.skipped += tick.skipped;
@@ -69,17 +71,17 @@ impl Count {
         self.periods = tick.scheduled_ns.saturating_sub(before_first) / self.period_ns;
     }
 
-    fn found(&self) -> Ticks {
+    fn result(&self) -> Ticks {
         let lateness = Spread::of(&self.lateness);
         Ticks { lateness, late: self.late, skipped: self.skipped, periods: self.periods }
     }
 }
 
-/// Measures both for so many seconds, half a period apart.
+/// Measures both threads for this many seconds, half a period apart.
 ///
 /// # Errors
-/// It was stopped, or the system has no threads.
-pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+/// The benchmark was stopped, or a thread failed.
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<TickResult> {
     let period_ns = settings.period_ns();
     let wanted = ((seconds * settings.rate_hz).round() as u64).max(1);
     let stop = watch.stop();
@@ -87,65 +89,66 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
     let (ours, plain) = std::thread::scope(|scope| {
         let ours = scope.spawn(|| {
             let (reached, _awake) = scheduling::apply(&settings.realtime);
-            let (mut count, mut pacer) = (Count::new(period_ns), Pacer::new(period_ns));
+            let (mut count, mut pacer) = (WakeUpCounter::new(period_ns), Pacer::new(period_ns));
             while count.periods < wanted && !stopped() {
-                count.note(&pacer.next());
+                count.add(&pacer.next());
             }
-            (count.found(), reached)
+            (count.result(), reached)
         });
         let plain = scope.spawn(|| {
-            let (mut count, mut schedule) = (Count::new(period_ns), Schedule::new(now_ns() + period_ns / 2, period_ns));
+            let (mut count, mut schedule) =
+                (WakeUpCounter::new(period_ns), Schedule::new(now_ns() + period_ns / 2, period_ns));
             while count.periods < wanted && !stopped() {
                 let (scheduled_ns, skipped) = schedule.next(now_ns());
                 std::thread::sleep(Duration::from_nanos(scheduled_ns.saturating_sub(now_ns())));
                 let woke_ns = now_ns();
                 schedule.begun(scheduled_ns, woke_ns);
-                count.note(&Tick { scheduled_ns, woke_ns, skipped });
+                count.add(&Tick { scheduled_ns, woke_ns, skipped });
             }
-            count.found()
+            count.result()
         });
         while !(ours.is_finished() && plain.is_finished()) {
-            watch.look();
-            std::thread::sleep(Watch::LOOK);
+            watch.update();
+            std::thread::sleep(Watch::INTERVAL);
         }
         (ours.join(), plain.join())
     });
-    watch.go_on()?;
-    let ended = || Failure::NotNow("a thread that was to be woken up ended early".to_owned());
+    watch.check_stop()?;
+    let ended = || Failure::NotNow("a measuring thread ended early".to_owned());
     let (ours, scheduling) = ours.map_err(|_| ended())?;
     let plain = plain.map_err(|_| ended())?;
     let ratio = Ratio::of(&plain.lateness, &ours.lateness);
-    Ok(Found { ours, plain, ratio, scheduling })
+    Ok(TickResult { ours, plain, ratio, scheduling })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn counted(period_ns: u64, ticks: &[(u64, u64, u64)]) -> Ticks {
-        let mut count = Count::new(period_ns);
+    fn count(period_ns: u64, ticks: &[(u64, u64, u64)]) -> Ticks {
+        let mut count = WakeUpCounter::new(period_ns);
         for &(scheduled_ns, lateness_ns, skipped) in ticks {
-            count.note(&Tick { scheduled_ns, woke_ns: scheduled_ns + lateness_ns, skipped });
+            count.add(&Tick { scheduled_ns, woke_ns: scheduled_ns + lateness_ns, skipped });
         }
-        count.found()
+        count.result()
     }
 
     #[test]
     fn more_than_half_a_period_is_late_as_motor_io_counts_it() {
-        let found = counted(1000, &[(6000, 499, 0), (7000, 500, 0), (8000, 501, 0), (9000, 999, 0)]);
+        let found = count(1000, &[(6000, 499, 0), (7000, 500, 0), (8000, 501, 0), (9000, 999, 0)]);
         assert_eq!((found.late, found.skipped, found.periods, found.lateness.count), (2, 0, 4, 4));
         assert_eq!(found.bad_share(), 0.5);
     }
 
     #[test]
     fn every_period_is_a_tick_or_was_left_out() {
-        // a stall after the second, and the last but one crowded out
-        let found = counted(10, &[(50, 1, 0), (60, 1, 0), (100, 7, 3), (120, 0, 1)]);
+        // A stall after the second period, and the last but one skipped.
+        let found = count(10, &[(50, 1, 0), (60, 1, 0), (100, 7, 3), (120, 0, 1)]);
         assert_eq!((found.skipped, found.periods, found.late), (4, 8, 1));
         assert_eq!(found.lateness.count + found.skipped, found.periods);
-        // a stall before the first
-        let found = counted(10, &[(50, 1, 2)]);
+        // A stall before the first period.
+        let found = count(10, &[(50, 1, 2)]);
         assert_eq!((found.skipped, found.periods), (2, 3));
-        assert_eq!(counted(10, &[]).bad_share(), 0.0);
+        assert_eq!(count(10, &[]).bad_share(), 0.0);
     }
 }

@@ -1,6 +1,6 @@
 //! Times and shares in words.
 
-/// A time as people say it: three digits and a unit that fits.
+/// Formats a duration with three digits and a suitable unit.
 #[must_use]
 pub fn duration(seconds: f64) -> String {
     match seconds {
@@ -11,7 +11,7 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
-/// A share of a whole, 1 for all of it.
+/// Formats a share as a percentage.
 #[must_use]
 pub fn percent(share: f64) -> String {
     format!("{} %", digits(share * 100.0))

@@ -1,10 +1,11 @@
-//! `nims calibrate`: a file of measurements in, anchors with their deviations out, or a refusal in plain words.
+//! `nims calibrate`: computes the anchors and their standard deviations from a measurements file, or explains why it
+//! cannot.
 
 mod file;
 pub mod places;
 mod text;
 
-pub use file::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
+pub use file::{Doubt, HeightBy, HeightEntry, MeasurementsFile, PointEntry, RangeEntry, Setup};
 
 use calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
 use clap::ValueEnum;
@@ -19,76 +20,76 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Measurements file; configs/measurements holds commented examples.
     pub measurements: PathBuf,
-    /// Which way.
+    /// Calibration method.
     #[arg(long, value_enum, default_value = "survey")]
     pub method: CalibrationMethod,
     /// Write the calibration, its covariance and the measurements to this new file.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Do not calibrate, but say where to hold the node for so many points, and how well the anchors will be known then.
+    /// Print where to hold the node for COUNT points, and the expected accuracy of the anchors, instead of calibrating.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u8).range(3..), conflicts_with = "out")]
     pub plan: Option<u8>,
-    /// With --plan: about how high the pulleys are, m, where the measurements do not tell it yet.
+    /// With --plan: approximate height of the pulleys, m; needed while the measurements do not determine it.
     #[arg(long, value_name = "M", value_parser = above_zero, requires = "plan")]
     pub height: Option<f64>,
 }
 
-/// Ways to calibrate.
+/// Calibration methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum CalibrationMethod {
-    /// x and y by ranges between plumb lines, heights by lengths to points of the reference plane.
+    /// x and y from ranges between plumb lines, heights from cable lengths at points of the reference plane.
     Survey,
-    /// Everything at once by maximum likelihood; optionally scale and zeros of the lengths, and outliers.
+    /// All unknowns at once by maximum likelihood; optionally scale and zero offsets of the lengths, and outliers.
     Joint,
-    /// Every anchor from points with known positions.
+    /// Each anchor from points with known positions.
     Gps,
 }
 
-/// `nims calibrate`.
+/// Runs `nims calibrate`.
 ///
 /// # Errors
-/// A file that cannot be used, measurements that determine nothing, or a result that cannot be written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    if let Some(out) = asked.out.as_deref().filter(|out| out.exists()) {
+/// The file cannot be used, the measurements do not determine the anchors, or the result cannot be written.
+pub fn run(args: &Args) -> Answer<Output> {
+    if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
         let out = out.display();
-        return Err(Failure::BadInput(format!("{out} is there already; name a new file, or move that one away")));
+        return Err(Failure::BadInput(format!("{out} already exists; name a new file or move this one")));
     }
-    let path = asked.measurements.as_path();
-    let file: File = config::toml_file::load(path).map_err(Failure::bad)?;
-    let method = match asked.method {
+    let path = args.measurements.as_path();
+    let file: MeasurementsFile = config::toml_file::load(path).map_err(Failure::bad)?;
+    let method = match args.method {
         CalibrationMethod::Survey => Method::Survey,
         CalibrationMethod::Joint => Method::Joint,
         CalibrationMethod::Gps => Method::Gps,
     };
     let refuse = |why: String| Failure::bad(format!("{}: {why}", path.display()));
-    if let Some(count) = asked.plan {
+    if let Some(count) = args.plan {
         let measured = file.measurements(method).map_err(refuse)?;
-        let (value, words) = places::places(&measured, method, count.into(), asked.height)
+        let (value, words) = places::places(&measured, method, count.into(), args.height)
             .map_err(|refusal| Failure::bad(format!("{}: {refusal}", path.display())))?;
         return Ok(Output { aside: words, ..Output::json(value) });
     }
-    let Judged { value, words, covariance } = judge(&file, method).map_err(refuse)?;
-    if let Some(out) = &asked.out {
+    let CalibrationResult { value, words, covariance } = judge(&file, method).map_err(refuse)?;
+    if let Some(out) = &args.out {
         write(out, path, &value, &covariance)?;
     }
     Ok(Output { aside: words, ..Output::json(value) })
 }
 
-/// What the measurements of a file come to.
-pub struct Judged {
-    /// The answer as JSON.
+/// Result of a calibration.
+pub struct CalibrationResult {
+    /// The result as JSON.
     pub value: Value,
-    /// The same for people; the last line is the verdict.
+    /// The result as text; the last line is the verdict.
     pub words: String,
-    /// Of the anchors.
+    /// Covariance of the anchors.
     pub covariance: AnchorCovariance,
 }
 
-/// Calibrates, checks by points left out, and judges.
+/// Calibrates, cross-validates by leaving points out, and gives a verdict.
 ///
 /// # Errors
-/// One clause, without the file's name: what cannot be used, or why these measurements do not determine the anchors.
-pub fn judge(file: &File, method: Method) -> Result<Judged, String> {
+/// One clause without the file name: what cannot be used, or why the measurements do not determine the anchors.
+pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResult, String> {
     let measured = file.measurements(method)?;
     let numbers = file.used(method);
     let found = calibration::calibrate(&measured, method).map_err(|e| e.to_string())?;
@@ -97,7 +98,7 @@ pub fn judge(file: &File, method: Method) -> Result<Judged, String> {
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
     let words = text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
-    Ok(Judged { value, words, covariance: found.covariance })
+    Ok(CalibrationResult { value, words, covariance: found.covariance })
 }
 
 fn name(method: Method) -> &'static str {
@@ -133,14 +134,14 @@ fn answer(found: &Calibration, numbers: &[usize], holdout: Option<&Holdout>, ver
     })
 }
 
-/// The calibration as a file of its own, with the measurements it comes from.
+/// Writes the calibration and the measurements that it was computed from to a new file.
 fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCovariance) -> Answer {
     let cannot = |why: String| Failure::NotNow(format!("{} cannot be written: {why}", out.display()));
     let raw: toml::Table = config::toml_file::load(measurements).map_err(Failure::bad)?;
     let mut table = toml::Table::new();
     table.insert("date".to_owned(), toml::Value::String(runlog::utc(bus::clock::unix_ns())));
     for (key, value) in value.as_object().into_iter().flatten() {
-        // TOML has no null: what is not known is not there.
+        // TOML has no null: unknown values are omitted.
         if !value.is_null() {
             table.insert(key.clone(), toml::Value::try_from(value).map_err(|e| cannot(e.to_string()))?);
         }
@@ -149,9 +150,8 @@ fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCova
     table.insert("covariance_m2".to_owned(), toml::Value::try_from(rows).map_err(|e| cannot(e.to_string()))?);
     table.insert("measurements".to_owned(), toml::Value::Table(raw));
     let body = toml::to_string(&table).map_err(|e| cannot(e.to_string()))?;
-    let head =
-        "# A calibration. covariance_m2 is that of x1, y1, z1, x2, .. in m²; what the gauge fixes has rows of zeros.\n";
-    // Never over a file that appeared meanwhile.
+    let head = "# A calibration. covariance_m2 is that of x1, y1, z1, x2, .. in m²; coordinates fixed by the choice of frame have rows of zeros.\n";
+    // create_new never overwrites a file that was created in the meantime.
     let mut file = std::fs::File::create_new(out).map_err(|e| cannot(e.to_string()))?;
     file.write_all(format!("{head}{body}").as_bytes()).and_then(|()| file.sync_all()).map_err(|e| cannot(e.to_string()))
 }
@@ -170,7 +170,7 @@ mod tests {
     const RANGES: &str = "[[range]]\nfrom = 1\nto = 3\nm = 10.0\n[[range]]\nfrom = 1\nto = 2\nm = 8.0\n\
         [[range]]\nfrom = 2\nto = 3\nm = 6.0\n";
 
-    /// Lengths from (0, 0, 3), (8, 0, 3), (8, 6, 3).
+    /// Lengths from anchors at (0, 0, 3), (8, 0, 3), (8, 6, 3).
     fn point(x: f64, y: f64) -> String {
         let length = |a: f64, b: f64| ((a - x).powi(2) + (b - y).powi(2) + 9.0).sqrt();
         format!("[[point]]\nlengths_m = [{}, {}, {}]\n", length(0.0, 0.0), length(8.0, 0.0), length(8.0, 6.0))
@@ -231,15 +231,15 @@ mod tests {
         let (measurements, out) = (folder.path().join("site.toml"), folder.path().join("calibration.toml"));
         std::fs::write(&measurements, example()).unwrap();
         let method = CalibrationMethod::Survey;
-        let asked = Args { measurements, method, out: Some(out.clone()), plan: None, height: None };
-        run(&asked).unwrap();
+        let args = Args { measurements, method, out: Some(out.clone()), plan: None, height: None };
+        run(&args).unwrap();
         let written: toml::Table = toml::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
         assert_eq!(written["method"].as_str(), Some("survey"));
         assert_eq!(written["covariance_m2"].as_array().unwrap().len(), 9);
         assert_eq!(written["measurements"]["point"].as_array().unwrap().len(), 4);
         assert!(written["date"].as_str().unwrap().ends_with("UTC"));
         let before = std::fs::read(&out).unwrap();
-        assert_eq!(run(&asked).unwrap_err().exit_code(), 2);
+        assert_eq!(run(&args).unwrap_err().exit_code(), 2);
         assert_eq!(std::fs::read(&out).unwrap(), before);
     }
 }

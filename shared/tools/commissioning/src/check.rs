@@ -1,4 +1,4 @@
-//! `nims check`: what a configuration means for the robot, each finding with its cure.
+//! `nims check`: findings about a configuration, each with its remedy.
 
 use cable_robot::energy::MotorTable;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
@@ -11,54 +11,57 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Bytes of one cycle on the wire for a unit, with replies: speeds, encoders, currents; and once per port the slow slot.
+/// Bytes per cycle and drive unit on the bus, with replies: speeds, encoders, currents.
 const UNIT_BYTES: f64 = 13.0 + 12.0 + 8.0;
+/// Bytes per cycle and port for the slot of slow requests.
 const SLOT_BYTES: f64 = 8.0;
-/// Exchanges of the same.
+/// Exchanges per cycle and drive unit.
 const UNIT_EXCHANGES: f64 = 3.0;
-/// What an exchange costs besides its bytes on a native serial port: unit and host together, s.
+/// Time that an exchange takes besides its bytes on a native serial port: drive unit and host together, s.
 const TURNAROUND_S: f64 = 0.000_3;
-/// Part of a period that the bus may take, so that the control chain has the rest.
+/// Share of a period that the bus may take; the rest is for the control chain.
 const BUS_SHARE: f64 = 0.8;
-/// Anchors nearer to one line than this share of its length are warned of: lengths that are 5 mm off move the node 100 times as far.
-const SLENDER: f64 = 0.01;
+/// Minimum width of the anchors' layout as a share of its length: below it, lengths that are 5 mm off move the node by
+/// more than
+/// 100 times as much.
+const MIN_WIDTH_SHARE: f64 = 0.01;
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// Good to know.
+    /// Information.
     Note,
-    /// It works, with less margin than it should have.
+    /// Usable, with less margin than it should have.
     Warning,
-    /// It cannot work.
+    /// Not usable.
     Error,
 }
 
-/// One thing to know about a configuration.
+/// A fact about a configuration or a machine that the operator should know.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
-    /// What is so.
+    /// The fact.
     pub finding: String,
-    /// What to do; empty for a note that asks for nothing.
+    /// Remedy; empty for a note.
     pub cure: String,
 }
 
-/// A finding that asks for nothing.
+/// Returns a finding that needs no action.
 #[must_use]
 pub fn note(finding: String) -> Finding {
     Finding { level: Level::Note, finding, cure: String::new() }
 }
 
-/// A finding that leaves less margin than there should be.
+/// Returns a finding about insufficient margin.
 #[must_use]
 pub fn warning(finding: String, cure: &str) -> Finding {
     Finding { level: Level::Warning, finding, cure: cure.to_owned() }
 }
 
-/// A finding with which it cannot work.
+/// Returns a finding about something that cannot work.
 #[must_use]
 pub fn error(finding: String, cure: &str) -> Finding {
     Finding { level: Level::Error, finding, cure: cure.to_owned() }
@@ -67,20 +70,20 @@ pub fn error(finding: String, cure: &str) -> Finding {
 /// `nims check`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The file.
+    /// Configuration file.
     pub config: PathBuf,
-    /// For a mission: the robot or system file it is meant for.
+    /// For a mission: the robot or system file to plan it with.
     #[arg(long = "for", value_name = "CONFIG")]
     pub on: Option<PathBuf>,
-    /// Only whether the processes of a system accept its file: what the supervisor asks before it starts anything.
+    /// Only check whether the processes of a system accept its file; used by the supervisor before it starts them.
     #[arg(long, hide = true, conflicts_with = "on")]
     pub accepted: bool,
 }
 
-/// The findings; fails where one of them is an error.
+/// Runs `nims check`; fails if a finding is an error.
 ///
 /// # Errors
-/// A file that cannot be read or holds values that are not accepted: one sentence.
+/// A file that cannot be read or holds values that are not accepted.
 pub fn run(args: &Args) -> Answer<Output> {
     if args.accepted {
         can_be_built(&SystemFile::load(&args.config).map_err(Failure::bad)?)?;
@@ -90,74 +93,75 @@ pub fn run(args: &Args) -> Answer<Output> {
     let errors = errors(&found);
     let failure = (errors > 0).then(|| {
         let file = args.config.display();
-        Failure::BadInput(format!("{file} cannot be used as it is: {errors} error(s), listed on stdout"))
+        Failure::BadInput(format!("{file} cannot be used: {errors} error(s), listed on stdout"))
     });
     Ok(Output::new(to_json(&found), to_words(&found)).failing(failure))
 }
 
-/// How many of the findings are errors.
+/// Returns the number of findings that are errors.
 #[must_use]
 pub fn errors(findings: &[Finding]) -> usize {
     findings.iter().filter(|finding| finding.level == Level::Error).count()
 }
 
-/// The findings about a file.
+/// Checks a configuration file of any kind; `on` is the robot or system file to plan a mission with.
 ///
 /// # Errors
-/// A file that cannot be read or holds values that are not accepted: one sentence.
+/// A file that cannot be read or holds values that are not accepted.
 pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
-    match kind(path)? {
-        Kind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
-        Kind::Box => {
+    match config_kind(path)? {
+        ConfigKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
+        ConfigKind::System => {
             let file = SystemFile::load(path).map_err(Failure::bad)?;
             can_be_built(&file)?;
             let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
             findings.extend(system_file(&file)?);
             Ok(findings)
         }
-        Kind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
-        Kind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
-        Kind::Mission => {
+        ConfigKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
+        ConfigKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
+        ConfigKind::Mission => {
             let mission = Mission::read(path).map_err(Failure::bad)?;
             let Some(on) = on else {
                 let legs = mission.leg.len();
                 return Ok(vec![note(format!(
-                    "mission \"{}\" has {legs} legs; with --for SYSTEM.toml it is also flown on paper",
+                    "mission \"{}\" has {legs} legs; with --for SYSTEM.toml its feasibility is checked too",
                     mission.name
                 ))]);
             };
-            Ok(vec![match kind(on)? {
-                Kind::Box => {
+            Ok(vec![match config_kind(on)? {
+                ConfigKind::System => {
                     let file = SystemFile::load(on).map_err(Failure::bad)?;
                     let start = file.motor_box.as_ref().map(|section| section.start_m.position_m);
                     let robot = file.robot_file().map_err(Failure::bad)?;
                     let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
-                    flown(&mission, &robot, &file.planner, distribution, start)
+                    mission_finding(&mission, &robot, &file.planner, distribution, start)
                 }
                 _ => {
                     let robot = RobotFile::load(on).map_err(Failure::bad)?;
                     let distribution = robot.robot().map_err(Failure::bad)?.default_distribution();
-                    flown(&mission, &robot, &PlannerSection::default(), distribution, None)
+                    mission_finding(&mission, &robot, &PlannerSection::default(), distribution, None)
                 }
             }?])
         }
     }
 }
 
-/// Whether the processes of a box accept its files: what only they check shows before anything is started.
+/// Builds the configuration of each process from the files of a system, so that their own checks run before anything is
+/// started.
 ///
 /// # Errors
-/// The first that does not, in its own words.
+/// The first error of a process.
 pub fn can_be_built(file: &SystemFile) -> Answer {
     let robot = file.robot_file().map_err(Failure::bad)?;
     motor_io::CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
     chain_can_be_built(file, &robot)
 }
 
-/// The same of controller and estimator alone.
+/// Builds the configurations of controller and estimator only.
 ///
 /// # Errors
-/// One sentence: which key, what is accepted.
+/// Which key is wrong and what is accepted.
 pub fn chain_can_be_built(file: &SystemFile, robot: &RobotFile) -> Answer {
     controller::ControllerConfig::of(file, robot, 1)
         .map_err(|error| Failure::BadInput(format!("[controller] {error}")))?;
@@ -167,13 +171,13 @@ pub fn chain_can_be_built(file: &SystemFile, robot: &RobotFile) -> Answer {
     Ok(())
 }
 
-/// Findings as JSON.
+/// Returns the findings as JSON.
 #[must_use]
 pub fn to_json(findings: &[Finding]) -> Value {
     json!({ "usable": usable(findings), "findings": findings })
 }
 
-/// Findings in words, a line each.
+/// Returns the findings as text, one line each.
 #[must_use]
 pub fn to_words(findings: &[Finding]) -> String {
     let lines: Vec<String> = findings
@@ -187,62 +191,62 @@ pub fn to_words(findings: &[Finding]) -> String {
     lines.join("\n")
 }
 
-/// Whether none of the findings is an error.
+/// Returns whether none of the findings is an error.
 #[must_use]
 pub fn usable(findings: &[Finding]) -> bool {
     findings.iter().all(|finding| finding.level != Level::Error)
 }
 
-enum Kind {
+enum ConfigKind {
     Robot,
-    Box,
+    System,
     Mission,
     Sensor,
     Ground,
 }
 
-/// What kind of file it is, by the keys that only that kind has.
-fn kind(path: &Path) -> Answer<Kind> {
+/// Determines the kind of a configuration file from the keys that only this kind has.
+fn config_kind(path: &Path) -> Answer<ConfigKind> {
     let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
     if table.contains_key("leg") {
-        Ok(Kind::Mission)
+        Ok(ConfigKind::Mission)
     } else if table.contains_key("motor_io") || table.get("robot").is_some_and(toml::Value::is_str) {
-        Ok(Kind::Box)
+        Ok(ConfigKind::System)
     } else if table.contains_key("robot") {
-        Ok(Kind::Robot)
+        Ok(ConfigKind::Robot)
     } else if table.contains_key("port") {
-        Ok(Kind::Sensor)
+        Ok(ConfigKind::Sensor)
     } else if ["ground_m", "cylinder", "prism"].iter().any(|key| table.contains_key(*key)) {
-        Ok(Kind::Ground)
+        Ok(ConfigKind::Ground)
     } else {
         Err(Failure::BadInput(format!(
-            "{} is no configuration file: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
+            "{} is not a configuration file of a known kind: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
             path.display()
         )))
     }
 }
 
-/// What a sensor file makes of its device.
+/// Describes the values that a sensor file defines.
 fn sensor(file: &SensorFile) -> Finding {
     let (quantities, units) = file.words();
     let values: Vec<String> =
         quantities.iter().zip(&units).map(|(quantity, unit)| format!("{quantity} in {unit}")).collect();
     note(format!(
-        "a sensor at {}, {} baud, that reads {}; plugged in as NAME it publishes sensor/NAME",
+        "a sensor at {}, {} baud, which measures {}; plugged in as NAME, it publishes sensor/NAME",
         file.port,
         file.baud,
         values.join(", ")
     ))
 }
 
-/// What stands in a ground.
+/// Describes a ground file.
 fn ground(file: &GroundFile) -> Finding {
     let (cylinders, prisms) = (file.cylinder.len(), file.prism.len());
-    note(format!("a ground of {cylinders} cylinders and {prisms} prisms on the ground at {} m", file.ground_m))
+    note(format!("a ground with {cylinders} cylinders and {prisms} prisms on a plane at {} m", file.ground_m))
 }
 
-/// Middle of the anchors' feet, at a quarter of the way up to the lowest anchor; of a node that floats between lines from
-/// above and below, the middle of the anchors.
+/// Returns the default position of the node: below the centre of the anchors, at a quarter of the height of the lowest
+/// anchor above the ground; for a node without net weight, the centre of the anchors.
 fn middle(robot: &Robot) -> Vector3<f64> {
     let anchors = robot.anchors();
     let mut centre = anchors.iter().sum::<Vector3<f64>>() / anchors.len() as f64;
@@ -254,15 +258,15 @@ fn middle(robot: &Robot) -> Vector3<f64> {
     centre
 }
 
-/// Anchors that lie nearly on one line leave one direction of the node to chance.
-fn slender(robot: &Robot) -> Option<Finding> {
+/// Warns of nearly collinear anchors, which leave one coordinate of the node poorly determined.
+fn collinear_anchors(robot: &Robot) -> Option<Finding> {
     let [first, rest @ ..] = &robot.anchors()[..] else { return None };
     let along = rest.iter().map(|p| p - first).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
     let beside = rest.iter().map(|p| along.cross(&(p - first)).norm() / along.norm_squared()).fold(0.0, f64::max);
-    (!robot.is_planar() && beside < SLENDER).then(|| {
+    (!robot.is_planar() && beside < MIN_WIDTH_SHARE).then(|| {
         let (off_m, long_m) = (beside * along.norm(), along.norm());
         warning(
-            format!("the anchors lie within {off_m:.3} m of one straight line of {long_m:.1} m, so the place of the node beside it is hardly known"),
+            format!("the anchors lie within {off_m:.3} m of one straight line of {long_m:.1} m, so the position of the node across it is poorly determined"),
             "check anchors_m, or put one anchor farther from that line",
         )
     })
@@ -277,12 +281,12 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     match tension::at(&robot, &at, &Vector3::zeros(), distribution) {
         Ok(found) => {
             let list: Vec<String> = found.tensions_n.iter().map(|value| format!("{value:.1}")).collect();
-            findings.push(note(format!("at rest in the middle, {place}, the lines carry {} N", list.join(", "))));
-            findings.push(sinking(&robot, &at, &found.tensions_n));
-            findings.push(ceiling(&robot, &at, distribution));
+            findings.push(note(format!("at rest in the middle, {place}, the cables carry {} N", list.join(", "))));
+            findings.push(sinking_finding(&robot, &at, &found.tensions_n));
+            findings.push(ceiling_finding(&robot, &at, distribution));
         }
         Err(why) => findings.push(error(
-            format!("the lines cannot hold the node in the middle of its own anchors, {place}: {why}"),
+            format!("the cables cannot hold the node in the middle of the anchors, {place}: {why}"),
             "check the units of anchors_m (metres), node_mass_kg (kilograms) and tension_limits_n (newtons)",
         )),
     }
@@ -290,16 +294,16 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
         Some(stiffness) => {
             let longest = robot.routed_length_m().iter().fold(0.0_f64, |most, length| most.max(*length)) + 6.0;
             let stretch = 1000.0 * 20.0 * longest / stiffness;
-            note(format!("20 N stretch {longest:.0} m of line by {stretch:.0} mm; that is corrected for"))
+            note(format!("20 N stretch {longest:.0} m of cable by {stretch:.0} mm; the stretch is compensated"))
         }
         None => warning(
-            "the lines count as rigid: their stretch, some centimetres, becomes an error of the position".to_owned(),
+            "the cables are treated as rigid: their stretch, some centimetres, becomes a position error".to_owned(),
             "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
         ),
     });
-    findings.extend(slender(&robot));
-    findings.extend(file.calibration.as_ref().map(calibrated));
-    findings.extend(robot.motor_table().map(|table| measured(&robot, table)));
+    findings.extend(collinear_anchors(&robot));
+    findings.extend(file.calibration.as_ref().map(calibration_finding));
+    findings.extend(robot.motor_table().map(|table| motor_table_finding(&robot, table)));
     let (fastest, tightest) = (robot.speed_limit_m_s(), robot.tension_limits_n()[1]);
     let modelled = |_| robot.motor().current_a(tightest, fastest);
     let current = robot.current().current_a(tightest, fastest).unwrap_or_else(modelled);
@@ -317,20 +321,20 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     Ok(findings)
 }
 
-/// Which calibration, and how well it knows the anchors.
-fn calibrated(file: &CalibrationFile) -> Finding {
+/// Describes the calibration of the anchors and its accuracy.
+fn calibration_finding(file: &CalibrationFile) -> Finding {
     let (anchor, axis, std_m) = file.worst();
     let mut sentence = format!(
-        "the anchors are of the calibration of {} ({}): {axis} of anchor {anchor} is known least, to ±{std_m:.3} m",
+        "the anchors come from the calibration of {} ({}); the least certain coordinate is {axis} of anchor {anchor}, ±{std_m:.3} m",
         file.date, file.method
     );
     if file.scale_std > 0.0 {
         let then = match file.true_counts_per_m() {
-            Some(counts) => format!("the robot's own, so it reckons with {counts:.1?} counts per metre instead"),
-            None => "not said to be the robot's own (counts_per_m), so its encoders are left as they are".to_owned(),
+            Some(counts) => format!("measured by the robot, so it uses {counts:.1?} counts per metre instead"),
+            None => "not measured by the robot (no counts_per_m), so the encoder scale is unchanged".to_owned(),
         };
         sentence.push_str(&format!(
-            "; the lengths read {:.4} ±{:.4} times the true ones, and were {then}",
+            "; the measured lengths are {:.4} ±{:.4} times the true ones and were {then}",
             file.scale, file.scale_std
         ));
     }
@@ -340,40 +344,42 @@ fn calibrated(file: &CalibrationFile) -> Finding {
     note(sentence)
 }
 
-/// What a motor table covers of what the robot may do.
-fn measured(robot: &Robot, table: &MotorTable) -> Finding {
+/// Compares the range of the motor table with the limits of the robot.
+fn motor_table_finding(robot: &Robot, table: &MotorTable) -> Finding {
     let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
     let ([slowest, fastest], [loosest, tightest]) = (ends(table.speeds_m_s()), ends(table.tensions_n()));
     let sentence = format!(
-        "the motor table covers {slowest} to {fastest} m/s and {loosest} to {tightest} N; what a move costs beyond is not known"
+        "the motor table covers {slowest} to {fastest} m/s and {loosest} to {tightest} N; the energy of a move beyond this range is unknown"
     );
     let limit = robot.speed_limit_m_s();
     if slowest > -limit || fastest < limit {
-        let cure = "record runs that raise and lower loads as fast as speed_limit_m_s; slower moves are not affected";
+        let cure = "record runs that raise and lower loads at speed_limit_m_s; slower moves are not affected";
         return warning(sentence, cure);
     }
     note(sentence)
 }
 
-/// What happens when the drives stop feeding the motors: leads shorted, only the gear and the motor's own braking hold.
-fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
+/// Computes how fast the node sinks when the drives stop powering the motors: their leads are shorted, so only gear
+/// friction and
+/// the motors' own braking hold the load.
+fn sinking_finding(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
     let pays_out: Vec<f64> = tensions_n.iter().map(|tension| unpowered_m_s(robot, *tension)).collect();
     let fastest = pays_out.iter().fold(0.0_f64, |most, speed| most.max(*speed));
     if fastest == 0.0 {
         let motor = robot.motor();
         let most = robot.tension_limits_n()[1];
         let beyond = match unpowered_m_s(robot, most) {
-            0.0 => "whatever the load".to_owned(),
+            0.0 => "at any load".to_owned(),
             speed => {
                 let holds = motor.coulomb_n / (1.0 - motor.gear_friction);
-                format!("up to {holds:.1} N per line; at {most} N a line would run out at {:.1} mm/s", 1000.0 * speed)
+                format!("up to {holds:.1} N per cable; at {most} N a cable would unwind at {:.1} mm/s", 1000.0 * speed)
             }
         };
         return note(format!("unpowered, the gears hold the node: sinking speed 0 mm/s ({beyond})"));
     }
     if robot.net_weight_n() == 0.0 {
         return note(format!(
-            "unpowered, a line runs out at {:.1} mm/s until nothing pulls on it; the node floats",
+            "unpowered, a cable unwinds at {:.1} mm/s until it is slack; the node does not sink",
             1000.0 * fastest
         ));
     }
@@ -381,7 +387,7 @@ fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
         NodeJacobian::at(robot.anchors(), at).map_or(fastest, |jacobian| jacobian.node_velocity(&pays_out).norm());
     warning(
         format!(
-            "unpowered, a line runs out at {:.1} mm/s and the node sinks at {:.1} mm/s",
+            "unpowered, a cable unwinds at {:.1} mm/s and the node sinks at {:.1} mm/s",
             1000.0 * fastest,
             1000.0 * node
         ),
@@ -389,7 +395,8 @@ fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
     )
 }
 
-/// Speed at which a line runs out of a motor with shorted leads, m/s: the load less friction, against the motor's own braking.
+/// Returns the speed at which a cable unwinds from a motor with shorted leads, m/s: the load less friction, divided by
+/// the motor's braking.
 fn unpowered_m_s(robot: &Robot, tension_n: f64) -> f64 {
     let motor = robot.motor();
     let drives = tension_n - (motor.gear_friction * tension_n + motor.coulomb_n);
@@ -397,13 +404,13 @@ fn unpowered_m_s(robot: &Robot, tension_n: f64) -> f64 {
     drives.max(0.0) / braking
 }
 
-/// How high the node can go in the middle.
-fn ceiling(robot: &Robot, from: &Vector3<f64>, distribution: Distribution) -> Finding {
+/// Finds the greatest feasible height of the node above `from`.
+fn ceiling_finding(robot: &Robot, from: &Vector3<f64>, distribution: Distribution) -> Finding {
     let mut at = *from;
     while tension::at(robot, &at, &Vector3::zeros(), distribution).is_ok() {
         at.z += 0.01;
     }
-    note(format!("in the middle the node can go up to {:.2} m within tension_limits_n", at.z - 0.01))
+    note(format!("in the middle the node can rise to {:.2} m within tension_limits_n", at.z - 0.01))
 }
 
 fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
@@ -412,7 +419,7 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
     let (period, watchdog) = (file.period_s(), file.motor_io.watchdog_s);
     let (cable, node) = (robot.cable_speed_limit_m_s(), robot.robot.speed_limit_m_s);
     findings.push(note(format!(
-        "if motor-io dies, the drives stop after {watchdog} s: at most {:.0} mm of line at the robot's {node} m/s ({:.0} mm at the cable limit of {cable} m/s)",
+        "if motor-io dies, the drives stop after {watchdog} s: at most {:.0} mm of cable at the robot's {node} m/s ({:.0} mm at the cable limit of {cable} m/s)",
         1000.0 * watchdog * node,
         1000.0 * watchdog * cable
     )));
@@ -427,14 +434,14 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
         if port.path.contains("{domain}") {
             if file.motor_box.is_none() {
                 findings.push(error(
-                    format!("port {} is on the virtual motor box, and there is no [motor_box]", index + 1),
+                    format!("port {} is on the virtual motor box, but the file has no [motor_box]", index + 1),
                     "give the path of the real device, or add [motor_box]",
                 ));
             }
         } else if !Path::new(&port.path).exists() {
             findings.push(error(
-                format!("port {}: there is no {}", index + 1, port.path),
-                "plug the drives in; stable names stand in /dev/serial/by-id",
+                format!("port {}: {} does not exist", index + 1, port.path),
+                "plug the drives in; stable names are in /dev/serial/by-id",
             ));
         }
     }
@@ -442,13 +449,13 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
     if file.estimator.stretch != file.controller.stretch {
         findings.push(warning(
             "`stretch` differs between [estimator] and [controller]".to_owned(),
-            "set both alike, otherwise one corrects what the other does not know of",
+            "set both to the same value, otherwise one compensates a stretch that the other ignores",
         ));
     }
     Ok(findings)
 }
 
-/// A horizon of the paper's law that does not fit the drives, where their delay and lag are known.
+/// Warns of a horizon of the paper's law that does not suit the drives, where their delay and lag are known.
 pub fn horizon(file: &SystemFile) -> Option<Finding> {
     let section = file.motor_box.as_ref()?;
     let best = (2.0 * (section.delay_s + section.lag_s) / file.period_s() + 3.0).round() as usize;
@@ -456,26 +463,26 @@ pub fn horizon(file: &SystemFile) -> Option<Finding> {
     (horizon < best / 2 || horizon > 2 * best).then(|| {
         warning(
             format!("controller.horizon_cycles = {horizon} is far from 2 (delay + lag) / period + 3 = {best}"),
-            "a short horizon rings, a long one lags: set it near that number",
+            "a short horizon oscillates, a long one lags: set it near that number",
         )
     })
 }
 
-/// What a mission comes to.
+/// Size of a planned mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flight {
-    /// Segments.
+    /// Number of segments.
     pub segments: usize,
     /// Length of the path, m.
     pub length_m: f64,
     /// Duration, s.
     pub duration_s: f64,
-    /// Loss in the motors by their model, J; `None` where a measured table does not cover the mission.
+    /// Energy lost in the motors by their model, J; `None` if a measured motor table does not cover the mission.
     pub energy_j: Option<f64>,
 }
 
 impl Flight {
-    /// In words.
+    /// Returns one line of text.
     #[must_use]
     pub fn words(&self) -> String {
         let energy = self.energy_j.map_or(String::new(), |joules| format!(", about {joules:.0} J in the motors"));
@@ -483,10 +490,10 @@ impl Flight {
     }
 }
 
-/// Plans a whole mission from a starting point, with the planner's own checks.
+/// Plans a whole mission from a starting point with the planner's own checks.
 ///
 /// # Errors
-/// Where it breaks which limit, by how much.
+/// Where the mission exceeds which limit, and by how much.
 pub fn fly(mission: &Mission, file: &SystemFile, from: &[f64; 3]) -> Answer<Flight> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
@@ -517,7 +524,7 @@ fn plan(
     })
 }
 
-fn flown(
+fn mission_finding(
     mission: &Mission,
     robot: &RobotFile,
     section: &PlannerSection,
@@ -538,7 +545,7 @@ fn flown(
         )),
         Err(why) => error(
             format!("mission \"{}\" cannot be flown: {why}", mission.name),
-            "move the points that it names, or fly slower",
+            "move the points that it names, or reduce the speed",
         ),
     })
 }

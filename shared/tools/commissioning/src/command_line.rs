@@ -3,34 +3,36 @@
 use crate::{calibrate, check, doctor, kinematics, plan, setup, workspace};
 use command::{Answer, Output};
 
-/// What can be done before the first flight, without a running robot.
+/// Commands for the time before the first flight, without a running robot.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Check a robot, system, mission, sensor or ground file; each finding with its cure.
+    /// Check a robot, system, mission, sensor or ground file; each finding has a remedy.
     Check(check::Args),
-    /// Look at this machine: memory, stale robots, limits, ports, clock, disk; each finding with its cure. Exit code 1: one would stop the robot.
+    /// Check this machine: memory, stale robots, limits, ports, clock, disk; each finding has a remedy. Exit code 1: an
+    /// error would stop the robot.
     Doctor(doctor::Args),
     /// Cable lengths for a position of the node.
     Ik(kinematics::IkArgs),
-    /// Position of the node for cable lengths.
+    /// Position of the node for given cable lengths.
     Fk(kinematics::FkArgs),
-    /// Cable tensions for a position and acceleration of the node.
+    /// Cable tensions for a position and an acceleration of the node.
     Tension(kinematics::TensionArgs),
-    /// Anchors with their deviations from measurements in the field, or why these do not determine them.
+    /// Compute the anchors and their standard deviations from field measurements, or explain why they do not determine
+    /// them.
     Calibrate(calibrate::Args),
-    /// Calibrate in the field by answering one question at a time; what was answered is kept, and the same command goes on.
+    /// Calibrate in the field by answering one question at a time; answers are saved, and the same command continues.
     Setup(setup::Args),
-    /// What a move costs, and the parabola that costs least.
+    /// Cost of a move, and the parabola with the least cost.
     Plan(plan::Args),
-    /// Where the lines can hold the node at rest: volume and margins.
+    /// Region where the cables can hold the node at rest: volume and margins.
     Workspace(workspace::Args),
 }
 
 impl Command {
-    /// Carries the command out.
+    /// Runs the command.
     ///
     /// # Errors
-    /// One sentence.
+    /// One sentence that the program prints.
     pub fn run(&self) -> Answer<Output> {
         match self {
             Self::Check(args) => check::run(args),

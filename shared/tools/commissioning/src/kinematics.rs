@@ -1,4 +1,4 @@
-//! Mathematics without a running robot: `ik`, `fk`, `tension`.
+//! Kinematics and statics without a running robot: `ik`, `fk`, `tension`.
 
 use crate::plan;
 use crate::plan::Method;
@@ -15,7 +15,7 @@ pub struct IkArgs {
     /// Robot file.
     #[arg(long)]
     pub config: PathBuf,
-    /// Where the node is, m.
+    /// Position of the node, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub at: Point,
 }
@@ -37,18 +37,18 @@ pub struct TensionArgs {
     /// Robot file.
     #[arg(long)]
     pub config: PathBuf,
-    /// Where the node is, m.
+    /// Position of the node, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub at: Point,
-    /// Acceleration of the node, m/s²; default: none.
+    /// Acceleration of the node, m/s²; default: zero.
     #[arg(long, value_name = "AX,AY,AZ|AX,AZ", value_parser = point, allow_hyphen_values = true)]
     pub accel: Option<Point>,
-    /// Which of the possible tensions; default: unique for as many cables as directions, least-norm for more.
+    /// Tension distribution; default: unique for as many cables as degrees of freedom, least-norm for more.
     #[arg(long, value_enum)]
     pub method: Option<Method>,
 }
 
-/// The robot of a file. [`RobotFile::load`] refuses anchors that determine no position.
+/// Loads the robot of a file. [`RobotFile::load`] rejects anchors that determine no position.
 fn robot(path: &Path) -> Answer<Robot> {
     RobotFile::load(path).map_err(Failure::bad)?.robot().map_err(Failure::bad)
 }
@@ -57,32 +57,32 @@ fn robot(path: &Path) -> Answer<Robot> {
 ///
 /// # Errors
 /// A robot file or a point that cannot be used.
-pub fn ik(asked: &IkArgs) -> Answer<Output> {
-    let robot = robot(&asked.config)?;
-    let lengths = kinematics::inverse_kinematics(robot.anchors(), &points::position(&robot, &asked.at)?.into());
+pub fn ik(args: &IkArgs) -> Answer<Output> {
+    let robot = robot(&args.config)?;
+    let lengths = kinematics::inverse_kinematics(robot.anchors(), &points::position(&robot, &args.at)?.into());
     Ok(Output::json(json!({ "lengths_m": lengths.to_vec() })))
 }
 
-/// `nims fk`: the position with these straight lengths; of two mirrored ones the lower.
+/// `nims fk`: the position that matches these straight lengths; of two mirrored solutions, the lower one.
 ///
 /// # Errors
-/// A robot file that cannot be used, or lengths that no position has.
-pub fn fk(asked: &FkArgs) -> Answer<Output> {
-    let robot = robot(&asked.config)?;
-    let found = kinematics::forward_kinematics(robot.anchors(), &asked.lengths.0, None).map_err(Failure::bad)?;
+/// A robot file that cannot be used, or lengths that match no position.
+pub fn fk(args: &FkArgs) -> Answer<Output> {
+    let robot = robot(&args.config)?;
+    let found = kinematics::forward_kinematics(robot.anchors(), &args.lengths.0, None).map_err(Failure::bad)?;
     let position = points::written(&robot, &found.position);
     Ok(Output::json(json!({ "position_m": position, "residual_m": found.residual_rms_m })))
 }
 
-/// `nims tension`: tensions within the limits, or why there are none.
+/// `nims tension`: tensions within the limits, or why they do not exist.
 ///
 /// # Errors
 /// A robot file, pose or method that cannot be used.
-pub fn tension(asked: &TensionArgs) -> Answer<Output> {
-    let robot = robot(&asked.config)?;
-    let distribution = plan::distribution(asked.method, &robot);
-    let at = Vector3::from(points::position(&robot, &asked.at)?);
-    let acceleration = match &asked.accel {
+pub fn tension(args: &TensionArgs) -> Answer<Output> {
+    let robot = robot(&args.config)?;
+    let distribution = plan::distribution(args.method, &robot);
+    let at = Vector3::from(points::position(&robot, &args.at)?);
+    let acceleration = match &args.accel {
         Some(acceleration) => points::position(&robot, acceleration)?.into(),
         None => Vector3::zeros(),
     };

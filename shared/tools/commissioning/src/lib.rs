@@ -1,8 +1,8 @@
-//! What happens before the first flight: checks of configuration and machine, the calibration, plans on paper.
+//! Commands for the time before the first flight: checks of configuration and machine, calibration, offline plans.
 //!
 //! Invariants:
-//! * Nothing here asks a robot to move, and most of it needs none.
-//! * Each finding has its cure beside it.
+//! * Nothing here requests motion, and most commands work without a robot.
+//! * Each finding has a remedy.
 #![forbid(unsafe_code)]
 
 pub mod calibrate;

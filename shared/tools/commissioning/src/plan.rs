@@ -1,4 +1,4 @@
-//! `nims plan`: what a move costs, and the parabola that costs least, without a running robot.
+//! `nims plan`: the cost of a move, and the parabola with the least cost, without a running robot.
 
 use cable_robot::energy::optimum::{Precision, best};
 use cable_robot::energy::{Best, Bounds, Cost, EnergyError, WinchEnergy, flight, parabola};
@@ -18,29 +18,29 @@ pub struct Args {
     /// Robot file.
     #[arg(long)]
     pub config: PathBuf,
-    /// Where the move starts, m.
+    /// Start of the move, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub from: Point,
-    /// Where it ends, m.
+    /// End of the move, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub to: Point,
-    /// Along which path; default: a line, or with --mu a parabola. A parabola without --mu and a lateral path are those that cost
-    /// least.
+    /// Shape of the path; default: a line, or with --mu a parabola. A parabola without --mu and a lateral path are
+    /// those of least cost.
     #[arg(long, value_enum)]
     pub path: Option<PathKind>,
-    /// How much the parabola sags, 1/m.
+    /// Sag parameter of the parabola, 1/m.
     #[arg(long, value_name = "PER_M", value_parser = finite, allow_negative_numbers = true)]
     pub mu: Option<f64>,
-    /// What a second costs beside the losses in the motors, W.
+    /// Cost of a second besides the losses in the motors, W.
     #[arg(long, value_name = "W", value_parser = not_negative, allow_negative_numbers = true, default_value = "0")]
     pub time_weight: f64,
-    /// Which of the possible tensions; default: unique for as many cables as directions, least-norm for more.
+    /// Tension distribution; default: unique for as many cables as degrees of freedom, least-norm for more.
     #[arg(long, value_enum)]
     pub method: Option<Method>,
     /// Cruise speed, m/s; default: the robot's limit.
     #[arg(long, value_name = "M_S", value_parser = finite, allow_negative_numbers = true)]
     pub speed: Option<f64>,
-    /// Reckon with a constant speed and no accelerations, as the paper does.
+    /// Assume a constant speed without accelerations, as the paper does.
     #[arg(long)]
     pub constant_speed: bool,
 }
@@ -48,34 +48,34 @@ pub struct Args {
 /// Shape of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PathKind {
-    /// Straight.
+    /// A straight line.
     Line,
     /// A parabola in a vertical plane.
     Parabola,
-    /// Sags and swings sideways so that it loses least in the motors.
+    /// A curve that also deviates sideways, with the least losses in the motors.
     Lateral,
 }
 
-/// Which tensions are chosen among the possible.
+/// Choice among the feasible tensions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Method {
-    /// The only ones (as many cables as directions).
+    /// The only solution (as many cables as degrees of freedom).
     Unique,
     /// Least sum of squares.
     LeastNorm,
     /// Least sum.
     MinSum,
-    /// Farthest from both limits.
+    /// Greatest distance from both limits.
     Safest,
 }
 
-/// Simpson's intervals for the answer, and for the scan.
+/// Intervals of Simpson's rule: for the result, and for the scan.
 const INTERVALS: [usize; 2] = [64, 16];
 
-/// Step of the check of the whole move, m, for the answer, and for the scan.
+/// Step of the check along the move, m: for the result, and for the scan.
 const CHECK_M: [f64; 2] = [0.01, 0.1];
 
-/// How tensions are chosen, from what was asked for.
+/// Returns the requested tension distribution, or the default of the robot.
 pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
     match method {
         None => robot.default_distribution(),
@@ -86,58 +86,58 @@ pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
     }
 }
 
-/// Plans the move: the best parabola, the one asked for, or the line.
+/// Runs `nims plan`: computes the cost of the best parabola, the requested path, or the line.
 ///
 /// # Errors
-/// A robot file or arguments that cannot be used. A move that cannot be flown is an answer.
-pub fn run(asked: &Args) -> Answer<Output> {
-    planned(asked).map(Output::json)
+/// A robot file or arguments that cannot be used. An infeasible move is a result, not an error.
+pub fn run(args: &Args) -> Answer<Output> {
+    plan_move(args).map(Output::json)
 }
 
-fn planned(asked: &Args) -> Answer<Value> {
-    let robot = RobotFile::load(&asked.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
-    let speed_m_s = asked.speed.unwrap_or(robot.speed_limit_m_s());
+fn plan_move(args: &Args) -> Answer<Value> {
+    let robot = RobotFile::load(&args.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+    let speed_m_s = args.speed.unwrap_or(robot.speed_limit_m_s());
     if !(speed_m_s > 0.0 && speed_m_s <= robot.speed_limit_m_s()) {
         return Err(Failure::BadInput(format!(
             "--speed is {speed_m_s} m/s; accepted: above 0 and at most the robot's speed_limit_m_s of {} m/s",
             robot.speed_limit_m_s()
         )));
     }
-    if asked.path == Some(PathKind::Lateral) && asked.mu.is_some() {
-        return Err(Failure::BadInput("--mu is for a parabola; leave it out, or ask for --path parabola".to_owned()));
+    if args.path == Some(PathKind::Lateral) && args.mu.is_some() {
+        return Err(Failure::BadInput("--mu applies to a parabola only; omit it, or use --path parabola".to_owned()));
     }
-    let reckoning = Reckoning {
+    let move_cost = MoveCost {
         winch_energy: WinchEnergy {
             anchors: robot.anchors(),
             planar: robot.is_planar(),
             wrench_n: robot.wrench_n(&Vector3::zeros()),
             drag_n_s2_m2: robot.drag_n_s2_m2(),
             limits_n: robot.tension_limits_n(),
-            method: distribution(asked.method, &robot),
+            method: distribution(args.method, &robot),
             current: robot.current(),
         },
         robot: &robot,
         speed_m_s,
-        constant: asked.constant_speed,
+        constant: args.constant_speed,
     };
-    let ends = [points::position(&robot, &asked.from)?, points::position(&robot, &asked.to)?].map(Vector3::from);
-    let found = match asked.path {
-        Some(PathKind::Lateral) => reckoning.best_lateral(asked, ends),
-        _ => reckoning.best(asked, ends).map(|best| words(&best)),
+    let ends = [points::position(&robot, &args.from)?, points::position(&robot, &args.to)?].map(Vector3::from);
+    let found = match args.path {
+        Some(PathKind::Lateral) => move_cost.best_lateral(args, ends),
+        _ => move_cost.best(args, ends).map(|best| feasible_json(&best)),
     };
     match found {
         Ok(found) => Ok(found),
-        Err(error @ EnergyError::BelowGround { .. }) => Ok(impossible(&error)),
-        Err(error) if error.is_of_the_path() => Ok(impossible(&error)),
+        Err(error @ EnergyError::BelowGround { .. }) => Ok(infeasible_json(&error)),
+        Err(error) if error.is_of_the_path() => Ok(infeasible_json(&error)),
         Err(error) => Err(Failure::bad(error)),
     }
 }
 
-fn impossible(why: &EnergyError) -> Value {
+fn infeasible_json(why: &EnergyError) -> Value {
     json!({ "feasible": false, "why": why.to_string() })
 }
 
-fn words(best: &Best) -> Value {
+fn feasible_json(best: &Best) -> Value {
     let Cost { energy_j, duration_s, length_m, peak_tension_n, peak_current_a, margin_n } = best.cost;
     json!({
         "feasible": true,
@@ -154,20 +154,20 @@ fn words(best: &Best) -> Value {
     })
 }
 
-/// How a move is reckoned.
-struct Reckoning<'a> {
+/// Computes the cost of a move.
+struct MoveCost<'a> {
     winch_energy: WinchEnergy<'a>,
     robot: &'a Robot,
     speed_m_s: f64,
-    /// Quasi-static at constant speed, as the paper has it; otherwise from rest to rest with its accelerations.
+    /// Quasi-static at constant speed, as in the paper; otherwise from rest to rest with accelerations.
     constant: bool,
 }
 
-impl Reckoning<'_> {
-    fn best(&self, asked: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Best, EnergyError> {
-        let bounds = Bounds { ground_m: Some(self.robot.ground_m()), time_weight_w: asked.time_weight };
+impl MoveCost<'_> {
+    fn best(&self, args: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Best, EnergyError> {
+        let bounds = Bounds { ground_m: Some(self.robot.ground_m()), time_weight_w: args.time_weight };
         let shape = |mu_per_m| Parabola { from, to, mu_per_m };
-        match (asked.path, asked.mu) {
+        match (args.path, args.mu) {
             (Some(PathKind::Parabola), None) => best(&from, &to, &bounds, |path, precision| self.cost(path, precision)),
             (_, mu) => {
                 parabola::mu_limit(&from, &to, self.robot.ground_m())?;
@@ -179,19 +179,20 @@ impl Reckoning<'_> {
         }
     }
 
-    /// The path that swings sideways too, found at constant speed as the planner finds it; the parabola where that costs less.
-    fn best_lateral(&self, asked: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
+    /// Finds the path that also deviates sideways, at constant speed as the planner does; returns the parabola where it
+    /// costs less.
+    fn best_lateral(&self, args: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
         let found =
-            flight::best_lateral(self.robot, self.winch_energy.method, &from, &to, self.speed_m_s, asked.time_weight)?;
+            flight::best_lateral(self.robot, self.winch_energy.method, &from, &to, self.speed_m_s, args.time_weight)?;
         let shape = |mu_per_m| Parabola { from, to, mu_per_m };
         let line = self.cost(&shape(0.0), Precision::Fine).ok();
         let Some((bow, _)) = found.lateral else {
             let mu_per_m = found.parabola.mu_per_m;
-            return Ok(words(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
+            return Ok(feasible_json(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
         };
         let constant = || self.winch_energy.bow_at_constant_speed(&bow, self.speed_m_s, INTERVALS[0]);
         let cost = self.along(&Path::Lateral(Lateral::new(bow)), Precision::Fine, constant)?;
-        let mut value = words(&Best { mu_per_m: 0.0, cost, line });
+        let mut value = feasible_json(&Best { mu_per_m: 0.0, cost, line });
         value["mu_per_m"] = Value::Null;
         value["down_m"] = json!(bow.down_m);
         value["side_m"] = json!(bow.side_m);
@@ -206,7 +207,7 @@ impl Reckoning<'_> {
         })
     }
 
-    /// Checks a path and reckons its cost: from rest to rest, or at `constant` speed.
+    /// Checks a path and computes its cost: from rest to rest, or at `constant` speed.
     fn along(
         &self,
         path: &Path,
@@ -214,16 +215,16 @@ impl Reckoning<'_> {
         constant: impl Fn() -> Result<Cost, EnergyError>,
     ) -> Result<Cost, EnergyError> {
         let coarse = usize::from(precision == Precision::Coarse);
-        let flown = |speed_m_s, acceleration_m_s2| {
+        let from_rest = |speed_m_s, acceleration_m_s2| {
             let limits = ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2);
             flight::flown(self.robot, self.winch_energy.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
         };
         if self.constant {
-            // It has no start and no end: it is checked as slowly as makes no accelerations.
-            flown(1e-3, 1e-3)?;
+            // The path has no start and end: check it at a speed so low that the accelerations vanish.
+            from_rest(1e-3, 1e-3)?;
             constant()
         } else {
-            flown(self.speed_m_s, self.robot.acceleration_limit_m_s2())
+            from_rest(self.speed_m_s, self.robot.acceleration_limit_m_s2())
         }
     }
 }

@@ -1,16 +1,16 @@
-//! Figures 7 and 8 and Table III: how the node follows, and how well lengths are predicted.
+//! Figures 7 and 8 and Table III: trajectory tracking, and the prediction of cable lengths.
 
-use super::flight::{DRIVES, Drives, Flight, Track, oblique};
+use super::flight::{ClosedLoopFlight, DRIVES, Drives, Track, oblique};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::Result;
 use cable_control::motor_model::{PRIOR, PhiModel, RIDGE};
-use plot::{Axis, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 
-/// Control period of these flights, s. The paper gives none; ten iterations a second is what its serial link allows.
+/// Control period of these flights, s. The paper gives none; its serial link allows ten iterations per second.
 const PERIOD_S: f64 = 0.1;
 
-/// Where both trajectories begin, m.
+/// Start of both trajectories, m.
 pub const START_M: [f64; 3] = [4.8, 3.0, 0.3];
 
 /// A path of straight lines.
@@ -21,7 +21,7 @@ speed_m_s = 0.2
 polyline = { points_m = [[5.8, 3.0, 0.6], [5.4, 4.2, 1.2], [4.2, 4.2, 0.8], [3.8, 2.6, 1.4], [4.8, 3.0, 0.3]] }
 "#;
 
-/// The spiral of the paper's text; it says nothing of its turns.
+/// The spiral of the paper's text, which gives no number of turns.
 const SPIRAL: &str = r#"
 name = "spiral"
 speed_m_s = 0.2
@@ -29,7 +29,7 @@ speed_m_s = 0.2
 spiral = { rise_m = 1.125, radius_m = 0.60, turns = 4.0 }
 "#;
 
-/// What is flown: straight lines and the spiral, or beginnings of them.
+/// Returns the missions: straight lines and the spiral, or short versions of them.
 pub fn missions(effort: Effort) -> [(&'static str, &'static str); 2] {
     const BEGINNING: &str = "name = \"line\"\n[[leg]]\nline = { to_m = [5.1, 3.0, 0.4] }\n";
     const SMALL: &str = "name = \"spiral\"\n[[leg]]\nspiral = { rise_m = 0.1, radius_m = 0.1, turns = 1.0 }\n";
@@ -40,23 +40,23 @@ pub fn missions(effort: Effort) -> [(&'static str, &'static str); 2] {
     [("straight lines", lines), ("spiral", spiral)]
 }
 
-/// Horizons that are tried.
+/// Horizons of the sweep.
 const HORIZONS: [u32; 8] = [1, 2, 3, 4, 6, 8, 10, 15];
 
-fn flight(mission: &str, horizon: u32, drives: Drives) -> Flight {
-    Flight { period_s: PERIOD_S, horizon, ..Flight::new(START_M, mission.to_owned(), drives) }
+fn flight(mission: &str, horizon: u32, drives: Drives) -> ClosedLoopFlight {
+    ClosedLoopFlight { period_s: PERIOD_S, horizon, ..ClosedLoopFlight::new(START_M, mission.to_owned(), drives) }
 }
 
 fn stand_in_words(drives: &str) -> String {
     format!(
-        "A closed-loop run of the control chain against the plant: {}, a node of 2 kg, elastic lines (EA 6 kN, stretch \
-         corrected), encoder steps of 0.09 mm, drives with {drives}, ten cycles a second, cruise at 0.2 m/s with ramps of \
+        "A closed-loop run of the control chain against the plant: {}, a node of 2 kg, elastic cables (EA 6 kN, stretch \
+         compensated), encoder steps of 0.09 mm, drives with {drives}, ten cycles per second, cruise at 0.2 m/s with ramps of \
          speed.",
         stand_in::THREE
     )
 }
 
-/// RMS error per horizon; not a number where the robot stopped by itself.
+/// Flies the mission with each horizon.
 fn sweep(mission: &str, drives: Drives, horizons: &[u32]) -> Result<Vec<(u32, Track)>> {
     horizons.iter().map(|horizon| Ok((*horizon, flight(mission, *horizon, drives).fly()?))).collect()
 }
@@ -70,7 +70,7 @@ fn best(tracks: &[(u32, Track)]) -> Result<usize> {
     (0..tracks.len())
         .filter(|i| error(i).is_finite())
         .min_by(|a, b| error(a).total_cmp(&error(b)))
-        .ok_or_else(|| anyhow::anyhow!("no horizon flew the mission to its end"))
+        .ok_or_else(|| anyhow::anyhow!("the mission was not completed with any horizon"))
 }
 
 fn sweep_table(quick: &[(u32, Track)], slow: &[(u32, Track)]) -> Table {
@@ -80,7 +80,7 @@ fn sweep_table(quick: &[(u32, Track)], slow: &[(u32, Track)]) -> Table {
     );
     for ((horizon, a), (_, b)) in quick.iter().zip(slow) {
         let cell = |track: &Track| {
-            if track.done { fixed(millimetres(track, Track::by_estimate), 2) } else { "stopped by itself".to_owned() }
+            if track.done { fixed(millimetres(track, Track::by_estimate), 2) } else { "stopped".to_owned() }
         };
         table.row([horizon.to_string(), cell(a), cell(b)]);
     }
@@ -93,31 +93,30 @@ fn sweep_chart(quick: &[(u32, Track)], slow: &[(u32, Track)]) -> Chart {
     };
     Chart {
         caption: "RMS error over the horizon Delta".into(),
-        x: Axis::of("Delta, cycles of 0.1 s"),
-        y: Axis::of("mm"),
+        x: Axis::auto("Delta, cycles of 0.1 s"),
+        y: Axis::auto("mm"),
         series: vec![
-            Series::line(DRIVES[0].name, 0, curve(quick)).looking(Look::Marked),
-            Series::line(DRIVES[1].name, 1, curve(slow)).looking(Look::Marked),
+            Series::line(DRIVES[0].name, 0, curve(quick)).with_style(SeriesStyle::Marked),
+            Series::line(DRIVES[1].name, 1, curve(slow)).with_style(SeriesStyle::Marked),
         ],
         legend: Legend::UpperLeft,
         ..Chart::default()
     }
 }
 
-/// What the text says about Δ, judged on both drives.
+/// Checks the claims about Δ on both drives.
 fn horizon_checks(quick: &[(u32, Track)], slow: &[(u32, Track)]) -> Result<Vec<Check>> {
     let mut checks = Vec::new();
     for (drives, tracks) in [(DRIVES[0], quick), (DRIVES[1], slow)] {
         let at = best(tracks)?;
         let (first, last) = (&tracks[0].1, &tracks[tracks.len() - 1].1);
         let [least, short, long] = [&tracks[at].1, first, last].map(|track| millimetres(track, Track::by_estimate));
-        let short_words =
-            if short.is_finite() { format!("{short:.1} mm") } else { "a robot that stops itself".to_owned() };
+        let short_words = if short.is_finite() { format!("{short:.1} mm") } else { "a stopped robot".to_owned() };
         checks.push(Check::claim(
             (short.is_nan() || short > 1.2 * least) && long > 1.2 * least,
             format!(
-                "{}: least error {least:.2} mm at Delta = {}; {short_words} at Delta = {} for want of stability, {long:.1} mm at \
-                 Delta = {} for want of response",
+                "{}: least error {least:.2} mm at Delta = {}; {short_words} at Delta = {} for lack of stability, {long:.1} mm at \
+                 Delta = {} for lack of responsiveness",
                 drives.name,
                 tracks[at].0,
                 tracks[0].0,
@@ -128,9 +127,9 @@ fn horizon_checks(quick: &[(u32, Track)], slow: &[(u32, Track)]) -> Result<Vec<C
     Ok(checks)
 }
 
-/// Figure 7: a trace of x along straight lines.
+/// Figure 7: x along straight lines.
 pub fn fig7(effort: Effort) -> Result<Section> {
-    let horizons = effort.some(&HORIZONS);
+    let horizons = effort.select(&HORIZONS);
     let [(_, mission), _] = missions(effort);
     let quick = sweep(mission, DRIVES[0], &horizons)?;
     let slow = sweep(mission, DRIVES[1], &horizons)?;
@@ -138,26 +137,26 @@ pub fn fig7(effort: Effort) -> Result<Section> {
     let [estimate, truth] = [millimetres(track, Track::by_estimate), millimetres(track, Track::by_truth)];
     let trace = Chart {
         caption: format!("x along straight lines, Delta = {horizon}"),
-        x: Axis::of("time, s"),
-        y: Axis::of("x, m"),
+        x: Axis::auto("time, s"),
+        y: Axis::auto("x, m"),
         series: vec![
-            track.over_time("setpoint", GREY, |at| at.setpoint.x).looking(Look::Line(5)),
+            track.over_time("setpoint", GREY, |at| at.setpoint.x).with_style(SeriesStyle::Line(5)),
             track.over_time("estimate", 0, |at| at.estimate.x),
-            track.over_time("truth", 1, |at| at.truth.x).looking(Look::Dashed),
+            track.over_time("truth", 1, |at| at.truth.x).with_style(SeriesStyle::Dashed),
         ],
         ..Chart::default()
     };
     let mut checks = vec![Check::claim(
         track.done && estimate < 10.0,
         format!(
-            "the estimate keeps within {estimate:.2} mm RMS of the setpoint at the best horizon, Delta = {horizon}"
+            "the estimate stays within {estimate:.2} mm RMS of the setpoint at the best horizon, Delta = {horizon}"
         ),
     )];
     checks.push(Check::condition(
         truth < 10.0,
         format!(
-            "so does the node itself: {truth:.2} mm RMS by truth. The paper could see only the estimate, which knows nothing of \
-             what the lines and poles do"
+            "the node itself stays within 10 mm too: {truth:.2} mm RMS (truth). The paper could only measure the estimate, which does not include \
+             the motion of cables and poles"
         ),
     ));
     checks.extend(horizon_checks(&quick, &slow)?);
@@ -180,7 +179,7 @@ pub fn fig7(effort: Effort) -> Result<Section> {
 
 /// Figure 8: the spiral.
 pub fn fig8(effort: Effort) -> Result<Section> {
-    let horizons = effort.some(&HORIZONS);
+    let horizons = effort.select(&HORIZONS);
     let [_, (_, mission)] = missions(effort);
     let quick = sweep(mission, DRIVES[0], &horizons)?;
     let slow = sweep(mission, DRIVES[1], &horizons)?;
@@ -193,11 +192,11 @@ pub fn fig8(effort: Effort) -> Result<Section> {
     };
     let spiral = Chart {
         caption: format!("the spiral from the side, Delta = {horizon}"),
-        x: Axis::of("m"),
-        y: Axis::of("m"),
+        x: Axis::auto("m"),
+        y: Axis::auto("m"),
         series: vec![
-            track.path("setpoint", GREY, |at| at.setpoint, oblique).looking(Look::Line(5)),
-            track.path("truth", 1, |at| at.truth, oblique).looking(Look::Line(1)),
+            track.path("setpoint", GREY, |at| at.setpoint, oblique).with_style(SeriesStyle::Line(5)),
+            track.path("truth", 1, |at| at.truth, oblique).with_style(SeriesStyle::Line(1)),
         ],
         equal_scale: true,
         legend: Legend::LowerRight,
@@ -206,16 +205,19 @@ pub fn fig8(effort: Effort) -> Result<Section> {
         Check::claim((rise - 1.125).abs() < 1e-3, format!("the spiral rises by {rise:.3} m")),
         Check::claim(
             track.done && estimate < 10.0,
-            format!("the estimate keeps within {estimate:.2} mm RMS of it at the best horizon, Delta = {horizon}"),
+            format!("the estimate stays within {estimate:.2} mm RMS of it at the best horizon, Delta = {horizon}"),
         ),
-        Check::condition(truth < 10.0, format!("so does the node itself: {truth:.2} mm RMS by truth")),
+        Check::condition(truth < 10.0, format!("the node itself stays within 10 mm too: {truth:.2} mm RMS (truth)")),
     ];
     checks.extend(horizon_checks(&quick, &slow)?);
     Ok(Section {
         key: "fig8",
         title: "Figure 8: a spiral",
         claim: "A spiral that rises 1.125 m while its radius grows from 0 to 0.60 m is tracked.".into(),
-        stand_in: format!("{} Four turns; the text gives no number.", stand_in_words("30 ms delay and 40 ms lag")),
+        stand_in: format!(
+            "{} Four turns; the text gives no number of turns.",
+            stand_in_words("30 ms delay and 40 ms lag")
+        ),
         tables: vec![sweep_table(&quick, &slow)],
         pictures: vec![Picture {
             title: String::new(),
@@ -228,8 +230,8 @@ pub fn fig8(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Mean absolute error of lengths predicted one cycle ahead, m: without a model (Φ = [1, 0]), with plain least squares, and with
-/// the ridge.
+/// Mean absolute error of lengths predicted one cycle ahead, m: without a model (Φ = [1, 0]), with plain least squares,
+/// and with the ridge.
 fn prediction_errors(track: &Track, eta: usize) -> [f64; 3] {
     let mut errors = [const { Vec::<f64>::new() }; 3];
     for cable in 0..3 {
@@ -237,7 +239,7 @@ fn prediction_errors(track: &Track, eta: usize) -> [f64; 3] {
         for pair in track.instants.windows(3) {
             let [before, now, after] = pair else { continue };
             let [l0, l1, l2] = [before, now, after].map(|at| at.length_m[cable]);
-            // The command that is sent now acts until the next reading.
+            // The current command acts until the next reading.
             models.iter_mut().for_each(|model| model.update(before.command_m_s[cable], (l1 - l0) / PERIOD_S));
             let command = now.command_m_s[cable];
             let guess = [command, models[0].predict(command), models[1].predict(command)];
@@ -249,7 +251,7 @@ fn prediction_errors(track: &Track, eta: usize) -> [f64; 3] {
     errors.map(|errors| mean(&errors))
 }
 
-/// Table III: how much the motor model helps.
+/// Table III: benefit of the motor model.
 pub fn table3(effort: Effort) -> Result<Section> {
     let mut table = Table::new(
         "Mean error of a cable length predicted one cycle ahead, mm",
@@ -257,13 +259,13 @@ pub fn table3(effort: Effort) -> Result<Section> {
     );
     let mut ratios = Vec::new();
     let mut ridge_ratios = Vec::new();
-    let drives = effort.some(&DRIVES);
+    let drives = effort.select(&DRIVES);
     let mut flown = Vec::new();
     let [(_, lines), (_, spiral)] = missions(effort);
     for (name, mission) in missions(effort) {
         flown.extend(drives.iter().map(|drives| (name, mission, *drives, None)));
     }
-    // Encoder steps as wheels of other sizes have them.
+    // Encoder steps of wheels of other sizes.
     const STEPS: [(&str, f64); 5] = [
         ("straight lines, steps of 0.2 mm", 5000.0),
         ("straight lines, steps of 0.3 mm", 3333.0),
@@ -307,7 +309,7 @@ pub fn table3(effort: Effort) -> Result<Section> {
                 about 18 %."
             .into(),
         stand_in: format!(
-            "{} Larger encoder steps where the table says so. A window of eta = 10; the length of the next reading is predicted from the present one.",
+            "{} Larger encoder steps where stated. A window of eta = 10; each length is predicted from the previous reading.",
             stand_in_words("three different delays and lags")
         ),
         tables: vec![table],
@@ -322,21 +324,21 @@ pub fn table3(effort: Effort) -> Result<Section> {
             Check::condition(
                 high < 1.0,
                 format!(
-                    "so it does with coarser steps: there it multiplies the error by up to {high:.2}, because the steps look like \
+                    "the same holds with coarser steps, where it multiplies the error by up to {high:.2}, because the steps appear as \
                      speed (with a ridge by {ridge_high:.2})"
                 ),
             ),
             Check::condition(
                 (published - 0.82).abs() < 0.07,
-                format!("a reduction of about 18 % (a ratio of 0.82) comes out where the encoder's steps are of its size: {published:.2}"),
+                format!("some encoder step gives a reduction of about 18 % (a ratio of 0.82): {published:.2}"),
             ),
             Check::condition(
                 high - low < 0.1,
-                "the reduction is a property of the method rather than of run, drives and encoder".into(),
+                "the reduction depends on the method rather than on run, drives and encoder".into(),
             ),
         ],
         remarks: vec![format!(
-            "The robot uses the same model with a ridge, which never forgets what a quiet window does not say: {ridge_low:.2} to \
+            "The robot uses the same model with a ridge, which keeps the parameters stable in windows without excitation: {ridge_low:.2} to \
              {ridge_high:.2} in these runs."
         )],
         ..Section::default()

@@ -1,6 +1,6 @@
-//! Figures 11 to 13 and Tables V and VIII: what moves cost in heat.
+//! Figures 11 to 13 and Tables V and VIII: losses of moves.
 
-use super::flight::{DRIVES, Flight, Instant, Track};
+use super::flight::{ClosedLoopFlight, DRIVES, Track, TrackPoint};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::{Context, Result};
@@ -8,26 +8,26 @@ use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, WinchEnergy
 use cable_robot::motor::Motor;
 use cable_robot::{Distribution, Matrix3, Vector3};
 use plant::{Plant, PlantConfig};
-use plot::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, BLACK, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 
-/// Intervals of Simpson's rule: an error of 3e-6.
+/// Intervals of Simpson's rule, with an error of 3e-6.
 const INTERVALS: usize = 64;
 
-/// Flown parabolas keep this far above the ground, m.
+/// Minimum height of flown parabolas above the ground, m.
 const CLEARANCE_M: f64 = 0.1;
 
-/// The move from one corner to the next.
+/// Returns the moves from each corner to the next.
 fn moves<const N: usize>(corners: &[[f64; 3]; N]) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     (0..N).map(|k| (Vector3::from(corners[k]), Vector3::from(corners[(k + 1) % N]))).collect()
 }
 
-/// A configuration as the energy of its moves is computed from.
-struct Rig {
+/// Anchors and motor for the energy of moves.
+struct WinchSetup {
     anchors: Vec<Vector3<f64>>,
     motor: Motor,
 }
 
-impl Rig {
+impl WinchSetup {
     fn new(anchors: &[[f64; 3]], motor: Motor) -> Self {
         Self { anchors: anchors.iter().map(|a| Vector3::from(*a)).collect(), motor }
     }
@@ -44,12 +44,12 @@ impl Rig {
         }
     }
 
-    /// The straight line and the optimal parabola.
+    /// Returns the costs of the straight line and of the optimal parabola.
     fn line_and_best(&self, method: Distribution, ends: (Vector3<f64>, Vector3<f64>)) -> Result<(Cost, Best)> {
         self.line_and_best_above(0.0, method, ends)
     }
 
-    /// The same with the ground at a height, m.
+    /// The same with the ground at this height, m.
     fn line_and_best_above(
         &self,
         ground_m: f64,
@@ -63,9 +63,9 @@ impl Rig {
     }
 }
 
-/// The current that a winch of the plant draws while it raises (or, below zero, lowers) a load at constant speed, A: the mean
-/// after the transient, as the paper measured it.
-fn hoisted_current(tension_n: f64, reel_in_m_s: f64) -> Result<f64> {
+/// Returns the current of a winch of the plant that raises (or, below zero, lowers) a load at constant speed, A: the
+/// mean after the transient, as measured in the paper.
+fn winch_current(tension_n: f64, reel_in_m_s: f64) -> Result<f64> {
     const RUN_S: f64 = 1.6;
     const TRANSIENT_S: f64 = 0.8;
     let travel_m = reel_in_m_s * RUN_S;
@@ -77,7 +77,7 @@ fn hoisted_current(tension_n: f64, reel_in_m_s: f64) -> Result<f64> {
     let mut plant = Plant::new(config)?;
     let mut currents = Vec::new();
     while plant.time_ns() < (RUN_S * 1e9) as u64 {
-        // The drive is told unstretched line per second; positive pays out.
+        // The input is the velocity of unstretched cable; positive pays out.
         let input = plant.speed_input(0, -reel_in_m_s);
         plant.step(0.01, &[input])?;
         if plant.time_ns() > (TRANSIENT_S * 1e9) as u64 {
@@ -87,7 +87,7 @@ fn hoisted_current(tension_n: f64, reel_in_m_s: f64) -> Result<f64> {
     Ok(mean(&currents))
 }
 
-/// Share of the variance of y that the best quadratic of x leaves unexplained, and its curvature.
+/// Returns the share of the variance of y that the best quadratic of x leaves unexplained, and its curvature.
 fn quadratic(points: &[[f64; 2]]) -> Option<[f64; 2]> {
     let basis = |x: f64| Vector3::new(x * x, x, 1.0);
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
@@ -104,15 +104,15 @@ fn quadratic(points: &[[f64; 2]]) -> Option<[f64; 2]> {
 
 /// Figure 11: square of the current over speed and tension.
 pub fn fig11(effort: Effort) -> Result<Section> {
-    let speeds = effort.some(&[-0.3, -0.25, -0.2, -0.15, -0.1, -0.05, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]);
-    let tensions = effort.some(&[5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0]);
+    let speeds = effort.select(&[-0.3, -0.25, -0.2, -0.15, -0.1, -0.05, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]);
+    let tensions = effort.select(&[5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0]);
     let rows: Vec<Vec<f64>> = speeds
         .iter()
-        .map(|v| tensions.iter().map(|t| hoisted_current(*t, *v)).collect::<Result<Vec<_>>>())
+        .map(|v| tensions.iter().map(|t| winch_current(*t, *v)).collect::<Result<Vec<_>>>())
         .collect::<Result<_>>()?;
     let motor = stand_in::geared();
     let table = CurrentTable::new(speeds.clone(), tensions.clone(), &rows, motor.resistance_ohm)?;
-    // Raising at the speed in the middle of the table.
+    // Raising at the greatest speed of the table.
     let fastest = speeds[speeds.len() - 1];
     let up: Vec<[f64; 2]> = tensions
         .iter()
@@ -148,12 +148,12 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     }
     let map = Chart {
         caption: format!("I², from 0 (dark) to {} A² (bright)", fixed(top, 1)),
-        x: Axis::from_to("reel-in speed, m/s", speeds[0], fastest),
-        y: Axis::from_to("tension, N", tensions[0], tensions[tensions.len() - 1]),
+        x: Axis::fixed("reel-in speed, m/s", speeds[0], fastest),
+        y: Axis::fixed("tension, N", tensions[0], tensions[tensions.len() - 1]),
         series: vec![Series {
             name: String::new(),
             colour: 0,
-            look: Look::Cells([cell_v, cell_t], values),
+            style: SeriesStyle::Cells([cell_v, cell_t], values),
             points: cells,
         }],
         ..Chart::default()
@@ -166,15 +166,15 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     };
     let lines = Chart {
         caption: "I² over tension".into(),
-        x: Axis::of("tension, N"),
-        y: Axis::of("A²"),
+        x: Axis::auto("tension, N"),
+        y: Axis::auto("A²"),
         series: [
             (fastest, 1, "raising at 0.3 m/s"),
             (0.1, 3, "raising at 0.1 m/s"),
             (speeds[0], 0, "lowering at 0.3 m/s"),
         ]
         .into_iter()
-        .map(|(speed, colour, name)| Series::line(name, colour, curve(speed)).looking(Look::Marked))
+        .map(|(speed, colour, name)| Series::line(name, colour, curve(speed)).with_style(SeriesStyle::Marked))
         .filter(|series| !series.points.is_empty())
         .collect(),
         legend: Legend::UpperLeft,
@@ -183,7 +183,7 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     Ok(Section {
         key: "fig11",
         title: "Figure 11: square of the motor current over speed and tension",
-        claim: "Raising a load costs a power that grows quadratically with tension; lowering it costs next to nothing."
+        claim: "Raising a load takes a power that grows quadratically with tension; lowering it takes almost none."
             .into(),
         stand_in: format!(
             "{} loads raised and lowered at {} speeds by a winch of the plant (40 N/A, 1.2 ohm, gear friction 0.85, Coulomb \
@@ -213,17 +213,17 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Parabolas against lines in the three-cable stand-in, computed and flown.
-struct Moves {
-    /// Line and best parabola, as computed.
+/// Parabolas compared with lines in the three-cable configuration, computed and flown.
+struct MoveComparison {
+    /// Computed costs of line and best parabola.
     expected: Vec<(Cost, Best)>,
     /// Flights along the line and along the parabola.
     flown: Vec<[Track; 2]>,
 }
 
-impl Moves {
+impl MoveComparison {
     fn fly(effort: Effort) -> Result<Self> {
-        let rig = Rig::new(&stand_in::three(), stand_in::geared());
+        let rig = WinchSetup::new(&stand_in::three(), stand_in::geared());
         let mut moves = moves(&stand_in::TRIANGLE_PATH);
         if effort == Effort::Quick {
             moves.truncate(1);
@@ -234,8 +234,12 @@ impl Moves {
             let [x, y, z]: [f64; 3] = ends.1.into();
             let fly = |leg: String| -> Result<Track> {
                 let mission = format!("name = \"move\"\nspeed_m_s = {}\n[[leg]]\n{leg}\n", stand_in::SPEED_M_S);
-                let track =
-                    Flight { period_s: 0.02, horizon: 10, ..Flight::new(ends.0.into(), mission, DRIVES[0]) }.fly()?;
+                let track = ClosedLoopFlight {
+                    period_s: 0.02,
+                    horizon: 10,
+                    ..ClosedLoopFlight::new(ends.0.into(), mission, DRIVES[0])
+                }
+                .fly()?;
                 anyhow::ensure!(track.done, "the robot stopped on the way to {x}, {y}, {z}");
                 Ok(track)
             };
@@ -249,13 +253,13 @@ impl Moves {
     }
 }
 
-/// Loss and duration of a flown move: J and s.
+/// Returns loss and duration of a flown move, J and s.
 pub(super) fn flown_cost(track: &Track, resistance_ohm: f64) -> [f64; 2] {
-    let moving: Vec<&Instant> = track.instants.iter().filter(|at| at.moving).collect();
+    let moving: Vec<&TrackPoint> = track.instants.iter().filter(|at| at.moving).collect();
     let energy: f64 = moving
         .windows(2)
         .map(|pair| {
-            let loss = |at: &Instant| at.current_a[..3].iter().map(|i| i * i).sum::<f64>() * resistance_ohm;
+            let loss = |at: &TrackPoint| at.current_a[..3].iter().map(|i| i * i).sum::<f64>() * resistance_ohm;
             0.5 * (loss(pair[0]) + loss(pair[1])) * (pair[1].time_s - pair[0].time_s)
         })
         .sum();
@@ -279,18 +283,18 @@ fn track_path(track: &Track, name: &str, colour: usize, onto: fn(&Vector3<f64>) 
     track.path(name, colour, |at| at.truth, onto)
 }
 
-/// Figure 12: the paths.
+/// Figure 12: paths.
 pub fn fig12(effort: Effort) -> Result<Section> {
-    let moves = Moves::fly(effort)?;
+    let moves = MoveComparison::fly(effort)?;
     let view = |caption: &str, y: &str, onto: fn(&Vector3<f64>) -> [f64; 2]| {
         let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| onto(&Vector3::from(*a))).collect();
         let mut outline = anchors.clone();
         outline.push(anchors[0]);
-        // Names stand in one of the two views, where there is room.
+        // The legend is in the view that has space for it.
         let named = y == "z, m";
         let mut series = vec![
-            Series::line(if named { "anchors" } else { "" }, BLACK, anchors).looking(Look::Discs(5)),
-            Series::line("", GREY, outline).looking(Look::Dashed),
+            Series::line(if named { "anchors" } else { "" }, BLACK, anchors).with_style(SeriesStyle::Discs(5)),
+            Series::line("", GREY, outline).with_style(SeriesStyle::Dashed),
         ];
         for (k, tracks) in moves.flown.iter().enumerate() {
             let name = |text: &str| if k == 0 && named { text.to_owned() } else { String::new() };
@@ -299,8 +303,8 @@ pub fn fig12(effort: Effort) -> Result<Section> {
         }
         Chart {
             caption: caption.into(),
-            x: Axis::of("x, m"),
-            y: Axis::of(y),
+            x: Axis::auto("x, m"),
+            y: Axis::auto(y),
             series,
             equal_scale: true,
             legend: Legend::UpperLeft,
@@ -334,12 +338,12 @@ pub fn fig12(effort: Effort) -> Result<Section> {
         checks: vec![
             Check::claim(
                 moves.flown.iter().flatten().all(|track| track.done && track.unsteered == 0),
-                format!("all {} moves are flown to their end with every period steered", 2 * moves.flown.len()),
+                format!("all {} moves are completed with every period steered", 2 * moves.flown.len()),
             ),
             Check::claim(
                 distance(0) < 10.0 && distance(1) < 10.0,
                 format!(
-                    "the node keeps within {:.1} mm RMS of the lines and {:.1} mm of the parabolas",
+                    "the node stays within {:.1} mm RMS of the lines and {:.1} mm of the parabolas",
                     distance(0),
                     distance(1)
                 ),
@@ -353,7 +357,7 @@ pub fn fig12(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Current of motor 2 that statics and the friction model expect at an instant of a flight, A.
+/// Returns the current of a motor over a flight according to statics and the friction model, A.
 fn expected_current(track: &Track, motor: &Motor, cable: usize) -> Result<Vec<[f64; 2]>> {
     let anchors = stand_in::anchors(&stand_in::three())?;
     track
@@ -373,9 +377,9 @@ fn expected_current(track: &Track, motor: &Motor, cable: usize) -> Result<Vec<[f
         .collect()
 }
 
-/// Figure 13: current of motor 2 against the expected values.
+/// Figure 13: current of motor 2 compared with the expected values.
 pub fn fig13(effort: Effort) -> Result<Section> {
-    let moves = Moves::fly(effort)?;
+    let moves = MoveComparison::fly(effort)?;
     let motor = stand_in::geared();
     let cable = 1;
     let mut charts = Vec::new();
@@ -395,17 +399,17 @@ pub fn fig13(effort: Effort) -> Result<Section> {
         powers.push(motor.resistance_ohm * mean(&pick(&mut measured.iter().map(|i| i * i))));
         charts.push(Chart {
             caption: caption.into(),
-            x: Axis::of("time, s"),
-            y: Axis::of("current of motor 2, A"),
+            x: Axis::auto("time, s"),
+            y: Axis::auto("current of motor 2, A"),
             series: vec![
-                track.over_time("measured by the drive", 0, |at| at.current_a[cable]).looking(Look::Line(1)),
+                track.over_time("measured by the drive", 0, |at| at.current_a[cable]).with_style(SeriesStyle::Line(1)),
                 Series::line("expected", 1, expected),
             ],
             legend: Legend::LowerRight,
             ..Chart::default()
         });
     }
-    // Both charts with the same scale.
+    // Both charts have the same scale.
     let top = charts.iter().flat_map(|chart| &chart.series).flat_map(|s| &s.points).fold(0.0, |m: f64, p| m.max(p[1]));
     let low = charts.iter().flat_map(|chart| &chart.series).flat_map(|s| &s.points).fold(0.0, |m: f64, p| m.min(p[1]));
     for chart in &mut charts {
@@ -413,7 +417,7 @@ pub fn fig13(effort: Effort) -> Result<Section> {
     }
     Ok(Section {
         key: "fig13",
-        title: "Figure 13: current of motor 2 against the expected values",
+        title: "Figure 13: current of motor 2 compared with the expected values",
         claim: "Measured currents are in fair agreement with the expected ones, and the mean power falls substantially with the \
                 parabola."
             .into(),
@@ -437,7 +441,7 @@ pub fn fig13(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Table V: what parabolas save with three cables.
+/// Table V: savings by parabolas with three cables.
 pub fn table5(effort: Effort) -> Result<Section> {
     let mut table = Table::new(
         "Parabola relative to the straight line: E energy, TRatio time, rho mean power",
@@ -446,7 +450,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
     let mut ordered = true;
     let mut largest: f64 = 0.0;
     for (name, motor) in [("ideal", stand_in::ideal()), ("geared", stand_in::geared())] {
-        let rig = Rig::new(&stand_in::three(), motor);
+        let rig = WinchSetup::new(&stand_in::three(), motor);
         for (k, ends) in moves(&stand_in::TRIANGLE_PATH).into_iter().enumerate() {
             let (line, best) = rig.line_and_best(Distribution::Unique, ends)?;
             let [e, t] = [best.cost.energy_j / line.energy_j, best.cost.duration_s / line.duration_s];
@@ -463,7 +467,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
             ]);
         }
     }
-    let flown = Moves::fly(effort)?;
+    let flown = MoveComparison::fly(effort)?;
     let mut apart: f64 = 0.0;
     for (k, ((line, best), tracks)) in flown.expected.iter().zip(&flown.flown).enumerate() {
         let [[e0, t0], [e1, t1]] = [0, 1].map(|i| flown_cost(&tracks[i], stand_in::geared().resistance_ohm));
@@ -480,9 +484,9 @@ pub fn table5(effort: Effort) -> Result<Section> {
         ]);
     }
     // The same triangle at other heights.
-    let rig = Rig::new(&stand_in::three(), stand_in::ideal());
+    let rig = WinchSetup::new(&stand_in::three(), stand_in::ideal());
     let mut regions = Vec::new();
-    for height in effort.some(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
+    for height in effort.select(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
         let (a, b) = moves(&stand_in::TRIANGLE_PATH)[0];
         let lift = |p: Vector3<f64>| Vector3::new(p.x, p.y, height);
         let (line, best) = rig.line_and_best(Distribution::Unique, (lift(a), lift(b)))?;
@@ -491,16 +495,16 @@ pub fn table5(effort: Effort) -> Result<Section> {
     let (top, bottom) = (regions[0][1], regions[regions.len() - 1][1]);
     let chart = Chart {
         caption: "energy of the optimal parabola over that of the line, ideal motors".into(),
-        x: Axis::of("height of the move, m (anchors at 3.2 m)"),
-        y: Axis::from_to("E", 0.0, 1.0),
-        series: vec![Series::line("", 0, regions).looking(Look::Marked)],
+        x: Axis::auto("height of the move, m (anchors at 3.2 m)"),
+        y: Axis::fixed("E", 0.0, 1.0),
+        series: vec![Series::line("", 0, regions).with_style(SeriesStyle::Marked)],
         ..Chart::default()
     };
     Ok(Section {
         key: "table5",
         title: "Table V: energy of parabolic trajectories",
         claim: "Optimised parabolas cost less energy and more time, so that mean power falls more than energy; expected and \
-                measured reductions are close; the gain is tremendous high up and small low down."
+                measured reductions are close; the gain is large near the anchors and small near the ground."
             .into(),
         stand_in: three_words(),
         tables: vec![table],
@@ -541,8 +545,8 @@ pub fn table8(_: Effort) -> Result<Section> {
         for (which, (name, motor)) in
             [("ideal", stand_in::ideal()), ("geared", stand_in::geared())].into_iter().enumerate()
         {
-            let rig = Rig::new(&anchors, motor);
-            // The four sides of the square are one by symmetry.
+            let rig = WinchSetup::new(&anchors, motor);
+            // The four sides of the square are equivalent by symmetry.
             let sides = if place == "square" { 1 } else { 4 };
             for (k, ends) in moves(&stand_in::SQUARE_PATH).into_iter().take(sides).enumerate() {
                 let (sum_line, sum_best) = rig.line_and_best(Distribution::MinSum, ends)?;
@@ -572,12 +576,12 @@ pub fn table8(_: Effort) -> Result<Section> {
                 but leaves it significant."
             .into(),
         stand_in: format!(
-            "{}; a square of 5 m at a height of 4 m. Uneven: anchors as a wood would have them.",
+            "{}; a square of 5 m at a height of 4 m. Uneven: asymmetric anchors, as in a wood.",
             stand_in::FOUR
         ),
         tables: vec![table],
         checks: vec![
-            Check::claim(ordered, "on every side and for both motors both together cost least, and each alone less than neither".into()),
+            Check::claim(ordered, "on every side and for both motors, both together have the least loss, and each alone has less than neither".into()),
             Check::claim(
                 ideal < geared && geared < 0.75,
                 format!("both together leave {ideal:.2} of the loss with ideal and {geared:.2} with geared motors, on average"),

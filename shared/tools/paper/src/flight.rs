@@ -15,31 +15,31 @@ use plant::PlantConfig;
 use plot::Series;
 use segments::motion_of;
 
-/// Encoder counts per metre of line: a wheel of 15 mm radius with 1024 counts per turn.
+/// Encoder counts per metre of cable: a wheel of 15 mm radius with 1024 counts per turn.
 const COUNTS_PER_M: f64 = 10_865.0;
 
-/// How the drives follow a command.
+/// Dynamics of the drives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drives {
-    /// In words.
+    /// Description.
     pub name: &'static str,
-    /// Time until a command has an effect, s.
+    /// Delay until a command has an effect, s.
     pub delay_s: f64,
-    /// Time constant with which the speed then follows, s.
+    /// Time constant of the speed response, s.
     pub lag_s: f64,
 }
 
-/// Quick, slow and very slow drives.
+/// Fast, slow and very slow drives.
 pub const DRIVES: [Drives; 3] = [
     Drives { name: "30 ms delay, 40 ms lag", delay_s: 0.030, lag_s: 0.040 },
     Drives { name: "60 ms delay, 100 ms lag", delay_s: 0.060, lag_s: 0.100 },
     Drives { name: "100 ms delay, 200 ms lag", delay_s: 0.100, lag_s: 0.200 },
 ];
 
-/// What is flown and how.
+/// Configuration of a flight.
 #[derive(Debug, Clone)]
-pub struct Flight {
-    /// Where the node hangs at first, m.
+pub struct ClosedLoopFlight {
+    /// Initial position of the node, m.
     pub start_m: [f64; 3],
     /// Mission file.
     pub mission: String,
@@ -49,57 +49,57 @@ pub struct Flight {
     pub horizon: u32,
     /// The drives.
     pub drives: Drives,
-    /// Whether stretch is corrected.
+    /// Whether stretch is compensated.
     pub stretch: bool,
-    /// Stiffness of the plant's lines over what the robot file says.
+    /// Stiffness of the plant's cables divided by that of the robot file.
     pub stiffness_share: f64,
-    /// Encoder counts per metre of line.
+    /// Encoder counts per metre of cable.
     pub counts_per_m: f64,
     /// The control law.
     pub law: Law,
 }
 
-/// One cycle in which the node was to move, or rest on its mission.
+/// One cycle of a motion.
 #[derive(Debug, Clone, Copy)]
-pub struct Instant {
-    /// Time since the mission began, s.
+pub struct TrackPoint {
+    /// Time since the start of the mission, s.
     pub time_s: f64,
-    /// Where the node should be, m.
+    /// Setpoint of the node, m.
     pub setpoint: Vector3<f64>,
-    /// Where the estimator believes it to be, m.
+    /// Estimated position, m.
     pub estimate: Vector3<f64>,
-    /// Where it is, m.
+    /// True position, m.
     pub truth: Vector3<f64>,
-    /// How far the measured lengths are from those that hold the node at the setpoint, with the acceleration it has there,
-    /// as a displacement of the node, m.
+    /// Deviation of the measured lengths from those that hold the node at the setpoint with its acceleration, as a
+    /// displacement of the node, m.
     pub by_lengths: Vector3<f64>,
-    /// Number of the segment that the setpoint belongs to, from 1.
+    /// Number of the segment, from 1.
     pub segment: u64,
     /// Cable velocity sent, m/s.
     pub command_m_s: [f64; 8],
-    /// Lengths as the encoders have them, m.
+    /// Measured cable lengths, m.
     pub length_m: [f64; 8],
-    /// Motor currents as the drives measure them, A.
+    /// Measured motor currents, A.
     pub current_a: [f64; 8],
-    /// False where the setpoint rests.
+    /// Whether the setpoint moves.
     pub moving: bool,
 }
 
-/// A flight and whether it came to its end.
+/// Recorded cycles of a flight.
 #[derive(Debug, Clone)]
 pub struct Track {
     /// Cycle by cycle.
-    pub instants: Vec<Instant>,
-    /// The mission was flown to its end.
+    pub instants: Vec<TrackPoint>,
+    /// Whether the mission was completed.
     pub done: bool,
-    /// Periods that were not steered by a fresh command.
+    /// Number of periods that were not steered by a fresh command.
     pub unsteered: u64,
-    /// Delay and lag as the controller identified them on the way, if it did.
+    /// Delay and lag identified by the controller, if any.
     pub identified: Option<DriveLag>,
 }
 
-impl Flight {
-    /// With the paper's law, stretch corrected, at ten cycles a second.
+impl ClosedLoopFlight {
+    /// Creates a flight with the paper's law, stretch compensation and ten cycles per second.
     pub fn new(start_m: [f64; 3], mission: String, drives: Drives) -> Self {
         let law = Law::LqEndpoint { state_weight: 0.0, input_weight: 1.0 };
         Self {
@@ -115,7 +115,7 @@ impl Flight {
         }
     }
 
-    /// As the lockstep takes it.
+    /// Returns the scenario for the lockstep simulation.
     pub fn scenario(&self) -> Result<Scenario> {
         let robot = stand_in::three_cable_robot()?;
         let mut plant = PlantConfig::new(stand_in::three().to_vec(), self.start_m);
@@ -139,19 +139,19 @@ impl Flight {
         })
     }
 
-    /// Flies it. A robot that stops by itself on the way gives a track that is not done.
+    /// Flies the mission. If the robot stops by itself, the track is incomplete.
     pub fn fly(&self) -> Result<Track> {
         let scenario = self.scenario()?;
         let robot = if self.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() };
         let mission = scenario.mission.clone();
         let longest = (scenario.longest_s / scenario.period_s) as u64;
         let mut chain = Chain::new(&scenario)?;
-        // The laws are looked at alone, also where they follow badly: motor-io would stop such a flight.
+        // The laws are compared even where they track poorly, so motor-io's checks of the divergence are disabled.
         let unjudged = CoreConfig { divergence_m: 10.0, correction_limit_m_s: 10.0, ..core_config(&scenario)? };
         chain.core = Core::new(unjudged);
         let mut lockstep = Lockstep::with(scenario, chain)?;
         lockstep.zero_and_arm()?;
-        lockstep.run(&mission).context("the planner refused the mission")?;
+        lockstep.run(&mission).context("the planner rejected the mission")?;
         let mut track = Track { instants: Vec::new(), done: false, unsteered: 0, identified: None };
         let mut began_s = None;
         for _ in 0..longest {
@@ -176,13 +176,13 @@ impl Flight {
     }
 }
 
-fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<Instant> {
+fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<TrackPoint> {
     let Cycle { authority, state, estimate, .. } = cycle;
     if authority.mode != MotorAuthority::MODE_FOLLOWING {
         return None;
     }
     let motion = motion_of(&cycle.motion)?;
-    // The truth was sampled when the drives had answered.
+    // The truth was sampled after the answers of the drives.
     let since_s = (state.header.stamp_ns - cycle.input.begin_ns) as f64 * 1e-9;
     let time_s = authority.plan_time_s + authority.plan_rate * since_s;
     let setpoint = motion.setpoint(time_s);
@@ -192,7 +192,7 @@ fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<In
             .ok()?;
     let off_m = held.unstretched_m.zip_map(&estimate.predicted_m, |wanted, is| is - wanted);
     let node_jacobian = Jacobian::at(robot.anchors(), &setpoint.position).ok()?.node_jacobian()?;
-    Some(Instant {
+    Some(TrackPoint {
         time_s: time_s - *began_s.get_or_insert(time_s),
         setpoint: setpoint.position,
         estimate: Vector3::from(estimate.position_m),
@@ -207,39 +207,39 @@ fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<In
 }
 
 impl Track {
-    /// Distances while the setpoint moves, m.
-    pub fn distances(&self, of: impl Fn(&Instant) -> f64) -> Vec<f64> {
+    /// Returns a distance of each cycle with a moving setpoint, m.
+    pub fn distances(&self, of: impl Fn(&TrackPoint) -> f64) -> Vec<f64> {
         self.instants.iter().filter(|instant| instant.moving).map(of).collect()
     }
 
-    /// Estimate against setpoint, as the paper measures, m.
+    /// Returns the distances of the estimate from the setpoint, the paper's measure, m.
     pub fn by_estimate(&self) -> Vec<f64> {
         self.distances(|instant| (instant.estimate - instant.setpoint).norm())
     }
 
-    /// Truth against setpoint, m.
+    /// Returns the distances of the truth from the setpoint, m.
     pub fn by_truth(&self) -> Vec<f64> {
         self.distances(|instant| (instant.truth - instant.setpoint).norm())
     }
 
-    /// Measured lengths against those of the setpoint, as a distance of the node, m.
+    /// Returns the deviations of the measured lengths as displacements of the node, m.
     pub fn by_lengths(&self) -> Vec<f64> {
         self.distances(|instant| instant.by_lengths.norm())
     }
 
-    /// A quantity over time.
-    pub fn over_time(&self, name: &str, colour: usize, of: impl Fn(&Instant) -> f64) -> Series {
+    /// Returns a quantity over time.
+    pub fn over_time(&self, name: &str, colour: usize, of: impl Fn(&TrackPoint) -> f64) -> Series {
         let step = (self.instants.len() / 1500).max(1);
         let points = self.instants.iter().step_by(step).map(|instant| [instant.time_s, of(instant)]).collect();
         Series::line(name, colour, points)
     }
 
-    /// A path, each point drawn by `onto`.
+    /// Returns a path, projected by `onto`.
     pub fn path(
         &self,
         name: &str,
         colour: usize,
-        of: impl Fn(&Instant) -> Vector3<f64>,
+        of: impl Fn(&TrackPoint) -> Vector3<f64>,
         onto: impl Fn(&Vector3<f64>) -> [f64; 2],
     ) -> Series {
         let step = (self.instants.len() / 600).max(1);
@@ -247,7 +247,7 @@ impl Track {
     }
 }
 
-/// A view from above at an angle, for drawings of paths: x to the right and down, y to the right and up, z up.
+/// Projects a point obliquely from above: x to the right and down, y to the right and up, z up.
 pub fn oblique(point: &Vector3<f64>) -> [f64; 2] {
     // 30 degrees to each side, seen from 25 degrees above.
     const COS: f64 = 0.866_025_403_784_438_6;

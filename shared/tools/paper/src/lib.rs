@@ -1,8 +1,8 @@
-//! `nims paper`: every figure and table of the paper from this code, and what goes beyond it, on one page.
+//! `nims paper`: reproduces every figure and table of the paper and the improvements over it on one page.
 //!
 //! Invariants:
-//! * Nothing on the page depends on the clock, the machine or the order of computation: the same program writes the same
-//!   bytes.
+//! * Nothing on the page depends on the clock, the machine or the order of computation: the same program writes the
+//!   same bytes.
 //! * A verdict is computed from the statements below it, and these from the numbers of the same run.
 #![forbid(unsafe_code)]
 
@@ -28,14 +28,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// One entry of the page.
+/// A figure, table or improvement on the page.
 #[derive(Clone, Copy)]
 pub struct Entry {
     /// Name on the command line.
     pub key: &'static str,
-    /// Computes it.
+    /// Function that computes it.
     make: fn(Effort) -> Result<Section>,
-    /// About how long it takes, s: the longest are begun first.
+    /// Approximate duration, s; the longest entries start first.
     seconds: f64,
 }
 
@@ -43,7 +43,7 @@ const fn entry(key: &'static str, seconds: f64, make: fn(Effort) -> Result<Secti
     Entry { key, make, seconds }
 }
 
-/// Everything there is, in the order of the page.
+/// All entries in the order of the page.
 pub const ENTRIES: &[Entry] = &[
     entry("fig3", 3.0, calibration::fig3),
     entry("fig4", 3.0, calibration::fig4),
@@ -69,25 +69,25 @@ pub const ENTRIES: &[Entry] = &[
     entry("lateral", 8.0, beyond::lateral),
 ];
 
-/// The entries of these names; all of them if none is named.
+/// Returns the entries with these names; all of them without names.
 ///
 /// # Errors
-/// A name that is none.
+/// An unknown name.
 pub fn entries(names: &[String]) -> Answer<Vec<Entry>> {
     if names.is_empty() {
         return Ok(ENTRIES.to_vec());
     }
     if let Some(name) = names.iter().find(|name| !ENTRIES.iter().any(|entry| entry.key == **name)) {
         let known: Vec<&str> = ENTRIES.iter().map(|entry| entry.key).collect();
-        return Err(Failure::BadInput(format!("there is no figure {name}; accepted: {}", known.join(", "))));
+        return Err(Failure::BadInput(format!("figure is {name}; accepted: {}", known.join(", "))));
     }
     Ok(ENTRIES.iter().filter(|entry| names.iter().any(|name| name == entry.key)).copied().collect())
 }
 
-/// Computes entries on all processors, in the order given.
+/// Computes entries on all processors and returns them in the given order.
 ///
 /// # Errors
-/// What an entry could not compute.
+/// An entry that could not be computed.
 pub fn compute(entries: &[Entry], effort: Effort, progress: &ProgressBar) -> Answer<Vec<Section>> {
     let mut order: Vec<usize> = (0..entries.len()).collect();
     order.sort_by(|a, b| entries[*b].seconds.total_cmp(&entries[*a].seconds));
@@ -110,7 +110,7 @@ pub fn compute(entries: &[Entry], effort: Effort, progress: &ProgressBar) -> Ans
         }
     });
     progress.finish_and_clear();
-    let done = done.into_inner().map_err(|_| Failure::NotNow("a figure's computation ended early".to_owned()))?;
+    let done = done.into_inner().map_err(|_| Failure::NotNow("the computation of a figure ended early".to_owned()))?;
     entries
         .iter()
         .zip(done)
@@ -122,7 +122,7 @@ pub fn compute(entries: &[Entry], effort: Effort, progress: &ProgressBar) -> Ans
         .collect()
 }
 
-/// Writes pictures and page.
+/// Writes the plots and the page.
 ///
 /// # Errors
 /// A file that cannot be written.
@@ -146,20 +146,20 @@ pub fn write(folder: &Path, sections: &[Section]) -> Answer {
 /// `nims paper`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Which, such as fig3 or table8; default: all.
+    /// Figures such as fig3 or table8; default: all.
     pub figures: Vec<String>,
-    /// Folder for the page and its pictures.
+    /// Folder for the page and its plots.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 }
 
-/// Computes, writes, and gives the verdicts.
+/// Computes the entries, writes the page and returns the verdicts.
 ///
 /// # Errors
-/// One sentence.
+/// One sentence that the program prints.
 pub fn run(args: &Args) -> Answer<Output> {
     let (entries, folder) = (entries(&args.figures)?, args.out.as_path());
-    // Hidden by itself where stderr is not a terminal.
+    // Hidden automatically where stderr is not a terminal.
     let progress = ProgressBar::new(entries.len() as u64);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg} {elapsed}") {
         progress.set_style(style);
@@ -173,7 +173,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         .map(|section| format!("{:<10} {:<22} {}", section.key, Verdict::of(&section.checks).words(), section.title))
         .collect();
     let page = folder.join("index.html");
-    words.push(format!("the page is {}", page.display()));
+    words.push(format!("page: {}", page.display()));
     Ok(Output::new(json!({ "page": page, "verdicts": verdicts }), words.join("\n")))
 }
 
@@ -191,7 +191,7 @@ mod tests {
             .collect()
     }
 
-    /// Everything at a reduced size, twice: each entry renders, and the page is the same byte for byte.
+    /// Computes everything at a reduced size twice: each entry renders, and the page is identical byte for byte.
     #[test]
     fn every_figure_renders_and_repeats() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,10 +1,10 @@
-//! `nims paper`: every figure and table of the paper, computed by this code.
+//! The program `nims paper`.
 
 use clap::Parser;
 use nims_paper::Args;
 use std::process::ExitCode;
 
-/// Every figure and table of the paper from this code, on one page with what the paper claims.
+/// Reproduce every figure and table of the paper on one page, with the paper's claims.
 #[derive(Debug, Parser)]
 #[command(name = "nims paper", version = runtime::build::own())]
 struct Cli {

@@ -1,4 +1,4 @@
-//! The page: one HTML and one Markdown file with the same content.
+//! Renders the page as HTML and as Markdown with the same content.
 
 use super::section::{Check, Section, Table, Verdict};
 use plot::escape;
@@ -13,13 +13,13 @@ th{background:#f4f4f4}td:first-child,th:first-child{text-align:left}caption{text
 .holds{background:#2c8c3c}.conditions{background:#c67c00}.not{background:#c03030}\
 .yes{color:#2c8c3c}.no{color:#c03030}";
 
-const TITLE: &str = "The paper, from this code";
+const TITLE: &str = "The paper, reproduced by this code";
 
 const FOREWORD: &str = "Every figure and table of Borgstrom et al., \u{201c}Design and Implementation of NIMS3D, a 3-D Cabled Robot for Actuated Sensing Applications\u{201d}, \
-IEEE Transactions on Robotics 25 (2), 2009, computed with the library and the control chain that fly the robot. The numbers in \
-the tables of the printed paper were not at hand, so every configuration here is a stand-in of the sizes that the text gives \
-(spans of about 10 m, range errors of 1.5 mm, 43 points, a spiral of 1.125 m), and no number is given as the paper's that is \
-not in its text. Figures 1, 2 and 9 are photographs and drawings. Everything is seeded: the same \
+IEEE Transactions on Robotics 25 (2), 2009, computed with the library and the control chain of the robot. The numbers in \
+the tables of the printed paper were not available, so every configuration here is a substitute of the sizes that the text gives \
+(spans of about 10 m, range errors of 1.5 mm, 43 points, a spiral of 1.125 m), and every number attributed to the paper is \
+from its text. Figures 1, 2 and 9 are photographs and drawings. All random numbers are seeded: the same \
 program writes the same page. Each verdict is computed from the statements listed below it.";
 
 fn class(verdict: Verdict) -> &'static str {
@@ -30,7 +30,7 @@ fn class(verdict: Verdict) -> &'static str {
     }
 }
 
-/// Name of a picture's file, without its ending.
+/// Returns the name of a plot's file without extension.
 pub fn stem(section: &Section, picture: usize) -> String {
     if section.pictures.len() == 1 { section.key.to_owned() } else { format!("{}-{}", section.key, picture + 1) }
 }
@@ -44,10 +44,10 @@ fn summary(sections: &[Section]) -> Table {
     table
 }
 
-/// The page as HTML.
+/// Renders the page as HTML.
 pub fn html(sections: &[Section]) -> String {
     let mut out = String::new();
-    // Writing into a string cannot fail.
+    // Writing to a string cannot fail.
     let _ = write!(
         out,
         "<!DOCTYPE html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{TITLE}</title>\n<style>{STYLE}</style>\n\
@@ -59,7 +59,7 @@ pub fn html(sections: &[Section]) -> String {
         let verdict = Verdict::of(&section.checks);
         let _ = writeln!(out, "<h2 id=\"{}\">{}</h2>", section.key, escape(section.title));
         let _ = writeln!(out, "<p><b>{}.</b> {}</p>", claim_word(section), escape(&section.claim));
-        let _ = writeln!(out, "<p><b>Stand-in.</b> {}</p>", escape(&capital(&section.stand_in)));
+        let _ = writeln!(out, "<p><b>Setup.</b> {}</p>", escape(&capital(&section.stand_in)));
         for picture in 0..section.pictures.len() {
             let name = stem(section, picture);
             let _ = writeln!(
@@ -88,7 +88,7 @@ pub fn html(sections: &[Section]) -> String {
     out
 }
 
-/// With a capital letter.
+/// Capitalises the first letter.
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
@@ -98,7 +98,7 @@ fn claim_word(section: &Section) -> &'static str {
     if section.ratio.is_some() { "Idea" } else { "Claim" }
 }
 
-/// The page as Markdown.
+/// Renders the page as Markdown.
 pub fn markdown(sections: &[Section]) -> String {
     let mut out = format!("# {TITLE}\n\n{FOREWORD}\n\n");
     out.push_str(&markdown_table(&summary(sections)));
@@ -106,7 +106,7 @@ pub fn markdown(sections: &[Section]) -> String {
         let verdict = Verdict::of(&section.checks);
         let _ = write!(out, "\n## {}\n\n", section.title);
         let _ = write!(out, "**{}.** {}\n\n", claim_word(section), section.claim);
-        let _ = write!(out, "**Stand-in.** {}\n\n", capital(&section.stand_in));
+        let _ = write!(out, "**Setup.** {}\n\n", capital(&section.stand_in));
         for picture in 0..section.pictures.len() {
             let _ = write!(out, "![{}]({}.svg)\n\n", section.title, stem(section, picture));
         }

@@ -1,6 +1,6 @@
-//! Random numbers that are the same in every run and on every machine.
+//! Random numbers that are identical in every run and on every machine.
 
-/// SplitMix64 (Steele, Lea and Flood 2014), with normal variates by Box and Muller.
+/// Generator SplitMix64 (Steele, Lea and Flood 2014), with normal variates by Box and Muller.
 #[derive(Debug, Clone)]
 pub struct Random {
     state: u64,
@@ -8,7 +8,7 @@ pub struct Random {
 }
 
 impl Random {
-    /// Each seed has its own sequence.
+    /// Creates a generator; each seed has its own sequence.
     pub fn new(seed: u64) -> Self {
         Self { state: seed.wrapping_mul(0x2545_F491_4F6C_DD1D) ^ 0x9E37_79B9_7F4A_7C15, spare: None }
     }
@@ -21,17 +21,17 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// In 0..1.
+    /// Returns a uniform number in 0..1.
     pub fn uniform(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// An index below `count`.
+    /// Returns a uniform index below `count`.
     pub fn below(&mut self, count: usize) -> usize {
         ((self.uniform() * count as f64) as usize).min(count.saturating_sub(1))
     }
 
-    /// Mean 0 and standard deviation 1.
+    /// Returns a normal variate with mean 0 and standard deviation 1.
     pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;
@@ -42,7 +42,7 @@ impl Random {
         radius * libm::cos(angle)
     }
 
-    /// A point of a triangle, every place as likely.
+    /// Returns a point with uniform distribution over a triangle.
     pub fn in_triangle(&mut self, [a, b, c]: [[f64; 2]; 3]) -> [f64; 2] {
         let (mut u, mut v) = (self.uniform(), self.uniform());
         if u + v > 1.0 {

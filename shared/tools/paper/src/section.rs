@@ -1,76 +1,76 @@
-//! What one figure or table of the page is made of, and how its verdict follows from its numbers.
+//! A figure or table of the page, and the computation of its verdict.
 
 use plot::Picture;
 pub use plot::page::Table;
 
-/// One figure or table of the paper, or one place where we know better.
+/// A figure or table of the paper, or an improvement over it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Section {
     /// Name on the command line.
     pub key: &'static str,
     /// Heading.
     pub title: &'static str,
-    /// What the paper says, in our words.
+    /// Claim of the paper, paraphrased.
     pub claim: String,
-    /// What was computed instead of what the paper measured, with which configuration.
+    /// Setup of the computation that replaces the paper's measurement.
     pub stand_in: String,
-    /// Our numbers.
+    /// Tables with computed numbers.
     pub tables: Vec<Table>,
-    /// Our pictures; file names are the key and a number.
+    /// Plots; file names consist of the key and a number.
     pub pictures: Vec<Picture>,
-    /// What the verdict rests on.
+    /// Statements from which the verdict is computed.
     pub checks: Vec<Check>,
-    /// What else is worth knowing.
+    /// Additional remarks.
     pub remarks: Vec<String>,
-    /// For a section beyond the paper: how many times better than the paper's method.
+    /// For an improvement: factor relative to the paper's method.
     pub ratio: Option<String>,
 }
 
-/// A statement that our numbers confirm or refute.
+/// A statement that the numbers confirm or refute.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Check {
-    /// The statement, with our numbers in it.
+    /// The statement with its numbers.
     pub statement: String,
-    /// Whether our numbers confirm it.
+    /// Whether the numbers confirm it.
     pub held: bool,
-    /// The claim itself, or a condition under which somebody might expect it.
+    /// Whether it is the claim itself or a condition.
     pub weight: Weight,
 }
 
-/// How much a check counts.
+/// Effect of a failed check on the verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weight {
-    /// Without it the claim does not hold.
+    /// The claim does not hold.
     Claim,
-    /// Without it the claim holds under conditions only.
+    /// The claim holds under conditions only.
     Condition,
 }
 
 impl Check {
-    /// Part of the claim itself.
+    /// Creates a check of the claim itself.
     pub fn claim(held: bool, statement: String) -> Self {
         Self { statement, held, weight: Weight::Claim }
     }
 
-    /// A condition that limits the claim where it is not met.
+    /// Creates a check of a condition that limits the claim.
     pub fn condition(held: bool, statement: String) -> Self {
         Self { statement, held, weight: Weight::Condition }
     }
 }
 
-/// What our numbers say about a claim.
+/// Verdict on a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Everything that was checked.
+    /// All checks hold.
     Holds,
-    /// The claim, but not everywhere.
+    /// The claim holds, but a condition fails.
     UnderConditions,
-    /// Not the claim.
+    /// The claim does not hold.
     DoesNotHold,
 }
 
 impl Verdict {
-    /// From checks alone: nobody writes a verdict by hand.
+    /// Computes the verdict from the checks alone.
     pub fn of(checks: &[Check]) -> Self {
         let fails = |weight| checks.iter().any(|check| check.weight == weight && !check.held);
         if checks.is_empty() || fails(Weight::Claim) {
@@ -82,7 +82,7 @@ impl Verdict {
         }
     }
 
-    /// In words.
+    /// Returns the verdict as text.
     pub fn words(self) -> &'static str {
         match self {
             Self::Holds => "holds",
@@ -92,17 +92,17 @@ impl Verdict {
     }
 }
 
-/// How much is computed.
+/// Amount of computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
-    /// For the page.
+    /// Full computation for the page.
     Full,
-    /// A twentieth of it, to see that everything works.
+    /// A twentieth of it, for tests.
     Quick,
 }
 
 impl Effort {
-    /// So many trials, or a twentieth.
+    /// Returns the number of trials: all, or a twentieth.
     pub fn trials(self, full: usize) -> usize {
         match self {
             Self::Full => full,
@@ -110,8 +110,8 @@ impl Effort {
         }
     }
 
-    /// All of a list, or a few of it that keep its first and its last.
-    pub fn some<T: Copy>(self, all: &[T]) -> Vec<T> {
+    /// Returns the whole list, or its first, middle and last element.
+    pub fn select<T: Copy>(self, all: &[T]) -> Vec<T> {
         match self {
             Self::Full => all.to_vec(),
             Self::Quick if all.len() <= 3 => all.to_vec(),
@@ -120,30 +120,30 @@ impl Effort {
     }
 }
 
-/// A number with so many digits after the point.
+/// Formats a number with a fixed number of decimals.
 pub fn fixed(value: f64, digits: usize) -> String {
     if value.is_finite() { format!("{value:.digits$}") } else { "-".to_owned() }
 }
 
-/// Mean.
+/// Returns the mean.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// Standard deviation about the mean.
+/// Returns the standard deviation about the mean.
 pub fn deviation(values: &[f64]) -> f64 {
     let m = mean(values);
     (values.iter().map(|v| (v - m) * (v - m)).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-/// The middle value.
+/// Returns the median.
 pub fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Root mean square.
+/// Returns the root mean square.
 pub fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }

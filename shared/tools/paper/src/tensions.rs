@@ -1,4 +1,4 @@
-//! Figures 14 to 16: how four cables share the weight along a parabola.
+//! Figures 14 to 16: distribution of the weight among four cables along a parabola.
 
 use super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::stand_in;
@@ -7,15 +7,15 @@ use cable_robot::energy::parabola::at_fraction;
 use cable_robot::path::Parabola;
 use cable_robot::tension::FourCables;
 use cable_robot::{Anchors, CableVec, StructureMatrix, Vector3};
-use plot::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, BLACK, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 
 /// µ of the parabola of Figures 14 to 16, 1/m: a sag of 0.6 m on 5 m.
 const MU_PER_M: f64 = 0.1;
 
-// An odd number of steps keeps the points off the middle of the way, where the symmetric stand-in has a tie.
+// The number of steps is odd, so that no point lies in the middle, where the symmetric configuration has a tie.
 
-/// Both distributions along the parabola from the first to the second corner, and what they are made of.
-struct Along {
+/// Both distributions along the parabola from the first to the second corner.
+struct TensionProfiles {
     /// Fraction of the way, 0 to 1.
     at: Vec<f64>,
     least_norm: Vec<CableVec>,
@@ -26,7 +26,7 @@ struct Along {
     interval_n: Vec<[f64; 2]>,
 }
 
-impl Along {
+impl TensionProfiles {
     fn new(anchors: &[[f64; 3]], steps: usize) -> Result<Self> {
         let anchors: Anchors = stand_in::anchors(anchors)?;
         let [from, to] = [0, 1].map(|k| Vector3::from(stand_in::SQUARE_PATH[k]));
@@ -50,7 +50,7 @@ impl Along {
         (0..self.at.len()).map(|i| [self.at[i], of(i)]).collect()
     }
 
-    /// Largest change of a cable's tension from one point to the next, N: where, and which cable.
+    /// Returns position, cable and size of the largest change of a tension between adjacent points, N.
     fn largest_step(tensions: &[CableVec]) -> (usize, usize, f64) {
         let mut largest = (0, 0, 0.0);
         for (i, pair) in tensions.windows(2).enumerate() {
@@ -70,11 +70,11 @@ fn stand_in_words() -> String {
 }
 
 fn tension_axis() -> Axis {
-    Axis::of("tension, N")
+    Axis::auto("tension, N")
 }
 
-/// The same curve in two pieces where it jumps, so that no line is drawn through the jump.
-fn broken(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]> {
+/// Splits a curve at a jump, so that no line is drawn through it.
+fn split_at_jump(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]> {
     if let Some(i) = jump {
         points.insert(i + 1, [f64::NAN, f64::NAN]);
     }
@@ -83,11 +83,11 @@ fn broken(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]> {
 
 /// Figure 14: sums and single tensions.
 pub fn fig14(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
-    let (at, cable, step_n) = Along::largest_step(&along.min_sum);
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let (at, cable, step_n) = TensionProfiles::largest_step(&along.min_sum);
     let jumps = step_n > 1.0;
     let jump = jumps.then_some(at);
-    let smooth_n = Along::largest_step(&along.least_norm).2;
+    let smooth_n = TensionProfiles::largest_step(&along.least_norm).2;
     let ratios: Vec<f64> = along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.sum() / lp.sum()).collect();
     let (ratio, worst) = (mean(&ratios), ratios.iter().fold(0.0, |m: f64, r| m.max(*r)));
     let margin = |tensions: &[CableVec]| {
@@ -98,31 +98,32 @@ pub fn fig14(effort: Effort) -> Result<Section> {
     let (ln, lp) = (margin(&along.least_norm), margin(&along.min_sum));
     let at_bound = along.min_sum.iter().filter(|t| t.iter().any(|v| *v < stand_in::LIMITS_N[0] + 1e-6)).count();
     let at_bound = at_bound as f64 / along.min_sum.len() as f64;
-    let uneven = Along::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
-    let (uneven_at, _, uneven_n) = Along::largest_step(&uneven.min_sum);
+    let uneven = TensionProfiles::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
+    let (uneven_at, _, uneven_n) = TensionProfiles::largest_step(&uneven.min_sum);
 
     let sums = Chart {
         caption: "sum of tensions".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
         y: tension_axis(),
         series: vec![
             Series::line("least norm", 0, along.curve(|i| along.least_norm[i].sum())),
-            Series::line("least sum (LP)", 1, along.curve(|i| along.min_sum[i].sum())).looking(Look::Dashed),
+            Series::line("least sum (LP)", 1, along.curve(|i| along.min_sum[i].sum())).with_style(SeriesStyle::Dashed),
         ],
         ..Chart::default()
     };
     let mut series = Vec::new();
     for cable in 0..4 {
-        let lines = broken(along.curve(|i| along.min_sum[i][cable]), jump);
+        let lines = split_at_jump(along.curve(|i| along.min_sum[i][cable]), jump);
         series.push(Series::line(&format!("cable {}, least sum", cable + 1), cable, lines));
     }
     for cable in 0..4 {
-        series.push(Series::line("", cable, along.curve(|i| along.least_norm[i][cable])).looking(Look::Dashed));
+        series
+            .push(Series::line("", cable, along.curve(|i| along.least_norm[i][cable])).with_style(SeriesStyle::Dashed));
     }
     let single = Chart {
         caption: "single cables: least sum (solid), least norm (dashed)".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::from_to("tension, N", 0.0, 40.0),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::fixed("tension, N", 0.0, 40.0),
         series,
         legend: Legend::UpperRight,
         ..Chart::default()
@@ -130,13 +131,14 @@ pub fn fig14(effort: Effort) -> Result<Section> {
     let mut table = Table::new("Along the parabola", &["", "least norm", "least sum"]);
     table.row(["lowest tension, N".into(), fixed(ln[0], 2), fixed(lp[0], 2)]);
     table.row(["highest tension, N".into(), fixed(ln[1], 2), fixed(lp[1], 2)]);
-    table.row(["largest step between neighbouring points, N".into(), fixed(smooth_n, 3), fixed(step_n, 2)]);
+    table.row(["largest step between adjacent points, N".into(), fixed(smooth_n, 3), fixed(step_n, 2)]);
     Ok(Section {
         key: "fig14",
         title: "Figure 14: sum of tensions and single tensions along a parabola",
-        claim: "The sum of least-norm tensions is very close to the least possible sum. Tensions of least sum jump halfway \
+        claim:
+            "The sum of least-norm tensions is very close to the least possible sum. Least-sum tensions jump halfway \
                 and are either very low or very high; least-norm tensions lie between."
-            .into(),
+                .into(),
         stand_in: stand_in_words(),
         tables: vec![table],
         pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![sums, single] }],
@@ -151,7 +153,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
             ),
             Check::claim(
                 jumps,
-                format!("with least sum cable {} jumps by {step_n:.1} N at u = {:.3}", cable + 1, along.at[at]),
+                format!("with least sum, cable {} jumps by {step_n:.1} N at u = {:.3}", cable + 1, along.at[at]),
             ),
             Check::claim(
                 (along.at[at] - 0.5).abs() < 0.01,
@@ -159,7 +161,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
             ),
             Check::claim(
                 smooth_n * 20.0 < step_n,
-                format!("least norm moves by at most {smooth_n:.3} N between neighbouring points"),
+                format!("least norm changes by at most {smooth_n:.3} N between adjacent points"),
             ),
             Check::claim(
                 lp[0] < ln[0] && lp[1] >= ln[1],
@@ -185,15 +187,15 @@ pub fn fig14(effort: Effort) -> Result<Section> {
 
 /// Figure 15: sums of squares.
 pub fn fig15(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
     let ratios: Vec<f64> =
         along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.norm_squared() / lp.norm_squared()).collect();
     let (ratio, best) = (mean(&ratios), ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r)));
     let never_more = ratios.iter().all(|r| *r <= 1.0 + 1e-12);
     let chart = Chart {
         caption: "sum of squares of tensions".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::from_to("N²", 0.0, 1800.0),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::fixed("N²", 0.0, 1800.0),
         series: vec![
             Series::line("least sum (LP)", 1, along.curve(|i| along.min_sum[i].norm_squared())),
             Series::line("least norm", 0, along.curve(|i| along.least_norm[i].norm_squared())),
@@ -222,35 +224,35 @@ pub fn fig15(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Figure 16: why least sum jumps.
+/// Figure 16: origin of the least-sum jump.
 pub fn fig16(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
-    let (at, ..) = Along::largest_step(&along.min_sum);
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let (at, ..) = TensionProfiles::largest_step(&along.min_sum);
     let last = |tensions: &[CableVec], i: usize| tensions[i][3];
     let width = |i: usize| along.interval_n[i][1] - along.interval_n[i][0];
     let place = |tensions: &[CableVec], i: usize| (last(tensions, i) - along.interval_n[i][0]) / width(i);
     let jump = Some(at);
     let operating = Chart {
-        caption: "tension of cable 4 within what is feasible".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::from_to("tension, N", 0.0, 36.0),
+        caption: "tension of cable 4 in its feasible interval".into(),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::fixed("tension, N", 0.0, 36.0),
         series: vec![
             Series::line("feasible from", GREY, along.curve(|i| along.interval_n[i][0])),
             Series::line("feasible to", BLACK, along.curve(|i| along.interval_n[i][1])),
-            Series::line("least sum (LP)", 1, broken(along.curve(|i| last(&along.min_sum, i)), jump))
-                .looking(Look::Dashed),
+            Series::line("least sum (LP)", 1, split_at_jump(along.curve(|i| last(&along.min_sum, i)), jump))
+                .with_style(SeriesStyle::Dashed),
             Series::line("least norm", 0, along.curve(|i| last(&along.least_norm, i))),
         ],
         ..Chart::default()
     };
     let slope = Chart {
-        caption: "c of (37): how the sum changes with that tension".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::of("c"),
+        caption: "c of (37): derivative of the sum by this tension".into(),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::auto("c"),
         series: vec![Series::line("", 2, along.curve(|i| along.c[i]))],
         ..Chart::default()
     };
-    // Beside the crossing, not on it: there c is zero and every point of the interval has the same sum.
+    // Evaluated next to the crossing: at the crossing c is zero and all points of the interval have the same sum.
     let (before, after) = (at.saturating_sub(1), (at + 2).min(along.at.len() - 1));
     let changes_sign = along.c[before] * along.c[after] < 0.0;
     let from_end_to_end = (place(&along.min_sum, before) - place(&along.min_sum, after)).abs();
@@ -260,7 +262,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
         title: "Figure 16: how least-sum tensions become discontinuous",
         claim: "Where c of (37) changes its sign, the least sum moves from one end of the feasible interval to the other, while \
                 the least norm moves by an infinitesimal amount."
-            .into(),
+                .into(),
         stand_in: stand_in_words(),
         pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![operating, slope] }],
         checks: vec![
@@ -275,7 +277,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
             Check::claim(calm < 0.02, format!("least norm moves over {:.2} % of it", 100.0 * calm)),
         ],
         remarks: vec![
-            "Exactly where c is zero every feasible point has the same sum; the library then returns the one of least norm."
+            "Where c is exactly zero, all feasible points have the same sum; the library then returns the one of least norm."
                 .into(),
         ],
         ..Section::default()

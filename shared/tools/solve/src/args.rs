@@ -1,4 +1,4 @@
-//! The arguments of a request: read by key, each refused with its key and what is accepted.
+//! Typed access to the arguments of a request; errors name the key and the accepted values.
 
 use super::error::SolveError;
 use cable_robot::energy::CurrentTable;
@@ -7,160 +7,165 @@ use cable_robot::motor::Motor;
 use cable_robot::{Distribution, MAX_CABLES, STANDARD_GRAVITY, Vector3};
 use serde_json::{Map, Value};
 
-type Read<T> = Result<T, SolveError>;
+type ArgResult<T> = Result<T, SolveError>;
 
-/// The keys of one request.
+/// Arguments of one request.
 pub struct Args<'a>(&'a Map<String, Value>);
 
-/// Points of space, or of the x-z plane.
+/// Points in space or in the x-z plane.
 pub struct Points {
     /// The points; planar ones have y = 0.
     pub points: Vec<Vector3<f64>>,
-    /// True if they were given as [x, z].
+    /// Whether they were given as [x, z].
     pub planar: bool,
 }
 
 impl<'a> Args<'a> {
-    /// The arguments in this object.
+    /// Wraps the object of a request.
     pub fn new(object: &'a Map<String, Value>) -> Self {
         Self(object)
     }
 
-    /// A value that is not null.
+    /// Returns a value that is not null.
     pub fn get(&self, key: &str) -> Option<&'a Value> {
         self.0.get(key).filter(|value| !value.is_null())
     }
 
-    fn needed(&self, key: &str) -> Read<&'a Value> {
-        self.get(key).ok_or_else(|| SolveError::invalid(format!("{key} is missing; the op needs it")))
+    fn required(&self, key: &str) -> ArgResult<&'a Value> {
+        self.get(key).ok_or_else(|| SolveError::invalid(format!("{key} is missing; this op requires it")))
     }
 
-    /// A text.
-    pub fn text(&self, key: &str) -> Read<&'a str> {
-        self.needed(key)?.as_str().ok_or_else(|| refuse(key, "no text", "a text in quotes"))
+    /// Returns a string.
+    pub fn text(&self, key: &str) -> ArgResult<&'a str> {
+        self.required(key)?.as_str().ok_or_else(|| invalid_value(key, "not a string", "a string"))
     }
 
-    /// A finite number.
-    pub fn number(&self, key: &str) -> Read<f64> {
-        number(key, self.needed(key)?)
+    /// Returns a finite number.
+    pub fn number(&self, key: &str) -> ArgResult<f64> {
+        number(key, self.required(key)?)
     }
 
-    /// A finite number or nothing.
-    pub fn optional(&self, key: &str) -> Read<Option<f64>> {
+    /// Returns a finite number, if given.
+    pub fn optional(&self, key: &str) -> ArgResult<Option<f64>> {
         self.get(key).map(|value| number(key, value)).transpose()
     }
 
-    /// A finite number that is not negative.
-    pub fn not_negative(&self, key: &str) -> Read<f64> {
+    /// Returns a finite number that is not negative.
+    pub fn not_negative(&self, key: &str) -> ArgResult<f64> {
         let value = self.number(key)?;
-        if value >= 0.0 { Ok(value) } else { Err(refuse(key, &value.to_string(), "0 or more")) }
+        if value >= 0.0 { Ok(value) } else { Err(invalid_value(key, &value.to_string(), "0 or more")) }
     }
 
-    /// A finite number above zero.
-    pub fn positive(&self, key: &str) -> Read<f64> {
+    /// Returns a finite number above zero.
+    pub fn positive(&self, key: &str) -> ArgResult<f64> {
         let value = self.number(key)?;
-        if value > 0.0 { Ok(value) } else { Err(refuse(key, &value.to_string(), "a number above 0")) }
+        if value > 0.0 { Ok(value) } else { Err(invalid_value(key, &value.to_string(), "a number above 0")) }
     }
 
-    /// True, false or nothing, which is false.
-    pub fn flag(&self, key: &str) -> Read<bool> {
+    /// Returns a boolean; default: false.
+    pub fn flag(&self, key: &str) -> ArgResult<bool> {
         match self.get(key) {
             None => Ok(false),
-            Some(value) => value.as_bool().ok_or_else(|| refuse(key, "no truth value", "true or false")),
+            Some(value) => value.as_bool().ok_or_else(|| invalid_value(key, "not a boolean", "true or false")),
         }
     }
 
-    /// A whole number that is not negative.
-    pub fn count(&self, key: &str) -> Read<usize> {
+    /// Returns a whole number that is not negative.
+    pub fn count(&self, key: &str) -> ArgResult<usize> {
         let value = self.number(key)?;
         if (0.0..=1e9).contains(&value) && value.fract() == 0.0 {
             return Ok(value as usize);
         }
-        Err(refuse(key, &value.to_string(), "a whole number of 0 or more"))
+        Err(invalid_value(key, &value.to_string(), "a whole number of 0 or more"))
     }
 
-    /// +1, -1 or nothing.
-    pub fn side(&self) -> Read<Option<calibration::Side>> {
+    /// Returns the side from +1 or -1, if given.
+    pub fn side(&self) -> ArgResult<Option<calibration::Side>> {
         match self.optional("side")? {
             None => Ok(None),
             Some(value) if value.abs() == 1.0 => Ok(Some(calibration::Side::from_sign(value as i64)?)),
-            Some(value) => Err(refuse("side", &value.to_string(), "1 (left) or -1 (right)")),
+            Some(value) => Err(invalid_value("side", &value.to_string(), "1 (left) or -1 (right)")),
         }
     }
 
-    /// Finite numbers.
-    pub fn numbers(&self, key: &str) -> Read<Vec<f64>> {
-        numbers(key, self.needed(key)?)
+    /// Returns a list of finite numbers.
+    pub fn numbers(&self, key: &str) -> ArgResult<Vec<f64>> {
+        numbers(key, self.required(key)?)
     }
 
-    /// Rows of finite numbers, all of the same length, at least one of at least one.
-    pub fn matrix(&self, key: &str) -> Read<Vec<Vec<f64>>> {
-        matrix(key, self.needed(key)?)
+    /// Returns rows of finite numbers of equal length; at least one row with at least one number.
+    pub fn matrix(&self, key: &str) -> ArgResult<Vec<Vec<f64>>> {
+        matrix(key, self.required(key)?)
     }
 
-    /// Exactly so many numbers.
-    pub fn exactly<const N: usize>(&self, key: &str) -> Read<[f64; N]> {
+    /// Returns a list of exactly N numbers.
+    pub fn exactly<const N: usize>(&self, key: &str) -> ArgResult<[f64; N]> {
         let values = self.numbers(key)?;
         let given = values.len();
-        values.try_into().map_err(|_| refuse(key, &format!("{given} numbers"), &format!("{N} numbers")))
+        values.try_into().map_err(|_| invalid_value(key, &format!("{given} numbers"), &format!("{N} numbers")))
     }
 
-    /// Rows of exactly so many numbers.
-    pub fn rows<const N: usize>(&self, key: &str) -> Read<Vec<[f64; N]>> {
+    /// Returns rows of exactly N numbers.
+    pub fn rows<const N: usize>(&self, key: &str) -> ArgResult<Vec<[f64; N]>> {
         let rows = self.matrix(key)?.into_iter();
         let row = |row: Vec<f64>| {
             let given = row.len();
-            row.try_into().map_err(|_| refuse(key, &format!("a row of {given}"), &format!("rows of {N} numbers")))
+            row.try_into()
+                .map_err(|_| invalid_value(key, &format!("a row of {given}"), &format!("rows of {N} numbers")))
         };
         rows.map(row).collect()
     }
 
-    /// Anchors [x, y, z], or [x, z] in the plane: at least as many as directions, at most eight.
-    pub fn anchors(&self) -> Read<Points> {
+    /// Returns anchors [x, y, z], or [x, z] in the plane: at least as many as dimensions, at most eight.
+    pub fn anchors(&self) -> ArgResult<Points> {
         let anchors = self.points("anchors_m")?;
         let least = if anchors.planar { 2 } else { 3 };
         let given = anchors.points.len();
         if !(least..=MAX_CABLES).contains(&given) {
-            return Err(refuse("anchors_m", &format!("{given} points"), &format!("{least} to {MAX_CABLES} points")));
+            return Err(invalid_value(
+                "anchors_m",
+                &format!("{given} points"),
+                &format!("{least} to {MAX_CABLES} points"),
+            ));
         }
         Ok(anchors)
     }
 
-    /// Points [x, y, z], or [x, z] in the plane.
-    pub fn points(&self, key: &str) -> Read<Points> {
+    /// Returns points [x, y, z], or [x, z] in the plane.
+    pub fn points(&self, key: &str) -> ArgResult<Points> {
         let rows = self.matrix(key)?;
         let planar = rows[0].len() == 2;
-        let points = rows.iter().map(|row| point(key, row, planar)).collect::<Read<_>>()?;
+        let points = rows.iter().map(|row| point(key, row, planar)).collect::<ArgResult<_>>()?;
         Ok(Points { points, planar })
     }
 
-    /// A point or vector of the same kind as others.
-    pub fn vector(&self, key: &str, planar: bool) -> Read<Vector3<f64>> {
+    /// Returns a point or vector of the given dimension.
+    pub fn vector(&self, key: &str, planar: bool) -> ArgResult<Vector3<f64>> {
         point(key, &self.numbers(key)?, planar)
     }
 
-    /// A point whose kind decides about others.
-    pub fn first_point(&self, key: &str) -> Read<(Vector3<f64>, bool)> {
+    /// Returns a point whose dimension determines that of the other arguments.
+    pub fn first_point(&self, key: &str) -> ArgResult<(Vector3<f64>, bool)> {
         let values = self.numbers(key)?;
         let planar = values.len() == 2;
         Ok((point(key, &values, planar)?, planar))
     }
 
-    /// As many numbers as cables, none negative.
-    pub fn per_cable(&self, key: &str, cables: usize) -> Read<Vec<f64>> {
+    /// Returns one number per cable.
+    pub fn per_cable(&self, key: &str, cables: usize) -> ArgResult<Vec<f64>> {
         let values = self.numbers(key)?;
         if values.len() != cables {
-            return Err(refuse(key, &format!("{} numbers for {cables} cables", values.len()), "one per cable"));
+            return Err(invalid_value(key, &format!("{} numbers for {cables} cables", values.len()), "one per cable"));
         }
         Ok(values)
     }
 
-    /// [min, max], null as the upper limit for none.
-    pub fn limits(&self) -> Read<[f64; 2]> {
+    /// Returns [min, max]; null as the upper limit means no limit.
+    pub fn limits(&self) -> ArgResult<[f64; 2]> {
         const KEY: &str = "limits_n";
         let accepted = "[min, max] with 0 <= min <= max, or null for no upper limit";
-        let Some(pair) = self.needed(KEY)?.as_array().filter(|pair| pair.len() == 2) else {
-            return Err(refuse(KEY, "no pair", accepted));
+        let Some(pair) = self.required(KEY)?.as_array().filter(|pair| pair.len() == 2) else {
+            return Err(invalid_value(KEY, "not a pair", accepted));
         };
         let low = if pair[0].is_null() { 0.0 } else { number(KEY, &pair[0])? };
         let open = pair[1].is_null() || pair[1].as_str() == Some("Infinity");
@@ -168,29 +173,29 @@ impl<'a> Args<'a> {
         if 0.0 <= low && low <= high {
             Ok([low, high])
         } else {
-            Err(refuse(KEY, &format!("[{low}, {high}]"), accepted))
+            Err(invalid_value(KEY, &format!("[{low}, {high}]"), accepted))
         }
     }
 
-    /// How tensions are chosen.
-    pub fn method(&self) -> Read<Distribution> {
+    /// Returns the tension distribution.
+    pub fn method(&self) -> ArgResult<Distribution> {
         let name = self.text("method")?;
-        name.parse().map_err(|_| refuse("method", &format!("{name:?}"), "unique, least_norm, min_sum or safest"))
+        name.parse().map_err(|_| invalid_value("method", &format!("{name:?}"), "unique, least_norm, min_sum or safest"))
     }
 
-    /// Acceleration of gravity; default standard gravity.
-    pub fn gravity(&self) -> Read<f64> {
+    /// Returns the acceleration of gravity; default: standard gravity.
+    pub fn gravity(&self) -> ArgResult<f64> {
         Ok(self.optional("gravity_m_s2")?.unwrap_or(STANDARD_GRAVITY))
     }
 
-    /// A number for a multiple of the identity, or the n x n matrix.
-    pub fn weight(&self, key: &str, n: usize) -> Read<Vec<Vec<f64>>> {
-        let value = self.needed(key)?;
+    /// Returns an n x n matrix, given as such or as a number for a multiple of the identity.
+    pub fn weight(&self, key: &str, n: usize) -> ArgResult<Vec<Vec<f64>>> {
+        let value = self.required(key)?;
         if value.is_array() {
             let rows = matrix(key, value)?;
             if rows.len() != n || rows[0].len() != n {
                 let given = format!("{} x {}", rows.len(), rows[0].len());
-                return Err(refuse(key, &given, &format!("a number, or {n} x {n}")));
+                return Err(invalid_value(key, &given, &format!("a number, or {n} x {n}")));
             }
             return Ok(rows);
         }
@@ -198,11 +203,11 @@ impl<'a> Args<'a> {
         Ok((0..n).map(|i| (0..n).map(|j| if i == j { scalar } else { 0.0 }).collect()).collect())
     }
 
-    /// The keys of the robot file's `[motor]`, with its defaults.
-    pub fn motor(&self) -> Read<Motor> {
+    /// Returns the motor from the keys of the robot file's `[motor]`, with its defaults.
+    pub fn motor(&self) -> ArgResult<Motor> {
         let inner = self.object("motor")?;
         let fill = Motor::default();
-        let value = |key: &str, default: f64| -> Read<f64> { Ok(inner.optional(key)?.unwrap_or(default)) };
+        let value = |key: &str, default: f64| -> ArgResult<f64> { Ok(inner.optional(key)?.unwrap_or(default)) };
         let motor = Motor {
             force_constant_n_a: value("force_constant_n_a", fill.force_constant_n_a)?,
             resistance_ohm: value("resistance_ohm", fill.resistance_ohm)?,
@@ -215,8 +220,8 @@ impl<'a> Args<'a> {
         Ok(motor)
     }
 
-    /// A measured table under this key.
-    pub fn table(&self, resistance_ohm: f64) -> Read<Option<CurrentTable>> {
+    /// Returns a measured motor table, if given.
+    pub fn table(&self, resistance_ohm: f64) -> ArgResult<Option<CurrentTable>> {
         if self.get("table").is_none() {
             return Ok(None);
         }
@@ -226,51 +231,51 @@ impl<'a> Args<'a> {
         Ok(Some(CurrentTable::new(speeds, tensions, &currents, resistance_ohm)?))
     }
 
-    fn object(&self, key: &str) -> Read<Args<'a>> {
-        self.needed(key)?.as_object().map(Args).ok_or_else(|| refuse(key, "no object", "an object in braces"))
+    fn object(&self, key: &str) -> ArgResult<Args<'a>> {
+        self.required(key)?.as_object().map(Args).ok_or_else(|| invalid_value(key, "not an object", "an object"))
     }
 }
 
-/// What is wrong at a key, and what is accepted.
-pub fn refuse(key: &str, given: &str, accepted: &str) -> SolveError {
+/// Creates the error for a key with a wrong value.
+pub fn invalid_value(key: &str, given: &str, accepted: &str) -> SolveError {
     SolveError::invalid(format!("{key} is {given}; accepted: {accepted}"))
 }
 
-fn number(key: &str, value: &Value) -> Read<f64> {
+fn number(key: &str, value: &Value) -> ArgResult<f64> {
     match value.as_f64() {
         Some(number) if number.is_finite() => Ok(number),
         _ => {
             let text: String = value.to_string().chars().take(40).collect();
-            Err(refuse(key, &text, "finite numbers"))
+            Err(invalid_value(key, &text, "finite numbers"))
         }
     }
 }
 
-fn numbers(key: &str, value: &Value) -> Read<Vec<f64>> {
-    let list = value.as_array().ok_or_else(|| refuse(key, "no list", "a list of finite numbers"))?;
+fn numbers(key: &str, value: &Value) -> ArgResult<Vec<f64>> {
+    let list = value.as_array().ok_or_else(|| invalid_value(key, "not a list", "a list of finite numbers"))?;
     list.iter().map(|value| number(key, value)).collect()
 }
 
-fn matrix(key: &str, value: &Value) -> Read<Vec<Vec<f64>>> {
+fn matrix(key: &str, value: &Value) -> ArgResult<Vec<Vec<f64>>> {
     let accepted = "a list of rows of equal length, at least one";
-    let list = value.as_array().ok_or_else(|| refuse(key, "no list", accepted))?;
-    let rows: Vec<Vec<f64>> = list.iter().map(|row| numbers(key, row)).collect::<Read<_>>()?;
+    let list = value.as_array().ok_or_else(|| invalid_value(key, "not a list", accepted))?;
+    let rows: Vec<Vec<f64>> = list.iter().map(|row| numbers(key, row)).collect::<ArgResult<_>>()?;
     match rows.first() {
         Some(first) if !first.is_empty() && rows.iter().all(|row| row.len() == first.len()) => Ok(rows),
-        _ => Err(refuse(key, "empty or of unequal rows", accepted)),
+        _ => Err(invalid_value(key, "empty or of unequal rows", accepted)),
     }
 }
 
-fn point(key: &str, values: &[f64], planar: bool) -> Read<Vector3<f64>> {
+fn point(key: &str, values: &[f64], planar: bool) -> ArgResult<Vector3<f64>> {
     if let Some(value) = values.iter().find(|v| v.abs() > LONGEST_M) {
-        return Err(refuse(key, &value.to_string(), "coordinates up to 1e5"));
+        return Err(invalid_value(key, &value.to_string(), "coordinates up to 1e5"));
     }
     match (values, planar) {
         ([x, z], true) => Ok(Vector3::new(*x, 0.0, *z)),
         ([x, y, z], false) => Ok(Vector3::new(*x, *y, *z)),
         _ => {
-            let wanted = if planar { "[x, z], like the others" } else { "[x, y, z], or [x, z] throughout" };
-            Err(refuse(key, &format!("a point of {} numbers", values.len()), wanted))
+            let wanted = if planar { "[x, z] like the other points" } else { "[x, y, z], or [x, z] for all points" };
+            Err(invalid_value(key, &format!("a point of {} numbers", values.len()), wanted))
         }
     }
 }

@@ -1,24 +1,25 @@
-//! Anchors from measurements.
+//! Calibration of the anchors from measurements.
 
-use super::args::{Args, refuse};
-use super::error::{SolveError, Solved};
+use super::args::{Args, invalid_value};
+use super::error::{OperationResult, SolveError};
 use cable_robot::CableVec;
 use calibration::{self, JointInput, Loss, Range, Side};
 use serde_json::{Value, json};
 
-/// (1)-(2).
-pub fn survey_anchors(args: &Args) -> Solved {
+/// Anchors in the plane from three ranges, (1)-(2).
+pub fn survey_anchors(args: &Args) -> OperationResult {
     let ranges = args.exactly::<3>("ranges_m")?;
     let anchors = calibration::survey_anchors(ranges, args.side()?.unwrap_or(Side::Left))?;
     Ok(json!({ "anchors_xy_m": anchors }))
 }
 
-/// The fourth anchor by two ranges and a side, or by three.
-pub fn fourth_anchor(args: &Args) -> Solved {
+/// The fourth anchor from two ranges and a side, or from three ranges.
+pub fn fourth_anchor(args: &Args) -> OperationResult {
     let rows = args.rows::<2>("anchors_xy_m")?;
     let given = rows.len();
-    let anchors: [[f64; 2]; 3] =
-        rows.try_into().map_err(|_| refuse("anchors_xy_m", &format!("{given} points"), "three points [x, y]"))?;
+    let anchors: [[f64; 2]; 3] = rows
+        .try_into()
+        .map_err(|_| invalid_value("anchors_xy_m", &format!("{given} points"), "three points [x, y]"))?;
     let ranges = args.numbers("ranges_m")?;
     let side = args.side()?;
     if ranges.len() == 2 && side.is_none() {
@@ -29,24 +30,28 @@ pub fn fourth_anchor(args: &Args) -> Solved {
     Ok(json!({ "anchor_xy_m": calibration::fourth_anchor(&anchors, &ranges, side)? }))
 }
 
-/// A row per cable, turned into one set per point.
+/// Converts one row per cable to one set of lengths per point.
 fn lengths(args: &Args, cables: usize) -> Result<Vec<CableVec>, SolveError> {
     let rows = args.matrix("lengths_m")?;
     if rows.len() != cables {
-        return Err(refuse("lengths_m", &format!("{} rows for {cables} anchors", rows.len()), "a row per cable"));
+        return Err(invalid_value(
+            "lengths_m",
+            &format!("{} rows for {cables} anchors", rows.len()),
+            "one row per cable",
+        ));
     }
     Ok(calibration::points_from_rows(&rows)?)
 }
 
-/// (4)-(5): the global minimum.
-pub fn calibrate_heights(args: &Args) -> Solved {
+/// Heights of the anchors, (4)-(5): the global minimum.
+pub fn calibrate_heights(args: &Args) -> OperationResult {
     let anchors = args.rows::<2>("anchors_xy_m")?;
     let found = calibration::calibrate_heights(&anchors, &lengths(args, anchors.len())?)?;
     Ok(json!({ "heights_m": found.heights_m.to_vec(), "points_xy_m": found.points_xy_m, "cost_m4": found.cost_m4 }))
 }
 
-/// Everything at once by maximum likelihood.
-pub fn calibrate_joint(args: &Args) -> Solved {
+/// All unknowns at once by maximum likelihood.
+pub fn calibrate_joint(args: &Args) -> OperationResult {
     let anchors = args.rows::<2>("anchors_xy_m")?;
     let lengths = lengths(args, anchors.len())?;
     let sigma_length_m = args.positive("sigma_length_m")?;
@@ -56,7 +61,7 @@ pub fn calibrate_joint(args: &Args) -> Solved {
         None | Some("squared") => Loss::Squared,
         Some("huber") => Loss::Huber,
         Some("cauchy") => Loss::Cauchy,
-        Some(other) => return Err(refuse("loss", &format!("{other:?}"), "squared, huber or cauchy")),
+        Some(other) => return Err(invalid_value("loss", &format!("{other:?}"), "squared, huber or cauchy")),
     };
     let input = JointInput {
         ranges: &ranges,
@@ -78,8 +83,7 @@ pub fn calibrate_joint(args: &Args) -> Solved {
     }))
 }
 
-/// Ranges between the anchors that `range_pairs` names. Anchors are counted from 1; a pair with 0 in it shows that they are
-/// counted from 0.
+/// Returns the ranges between the anchors in `range_pairs`. Anchors count from 1, or from 0 if a pair contains 0.
 fn ranges(args: &Args, anchors: usize) -> Result<Vec<Range>, SolveError> {
     if args.get("ranges_m").is_none() {
         return Ok(Vec::new());
@@ -91,7 +95,7 @@ fn ranges(args: &Args, anchors: usize) -> Result<Vec<Range>, SolveError> {
         _ => args.rows::<2>("range_pairs")?,
     };
     if pairs.len() != m.len() {
-        return Err(refuse(
+        return Err(invalid_value(
             "range_pairs",
             &format!("{} pairs for {} ranges", pairs.len(), m.len()),
             "one pair per range",
@@ -103,26 +107,26 @@ fn ranges(args: &Args, anchors: usize) -> Result<Vec<Range>, SolveError> {
         if index >= 0.0 && index < anchors as f64 && index.fract() == 0.0 {
             return Ok(index as usize);
         }
-        Err(refuse("range_pairs", &format!("an anchor {i}"), &format!("anchors 1 to {anchors}")))
+        Err(invalid_value("range_pairs", &format!("an anchor {i}"), &format!("anchors 1 to {anchors}")))
     };
     pairs
         .iter()
         .zip(m)
         .map(|([from, to], m)| {
             if from == to {
-                return Err(refuse("range_pairs", &format!("[{from}, {to}]"), "two different anchors per pair"));
+                return Err(invalid_value("range_pairs", &format!("[{from}, {to}]"), "two different anchors per pair"));
             }
             Ok(Range { from: index(*from)?, to: index(*to)?, m, sigma_m })
         })
         .collect()
 }
 
-/// The paper's baseline.
-pub fn gps_anchor(args: &Args) -> Solved {
+/// The paper's baseline: an anchor from three known points.
+pub fn gps_anchor(args: &Args) -> OperationResult {
     let rows = args.rows::<3>("points_m")?;
     let given = rows.len();
     let points: [[f64; 3]; 3] =
-        rows.try_into().map_err(|_| refuse("points_m", &format!("{given} points"), "three points [x, y, z]"))?;
+        rows.try_into().map_err(|_| invalid_value("points_m", &format!("{given} points"), "three points [x, y, z]"))?;
     let anchor = calibration::gps_anchor(&points, &args.exactly::<3>("lengths_m")?)?;
     Ok::<Value, SolveError>(json!({ "anchor_m": anchor }))
 }

@@ -1,14 +1,14 @@
-//! The motor model and the control law.
+//! Motor model and control law.
 
-use super::args::{Args, refuse};
-use super::error::{SolveError, Solved};
+use super::args::{Args, invalid_value};
+use super::error::{OperationResult, SolveError};
 use cable_control::law::{InputWeight, LqGain};
 use cable_control::motor_model;
 use cable_robot::{MAX_CABLES, Matrix3, NodeJacobian, Vector3};
 use serde_json::json;
 
-/// (18)-(20).
-pub fn fit_motor(args: &Args) -> Solved {
+/// Fits the motor model, (18)-(20).
+pub fn fit_motor(args: &Args) -> OperationResult {
     let (desired, actual) = (args.numbers("desired_m_s")?, args.numbers("actual_m_s")?);
     let ridge = args.optional("ridge")?.unwrap_or(0.0);
     let prior = match args.get("prior") {
@@ -19,18 +19,18 @@ pub fn fit_motor(args: &Args) -> Solved {
     Ok(json!({ "phi": phi }))
 }
 
-/// The receding-horizon gain with a fixed end.
-pub fn lq_gain(args: &Args) -> Solved {
+/// Gain of the receding-horizon law with a fixed end point.
+pub fn lq_gain(args: &Args) -> OperationResult {
     let b = args.matrix("node_jacobian")?;
     let (n, cables) = (b.len(), b[0].len());
-    // Directions that are not there become cables of their own that nothing else moves, so that two rows are as good as
-    // three.
+    // Missing dimensions become decoupled cables that only move themselves, so the three-dimensional solver also
+    // handles one or two rows.
     let dummies = 3usize.saturating_sub(n);
     if n > 3 || cables + dummies > MAX_CABLES {
-        return Err(refuse(
+        return Err(invalid_value(
             "node_jacobian",
             &format!("{n} x {cables}"),
-            "1 to 3 rows (directions), a column per cable",
+            "1 to 3 rows (dimensions), one column per cable",
         ));
     }
     let (q, r) = (args.weight("state_weight", n)?, args.weight("input_weight", cables)?);

@@ -2,10 +2,10 @@
 
 use serde_json::Value;
 
-/// Why a request has no result.
+/// Error of a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SolveError {
-    /// A short word for programs.
+    /// Identifier for programs.
     pub kind: &'static str,
     /// One sentence for people.
     pub message: String,
@@ -18,4 +18,4 @@ impl SolveError {
 }
 
 /// The result of an operation.
-pub(crate) type Solved = Result<Value, SolveError>;
+pub(crate) type OperationResult = Result<Value, SolveError>;

@@ -1,17 +1,17 @@
-//! Lengths, positions and velocities.
+//! Cable lengths, positions and velocities.
 
-use super::args::{Args, Points, refuse};
-use super::error::{SolveError, Solved};
+use super::args::{Args, Points, invalid_value};
+use super::error::{OperationResult, SolveError};
 use cable_robot::anchors::on_a_line;
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};
 use serde_json::{Value, json};
 
-/// Anchors closer than this count as one point, m; as in the robot file.
+/// Minimum distance of two anchors, m, as in the robot file.
 const COINCIDENT_M: f64 = 1e-3;
 
-/// A point as it is written.
-pub fn written(point: &Vector3<f64>, planar: bool) -> Value {
+/// Formats a point in its dimension.
+pub fn point_json(point: &Vector3<f64>, planar: bool) -> Value {
     if planar { json!([point.x, point.z]) } else { json!([point.x, point.y, point.z]) }
 }
 
@@ -19,7 +19,7 @@ fn singular(at: &Vector3<f64>) -> SolveError {
     KinematicsError::Singular { x: at.x, y: at.y, z: at.z }.into()
 }
 
-/// Unit vectors from the anchors to a position: the rows of J.
+/// Returns the unit vectors from the anchors to a position: the rows of J.
 pub fn directions(anchors: &Points, at: &Vector3<f64>) -> Result<Vec<Vector3<f64>>, SolveError> {
     let row = |anchor: &Vector3<f64>| {
         let d = at - anchor;
@@ -29,22 +29,22 @@ pub fn directions(anchors: &Points, at: &Vector3<f64>) -> Result<Vec<Vector3<f64
     anchors.points.iter().map(row).collect()
 }
 
-/// The structure matrix -Jᵀ from the rows of J.
+/// Returns the structure matrix -Jᵀ from the rows of J.
 pub fn structure(rows: &[Vector3<f64>], planar: bool) -> Result<GeneralStructure, SolveError> {
     let axis = |k: usize| rows.iter().map(|row| -row[k]).collect();
     Ok(GeneralStructure::new(&if planar { vec![axis(0), axis(2)] } else { vec![axis(0), axis(1), axis(2)] })?)
 }
 
-/// The rows of B, one per direction.
+/// Returns the rows of B, one per dimension.
 fn node_jacobian(rows: &[Vector3<f64>], planar: bool, at: &Vector3<f64>) -> Result<Vec<Vec<f64>>, SolveError> {
-    // Λ = -Jᵀ, so the pseudo-inverse of J is minus the transpose of that of Λ.
+    // Λ = -Jᵀ, so the pseudo-inverse of J is the negative transpose of that of Λ.
     let structure = structure(rows, planar)?;
     let inverse = structure.pseudo_inverse().map_err(|_| singular(at))?;
     Ok((0..structure.rows()).map(|r| inverse[..rows.len()].iter().map(|row| -row[r]).collect()).collect())
 }
 
-/// (6).
-pub fn inverse_kinematics(args: &Args) -> Solved {
+/// Cable lengths of a position, (6).
+pub fn inverse_kinematics(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     if !anchors.planar && on_a_line(&anchors.points) {
@@ -54,12 +54,12 @@ pub fn inverse_kinematics(args: &Args) -> Solved {
     Ok(json!({ "lengths_m": lengths }))
 }
 
-/// (7)-(12), in any frame.
-pub fn forward_kinematics(args: &Args) -> Solved {
+/// Position from cable lengths, (7)-(12), in any frame.
+pub fn forward_kinematics(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let lengths = args.per_cable("lengths_m", anchors.points.len())?;
     if let Some(length) = lengths.iter().find(|l| !(0.0..=kinematics::LONGEST_M).contains(*l)) {
-        return Err(refuse("lengths_m", &length.to_string(), "lengths of 0 m to 1e5 m"));
+        return Err(invalid_value("lengths_m", &length.to_string(), "lengths of 0 m to 1e5 m"));
     }
     let near = args.get("near_m").map(|_| args.vector("near_m", anchors.planar)).transpose()?;
     for (i, a) in anchors.points.iter().enumerate() {
@@ -74,25 +74,25 @@ pub fn forward_kinematics(args: &Args) -> Solved {
         let anchors = Anchors::new(&points).map_err(|error| SolveError::invalid(error.to_string()))?;
         kinematics::forward_kinematics(&anchors, &lengths, near.as_ref())?
     };
-    let mut result = json!({ "position_m": written(&found.position, anchors.planar) });
+    let mut result = json!({ "position_m": point_json(&found.position, anchors.planar) });
     match found.mirror {
-        Some(mirror) => result["mirror_m"] = written(&mirror, anchors.planar),
+        Some(mirror) => result["mirror_m"] = point_json(&mirror, anchors.planar),
         None => result["residual_rms_m"] = json!(found.residual_rms_m),
     }
     Ok(result)
 }
 
-/// (13)-(14) and its (pseudo-)inverse.
-pub fn jacobian(args: &Args) -> Solved {
+/// Jacobian, (13)-(14), and its (pseudo-)inverse.
+pub fn jacobian(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let rows = directions(&anchors, &at)?;
-    let written: Vec<Value> = rows.iter().map(|row| written(row, anchors.planar)).collect();
-    Ok(json!({ "cable_jacobian": written, "node_jacobian": node_jacobian(&rows, anchors.planar, &at)? }))
+    let jacobian: Vec<Value> = rows.iter().map(|row| point_json(row, anchors.planar)).collect();
+    Ok(json!({ "cable_jacobian": jacobian, "node_jacobian": node_jacobian(&rows, anchors.planar, &at)? }))
 }
 
-/// (14).
-pub fn cable_velocity(args: &Args) -> Solved {
+/// Cable velocities of a node velocity, (14).
+pub fn cable_velocity(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let velocity = args.vector("velocity_m_s", anchors.planar)?;
@@ -101,8 +101,8 @@ pub fn cable_velocity(args: &Args) -> Solved {
     Ok(json!({ "cable_velocity_m_s": cables }))
 }
 
-/// (14) the other way.
-pub fn node_velocity(args: &Args) -> Solved {
+/// Node velocity of cable velocities, the inverse of (14).
+pub fn node_velocity(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let cables = args.per_cable("cable_velocity_m_s", anchors.points.len())?;

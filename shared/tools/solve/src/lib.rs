@@ -1,9 +1,9 @@
-//! `nims solve`: every formula from any language. One JSON object per line in, one per line out, in order, until the input
-//! ends.
+//! `nims solve`: all formulas for programs in any language. Reads one JSON object per line and answers each with one
+//! per line, in order, until the end of the input.
 //!
 //! A request is `{"id": any, "op": "...", ...}`, an answer `{"id": same, "result": {..}}` or
-//! `{"id": same, "error": {"kind": "...", "message": "..."}}`. No line ends the loop; keys that an operation does not know
-//! are left alone. [`answer`] is the whole of it as a function of one line.
+//! `{"id": same, "error": {"kind": "...", "message": "..."}}`. An invalid request does not end the loop; unknown keys
+//! are ignored. [`answer`] handles a single line.
 #![forbid(unsafe_code)]
 
 mod args;
@@ -17,11 +17,11 @@ mod statics;
 pub use error::SolveError;
 
 use args::Args;
-use error::Solved;
+use error::OperationResult;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 
-/// Longest request that is read, bytes; a longer line is answered by an error.
+/// Maximum length of a request, bytes; a longer line is answered by an error.
 const LONGEST_LINE: usize = 16 << 20;
 
 macro_rules! from_errors {
@@ -44,9 +44,9 @@ from_errors!(
     cable_robot::tension::TensionError
 );
 
-type Operation = fn(&Args) -> Solved;
+type Operation = fn(&Args) -> OperationResult;
 
-/// Every operation by its name.
+/// All operations by name.
 const OPERATIONS: [(&str, Operation); 22] = [
     ("survey_anchors", calibration::survey_anchors),
     ("fourth_anchor", calibration::fourth_anchor),
@@ -72,49 +72,49 @@ const OPERATIONS: [(&str, Operation); 22] = [
     ("operations", operations),
 ];
 
-/// The names of all operations.
-fn operations(_: &Args) -> Solved {
+/// Returns the names of all operations.
+fn operations(_: &Args) -> OperationResult {
     Ok(json!({ "operations": OPERATIONS.map(|(name, _)| name) }))
 }
 
-/// The answer to one line.
+/// Answers one line.
 #[must_use]
 pub fn answer(line: &str) -> Value {
     let request = match parse(line) {
         Ok(Value::Object(request)) => request,
         Ok(_) => {
-            return refusal(
+            return error_answer(
                 Value::Null,
-                &SolveError::invalid("the line is no JSON object; send {\"id\": .., \"op\": \"..\", ..}"),
+                &SolveError::invalid("the line is not a JSON object; send {\"id\": .., \"op\": \"..\", ..}"),
             );
         }
-        Err(error) => return refusal(Value::Null, &SolveError::invalid(format!("the line is no JSON: {error}"))),
+        Err(error) => return error_answer(Value::Null, &SolveError::invalid(format!("the line is not JSON: {error}"))),
     };
     let id = request.get("id").cloned().unwrap_or(Value::Null);
     match solve(&Args::new(&request)) {
         Ok(result) => json!({ "id": id, "result": result }),
-        Err(error) => refusal(id, &error),
+        Err(error) => error_answer(id, &error),
     }
 }
 
-fn solve(args: &Args) -> Solved {
+fn solve(args: &Args) -> OperationResult {
     let name = args.text("op")?;
     match OPERATIONS.iter().find(|(known, _)| *known == name) {
         Some((_, operation)) => operation(args),
         None => {
             let known: Vec<_> = OPERATIONS.iter().map(|(name, _)| *name).collect();
-            Err(SolveError::invalid(format!("there is no op {name:?}; accepted: {}", known.join(", "))))
+            Err(SolveError::invalid(format!("op is {name:?}; accepted: {}", known.join(", "))))
         }
     }
 }
 
-fn refusal(id: Value, error: &SolveError) -> Value {
+fn error_answer(id: Value, error: &SolveError) -> Value {
     let message: String = error.message.split_whitespace().collect::<Vec<_>>().join(" ");
     json!({ "id": id, "error": { "kind": error.kind, "message": message } })
 }
 
-/// JSON, and the words NaN, Infinity and -Infinity that Python and others write into it, as text: they are then refused by
-/// the key they stand at, or mean "no limit".
+/// Parses JSON; also accepts the words NaN, Infinity and -Infinity, which Python and others write, as strings. They are
+/// then rejected with their key, or mean "no limit".
 fn parse(line: &str) -> Result<Value, serde_json::Error> {
     serde_json::from_str(line).or_else(|error| {
         if line.contains("NaN") || line.contains("Infinity") {
@@ -150,10 +150,10 @@ fn quote_words(line: &str) -> String {
     result
 }
 
-/// Answers every line of `input` on `output`. Ends with the input, or when nobody reads any more.
+/// Answers every line of `input` on `output`. Ends with the input, or when the output is closed.
 ///
 /// # Errors
-/// An input that cannot be read.
+/// The input cannot be read.
 pub fn serve(input: impl Read, mut output: impl Write) -> std::io::Result<()> {
     let mut input = BufReader::new(input);
     let mut line = Vec::new();
@@ -163,9 +163,9 @@ pub fn serve(input: impl Read, mut output: impl Write) -> std::io::Result<()> {
             return Ok(());
         }
         let value = if line.len() > LONGEST_LINE {
-            refusal(
+            error_answer(
                 Value::Null,
-                &SolveError::invalid(format!("the line is longer than {LONGEST_LINE} bytes; send less at once")),
+                &SolveError::invalid(format!("the line is longer than {LONGEST_LINE} bytes; send shorter lines")),
             )
         } else {
             answer(String::from_utf8_lossy(&line).trim_end_matches(['\n', '\r']))

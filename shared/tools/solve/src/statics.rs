@@ -1,8 +1,8 @@
-//! Tensions and the motion they cause.
+//! Cable tensions and the motion that they cause.
 
-use super::args::{Args, Points, refuse};
-use super::error::{SolveError, Solved};
-use super::geometry::{directions, structure, written};
+use super::args::{Args, Points, invalid_value};
+use super::error::{OperationResult, SolveError};
+use super::geometry::{directions, point_json, structure};
 use cable_robot::tension::general::{self, GeneralStructure};
 use cable_robot::tension::{self, FourCables, margin};
 use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};
@@ -18,8 +18,8 @@ pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, SolveError> {
     Ok((acceleration + Vector3::new(0.0, 0.0, args.gravity()?)) * mass)
 }
 
-/// (15), (27)-(37).
-pub fn tensions(args: &Args) -> Solved {
+/// Tensions at a position, (15), (27)-(37).
+pub fn tensions(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let Points { points, planar } = &anchors;
     let at = args.vector("position_m", *planar)?;
@@ -28,7 +28,7 @@ pub fn tensions(args: &Args) -> Solved {
     let bounded = args.get("limits_n").is_some();
     let limits = if bounded || method != Distribution::Unique { args.limits()? } else { [0.0, f64::INFINITY] };
     let directions = directions(&anchors, &at)?;
-    // Also says that the rank is lost, before the limits have their say.
+    // Reports a lost rank before the limits are checked.
     structure(&directions, *planar)?.pseudo_inverse()?;
     let found = tension::hold(points, *planar, &at, &wrench, limits, method)?;
     let mut result = summary(&found.tensions_n);
@@ -47,22 +47,22 @@ fn summary(tensions_n: &CableVec) -> Value {
     json!({ "tensions_n": tensions_n.to_vec(), "sum_n": tensions_n.sum(), "norm_sq_n2": tensions_n.norm_squared() })
 }
 
-/// (27) for any structure matrix.
-pub fn distribute(args: &Args) -> Solved {
+/// Tensions for any structure matrix, (27).
+pub fn distribute(args: &Args) -> OperationResult {
     let structure = GeneralStructure::new(&args.matrix("structure_matrix")?)?;
     let wrench = args.numbers("wrench_n")?;
     let limits = args.limits()?;
     if wrench.len() != structure.rows() {
         let given = format!("{} numbers for {} rows", wrench.len(), structure.rows());
-        return Err(refuse("wrench_n", &given, "one per row of structure_matrix"));
+        return Err(invalid_value("wrench_n", &given, "one per row of structure_matrix"));
     }
     let method = args.get("method").map_or(Ok(Distribution::LeastNorm), |_| args.method())?;
     let found = general::distribute(&structure, &wrench, limits, method)?;
     Ok(summary(&found.tensions_n))
 }
 
-/// (16).
-pub fn node_acceleration(args: &Args) -> Solved {
+/// Acceleration of the node from cable tensions, (16).
+pub fn node_acceleration(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let tensions = args.per_cable("tensions_n", anchors.points.len())?;
@@ -70,5 +70,5 @@ pub fn node_acceleration(args: &Args) -> Solved {
     let rows = directions(&anchors, &at)?;
     let force = rows.iter().zip(&tensions).fold(Vector3::zeros(), |sum, (row, t)| sum - row * *t);
     let acceleration = force / mass - Vector3::new(0.0, 0.0, gravity);
-    Ok(json!({ "acceleration_m_s2": written(&acceleration, anchors.planar) }))
+    Ok(json!({ "acceleration_m_s2": point_json(&acceleration, anchors.planar) }))
 }

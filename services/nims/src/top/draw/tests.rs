@@ -1,4 +1,4 @@
-//! What can be read on the screen.
+//! Tests of the text that `nims top` draws.
 
 use super::super::snapshot::{ChannelRow, Scale};
 use super::*;
@@ -111,7 +111,7 @@ fn everything_that_matters_is_on_one_screen() {
             let line = line(&picture, word);
             assert!(line.contains(with), "no {with:?} in {line:?} of\n{}", picture.join("\n"));
         }
-        // nobody is in the second slots
+        // Slots b are empty.
         assert!(!picture.iter().any(|line| line.contains("controller b") || line.contains("estimator  b")));
     }
 }
@@ -132,7 +132,7 @@ fn a_swap_is_followed_and_its_failure_named() {
     slots.commit_cycle[CONTROLLERS] = 12400;
     swapping.slots = Some(slots);
     assert!(line(&picture(&swapping, 140, 40), "p-feedforward").contains("takes over in cycle 12400"));
-    // An estimator that came and went is not there, and still named.
+    // A quarantined estimator is shown although it does not run.
     slots.phase[3] = MotorSlots::PHASE_QUARANTINED;
     slots.cause[3] = MotorSlots::CAUSE_ABSENT;
     swapping.slots = Some(slots);
@@ -140,7 +140,7 @@ fn a_swap_is_followed_and_its_failure_named() {
 }
 
 #[test]
-fn bars_are_as_long_as_what_they_show() {
+fn the_length_of_a_bar_is_its_fraction_of_the_full_scale() {
     let picture = picture(&flying(), 100, 40);
     let bars = |line: &str| -> Vec<usize> {
         let mut counts = vec![0; 3];
@@ -163,17 +163,19 @@ fn bars_are_as_long_as_what_they_show() {
 }
 
 #[test]
-fn what_is_not_heard_any_more_is_not_shown_as_the_present() {
+fn stale_samples_are_not_shown_as_current() {
     let mut late = flying();
     late.now_ns += 5_000_000_000;
     let late = picture(&late, 120, 40);
-    assert!(line(&late, "motor-io has said nothing for 5 s").contains("mode"));
+    assert!(line(&late, "no message from motor-io for 5 s").contains("mode"));
     assert!(!late.iter().any(|line| line.contains("FOLLOWING") || line.contains("node at")), "{}", late.join("\n"));
-    line(&late, "the supervisor has said nothing for 5 s");
-    line(&late, "the recorder has said nothing for 5 s");
+    line(&late, "no message from the supervisor for 5 s");
+    line(&late, "no message from the recorder for 5 s");
     let alone = Snapshot { now_ns: NOW, domain: Some("x".to_owned()), ..Snapshot::default() };
     let alone = picture(&alone, 80, 30);
-    for word in ["motor-io says nothing", "no supervisor", "the recorder says nothing", "no reading of the drives"] {
+    for word in
+        ["motor-io is not running", "no supervisor", "no message from the recorder", "no reading from the drives"]
+    {
         line(&alone, word);
     }
 }
@@ -193,14 +195,14 @@ fn every_fault_has_its_sentence() {
 }
 
 #[test]
-fn without_a_robot_it_says_so() {
+fn without_a_robot_the_reason_is_shown() {
     let waiting = picture(&Snapshot::waiting(NOW, "no robot runs here: start one"), 60, 10);
     line(&waiting, "no robot runs here: start one");
     line(&waiting, "Waiting for a robot; q quits.");
 }
 
 #[test]
-fn no_size_and_no_value_is_too_odd_to_draw() {
+fn any_terminal_size_and_any_values_can_be_drawn() {
     let mut odd = flying();
     if let Some(state) = &mut odd.state {
         state.cable_count = 255;

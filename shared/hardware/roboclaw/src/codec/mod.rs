@@ -10,6 +10,8 @@ mod write;
 pub use read::{Flaw, READS, Read, Reply, ReplyLength, Version};
 pub use write::Write;
 
+use drives::Asked;
+
 use crate::crc::Crc;
 use crate::packet::Packet;
 
@@ -27,6 +29,26 @@ pub const SAVE_KEY: u32 = 0xE22E_AB7A;
 
 /// Longest version text that a unit sends, with its end mark.
 pub const MAX_VERSION: usize = 48;
+
+/// A packet to a unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// A command that changes something.
+    Write(Write),
+    /// A question.
+    Read(Read),
+}
+
+impl Command {
+    /// Its name and number for messages.
+    #[must_use]
+    pub fn asked(self) -> Asked {
+        match self {
+            Command::Write(write) => write.asked(),
+            Command::Read(read) => read.asked(),
+        }
+    }
+}
 
 /// One of a unit's two motors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

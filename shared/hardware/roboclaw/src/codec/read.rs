@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use drives::Asked;
+
 use super::{Fields, MAX_VERSION, Pid, with_reply_crc};
 use crate::crc::Crc;
 use crate::packet::Packet;
@@ -230,9 +232,11 @@ impl Read {
     }
 }
 
-impl fmt::Display for Read {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = match self {
+impl Read {
+    /// Its name and number for messages.
+    #[must_use]
+    pub fn asked(self) -> Asked {
+        let words = match self {
             Read::Watchdog => "read watchdog",
             Read::Encoder1 | Read::Encoder2 | Read::Encoders => "read encoders",
             Read::Speed1 | Read::Speed2 | Read::RawSpeed1 | Read::RawSpeed2 | Read::RawSpeeds | Read::Speeds => {
@@ -248,7 +252,7 @@ impl fmt::Display for Read {
             Read::Status => "read status",
             Read::MaxCurrent1 | Read::MaxCurrent2 => "read largest current",
         };
-        write!(f, "{name} (command {})", self.code())
+        Asked { words, code: Some(self.code().into()) }
     }
 }
 

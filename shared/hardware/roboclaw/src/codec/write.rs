@@ -1,6 +1,6 @@
 //! Commands that change something.
 
-use std::fmt;
+use drives::Asked;
 
 use super::{Fields, Motor, Pid, SAVE_KEY, by_motor};
 use crate::crc::crc16;
@@ -145,9 +145,11 @@ impl Write {
     }
 }
 
-impl fmt::Display for Write {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = match self {
+impl Write {
+    /// Its name and number for messages.
+    #[must_use]
+    pub fn asked(self) -> Asked {
+        let words = match self {
             Write::Watchdog(_) => "set watchdog",
             Write::ResetEncoders => "reset encoders",
             Write::SetEncoder(..) => "set encoder",
@@ -158,6 +160,6 @@ impl fmt::Display for Write {
             Write::Save => "save settings",
             Write::MaxCurrent(..) => "set largest current",
         };
-        write!(f, "{name} (command {})", self.code())
+        Asked { words, code: Some(self.code().into()) }
     }
 }

@@ -1,10 +1,12 @@
 //! One control cycle: command every unit, read its encoders, then what time is left for.
 
+use std::sync::Arc;
+
+use drives::{Error, Timed, UnitAnswer, UnitReport};
 use serial::Transport;
 
-use super::{Bus, Drive, Phase, Timed, UnitAnswer, UnitReport, step::Setup};
+use super::{Bus, Drive, Phase, step::Setup};
 use crate::codec::{Motor, Read, Reply, Write};
-use crate::error::Error;
 
 /// One of these is asked per cycle. The duty most often: a motor that is driven hard and does not turn runs away when its encoder
 /// has failed, and that has to be seen within a tenth of a second. The supply and the stop button come twice in a round.
@@ -28,9 +30,6 @@ const FULL_DUTY: f64 = 32_767.0;
 
 /// An encoder may be read by the unit so much later than it was asked for, ns; a motor moves on meanwhile.
 const SAMPLE_JITTER_NS: u64 = 20_000_000;
-
-/// A motor may for a moment turn so much faster than its fastest, when a line pulls it.
-const OVER_SPEED: f64 = 1.5;
 
 impl<T: Transport> Bus<T> {
     /// A place for the answers of [`Bus::cycle`].
@@ -57,7 +56,7 @@ impl<T: Transport> Bus<T> {
     /// the deadline is over; an answer that does not come ends the call later than the deadline by at most the margin of the
     /// configuration. While the line is out of step the call returns at once where the time does not suffice, and the next goes on.
     pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
-        let whole_line = if self.line.now_ns() >= deadline_ns {
+        let whole_line = if self.transport.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {
             self.get_in_step(deadline_ns)
@@ -78,7 +77,7 @@ impl<T: Transport> Bus<T> {
     /// Nothing is begun that is unlikely to end by the deadline. What it finds out is in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
         self.look_at_stop();
-        if self.line.now_ns() < deadline_ns
+        if self.transport.now_ns() < deadline_ns
             && self.get_in_step(deadline_ns).is_ok()
             && self.set_up_units(deadline_ns).is_ok()
         {
@@ -92,7 +91,7 @@ impl<T: Transport> Bus<T> {
         let first = self.command_and_read(index, drive);
         // Asking again is safe once the line is in step, because every drive can be given twice; but only if there is time for it.
         match &first {
-            Err(error) if error.is_on_the_line() => {
+            Err(error) if error.is_on_the_wire() => {
                 if self.get_in_step(deadline_ns).is_err() || self.set_up_units(deadline_ns).is_err() {
                     return first;
                 }
@@ -107,7 +106,7 @@ impl<T: Transport> Bus<T> {
             return Err(error);
         }
         let Some(unit) = self.units.get(index) else { return Ok(()) };
-        let (address, doubtful) = (unit.config.address, unit.doubtful);
+        let (name, doubtful) = (Arc::clone(&unit.name), unit.doubtful);
         let refused = unit.interlocked && drive.iter().any(|drive| drive.moves());
         if !refused {
             self.command(index, drive)?;
@@ -122,7 +121,7 @@ impl<T: Transport> Bus<T> {
         if let Some(unit) = self.units.get_mut(index) {
             unit.patience = unit.patience.saturating_sub(1);
         }
-        if refused { Err(Error::Interlocked { port: self.port(), address }) } else { Ok(()) }
+        if refused { Err(Error::Interlocked { port: self.port(), unit: name }) } else { Ok(()) }
     }
 
     fn command(&mut self, index: usize, drive: [Drive; 2]) -> Result<(), Error> {
@@ -160,28 +159,25 @@ impl<T: Transport> Bus<T> {
             unit.last_raw = Some(raw);
             return Ok(());
         };
-        let moved = |from: [u32; 2]| [0, 1].map(|motor| raw[motor].wrapping_sub(from[motor]).cast_signed());
+        let moved = [0, 1].map(|motor| raw[motor].wrapping_sub(last[motor]).cast_signed());
         let since_ns = at_ns.saturating_sub(unit.report.counts.at_ns) + SAMPLE_JITTER_NS;
-        let limit = OVER_SPEED * f64::from(unit.config.fastest_counts_s) * since_ns as f64 * 1e-9;
-        let possible = |moved: [i32; 2]| limit <= 0.0 || moved.iter().all(|&counts| f64::from(counts).abs() <= limit);
-        if !possible(moved(last)) {
-            if unit.refused_raw.is_none_or(|refused| !possible(moved(refused))) {
-                unit.refused_raw = Some(raw);
-                // A unit that has restarted counts from zero: that looks just like this.
+        let beyond = moved.iter().position(|&counts| !unit.config.bound.explains(f64::from(counts), since_ns));
+        if let Some(axis) = beyond {
+            if !std::mem::replace(&mut unit.held_back, true) {
+                // The counts of a unit that has restarted begin at zero, which looks just like this: its watchdog tells.
                 unit.doubtful = true;
-                let [one, two] = moved(last);
-                let first = f64::from(one).abs() > limit;
-                let (motor, counts) = if first { (Motor::One, one) } else { (Motor::Two, two) };
-                return Err(Error::EncoderJump { port, address: unit.config.address, motor, counts });
+                let (unit, counts) = (Arc::clone(&unit.name), i64::from(moved[axis]));
+                return Err(Error::EncoderJump { port, unit, axis, counts });
             }
+            // It has not restarted; whether the count is credible is for the caller to judge.
             unit.report.jumps += 1;
         }
-        for (total, moved) in unit.report.counts.value.iter_mut().zip(moved(last)) {
+        for (total, moved) in unit.report.counts.value.iter_mut().zip(moved) {
             *total += i64::from(moved);
         }
         unit.report.counts.at_ns = at_ns;
         unit.last_raw = Some(raw);
-        unit.refused_raw = None;
+        unit.held_back = false;
         Ok(())
     }
 
@@ -223,7 +219,7 @@ impl<T: Transport> Bus<T> {
     }
 
     fn has_time(&self, answer_bytes: usize, deadline_ns: u64) -> bool {
-        self.line.now_ns() + self.likely_ns(2 + answer_bytes) <= deadline_ns
+        self.transport.now_ns() + self.likely_ns(2 + answer_bytes) <= deadline_ns
     }
 
     /// Ask for something that changes slowly, and keep the answer.
@@ -241,7 +237,8 @@ impl<T: Transport> Bus<T> {
             Reply::Battery(decivolts) => report.supply_v = Timed { value: f64::from(decivolts) / 10.0, at_ns },
             Reply::Temperature(tenths) => report.temperature_c = Timed { value: f64::from(tenths) / 10.0, at_ns },
             Reply::Status(status, width) => {
-                report.status = Timed { value: status, at_ns };
+                report.status = Timed { value: status.neutral(), at_ns };
+                report.native_status = status.0;
                 unit.width = Some(width);
             }
             Reply::Watchdog(tenths) => {

@@ -1,10 +1,13 @@
 //! One command and its answer.
 
+use std::sync::Arc;
+
 use serial::Transport;
 
 use super::{Bus, Phase, step::Step};
-use crate::codec::{ACK, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
-use crate::error::{Command, Error};
+use drives::{Error, said};
+
+use crate::codec::{ACK, Command, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
 use crate::packet::{MAX_PACKET, Packet};
 use crate::status::StatusWidth;
 
@@ -26,7 +29,13 @@ impl<T: Transport> Bus<T> {
         if ack != [ACK] {
             self.counters.wrong_acks += 1;
             self.out_of_step(unit);
-            return Err(Error::WrongAck { port: self.port(), address, command, byte: ack[0] });
+            let said = said(format_args!("{:#04x} instead of {ACK:#04x}", ack[0]));
+            return Err(Error::Unexpected {
+                port: self.port(),
+                unit: self.unit_name(unit),
+                asked: write.asked(),
+                said,
+            });
         }
         self.learn_turnaround(sent_ns, write.encode(address).len() + 1);
         Ok(())
@@ -49,12 +58,12 @@ impl<T: Transport> Bus<T> {
             }
             Err(Flaw::Length) if got < wanted => {
                 self.too_late(unit);
-                Err(Error::CutShort { port: self.port(), address, command, got, wanted })
+                Err(Error::CutShort { port: self.port(), unit: self.unit_name(unit), asked: read.asked(), got, wanted })
             }
             Err(_) => {
                 self.counters.garbled += 1;
                 self.out_of_step(unit);
-                Err(Error::Garbled { port: self.port(), address, command })
+                Err(Error::Garbled { port: self.port(), unit: self.unit_name(unit), asked: read.asked() })
             }
         }
     }
@@ -99,18 +108,19 @@ impl<T: Transport> Bus<T> {
 
     /// Put a packet on an empty line; returns when.
     pub(super) fn send(&mut self, unit: usize, packet: &Packet, command: Command) -> Result<u64, Error> {
-        let stray = self.line.pending().map_err(|error| self.line_failed(error))?;
+        let stray = self.transport.pending().map_err(|error| self.line_failed(error))?;
         if stray > 0 {
             // Counted when they are drained.
             self.out_of_step(self.last_unit);
-            return Err(Error::Stray { port: self.port(), address: self.address(unit), command, bytes: stray });
+            let (unit, asked) = (self.unit_name(unit), command.asked());
+            return Err(Error::Stray { port: self.port(), unit, asked, bytes: stray });
         }
         self.last_unit = unit;
         self.counters.exchanges += 1;
-        let now_ns = self.line.now_ns();
-        self.sent_stamp_ns = self.line.stamp_ns();
+        let now_ns = self.transport.now_ns();
+        self.sent_stamp_ns = self.transport.stamp_ns();
         let deadline_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
-        if let Err(error) = self.line.write_all(packet, deadline_ns) {
+        if let Err(error) = self.transport.write_all(packet, deadline_ns) {
             self.out_of_step(unit);
             return Err(self.line_failed(error));
         }
@@ -130,19 +140,19 @@ impl<T: Transport> Bus<T> {
         let in_setup = self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_)));
         let margin_ns = if in_setup { self.patience_ns(unit) } else { self.margin_ns };
         let deadline_ns = sent_ns + self.wire_ns(sent + answer) + margin_ns;
-        let mut got = self.line.fill(buffer, deadline_ns).map_err(|error| self.line_failed(error))?;
-        let now_ns = self.line.now_ns();
+        let mut got = self.transport.fill(buffer, deadline_ns).map_err(|error| self.line_failed(error))?;
+        let now_ns = self.transport.now_ns();
         if got < buffer.len() && now_ns > deadline_ns + STOOD_STILL_NS {
             let rest = buffer.get_mut(got..).unwrap_or_default();
-            got += self.line.fill(rest, now_ns + self.margin_ns).map_err(|error| self.line_failed(error))?;
+            got += self.transport.fill(rest, now_ns + self.margin_ns).map_err(|error| self.line_failed(error))?;
         }
         Ok(got)
     }
 
     fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
         self.too_late(unit);
-        let waited_us = u32::try_from((self.line.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
-        Error::NoAnswer { port: self.port(), address: self.address(unit), command, waited_us }
+        let waited_us = u32::try_from((self.transport.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
+        Error::NoAnswer { port: self.port(), unit: self.unit_name(unit), asked: command.asked(), waited_us }
     }
 
     /// The answer did not come in time, or not whole.
@@ -156,7 +166,7 @@ impl<T: Transport> Bus<T> {
 
     /// What this unit sent, or will still send, cannot be told from an answer: drain the line, and fence the unit.
     pub(super) fn out_of_step(&mut self, unit: usize) {
-        let now_ns = self.line.now_ns();
+        let now_ns = self.transport.now_ns();
         if self.step == Step::Settled {
             self.counters.resyncs += 1;
         }
@@ -169,11 +179,16 @@ impl<T: Transport> Bus<T> {
     }
 
     pub(super) fn line_failed(&mut self, error: serial::Error) -> Error {
-        self.step = Step::Draining { quiet_from_ns: self.line.now_ns() };
+        self.step = Step::Draining { quiet_from_ns: self.transport.now_ns() };
         if error.is_lost() {
             self.lose_all();
         }
-        Error::Line(error)
+        Error::Serial(error)
+    }
+
+    /// A unit's name in messages.
+    pub(super) fn unit_name(&self, unit: usize) -> Arc<str> {
+        self.units.get(unit).map_or_else(|| self.port(), |unit| Arc::clone(&unit.name))
     }
 
     pub(super) fn address(&self, unit: usize) -> u8 {
@@ -191,7 +206,7 @@ impl<T: Transport> Bus<T> {
     }
 
     fn learn_turnaround(&mut self, sent_ns: u64, bytes: usize) {
-        let took_ns = (self.line.now_ns() - sent_ns).saturating_sub(self.wire_ns(bytes));
+        let took_ns = (self.transport.now_ns() - sent_ns).saturating_sub(self.wire_ns(bytes));
         // A moving average over about eight exchanges; one that stood still with the machine counts for no more than a timeout.
         let took_ns = took_ns.min(self.margin_ns);
         self.turnaround_ns = self.turnaround_ns - self.turnaround_ns / 8 + took_ns / 8;

@@ -15,18 +15,16 @@
 
 mod cycle;
 mod exchange;
-mod report;
+mod family;
 mod step;
 mod sync;
 
 use std::sync::Arc;
 
+use drives::{CountBound, Counters, Error, Misfit, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
-pub use report::{Counters, StopInput, Timed, UnitAnswer, UnitIdentity, UnitReport};
-
 use crate::codec::{ADDRESSES, Version};
-use crate::error::{Error, Misfit};
 use crate::status::StatusWidth;
 
 /// Most units on one line: the protocol has eight addresses.
@@ -37,6 +35,29 @@ pub const WIRE_MARGIN_NS: u64 = 12_000_000;
 
 /// The same over USB, whose frames, adapters and kernel threads add their own pauses.
 pub const USB_MARGIN_NS: u64 = 25_000_000;
+
+/// [`ADDRESSES`] in messages.
+const ACCEPTED_ADDRESSES: &str = "128 to 135 (0x80 to 0x87)";
+/// Watchdog times in messages: one byte of tenths of a second, 0 switches it off.
+const ACCEPTED_WATCHDOGS: &str = "100 to 25500 ms in steps of 100";
+
+/// Watchdog setting of a unit, ms.
+fn watchdog_ms(tenths: u8) -> u32 {
+    u32::from(tenths) * 100
+}
+
+/// Setting for a watchdog of this many seconds.
+///
+/// # Errors
+/// The units cannot be set to this time, or would be switched off by it.
+pub fn watchdog_tenths(seconds: f64) -> Result<u8, Misfit> {
+    let tenths = (seconds * 10.0).round();
+    if (1.0..=255.0).contains(&tenths) && (seconds * 10.0 - tenths).abs() < 1e-6 {
+        return Ok(tenths as u8);
+    }
+    // `as` saturates, and turns a NaN into 0.
+    Err(Misfit::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
+}
 
 /// What one motor of a unit is to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -62,20 +83,20 @@ impl Drive {
 }
 
 /// A unit on a line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnitConfig {
     /// 0x80 to 0x87.
     pub address: u8,
     /// The unit stops its motors when it hears nothing for so many tenths of a second, 1 to 255. Choose another value than the
     /// unit starts with (usually 0): the difference is how a restart is found out.
     pub watchdog_tenths: u8,
-    /// Fastest the motor can turn, counts per second. A sample further away is refused once, and counted as a jump when it stays.
-    /// 0: no check; a restart of the unit may then look like a movement until its watchdog is next asked for.
-    pub fastest_counts_s: u32,
+    /// Motion of the counts that needs no explanation. A sample beyond it is held back until the unit has shown by its watchdog that it
+    /// did not restart; then it is passed on, and counted as a jump.
+    pub bound: CountBound,
 }
 
 /// A line and its units.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct BusConfig {
     /// Bits per second, to know how long bytes take; 0 where they take no time worth counting (USB).
     pub baud: u32,
@@ -91,6 +112,8 @@ pub struct BusConfig {
 #[derive(Debug)]
 struct Unit {
     config: UnitConfig,
+    /// Name in messages.
+    name: Arc<str>,
     phase: Phase,
     report: UnitReport,
     version: Option<Version>,
@@ -98,8 +121,8 @@ struct Unit {
     width: Option<StatusWidth>,
     /// The unit's own 32 bits at the last accepted sample.
     last_raw: Option<[u32; 2]>,
-    /// A refused sample: where the next one has to be near to be believed.
-    refused_raw: Option<[u32; 2]>,
+    /// The last sample was beyond the bound and was held back.
+    held_back: bool,
     /// In this life of the unit its watchdog was set, and seen to be set: another value means another life.
     told: bool,
     /// Ask for the watchdog before anything else that can wait.
@@ -128,7 +151,7 @@ enum Phase {
 /// A line with units. One thread owns it: two users of one line garble each other's answers.
 #[derive(Debug)]
 pub struct Bus<T> {
-    line: T,
+    transport: T,
     byte_ns: u64,
     margin_ns: u64,
     units: Vec<Unit>,
@@ -153,31 +176,32 @@ pub struct Bus<T> {
 
 impl<T: Transport> Bus<T> {
     /// A line that is not spoken to yet. The line's device need not be there.
-    pub fn new(line: T, config: &BusConfig) -> Result<Bus<T>, Error> {
-        let port = Arc::clone(line.name());
+    pub fn new(transport: T, config: &BusConfig) -> Result<Bus<T>, Error> {
+        let port = Arc::clone(transport.name());
         let wrong = |what| Err(Error::Configuration { port: Arc::clone(&port), what });
         if config.units.is_empty() {
             return wrong(Misfit::NoUnits);
         }
         for (index, unit) in config.units.iter().enumerate() {
             if !ADDRESSES.contains(&unit.address) {
-                return wrong(Misfit::Address);
+                return wrong(Misfit::Address { given: unit.address, accepted: ACCEPTED_ADDRESSES });
             }
             if config.units[..index].iter().any(|other| other.address == unit.address) {
                 return wrong(Misfit::AddressTwice);
             }
             if unit.watchdog_tenths == 0 {
-                return wrong(Misfit::NoWatchdog);
+                return wrong(Misfit::Watchdog { given_ms: 0, accepted: ACCEPTED_WATCHDOGS });
             }
         }
         let unit = |config: &UnitConfig| Unit {
             config: *config,
+            name: format!("unit {:#04x}", config.address).into(),
             phase: Phase::Suspect { failed: 0, due_ns: 0 },
             report: UnitReport::default(),
             version: None,
             width: None,
             last_raw: None,
-            refused_raw: None,
+            held_back: false,
             told: false,
             doubtful: false,
             interlocked: true,
@@ -185,7 +209,7 @@ impl<T: Transport> Bus<T> {
             instead: step::Instead::default(),
         };
         Ok(Bus {
-            line,
+            transport,
             byte_ns: byte_time_ns(config.baud),
             margin_ns: config.margin_ns,
             units: config.units.iter().map(unit).collect(),
@@ -207,17 +231,17 @@ impl<T: Transport> Bus<T> {
 
     /// The line's name.
     pub fn name(&self) -> &Arc<str> {
-        self.line.name()
+        self.transport.name()
     }
 
     /// The line.
-    pub fn line(&self) -> &T {
-        &self.line
+    pub fn transport(&self) -> &T {
+        &self.transport
     }
 
     /// The line. Bytes written to it past this driver bring the driver out of step, which it will notice.
-    pub fn line_mut(&mut self) -> &mut T {
-        &mut self.line
+    pub fn transport_mut(&mut self) -> &mut T {
+        &mut self.transport
     }
 
     /// Number of units.
@@ -225,9 +249,9 @@ impl<T: Transport> Bus<T> {
         self.units.len()
     }
 
-    /// Who the units are.
-    pub fn identities(&self) -> impl Iterator<Item = UnitIdentity> {
-        self.units.iter().map(|unit| UnitIdentity { address: unit.config.address, version: unit.version })
+    /// Version text of a unit, once it was read.
+    pub fn version(&self, unit: usize) -> Option<Version> {
+        self.units.get(unit).and_then(|unit| unit.version)
     }
 
     /// The newest known values of a unit.
@@ -253,15 +277,15 @@ impl<T: Transport> Bus<T> {
     /// An input that cannot be read is no better than one that says stop.
     fn look_at_stop(&mut self) {
         if let Some(pin) = self.stop_pin {
-            self.stop = match self.line.is_on(pin) {
+            self.stop = match self.transport.is_on(pin) {
                 Ok(true) => StopInput::Released,
                 Ok(false) => StopInput::Pressed,
-                Err(error) => StopInput::Unreadable(Error::Line(error)),
+                Err(error) => StopInput::Unreadable(Error::Serial(error)),
             };
         }
     }
 
     fn port(&self) -> Arc<str> {
-        Arc::clone(self.line.name())
+        Arc::clone(self.transport.name())
     }
 }

@@ -1,9 +1,9 @@
-//! The states of the line and of a unit on the way into use.
+//! The states of the bus and of a unit on the way into use.
 
 use crate::codec::Read;
 use crate::packet::MAX_PACKET;
 
-/// Where the line is.
+/// Where the bus is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
     /// Reading and forgetting until it is quiet; the last byte came at `quiet_from_ns` or before.
@@ -23,7 +23,7 @@ pub(super) enum Instead {
     /// The question itself.
     Echo,
     /// Something else.
-    Gibberish,
+    Foreign,
 }
 
 /// What a unit is asked before it is used, in this order.
@@ -65,7 +65,7 @@ impl Window {
         match self.bytes.get(..self.len) {
             None | Some([]) => Instead::Nothing,
             Some(bytes) if bytes == question => Instead::Echo,
-            Some(_) => Instead::Gibberish,
+            Some(_) => Instead::Foreign,
         }
     }
 

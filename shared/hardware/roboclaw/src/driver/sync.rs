@@ -1,11 +1,14 @@
 //! Getting in step with the units, and back in step after an error.
 
+use std::sync::Arc;
+
 use serial::Transport;
 
 use super::step::{Instead, Setup, Step, Window};
-use super::{Bus, Phase};
-use crate::codec::{BYTE_GAP_NS, Read, Reply, ReplyLength, Write};
-use crate::error::{Command, Error};
+use super::{Bus, Phase, watchdog_ms};
+use drives::Error;
+
+use crate::codec::{BYTE_GAP_NS, Command, Read, Reply, ReplyLength, Write};
 use crate::packet::MAX_PACKET;
 
 /// So long without a byte, the line is empty and so are the units' parsers.
@@ -45,25 +48,25 @@ impl<T: Transport> Bus<T> {
     pub fn settle(&mut self, deadline_ns: u64) -> Result<(), Error> {
         self.look_at_stop();
         // A clock goes on between here and there: without the pause the one step would always come a moment too late.
-        let deadline_ns = deadline_ns.max(self.line.now_ns() + self.likely_ns(LONGEST_STEP) + PAUSE_NS);
+        let deadline_ns = deadline_ns.max(self.transport.now_ns() + self.likely_ns(LONGEST_STEP) + PAUSE_NS);
         let result = self.get_in_step(deadline_ns).and_then(|()| self.set_up_units(deadline_ns));
         if result.is_err() {
             // What is missing is time; a clock that moves only when it is waited for has to be waited for.
-            let now_ns = self.line.now_ns();
-            self.line.wait_until(deadline_ns.min(now_ns + PAUSE_NS).max(now_ns));
+            let now_ns = self.transport.now_ns();
+            self.transport.wait_until(deadline_ns.min(now_ns + PAUSE_NS).max(now_ns));
         }
         result
     }
 
     /// Connect where necessary, and empty the line.
     pub(super) fn get_in_step(&mut self, deadline_ns: u64) -> Result<(), Error> {
-        match self.line.connection() {
+        match self.transport.connection() {
             Err(error) => return Err(self.line_failed(error)),
             Ok(connection) if connection != self.connection => {
                 self.connection = connection;
                 self.counters.connections += 1;
                 self.lose_all();
-                self.step = Step::Draining { quiet_from_ns: self.line.now_ns() };
+                self.step = Step::Draining { quiet_from_ns: self.transport.now_ns() };
             }
             Ok(_) => {}
         }
@@ -83,8 +86,8 @@ impl<T: Transport> Bus<T> {
         // Where the silence cannot be waited for in this call, it goes on by itself: do not hold up the caller.
         let until_ns = if quiet_at_ns <= deadline_ns { quiet_at_ns } else { 0 };
         let mut waste = [0; MAX_PACKET];
-        let got = self.line.read(&mut waste, until_ns).map_err(|error| self.line_failed(error))?;
-        let now_ns = self.line.now_ns();
+        let got = self.transport.read(&mut waste, until_ns).map_err(|error| self.line_failed(error))?;
+        let now_ns = self.transport.now_ns();
         if got > 0 {
             self.counters.stray_bytes += got as u64;
             self.step = Step::Draining { quiet_from_ns: now_ns };
@@ -111,8 +114,9 @@ impl<T: Transport> Bus<T> {
         let mut byte = [0];
         loop {
             // Byte by byte: what comes after the answer belongs to nobody and shows that the line is not empty.
-            let got = self.line.read(&mut byte, until_ns.min(deadline_ns)).map_err(|error| self.line_failed(error))?;
-            let now_ns = self.line.now_ns();
+            let got =
+                self.transport.read(&mut byte, until_ns.min(deadline_ns)).map_err(|error| self.line_failed(error))?;
+            let now_ns = self.transport.now_ns();
             if got == 0 && now_ns >= until_ns {
                 self.fence_failed(unit, window.instead(&read.encode(self.address(unit))), now_ns);
                 return Ok(());
@@ -127,7 +131,7 @@ impl<T: Transport> Bus<T> {
             if read.decode(self.address(unit), answer).is_err() {
                 continue;
             }
-            if self.line.pending().map_err(|error| self.line_failed(error))? > 0 {
+            if self.transport.pending().map_err(|error| self.line_failed(error))? > 0 {
                 self.step = Step::Draining { quiet_from_ns: now_ns };
                 return Ok(());
             }
@@ -169,7 +173,7 @@ impl<T: Transport> Bus<T> {
         let mut index = 0;
         let mut verdict = Ok(());
         while index < self.units.len() {
-            let now_ns = self.line.now_ns();
+            let now_ns = self.transport.now_ns();
             let Some(phase) = self.units.get(index).map(|unit| unit.phase) else { break };
             let due = match phase {
                 Phase::Ready => false,
@@ -252,7 +256,7 @@ impl<T: Transport> Bus<T> {
             }
             Setup::CheckWatchdog => match self.ask(index, Read::Watchdog)?.0 {
                 Reply::Watchdog(got) if got != wanted => {
-                    let due_ns = self.line.now_ns() + ASK_SILENT_EVERY_NS;
+                    let due_ns = self.transport.now_ns() + ASK_SILENT_EVERY_NS;
                     Phase::Unusable { wanted, got, due_ns }
                 }
                 _ => {
@@ -292,7 +296,7 @@ impl<T: Transport> Bus<T> {
             unit.doubtful = false;
             // What it counts now has nothing to do with what it counted before: the totals stay where they were.
             unit.last_raw = None;
-            unit.refused_raw = None;
+            unit.held_back = false;
             // Counted once, however often it takes to set it up again.
             if std::mem::take(&mut unit.told) {
                 unit.report.reboots += 1;
@@ -311,24 +315,27 @@ impl<T: Transport> Bus<T> {
     /// Why a unit cannot be used at the moment.
     pub(super) fn not_ready(&self, index: usize) -> Option<Error> {
         let unit = self.units.get(index)?;
-        let (port, address) = (self.port(), unit.config.address);
+        let (port, name) = (self.port(), Arc::clone(&unit.name));
         match unit.phase {
             Phase::Ready => None,
-            Phase::Setup(_) => Some(Error::Preparing { port, address }),
+            Phase::Setup(_) => Some(Error::Preparing { port, unit: name }),
             Phase::Suspect { failed, .. } if failed < FENCES_BEFORE_SILENT => Some(Error::Resynchronising { port }),
             Phase::Suspect { .. } => Some(match unit.instead {
-                Instead::Nothing => Error::Silent { port, address },
-                Instead::Echo => Error::Echo { port, address },
-                Instead::Gibberish => Error::Gibberish { port, address },
+                Instead::Nothing => Error::Silent { port, unit: name },
+                Instead::Echo => Error::Echo { port, unit: name },
+                Instead::Foreign => Error::Foreign { port, unit: name },
             }),
-            Phase::Unusable { wanted, got, .. } => Some(Error::WatchdogRefused { port, address, wanted, got }),
+            Phase::Unusable { wanted, got, .. } => {
+                let (wanted_ms, got_ms) = (watchdog_ms(wanted), watchdog_ms(got));
+                Some(Error::WatchdogRefused { port, unit: name, wanted_ms, got_ms })
+            }
         }
     }
 
     pub(super) fn resynchronising(&self) -> Error {
         let port = self.port();
         match self.noisy_from_ns {
-            Some(from_ns) if self.line.now_ns().saturating_sub(from_ns) > BABBLE_NS => Error::Babble { port },
+            Some(from_ns) if self.transport.now_ns().saturating_sub(from_ns) > BABBLE_NS => Error::Babble { port },
             _ => Error::Resynchronising { port },
         }
     }

@@ -2,18 +2,18 @@
 //!
 //! A [`Unit`] is told what its sensors measure ([`Unit::measure`]) and says what its motors should do ([`Unit::target`]); motors,
 //! supply and time are the caller's, so that the same unit works in a process on a pseudo-terminal and in a test with a virtual
-//! clock. A [`UnitLine`] puts several of them on one line and can be the far end of a [`serial::Pipe`].
+//! clock. A [`UnitBus`] puts several of them on one line and can be the far end of a [`serial::Pipe`].
 //!
 //! Where the manual leaves something open this does what is harder for a driver: by default only a packet for the unit itself
 //! keeps its watchdog quiet.
 
 mod answer;
 mod axis;
-mod line;
+mod bus;
 mod settings;
 
 pub use axis::Target;
-pub use line::UnitLine;
+pub use bus::UnitBus;
 
 use crate::codec::{Motor, Pid, Version, Write};
 use crate::packet::Packet;

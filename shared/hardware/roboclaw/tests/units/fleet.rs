@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
+use drives::{Capabilities, Command, CountBound, Error, Fleet, FleetCommand, FleetReply, Misfit};
 use roboclaw::driver::WIRE_MARGIN_NS;
-use roboclaw::unit::{Unit, UnitLine, UnitOptions};
-use roboclaw::{BusConfig, Drive, Error, Fleet, FleetCommand, FleetReply, Misfit, PortConfig, UnitConfig};
-use serial::{Device, Jack, Paced, Pipe, monotonic_ns, sleep_until};
+use roboclaw::unit::{Unit, UnitBus, UnitOptions};
+use roboclaw::{Bus, BusConfig, UnitConfig};
+use serial::{Device, Jack, Paced, Pipe, ReopeningPort, monotonic_ns, sleep_until};
 
 const MS: u64 = 1_000_000;
 /// Long enough that a machine which stands still for a quarter of a second makes no test fail.
@@ -17,7 +18,7 @@ const PATIENCE_NS: u64 = 400 * MS;
 /// Units behind a jack, answered by a thread.
 struct Socket {
     jack: Arc<Mutex<Jack>>,
-    line: Arc<Mutex<UnitLine>>,
+    bus: Arc<Mutex<UnitBus>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     folder: PathBuf,
@@ -32,17 +33,17 @@ impl Socket {
         jack.plug().unwrap();
         let units = addresses.iter().map(|&address| Unit::new(UnitOptions::new(address))).collect();
         let jack = Arc::new(Mutex::new(jack));
-        let line = Arc::new(Mutex::new(UnitLine::new(units)));
+        let line = Arc::new(Mutex::new(UnitBus::new(units)));
         let stop = Arc::new(AtomicBool::new(false));
         let thread = std::thread::spawn({
             let (jack, line, stop) = (Arc::clone(&jack), Arc::clone(&line), Arc::clone(&stop));
             move || serve(&jack, &line, &stop)
         });
-        Socket { jack, line, stop, thread: Some(thread), folder }
+        Socket { jack, bus: line, stop, thread: Some(thread), folder }
     }
 
-    fn config(&self, addresses: &[u8]) -> PortConfig {
-        PortConfig { path: self.link().to_str().unwrap().into(), bus: bus_config(addresses, PATIENCE_NS) }
+    fn bus(&self, addresses: &[u8]) -> Bus<ReopeningPort> {
+        bus_at(self.link().to_str().unwrap(), addresses, PATIENCE_NS)
     }
 
     fn link(&self) -> PathBuf {
@@ -61,7 +62,7 @@ impl Drop for Socket {
     }
 }
 
-fn serve(jack: &Mutex<Jack>, line: &Mutex<UnitLine>, stop: &AtomicBool) {
+fn serve(jack: &Mutex<Jack>, line: &Mutex<UnitBus>, stop: &AtomicBool) {
     let mut reply = Paced::new(0);
     while !stop.load(Ordering::Relaxed) {
         let now_ns = monotonic_ns();
@@ -82,16 +83,22 @@ fn serve(jack: &Mutex<Jack>, line: &Mutex<UnitLine>, stop: &AtomicBool) {
 }
 
 fn bus_config(addresses: &[u8], margin_ns: u64) -> BusConfig {
-    let unit = |&address| UnitConfig { address, watchdog_tenths: 30, fastest_counts_s: 0 };
+    let unit = |&address| UnitConfig { address, watchdog_tenths: 30, bound: CountBound::NONE };
     BusConfig { baud: 0, margin_ns, units: addresses.iter().map(unit).collect(), stop_pin: None }
 }
 
-fn all(drive: Drive, cycle: u64) -> FleetCommand {
-    FleetCommand { cycle, drives: [[drive; 2]; 8] }
+fn bus_at(path: &str, addresses: &[u8], margin_ns: u64) -> Bus<ReopeningPort> {
+    Bus::new(ReopeningPort::new(path, 0), &bus_config(addresses, margin_ns)).unwrap()
+}
+
+const RUN: Command = Command::Velocity(100.0);
+
+fn all(command: Command, cycle: u64) -> FleetCommand {
+    FleetCommand { cycle, units: [[Some(command); 2]; 8] }
 }
 
 /// Cycles until a reply is as wanted; the number of cycles is bounded, not the time.
-fn until(fleet: &mut Fleet, budget_ns: u64, drive: Drive, wanted: impl Fn(&FleetReply) -> bool) -> FleetReply {
+fn until(fleet: &mut Fleet, budget_ns: u64, drive: Command, wanted: impl Fn(&FleetReply) -> bool) -> FleetReply {
     for cycle in 1..2000 {
         let start_ns = monotonic_ns();
         let reply = fleet.exchange(&all(drive, cycle), start_ns + budget_ns);
@@ -111,16 +118,16 @@ fn well(reply: &FleetReply) -> bool {
 #[test]
 fn ports_come_up_go_and_come_back_one_by_one() {
     let (one, two) = (Socket::new(&[0x80, 0x81]), Socket::new(&[0x80]));
-    let mut fleet = Fleet::open(&[one.config(&[0x80, 0x81]), two.config(&[0x80])]).unwrap();
+    let mut fleet = Fleet::open(vec![one.bus(&[0x80, 0x81]), two.bus(&[0x80])], Capabilities::NONE).unwrap();
     assert_eq!(fleet.unit_count(), 3);
     assert_eq!([0, 1, 2].map(|unit| fleet.port_of(unit)), [Some(0), Some(0), Some(1)]);
-    until(&mut fleet, PATIENCE_NS, Drive::HOLD, well);
-    assert!(fleet.identities().iter().all(|unit| unit.version.is_some()));
-    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), well);
+    until(&mut fleet, PATIENCE_NS, Command::HOLD, well);
+    assert!(fleet.units().iter().all(|unit| unit.firmware.is_some() && unit.watchdog_ms == Some(3000)));
+    let reply = until(&mut fleet, PATIENCE_NS, RUN, well);
     assert!(reply.ports.iter().all(|port| port.lost.is_none() && port.counters.connections == 1));
 
     two.jack.lock().unwrap().unplug();
-    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), |reply| reply.ports[1].lost.is_some());
+    let reply = until(&mut fleet, PATIENCE_NS, RUN, |reply| reply.ports[1].lost.is_some());
     assert!(reply.units[2].outcome.as_ref().is_err_and(Error::is_lost), "{reply:?}");
     assert!(reply.units[..2].iter().all(|unit| unit.outcome.is_ok()), "the other port goes on");
 
@@ -128,31 +135,31 @@ fn ports_come_up_go_and_come_back_one_by_one() {
     let interlocked = |reply: &FleetReply| {
         matches!(reply.units[2].outcome, Err(Error::Interlocked { .. })) && reply.ports[1].lost.is_none()
     };
-    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), interlocked);
+    let reply = until(&mut fleet, PATIENCE_NS, RUN, interlocked);
     assert_eq!(reply.ports[1].counters.connections, 2);
     assert_eq!(reply.units[2].report.reboots, 0);
-    until(&mut fleet, PATIENCE_NS, Drive::HOLD, well);
-    until(&mut fleet, PATIENCE_NS, Drive::Speed(100), well);
+    until(&mut fleet, PATIENCE_NS, Command::HOLD, well);
+    until(&mut fleet, PATIENCE_NS, RUN, well);
 }
 
 #[test]
 fn a_restart_is_found_out_on_a_real_terminal() {
     let socket = Socket::new(&[0x80]);
-    let mut fleet = Fleet::open(&[socket.config(&[0x80])]).unwrap();
-    until(&mut fleet, PATIENCE_NS, Drive::HOLD, well);
-    socket.line.lock().unwrap().units_mut()[0].reboot(0);
-    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), |reply| reply.units[0].report.reboots == 1);
+    let mut fleet = Fleet::open(vec![socket.bus(&[0x80])], Capabilities::NONE).unwrap();
+    until(&mut fleet, PATIENCE_NS, Command::HOLD, well);
+    socket.bus.lock().unwrap().units_mut()[0].reboot(0);
+    let reply = until(&mut fleet, PATIENCE_NS, RUN, |reply| reply.units[0].report.reboots == 1);
     assert!(reply.units[0].outcome.is_err() || reply.units[0].report.reboots == 1);
 }
 
 #[test]
 fn a_port_that_was_never_there_is_missing_by_its_name() {
     let missing = std::env::temp_dir().join(format!("nims-no-such-port-{}", std::process::id()));
-    let config = PortConfig { path: missing.to_str().unwrap().into(), bus: bus_config(&[0x80], PATIENCE_NS) };
-    let mut fleet = Fleet::open(&[config]).unwrap();
-    let reply = until(&mut fleet, PATIENCE_NS, Drive::HOLD, |reply| reply.ports[0].lost.is_some());
+    let bus = bus_at(missing.to_str().unwrap(), &[0x80], PATIENCE_NS);
+    let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
+    let reply = until(&mut fleet, PATIENCE_NS, Command::HOLD, |reply| reply.ports[0].lost.is_some());
     let error = reply.units[0].outcome.clone().unwrap_err();
-    assert_eq!(error, Error::Line(serial::Error::Missing { port: missing.to_str().unwrap().into() }));
+    assert_eq!(error, Error::Serial(serial::Error::Missing { port: missing.to_str().unwrap().into() }));
     assert!(error.to_string().contains(missing.to_str().unwrap()), "{error}");
 }
 
@@ -161,15 +168,14 @@ fn a_silent_port_is_busy_at_the_deadline_and_the_other_has_answered() {
     let line = |mute_until_ns| {
         let mut unit = Unit::new(UnitOptions::new(0x80));
         unit.mute_until(mute_until_ns);
-        UnitLine::new(vec![unit])
+        UnitBus::new(vec![unit])
     };
     // Simulated lines jump over the waiting, so this is exact whatever the machine does.
-    let lines = vec![
-        (Pipe::new("good", 0, line(0)), bus_config(&[0x80], WIRE_MARGIN_NS)),
-        (Pipe::new("silent", 0, line(u64::MAX)), bus_config(&[0x80], WIRE_MARGIN_NS)),
-    ];
-    let mut fleet = Fleet::over(lines).unwrap();
-    let reply = until(&mut fleet, PATIENCE_NS, Drive::HOLD, |reply| {
+    let config = bus_config(&[0x80], WIRE_MARGIN_NS);
+    let buses = [("good", 0), ("silent", u64::MAX)]
+        .map(|(name, mute_until_ns)| Bus::new(Pipe::new(name, 0, line(mute_until_ns)), &config).unwrap());
+    let mut fleet = Fleet::open(buses.into(), Capabilities::NONE).unwrap();
+    let reply = until(&mut fleet, PATIENCE_NS, Command::HOLD, |reply| {
         reply.units[0].outcome.is_ok() && matches!(reply.units[1].outcome, Err(Error::Silent { .. }))
     });
     assert_eq!(reply.ports[0].counters.timeouts, 0);
@@ -187,22 +193,24 @@ impl Device for Stuck {
 
 #[test]
 fn a_port_that_hangs_does_not_hold_up_the_caller() {
-    let mut fleet = Fleet::over(vec![(Pipe::new("stuck", 0, Stuck), bus_config(&[0x80], WIRE_MARGIN_NS))]).unwrap();
+    let bus = Bus::new(Pipe::new("stuck", 0, Stuck), &bus_config(&[0x80], WIRE_MARGIN_NS)).unwrap();
+    let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
     // One exchange with it takes most of a second; every call ends by its own deadline all the same, and says what the port is at.
     for cycle in 1..20 {
-        let reply = fleet.exchange(&all(Drive::HOLD, cycle), monotonic_ns() + 2 * MS);
+        let reply = fleet.exchange(&all(Command::HOLD, cycle), monotonic_ns() + 2 * MS);
         assert!(matches!(reply.units[0].outcome, Err(Error::Resynchronising { .. })), "{reply:?}");
     }
 }
 
 #[test]
 fn ports_and_units_are_counted_and_named_once() {
-    let config = |path: &str, units: usize| PortConfig {
-        path: path.into(),
-        bus: bus_config(&(0..units as u8).map(|unit| 0x80 + unit).collect::<Vec<_>>(), WIRE_MARGIN_NS),
+    let bus = |path: &str, units: usize| {
+        bus_at(path, &(0..units as u8).map(|unit| 0x80 + unit).collect::<Vec<_>>(), WIRE_MARGIN_NS)
     };
-    let refuse = |ports: &[PortConfig]| Fleet::open(ports).map(|_| ()).unwrap_err();
+    let refuse = |buses: Vec<Bus<ReopeningPort>>, needed| Fleet::open(buses, needed).map(|_| ()).unwrap_err();
     let wrong = |what| Error::Configuration { port: "/dev/a".into(), what };
-    assert_eq!(refuse(&[config("/dev/a", 1), config("/dev/a", 1)]), wrong(Misfit::PortTwice));
-    assert_eq!(refuse(&[config("/dev/a", 5), config("/dev/b", 4)]), wrong(Misfit::TooManyUnits));
+    assert_eq!(refuse(vec![bus("/dev/a", 1), bus("/dev/a", 1)], Capabilities::NONE), wrong(Misfit::PortTwice));
+    assert_eq!(refuse(vec![bus("/dev/a", 5), bus("/dev/b", 4)], Capabilities::NONE), wrong(Misfit::TooManyUnits));
+    let torque = Capabilities { torque: true, ..Capabilities::NONE };
+    assert_eq!(refuse(vec![bus("/dev/a", 1)], torque), wrong(Misfit::Lacks("closed-loop torque")));
 }

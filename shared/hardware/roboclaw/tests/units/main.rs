@@ -4,5 +4,4 @@
 mod codec;
 mod driver;
 mod fleet;
-mod sentences;
 mod unit;

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use roboclaw::codec::{Motor, Read, Reply, Write};
 use roboclaw::crc16;
-use roboclaw::unit::{Feeds, Measured, Target, Unit, UnitLine, UnitOptions};
+use roboclaw::unit::{Feeds, Measured, Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Status, StatusWidth};
 use serial::{Device, Paced};
 
@@ -11,13 +11,13 @@ const MS: u64 = 1_000_000;
 
 /// A line with units, a clock and what was answered.
 struct Bench {
-    line: UnitLine,
+    bus: UnitBus,
     now_ns: u64,
 }
 
 impl Bench {
     fn new(options: &[UnitOptions]) -> Bench {
-        Bench { line: UnitLine::new(options.iter().map(|options| Unit::new(*options)).collect()), now_ns: 0 }
+        Bench { bus: UnitBus::new(options.iter().map(|options| Unit::new(*options)).collect()), now_ns: 0 }
     }
 
     fn one() -> Bench {
@@ -25,26 +25,26 @@ impl Bench {
     }
 
     fn unit(&mut self) -> &mut Unit {
-        &mut self.line.units_mut()[0]
+        &mut self.bus.units_mut()[0]
     }
 
     fn wait(&mut self, ns: u64) {
         self.now_ns += ns;
-        self.line.advance(self.now_ns);
+        self.bus.advance(self.now_ns);
     }
 
     /// Send bytes without a pause; all that is answered, and when the first byte of it is ready.
     fn send(&mut self, bytes: &[u8]) -> (Vec<u8>, Option<u64>) {
         let mut wire = Paced::new(0);
         for &byte in bytes {
-            self.line.receive(self.now_ns, byte, &mut wire);
+            self.bus.receive(self.now_ns, byte, &mut wire);
         }
         let first_ns = wire.next_ns().map(|at_ns| at_ns - self.now_ns);
         (std::iter::from_fn(|| wire.pop(u64::MAX)).map(|(_, byte)| byte).collect(), first_ns)
     }
 
     fn tell(&mut self, write: Write) {
-        assert_eq!(self.send(&write.encode(0x80)).0, [0xFF], "{write}");
+        assert_eq!(self.send(&write.encode(0x80)).0, [0xFF], "{write:?}");
     }
 
     fn ask(&mut self, read: Read) -> Reply {
@@ -128,8 +128,8 @@ proptest! {
 #[test]
 fn units_of_one_line_answer_for_themselves_only() {
     let mut bench = Bench::new(&[UnitOptions::new(0x80), UnitOptions::new(0x81)]);
-    bench.line.measure(0, &Measured { counts: [1, 2], ..Measured::default() });
-    bench.line.measure(1, &Measured { counts: [3, 4], ..Measured::default() });
+    bench.bus.measure(0, &Measured { counts: [1, 2], ..Measured::default() });
+    bench.bus.measure(1, &Measured { counts: [3, 4], ..Measured::default() });
     for (address, counts) in [(0x80, [1, 2]), (0x81, [3, 4])] {
         let (answer, first_ns) = bench.send(&Read::Encoders.encode(address));
         assert_eq!(Read::Encoders.decode(address, &answer), Ok(Reply::Counts(counts)));

@@ -4,9 +4,9 @@ use thiserror::Error;
 
 use crate::motor::Motor;
 
-/// What a winch draws at the cable: the friction model or a measured table.
+/// Current of a winch motor at the cable: the friction model or a measured table.
 pub trait Current {
-    /// Armature current, A, for a tension, N, and a reel-in speed -dL/dt, m/s. Fails outside what was measured.
+    /// Armature current, A, for a tension, N, and a reel-in speed -dL/dt, m/s. Fails outside the measured range.
     fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError>;
 
     /// Armature resistance, Ω.
@@ -23,35 +23,35 @@ impl Current for Motor {
     }
 }
 
-/// A table that cannot be built or does not cover a point.
+/// Error of a table that cannot be built or does not cover a point.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum TableError {
-    /// The parts do not make a table.
+    /// The data do not form a table.
     #[error("{what}; give rising finite speeds and tensions, two or more of each, and a row of currents per speed")]
     Shape {
-        /// What is wrong.
+        /// Description of the problem.
         what: String,
     },
-    /// A point outside the measured range; nothing is extrapolated.
+    /// Point outside the measured range; nothing is extrapolated.
     #[error(
         "the {what} of {value:.6} {unit} is outside the measured {low} to {high} {unit}; measure further or move within"
     )]
     OutOfRange {
-        /// Speed or tension.
+        /// Quantity: speed or tension.
         what: &'static str,
-        /// The value asked for.
+        /// Requested value.
         value: f64,
-        /// Its unit.
+        /// Unit of the value.
         unit: &'static str,
-        /// Lowest measured.
+        /// Lowest measured value.
         low: f64,
-        /// Highest measured.
+        /// Highest measured value.
         high: f64,
     },
 }
 
 impl TableError {
-    /// The kind as a short word for other programs: `invalid_argument` or `out_of_range`.
+    /// Error kind for programs: `invalid_argument` or `out_of_range`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Shape { .. } => "invalid_argument",

@@ -6,17 +6,17 @@ use super::current::TableError;
 use crate::motion::Refusal;
 use crate::tension::TensionError;
 
-/// A move whose cost cannot be told.
+/// Error of a cost that cannot be computed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EnergyError {
     /// A parameter outside its range.
     #[error("{what} is {value}; accepted: {accepted}")]
     InvalidArgument {
-        /// The parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// What is accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
     /// Start and end coincide.
@@ -30,7 +30,7 @@ pub enum EnergyError {
         /// Height of the ground, m.
         ground_m: f64,
     },
-    /// The lines cannot hold the node on the way.
+    /// The cables cannot hold the node at a point of the path.
     #[error("at ({x:.3}, {y:.3}, {z:.3}) m: {why}")]
     Tension {
         /// x of the position, m.
@@ -39,20 +39,19 @@ pub enum EnergyError {
         y: f64,
         /// z of the position, m.
         z: f64,
-        /// Why not.
+        /// Reason.
         why: TensionError,
     },
     /// The measured table does not cover the move.
     #[error(transparent)]
     Table(#[from] TableError),
-    /// The robot may not fly it.
+    /// A check of the whole segment rejects the path.
     #[error(transparent)]
     Refused(#[from] Refusal),
 }
 
 impl EnergyError {
-    /// The kind as a short word for other programs: `invalid_argument`, `degenerate_geometry`, `infeasible`, `singular` or
-    /// `out_of_range`.
+    /// Error kind for programs: `invalid_argument`, `degenerate_geometry`, `infeasible`, `singular` or `out_of_range`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::InvalidArgument { .. } | Self::BelowGround { .. } => "invalid_argument",
@@ -63,7 +62,7 @@ impl EnergyError {
         }
     }
 
-    /// True if this path cannot be flown, but another between the same ends might.
+    /// True if this path is impossible but another path between the same ends may be possible.
     pub fn is_of_the_path(&self) -> bool {
         matches!(self.kind(), "infeasible" | "singular" | "out_of_range")
     }

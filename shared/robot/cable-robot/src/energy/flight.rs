@@ -1,6 +1,5 @@
-//! The best parabola and the best lateral path of a robot as it stands: its limits, its motors, its ground and the boxes it
-//! stays out of.
-//! Positions in m, speed in m/s, the price of time in W; the answer in J, s and 1/m. What cannot be flown is an [`EnergyError`].
+//! Best parabola and best lateral path of a robot with its limits, motors, ground and keep-out boxes. Positions in m,
+//! speed in m/s, the weight of time in W; results in J, s and 1/m. A move that is not possible is an [`EnergyError`].
 //!
 //! ```
 //! use cable_robot::{Distribution, Robot, RobotParts, Vector3, energy::flight::best_parabola};
@@ -23,21 +22,21 @@
 
 use nalgebra::Vector3;
 
-use super::lateral::above_ground;
+use super::lateral::check_ground;
 use super::optimum::{Precision, best};
 use super::{Best, BestLateral, Bounds, Cost, EnergyError, WinchEnergy, lateral, parabola};
 use crate::motion::{Cause, Refusal};
 use crate::profile::ProfileLimits;
 use crate::{Distribution, Path, Profile, Robot, Segment, path};
 
-/// Simpson's intervals for the answer, and for the scan: 32 leave an error of 5e-5 with the default motor.
+/// Simpson intervals for the result and for the scan: 32 have an error of 5e-5 with the default motor.
 const INTERVALS: [usize; 2] = [32, 16];
 
-/// Step of the check of a whole segment, m; also for the scan, which has to know what can be flown.
+/// Step of the check of a whole segment, m. The scan uses it too, because it must exclude paths that are not possible.
 const FLOWN_CHECK_M: f64 = 0.02;
 
-/// The parabola that loses least in the motors at a constant speed, m/s, with a price on time, W; fast enough to be planned
-/// while the robot flies. Ends in a box or below the ground are refused.
+/// Computes the parabola with the least motor loss at a constant speed, m/s, with a weight on time. It is fast enough
+/// to be planned while the robot moves. Rejects ends inside a box or below the ground.
 pub fn best_parabola(
     robot: &Robot,
     method: Distribution,
@@ -50,13 +49,13 @@ pub fn best_parabola(
     super::winch_energy::check_speed(speed_m_s)?;
     best(from, to, &bounds(robot, time_weight_w), |path, precision| {
         let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
-        stays_out(robot, |u| parabola::at_fraction(path, u).position, intervals)?;
+        check_keep_out(robot, |u| parabola::at_fraction(path, u).position, intervals)?;
         winch_energy.integrate(path, speed_m_s, intervals)
     })
 }
 
-/// The path of three harmonics down and three to the side that loses least, likewise. It takes some hundred times as long to
-/// find as a parabola: for a node at rest.
+/// Computes the path of three vertical and three sideways harmonics with the least motor loss, like [`best_parabola`].
+/// It takes some hundred times as long as a parabola: only for a node at rest.
 pub fn best_lateral(
     robot: &Robot,
     method: Distribution,
@@ -67,19 +66,19 @@ pub fn best_lateral(
 ) -> Result<BestLateral, EnergyError> {
     let parabola = best_parabola(robot, method, from, to, speed_m_s, time_weight_w)?;
     if robot.is_planar() {
-        return Ok(BestLateral::none_beside(parabola));
+        return Ok(BestLateral::without_bow(parabola));
     }
     let (winch_energy, bounds) = (winch_energy(robot, method), bounds(robot, time_weight_w));
     Ok(lateral::best(from, to, &bounds, parabola, |bow, precision| {
         let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
-        above_ground(bow, &bounds, intervals)?;
-        stays_out(robot, |u| bow.at_fraction(u).position, intervals)?;
+        check_ground(bow, &bounds, intervals)?;
+        check_keep_out(robot, |u| bow.at_fraction(u).position, intervals)?;
         winch_energy.integrate_bow(bow, speed_m_s, intervals)
     }))
 }
 
-/// The parabola that loses least as it is flown: from rest to rest with the accelerations of `limits`, and none that the check of a
-/// whole segment refuses anywhere: tensions under acceleration, lengths, speeds, ground and boxes.
+/// Computes the parabola with the least motor loss from rest to rest with the accelerations of `limits`. Considers only
+/// parabolas that pass the check of a whole segment: tensions under acceleration, lengths, speeds, ground and boxes.
 pub fn best_flown_parabola(
     robot: &Robot,
     method: Distribution,
@@ -95,14 +94,14 @@ pub fn best_flown_parabola(
     })
 }
 
-/// A parabola as a path; the line where there is no sag, and straight up and down.
+/// Returns a parabola as a path: a line where the sag is 0 and for vertical moves.
 pub fn parabola_or_line(shape: &path::Parabola) -> Path {
     let straight = shape.mu_per_m == 0.0 || parabola::is_vertical(shape);
     if straight { Path::line(shape.from, shape.to) } else { Path::Parabola(*shape) }
 }
 
-/// Checks a path as it is flown within `limits`, at points at most `check_step_m` apart, and reckons its cost with about
-/// `intervals` of Simpson's intervals.
+/// Checks a path with a speed profile within `limits`, at points at most `check_step_m` apart, and computes its cost
+/// with about `intervals` Simpson intervals.
 pub fn flown(
     robot: &Robot,
     method: Distribution,
@@ -121,7 +120,7 @@ pub fn flown(
     winch_energy(robot, method).along_profile(path, &profile, robot.node_mass_kg(), intervals)
 }
 
-/// Cost of a path as it is flown with a speed profile; of a dwell what holding costs. For estimates before a mission.
+/// Computes the cost of a path with a speed profile; for a dwell, the cost of holding. For estimates before a mission.
 pub fn along(robot: &Robot, method: Distribution, path: &Path, profile: &Profile) -> Result<Cost, EnergyError> {
     winch_energy(robot, method).along_profile(path, profile, robot.node_mass_kg(), INTERVALS[1])
 }
@@ -142,8 +141,8 @@ fn bounds(robot: &Robot, time_weight_w: f64) -> Bounds {
     Bounds { ground_m: Some(robot.ground_m()), time_weight_w }
 }
 
-/// Refuses a path through a box, as a polyline.
-fn stays_out(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize) -> Result<(), EnergyError> {
+/// Rejects a path through a box; the path is approximated by a polyline.
+fn check_keep_out(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize) -> Result<(), EnergyError> {
     let from = at(0.0);
     let mut before = from;
     for i in 1..=pieces {
@@ -184,7 +183,7 @@ mod tests {
         let (bow, cost) = free.lateral.unwrap();
         assert!(cost.energy_j < 0.95 * free.parabola.cost.energy_j, "{free:?}");
         assert!((0..=1000).all(|i| bow.at_fraction(f64::from(i) / 1000.0).position.z >= 0.1));
-        // A box on the side that it swings to.
+        // A box on the side of the swing.
         let swing = bow.at_fraction(0.5).position.y;
         let (low, high) = if swing > 3.0 { (3.2, 6.0) } else { (0.0, 2.8) };
         let boxed = find(&robot(vec![[[4.0, low, 0.0], [6.0, high, 3.0]]]));

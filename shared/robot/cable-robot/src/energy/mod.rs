@@ -1,13 +1,13 @@
-//! What a move costs in heat: section VIII of the paper.
+//! Energy loss of a move: section VIII of the paper.
 //!
 //! * [`table`]: the current of a winch, measured over speed and tension.
-//! * [`parabola`]: the sagging path of (25)-(26), by its horizontal fraction, and how deep the ground lets it sag.
-//! * [`WinchEnergy`]: the I²R loss of a move, by Simpson's rule: at constant speed, as the paper computes it, or along a speed
+//! * [`parabola`]: the sagging path of (25)-(26) by its horizontal fraction, and the sag limit of the ground.
+//! * [`WinchEnergy`]: the I²R loss of a move by Simpson's rule, at constant speed as in the paper or along a speed
 //!   profile with its accelerations.
-//! * [`lateral`]: paths that swing sideways too, which save more with gears that lock themselves.
-//! * [`flight`]: the best parabola and the best lateral path of a robot as it stands.
-//! * [`optimum`]: the sag that costs least. The cost has several minima with real motors, and jumps where tensions are
-//!   distributed by least sum, so it is scanned before it is refined.
+//! * [`lateral`]: paths that also swing sideways, which save more with self-locking gears.
+//! * [`flight`]: the best parabola and the best lateral path of a configured robot.
+//! * [`optimum`]: the sag with the lowest cost. With real motors the cost has several minima, and with least-sum
+//!   tensions it jumps; therefore it is scanned before it is refined.
 //!
 //! # Example
 //! ```

@@ -1,10 +1,12 @@
-//! The µ that costs least, between the straight line and the ground.
+//! The µ with the lowest cost, between the straight line and the ground.
 //!
-//! With real motors the cost has several minima, its optimum may sit where the path touches the ground, part of the range
-//! may be beyond the limits of tension (there the cost counts as infinite, even on the straight line), and with least-sum
-//! tensions it jumps. So the whole range is scanned, finer near the straight line, and every low point is then refined.
-//! µ in 1/m, costs as the caller reckons them, in J and s. [`best`] fails with the straight line's reason where no parabola can
-//! be flown, and with `invalid_argument` for a time that has no price.
+//! With real motors the cost has several minima and its optimum may lie where the path touches the ground. Part of the
+//! range may violate the tension limits (there the cost counts as infinite, even for the straight line), and with
+//! least-sum tensions the cost jumps. Therefore the whole range is scanned, with more points near the straight line,
+//! and the lowest points are refined.
+//!
+//! µ in 1/m, costs in J and s. [`best`] fails with the straight line's reason if no parabola is possible, and with
+//! `invalid_argument` if the weight of time is not valid.
 //!
 //! ```
 //! use cable_robot::{Vector3, energy::{Bounds, Cost, optimum::best}};
@@ -25,43 +27,43 @@ use super::winch_energy::{check_intervals, check_speed};
 use super::{Cost, EnergyError, WinchEnergy, parabola};
 use crate::path::Parabola;
 
-/// Points of the scan.
-const SCAN: usize = 80;
+/// Number of points of the scan.
+const SCAN_POINTS: usize = 80;
 
-/// Low points of the scan that are refined.
-const REFINED: usize = 3;
+/// Number of low points of the scan that are refined.
+const MAX_REFINED: usize = 3;
 
-/// Brackets through which a minimum is followed.
-const FOLLOWED: usize = 10;
+/// Largest number of brackets through which a minimum is followed.
+const MAX_BRACKETS: usize = 10;
 
-/// Share of a bracket to which a minimum is refined; below, a flat one is rounding.
-const CLOSEST: f64 = 2e-7;
+/// Width to which a minimum is refined, as a share of its bracket; below this, a flat minimum is rounding noise.
+const BRACKET_SHARE: f64 = 2e-7;
 
-/// Most steps of a refinement: as many golden sections reach [`CLOSEST`].
-const SECTIONS: usize = 34;
+/// Largest number of refinement steps: this many golden sections reach [`BRACKET_SHARE`].
+const MAX_SECTIONS: usize = 34;
 
-/// Intervals of Simpson's rule in the scan, which only has to tell low points from high ones.
+/// Simpson intervals in the scan, which only has to distinguish low points from high ones.
 pub(super) const SCAN_INTERVALS: usize = 16;
 
-/// How closely a cost is computed.
+/// Precision of a cost evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     /// For the scan.
     Coarse,
-    /// For the refinement and the answer.
+    /// For the refinement and the result.
     Fine,
 }
 
-/// Deepest sag where no ground limits it, in lengths of the move (extent and height): ten lengths deep cost more than twenty
-/// times the way.
+/// Deepest sag without a ground limit, in lengths of the move (extent and height): a sag of ten lengths costs more than
+/// twenty times the straight line.
 const DEEPEST_SAG: f64 = 10.0;
 
-/// What limits the choice.
+/// Bounds and weights of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
-    /// The path stays at or above this height, m; None for no limit.
+    /// Lowest height of the path, m; None for no limit.
     pub ground_m: Option<f64>,
-    /// What a second costs in addition, W (J per second); 0 for least loss.
+    /// Additional cost of a second, W (J per second); 0 for least loss.
     pub time_weight_w: f64,
 }
 
@@ -70,16 +72,17 @@ pub struct Bounds {
 pub struct Best {
     /// µ, 1/m; 0 for the straight line.
     pub mu_per_m: f64,
-    /// What it costs, without the weight of time.
+    /// Its cost, without the weight of time.
     pub cost: Cost,
-    /// What the straight line costs; None if the lines cannot hold the node on it.
+    /// Cost of the straight line; None if the cables cannot hold the node on it.
     pub line: Option<Cost>,
 }
 
 impl WinchEnergy<'_> {
-    /// The parabola between two points that costs least at constant speed: I²R loss plus the weight of time.
+    /// Computes the parabola between two points with the lowest cost at constant speed: I²R loss plus
+    /// the weight of time.
     ///
-    /// Fails with the straight line's reason if no parabola can be flown.
+    /// Fails with the straight line's reason if no parabola is possible.
     pub fn best_parabola(
         &self,
         from: &Vector3<f64>,
@@ -97,7 +100,7 @@ impl WinchEnergy<'_> {
     }
 }
 
-/// The parabola between two points that costs least by any reckoning of a path's cost.
+/// Computes the parabola between two points with the lowest cost for any cost function.
 pub fn best(
     from: &Vector3<f64>,
     to: &Vector3<f64>,
@@ -121,8 +124,9 @@ pub fn best(
         Err(_) => f64::INFINITY,
     };
     let mu = if deepest > 0.0 {
-        // A narrow place beyond the limits may slip through a coarse scan and then spoil every point it found.
-        least(&mut objective, deepest, Precision::Coarse).or_else(|| least(&mut objective, deepest, Precision::Fine))
+        // A narrow infeasible interval may slip through a coarse scan and then spoil every point it found.
+        minimise(&mut objective, deepest, Precision::Coarse)
+            .or_else(|| minimise(&mut objective, deepest, Precision::Fine))
     } else {
         Some(0.0)
     };
@@ -130,7 +134,7 @@ pub fn best(
         (Some(mu_per_m), _) => {
             let found = cost(&path(mu_per_m), Precision::Fine)?;
             let total = |cost: &Cost| cost.energy_j + bounds.time_weight_w * cost.duration_s;
-            // The scan is coarse: what looked lower there may cost more than the line after all.
+            // The coarse scan may prefer a parabola that costs more than the line.
             match line {
                 Ok(line) if total(&line) < total(&found) => Ok(Best { mu_per_m: 0.0, cost: line, line: Some(line) }),
                 line => Ok(Best { mu_per_m, cost: found, line: line.ok() }),
@@ -141,7 +145,7 @@ pub fn best(
     }
 }
 
-/// Largest µ to be tried, 1/m.
+/// Largest µ of the search, 1/m.
 fn deepest(from: &Vector3<f64>, to: &Vector3<f64>, ground_m: Option<f64>) -> Result<f64, EnergyError> {
     let line = Parabola { from: *from, to: *to, mu_per_m: 0.0 };
     parabola::check(&line)?;
@@ -160,30 +164,30 @@ fn deepest(from: &Vector3<f64>, to: &Vector3<f64>, ground_m: Option<f64>) -> Res
     }
 }
 
-/// Where a function on 0..=`end` is least; None where it is infinite at every point tried.
-fn least(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Precision) -> Option<f64> {
-    // Squares put more points near the straight line, where the cost falls fastest.
+/// Returns the argument in 0..=`end` with the lowest value; None if every evaluated point is infinite.
+fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Precision) -> Option<f64> {
+    // Squared spacing puts more points near the straight line, where the cost falls fastest.
     let grid = |i: usize| {
-        let share = i as f64 / (SCAN - 1) as f64;
-        if i == SCAN - 1 { end } else { end * share * share }
+        let share = i as f64 / (SCAN_POINTS - 1) as f64;
+        if i == SCAN_POINTS - 1 { end } else { end * share * share }
     };
-    let mut values = [f64::INFINITY; SCAN];
+    let mut values = [f64::INFINITY; SCAN_POINTS];
     for (i, value) in values.iter_mut().enumerate() {
         *value = objective(grid(i), scan);
     }
     let mut best: Option<(f64, f64)> = None;
-    let mut tried = [false; SCAN];
+    let mut tried = [false; SCAN_POINTS];
     let mut refined = 0;
     loop {
-        // The lowest point of the scan that is a low point and was not tried.
-        let low = (0..SCAN)
+        // Lowest point of the scan that is a local minimum and was not refined yet.
+        let low = (0..SCAN_POINTS)
             .filter(|i| {
                 let before = if *i > 0 { values[i - 1] } else { f64::INFINITY };
-                let after = if *i + 1 < SCAN { values[i + 1] } else { f64::INFINITY };
+                let after = if *i + 1 < SCAN_POINTS { values[i + 1] } else { f64::INFINITY };
                 !tried[*i] && values[*i].is_finite() && values[*i] <= before && values[*i] <= after
             })
             .min_by(|i, j| values[*i].total_cmp(&values[*j]));
-        let Some(i) = low.filter(|_| refined < REFINED) else { break };
+        let Some(i) = low.filter(|_| refined < MAX_REFINED) else { break };
         tried[i] = true;
         refined += 1;
         let mut keep = |mu: f64, value: f64| {
@@ -192,15 +196,15 @@ fn least(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Prec
             }
         };
         keep(grid(i), objective(grid(i), Precision::Fine));
-        // What the coarse scan takes for the lowest may be a neighbour of it: follow a minimum at the end of its bracket.
-        let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(SCAN - 1));
-        for _ in 0..FOLLOWED {
-            let (mu, value) = minimum(|mu| objective(mu, Precision::Fine), grid(a), grid(b));
+        // The true minimum may lie in a neighbouring interval: move the bracket as long as the result is at its end.
+        let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(SCAN_POINTS - 1));
+        for _ in 0..MAX_BRACKETS {
+            let (mu, value) = brent_minimum(|mu| objective(mu, Precision::Fine), grid(a), grid(b));
             keep(mu, value);
             let edge = 1e-3 * (grid(b) - grid(a));
             if mu - grid(a) < edge && a > 0 {
                 (a, b) = (a - 1, a + 1);
-            } else if grid(b) - mu < edge && b < SCAN - 1 {
+            } else if grid(b) - mu < edge && b < SCAN_POINTS - 1 {
                 (a, b) = (b - 1, b + 1);
             } else {
                 break;
@@ -210,24 +214,24 @@ fn least(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Prec
     best.map(|(mu, _)| mu)
 }
 
-/// Brent's minimisation between `a` and `b`: the vertex of the parabola through the three best points as long as that gains, else a
-/// golden section, so that jumps and infinite places cost evaluations and nothing else.
-fn minimum(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
+/// Brent's minimisation between `a` and `b`: the vertex of the parabola through the three best points while that makes
+/// progress, otherwise a golden section. Jumps and infinite values only cost additional evaluations.
+fn brent_minimum(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
     const SHARE: f64 = 0.381_966_011_250_105_1;
-    let closest = CLOSEST * (b - a);
-    // The best point, the second best and the one that was second best before.
+    let closest = BRACKET_SHARE * (b - a);
+    // The best point, the second best, and the previous second best.
     let mut x = a + SHARE * (b - a);
     let mut fx = objective(x);
     let (mut w, mut fw, mut v, mut fv) = (x, fx, x, fx);
     let (mut step, mut step_before) = (0.0f64, 0.0f64);
-    for _ in 0..SECTIONS {
+    for _ in 0..MAX_SECTIONS {
         let middle = 0.5 * (a + b);
         if (x - middle).abs() + 0.5 * (b - a) <= 2.0 * closest {
             break;
         }
         let (r, q) = ((x - w) * (fx - fv), (x - v) * (fx - fw));
         let vertex = ((x - v) * q - (x - w) * r) / (2.0 * (r - q));
-        // Of no use: outside, infinite, or not yet half of the step before the last.
+        // Accept the vertex if it is inside the bracket, finite, and less than half the step before the last.
         let gains = (a + closest..b - closest).contains(&(x + vertex)) && vertex.abs() < 0.5 * step_before.abs();
         step_before = step;
         if gains {

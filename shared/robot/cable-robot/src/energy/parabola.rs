@@ -1,14 +1,14 @@
-//! The sagging path of (25)-(26) by its horizontal fraction u, from 0 to 1. Start and end one above the other leave no room
-//! for a sag: then the path is the straight line, whatever µ.
+//! The sagging path of (25)-(26), parametrised by its horizontal fraction u from 0 to 1. A vertical move has no sag:
+//! its path is the straight line for every µ.
 //!
-//! Positions in m, tangents dX/du in m, µ in 1/m. A µ or an end that is none is an [`EnergyError`].
+//! Positions in m, tangents dX/du in m, µ in 1/m. An invalid µ or end is an [`EnergyError`].
 
 use nalgebra::Vector3;
 
 use super::EnergyError;
 use crate::path::{Parabola, Path, SHORTEST_M};
 
-/// A point of a path and its derivative over the horizontal fraction.
+/// Point of a path and its derivative with respect to the horizontal fraction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FractionPoint {
     /// Position, m.
@@ -17,12 +17,12 @@ pub struct FractionPoint {
     pub tangent: Vector3<f64>,
 }
 
-/// True if start and end are one above the other, so that the path is a line.
+/// True if start and end have the same x and y, so that the path is a vertical line.
 pub fn is_vertical(path: &Parabola) -> bool {
     path.extent() < SHORTEST_M
 }
 
-/// Refuses coordinates that are no numbers and a move that goes nowhere.
+/// Rejects coordinates that are not finite and moves of zero length.
 pub fn check(path: &Parabola) -> Result<(), EnergyError> {
     let values = path.from.iter().chain(path.to.iter()).chain([&path.mu_per_m]);
     if let Some(value) = values.into_iter().find(|v| !(v.abs() <= crate::kinematics::LONGEST_M)) {
@@ -35,7 +35,7 @@ pub fn check(path: &Parabola) -> Result<(), EnergyError> {
     Ok(())
 }
 
-/// The point at a horizontal fraction.
+/// Returns the point at a horizontal fraction.
 ///
 /// ```
 /// use cable_robot::Vector3;
@@ -67,8 +67,8 @@ pub fn lowest_m(path: &Parabola) -> f64 {
     if is_vertical(path) { path.from.z.min(path.to.z) } else { path.lowest_m() }
 }
 
-/// The largest µ, 1/m, with which the path stays at or above the ground, ((√hA + √hB) / xf)² with the heights of its ends
-/// above the ground; None if there is no such limit because the path is vertical.
+/// Largest µ, 1/m, with which the path stays at or above the ground: ((√hA + √hB) / xf)² with the heights of its ends
+/// above the ground. None for a vertical path, which has no such limit.
 ///
 /// ```
 /// use cable_robot::Vector3;

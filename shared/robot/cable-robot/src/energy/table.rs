@@ -1,11 +1,11 @@
-//! The current of a winch as it was measured while it raised and lowered known loads (the paper's lookup tables, Fig. 11).
+//! Winch current, measured while raising and lowering known loads (the paper's lookup tables, Fig. 11).
 //!
-//! Speeds in m/s, reeling in positive, tensions in N, currents in A, a row per speed. Outside the measured range there is no answer: a
-//! [`TableError`], never an extrapolation.
+//! Speeds in m/s, reeling in positive, tensions in N, currents in A, a row per speed. Points outside the measured range
+//! are a [`TableError`]; nothing is extrapolated.
 
 use super::current::{Current, TableError};
 
-/// Measured current over speed and tension, bilinear between the points.
+/// Measured current over speed and tension, with bilinear interpolation between the points.
 ///
 /// ```
 /// use cable_robot::energy::{Current, CurrentTable};
@@ -23,13 +23,14 @@ use super::current::{Current, TableError};
 pub struct CurrentTable {
     speeds_m_s: Vec<f64>,
     tensions_n: Vec<f64>,
-    /// A row per speed.
+    /// Row-major, a row per speed.
     currents_a: Vec<f64>,
     resistance_ohm: f64,
 }
 
 impl CurrentTable {
-    /// From rising reel-in speeds (m/s, negative pays out), rising tensions (N) and a row of currents (A) per speed.
+    /// Builds a table from rising reel-in speeds (m/s, negative pays out), rising tensions (N) and a row of
+    /// currents (A) per speed.
     pub fn new(
         speeds_m_s: Vec<f64>,
         tensions_n: Vec<f64>,
@@ -74,25 +75,25 @@ impl Current for CurrentTable {
     }
 }
 
-/// Most speeds of a [`MotorTable`]: both directions, closer together where friction changes its sign.
+/// Largest number of speeds of a [`MotorTable`]: both directions, closer together where friction changes its sign.
 pub const MAX_SPEEDS: usize = 24;
 
-/// Most tensions of a [`MotorTable`]; the current is nearly linear in them.
+/// Largest number of tensions of a [`MotorTable`]; the current is nearly linear in tension.
 pub const MAX_TENSIONS: usize = 16;
 
-/// A [`CurrentTable`] of bounded size that is copied by value: the motors of a [`Robot`](crate::Robot).
+/// A [`CurrentTable`] of bounded size that is `Copy`: the motors of a [`Robot`](crate::Robot).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorTable {
     speeds_m_s: [f64; MAX_SPEEDS],
     tensions_n: [f64; MAX_TENSIONS],
     currents_a: [[f64; MAX_TENSIONS]; MAX_SPEEDS],
-    /// Speeds, tensions.
+    /// Number of speeds and of tensions.
     counts: [usize; 2],
     resistance_ohm: f64,
 }
 
 impl MotorTable {
-    /// The same table by value. Fails if it has more points than [`MAX_SPEEDS`] and [`MAX_TENSIONS`].
+    /// Copies a table. Fails if it has more points than [`MAX_SPEEDS`] and [`MAX_TENSIONS`].
     pub fn new(table: &CurrentTable) -> Result<Self, TableError> {
         let counts = [table.speeds_m_s.len(), table.tensions_n.len()];
         if counts[0] > MAX_SPEEDS || counts[1] > MAX_TENSIONS {
@@ -117,12 +118,12 @@ impl MotorTable {
         Ok(result)
     }
 
-    /// The measured reel-in speeds, m/s, rising.
+    /// Measured reel-in speeds, m/s, rising.
     pub fn speeds_m_s(&self) -> &[f64] {
         &self.speeds_m_s[..self.counts[0]]
     }
 
-    /// The measured tensions, N, rising.
+    /// Measured tensions, N, rising.
     pub fn tensions_n(&self) -> &[f64] {
         &self.tensions_n[..self.counts[1]]
     }
@@ -138,7 +139,8 @@ impl Current for MotorTable {
     }
 }
 
-/// Between the four points of a table around a speed and a tension; `at` takes their numbers.
+/// Interpolates between the four points of a table around a speed and a tension; `at` returns the
+/// entry of their indices.
 fn bilinear(
     speeds_m_s: &[f64],
     tensions_n: &[f64],
@@ -146,14 +148,14 @@ fn bilinear(
     tension_n: f64,
     reel_in_m_s: f64,
 ) -> Result<f64, TableError> {
-    let (i, u) = place(speeds_m_s, reel_in_m_s, "speed", "m/s")?;
-    let (j, w) = place(tensions_n, tension_n, "tension", "N")?;
+    let (i, u) = locate(speeds_m_s, reel_in_m_s, "speed", "m/s")?;
+    let (j, w) = locate(tensions_n, tension_n, "tension", "N")?;
     let (slow, fast) = (at(i, j) * (1.0 - w) + at(i, j + 1) * w, at(i + 1, j) * (1.0 - w) + at(i + 1, j + 1) * w);
     Ok(slow * (1.0 - u) + fast * u)
 }
 
-/// The interval of an axis that a value is in, and how far along it; rounding at the ends is forgiven.
-pub fn place(axis: &[f64], value: f64, what: &'static str, unit: &'static str) -> Result<(usize, f64), TableError> {
+/// Returns the interval of an axis that contains a value, and the fraction within it; tolerates rounding at the ends.
+pub fn locate(axis: &[f64], value: f64, what: &'static str, unit: &'static str) -> Result<(usize, f64), TableError> {
     let (low, high) = (axis[0], axis[axis.len() - 1]);
     let rounding = 1e-12 * (high - low);
     // Also true for NaN.

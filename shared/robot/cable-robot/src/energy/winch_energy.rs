@@ -1,6 +1,6 @@
-//! The I²R loss of a move: tension from the pose, current from tension and reel-in speed, Simpson's rule over the path.
-//! Tensions in N (as [`crate::tension`] distributes them), currents in A, losses in W and J. A pose that the lines cannot hold
-//! within their limits is an [`EnergyError`] that says where.
+//! The I²R loss of a move: tension from the pose, current from tension and reel-in speed, Simpson's rule along the
+//! path. Tensions in N (distributed by [`crate::tension`]), currents in A, losses in W and J. A pose that the cables
+//! cannot hold within their limits is an [`EnergyError`] with the position.
 //!
 //! ```
 //! use cable_robot::{Distribution, Vector3, energy::WinchEnergy, motor::Motor, path::Parabola};
@@ -18,7 +18,7 @@
 //! let line = Parabola { from: Vector3::new(4.0, 2.0, 1.0), to: Vector3::new(5.0, 2.0, 1.0), mu_per_m: 0.0 };
 //! let cost = winch_energy.constant_speed(&line, 0.2, 32)?;
 //! assert!((cost.duration_s - 5.0).abs() < 1e-9 && (cost.length_m - 1.0).abs() < 1e-9);
-//! // Twice as fast takes half the time, and an ideal motor loses the same power all the while.
+//! // At twice the speed the move takes half the time, and an ideal motor has the same power loss.
 //! let quick = winch_energy.constant_speed(&line, 0.4, 32)?;
 //! assert!((quick.energy_j - 0.5 * cost.energy_j).abs() < 1e-9);
 //! # Ok::<(), cable_robot::energy::EnergyError>(())
@@ -33,15 +33,15 @@ use crate::profile::Profile;
 use crate::tension::{TensionError, hold, worst_violation};
 use crate::{CableVec, Distribution, Path, Segment};
 
-/// Most intervals of Simpson's rule; 64 leave an error of 3e-6 with the default motor.
+/// Largest number of Simpson intervals; 64 have an error of 3e-6 with the default motor.
 pub const MAX_INTERVALS: usize = 100_000;
 
-/// What a move costs.
+/// Cost of a move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cost {
     /// Loss in the armatures of all motors, J.
     pub energy_j: f64,
-    /// How long it takes, s.
+    /// Duration, s.
     pub duration_s: f64,
     /// Arc length, m.
     pub length_m: f64,
@@ -49,7 +49,7 @@ pub struct Cost {
     pub peak_tension_n: f64,
     /// Highest current of a motor, by magnitude, A.
     pub peak_current_a: f64,
-    /// Least distance of a tension to a limit, N.
+    /// Smallest distance of a tension to a limit, N.
     pub margin_n: f64,
 }
 
@@ -60,26 +60,26 @@ impl Cost {
     }
 }
 
-/// A robot as the cost of its moves needs it.
+/// The properties of a robot that determine the cost of its moves.
 pub struct WinchEnergy<'a> {
-    /// Where the lines leave their pulleys, m; of a planar robot with y = 0.
+    /// Anchor positions, m; with y = 0 for a planar robot.
     pub anchors: &'a [Vector3<f64>],
     /// True for a robot in the x-z plane.
     pub planar: bool,
-    /// The force that the lines provide at rest, m g less buoyancy, N.
+    /// Force that the cables provide at rest, m g less buoyancy, N.
     pub wrench_n: Vector3<f64>,
-    /// Drag of the node per square of its speed, N s²/m²; 0 in air.
+    /// Drag of the node divided by its squared speed, N s²/m²; 0 in air.
     pub drag_n_s2_m2: f64,
     /// Lowest and highest tension, N.
     pub limits_n: [f64; 2],
-    /// How tensions are chosen. A move has to keep the limits whatever the method.
+    /// Tension distribution. A move has to keep the limits with any method.
     pub method: Distribution,
     /// The motors.
     pub current: &'a dyn Current,
 }
 
-/// One point of a move.
-struct Moment {
+/// Tensions, currents and loss at one point of a move.
+struct InstantCost {
     loss_w: f64,
     tensions_n: CableVec,
     margin_n: f64,
@@ -87,7 +87,7 @@ struct Moment {
 }
 
 impl WinchEnergy<'_> {
-    /// Cost of a parabola at constant speed, quasi-static as the paper has it: ∫ R Σ I² dt with dt = |dX/du| / v du, by
+    /// Cost of a parabola at constant speed, quasi-static as in the paper: ∫ R Σ I² dt with dt = |dX/du| / v du, by
     /// Simpson's rule over the horizontal fraction u with an even number of intervals.
     pub fn constant_speed(&self, path: &Parabola, speed_m_s: f64, intervals: usize) -> Result<Cost, EnergyError> {
         parabola::check(path)?;
@@ -96,12 +96,13 @@ impl WinchEnergy<'_> {
         self.integrate(path, speed_m_s, intervals)
     }
 
-    /// [`WinchEnergy::constant_speed`] with arguments that were checked.
+    /// [`WinchEnergy::constant_speed`] without the check of the arguments.
     pub(super) fn integrate(&self, path: &Parabola, speed_m_s: f64, intervals: usize) -> Result<Cost, EnergyError> {
         self.integrate_by(|u| parabola::at_fraction(path, u), parabola::length_m(path), speed_m_s, intervals)
     }
 
-    /// The same of any path by a fraction u from 0 to 1 that is nowhere at rest in u, with its length, m.
+    /// Like [`WinchEnergy::integrate`] for any path by a fraction u from 0 to 1 with |dX/du| > 0 everywhere,
+    /// and its length, m.
     pub(super) fn integrate_by(
         &self,
         at_fraction: impl Fn(f64) -> FractionPoint,
@@ -113,7 +114,7 @@ impl WinchEnergy<'_> {
         for i in 0..=intervals {
             let at = at_fraction(i as f64 / intervals as f64);
             let per_u = at.tangent.norm();
-            // A vertical parabola's point is never at rest: the ends are apart.
+            // |dX/du| > 0 on a vertical parabola too, because its ends are apart.
             let velocity = at.tangent * (speed_m_s / per_u);
             let instant = self.instant(&at.position, &velocity, &self.wrench_n)?;
             sum.add(&instant, weight(i, intervals) * per_u / speed_m_s);
@@ -121,8 +122,9 @@ impl WinchEnergy<'_> {
         Ok(sum.cost(3.0 * intervals as f64, length_m / speed_m_s, length_m))
     }
 
-    /// Cost of a path flown with a speed profile, with the forces of its accelerations of a node of `mass_kg`: Simpson's rule
-    /// over time, in each piece between two knots with at least two of about `intervals` intervals. A dwell costs what holding costs.
+    /// Cost of a path with a speed profile, including the forces that accelerate a node of `mass_kg`. Simpson's rule
+    /// over time, in each piece between two knots with at least two of about `intervals` intervals. A dwell costs
+    /// its holding current.
     pub fn along_profile(
         &self,
         path: &Path,
@@ -143,7 +145,7 @@ impl WinchEnergy<'_> {
             let to_s = profile.time_at(pair[1].s_m);
             let pieces = 2 * (1 + (0.5 * intervals as f64 * (to_s - from_s) / duration_s) as usize);
             for i in 0..=pieces {
-                // A piece has its own acceleration; its ends belong to its inside.
+                // Each piece has its own acceleration: evaluate its ends just inside the piece.
                 let inside = (i as f64 / pieces as f64).clamp(1e-9, 1.0 - 1e-9);
                 let setpoint = segment.setpoint(from_s + (to_s - from_s) * inside);
                 let wrench = self.wrench_n + setpoint.acceleration * mass_kg;
@@ -155,13 +157,13 @@ impl WinchEnergy<'_> {
         Ok(total.cost(1.0, duration_s, path.length()))
     }
 
-    /// Tensions, currents and loss at a pose in motion, against the drag too.
+    /// Tensions, currents and loss at a pose in motion, including drag.
     fn instant(
         &self,
         position: &Vector3<f64>,
         velocity_m_s: &Vector3<f64>,
         wrench_n: &Vector3<f64>,
-    ) -> Result<Moment, EnergyError> {
+    ) -> Result<InstantCost, EnergyError> {
         let fail = |why| EnergyError::Tension { x: position.x, y: position.y, z: position.z, why };
         let wrench_n = wrench_n + velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm());
         let held = hold(self.anchors, self.planar, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
@@ -177,11 +179,11 @@ impl WinchEnergy<'_> {
             peak_a = peak_a.max(current.abs());
         }
         let loss_w = square * self.current.resistance_ohm();
-        Ok(Moment { loss_w, tensions_n: held.tensions_n, margin_n: held.margin_n, peak_a })
+        Ok(InstantCost { loss_w, tensions_n: held.tensions_n, margin_n: held.margin_n, peak_a })
     }
 }
 
-/// 1, 4, 2, 4, .., 1.
+/// Simpson weights 1, 4, 2, 4, .., 1.
 fn weight(i: usize, intervals: usize) -> f64 {
     if i == 0 || i == intervals {
         1.0
@@ -204,7 +206,7 @@ impl Sum {
         Self { weighted: 0.0, peak_tension_n: 0.0, peak_current_a: 0.0, margin_n: f64::INFINITY }
     }
 
-    fn add(&mut self, instant: &Moment, weight: f64) {
+    fn add(&mut self, instant: &InstantCost, weight: f64) {
         self.weighted += weight * instant.loss_w;
         self.peak_tension_n = instant.tensions_n.iter().fold(self.peak_tension_n, |m, t| m.max(*t));
         self.peak_current_a = self.peak_current_a.max(instant.peak_a);

@@ -1,4 +1,4 @@
-//! The matrices between line and node: J of (14), its inverse B, and Λ = -Jᵀ of (15).
+//! The matrices between cables and node: J of (14), its inverse B, and Λ = -Jᵀ of (15).
 
 use std::ops::Deref;
 
@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::solution::KinematicsError;
 use crate::{Anchors, CableVec, MAX_CABLES, linalg};
 
-/// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector from an anchor to the node. dL/dt = J dX/dt. In the
-/// plane y = 0 it is N x 2: the middle column is 0 and does not count.
+/// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector from an anchor to the node; dL/dt = J dX/dt. In
+/// the plane y = 0 it is N x 2: the middle column is 0 and does not count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jacobian {
     rows: [Vector3<f64>; MAX_CABLES],
@@ -17,7 +17,7 @@ pub struct Jacobian {
 }
 
 impl Jacobian {
-    /// J at a position. Fails at an anchor, where a line has no direction.
+    /// Computes J at a position. Fails at an anchor, where the direction of the cable is undefined.
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         let mut rows = [Vector3::zeros(); MAX_CABLES];
         for (row, anchor) in rows.iter_mut().zip(anchors.iter()) {
@@ -35,12 +35,12 @@ impl Jacobian {
         Ok(Self { rows, len: anchors.len(), planar: anchors.is_planar() })
     }
 
-    /// Cable velocities dL/dt of a node velocity, m/s.
+    /// Cable velocities dL/dt for a node velocity, m/s.
     pub fn cable_velocity(&self, node_velocity_m_s: &Vector3<f64>) -> CableVec {
         CableVec::from_fn(self.len, |i| self.rows[i].dot(node_velocity_m_s))
     }
 
-    /// B, the inverse for as many cables as directions and the pseudo-inverse for more; None where the rank is below the
+    /// B: the inverse for as many cables as directions and the pseudo-inverse for more; None if the rank is below the
     /// number of directions.
     pub fn node_jacobian(&self) -> Option<NodeJacobian> {
         let Self { len, planar, .. } = *self;
@@ -57,7 +57,7 @@ impl Jacobian {
     }
 }
 
-/// The rows.
+/// Slice of the rows.
 impl Deref for Jacobian {
     type Target = [Vector3<f64>];
     fn deref(&self) -> &[Vector3<f64>] {
@@ -65,8 +65,8 @@ impl Deref for Jacobian {
     }
 }
 
-/// The node Jacobian B = J⁻¹ of section IV-B, or the pseudo-inverse: 3 x N, with a row of zeros for y in the plane. Also any
-/// other matrix that takes small changes of the lengths to small changes of the position.
+/// The node Jacobian B = J⁻¹ of section IV-B, or the pseudo-inverse: 3 x N, with a row of zeros for y in the plane.
+/// Also any other matrix that maps small length changes to small position changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeJacobian {
     pub(crate) columns: [Vector3<f64>; MAX_CABLES],
@@ -75,12 +75,13 @@ pub struct NodeJacobian {
 }
 
 impl NodeJacobian {
-    /// B at a position. Fails in the plane of three anchors, on the line of the anchors of a planar robot, and at an anchor.
+    /// Computes B at a position. Fails in the plane of three anchors, on the line of the anchors of a planar
+    /// robot, and at an anchor.
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         Jacobian::at(anchors, position)?.node_jacobian().ok_or_else(|| KinematicsError::singular(position))
     }
 
-    /// Of a robot in space from its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
+    /// Builds B of a spatial robot from its columns, one per cable; columns beyond [`MAX_CABLES`] are ignored.
     pub fn from_columns(given: &[Vector3<f64>]) -> Self {
         let len = given.len().min(MAX_CABLES);
         let mut columns = [Vector3::zeros(); MAX_CABLES];
@@ -93,18 +94,18 @@ impl NodeJacobian {
         self.planar
     }
 
-    /// Node velocity of cable velocities dL/dt, m/s. For more cables than directions: of their least-squares fit.
+    /// Node velocity for cable velocities dL/dt, m/s; their least-squares fit for more cables than directions.
     pub fn node_velocity(&self, cable_velocity_m_s: &[f64]) -> Vector3<f64> {
         self.iter().zip(cable_velocity_m_s).fold(Vector3::zeros(), |sum, (c, v)| sum + c * *v)
     }
 
-    /// Covariance of the position, m², for independent length errors of these standard deviations, m.
+    /// Covariance of the position, m², for independent length errors with these standard deviations, m.
     pub fn covariance(&self, sigma_length_m: &[f64]) -> Matrix3<f64> {
         self.iter().zip(sigma_length_m).fold(Matrix3::zeros(), |sum, (c, s)| sum + linalg::outer(c, c) * (s * s))
     }
 }
 
-/// The columns.
+/// Slice of the columns.
 impl Deref for NodeJacobian {
     type Target = [Vector3<f64>];
     fn deref(&self) -> &[Vector3<f64>] {
@@ -112,7 +113,7 @@ impl Deref for NodeJacobian {
     }
 }
 
-/// The structure matrix Λ of (15): 3 x N, takes tensions to the force on the node; 2 x N in the plane y = 0, where the
+/// The structure matrix Λ of (15): 3 x N, maps tensions to the force on the node; 2 x N in the plane y = 0, where the
 /// middle row is 0 and does not count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StructureMatrix {
@@ -122,34 +123,34 @@ pub struct StructureMatrix {
 }
 
 impl StructureMatrix {
-    /// Of a robot in space from its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
+    /// Builds Λ of a spatial robot from its columns, one per cable; columns beyond [`MAX_CABLES`] are ignored.
     pub fn from_columns(given: &[Vector3<f64>]) -> Self {
         let NodeJacobian { columns, len, planar } = NodeJacobian::from_columns(given);
         Self { columns, len, planar }
     }
 
-    /// In how many directions forces add up: 3, or 2 in the plane y = 0.
+    /// Number of directions of the forces: 3, or 2 in the plane y = 0.
     pub fn dimensions(&self) -> usize {
         if self.planar { 2 } else { 3 }
     }
 
-    /// True if forces add up in the plane y = 0 only.
+    /// True if all forces lie in the plane y = 0.
     pub fn is_planar(&self) -> bool {
         self.planar
     }
 
-    /// Λ at a position.
+    /// Computes Λ at a position.
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         Ok(Jacobian::at(anchors, position)?.structure_matrix())
     }
 
-    /// The force of these tensions on the node, N.
+    /// Force of these tensions on the node, N.
     pub fn force(&self, tensions_n: &[f64]) -> Vector3<f64> {
         self.iter().zip(tensions_n).fold(Vector3::zeros(), |sum, (c, t)| sum + c * *t)
     }
 }
 
-/// The columns.
+/// Slice of the columns.
 impl Deref for StructureMatrix {
     type Target = [Vector3<f64>];
     fn deref(&self) -> &[Vector3<f64>] {

@@ -3,43 +3,43 @@
 use nalgebra::Vector3;
 use thiserror::Error;
 
-/// Longest length that is one, m; beyond, squares and their differences would lose the millimetres.
+/// Longest accepted length, m; beyond it, squares and their differences lose millimetres.
 pub const LONGEST_M: f64 = 1e5;
 
-/// What kinematics cannot answer.
+/// Error of the kinematics.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum KinematicsError {
     /// An argument has the wrong shape or is not a number.
     #[error("{what} of cable {cable} is {value}; give one value of 0 m to {LONGEST_M} m per cable")]
     InvalidArgument {
-        /// The quantity.
+        /// Name of the quantity.
         what: &'static str,
         /// The cable, counted from 1.
         cable: usize,
-        /// What was given.
+        /// Value given.
         value: f64,
     },
-    /// Not as many values as cables.
+    /// The number of values is not the number of cables.
     #[error("{given} values were given for {cables} cables; give one per cable")]
     WrongCount {
-        /// How many values were given.
+        /// Number of values given.
         given: usize,
-        /// How many cables there are.
+        /// Number of cables.
         cables: usize,
     },
-    /// The anchors do not span a plane.
+    /// The anchors lie on one line.
     #[error("the anchors lie on one line, so lengths do not determine a position; move an anchor sideways")]
     DegenerateGeometry,
-    /// The spheres do not meet.
-    #[error("no position has these lengths: the lines are {shortfall_m:.4} m too short to meet")]
+    /// The spheres do not intersect.
+    #[error("no position has these lengths: the cables are {shortfall_m:.4} m too short to meet")]
     Unreachable {
-        /// How far from meeting, m.
+        /// Distance by which the spheres miss each other, m.
         shortfall_m: f64,
     },
     /// Two mirror positions at the same height and no hint.
     #[error("two positions at the same height have these lengths; give a position near the right one")]
     Ambiguous,
-    /// Rank lost: in the plane of the anchors, or at an anchor.
+    /// Singular pose: in the plane of the anchors, or at an anchor.
     #[error("the position ({x:.3}, {y:.3}, {z:.3}) m is singular: it lies in the plane of the anchors or at an anchor")]
     Singular {
         /// x of the position, m.
@@ -52,8 +52,7 @@ pub enum KinematicsError {
 }
 
 impl KinematicsError {
-    /// The kind as a short word for other programs: `invalid_argument`, `degenerate_geometry`, `unreachable`,
-    /// `ambiguous` or `singular`.
+    /// Error kind for programs: `invalid_argument`, `degenerate_geometry`, `unreachable`, `ambiguous` or `singular`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::InvalidArgument { .. } | Self::WrongCount { .. } => "invalid_argument",
@@ -69,13 +68,13 @@ impl KinematicsError {
     }
 }
 
-/// A position found from lengths.
+/// A position computed from lengths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Forward {
     /// The position, m.
     pub position: Vector3<f64>,
-    /// The other intersection of the spheres, for three cables.
+    /// The other intersection of the spheres; only for three cables.
     pub mirror: Option<Vector3<f64>>,
-    /// Root mean square of (length at the position - length given), m; 0 for three cables.
+    /// Root mean square of (length at the position - given length), m; 0 for three cables.
     pub residual_rms_m: f64,
 }

@@ -1,10 +1,10 @@
-//! Parabolas and spirals: both have a closed form of their arc length, which is inverted numerically.
+//! Parabolas and spirals: both have a closed form of the arc length, which is inverted numerically.
 
 use nalgebra::Vector3;
 
 use super::shapes::{Parabola, PathPoint, Spiral};
 
-/// Bound of the inversion of an arc length; it needs about six.
+/// Bound of the inversion of the arc length, which needs about six steps.
 const MAX_ITERATIONS: usize = 60;
 
 impl Parabola {
@@ -20,7 +20,7 @@ impl Parabola {
         (self.to.z - self.from.z) / xf - self.mu_per_m * xf
     }
 
-    /// Curvature where it is least steep, 1/m.
+    /// Curvature at the point of smallest slope, 1/m.
     pub(super) fn greatest_curvature(&self) -> f64 {
         let (start, end) = (self.zeta(), self.zeta() + 2.0 * self.mu_per_m * self.extent());
         let slope = if start * end <= 0.0 { 0.0 } else { start.abs().min(end.abs()) };
@@ -28,7 +28,7 @@ impl Parabola {
         2.0 * self.mu_per_m.abs() / (stretch * stretch.sqrt())
     }
 
-    /// The lowest height of the path, m.
+    /// Lowest height of the path, m.
     pub fn lowest_m(&self) -> f64 {
         let ends = self.from.z.min(self.to.z);
         let vertex = -self.zeta() / (2.0 * self.mu_per_m);
@@ -79,7 +79,7 @@ impl Spiral {
         2.0 * std::f64::consts::PI * self.turns.abs()
     }
 
-    /// Growth of radius and height per angle, m/rad.
+    /// Growth of radius and of height per angle, m/rad.
     pub(super) fn rates(&self) -> (f64, f64) {
         let angle = self.angle();
         ((self.end_radius_m - self.start_radius_m) / angle, self.rise_m / angle)
@@ -126,7 +126,7 @@ impl Spiral {
     }
 }
 
-/// Tangent and curvature vector from derivatives over any parameter.
+/// Computes tangent and curvature vector from derivatives with respect to any parameter.
 pub(super) fn by_arc_length(position: Vector3<f64>, first: Vector3<f64>, second: Vector3<f64>) -> PathPoint {
     let speed_squared = first.norm_squared();
     let tangent = first / speed_squared.sqrt();
@@ -134,7 +134,8 @@ pub(super) fn by_arc_length(position: Vector3<f64>, first: Vector3<f64>, second:
     PathPoint { position, tangent, curvature }
 }
 
-/// The parameter in 0..=end at which the increasing `length` is `s`: Newton kept inside a shrinking bracket.
+/// Finds the parameter in 0..=end at which the increasing function `length` is `s`: Newton steps inside a
+/// shrinking bracket.
 pub(super) fn invert(
     length: impl Fn(f64) -> f64,
     derivative: impl Fn(f64) -> f64,

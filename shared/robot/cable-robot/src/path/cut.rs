@@ -1,14 +1,15 @@
-//! The rest of a path from a point of it on.
+//! The remainder of a path from a given arc length.
 
 use super::{Parabola, Path, SHORTEST_M, Spiral, invert};
 
-/// Fewest turns that are a spiral, as [`Path::check`] has it.
+/// Smallest number of turns of a spiral that [`Path::check`] accepts.
 const LEAST_TURNS: f64 = 0.01;
 
 impl Path {
-    /// What is left of the path from the arc length `s_m` (m) on: the same points. Before its start and of a dwell it is the whole.
+    /// Returns the part of the path from the arc length `s_m` (m) to the end, with the same points. Before the start,
+    /// and for a dwell, this is the whole path.
     ///
-    /// `None` where nothing is left that is a path, and for a lateral path, of which no part is one again.
+    /// Returns `None` if the remainder is not a valid path, and for a lateral path, whose parts are not lateral paths.
     ///
     /// ```
     /// use cable_robot::Path;
@@ -31,7 +32,7 @@ impl Path {
         }
         let rest = match self {
             Self::Line(line) => Self::line(self.point(s_m), line.to),
-            // The second derivative of a parabola is the same everywhere.
+            // The second derivative of a parabola is constant.
             Self::Parabola(parabola) => Self::Parabola(Parabola { from: self.point(s_m), ..*parabola }),
             Self::Spiral(spiral) => Self::Spiral(spiral.rest_from(s_m)?),
             Self::Lateral(_) | Self::Dwell(_) => return None,
@@ -91,7 +92,7 @@ mod tests {
             prop_assume!(path.check().is_ok() && path.length() > 0.01);
             let s_m = cut * path.length();
             let Some(rest) = path.rest_from(s_m) else {
-                // a spiral of almost no turn
+                // a spiral with almost no turn
                 prop_assert!(matches!(path, Path::Spiral(spiral) if spiral.turns.abs() * (1.0 - cut) < 0.1));
                 return Ok(());
             };

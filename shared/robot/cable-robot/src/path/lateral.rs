@@ -1,20 +1,20 @@
-//! A path that also swings sideways: the straight line and three harmonics down and to the side (beyond section VIII of the
-//! paper, whose paths stay in a vertical plane).
+//! A path that also swings sideways: the straight line and three harmonics down and to the side (an extension of
+//! section VIII of the paper, whose paths stay in a vertical plane).
 //!
-//! A [`Bow`] is the shape by its fraction u of the straight line, from 0 to 1:
-//! X(u) = from + (to - from) u + Σ sin(kπu) (side_k e - down_k z), k = 1..3, where e is the horizontal unit vector to the left
-//! of the way from start to end. A [`Lateral`] is the same by arc length, which has no closed form: it is integrated by
-//! Gauss's rule in panels, once.
+//! A [`Bow`] is the shape by its fraction u of the straight line, from 0 to 1: X(u) = from + (to - from) u + Σ sin(kπu)
+//! (side_k e - down_k z), k = 1..3, where e is the horizontal unit vector to the left of the direction from start to
+//! end. A [`Lateral`] is the same shape by arc length. The arc length has no closed form: it is integrated once by
+//! Gauss's rule in panels.
 
 use nalgebra::Vector3;
 
 use super::curves::{by_arc_length, invert};
 use super::shapes::PathPoint;
 
-/// Harmonics in each of the two directions.
+/// Number of harmonics in each of the two directions.
 pub const HARMONICS: usize = 3;
 
-/// Panels of the integral of the arc length: the third harmonic turns by 0.6 rad in each.
+/// Panels of the arc length integral: the phase of the third harmonic changes by 0.6 rad in each.
 const PANELS: usize = 16;
 
 /// Gauss-Legendre nodes and weights on -1..1, five points: exact for polynomials of degree 9.
@@ -26,7 +26,7 @@ const GAUSS: [(f64, f64); 5] = [
     (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
 ];
 
-/// How a path bows out of the straight line between two points.
+/// Deviation of a path from the straight line between two points, as harmonics.
 ///
 /// ```
 /// use cable_robot::Vector3;
@@ -34,7 +34,7 @@ const GAUSS: [(f64, f64); 5] = [
 /// let (from, to) = (Vector3::new(0.0, 0.0, 2.0), Vector3::new(4.0, 0.0, 2.0));
 /// let bow = Bow { from, to, down_m: [0.5, 0.0, 0.0], side_m: [0.3, 0.0, 0.0] };
 /// let middle = bow.at_fraction(0.5);
-/// // Down by half a metre, and to the left, which is +y here, by 0.3 m.
+/// // Half a metre down and 0.3 m to the left, which is +y here.
 /// assert!((middle.position - Vector3::new(2.0, 0.3, 1.5)).norm() < 1e-12);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,13 +43,13 @@ pub struct Bow {
     pub from: Vector3<f64>,
     /// End, m.
     pub to: Vector3<f64>,
-    /// Amplitudes below the straight line, m, of half a wave, a whole one, and one and a half.
+    /// Amplitudes below the straight line, m, of the half wave, the full wave, and one and a half waves.
     pub down_m: [f64; HARMONICS],
-    /// The same to the left of it, m.
+    /// Amplitudes to the left of the straight line, m, likewise.
     pub side_m: [f64; HARMONICS],
 }
 
-/// A point of a bow with its derivatives over the fraction.
+/// Point of a bow with its derivatives with respect to the fraction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BowPoint {
     /// Position, m.
@@ -61,7 +61,7 @@ pub struct BowPoint {
 }
 
 impl Bow {
-    /// The point at a fraction of the straight line.
+    /// Computes the point at a fraction of the straight line.
     pub fn at_fraction(&self, u: f64) -> BowPoint {
         let chord = self.to - self.from;
         let extent = self.extent();
@@ -69,7 +69,7 @@ impl Bow {
         let angle = std::f64::consts::PI * u;
         let (sin, cos) = (libm::sin(angle), libm::cos(angle));
         let mut point = BowPoint { position: self.from + chord * u, first: chord, second: Vector3::zeros() };
-        // sin and cos of kπu by the sum formulas.
+        // sin and cos of kπu by the addition formulas.
         let (mut s, mut c) = (sin, cos);
         for k in 0..HARMONICS {
             let frequency = std::f64::consts::PI * (k + 1) as f64;
@@ -93,13 +93,13 @@ impl Bow {
         (0..PANELS).map(|i| self.panel_m(i)).sum()
     }
 
-    /// The same bow, its deviation from the straight line times `share`.
+    /// The same bow with its deviation from the straight line multiplied by `share`.
     pub fn scaled(&self, share: f64) -> Self {
         Self { down_m: self.down_m.map(|m| m * share), side_m: self.side_m.map(|m| m * share), ..*self }
     }
 
-    /// How far the path may lie below the straight line between two of its points that are `step` of u apart, m: a bound by its
-    /// second derivative.
+    /// Upper bound for the depth of the path below the chord between two of its points that are `step` of u apart, m,
+    /// from its second derivative.
     pub fn sagitta_m(&self, step: f64) -> f64 {
         let bend = |k: usize| (std::f64::consts::PI * (k + 1) as f64).powi(2) * self.down_m[k].abs();
         (0..HARMONICS).map(bend).sum::<f64>() * step * step / 8.0
@@ -109,7 +109,7 @@ impl Bow {
         self.part_m(i as f64 / PANELS as f64, 1.0 / PANELS as f64)
     }
 
-    /// Arc length from u over `step` of it, m.
+    /// Arc length from u to u + `step`, m.
     fn part_m(&self, u: f64, step: f64) -> f64 {
         let half = 0.5 * step;
         GAUSS.iter().map(|(at, weight)| weight * self.at_fraction(u + half * (1.0 + at)).first.norm()).sum::<f64>()
@@ -117,7 +117,7 @@ impl Bow {
     }
 }
 
-/// A bow by arc length.
+/// A bow parametrised by arc length.
 ///
 /// ```
 /// use cable_robot::Path;
@@ -138,7 +138,7 @@ impl Bow {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lateral {
     bow: Bow,
-    /// Arc length at the end of each panel, m.
+    /// Arc length from the start to the end of each panel, m.
     reached_m: [f64; PANELS],
 }
 
@@ -154,7 +154,7 @@ impl Lateral {
         Self { bow, reached_m }
     }
 
-    /// The shape.
+    /// Shape.
     pub fn bow(&self) -> &Bow {
         &self.bow
     }
@@ -164,7 +164,7 @@ impl Lateral {
         self.reached_m[PANELS - 1]
     }
 
-    /// True if it does not deviate from the straight line.
+    /// True if the path is the straight line.
     pub fn is_straight(&self) -> bool {
         self.bow.down_m.iter().chain(&self.bow.side_m).all(|m| *m == 0.0)
     }
@@ -182,7 +182,7 @@ impl Lateral {
         );
         let point = self.bow.at_fraction(start + within);
         let at = by_arc_length(point.position, point.first, point.second);
-        // Rounding in the sines must not leave the node beside its target.
+        // Rounding in the sines must not leave the end point off target.
         if s >= self.length_m() { PathPoint { position: self.bow.to, ..at } } else { at }
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-/// A point of a path with its derivatives over arc length.
+/// Point of a path with its derivatives with respect to arc length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPoint {
     /// Position, m.
@@ -34,16 +34,16 @@ pub struct Parabola {
     pub mu_per_m: f64,
 }
 
-/// A spiral about a vertical axis: the radius grows linearly with the angle, and so does the height.
+/// A spiral about a vertical axis: radius and height change linearly with the angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spiral {
-    /// A point of the axis at the height of the start, m.
+    /// Point on the axis at the height of the start, m.
     pub centre: Vector3<f64>,
     /// Radius at the start, m, 0 or more.
     pub start_radius_m: f64,
     /// Radius at the end, m, 0 or more.
     pub end_radius_m: f64,
-    /// Turns; positive is counter-clockwise seen from above; may be a fraction.
+    /// Number of turns, may be a fraction; positive is counter-clockwise seen from above.
     pub turns: f64,
     /// Height of the end above the start, m.
     pub rise_m: f64,

@@ -1,17 +1,17 @@
-//! How a profile is found: trapezoids on straight paths, elsewhere two passes over samples that are reduced to few knots.
+//! Computation of a profile: trapezoids on straight paths; otherwise two passes over samples, reduced to few knots.
 
 use super::{Knot, MAX_KNOTS, Profile, ProfileError, ProfileLimits, ROUNDING};
 use crate::path::Path;
 
-/// Samples of a curved path while its profile is built. A spiral of three turns is sampled every 2 degrees.
+/// Samples of a curved path. With these a spiral of three turns has a sample every 2 degrees.
 const SAMPLES: usize = 512;
 
-/// Shares of the acceleration limit that curvature alone may use, tried in this order. With 0.8 across, 0.6 remain
-/// along the path everywhere (0.8² + 0.6² = 1), so that no profile can run into a place it can neither hold nor leave.
-/// The lower shares leave more room between the profile and the limit and so need fewer knots.
+/// Shares of the acceleration limit available to curvature, tried in this order. With 0.8 across, 0.6 remain along the
+/// path everywhere (0.8² + 0.6² = 1), so that a profile can always brake before a curve. Lower shares leave more room
+/// between the profile and the limit and so need fewer knots.
 const ACROSS_SHARES: [f64; 4] = [0.8, 0.65, 0.5, 0.35];
 
-/// Appends, dropping what coincides with the knot before.
+/// Appends knots, ignoring those that coincide with the previous one.
 struct Builder {
     knots: [Knot; MAX_KNOTS],
     count: usize,
@@ -22,7 +22,7 @@ impl Builder {
         Self { knots: [Knot::default(); MAX_KNOTS], count: 0 }
     }
 
-    /// False if it is full.
+    /// Returns false if the profile is full.
     fn push(&mut self, s_m: f64, v_m_s: f64) -> bool {
         if self.count == MAX_KNOTS {
             return false;
@@ -38,10 +38,10 @@ impl Builder {
 }
 
 impl Profile {
-    /// The fastest profile of this kind within the limits: exact trapezoids on straight paths, elsewhere a forward and
-    /// a backward pass over samples, reduced to few knots that stay within the limits between the samples' values.
+    /// Computes the fastest profile of this kind within the limits: exact trapezoids on straight paths; otherwise a
+    /// forward and a backward pass over samples, reduced to few knots that keep the limits between the samples too.
     ///
-    /// The centripetal share is held to 80 % of the total limit (see the constant) where the passes are made.
+    /// On curved paths the centripetal acceleration is at most 80 % of the total limit (`ACROSS_SHARES`).
     pub fn plan(path: &Path, limits: &ProfileLimits) -> Result<Self, ProfileError> {
         limits.check()?;
         let length = path.length();
@@ -88,7 +88,7 @@ pub(super) fn straight(length: f64, limits: &ProfileLimits) -> Result<Profile, P
     builder.profile()
 }
 
-/// A sampled curved path: limits at each sample, and v² of the profile.
+/// A sampled curved path: curvature at each sample, and v² of the profile.
 struct Samples {
     s: [f64; SAMPLES],
     /// Largest curvature around each sample, 1/m.
@@ -98,14 +98,14 @@ struct Samples {
 }
 
 impl Samples {
-    fn of(path: &Path, length: f64) -> Self {
+    fn new(path: &Path, length: f64) -> Self {
         let mut samples = Self { s: [0.0; SAMPLES], curvature: [0.0; SAMPLES], w: [0.0; SAMPLES] };
         let last = SAMPLES - 1;
         for i in 0..SAMPLES {
             samples.s[i] = length * i as f64 / last as f64;
         }
-        // The sharpest point of a parabola may be much narrower than the samples are apart: one of them moves there, and
-        // then the curvature between two samples is nowhere above that at both.
+        // The curvature peak of a parabola may be much narrower than the distance of samples. One sample moves there;
+        // then the curvature between two samples never exceeds the values at both.
         if let Some(sharpest) = path.sharpest_m() {
             let nearest = (sharpest / length * last as f64).round() as usize;
             if (1..last).contains(&nearest) {
@@ -118,7 +118,7 @@ impl Samples {
             at[i] = path.curvature(samples.s[i]);
             between[i] = if i < last { path.curvature(0.5 * (samples.s[i] + samples.s[i + 1])) } else { at[i] };
         }
-        // Each sample answers for the stretches on both its sides.
+        // Each sample covers the intervals on both its sides.
         for i in 0..SAMPLES {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
             samples.curvature[i] = at[i].max(at[before]).max(at[after]).max(between[before]).max(between[i]);
@@ -131,17 +131,17 @@ fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, P
     if path.greatest_curvature().is_some_and(|curvature| is_gentle(curvature, limits)) {
         return straight(length, limits);
     }
-    let mut samples = Samples::of(path, length);
+    let mut samples = Samples::new(path, length);
     let mut failure = None;
     for share in ACROSS_SHARES {
-        match passes(&mut samples, limits, share) {
-            // A start that is too fast for a lower share may have been possible with a higher one.
+        match speed_passes(&mut samples, limits, share) {
+            // A start speed that is too high for a lower share may be possible with a higher one.
             Err(e) => {
                 failure = failure.or(Some(e));
                 break;
             }
             Ok(()) => {
-                if let Some(profile) = reduce(&samples, limits) {
+                if let Some(profile) = reduce_to_knots(&samples, limits) {
                     return profile;
                 }
             }
@@ -150,7 +150,7 @@ fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, P
     if let Some(error) = failure {
         return Err(error);
     }
-    // Too wild for 32 knots: one cruise speed that suits the sharpest place.
+    // More than MAX_KNOTS knots: use one cruise speed that fits the greatest curvature.
     let sharpest = samples.curvature.iter().fold(0.0, |m: f64, k| m.max(*k));
     let across = ACROSS_SHARES[0] * limits.total_m_s2;
     let cruise_m_s = limits.cruise_m_s.min((across / sharpest).sqrt());
@@ -163,7 +163,7 @@ fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, P
     straight(length, &ProfileLimits { cruise_m_s, tangential_m_s2, ..*limits })
 }
 
-/// True where no curve of this curvature takes anything from the acceleration along the path, at whatever speed.
+/// True if no curve with this curvature reduces the acceleration along the path at any speed.
 fn is_gentle(curvature: f64, limits: &ProfileLimits) -> bool {
     let fastest_m_s = limits.cruise_m_s.max(limits.start_m_s).max(limits.end_m_s);
     let across = fastest_m_s * fastest_m_s * curvature;
@@ -172,9 +172,9 @@ fn is_gentle(curvature: f64, limits: &ProfileLimits) -> bool {
         && across * across + along * along <= limits.total_m_s2 * limits.total_m_s2
 }
 
-/// Fills `w` with the fastest v² whose centripetal acceleration stays below `share` of the limit and whose slope stays
-/// below what that leaves.
-fn passes(samples: &mut Samples, limits: &ProfileLimits, share: f64) -> Result<(), ProfileError> {
+/// Computes in `w` the fastest v² whose centripetal acceleration stays below `share` of the limit and whose slope stays
+/// below the remaining tangential acceleration.
+fn speed_passes(samples: &mut Samples, limits: &ProfileLimits, share: f64) -> Result<(), ProfileError> {
     let last = SAMPLES - 1;
     let total = limits.total_m_s2;
     let ceiling = |k: f64| {
@@ -224,10 +224,10 @@ fn passes(samples: &mut Samples, limits: &ProfileLimits, share: f64) -> Result<(
     Ok(())
 }
 
-/// Few knots from the samples: from each knot the longest chord in v² over s that keeps to the limits themselves. None
-/// if there would be too many. The chord is not compared with the sampled profile but with the limits, so that the
-/// room that profile leaves is used to save knots.
-fn reduce(samples: &Samples, limits: &ProfileLimits) -> Option<Result<Profile, ProfileError>> {
+/// Reduces the samples to few knots: from each knot the longest chord in v² over s that keeps the limits. None if that
+/// needs too many knots. Chords are compared with the limits, not with the sampled profile: the room that the profile
+/// leaves saves knots.
+fn reduce_to_knots(samples: &Samples, limits: &ProfileLimits) -> Option<Result<Profile, ProfileError>> {
     let last = SAMPLES - 1;
     let cruise2 = limits.cruise_m_s * limits.cruise_m_s * (1.0 + ROUNDING);
     let total2 = limits.total_m_s2 * limits.total_m_s2 * (1.0 + ROUNDING);
@@ -245,12 +245,13 @@ fn reduce(samples: &Samples, limits: &ProfileLimits) -> Option<Result<Profile, P
     let mut i = 0;
     builder.push(0.0, limits.start_m_s);
     while i < last {
-        // Of the chords allowed, the longest; a neighbour always is. Far ones first would cost more.
+        // The longest allowed chord; the neighbour is always allowed. Testing distant samples first
+        // would cost more time.
         let mut j = i + 1;
         let mut misses = 0;
         for candidate in i + 2..=last {
-            // A long chord that cuts far below the samples would cost time: it may lose 1 % of the area only.
-            if allowed(i, candidate) && keeps_pace(samples, i, candidate) {
+            // A long chord far below the samples would cost time: it may lose at most 1 % of the area.
+            if allowed(i, candidate) && is_fast_enough(samples, i, candidate) {
                 j = candidate;
                 misses = 0;
             } else {
@@ -270,7 +271,7 @@ fn reduce(samples: &Samples, limits: &ProfileLimits) -> Option<Result<Profile, P
 }
 
 /// True if the chord from i to j takes at most 1 % longer than the samples between.
-fn keeps_pace(samples: &Samples, i: usize, j: usize) -> bool {
+fn is_fast_enough(samples: &Samples, i: usize, j: usize) -> bool {
     let v = |k: usize| samples.w[k].sqrt();
     let sampled: f64 = (i..j).map(|k| 2.0 * (samples.s[k + 1] - samples.s[k]) / (v(k) + v(k + 1))).sum();
     let chord = 2.0 * (samples.s[j] - samples.s[i]) / (v(i) + v(j));
@@ -295,8 +296,8 @@ mod tests {
         });
         let limits = ProfileLimits::rest_to_rest(0.2, 0.5);
         let profile = Profile::plan(&path, &limits).unwrap();
-        let mut samples = Samples::of(&path, path.length());
-        passes(&mut samples, &limits, 0.8).unwrap();
+        let mut samples = Samples::new(&path, path.length());
+        speed_passes(&mut samples, &limits, 0.8).unwrap();
         let v = |k: usize| samples.w[k].sqrt();
         let dense: f64 = (0..SAMPLES - 1).map(|k| 2.0 * (samples.s[k + 1] - samples.s[k]) / (v(k) + v(k + 1))).sum();
         assert!(profile.duration() < 1.03 * dense, "{} {dense}", profile.duration());

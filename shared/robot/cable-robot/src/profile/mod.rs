@@ -5,10 +5,10 @@ mod build;
 
 use thiserror::Error;
 
-/// Most knots of a profile; messages carry this many.
+/// Largest number of knots of a profile and of a message.
 pub const MAX_KNOTS: usize = 32;
 
-/// Arc lengths, speeds and accelerations beyond these are a wrong unit or an error.
+/// Arc lengths, speeds and accelerations beyond these are in a wrong unit or erroneous.
 const FARTHEST_M: f64 = 1e6;
 const FASTEST_M_S: f64 = 1e4;
 const STEEPEST_M_S2: f64 = 1e6;
@@ -16,16 +16,16 @@ const STEEPEST_M_S2: f64 = 1e6;
 /// Relative excess that counts as rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// One point of a profile.
+/// Speed at a point of the path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Knot {
     /// Arc length, m.
     pub s_m: f64,
-    /// Speed there, m/s.
+    /// Speed, m/s.
     pub v_m_s: f64,
 }
 
-/// Where on the path at a time.
+/// Position along the path at a time, with its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Along {
     /// Arc length, m.
@@ -36,14 +36,14 @@ pub struct Along {
     pub a_m_s2: f64,
 }
 
-/// What a profile has to keep to.
+/// Limits of a profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProfileLimits {
     /// Highest speed, m/s.
     pub cruise_m_s: f64,
     /// Highest tangential acceleration, m/s².
     pub tangential_m_s2: f64,
-    /// Highest total acceleration, tangential and centripetal together, m/s².
+    /// Highest total acceleration (tangential and centripetal), m/s².
     pub total_m_s2: f64,
     /// Speed at the start, m/s.
     pub start_m_s: f64,
@@ -52,7 +52,7 @@ pub struct ProfileLimits {
 }
 
 impl ProfileLimits {
-    /// From rest to rest, the same limit for tangential and total acceleration.
+    /// Limits from rest to rest, with the same tangential and total acceleration.
     pub fn rest_to_rest(cruise_m_s: f64, acceleration_m_s2: f64) -> Self {
         Self {
             cruise_m_s,
@@ -64,45 +64,45 @@ impl ProfileLimits {
     }
 }
 
-/// A profile that cannot be.
+/// Error of an invalid profile.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum ProfileError {
     /// A limit is not a positive number, or a speed is negative.
     #[error("{what} is {value}; accepted: {accepted}")]
     InvalidLimit {
-        /// The parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// What is accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
-    /// More knots than a profile holds, or none.
+    /// Number of knots outside the accepted range.
     #[error("a speed profile has 1 to {MAX_KNOTS} knots, not {given}")]
     WrongCount {
-        /// How many were given.
+        /// Number of knots given.
         given: usize,
     },
     /// Knots out of order, negative, not finite, or at rest over a distance.
     #[error("knot {knot} of the speed profile ({s_m} m, {v_m_s} m/s) {problem}")]
     BadKnot {
-        /// The knot, counted from 1.
+        /// Number of the knot, from 1.
         knot: usize,
-        /// Its arc length, m.
+        /// Arc length of the knot, m.
         s_m: f64,
-        /// Its speed, m/s.
+        /// Speed of the knot, m/s.
         v_m_s: f64,
-        /// What is wrong.
+        /// Description of the problem.
         problem: &'static str,
     },
-    /// The speed at an end is above what curvature or cruise allow there.
+    /// The speed at an end is above the limit from curvature or cruise speed.
     #[error("the speed of {wanted_m_s} m/s at the {end} of the path is above the {allowed_m_s:.4} m/s possible there")]
     EndTooFast {
         /// "start" or "end".
         end: &'static str,
-        /// What was asked for, m/s.
+        /// Requested speed, m/s.
         wanted_m_s: f64,
-        /// What is possible, m/s.
+        /// Highest possible speed, m/s.
         allowed_m_s: f64,
     },
 }
@@ -123,14 +123,14 @@ pub enum ProfileError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Profile {
     knots: [Knot; MAX_KNOTS],
-    /// Time of each knot, s.
+    /// Time at each knot, s.
     times: [f64; MAX_KNOTS],
     count: usize,
     duration_s: f64,
 }
 
 impl Profile {
-    /// Staying in place for a time, s.
+    /// Returns a profile that stays in place for a time, s.
     pub fn dwell(duration_s: f64) -> Result<Self, ProfileError> {
         if !(duration_s.is_finite() && duration_s >= 0.0) {
             return Err(ProfileError::InvalidLimit {
@@ -143,8 +143,8 @@ impl Profile {
         Ok(Self { knots, times: [0.0; MAX_KNOTS], count: 1, duration_s })
     }
 
-    /// From knots, as a message carries them: the first at s = 0, s increasing, v ≥ 0 and never 0 at two neighbours.
-    /// A single knot (0, 0) is a dwell of no duration; see [`Profile::dwell`].
+    /// Builds a profile from the knots of a message: the first at s = 0, s increasing, v ≥ 0 and never 0 at two
+    /// neighbours. A single knot (0, 0) is a dwell of zero duration; see [`Profile::dwell`].
     pub fn from_knots(given: &[Knot]) -> Result<Self, ProfileError> {
         if given.is_empty() || given.len() > MAX_KNOTS {
             return Err(ProfileError::WrongCount { given: given.len() });
@@ -167,18 +167,18 @@ impl Profile {
             }
             let ds = knot.s_m - given[i - 1].s_m;
             if !(ds > 0.0) {
-                return bad(i, "does not lie beyond the one before");
+                return bad(i, "does not lie beyond the previous knot");
             }
             if !(slope(given[i - 1], *knot).abs() <= STEEPEST_M_S2) {
-                return bad(i, "changes the speed at once");
+                return bad(i, "changes the speed without distance");
             }
             let sum = knot.v_m_s + given[i - 1].v_m_s;
             if sum == 0.0 {
-                return bad(i, "and the one before are both at rest, so the path between them would never end");
+                return bad(i, "and the previous knot are both at rest, so the path between them would never end");
             }
             result.duration_s += 2.0 * ds / sum;
             if !result.duration_s.is_finite() {
-                return bad(i, "is too slow to ever be reached");
+                return bad(i, "is too slow to be reached in finite time");
             }
             result.times[i] = result.duration_s;
         }
@@ -200,8 +200,8 @@ impl Profile {
         self.knots[self.count - 1].s_m
     }
 
-    /// Where on the path at a time since its start, s. Before and after it is at rest at the ends; at an end itself the
-    /// profile's own speed and acceleration hold.
+    /// Position along the path at a time since its start, s. Before the start and after the end, the profile rests
+    /// there; exactly at an end, the speed and acceleration of the profile apply.
     pub fn at(&self, t_s: f64) -> Along {
         // Also true for NaN.
         if !(t_s >= 0.0) {
@@ -352,7 +352,7 @@ mod tests {
             let (v, t, a) = worst(&path, &profile, &limits);
             prop_assert!(v <= 1.0 + 1e-6 && t <= 1.0 + 1e-6 && a <= 1.0 + 1e-3, "{v} {t} {a}");
             prop_assert!(profile.duration().is_finite() && (profile.length() - path.length()).abs() < 1e-12);
-            // Not slower than a trapezoid at the sharpest place's speed would be.
+            // Not slower than a trapezoid at the speed of the greatest curvature.
             let sharpest = (0..=2000).map(|i| path.curvature(path.length() * i as f64 / 2000.0)).fold(0.0, f64::max);
             let plain = ProfileLimits { cruise_m_s: cruise.min((0.3 * total / sharpest).sqrt()), tangential_m_s2: tangential.min(0.6 * total), ..limits };
             let slow = build::straight(path.length(), &plain).unwrap();

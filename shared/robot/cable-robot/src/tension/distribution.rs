@@ -11,14 +11,14 @@ pub(super) const TOLERANCE: f64 = 1e-10;
 /// Forces above this are a wrong unit or an error, N; infinity as an upper limit of tension is not a force.
 pub(super) const STRONGEST_N: f64 = 1e9;
 
-/// Which of the feasible distributions is wanted.
+/// Method that selects one of the feasible distributions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Distribution {
-    /// The only one: as many cables as directions.
+    /// The only distribution of as many cables as directions.
     Unique,
-    /// Least sum of squares (27), the least I²R loss of ideal motors. It moves continuously with the pose.
+    /// Least sum of squares (27), the least I²R loss of ideal motors. It is continuous in the pose.
     LeastNorm,
-    /// Least sum (37). It jumps between bounds where two cables' roles change.
+    /// Least sum (37). It jumps between bounds where the roles of two cables change.
     MinSum,
     /// Greatest distance to the nearest limit.
     Safest,
@@ -35,18 +35,18 @@ impl std::fmt::Display for Distribution {
     }
 }
 
-/// A name that is no distribution.
+/// Error: a name that is not a distribution.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("{given:?} is no way to distribute tension; accepted: unique, least-norm, min-sum, safest")]
+#[error("{given:?} is not a tension distribution; accepted: unique, least-norm, min-sum, safest")]
 pub struct UnknownDistribution {
-    /// What was given.
+    /// Name given.
     pub given: String,
 }
 
 impl std::str::FromStr for Distribution {
     type Err = UnknownDistribution;
 
-    /// As it is written, or with an underscore.
+    /// Parses the displayed name, with a hyphen or an underscore.
     fn from_str(name: &str) -> Result<Self, UnknownDistribution> {
         match name {
             "unique" => Ok(Self::Unique),
@@ -58,19 +58,19 @@ impl std::str::FromStr for Distribution {
     }
 }
 
-/// The line that cannot keep its limits, in the distribution that spreads the excess most evenly.
+/// The cable that violates a limit, in the distribution that spreads the excess most evenly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Violation {
     /// Index of the cable, from 0.
     pub cable: usize,
-    /// The tension it would have, N.
+    /// Tension of the cable, N.
     pub tension_n: f64,
-    /// The limit it misses, N.
+    /// Violated limit, N.
     pub limit_n: f64,
 }
 
 impl Violation {
-    /// How far beyond the limit, N.
+    /// Distance beyond the limit, N.
     pub fn excess_n(&self) -> f64 {
         (self.tension_n - self.limit_n).abs()
     }
@@ -84,39 +84,39 @@ impl std::fmt::Display for Violation {
     }
 }
 
-/// No tensions, and why.
+/// Why there are no tensions.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum TensionError {
     /// No distribution keeps the limits.
     #[error("no tensions within the limits hold the node: {0}")]
     Infeasible(Violation),
-    /// The lines do not span the space at this pose.
-    #[error("the lines do not hold the node in every direction here: it is in the plane of the anchors or at one")]
+    /// The cables do not span all directions at this pose.
+    #[error("the cables do not hold the node in every direction here: it is in the plane of the anchors or at one")]
     Singular,
     /// The method does not fit the number of cables.
     #[error("the distribution {method} is not defined for {cables} cables; accepted: {accepted}")]
     Method {
-        /// What was asked for.
+        /// Requested distribution.
         method: Distribution,
-        /// How many cables there are.
+        /// Number of cables.
         cables: usize,
-        /// What can be asked for.
+        /// Accepted distributions or numbers of cables.
         accepted: &'static str,
     },
     /// A limit or force is not a number.
     #[error("{what} is {value}; accepted: {accepted}")]
     InvalidArgument {
-        /// The quantity.
+        /// Name of the quantity.
         what: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// What is accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
 }
 
 impl TensionError {
-    /// The kind as a short word for other programs: `infeasible`, `singular` or `invalid_argument`.
+    /// Error kind for programs: `infeasible`, `singular` or `invalid_argument`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Infeasible(_) => "infeasible",
@@ -137,7 +137,7 @@ impl From<KinematicsError> for TensionError {
 pub struct Tensions {
     /// Tension of each cable, N.
     pub tensions_n: CableVec,
-    /// Least distance to a limit, N.
+    /// Smallest distance to a limit, N.
     pub margin_n: f64,
 }
 
@@ -167,12 +167,12 @@ pub(super) fn check_wrench(wrench_n: &[f64]) -> Result<(), TensionError> {
     }
 }
 
-/// Least distance to a limit, N; negative outside.
+/// Smallest distance to a limit, N; negative outside.
 pub fn margin(tensions_n: &[f64], [low, high]: [f64; 2]) -> f64 {
     tensions_n.iter().fold(f64::INFINITY, |m, t| m.min(t - low).min(high - t))
 }
 
-/// The tension farthest outside the limits, if any is outside by more than rounding.
+/// Returns the tension farthest outside the limits, if any is outside by more than rounding.
 pub fn worst_violation(tensions_n: &[f64], [low, high]: [f64; 2]) -> Option<Violation> {
     let scale = tensions_n.iter().fold(low.max(1.0), |m, t| m.max(t.abs()));
     let mut worst: Option<Violation> = None;

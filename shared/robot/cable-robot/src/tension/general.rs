@@ -1,11 +1,11 @@
-//! Tension distribution for any number of directions and cables: m ≥ n, so that a planar robot with four lines (2 x 4) and
-//! a spatial one with eight are the same problem.
+//! Tension distribution for any number of directions and cables, m ≥ n: a planar robot with four cables (2 x 4) and a
+//! spatial one with eight are the same problem.
 //!
-//! * Least norm (27): projection of the origin on the solutions within the limits, through its dual, which has one unknown
-//!   per direction, T = clamp(Λᵀy, min, max). The dual is concave and piecewise quadratic.
-//! * Least sum: the best vertex of the solutions, all of which are tried, as the paper's reference \[37\] does for one
-//!   redundant cable; where several are best, the least norm among everything with that sum.
-//! * Safest: the greatest distance to the nearest limit; where that has no bound, the least norm.
+//! * Least norm (27): projection of the origin on the solutions within the limits, through its dual, which has one
+//!   unknown per direction, T = clamp(Λᵀy, min, max). The dual is concave and piecewise quadratic.
+//! * Least sum: the best vertex of the solutions; all are tried, as in the paper's reference \[37\] for one redundant
+//!   cable. If several are best, the least norm of everything with that sum.
+//! * Safest: the greatest distance to the nearest limit; the least norm if that distance is unbounded.
 //!
 //! The structure matrix is n x m, wrench and tensions are in N; errors are those of [`crate::tension`].
 
@@ -16,22 +16,22 @@ use super::distribution::{
 };
 use crate::{CableVec, Distribution, MAX_CABLES, StructureMatrix};
 
-/// Most directions in which forces add up: as many as cables.
+/// Largest number of directions: the largest number of cables.
 pub const MAX_ROWS: usize = MAX_CABLES;
 
 /// A row whose part orthogonal to the others is below this share of it adds no direction.
 const RANK_TOLERANCE: f64 = 1e-9;
 
-/// Bound of the dual iteration; it needs about six.
+/// Bound of the dual iteration, which needs about six steps.
 const MAX_ITERATIONS: usize = 200;
 
-/// Halvings of the margin for the safest distribution: to rounding.
+/// Bisection steps for the margin of the safest distribution, down to rounding.
 const HALVINGS: usize = 60;
 
-/// Forces are balanced to this share where the edge of what is feasible is searched: the search would use up any more.
+/// Relative force balance in the search for the edge of the feasible set: a larger tolerance would shift the edge.
 const EDGE_TOLERANCE: f64 = 1e-12;
 
-/// A number per direction; unused places are 0.
+/// One value per direction; unused entries are 0.
 pub type Row = [f64; MAX_ROWS];
 
 /// A structure matrix with n rows (directions) and m ≥ n columns (cables).
@@ -39,7 +39,7 @@ pub type Row = [f64; MAX_ROWS];
 /// ```
 /// use cable_robot::Distribution;
 /// use cable_robot::tension::general::{self, GeneralStructure};
-/// // A planar robot with four lines and a node that floats: only preload.
+/// // A planar robot with four cables and a floating node: only preload.
 /// let d = 0.5f64.sqrt();
 /// let structure = GeneralStructure::new(&[vec![-d, d, d, -d], vec![d, d, -d, -d]])?;
 /// let held = general::distribute(&structure, &[0.0, 0.0], [2.0, 60.0], Distribution::LeastNorm)?;
@@ -54,7 +54,8 @@ pub struct GeneralStructure {
 }
 
 impl GeneralStructure {
-    /// From its rows: 1 to 8 rows of as many or more, at most 8, finite values.
+    /// Builds the matrix from its rows: 1 to 8 rows of equal length with finite values, at least as many
+    /// columns, at most 8.
     pub fn new(rows: &[Vec<f64>]) -> Result<Self, TensionError> {
         let refuse = |what, value| {
             let accepted = "1 to 8 rows of equal length, at least as many and at most 8 columns";
@@ -92,17 +93,17 @@ impl GeneralStructure {
         Self { columns, rows: 2, cables: unit.len().min(MAX_CABLES) }
     }
 
-    /// How many directions.
+    /// Number of directions.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// How many cables.
+    /// Number of cables.
     pub fn cables(&self) -> usize {
         self.cables
     }
 
-    /// The force of these tensions, N, one value per row.
+    /// Force of these tensions, N, one value per row.
     pub fn force(&self, tensions_n: &[f64]) -> Row {
         let mut sum = [0.0; MAX_ROWS];
         for (column, t) in self.columns[..self.cables].iter().zip(tensions_n) {
@@ -113,9 +114,9 @@ impl GeneralStructure {
         sum
     }
 
-    /// Λᵀ(ΛΛᵀ)⁻¹b (38), N: the least norm without limits. Fails where rows depend on each other.
+    /// Λᵀ(ΛΛᵀ)⁻¹b (38), N: the least norm without limits. Fails if rows are linearly dependent.
     pub fn least_norm_unbounded(&self, wrench_n: &[f64]) -> Result<CableVec, TensionError> {
-        // Λᵀ = Q R by Gram-Schmidt carried out twice, then T = Q R⁻ᵀ b.
+        // Λᵀ = Q R by Gram-Schmidt with reorthogonalisation, then T = Q R⁻ᵀ b.
         let (n, m) = (self.rows, self.cables);
         let mut q = [[0.0; MAX_CABLES]; MAX_ROWS];
         let mut z = [0.0; MAX_ROWS];
@@ -147,7 +148,7 @@ impl GeneralStructure {
         Ok(CableVec::from_fn(m, |i| (0..n).map(|j| q[j][i] * z[j]).sum()))
     }
 
-    /// The pseudo-inverse: a row per cable, a column per direction. Fails where rows depend on each other.
+    /// The pseudo-inverse: a row per cable, a column per direction. Fails if rows are linearly dependent.
     pub fn pseudo_inverse(&self) -> Result<[Row; MAX_CABLES], TensionError> {
         let mut result = [[0.0; MAX_ROWS]; MAX_CABLES];
         for c in 0..self.rows {
@@ -160,7 +161,7 @@ impl GeneralStructure {
         Ok(result)
     }
 
-    /// The same forces with rows of unit length, so that forces and moments weigh alike.
+    /// The same equations with rows of unit length, so that forces and moments have the same weight.
     fn balanced(&self, wrench_n: &[f64]) -> (Self, Row) {
         let (mut result, mut wrench) = (*self, [0.0; MAX_ROWS]);
         for r in 0..self.rows {
@@ -174,7 +175,7 @@ impl GeneralStructure {
         (result, wrench)
     }
 
-    /// With a further row of ones: the sum of the tensions as a force.
+    /// The matrix with a further row of ones, whose force is the sum of the tensions.
     fn with_sum_row(&self) -> Option<Self> {
         if self.rows == MAX_ROWS {
             return None;
@@ -201,8 +202,8 @@ impl From<&StructureMatrix> for GeneralStructure {
     }
 }
 
-/// Tensions within `limits_n` = [min, max] whose forces add up to the wrench, N. [`Distribution::Unique`] is for as many
-/// cables as directions and leaves the limits out of account.
+/// Computes tensions within `limits_n` = [min, max] whose forces add up to the wrench, N. [`Distribution::Unique`] is
+/// for as many cables as directions and ignores the limits.
 pub fn distribute(
     structure: &GeneralStructure,
     wrench_n: &[f64],
@@ -236,15 +237,15 @@ pub fn distribute(
     Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) })
 }
 
-/// A force as a structure matrix of space or of the plane takes it: the values, of which as many count as it has rows.
+/// Converts a force to the values for a structure matrix of space or of the plane; only as many count as it has rows.
 pub(super) fn forces(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> [f64; 3] {
     if structure.is_planar() { [wrench_n.x, wrench_n.z, 0.0] } else { (*wrench_n).into() }
 }
 
-/// Least norm within limits (27), through its dual: Newton steps with an exact line search, which end at the optimum after
-/// finitely many pieces. An ascent without bound proves that nothing is feasible (Farkas).
+/// Computes the least norm within limits (27) through its dual: Newton steps with an exact line search, which reach the
+/// optimum after finitely many pieces. An unbounded ascent proves that the problem is infeasible (Farkas).
 ///
-/// Rows that depend on each other are no obstacle as long as the forces agree.
+/// Linearly dependent rows are allowed if the forces are consistent.
 pub fn least_norm(
     structure: &GeneralStructure,
     wrench_n: &[f64],
@@ -253,7 +254,7 @@ pub fn least_norm(
     least_norm_within(structure, wrench_n, limits_n, TOLERANCE)
 }
 
-/// As [`least_norm`], with forces balanced to this share.
+/// Like [`least_norm`], with forces balanced to this share.
 fn least_norm_within(
     structure: &GeneralStructure,
     wrench_n: &[f64],
@@ -266,7 +267,7 @@ fn least_norm_within(
     let scale = 1.0 + norm(&wrench[..n]) + low * m as f64;
     let tension = |y: &Row, i: usize| dot(&balanced.columns[i][..n], &y[..n]).clamp(low, high);
     let mut y = [0.0; MAX_ROWS];
-    // The best point so far: at its end the iteration may wander within rounding.
+    // Keep the best point: near the optimum the iteration may wander within rounding.
     let (mut best, mut least_missing, mut in_vain) = (y, f64::INFINITY, 0);
     for _ in 0..MAX_ITERATIONS {
         let mut residual = wrench;
@@ -294,7 +295,7 @@ fn least_norm_within(
         } else {
             in_vain += 1;
         }
-        // At rounding, or no longer getting closer to it.
+        // Stop at rounding, or without further progress near it.
         if missing <= 1e-16 * scale || (least_missing <= 1e-13 * scale && in_vain > 2) {
             break;
         }
@@ -307,7 +308,7 @@ fn least_norm_within(
     if least_missing <= tolerance * scale {
         return Ok(CableVec::from_fn(m, |i| tension(&best, i)));
     }
-    // Why not: the cable that is worst off without limits, or else the one that the best compromise leaves at a limit.
+    // Report the worst cable without limits, or else the one that the best compromise leaves at a limit.
     let free = structure.least_norm_unbounded(wrench_n)?;
     Err(TensionError::Infeasible(worst_violation(&free, limits_n).unwrap_or(Violation {
         cable: 0,
@@ -316,7 +317,7 @@ fn least_norm_within(
     })))
 }
 
-/// The step along `d` that maximises the dual, or None where it rises for ever.
+/// Step along `d` that maximises the dual; None if it rises without bound.
 fn ascend(structure: &GeneralStructure, wrench: &Row, [low, high]: [f64; 2], y: &Row, d: &Row) -> Option<f64> {
     let (n, m) = (structure.rows, structure.cables);
     let b = dot(&wrench[..n], &d[..n]);
@@ -329,7 +330,7 @@ fn ascend(structure: &GeneralStructure, wrench: &Row, [low, high]: [f64; 2], y: 
         let pulled: f64 = (0..m).map(|i| (s[i] + step * p[i]).clamp(low, high) * p[i]).sum();
         b - pulled
     };
-    // The derivative falls and is linear between the steps at which a cable reaches a limit.
+    // The derivative decreases and is linear between the steps at which a cable reaches a limit.
     let mut breaks = [f64::INFINITY; 2 * MAX_CABLES];
     let mut count = 0;
     for i in 0..m {
@@ -350,20 +351,20 @@ fn ascend(structure: &GeneralStructure, wrench: &Row, [low, high]: [f64; 2], y: 
         }
         (from, at_from) = (*to, at_to);
     }
-    // A force on the very edge of what is feasible leaves only rounding here: the last break is the optimum.
+    // A force exactly at the edge of the feasible set leaves only rounding here: the last break is the optimum.
     let magnitude = b.abs() + (0..m).map(|i| ((s[i] + from * p[i]).clamp(low, high) * p[i]).abs()).sum::<f64>();
     if from > 0.0 && at_from <= 1e-13 * magnitude {
         return Some(from);
     }
-    // Beyond the last break it is linear still: constant where every cable is at a limit.
+    // Beyond the last break it is linear too: constant if every cable is at a limit.
     let unit = from.abs().max(1.0);
     let fall = at_from - derivative(from + unit);
     if fall > 1e-12 * at_from.abs() { Some(from + unit * at_from / fall) } else { None }
 }
 
-/// Least sum: of all vertices of the solutions, the best; among equals everything between them, the least norm.
+/// Computes the least sum: the best vertex of the solutions; if several are best, the least norm of their convex hull.
 pub fn min_sum(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]) -> Result<CableVec, TensionError> {
-    // Also says why, if there is nothing.
+    // Also gives the reason if there is no solution.
     let least = least_norm(structure, wrench_n, limits_n)?;
     let (n, m) = (structure.rows, structure.cables);
     let [low, high] = limits_n;
@@ -374,7 +375,7 @@ pub fn min_sum(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2
         if basis.count_ones() as usize != n {
             continue;
         }
-        // Every way to put the others at their lower or upper limit.
+        // All combinations of lower and upper limits for the other cables.
         let others = m - n;
         for at_high in 0u32..if high.is_finite() { 1 << others } else { 1 } {
             let Some(vertex) = vertex(structure, wrench_n, limits_n, basis, at_high) else { continue };
@@ -406,13 +407,13 @@ pub fn min_sum(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2
             });
             Ok(face.unwrap_or(vertex))
         }
-        // On the edge of what is feasible rounding may leave no vertex; then the solutions are one point.
+        // At the edge of the feasible set rounding may leave no vertex; then the solution set is one point.
         (None, _) => Ok(least),
     }
 }
 
-/// The tensions with the cables outside `basis` at limits and the forces balanced by those in it; None where those are
-/// singular.
+/// Tensions with the cables outside `basis` at limits and the forces balanced by those in it; None if
+/// those are singular.
 fn vertex(
     structure: &GeneralStructure,
     wrench_n: &[f64],
@@ -453,8 +454,8 @@ fn vertex(
     Some(result)
 }
 
-/// Solves the n x n system in the left of `a` for its column n, in place, with the largest pivots; None where one is
-/// rounding.
+/// Solves the n x n system in the left part of `a` for its column n, in place, with partial pivoting; None if a
+/// pivot is rounding.
 fn eliminate(a: &mut [[f64; MAX_ROWS + 1]; MAX_ROWS], n: usize) -> Option<()> {
     let size = a[..n].iter().flat_map(|row| &row[..n]).fold(0.0, |m: f64, v| m.max(v.abs()));
     for c in 0..n {
@@ -479,13 +480,13 @@ fn eliminate(a: &mut [[f64; MAX_ROWS + 1]; MAX_ROWS], n: usize) -> Option<()> {
     Some(())
 }
 
-/// Greatest margin, by bisection; of all distributions with it the least norm.
+/// Computes the greatest margin by bisection, and of all distributions with it the least norm.
 pub fn safest(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]) -> Result<CableVec, TensionError> {
     let [low, high] = limits_n;
     let mut best = least_norm(structure, wrench_n, limits_n)?;
     let mut lost = 0.5 * (high - low);
     if !high.is_finite() {
-        // Far above any tension that the force calls for: if even that margin can be had, it has no bound.
+        // Far above any tension that the force requires: if even this margin is possible, the margin is unbounded.
         lost = 1e3 * (1.0 + best.max_abs() + low);
         if least_norm(structure, wrench_n, [low + lost, high]).is_ok() {
             return Ok(best);
@@ -494,7 +495,7 @@ pub fn safest(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]
     let mut kept = 0.0;
     for _ in 0..HALVINGS {
         let margin = 0.5 * (kept + lost);
-        // In the middle rounding may have them cross.
+        // At the midpoint rounding may let the limits cross.
         let inner = [low + margin, (high - margin).max(low + margin)];
         match least_norm_within(structure, wrench_n, inner, EDGE_TOLERANCE) {
             Ok(tensions) => (kept, best) = (margin, tensions),
@@ -504,7 +505,7 @@ pub fn safest(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]
     Ok(best)
 }
 
-/// Solves the symmetric positive definite n x n system by Cholesky.
+/// Solves a symmetric positive definite n x n system by Cholesky decomposition.
 fn solve(m: &[Row; MAX_ROWS], b: &Row, n: usize) -> Option<Row> {
     let mut l = [[0.0; MAX_ROWS]; MAX_ROWS];
     let mut x = [0.0; MAX_ROWS];

@@ -6,8 +6,8 @@ use super::distribution::{TensionError, Tensions, margin};
 use super::general::{self, GeneralStructure};
 use crate::{Distribution, MAX_CABLES, StructureMatrix};
 
-/// Tensions that hold a node at a position: of a planar robot (anchors and position in the x-z plane, y = 0) or a spatial
-/// one. [`Distribution::Unique`] leaves the limits out of account.
+/// Computes tensions that hold a node at a position, of a spatial robot or of a planar one (anchors and position in the
+/// x-z plane, y = 0). [`Distribution::Unique`] ignores the limits.
 pub fn hold(
     anchors: &[Vector3<f64>],
     planar: bool,

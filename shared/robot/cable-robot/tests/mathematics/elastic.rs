@@ -1,5 +1,5 @@
-//! Elastic statics against a minimisation of the potential energy that shares no code with them, and against limits
-//! that are known.
+//! Elastic statics compared with a minimisation of the potential energy that shares no code with them, and with
+//! known limiting cases.
 
 use cable_robot::elastic::{equilibrium, realise, stretched, unstretched};
 use cable_robot::kinematics::inverse_kinematics;
@@ -33,7 +33,7 @@ fn robot(n: usize) -> Robot {
     Robot::new(parts(n)).unwrap()
 }
 
-/// Inside the triangle of the first three anchors, so that three lines are taut too.
+/// Poses inside the triangle of the first three anchors, so that three cables are taut too.
 fn pose() -> impl Strategy<Value = Vector3<f64>> {
     [5.5..8.5f64, 1.5..4.0f64, 0.3..4.5f64].prop_map(Vector3::from)
 }
@@ -42,7 +42,7 @@ fn acceleration() -> impl Strategy<Value = Vector3<f64>> {
     [-0.5..0.5f64, -0.5..0.5f64, -0.5..0.5f64].prop_map(Vector3::from)
 }
 
-/// Energy of stretched lines and weight, J.
+/// Energy of stretched cables and weight, J.
 fn energy(robot: &Robot, l: &[f64], a: &Vector3<f64>, x: &Vector3<f64>) -> f64 {
     let ea = robot.stiffness_n().unwrap();
     let lines: f64 = (0..robot.cable_count())
@@ -55,7 +55,7 @@ fn energy(robot: &Robot, l: &[f64], a: &Vector3<f64>, x: &Vector3<f64>) -> f64 {
     lines + robot.wrench_n(a).dot(x)
 }
 
-/// Downhill in shrinking steps along 26 directions: slow, without derivatives.
+/// Minimises with shrinking steps along 26 directions: slow, without derivatives.
 fn lowest(f: impl Fn(&Vector3<f64>) -> f64, start: Vector3<f64>) -> Vector3<f64> {
     let (mut x, mut best, mut step) = (start, f(&start), 0.3);
     while step > 1e-6 {
@@ -77,18 +77,18 @@ fn lowest(f: impl Fn(&Vector3<f64>) -> f64, start: Vector3<f64>) -> Vector3<f64>
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
-    /// Anchors that are off by a little of what they are uncertain by put the node elsewhere by what the covariance says.
+    /// Small anchor errors displace the node as the covariance predicts.
     #[test]
-    fn the_anchors_covariance_becomes_that_of_the_position(n in 3usize..=5, rigid in any::<bool>(), x in pose(), seed in proptest::array::uniform15(-1.0..1.0f64)) {
+    fn anchor_covariance_propagates_to_the_position(n in 3usize..=5, rigid in any::<bool>(), x in pose(), seed in proptest::array::uniform15(-1.0..1.0f64)) {
         let mut given = parts(n);
         if rigid {
             given.stiffness_n = None;
         }
-        // One direction of error for all anchors together: a covariance of rank one.
+        // One common direction of error for all anchors: a covariance of rank one.
         let error: Vec<f64> = seed[..3 * n].to_vec();
         given.anchor_covariance_m2 = Some(error.iter().map(|a| error.iter().map(|b| a * b).collect()).collect());
         let robot = Robot::new(given).unwrap();
-        // Near the plane of the anchors, lines that turn with their anchors count for a sixth.
+        // Near the plane of the anchors, the rotation of cables with their anchors contributes a sixth.
         prop_assume!(if rigid { n == 3 } else { x.z < 2.5 });
         let held = realise(&robot, &x, &Vector3::zeros(), robot.default_distribution());
         prop_assume!(held.is_ok());
@@ -103,7 +103,7 @@ proptest! {
         };
         let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
         let stated = found.covariance_by_anchors(&robot).unwrap();
-        // What the turning of elastic lines adds is neglected.
+        // The covariance neglects the rotation of elastic cables.
         let tolerance = if rigid { 1e-4 } else { 0.1 };
         prop_assert!((stated - slope * slope.transpose()).norm() < tolerance * (0.05 + slope.norm_squared()), "{stated} {slope}");
     }
@@ -118,7 +118,7 @@ proptest! {
         prop_assert!((found.position - p).norm() < 1e-7, "{found:?}");
         prop_assert!(found.tensions_n.zip_map(&held.tensions_n, |x, y| x - y).max_abs() < 1e-5);
         prop_assert!(!found.any_slack());
-        // From the position of the cycle before, a step away.
+        // Start near the solution, as from the position of the previous cycle.
         let again = equilibrium(&robot, &held.unstretched_m, &a, Some(&(p + Vector3::new(2e-3, -1e-3, 1e-3)))).unwrap();
         prop_assert!((again.position - p).norm() < 1e-7 && again.iterations <= 4, "{}", again.iterations);
     }
@@ -169,10 +169,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn equilibrium_has_the_least_energy_even_with_slack_lines(n in 3usize..=6, p in pose(), errors in proptest::collection::vec(-0.15..0.15f64, 6)) {
+    fn equilibrium_has_the_least_energy_even_with_slack_cables(n in 3usize..=6, p in pose(), errors in proptest::collection::vec(-0.15..0.15f64, 6)) {
         let robot = robot(n);
         let a = Vector3::zeros();
-        // Lengths that do not belong to one pose: some lines too tight, some slack.
+        // Lengths that do not fit one pose: some cables too tight, some slack.
         let l = inverse_kinematics(robot.anchors(), &p).zip_map(&errors, |l, e| l + e);
         let found = equilibrium(&robot, &l, &a, None).unwrap();
         let oracle = lowest(|x| energy(&robot, &l, &a, x), p);
@@ -186,7 +186,7 @@ proptest! {
 }
 
 #[test]
-fn very_stiff_lines_are_rigid_lines() {
+fn very_stiff_cables_are_rigid_cables() {
     let stiff = Robot::new(RobotParts { stiffness_n: Some(1e8), ..parts(3) }).unwrap();
     let rigid = stiff.with_rigid_lines();
     let p = Vector3::new(7.0, 3.0, 2.0);
@@ -202,7 +202,8 @@ fn very_stiff_lines_are_rigid_lines() {
 
 #[test]
 fn without_compensation_the_node_sags_by_centimetres() {
-    // Three lines of EA 6 kN with 6 m routed carry 2 kg: what is lost by taking measured lengths for straight lines.
+    // Three cables with EA 6 kN and 6 m routed length carry 2 kg: the error of treating measured lengths as
+    // straight-line lengths.
     let robot = robot(3);
     let p = Vector3::new(7.0, 3.0, 2.5);
     let l = inverse_kinematics(robot.anchors(), &p);
@@ -212,7 +213,7 @@ fn without_compensation_the_node_sags_by_centimetres() {
 }
 
 #[test]
-fn a_long_line_hangs_slack_and_says_so() {
+fn a_long_cable_is_reported_slack() {
     let robot = robot(4);
     let p = Vector3::new(6.5, 2.5, 2.0);
     let mut l = realise(&robot, &p, &Vector3::zeros(), Distribution::LeastNorm).unwrap().unstretched_m;
@@ -224,7 +225,7 @@ fn a_long_line_hangs_slack_and_says_so() {
 
 #[test]
 fn a_redundant_millimetre_is_a_fifth_of_a_newton() {
-    // The mode in which four lines pull against each other, far stiffer in length than the weight lets on.
+    // The mode in which four cables pull against each other: far stiffer in length than the weight suggests.
     let robot = robot(4);
     let p = Vector3::new(5.0, 4.5, 2.0);
     let held = realise(&robot, &p, &Vector3::zeros(), Distribution::LeastNorm).unwrap();
@@ -237,7 +238,7 @@ fn a_redundant_millimetre_is_a_fifth_of_a_newton() {
 }
 
 #[test]
-fn lengths_that_are_none_are_refused() {
+fn invalid_lengths_are_refused() {
     let robot = robot(3);
     let zero = Vector3::zeros();
     for l in [&[5.0, 5.0][..], &[5.0, f64::NAN, 5.0], &[5.0, -7.0, 5.0], &[5.0, 0.0, 5.0]] {

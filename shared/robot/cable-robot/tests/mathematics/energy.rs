@@ -1,5 +1,5 @@
-//! Cost of moves against an independent reference: the ratios of Tables V and VIII for stand-in configurations, computed by
-//! another implementation in another language. The paper's own tables are lost.
+//! Cost of moves compared with an independent reference: the ratios of Tables V and VIII for substitute configurations,
+//! computed by another implementation in another language. The motor tables of the paper are lost.
 
 use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, EnergyError, WinchEnergy};
 use cable_robot::motor::Motor;
@@ -10,7 +10,7 @@ use cable_robot::tension::hold;
 use cable_robot::{Distribution, StructureMatrix, Vector3};
 use proptest::prelude::*;
 
-/// 2 kg with the g of the reference.
+/// Weight of 2 kg with the g of the reference.
 const WEIGHT: Vector3<f64> = Vector3::new(0.0, 0.0, 19.62);
 const GROUND: Bounds = Bounds { ground_m: Some(0.0), time_weight_w: 0.0 };
 
@@ -23,12 +23,12 @@ fn square() -> [Vector3<f64>; 4] {
     [[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]].map(Vector3::from)
 }
 
-/// The corners of the square that is flown, at a height of 4 m.
+/// The corners of the square of moves, at a height of 4 m.
 fn corners() -> [Vector3<f64>; 4] {
     [[2.5, 2.5, 4.0], [7.5, 2.5, 4.0], [7.5, 7.5, 4.0], [2.5, 7.5, 4.0]].map(Vector3::from)
 }
 
-/// Anchors of a triangle of 9.1, 9.8 and 9.4 m.
+/// Anchors of a triangle with sides of 9.1, 9.8 and 9.4 m.
 fn triangle() -> [Vector3<f64>; 3] {
     let (d1, d2, d3) = (9.1f64, 9.8f64, 9.4f64);
     let x3 = (d1 * d1 + d2 * d2 - d3 * d3) / (2.0 * d2);
@@ -44,7 +44,7 @@ fn ratios(best: &Best) -> (f64, f64) {
     (best.cost.energy_j / line.energy_j, best.cost.duration_s / line.duration_s)
 }
 
-/// Asserts a figure that the reference gives with this many decimals.
+/// Asserts a value that the reference gives with this many decimals.
 fn close(value: f64, expected: f64, decimals: i32) {
     assert!((value - expected).abs() < 0.6 * 10f64.powi(-decimals), "{value} {expected}");
 }
@@ -118,14 +118,14 @@ fn figures_14_to_16_least_sum_jumps_and_least_norm_does_not() {
         assert!(i == 1000 || sum.iter().any(|t| (t - 1.0).abs() < 1e-9), "at a limit");
         last = now;
     }
-    // c = 0 at the midpoint: a tie, answered by the least norm.
+    // c = 0 at the midpoint: a tie, resolved by the least norm.
     assert!(at(0.5, Distribution::MinSum).zip_map(&at(0.5, Distribution::LeastNorm), |a, b| a - b).max_abs() < 1e-9);
 }
 
 #[test]
-fn simpson_converges_as_the_smooth_sign_lets_it() {
+fn convergence_of_simpson_depends_on_the_friction_transition() {
     let anchors = square();
-    // Half way the third line goes from being reeled in to being paid out.
+    // Halfway, the third cable changes from reeling in to paying out.
     let path = Parabola { from: Vector3::new(1.0, 6.0, 3.0), to: Vector3::new(9.0, 3.0, 4.0), mu_per_m: 0.05 };
     let energy = |motor: &Motor, n| {
         winch_energy(&anchors, Distribution::LeastNorm, motor).constant_speed(&path, 0.2, n).unwrap().energy_j
@@ -139,7 +139,7 @@ fn simpson_converges_as_the_smooth_sign_lets_it() {
     assert!((3e-5..3e-3).contains(&worst), "a hard sign converges slowly: {worst}");
 }
 
-/// A scan of µ that shares only the integrand with the optimisation.
+/// Minimum of a scan of µ that shares only the integrand with the optimisation.
 fn scanned(winch_energy: &WinchEnergy, from: Vector3<f64>, to: Vector3<f64>, weight: f64, deepest: f64) -> f64 {
     (0..=1500)
         .filter_map(|i| {
@@ -169,7 +169,7 @@ proptest! {
         match winch_energy.best_parabola(&from, &to, 0.2, 32, &bounds) {
             Ok(best) => {
                 let found = best.cost.energy_j + weight * best.cost.duration_s;
-                // Least sum makes the cost jump.
+                // The cost of least-sum tensions has jumps.
                 let slack = if lp { 5e-3 } else { 1e-7 };
                 prop_assert!(found <= least * (1.0 + slack), "{found} {least} {best:?}");
                 prop_assert!(best.mu_per_m <= deepest && best.cost.peak_tension_n <= high + 1e-6 && best.cost.margin_n > -1e-6);
@@ -198,7 +198,7 @@ proptest! {
     }
 
     #[test]
-    fn cost_along_a_profile_is_that_of_a_fine_sum(from in inside(1.0..4.0), to in inside(1.0..4.0), mu_per_m in 0.0..0.2f64) {
+    fn cost_along_a_profile_agrees_with_a_fine_sum(from in inside(1.0..4.0), to in inside(1.0..4.0), mu_per_m in 0.0..0.2f64) {
         prop_assume!((to - from).xy().norm() > 1.0);
         let anchors = square();
         let motor = Motor::default();
@@ -225,7 +225,7 @@ proptest! {
 }
 
 #[test]
-fn several_minima_are_told_apart() {
+fn the_deepest_of_several_minima_is_found() {
     // Two valleys, the deeper one narrow and at the far end.
     let anchors = square();
     let motor = ideal();
@@ -241,8 +241,8 @@ fn several_minima_are_told_apart() {
     assert!((best.mu_per_m - 0.55).abs() < 1e-3, "{best:?}");
 }
 
-/// Any landscape of a few valleys that are wider than the scan's points are apart, with forbidden stretches between: nothing that a
-/// fine scan finds is missed. What motors cost has up to three.
+/// A function with a few valleys wider than the distance of the scan's points, and infeasible intervals between:
+/// nothing that a fine scan finds is missed. Motor costs have up to three valleys.
 fn landscape(valleys: &[(f64, f64, f64)], mu: f64) -> f64 {
     valleys.iter().fold(10.0, |sum, (at, width, depth)| {
         let off = (mu - at) / width;
@@ -254,8 +254,8 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn no_landscape_of_valleys_hides_the_deepest(
-        // The deepest sag that the ground allows here is 0.64 1/m.
+    fn the_deepest_valley_of_a_landscape_is_found(
+        // The deepest sag above the ground here is 0.64 1/m.
         valleys in proptest::collection::vec((0.0..0.64f64, 0.015..0.1f64, 0.2..2.0f64), 2..4),
         forbidden in proptest::option::of((0.0..0.6f64, 0.02..0.3f64)),
     ) {
@@ -291,7 +291,7 @@ proptest! {
 }
 
 #[test]
-fn a_line_that_cannot_be_flown_has_no_cost_but_a_parabola_may() {
+fn an_infeasible_line_has_no_cost_but_a_parabola_may() {
     let anchors = square();
     let motor = ideal();
     let (from, to) = (Vector3::new(0.6, 0.6, 4.5), Vector3::new(9.4, 0.6, 4.5));
@@ -303,7 +303,7 @@ fn a_line_that_cannot_be_flown_has_no_cost_but_a_parabola_may() {
 }
 
 #[test]
-fn time_has_its_price() {
+fn the_weight_of_time_flattens_the_parabola() {
     let anchors = square();
     let motor = Motor::default();
     let winch_energy = winch_energy(&anchors, Distribution::LeastNorm, &motor);
@@ -314,11 +314,11 @@ fn time_has_its_price() {
         assert!(best.cost.duration_s <= last + 1e-6, "{time_weight_w}");
         last = best.cost.duration_s;
     }
-    assert!(last < 25.2, "with a high price it is nearly the line: {last}");
+    assert!(last < 25.2, "with a large weight it is nearly the line: {last}");
 }
 
 #[test]
-fn a_vertical_move_is_the_line_and_its_cost_that_of_a_fine_sum() {
+fn a_vertical_move_is_the_line_with_the_cost_of_a_fine_sum() {
     let anchors = triangle();
     let motor = Motor::default();
     let winch_energy = winch_energy(&anchors, Distribution::Unique, &motor);
@@ -332,7 +332,7 @@ fn a_vertical_move_is_the_line_and_its_cost_that_of_a_fine_sum() {
 }
 
 #[test]
-fn a_measured_table_gives_what_the_motor_gives_and_never_extrapolates() {
+fn a_sampled_table_agrees_with_its_motor_and_never_extrapolates() {
     let motor = Motor::default();
     let speeds: Vec<f64> = (-250..=250).map(|i| f64::from(i) * 1e-3).collect();
     let tensions: Vec<f64> = (0..=80).map(f64::from).collect();

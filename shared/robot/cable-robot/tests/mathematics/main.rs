@@ -1,4 +1,4 @@
-//! The mathematics of the robot, held to independent solutions, the paper's figures and its own properties.
+//! The mathematics of the robot compared with independent solutions, the paper's figures and its own properties.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod counting;

@@ -1,4 +1,4 @@
-//! Motions: setpoints over time, and refusals that say where, which cable and how much.
+//! Motions: setpoints over time, and refusals with position, cable and excess.
 
 use cable_robot::motion::Cause;
 use cable_robot::path::{Parabola, Spiral};
@@ -61,7 +61,7 @@ proptest! {
         let h = 1e-5;
         let (a, m, b) = (s.setpoint(t - h), s.setpoint(t), s.setpoint(t + h));
         prop_assert!(((b.position - a.position) / (2.0 * h) - m.velocity).norm() < 1e-4);
-        // Acceleration steps at knots; elsewhere it is the derivative.
+        // Acceleration jumps at knots; elsewhere it is the derivative.
         if (a.acceleration - b.acceleration).norm() < 1e-2 {
             prop_assert!(((b.velocity - a.velocity) / (2.0 * h) - m.acceleration).norm() < 2e-2);
         }
@@ -91,7 +91,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_accepted_keeps_its_limits_everywhere(path in paths()) {
+    fn accepted_segments_keep_their_limits_everywhere(path in paths()) {
         let robot = Robot::new(parts()).unwrap();
         let s = segment(1, path, 0.0);
         let Ok(report) = s.check(&robot, Distribution::Unique, 0.01) else { return Ok(()) };
@@ -125,7 +125,7 @@ fn a_motion_rests_before_its_start_and_after_its_end() {
         (at(5.0, 3.0, 1.2), Vector3::zeros(), Vector3::zeros())
     );
     assert!(after.at_rest && (after.path_s_m - path.length()).abs() < 1e-12);
-    // Not even a clock that is no number moves it away.
+    // A clock that is not a number does not move it.
     assert_eq!(motion.setpoint(f64::NAN).velocity, Vector3::zeros());
 }
 
@@ -138,7 +138,7 @@ fn a_good_segment_is_accepted_with_its_margins() {
 }
 
 #[test]
-fn every_refusal_names_its_place_and_cause() {
+fn every_refusal_names_its_position_and_cause() {
     let fine = segment(1, Path::line(at(4.0, 2.0, 0.5), at(5.5, 3.5, 1.0)), 0.0);
     let up = segment(1, Path::line(at(4.5, 3.0, 1.0), at(4.5, 3.0, 2.95)), 0.0);
     let out = segment(1, Path::line(at(4.5, 3.0, 1.0), at(4.5, -3.0, 1.0)), 0.0);
@@ -188,7 +188,7 @@ fn every_refusal_names_its_place_and_cause() {
 }
 
 #[test]
-fn the_place_of_a_refusal_is_the_first_bad_one() {
+fn a_refusal_names_the_first_bad_position() {
     let up = segment(1, Path::line(at(4.5, 3.0, 1.0), at(4.5, 3.0, 2.95)), 0.0);
     let robot = Robot::new(parts()).unwrap();
     let refusal = up.check(&robot, Distribution::Unique, 0.001).unwrap_err();
@@ -199,7 +199,7 @@ fn the_place_of_a_refusal_is_the_first_bad_one() {
 }
 
 #[test]
-fn a_thin_box_between_samples_is_not_jumped_over() {
+fn a_thin_box_between_samples_is_detected() {
     let fine = segment(1, Path::line(at(4.0, 2.0, 0.5), at(5.5, 3.5, 1.0)), 0.0);
     let thin = RobotParts { keep_out_m: vec![[[4.7503, 2.0, 0.0], [4.7504, 3.5, 3.0]]], ..parts() };
     let refusal = fine.check(&Robot::new(thin).unwrap(), Distribution::Unique, 0.2).unwrap_err();

@@ -1,4 +1,4 @@
-//! Robots in the plane y = 0: two directions, two to eight cables, so up to six ways to share out tension.
+//! Robots in the plane y = 0: two directions, two to eight cables, so up to six degrees of freedom of the tensions.
 
 use cable_control::law::{InputWeight, LqGain};
 use cable_robot::kinematics::{Jacobian, forward_kinematics, inverse_kinematics};
@@ -8,7 +8,7 @@ use cable_robot::tension::{self, TensionError};
 use cable_robot::*;
 use proptest::prelude::*;
 
-/// Corners of a stream of 8 x 4 m, then points between them.
+/// Corners of an area of 8 x 4 m in a stream, then points between them.
 const POINTS: [[f64; 2]; 8] =
     [[0.0, 4.2], [8.0, 4.0], [8.1, 0.3], [-0.1, 0.2], [4.0, 4.5], [3.9, -0.2], [8.3, 2.0], [-0.2, 2.2]];
 
@@ -69,7 +69,7 @@ proptest! {
                 prop_assert_eq!(j[i].y, 0.0);
             }
         }
-        // B is how the least-squares position follows the lengths.
+        // B is the derivative of the least-squares position with respect to the lengths.
         let b = j.node_jacobian().unwrap();
         for i in 0..cables {
             let shifted = |by: f64| {
@@ -84,8 +84,8 @@ proptest! {
         prop_assert!((b.node_velocity(&j.cable_velocity(&v)) - v).norm() < 1e-12);
     }
 
-    /// Four cables leave a plane of solutions. All of it on a grid, by Cramer's rule: the best that is found there is no
-    /// better than what is claimed to be the best, and no worse than the grid is coarse.
+    /// Four cables have a plane of solutions. A grid over all of it, by Cramer's rule: its best point is not better
+    /// than the computed optimum, and not worse than the grid spacing explains.
     #[test]
     fn tensions_agree_with_a_scan_of_both_redundant_modes(p in inside(), force in in_plane(12.0), high in 25.0..80.0f64) {
         let robot = robot(4);
@@ -114,7 +114,7 @@ proptest! {
             prop_assert!(norm.is_infinite(), "missed a solution of norm {norm}");
             return Ok(());
         };
-        // A change of both free tensions by half a step changes the others by at most this much.
+        // A change of both free tensions by half a step changes the others by at most this.
         let reach = 0.5 * (limits[1] - limits[0]) / steps as f64 * (1.0 + 4.0 / det.abs());
         for (method, grid) in [(Distribution::LeastNorm, norm), (Distribution::MinSum, sum), (Distribution::Safest, -margin)] {
             let found = solved(method).unwrap();
@@ -128,15 +128,15 @@ proptest! {
             };
             prop_assert!(value <= grid + 1e-6 * (1.0 + grid.abs()), "{method}: {value}, and {grid} on the grid");
         }
-        // The grid comes near to it where the room of solutions is wider than its steps.
+        // The grid comes close to the optimum if the set of solutions is wider than its steps.
         if solved(Distribution::Safest).unwrap().margin_n > 2.0 * reach {
             prop_assert!(norm <= found.tensions_n.norm_squared() + 8.0 * high * reach, "{norm} {:?}", found.tensions_n);
         }
     }
 
     #[test]
-    fn what_is_realised_is_where_the_node_rests(cables in 4usize..=8, mut p in inside(), v in in_plane(0.2), a in in_plane(0.2)) {
-        // Below that, lines from the bed cannot pull down against five from above.
+    fn equilibrium_undoes_realise(cables in 4usize..=8, mut p in inside(), v in in_plane(0.2), a in in_plane(0.2)) {
+        // Below that, cables from the bottom anchors cannot pull down against five from above.
         p.z = p.z.max(1.4);
         let robot = robot(cables);
         let wrench = robot.moving_wrench_n(&v, &a);
@@ -149,7 +149,7 @@ proptest! {
         for (is, chosen) in found.tensions_n.iter().zip(held.tensions_n.iter()) {
             prop_assert!((is - chosen).abs() < 1e-3 && *chosen >= 10.0 - 1e-6);
         }
-        // How the position follows the lengths, by doing it.
+        // Numerical derivative of the position with respect to the lengths.
         for i in 0..cables {
             let moved = |by: f64| {
                 let mut l = held.unstretched_m;
@@ -161,9 +161,9 @@ proptest! {
         }
     }
 
-    /// Applied with an horizon that shrinks, the law brings the error to zero in time, whatever its weights.
+    /// Applied with a shrinking horizon, the law brings the error to zero in time for any weights.
     #[test]
-    fn the_law_keeps_its_fixed_end(cables in 2usize..=8, p in inside(), e0 in in_plane(0.05), q in 0.0..200.0f64, horizon in 1u32..12) {
+    fn the_law_reaches_zero_at_its_horizon(cables in 2usize..=8, p in inside(), e0 in in_plane(0.05), q in 0.0..200.0f64, horizon in 1u32..12) {
         let b = Jacobian::at(robot(cables).anchors(), &p).unwrap().node_jacobian().unwrap();
         let mut e = e0;
         for left in (1..=horizon).rev() {
@@ -180,7 +180,7 @@ proptest! {
 }
 
 #[test]
-fn two_cables_that_hang_have_one_answer() {
+fn two_suspended_cables_have_one_solution() {
     let mut parts = parts(2);
     (parts.net_weight_n, parts.tension_limits_n) = (None, [1.0, 200.0]);
     let robot = Robot::new(parts).unwrap();
@@ -191,7 +191,7 @@ fn two_cables_that_hang_have_one_answer() {
     let held = elastic::realise(&robot, &p, &Vector3::zeros(), Distribution::Unique).unwrap();
     let hangs = elastic::equilibrium(&robot, &held.unstretched_m, &Vector3::zeros(), None).unwrap();
     assert!((hangs.position - p).norm() < 1e-7, "{hangs:?}");
-    // On the line of the anchors nothing holds it up.
+    // On the line through the anchors nothing carries the weight.
     let between = Vector3::new(4.0, 0.0, 4.1);
     assert_eq!(
         StructureMatrix::at(robot.anchors(), &between).map(|s| tension::unique(&s, &p)),
@@ -200,7 +200,7 @@ fn two_cables_that_hang_have_one_answer() {
 }
 
 #[test]
-fn drag_counts_where_a_motion_is_checked() {
+fn the_check_of_a_motion_includes_drag() {
     let segment = |to: Vector3<f64>, speed| {
         let path = Path::line(Vector3::new(2.5, 0.0, 2.0), to);
         let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(speed, 0.2)).unwrap();

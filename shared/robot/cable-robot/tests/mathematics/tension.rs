@@ -1,5 +1,5 @@
-//! Tension distribution against oracles that share no code with it: the paper's elimination of one cable (28)-(36), a
-//! scan over the tension of the last cable, and Dykstra's alternating projections.
+//! Tension distribution compared with oracles that share no code with it: the paper's elimination of one cable
+//! (28)-(36), a scan over the tension of the last cable, and Dykstra's alternating projections.
 
 use cable_robot::tension::{self, FourCables, TensionError, distribute, least_norm, unique};
 use cable_robot::{Anchors, CableVec, Distribution, Matrix3, StructureMatrix, Vector3};
@@ -139,7 +139,7 @@ proptest! {
     }
 
     #[test]
-    fn the_dual_solves_what_the_closed_form_solves(p in pose(), b in wrench(), high in 12.0..60.0f64) {
+    fn the_dual_agrees_with_the_closed_form(p in pose(), b in wrench(), high in 12.0..60.0f64) {
         let s = StructureMatrix::at(&square(), &p).unwrap();
         let limits = [1.0, high];
         let closed = FourCables::new(&s, &b, limits);
@@ -155,7 +155,7 @@ proptest! {
             }
             (Err(a), Err(b)) => prop_assert_eq!(a.kind(), b.kind()),
             _ => {
-                // Only a feasible set thinner than rounding may divide them.
+                // They may differ only for a feasible set thinner than rounding.
                 let paper = paper_form(&s, &b, limits);
                 prop_assert!((paper.low - paper.high).abs() < 1e-5, "{closed:?} {dual:?}");
             }
@@ -163,7 +163,7 @@ proptest! {
     }
 
     #[test]
-    fn three_cables_balance_or_say_who_does_not(p in pose(), b in wrench()) {
+    fn three_cables_balance_or_name_the_violated_cable(p in pose(), b in wrench()) {
         let all = square();
         let anchors = Anchors::new(&[all[0].into(), all[1].into(), all[2].into()]).unwrap();
         let s = StructureMatrix::at(&anchors, &p).unwrap();
@@ -205,7 +205,7 @@ proptest! {
     }
 
     #[test]
-    fn forces_made_of_tensions_inside_are_feasible(n in 4usize..=8, p in pose(), shares in proptest::collection::vec(0.0..1.0f64, 8)) {
+    fn forces_of_tensions_within_limits_are_feasible(n in 4usize..=8, p in pose(), shares in proptest::collection::vec(0.0..1.0f64, 8)) {
         let s = StructureMatrix::at(&ring(n), &p).unwrap();
         let t = CableVec::from_fn(n, |i| 1.0 + 40.0 * shares[i]);
         let found = distribute(&s, &s.force(&t), [1.0, 41.0], Distribution::LeastNorm).unwrap();
@@ -219,7 +219,7 @@ proptest! {
         prop_assume!(d.norm() > 0.1);
         let d = d.normalize();
         let s = StructureMatrix::at(&ring(n), &p).unwrap();
-        // No tensions inside give more force along d than these; the wrench asks for more.
+        // No tensions within the limits give more force along d than these; the wrench requires more.
         let most = CableVec::from_fn(n, |i| if s[i].dot(&d) > 0.0 { 41.0 } else { 1.0 });
         let wrench = s.force(&most) + d * excess;
         let error = distribute(&s, &wrench, [1.0, 41.0], Distribution::LeastNorm).unwrap_err();
@@ -228,7 +228,7 @@ proptest! {
 
     #[test]
     fn planar_robots_embed(t in proptest::collection::vec(2.0..20.0f64, 4), x in 1.0..9.0f64, z in -4.0..-1.0f64) {
-        // Four lines in the x-z plane, the node held by preload alone: no force at rest.
+        // Four cables in the x-z plane, the node held by preload alone: no force at rest.
         let corners = [[0.0, 0.0], [10.0, 0.0], [10.0, -5.0], [0.0, -5.0]];
         let columns: Vec<Vector3<f64>> = corners.iter().map(|c| Vector3::new(c[0] - x, 0.0, c[1] - z).normalize()).collect();
         let s = StructureMatrix::from_columns(&columns);
@@ -236,7 +236,7 @@ proptest! {
         let found = least_norm(&s, &wrench, [2.0, 20.0]).unwrap();
         prop_assert!((s.force(&found) - wrench).norm() < 1e-8);
         prop_assert!(found.norm_squared() <= norm2(&t) + 1e-9);
-        // The optimum moves along the two null directions in neither sense: T is a clamp of Λᵀy for some y.
+        // The optimum cannot improve along the two null directions: T is a clamp of Λᵀy for some y.
         let free: Vec<usize> = (0..4).filter(|i| found[*i] > 2.0 + 1e-9 && found[*i] < 20.0 - 1e-9).collect();
         if free.len() >= 2 {
             let (i, j) = (free[0], free[1]);
@@ -250,7 +250,7 @@ proptest! {
 }
 
 #[test]
-fn on_equal_heights_the_least_sum_is_a_tie_in_the_middle() {
+fn with_equal_heights_the_least_sum_has_a_tie_in_the_middle() {
     let anchors = Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]]).unwrap();
     let s = StructureMatrix::at(&anchors, &Vector3::new(5.0, 5.0, 3.0)).unwrap();
     let b = Vector3::new(0.0, 0.0, 19.62);
@@ -261,13 +261,13 @@ fn on_equal_heights_the_least_sum_is_a_tie_in_the_middle() {
 }
 
 #[test]
-fn least_norm_moves_on_where_least_sum_jumps() {
+fn least_norm_is_continuous_where_least_sum_jumps() {
     let anchors = Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]]).unwrap();
     let b = Vector3::new(0.0, 0.0, 2.0 * 9.81);
     let mut before: Option<[CableVec; 2]> = None;
     let (mut least_step, mut sum_step) = (0.0f64, 0.0f64);
     for i in 0..=2001 {
-        // An odd number of steps, so that no sample lies on the tie in the middle.
+        // An odd number of steps, so that no sample is at the tie in the middle.
         let u = i as f64 / 2001.0;
         // A side of the square at 4 m, sagging with µ = 0.1.
         let x = 5.0 * u;
@@ -314,7 +314,7 @@ fn methods_and_limits_that_do_not_fit_are_refused() {
 }
 
 #[test]
-fn without_an_upper_limit_all_methods_answer() {
+fn all_methods_accept_an_infinite_upper_limit() {
     let b = Vector3::new(0.0, 0.0, 20.0);
     let s = StructureMatrix::at(&square(), &Vector3::new(4.0, 4.0, 2.0)).unwrap();
     for method in [Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
@@ -337,7 +337,7 @@ fn a_refusal_names_cable_tension_and_limit() {
 }
 
 #[test]
-fn distributions_are_read_as_they_are_written() {
+fn distributions_parse_as_they_are_displayed() {
     for method in [Distribution::Unique, Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
         assert_eq!(method.to_string().parse::<Distribution>().unwrap(), method);
     }

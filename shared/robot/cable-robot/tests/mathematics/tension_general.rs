@@ -1,6 +1,6 @@
-//! Any number of directions and cables against an oracle that tries everything: each cable at its lower limit, at its upper
-//! limit or free, the free ones by a pseudo-inverse from a singular value decomposition. The optimum of norm or sum is
-//! among these.
+//! Any number of directions and cables compared with an exhaustive oracle: each cable at its lower limit, at its
+//! upper limit or free, the free ones by a pseudo-inverse from a singular value decomposition. The optimum of norm or
+//! sum is among these.
 
 use cable_robot::tension::general::{self, GeneralStructure};
 use cable_robot::tension::{self, TensionError, margin};
@@ -35,7 +35,7 @@ fn candidates(a: &DMatrix<f64>, b: &DVector<f64>, [low, high]: [f64; 2], slack: 
     found
 }
 
-/// A structure matrix, a force and limits; on a coarse lattice for ties, zeros and parallel lines, or generic.
+/// A structure matrix, a force and limits; on a coarse lattice for ties, zeros and parallel cables, or generic.
 fn problem() -> impl Strategy<Value = (Vec<Vec<f64>>, Vec<f64>, [f64; 2])> {
     let entry = |lattice: bool| if lattice { (-2i32..=2).prop_map(f64::from).boxed() } else { (-1.0..1.0f64).boxed() };
     (1usize..=4, 0usize..=3, any::<bool>(), any::<bool>()).prop_flat_map(move |(n, more, lattice, rest)| {
@@ -60,7 +60,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(1500))]
 
     #[test]
-    fn agrees_with_trying_everything((rows, b, limits) in problem()) {
+    fn agrees_with_exhaustive_search((rows, b, limits) in problem()) {
         let (n, m) = (rows.len(), rows[0].len());
         let a = DMatrix::from_fn(n, m, |r, c| rows[r][c]);
         let structure = GeneralStructure::new(&rows).unwrap();
@@ -75,7 +75,7 @@ proptest! {
         let all = candidates(&a, &force, limits, 1e-11);
         let loose = !candidates(&a, &force, limits, 1e-7).is_empty();
         if all.is_empty() {
-            // Only the very edge is left open.
+            // Only the edge of the feasible set is undecided.
             if !loose {
                 for method in [Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
                     prop_assert_eq!(solve(method).unwrap_err().kind(), "infeasible");
@@ -101,7 +101,7 @@ proptest! {
         prop_assert!(check(&safe.tensions_n), "{safe:?}");
         let [low, high] = limits;
         let safer = [low + safe.margin_n + 1e-6 * scale, high - safe.margin_n - 1e-6 * scale];
-        // Without an upper limit the margin may have no bound; then the least norm is given.
+        // Without an upper limit the margin may be unbounded; then the result is the least norm.
         let unbounded = high.is_infinite() && safe.tensions_n == solve(Distribution::LeastNorm).unwrap().tensions_n;
         if !unbounded && safer[1] >= safer[0] {
             prop_assert!(candidates(&a, &force, safer, 0.0).is_empty(), "{safe:?}");
@@ -111,7 +111,7 @@ proptest! {
 
 #[test]
 fn a_tie_of_sums_gives_the_least_norm() {
-    // Two lines up, two lines down, twice: any share is as good.
+    // Two cables up, two cables down, twice: any share has the same sum.
     let structure = GeneralStructure::new(&[vec![1.0, 1.0, -1.0, -1.0]]).unwrap();
     let found = general::distribute(&structure, &[4.0], [1.0, 9.0], Distribution::MinSum).unwrap().tensions_n;
     for (t, expected) in found.iter().zip([3.0, 3.0, 1.0, 1.0]) {
@@ -120,12 +120,12 @@ fn a_tie_of_sums_gives_the_least_norm() {
 }
 
 #[test]
-fn nims_aq_needs_nothing_but_preload_at_rest() {
+fn nims_aq_needs_only_preload_at_rest() {
     let anchors = [[0.0, 0.0], [12.0, 0.0], [12.0, 5.0], [0.0, 5.0]].map(|[x, z]| Vector3::new(x, 0.0, z));
     let at = Vector3::new(4.0, 0.0, 1.5);
     let rest = tension::hold(&anchors, true, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::LeastNorm).unwrap();
     assert!((rest.margin_n).abs() < 1e-9 && rest.tensions_n.max_abs() < 12.0, "{rest:?}");
-    // Drag of 20 N against the motion to the right: the right lines carry it.
+    // Drag of 20 N against the motion to the right: the right cables carry it.
     let drag = Vector3::new(20.0, 0.0, 0.0);
     let moving = tension::hold(&anchors, true, &at, &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap().tensions_n;
     assert!(moving[1] + moving[2] > moving[0] + moving[3] + 15.0, "{moving:?}");

@@ -1,17 +1,17 @@
-//! Lines of equal value through a grid, by marching squares.
+//! Contour lines of a grid by marching squares.
 
 use plot::ticks;
 
-/// Numbers at the bar of a map, about.
+/// Approximate number of labels at the colour bar of a map.
 const NUMBERS: f64 = 8.0;
 
-/// Numbers to be written beside the colours of values of this range.
+/// Returns the labels for the colour bar of this range.
 pub(super) fn numbers(range: [f64; 2]) -> Vec<f64> {
     ticks(range, NUMBERS)
 }
 
-/// Values of which lines are drawn: half-way between those numbers, because made things are as high as round numbers, and a line through
-/// level ground would follow nothing but noise.
+/// Returns the values of the contour lines, half-way between the labels: built objects often have round heights, and a
+/// contour line at the height of level ground only follows noise.
 #[must_use]
 pub fn levels([low, high]: [f64; 2]) -> Vec<f64> {
     let numbers = numbers([low, high]);
@@ -20,9 +20,11 @@ pub fn levels([low, high]: [f64; 2]) -> Vec<f64> {
     below.chain(numbers.iter().map(|number| number + half)).filter(|level| (low..high).contains(level)).collect()
 }
 
-/// The lines of one value: pieces between the centres of four cells that are all known, x and y in columns and rows.
+/// Returns the contour line of one value as pieces between the centres of four known cells, x and y in columns and
+/// rows.
 ///
-/// Where the two pairs of opposite corners of a square lie on different sides, the mean of the four decides how the lines go.
+/// If opposite corners of a square are on the same side of the value and adjacent ones are not, the mean of the four
+/// corners decides which pairs are joined.
 #[must_use]
 pub fn contours(
     value: &dyn Fn(usize, usize) -> Option<f64>,
@@ -33,7 +35,7 @@ pub fn contours(
     let mut lines = Vec::new();
     for row in 0..rows.saturating_sub(1) {
         for column in 0..columns.saturating_sub(1) {
-            // anticlockwise from the low corner
+            // Anticlockwise from the low corner.
             let corners = [(0, 0), (1, 0), (1, 1), (0, 1)];
             let values = corners.map(|(c, r)| value(column + c, row + r));
             let [Some(a), Some(b), Some(c), Some(d)] = values else { continue };
@@ -50,7 +52,7 @@ pub fn contours(
                 [one, other] => lines.push([at(*one), at(*other)]),
                 [_, _, _, _] => {
                     let middle = 0.25 * (a + b + c + d) > level;
-                    // the corners that are not with the middle are cut off
+                    // Cut off the corners that are not on the same side as the middle.
                     let pairs = if over[0] == middle { [[0, 1], [2, 3]] } else { [[3, 0], [1, 2]] };
                     lines.extend(pairs.map(|[one, other]| [at(one), at(other)]));
                 }
@@ -84,7 +86,7 @@ mod tests {
         let lines = contours(&hill, 101, 101, 30.5);
         let length: f64 = lines.iter().map(|[a, b]| ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).sqrt()).sum();
         assert!((length / (std::f64::consts::TAU * 30.5) - 1.0).abs() < 0.01, "{length}");
-        // every end is the beginning of another
+        // Each end point is shared by two pieces.
         for [x, y] in lines.iter().flatten() {
             let near = lines.iter().flatten().filter(|p| (p[0] - x).abs() < 1e-9 && (p[1] - y).abs() < 1e-9);
             assert_eq!(near.count(), 2);
@@ -97,7 +99,7 @@ mod tests {
         for level in [0.4, 0.6] {
             let lines = contours(&saddle, 2, 2, level);
             assert_eq!(lines.len(), 2);
-            // below the mean the two high corners are joined, above it the low ones
+            // Below the mean the two high corners are joined, above it the low ones.
             let cut = lines.iter().flatten().filter(|p| p[0] + p[1] < 1.0).count();
             assert_eq!(cut, if level < 0.5 { 0 } else { 2 } + usize::from(level < 0.5) * 2);
         }

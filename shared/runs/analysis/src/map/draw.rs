@@ -1,25 +1,25 @@
-//! A map as a picture: filled cells, lines of equal value, the flown path, a bar that says what the colours mean.
+//! Draws a map: filled cells, contour lines, the flown path, and a labelled colour bar.
 
 use crate::map::contour::numbers as numbers_of;
 use crate::map::{contours, levels};
 use command::{Answer, Failure};
-use plot::{Canvas, equalise, scale, tick};
+use plot::{Canvas, equalise, format_tick, scale_colour};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::path::Path;
 
-/// Width of the plane, pixels, about.
+/// Approximate width of the map area, px.
 const PLANE_PX: f64 = 760.0;
-/// Least and greatest height of it.
+/// Least and greatest height of the map area, px.
 const HEIGHTS_PX: [f64; 2] = [320.0, 900.0];
-/// For the numbers and labels of the axes.
+/// Margin for the labels of the axes, px.
 const LABELS_PX: u32 = 56;
-/// The bar with its numbers.
+/// Width of the colour bar with its labels, px.
 const BAR_PX: u32 = 150;
 const MARGIN_PX: u32 = 12;
 const TITLE_PX: u32 = 20;
 const TEXT_PX: u32 = 16;
-/// Colours that are told apart, so that neighbours of one colour become one rectangle.
+/// Number of distinct colours; adjacent cells of the same colour are merged into one rectangle.
 const SHADES: f64 = 96.0;
 
 const NOWHERE: RGBColor = RGBColor(244, 244, 244);
@@ -27,24 +27,25 @@ const FRAME: RGBColor = RGBColor(120, 120, 120);
 const CONTOUR: RGBColor = RGBColor(20, 20, 25);
 const PATH: RGBColor = RGBColor(255, 255, 255);
 
-/// What is drawn.
+/// Data of a map plot.
 pub(super) struct Plot<'a> {
-    /// Above it.
+    /// Title.
     pub title: String,
-    /// What the bar shows: quantity and unit.
+    /// Label of the colour bar: quantity and unit.
     pub label: String,
-    /// Of the axes.
+    /// Names of the axes.
     pub axes: [&'a str; 2],
-    /// Low corner and side of a cell, m.
+    /// Low corner, m.
     pub origin_m: [f64; 2],
+    /// Side of a cell, m.
     pub cell_m: f64,
     pub columns: usize,
     pub rows: usize,
-    /// Row by row from the lowest.
+    /// Values row by row, lowest row first.
     pub values: Vec<Option<f64>>,
-    /// The path, m.
+    /// Flown path, m.
     pub path: Vec<[f64; 2]>,
-    /// Whether it begins at zero.
+    /// Whether the colour scale starts at zero.
     pub from_zero: bool,
 }
 
@@ -53,7 +54,7 @@ impl Plot<'_> {
         *self.values.get(row * self.columns + column)?
     }
 
-    /// Lowest and highest value.
+    /// Returns the lowest and highest value.
     fn range(&self) -> [f64; 2] {
         let known = || self.values.iter().flatten();
         let low = if self.from_zero { 0.0 } else { known().copied().fold(f64::INFINITY, f64::min) };
@@ -61,7 +62,7 @@ impl Plot<'_> {
         if low > high || !(high - low).is_finite() {
             return [0.0, 1.0];
         }
-        // a field without any difference has one colour
+        // A constant field gets a single colour.
         let least = 1e-9 * high.abs().max(1e-9);
         if high - low < least { [low - least, high + least] } else { [low, high] }
     }
@@ -72,7 +73,7 @@ impl Plot<'_> {
         (PLANE_PX as u32 + LABELS_PX + BAR_PX + 2 * MARGIN_PX, height + LABELS_PX + 2 * TITLE_PX + 2 * MARGIN_PX)
     }
 
-    /// A shade for a value of this range, 0 to 1.
+    /// Returns the shade of a value in this range, 0 to 1.
     fn shade([low, high]: [f64; 2], value: f64) -> f64 {
         ((value - low) / (high - low) * SHADES).round() / SHADES
     }
@@ -80,8 +81,8 @@ impl Plot<'_> {
 
 /// Writes `stem`.png and `stem`.svg.
 pub(super) fn save(stem: &Path, plot: &Plot<'_>) -> Answer<[std::path::PathBuf; 2]> {
-    let cannot = |path: &Path, error: &dyn std::fmt::Display| {
-        Failure::NotNow(format!("the picture {} cannot be written: {error}", path.display()))
+    let write_failure = |path: &Path, error: &dyn std::fmt::Display| {
+        Failure::NotNow(format!("the plot {} cannot be written: {error}", path.display()))
     };
     let with = |ending: &str| {
         let mut name = stem.as_os_str().to_owned();
@@ -90,13 +91,13 @@ pub(super) fn save(stem: &Path, plot: &Plot<'_>) -> Answer<[std::path::PathBuf; 
     };
     let (png, svg) = (with(".png"), with(".svg"));
     let mut canvas = Canvas::new(plot.size());
-    draw(&(&mut canvas).into_drawing_area(), plot).map_err(|error| cannot(&png, &error))?;
-    let bytes = canvas.png().map_err(|error| cannot(&png, &error))?;
-    std::fs::write(&png, bytes).map_err(|error| cannot(&png, &error))?;
+    draw(&(&mut canvas).into_drawing_area(), plot).map_err(|error| write_failure(&png, &error))?;
+    let bytes = canvas.png().map_err(|error| write_failure(&png, &error))?;
+    std::fs::write(&png, bytes).map_err(|error| write_failure(&png, &error))?;
     let mut text = String::new();
     draw(&SVGBackend::with_string(&mut text, plot.size()).into_drawing_area(), plot)
-        .map_err(|error| cannot(&svg, &error))?;
-    std::fs::write(&svg, text).map_err(|error| cannot(&svg, &error))?;
+        .map_err(|error| write_failure(&svg, &error))?;
+    std::fs::write(&svg, text).map_err(|error| write_failure(&svg, &error))?;
     Ok([png, svg])
 }
 
@@ -143,7 +144,7 @@ fn plane<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Re
                 column += 1;
             }
             let corners = [(end(x0, first), top), (end(x0, column), bottom)];
-            plane.draw_series([Rectangle::new(corners, scale(shade).filled())]).map_err(words)?;
+            plane.draw_series([Rectangle::new(corners, scale_colour(shade).filled())]).map_err(words)?;
         }
     }
     let at = |[column, row]: [f64; 2]| (x0 + (column + 0.5) * plot.cell_m, y0 + (row + 0.5) * plot.cell_m);
@@ -160,8 +161,8 @@ fn plane<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Re
         .axis_style(FRAME)
         .x_labels(9)
         .y_labels(8)
-        .x_label_formatter(&|value| tick(*value))
-        .y_label_formatter(&|value| tick(*value))
+        .x_label_formatter(&|value| format_tick(*value))
+        .y_label_formatter(&|value| format_tick(*value))
         .label_style(("sans-serif", TEXT_PX))
         .x_desc(format!("{}, m", plot.axes[0]))
         .y_desc(format!("{}, m", plot.axes[1]))
@@ -182,7 +183,7 @@ fn bar<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Resu
     let value = |step: usize| low + (high - low) * step as f64 / steps as f64;
     let steps_of_colour = (0..steps).map(|step| {
         let shade = Plot::shade(range, 0.5 * (value(step) + value(step + 1)));
-        Rectangle::new([(0.0, value(step + 1)), (1.0, value(step))], scale(shade).filled())
+        Rectangle::new([(0.0, value(step + 1)), (1.0, value(step))], scale_colour(shade).filled())
     });
     bar.draw_series(steps_of_colour).map_err(words)?;
     for level in levels(range) {
@@ -195,7 +196,7 @@ fn bar<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Resu
     let (left, middle) = ((BAR_PX - numbers) as i32, f64::from(MARGIN_PX));
     for level in numbers_of(range) {
         let y = middle + tall * (high - level) / (high - low);
-        let text = Text::new(tick(level), (left, y as i32 - TEXT_PX as i32 / 2), style.clone());
+        let text = Text::new(format_tick(level), (left, y as i32 - TEXT_PX as i32 / 2), style.clone());
         area.draw(&text).map_err(words)?;
     }
     let (wide, _) = area.estimate_text_size(&plot.label, &style).map_err(words)?;

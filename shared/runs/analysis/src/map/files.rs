@@ -1,4 +1,4 @@
-//! A map as files that other programs read: ESRI ASCII grids, CSV, PLY, and pictures.
+//! Writes a map for other programs: ESRI ASCII grids, CSV, PLY, and plots.
 
 use super::draw::{self, Plot};
 use super::globe::{self, Globe};
@@ -8,10 +8,10 @@ use messages::Sample;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// What stands for an unknown cell in an ESRI ASCII grid.
+/// Value of an unknown cell in an ESRI ASCII grid.
 const NODATA: i32 = -9999;
 
-/// Writes all files of a map; their paths.
+/// Writes all files of a map and returns their paths.
 ///
 /// # Errors
 /// A file cannot be written.
@@ -68,11 +68,11 @@ pub(super) fn write(
     Ok(written)
 }
 
-/// The highest row first, as the format has it.
+/// Formats an ESRI ASCII grid; the format starts with the highest row.
 fn ascii_grid(map: &SensorMap, values: &[Option<f64>]) -> String {
     let spec = map.grid().spec();
     let [x, y] = spec.origin_m;
-    // writing into a string cannot fail
+    // Writing to a string cannot fail.
     let mut text = String::new();
     let _ = write!(
         text,
@@ -92,7 +92,7 @@ fn ascii_grid(map: &SensorMap, values: &[Option<f64>]) -> String {
     text
 }
 
-/// A line for each known cell.
+/// Formats the known cells, one row each.
 fn grid_table(map: &SensorMap) -> String {
     let spec = map.grid().spec();
     let [a, b] = map.plane().axes();
@@ -114,7 +114,7 @@ fn grid_table(map: &SensorMap) -> String {
     text
 }
 
-/// A line for each sample.
+/// Formats the samples, one row each.
 fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
     let count = samples.iter().map(|sample| usize::from(sample.count).min(8)).max().unwrap_or(0);
     let mut text = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality".to_owned();
@@ -134,7 +134,7 @@ fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
             let _ = write!(text, ",{value}");
         }
         if let Some([latitude, longitude]) = globe.map(|globe| globe.at([x, y])) {
-            // a millimetre is the ninth place
+            // Nine decimals resolve a millimetre.
             let _ = write!(text, ",{latitude:.9},{longitude:.9}");
         }
         text.push('\n');
@@ -142,7 +142,7 @@ fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
     text
 }
 
-/// The samples as points with the value that the map takes; where the sensor looks down, at the height that it saw.
+/// Formats the samples as points with the mapped value; for a sensor that looks down, at the measured height.
 fn points(map: &SensorMap, samples: &[Sample]) -> String {
     let height = map.plane() == Plane::Level && map.looks_down();
     let points: Vec<([f64; 3], f64)> = samples

@@ -1,29 +1,30 @@
-//! Places on the globe: the robot's x and y on the plane that touches the ellipsoid at its origin.
+//! Geographic coordinates: the robot's x and y on the tangent plane of the ellipsoid at its origin.
 //!
-//! With φ the origin's latitude, M and N the radii of curvature of the ellipsoid along the meridian and across it, a point n metres north and
-//! e metres east is at φ + n / M and λ + e / (N cos φ). What that leaves out grows with the square of the distance: over 100 m it is under a
-//! millimetre up to 60 degrees north or south.
+//! With φ the latitude of the origin, M and N the radii of curvature of the ellipsoid along and across the meridian, a
+//! point n metres north and e metres east is at φ + n / M and λ + e / (N cos φ). The error grows with the square of the
+//! distance: at 100 m it is below a millimetre up to 60 degrees north or south.
 
 use config::SiteSection;
 use georeference::{Plane, SensorMap};
 use serde_json::{Value, json};
 
-/// Half the equator's diameter of WGS 84, m, and its eccentricity squared.
+/// Semi-major axis of WGS 84, m.
 const A_M: f64 = 6_378_137.0;
+/// Eccentricity of WGS 84, squared.
 const E2: f64 = 6.694_379_990_141_316e-3;
 
-/// Where the robot stands.
+/// Location and orientation of the robot on the ellipsoid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Globe {
     origin_deg: [f64; 2],
-    /// Degrees per metre: of latitude north, of longitude east.
+    /// Degrees per metre: of latitude to the north, of longitude to the east.
     deg_per_m: [f64; 2],
-    /// Sine and cosine of the x axis' direction, clockwise from north.
+    /// Sine and cosine of the direction of the x axis, clockwise from north.
     turn: (f64, f64),
 }
 
 impl Globe {
-    /// As the robot file's `[site]` says.
+    /// Creates it from `[site]` of the robot file.
     pub(super) fn of(site: &SiteSection) -> Self {
         let latitude = site.latitude_deg.to_radians();
         let flat = 1.0 - E2 * latitude.sin().powi(2);
@@ -35,7 +36,7 @@ impl Globe {
         }
     }
 
-    /// Latitude and longitude of x and y, degrees.
+    /// Returns latitude and longitude of x and y, degrees.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let (sine, cosine) = self.turn;
         // y is to the left of x.
@@ -44,7 +45,8 @@ impl Globe {
     }
 }
 
-/// The known cells of a level map as GeoJSON (RFC 7946): a square each, with value and standard deviation. `None` for an upright map.
+/// Returns the known cells of a horizontal map as GeoJSON (RFC 7946): one square each, with value and standard
+/// deviation; `None` for a vertical map.
 pub(super) fn cells(map: &SensorMap, globe: &Globe) -> Option<Value> {
     if map.plane() != Plane::Level {
         return None;
@@ -56,7 +58,7 @@ pub(super) fn cells(map: &SensorMap, globe: &Globe) -> Option<Value> {
         for column in 0..spec.columns {
             let Some((value, sigma)) = map.value(column, row) else { continue };
             let [x, y] = spec.centre(column, row);
-            // anticlockwise and closed, longitude first, as the format has it
+            // The format requires anticlockwise, closed rings with the longitude first.
             let ring = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|[a, b]: [f64; 2]| {
                 let [latitude, longitude] = globe.at([x + a * half_m, y + b * half_m]);
                 [longitude, latitude]
@@ -106,7 +108,7 @@ mod tests {
                 assert!(across.abs() < 1.0, "{across}");
             }
         }
-        // North of Los Angeles is more latitude, and with x to the north y is to the west.
+        // To the north the latitude increases; with x to the north, y points west.
         let globe = Globe::of(&SiteSection { latitude_deg: 34.0, longitude_deg: -118.0, azimuth_deg: 0.0 });
         let [latitude, longitude] = globe.at([10.0, 10.0]);
         assert!(latitude > 34.0 && longitude < -118.0);

@@ -1,4 +1,4 @@
-//! `nims map`: what the sensors of a run measured, as grids with uncertainty, contour pictures, point clouds and tables.
+//! `nims map`: maps the sensor readings of a run as grids with uncertainty, contour plots, point clouds and tables.
 
 mod contour;
 mod draw;
@@ -26,66 +26,66 @@ use survey::grid::{GridMap, GridOptions, GridSpec};
 pub struct Args {
     /// Run folder or file.
     pub run: PathBuf,
-    /// Folder for the files; default: map in the run folder, or beside the run file.
+    /// Folder for the files; default: map in the run folder, or in the folder of the run file.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Only this sensor, NAME of sensor/NAME. May be given several times.
+    /// Only this sensor, NAME of sensor/NAME. Repeatable.
     #[arg(long, value_name = "NAME")]
     pub sensor: Vec<String>,
-    /// Side of a cell, m; default: a round size, of which about 80 cover what was measured.
+    /// Side of a cell, m; default: a round size with about 80 cells along the longer side.
     #[arg(long, value_name = "M", value_parser = above_zero)]
     pub cell: Option<f64>,
-    /// How far a sample speaks for its surroundings, m: half the distance of neighbouring tracks or more; default: four cells.
+    /// Range of influence of a sample, m: at least half the distance of neighbouring tracks; default: four cells.
     #[arg(long, value_name = "M", value_parser = above_zero)]
     pub reach: Option<f64>,
-    /// Which of a sensor's values, from 1; default: as the system file says, else the first.
+    /// Number of the value to map, from 1; default: from the system file, otherwise the first.
     #[arg(long, value_name = "N", requires = "sensor", value_parser = clap::value_parser!(u8).range(1..=8))]
     pub value: Option<u8>,
-    /// The value is a distance straight down, m: map the height of what is there.
+    /// The value is a distance straight down, m: map the height of the surface below.
     #[arg(long, requires = "sensor")]
     pub looks_down: bool,
-    /// Standard deviation of a value, in its unit; default: as the system file says, else estimated from the scatter.
+    /// Standard deviation of a value, in its unit; default: from the system file, otherwise estimated from the scatter.
     #[arg(long, value_name = "SIGMA", requires = "sensor", value_parser = above_zero)]
     pub sigma: Option<f64>,
-    /// Diameter of what the sensor sees at once, m; default: as the system file says, else a point.
+    /// Diameter of the sensor's footprint, m; default: from the system file, otherwise a point.
     #[arg(long, value_name = "M", requires = "sensor", value_parser = above_zero)]
     pub footprint: Option<f64>,
-    /// Find the place of every reading anew, also where the sensor logger did so in flight.
+    /// Recompute the position of every reading, also of those that the sensor logger recorded.
     #[arg(long)]
     pub recompute: bool,
 }
 
-/// Cells along the longer side, about, if no size is given.
+/// Default number of cells along the longer side, approximately.
 const CELLS: f64 = 80.0;
-/// Cells along a side at most.
-const MOST_CELLS: f64 = 2000.0;
+/// Maximum number of cells along a side.
+const MAX_CELLS: f64 = 2000.0;
 
-/// What was measured by one sensor.
+/// Samples of one sensor.
 #[derive(Default)]
-struct Measured {
+struct SensorSamples {
     samples: Vec<Sample>,
     origin: Origin,
 }
 
-/// Writes the maps.
+/// Runs `nims map`.
 ///
 /// # Errors
-/// There is no run, it has no such sensor, or a file cannot be written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    there(&asked.run)?;
-    let (robot, section) = read::files_of(&asked.run)?;
+/// The run does not exist or has no such sensor, or a file cannot be written.
+pub fn run(args: &Args) -> Answer<Output> {
+    there(&args.run)?;
+    let (robot, section) = read::files_of(&args.run)?;
     let mut config = read::config(&robot, &section)?;
     let globe = robot.site.as_ref().map(Globe::of);
-    adapt(&mut config, asked);
-    let mut measured: BTreeMap<String, Measured> = BTreeMap::new();
-    let mut heard = Vec::new();
-    let track = samples_of(&asked.run, &config, &mut heard, &mut |name, origin, sample| {
-        if asked.sensor.is_empty() || asked.sensor.iter().any(|wanted| wanted == name) {
+    override_settings(&mut config, args);
+    let mut measured: BTreeMap<String, SensorSamples> = BTreeMap::new();
+    let mut sensors = Vec::new();
+    let track = samples_of(&args.run, &config, &mut sensors, &mut |name, origin, sample| {
+        if args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name) {
             let sensor = measured.entry(name.to_owned()).or_default();
-            if asked.recompute && origin == Origin::Recorded {
+            if args.recompute && origin == Origin::Recorded {
                 return;
             }
-            // what the logger made in flight is what the robot knew; otherwise it is made now
+            // Samples recorded in flight have priority; computed ones are used if there are none.
             match (sensor.origin, origin) {
                 (Origin::Recorded, Origin::Computed) => return,
                 (Origin::Computed, Origin::Recorded) => sensor.samples.clear(),
@@ -95,18 +95,18 @@ pub fn run(asked: &Args) -> Answer<Output> {
             sensor.samples.push(*sample);
         }
     })?;
-    if let Some(absent) = asked.sensor.iter().find(|name| !heard.contains(name)) {
-        let there = if heard.is_empty() { "none".to_owned() } else { heard.join(", ") };
-        return Err(Failure::BadInput(format!("the run has no sensor {absent}; there are {there}")));
+    if let Some(absent) = args.sensor.iter().find(|name| !sensors.contains(name)) {
+        let there = if sensors.is_empty() { "none".to_owned() } else { sensors.join(", ") };
+        return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
-    let folder = asked.out.clone().unwrap_or_else(|| beside(&asked.run));
+    let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.run));
     std::fs::create_dir_all(&folder).map_err(|error| files::cannot(&folder, &error))?;
     let (mut values, mut words) = (Vec::new(), Vec::new());
     for (name, measured) in &measured {
-        match one(&config, asked, name, measured) {
+        match sensor_map(&config, args, name, measured) {
             Ok(map) => {
                 let written = files::write(&folder, name, &map, &measured.samples, &track, globe.as_ref())?;
-                let (value, sentence) = told(name, &map, measured, &written);
+                let (value, sentence) = describe(name, &map, measured, &written);
                 values.push(value);
                 words.push(sentence);
             }
@@ -114,15 +114,15 @@ pub fn run(asked: &Args) -> Answer<Output> {
         }
     }
     if values.is_empty() {
-        let why = if words.is_empty() { "no reading of a sensor got a place".to_owned() } else { words.join("; ") };
-        return Err(Failure::NotNow(format!("{} gives no map: {why}", asked.run.display())));
+        let why = if words.is_empty() { "no reading of a sensor got a position".to_owned() } else { words.join("; ") };
+        return Err(Failure::NotNow(format!("{} has no data for a map: {why}", args.run.display())));
     }
     words.push(format!("files in {}", folder.display()));
-    Ok(Output::new(json!({ "run": asked.run, "folder": folder, "maps": values }), words.join("\n")))
+    Ok(Output::new(json!({ "run": args.run, "folder": folder, "maps": values }), words.join("\n")))
 }
 
-/// Maps of the sensors of a run within these areas, by name, with about `cells` cells along the longer side; in memory that does not grow with
-/// the run.
+/// Computes maps of the sensors of a run within these areas, by name, with about `cells` cells along the longer side,
+/// in memory that does not grow with the run.
 ///
 /// # Errors
 /// The run cannot be read.
@@ -137,11 +137,11 @@ pub fn maps_within(
         let [low, high] = areas.get(name)?;
         let map = SensorMap::new(config, &sensor, 8).ok()??;
         let longest_m = (high[0] - low[0]).max(high[1] - low[1]).max(0.01);
-        let spec = around(&[*low, *high], Some(longest_m / cells))?.ok()?;
+        let spec = grid_around(&[*low, *high], Some(longest_m / cells))?.ok()?;
         let options = GridOptions { reach_m: 4.0 * spec.cell_m, ..config.options(&sensor, spec.cell_m) };
         Some(map.on(GridMap::new(spec, options).ok()?))
     };
-    // of each sensor what was recorded, and what is computed: which of them counts shows at the end
+    // For each sensor, one map of recorded and one of computed samples; the choice is possible only at the end.
     let mut both: BTreeMap<String, [Option<SensorMap>; 2]> = BTreeMap::new();
     samples_of(run, config, &mut Vec::new(), &mut |name, origin, sample| {
         if !both.contains_key(name) {
@@ -159,32 +159,32 @@ pub fn maps_within(
     Ok(filled.collect())
 }
 
-/// What was asked for goes before what the system file says.
-fn adapt(config: &mut LoggerConfig, asked: &Args) {
-    let names = if asked.sensor.is_empty() { Vec::new() } else { asked.sensor.clone() };
+/// Overrides the settings of the system file with the command's arguments.
+fn override_settings(config: &mut LoggerConfig, args: &Args) {
+    let names = if args.sensor.is_empty() { Vec::new() } else { args.sensor.clone() };
     for name in names {
         let mut section = config.sensor(&name).map_or_else(Default::default, |sensor| sensor.section);
         section.name.clone_from(&name);
-        section.map_value = asked.value.map(usize::from).or(section.map_value);
-        section.looks_down |= asked.looks_down;
-        section.sigma = asked.sigma.or(section.sigma);
-        section.footprint_m = asked.footprint.unwrap_or(section.footprint_m);
+        section.map_value = args.value.map(usize::from).or(section.map_value);
+        section.looks_down |= args.looks_down;
+        section.sigma = args.sigma.or(section.sigma);
+        section.footprint_m = args.footprint.unwrap_or(section.footprint_m);
         config.section.sensor.retain(|other| other.name != name);
         config.section.sensor.push(section);
     }
 }
 
-/// The map of one sensor; or why there is none.
-fn one(config: &LoggerConfig, asked: &Args, name: &str, measured: &Measured) -> Result<SensorMap, String> {
+/// Computes the map of one sensor, or returns the reason why it has none.
+fn sensor_map(config: &LoggerConfig, args: &Args, name: &str, measured: &SensorSamples) -> Result<SensorMap, String> {
     let sensor = config.sensor(name).ok_or("the system file excludes it")?;
     let Some(empty) = SensorMap::new(config, &sensor, 8).map_err(|error| error.to_string())? else {
         return Err("its `map_value` is 0".to_owned());
     };
     let points: Vec<[f64; 2]> =
         measured.samples.iter().filter_map(|sample| empty.point(sample)).map(|(place, _)| place).collect();
-    let spec = around(&points, asked.cell).ok_or("no reading of it has a value and a place")??;
+    let spec = grid_around(&points, args.cell).ok_or("none of its readings has a value and a position")??;
     let options =
-        GridOptions { reach_m: asked.reach.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
+        GridOptions { reach_m: args.reach.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
     let grid = GridMap::new(spec, options).map_err(|error| error.to_string())?;
     let mut map = empty.on(grid);
     measured.samples.iter().for_each(|sample| map.add(sample));
@@ -192,8 +192,8 @@ fn one(config: &LoggerConfig, asked: &Args, name: &str, measured: &Measured) -> 
     Ok(map)
 }
 
-/// A grid about points, with cells of a round size if none is given.
-fn around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSpec, String>> {
+/// Returns a grid around the points; without a given cell size, with cells of a round size.
+fn grid_around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSpec, String>> {
     let bound = |k: usize, from: f64, pick: fn(f64, f64) -> f64| points.iter().map(|point| point[k]).fold(from, pick);
     let low: [f64; 2] = std::array::from_fn(|k| bound(k, f64::INFINITY, f64::min));
     let high: [f64; 2] = std::array::from_fn(|k| bound(k, f64::NEG_INFINITY, f64::max));
@@ -205,18 +205,18 @@ fn around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSpec, S
     let steps = ticks([0.0, longest_m], CELLS);
     let round = steps.windows(2).map(|two| two[1] - two[0]).next().unwrap_or(longest_m);
     let cell_m = cell_m.unwrap_or(round);
-    if longest_m / cell_m > MOST_CELLS {
+    if longest_m / cell_m > MAX_CELLS {
         return Some(Err(format!(
-            "cells of {cell_m} m would be more than {MOST_CELLS} along {longest_m:.2} m; give larger ones with --cell"
+            "cells of {cell_m} m are too small: {longest_m:.2} m would have more than {MAX_CELLS} of them; give a larger size with --cell"
         )));
     }
-    // on whole cells, so that maps of several sensors and runs lie on each other
+    // Align to whole cells, so that maps of several sensors and runs have the same grid.
     let low = low.map(|value| (value / cell_m).floor() * cell_m);
     Some(GridSpec::covering(low, high.map(|value| value + 1e-6 * cell_m), cell_m).map_err(|error| error.to_string()))
 }
 
-/// About one map: JSON and a sentence.
-fn told(name: &str, map: &SensorMap, measured: &Measured, written: &[PathBuf]) -> (Value, String) {
+/// Returns a description of a map as JSON and as a sentence.
+fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[PathBuf]) -> (Value, String) {
     let spec = map.grid().spec();
     let known: Vec<(f64, f64)> = (0..spec.rows)
         .flat_map(|row| (0..spec.columns).map(move |column| (column, row)))
@@ -253,7 +253,7 @@ fn told(name: &str, map: &SensorMap, measured: &Measured, written: &[PathBuf]) -
     (value, sentence)
 }
 
-/// `map` in the run folder, or beside a run file.
-fn beside(run: &Path) -> PathBuf {
+/// Returns `map` in the run folder, or in the folder of a run file.
+fn default_folder(run: &Path) -> PathBuf {
     if run.is_dir() { run.join("map") } else { run.parent().unwrap_or(Path::new("")).join("map") }
 }

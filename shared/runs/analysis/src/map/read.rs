@@ -1,4 +1,5 @@
-//! The samples of a run: as the sensor logger made them in flight, and as the same code makes them now.
+//! Reads the samples of a run: those that the sensor logger recorded, and those that the same code computes from the
+//! readings.
 
 use crate::report::robot_file_of;
 use crate::runs::progress;
@@ -6,57 +7,64 @@ use command::{Answer, Failure};
 use config::{RobotFile, SensorLoggerSection};
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{MotorAuthority, NodeEstimate, Sample};
-use runlog::{Attachment, RecordedSample, RunReader};
+use runlog::{Attachment, FORMER_SYSTEM_FILE, RecordedSample, RunReader, SYSTEM_FILE};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// The system file of a run, as the supervisor names its copy.
-const BOX: &str = "box.toml";
-/// Places closer to the last one than this are not kept for the drawing of the path, m.
+/// Minimum distance of points on the drawn path, m.
 const STEP_M: f64 = 0.01;
 
-/// How a sample came to be.
+/// Origin of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Origin {
-    /// In flight, by the sensor logger.
+    /// Recorded in flight by the sensor logger.
     Recorded,
-    /// Now, from readings and estimates.
+    /// Computed from readings and estimates.
     #[default]
     Computed,
 }
 
-/// How the sensors of a run are to be taken: as its system file says.
+/// Returns the sensor settings of a run from its files.
 ///
 /// # Errors
-/// There is no robot file in it, or a system file that cannot be used.
+/// The run has no robot file, or a system file that cannot be used.
 pub fn config_of(run: &Path) -> Answer<LoggerConfig> {
     let (robot, section) = files_of(run)?;
     config(&robot, &section)
 }
 
-/// What these files make of the sensors.
+/// Resolves the sensor settings.
 pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer<LoggerConfig> {
     Ok(LoggerConfig::of(section, &robot.robot().map_err(Failure::not_now)?))
 }
 
-/// The robot file of a run, and the section of its system file.
+/// Reads the robot file of a run and the section `[sensor_logger]` of its system file.
 pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
     let mut reader = RunReader::open(run)?;
-    // what was kept inside the file stands before its first sample
+    // The attachments precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
     let Some(robot) = robot_file_of(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
-            "{} holds no robot.toml that this program accepts, so it is not known what flew",
+            "{} has no robot.toml that this program accepts, so the robot is unknown",
             run.display()
         )));
     };
     Ok((robot, section_of(run, reader.attachments())?))
 }
 
+/// Names of the system file's copy.
+const NAMES: [&str; 2] = [SYSTEM_FILE, FORMER_SYSTEM_FILE];
+
 fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> {
     let folder = if run.is_dir() { Some(run) } else { run.parent() };
-    let beside = folder.and_then(|folder| std::fs::read_to_string(folder.join(BOX)).ok());
-    let kept = || inside.iter().find(|one| one.name == BOX).map(|one| String::from_utf8_lossy(&one.data).into_owned());
+    let beside =
+        folder.and_then(|folder| NAMES.iter().find_map(|name| std::fs::read_to_string(folder.join(name)).ok()));
+    let kept = || {
+        inside
+            .iter()
+            .find(|one| NAMES.contains(&one.name.as_str()))
+            .map(|one| String::from_utf8_lossy(&one.data).into_owned())
+    };
     let Some(text) = beside.or_else(kept) else { return Ok(SensorLoggerSection::default()) };
     let table: toml::Table = text
         .parse()
@@ -69,20 +77,20 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
     }
 }
 
-/// Gives every sample of every sensor to `take`: name, origin, sample; in memory that does not grow with the run. `heard` gets the names of
-/// all sensors. The path that was flown comes back.
+/// Passes every sample of every sensor to `take` as name, origin and sample, in memory that does not grow with the run.
+/// Adds the names of all sensors to `sensors` and returns the flown path.
 ///
 /// # Errors
 /// The run cannot be read.
 pub fn samples_of(
     run: &Path,
     config: &LoggerConfig,
-    heard: &mut Vec<String>,
+    sensors: &mut Vec<String>,
     take: &mut dyn FnMut(&str, Origin, &Sample),
 ) -> Answer<Vec<[f64; 3]>> {
     let mut reader = RunReader::open(run)?;
     let mut show = progress("reading");
-    let mut desk = Desk {
+    let mut samples = SampleReader {
         config,
         logger: Logger::new(config).map_err(Failure::not_now)?,
         numbers: HashMap::new(),
@@ -97,29 +105,29 @@ pub fn samples_of(
         }
         count += 1;
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
-        desk.note(&recorded, heard, take);
+        samples.add(&recorded, sensors, take);
     }
     show(reader.bytes(), reader.bytes());
-    desk.give(u64::MAX, take);
-    Ok(desk.track)
+    samples.emit(u64::MAX, take);
+    Ok(samples.track)
 }
 
 /// The logger with the channels of a run.
-struct Desk<'a> {
+struct SampleReader<'a> {
     config: &'a LoggerConfig,
     logger: Logger,
-    /// The logger's number of a channel, by its place in the run; `None`: it has none.
+    /// Index of a channel's sensor in the logger by channel index; `None` if the channel cannot be used.
     numbers: HashMap<usize, Option<usize>>,
     names: Vec<String>,
     now_ns: u64,
     track: Vec<[f64; 3]>,
 }
 
-impl Desk<'_> {
-    fn note(
+impl SampleReader<'_> {
+    fn add(
         &mut self,
         recorded: &RecordedSample<'_>,
-        heard: &mut Vec<String>,
+        sensors: &mut Vec<String>,
         take: &mut dyn FnMut(&str, Origin, &Sample),
     ) {
         let channel = recorded.channel.name.as_str();
@@ -127,10 +135,10 @@ impl Desk<'_> {
             if let Some(estimate) = recorded.to::<NodeEstimate>() {
                 self.logger.estimate(slot, &estimate);
                 self.now_ns = self.now_ns.max(estimate.header.stamp_ns);
-                if estimate.valid == 1 && self.track.last().is_none_or(|last| far(last, &estimate.position_m)) {
+                if estimate.valid == 1 && self.track.last().is_none_or(|last| is_apart(last, &estimate.position_m)) {
                     self.track.push(estimate.position_m);
                 }
-                self.give(self.now_ns, take);
+                self.emit(self.now_ns, take);
             }
         } else if channel == "motor/authority" {
             if let Some(authority) = recorded.to::<MotorAuthority>() {
@@ -138,12 +146,12 @@ impl Desk<'_> {
             }
         } else if let Some(name) = channel.strip_prefix("sample/") {
             if let Some(sample) = recorded.to::<Sample>() {
-                hear(heard, name);
+                add_name(sensors, name);
                 take(name, Origin::Recorded, &sample);
             }
         } else if let Some(name) = channel.strip_prefix("sensor/") {
             if !self.numbers.contains_key(&recorded.index) {
-                hear(heard, name);
+                add_name(sensors, name);
                 let number = self.sensor(name, recorded);
                 self.numbers.insert(recorded.index, number);
             }
@@ -164,7 +172,7 @@ impl Desk<'_> {
         Some(number)
     }
 
-    fn give(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
+    fn emit(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
         while let Some((number, sample)) = self.logger.next_sample(now_ns) {
             if let Some(name) = self.names.get(number) {
                 take(name, Origin::Computed, &sample);
@@ -173,12 +181,12 @@ impl Desk<'_> {
     }
 }
 
-fn hear(heard: &mut Vec<String>, name: &str) {
-    if !heard.iter().any(|known| known == name) {
-        heard.push(name.to_owned());
+fn add_name(sensors: &mut Vec<String>, name: &str) {
+    if !sensors.iter().any(|known| known == name) {
+        sensors.push(name.to_owned());
     }
 }
 
-fn far(a: &[f64; 3], b: &[f64; 3]) -> bool {
+fn is_apart(a: &[f64; 3], b: &[f64; 3]) -> bool {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > STEP_M * STEP_M
 }

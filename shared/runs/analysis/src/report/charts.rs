@@ -1,65 +1,67 @@
-//! The charts of the page: each run gives the same ones, so that several can stand side by side with the same axes.
+//! The charts of the page. Every run gets the same ones, so that several runs can share axes side by side.
 
-use super::gather::{Gathered, Place};
+use super::gather::{PathPoint, RunData};
 use super::trace::Trace;
 use cable_robot::Vector3;
 use messages::MotorAuthority;
-use plot::{Axis, BLACK, COLOURS, Chart, GREY, Look, Series, colour_of, ranges, svg};
+use plot::{Axis, BLACK, COLOURS, Chart, GREY, Series, SeriesStyle, css_colour, ranges, svg};
 use robot_state::sentences::mode_name;
 
-/// Teal, for what is estimated: no cable of three or four has it.
+/// Teal for estimates: not the colour of any of the first six cables.
 const ESTIMATE: usize = 6;
 const TRUTH: usize = BLACK;
 const SETPOINT: usize = GREY;
-/// Purple, for what is no cable's.
+/// Purple, for quantities that do not belong to a single cable.
 const ALONE: usize = 4;
-/// Pixels of a chart over time, and of one of the two views of the path.
+/// Size of a chart over time, px.
 const WIDE: (u32, u32) = (1060, 250);
+/// Size of a view of the path, px.
 pub(super) const VIEW: (u32, u32) = (520, 430);
-/// A timeline has so many pixels per lane, and these for its axis.
+/// Height of a lane of the timeline, px.
 const LANE_PX: u32 = 26;
+/// Height of the time axis of the timeline, px.
 const AXIS_PX: u32 = 58;
-/// Longer runs are shown in minutes, s.
+/// Duration from which a run is shown in minutes, s.
 const MINUTES_FROM_S: f64 = 900.0;
-/// Moves of the path smaller than this share of its extent are not drawn.
-const THIN: f64 = 1.0 / 1500.0;
+/// Minimum step of a drawn path as a share of its extent.
+const MIN_STEP_SHARE: f64 = 1.0 / 1500.0;
 
-/// A chart with its caption and the names of its colours.
+/// A chart with caption and legend.
 pub struct Figure {
-    /// What is seen.
+    /// Caption.
     pub caption: String,
-    /// Colour, name and whether it is dashed.
+    /// Colour and name of each named series.
     pub key: Vec<(String, String)>,
-    /// Half as wide as the page.
+    /// Whether it takes half the width of the page.
     pub half: bool,
-    /// With the same range of y in every run.
+    /// Whether all runs share its range of y.
     pub same_y: bool,
     size: (u32, u32),
     chart: Chart,
 }
 
 impl Figure {
-    /// Of a chart.
+    /// Creates a figure from a chart.
     pub(super) fn new(caption: &str, size: (u32, u32), chart: Chart) -> Self {
         let named = chart.series.iter().filter(|series| !series.name.is_empty());
-        let key = named.map(|series| (colour_of(series.colour), series.name.clone())).collect();
+        let key = named.map(|series| (css_colour(series.colour), series.name.clone())).collect();
         Self { caption: caption.to_owned(), key, half: size.0 < WIDE.0, same_y: true, size, chart }
     }
 
-    /// Whether there is anything to see.
+    /// Returns whether it has no points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.chart.series.iter().all(|series| series.points.is_empty())
     }
 
-    /// As an element of the page.
+    /// Renders the figure as SVG.
     #[must_use]
     pub fn svg(&self) -> String {
         svg(&self.chart, self.size)
     }
 }
 
-/// Gives figures of the same kind in several runs the same axes.
+/// Sets common axes for the same figure of several runs.
 pub fn share_axes<'a>(figures: impl Iterator<Item = &'a mut Figure>) {
     let mut figures: Vec<&mut Figure> = figures.filter(|figure| !figure.is_empty()).collect();
     if figures.len() < 2 {
@@ -82,50 +84,50 @@ pub fn share_axes<'a>(figures: impl Iterator<Item = &'a mut Figure>) {
     }
 }
 
-/// Seconds or minutes.
-struct Clock {
+/// Time axis in seconds or minutes.
+struct TimeAxis {
     label: &'static str,
     factor: f64,
     end: f64,
 }
 
-impl Clock {
-    fn of(run: &Gathered) -> Self {
+impl TimeAxis {
+    fn of(run: &RunData) -> Self {
         let end_s = run.recording.duration_s.max(1e-3);
         match end_s < MINUTES_FROM_S {
-            true => Self { label: "time since the run began, s", factor: 1.0, end: end_s },
-            false => Self { label: "time since the run began, min", factor: 1.0 / 60.0, end: end_s / 60.0 },
+            true => Self { label: "time since the start of the run, s", factor: 1.0, end: end_s },
+            false => Self { label: "time since the start of the run, min", factor: 1.0 / 60.0, end: end_s / 60.0 },
         }
     }
 
     fn axis(&self) -> Axis {
-        Axis::from_to(self.label, 0.0, self.end)
+        Axis::fixed(self.label, 0.0, self.end)
     }
 
-    /// Curves over time, the first at the bottom.
+    /// Creates a chart over time; the first trace is drawn first.
     fn chart(&self, label: &str, traces: &[(&str, usize, &Trace)], factor: f64) -> Chart {
         let series = traces.iter().flat_map(|(name, colour, trace)| trace.series(name, *colour, [self.factor, factor]));
-        Chart { x: self.axis(), y: Axis::of(label), series: series.collect(), ..Chart::default() }
+        Chart { x: self.axis(), y: Axis::auto(label), series: series.collect(), ..Chart::default() }
     }
 }
 
-/// The name of a cable, by its colour on every chart.
+/// Returns the name of a cable.
 pub fn cable_name(index: usize) -> String {
     format!("cable {}", index + 1)
 }
 
 /// Path from above and from the side.
-pub fn path(run: &Gathered) -> Vec<Figure> {
+pub fn path(run: &RunData) -> Vec<Figure> {
     let planar = run.robot.as_ref().is_some_and(cable_robot::Robot::is_planar);
     let view = |caption: &str, labels: [&str; 2], onto: fn(&Vector3<f64>) -> [f64; 2]| {
-        let curve = |which: usize| thinned(run.path.iter().map(|place: &Place| place[which].as_ref().map(onto)));
+        let curve = |which: usize| decimate(run.path.iter().map(|place: &PathPoint| place[which].as_ref().map(onto)));
         let series = vec![
-            Series::line("set points", SETPOINT, curve(0)).looking(Look::Line(6)),
+            Series::line("setpoints", SETPOINT, curve(0)).with_style(SeriesStyle::Line(6)),
             Series::line("truth", TRUTH, curve(2)),
             Series::line("estimate", ESTIMATE, curve(1)),
         ];
         let series = series.into_iter().filter(|series| !series.points.is_empty()).collect();
-        let [x, y] = labels.map(Axis::of);
+        let [x, y] = labels.map(Axis::auto);
         Figure::new(caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() })
     };
     let side = view("Path from the side", ["x, m", "z, m"], |p| [p.x, p.z]);
@@ -135,13 +137,13 @@ pub fn path(run: &Gathered) -> Vec<Figure> {
     vec![view("Path from above", ["x, m", "y, m"], |p| [p.x, p.y]), side]
 }
 
-/// Without the points that cannot be seen apart; a missing one interrupts the line.
-fn thinned(points: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<[f64; 2]> {
+/// Removes points that are too close to distinguish; a missing point interrupts the line.
+fn decimate(points: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<[f64; 2]> {
     let points: Vec<Option<[f64; 2]>> = points.collect();
     let bound =
         |axis: usize, from: f64, take: fn(f64, f64) -> f64| points.iter().flatten().map(|p| p[axis]).fold(from, take);
     let extent = |axis| bound(axis, f64::NEG_INFINITY, f64::max) - bound(axis, f64::INFINITY, f64::min);
-    let step = THIN * extent(0).max(extent(1));
+    let step = MIN_STEP_SHARE * extent(0).max(extent(1));
     let mut kept: Vec<[f64; 2]> = Vec::new();
     let mut skipped = None;
     for point in points {
@@ -168,75 +170,75 @@ fn thinned(points: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<[f64; 2]> {
     kept
 }
 
-/// Where the robot stands: anchors, and the path among them.
-pub fn site(run: &Gathered) -> Vec<Figure> {
+/// Site plan: anchors and the path.
+pub fn site(run: &RunData) -> Vec<Figure> {
     let Some(robot) = &run.robot else { return Vec::new() };
     let planar = robot.is_planar();
     let onto = |p: &Vector3<f64>| if planar { [p.x, p.z] } else { [p.x, p.y] };
     let mut series =
-        vec![Series::line("estimate", ESTIMATE, thinned(run.path.iter().map(|place| place[1].as_ref().map(onto))))];
+        vec![Series::line("estimate", ESTIMATE, decimate(run.path.iter().map(|place| place[1].as_ref().map(onto))))];
     let last = run.path.iter().rev().find_map(|place| place[1]);
     for (i, anchor) in robot.anchors().iter().enumerate() {
         let line = last.map_or_else(Vec::new, |node| vec![onto(anchor), onto(&node)]);
-        series.push(Series::line("", i, line).looking(Look::Line(1)));
-        series.push(Series::line(&cable_name(i), i, vec![onto(anchor)]).looking(Look::Discs(5)));
+        series.push(Series::line("", i, line).with_style(SeriesStyle::Line(1)));
+        series.push(Series::line(&cable_name(i), i, vec![onto(anchor)]).with_style(SeriesStyle::Discs(5)));
     }
     let labels = if planar { ["x, m", "z, m"] } else { ["x, m", "y, m"] };
-    let [x, y] = labels.map(Axis::of);
+    let [x, y] = labels.map(Axis::auto);
     vec![Figure::new(
-        "The robot: anchors, lines at the end of the run, path",
+        "The robot: anchors, cables at the end of the run, path",
         VIEW,
         Chart { x, y, series, equal_scale: true, ..Chart::default() },
     )]
 }
 
-/// Distance from the set point.
-pub fn tracking(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+/// Distance from the setpoint.
+pub fn tracking(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let [estimate, truth] = &run.errors;
-    let mut chart = clock.chart("distance, mm", &[("truth", TRUTH, truth), ("estimate", ESTIMATE, estimate)], 1000.0);
+    let mut chart = time.chart("distance, mm", &[("truth", TRUTH, truth), ("estimate", ESTIMATE, estimate)], 1000.0);
     chart.series.retain(|series| !series.points.is_empty());
-    vec![Figure::new("Distance from the set point while it moves", WIDE, chart)]
+    vec![Figure::new("Distance from the setpoint while it moves", WIDE, chart)]
 }
 
-/// Per cable.
-pub fn cables(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+/// Charts per cable.
+pub fn cables(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let names: Vec<String> = (0..run.cables.len()).map(cable_name).collect();
-    let of = |pick: fn(&super::gather::Cable) -> &Trace| -> Vec<(&str, usize, &Trace)> {
+    let of = |pick: fn(&super::gather::CableData) -> &Trace| -> Vec<(&str, usize, &Trace)> {
         run.cables.iter().enumerate().map(|(i, cable)| (names[i].as_str(), i, pick(cable))).collect()
     };
     let figure = |caption: &str, label: &str, traces: &[(&str, usize, &Trace)]| {
-        Figure::new(caption, WIDE, clock.chart(label, traces, 1.0))
+        Figure::new(caption, WIDE, time.chart(label, traces, 1.0))
     };
-    let mut tensions = clock.chart("tension, N", &of(|cable| &cable.tension), 1.0);
+    let mut tensions = time.chart("tension, N", &of(|cable| &cable.tension), 1.0);
     if let Some(robot) = &run.robot {
         let highest =
             run.cables.iter().filter_map(|cable| cable.tension.extremes()).map(|[_, high]| high).fold(0.0, f64::max);
         for limit in robot.tension_limits_n().into_iter().filter(|limit| *limit < 1.3 * highest) {
-            let ends = vec![[0.0, limit], [clock.end, limit]];
-            tensions.series.push(Series::line("limit", BLACK, ends).looking(Look::Dashed));
+            let ends = vec![[0.0, limit], [time.end, limit]];
+            tensions.series.push(Series::line("limit", BLACK, ends).with_style(SeriesStyle::Dashed));
         }
     }
     vec![
-        figure("Line paid out", "length, m", &of(|cable| &cable.length)),
-        figure("Speed of the lines, above zero pays out", "speed, m/s", &of(|cable| &cable.velocity)),
-        Figure::new("Tension, by the estimate", WIDE, tensions),
-        figure("Tension, by truth", "tension, N", &of(|cable| &cable.true_tension)),
+        figure("Cable length", "length, m", &of(|cable| &cable.length)),
+        figure("Cable speed; positive: paying out", "speed, m/s", &of(|cable| &cable.velocity)),
+        Figure::new("Tension (estimate)", WIDE, tensions),
+        figure("Tension (truth)", "tension, N", &of(|cable| &cable.true_tension)),
         figure("Motor current", "current, A", &of(|cable| &cable.current)),
     ]
 }
 
 /// Power of all motors.
-pub fn power(run: &Gathered) -> Vec<Figure> {
+pub fn power(run: &RunData) -> Vec<Figure> {
     let [electrical, loss] = &run.power;
     let traces = [("electrical power", ALONE, electrical), ("loss in the motors", COLOURS.len() - 5, loss)];
-    vec![Figure::new("Power of all motors", WIDE, Clock::of(run).chart("power, W", &traces, 1.0))]
+    vec![Figure::new("Power of all motors", WIDE, TimeAxis::of(run).chart("power, W", &traces, 1.0))]
 }
 
-/// How the control cycle keeps time.
-pub fn timing(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+/// Timing of the control cycle.
+pub fn timing(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let [wake, bus, age] = &run.times;
     let [computer, drive, resync, answer] = &run.losses;
     let times = [
@@ -246,12 +248,12 @@ pub fn timing(run: &Gathered) -> Vec<Figure> {
     ];
     let counts = [("resync", 3, resync), ("drive", 2, drive), ("computer", 0, computer), ("answer", 1, answer)];
     vec![
-        Figure::new("Time that each cycle takes", WIDE, clock.chart("time, ms", &times, 1000.0)),
-        Figure::new("Periods not steered, by cause", (WIDE.0, 170), clock.chart("periods", &counts, 1.0)),
+        Figure::new("Times within each cycle", WIDE, time.chart("time, ms", &times, 1000.0)),
+        Figure::new("Periods not steered, by cause", (WIDE.0, 170), time.chart("periods", &counts, 1.0)),
     ]
 }
 
-/// Colour of a mode.
+/// Returns the colour of a mode.
 fn mode_colour(mode: u8) -> usize {
     match mode {
         MotorAuthority::MODE_HOLDING => 0,
@@ -264,20 +266,20 @@ fn mode_colour(mode: u8) -> usize {
 }
 
 /// Modes, legs and slots over time.
-pub fn timeline(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+pub fn timeline(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let block =
-        |lane: f64, from_s: f64, to_s: f64| [[clock.factor * from_s, lane - 0.38], [clock.factor * to_s, lane + 0.38]];
+        |lane: f64, from_s: f64, to_s: f64| [[time.factor * from_s, lane - 0.38], [time.factor * to_s, lane + 0.38]];
     let mut names = Vec::new();
     let mut series: Vec<Series> = Vec::new();
     let mut add = |name: String, colour: usize, blocks: Vec<[f64; 2]>| {
         let at = series.iter().position(|series| series.name == name && series.colour == colour);
         match at {
             Some(at) => series[at].points.extend(blocks),
-            None => series.push(Series { name, colour, look: Look::Blocks, points: blocks }),
+            None => series.push(Series { name, colour, style: SeriesStyle::Blocks, points: blocks }),
         }
     };
-    // from below: the slots, the legs, the mode
+    // Lanes from below: slots, legs, mode.
     for (role, name) in ["estimator", "controller"].into_iter().zip([1, 0]).map(|(name, role)| (role, name)) {
         let lane = names.len() as f64;
         names.push(name.to_owned());
@@ -289,7 +291,7 @@ pub fn timeline(run: &Gathered) -> Vec<Figure> {
     let lane = names.len() as f64;
     names.push("legs".to_owned());
     for (number, (from_s, to_s)) in run.legs.spans().enumerate() {
-        // neighbours differ, so that each is seen
+        // Adjacent legs have different colours.
         let (name, colour) = if number.is_multiple_of(2) { ("legs", GREY) } else { ("", BLACK) };
         add(name.to_owned(), colour, block(lane, from_s, to_s).to_vec());
     }
@@ -303,20 +305,20 @@ pub fn timeline(run: &Gathered) -> Vec<Figure> {
     let mut figure = Figure::new(
         "Mode, legs, and the slots in charge",
         size,
-        Chart { x: clock.axis(), y, series, ..Chart::default() },
+        Chart { x: time.axis(), y, series, ..Chart::default() },
     );
     figure.same_y = false;
     vec![figure]
 }
 
-/// Values over time, and over the path.
-pub fn sensors(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+/// Sensor values over time and along the path.
+pub fn sensors(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let mut figures = Vec::new();
     for (name, sensor) in run.sensors.channels() {
         for (at, (quantity, trace)) in sensor.values.iter().enumerate() {
             let caption = format!("{name}: {quantity}");
-            let chart = clock.chart(quantity, &[("", at, trace)], 1.0);
+            let chart = time.chart(quantity, &[("", at, trace)], 1.0);
             figures.push(Figure::new(&caption, (WIDE.0, 200), chart));
         }
         let places = sensor.places.points();
@@ -327,16 +329,16 @@ pub fn sensors(run: &Gathered) -> Vec<Figure> {
         }
         let what = sensor.values.first().map_or("value", |(quantity, _)| quantity.as_str());
         let share = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
-        // so many discs as can be told apart
+        // No more discs than can be distinguished.
         let step = places.len().div_ceil(2500).max(1);
         let shown = || places.iter().step_by(step).filter(|(_, value)| value.is_finite());
         let views = [("from above", ["x, m", "y, m"], 1), ("from the side", ["x, m", "z, m"], 2)];
         for (view, labels, axis) in views {
             let points = shown().map(|(place, _)| [place[0], place[axis]]).collect();
-            let scaled = Look::Scaled(4, shown().map(|(_, value)| share(*value)).collect());
-            let [x, y] = labels.map(Axis::of);
-            let series = vec![Series::line("", 0, points).looking(scaled)];
-            let caption = format!("{name} over the path, {view}: {what} from {low:.4} (dark) to {high:.4} (light)");
+            let scaled = SeriesStyle::Scaled(4, shown().map(|(_, value)| share(*value)).collect());
+            let [x, y] = labels.map(Axis::auto);
+            let series = vec![Series::line("", 0, points).with_style(scaled)];
+            let caption = format!("{name} along the path, {view}: {what} from {low:.4} (dark) to {high:.4} (light)");
             figures.push(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }));
         }
     }

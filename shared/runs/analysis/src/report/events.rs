@@ -1,36 +1,36 @@
-//! What happened, a sentence each.
+//! Events of a run, one sentence each.
 
 use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, text_of};
 use robot_state::sentences::{fault_sentences, faults_of, mode_name, mode_sentence};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Events that are kept; a run with more than these is told by its first ones.
-const EVENTS: usize = 400;
+/// Maximum number of stored events; of a run with more, the first ones are kept.
+const MAX_EVENTS: usize = 400;
 
-/// An event that comes again within this time is the same one, s.
-const AGAIN_S: f64 = 10.0;
+/// Time within which a repeated event is merged, s.
+const REPEAT_S: f64 = 10.0;
 
-/// What an event is about.
+/// Subject of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// The robot's mode.
+pub enum EventKind {
+    /// Mode of the robot.
     Mode,
-    /// A fault, or a stop with a cause.
+    /// Fault, or a stop with a cause.
     Fault,
-    /// Somebody asked for something.
+    /// Operator request.
     Operator,
-    /// The mission.
+    /// Mission.
     Mission,
-    /// A process.
+    /// Process.
     Process,
-    /// A warning or an error in the log.
+    /// Warning or error in the log.
     Log,
 }
 
-impl Kind {
-    /// Its name.
+impl EventKind {
+    /// Returns the name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mode => "mode",
@@ -43,60 +43,61 @@ impl Kind {
     }
 }
 
-/// One thing that happened.
+/// An event.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Event {
-    /// Since the beginning of the run, s.
+    /// Time since the start of the run, s.
     pub time_s: f64,
-    /// What it is about.
-    pub kind: Kind,
+    /// Subject.
+    pub kind: EventKind,
     /// One sentence.
     pub text: String,
-    /// How often within ten seconds; only the first time is told.
+    /// Number of occurrences within ten seconds; only the first is listed.
     pub times: u32,
 }
 
-/// What happened in a run.
+/// Events of a run.
 #[derive(Debug, Clone, Default)]
 pub struct Events {
     events: Vec<Event>,
-    /// How many more there were.
+    /// Number of events beyond the limit.
     pub left_out: usize,
-    /// How many faults there were.
+    /// Number of faults.
     pub faults: usize,
-    /// Processes that died, each once.
+    /// Names of the processes that died, without repetition.
     pub died: Vec<String>,
     mode: Option<u8>,
     bits: u32,
     mission: Option<(u8, u32, String)>,
-    processes: BTreeMap<String, Known>,
-    /// When a process died, and which.
+    processes: BTreeMap<String, ProcessEntry>,
+    /// Time and name of each process that died.
     deaths: Vec<(f64, String)>,
 }
 
-/// What the process table said last of a process.
+/// Last entry of a process in the process table.
 #[derive(Debug, Clone)]
-struct Known {
+struct ProcessEntry {
     state: u8,
     restarts: u32,
     pid: u32,
     role: String,
 }
 
-/// Whether a process in that state has ended without being asked.
+/// Returns whether a process in this state ended unexpectedly.
 fn is_dead(state: u8) -> bool {
     matches!(state, ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP)
 }
 
-/// What the process table says of a process, without the last line of its log where that is no warning: what it did last is not why it
-/// ended.
-fn without_chatter(reason: &str) -> &str {
+/// Removes the last log line from a reason in the process table unless it is a warning or an error; other lines do not
+/// explain the end.
+fn without_log_line(reason: &str) -> &str {
     let begins = [": INFO ", ": DEBUG ", ": TRACE "].iter().filter_map(|level| reason.find(level)).min();
     begins.map_or(reason, |at| &reason[..at])
 }
 
-/// What a fault's sentence says is the case, without its cure, for use inside a sentence; the cables or units that it names stay.
-pub fn case_of(sentence: &str) -> String {
+/// Returns the clause of a fault sentence without the remedy, for use inside a sentence; keeps the named cables or
+/// drive units.
+pub fn fault_clause(sentence: &str) -> String {
     let sentence = sentence.trim_end_matches('.');
     let (what, cure) = sentence.split_once(": ").unwrap_or((sentence, ""));
     let named = [" (cable", " (unit"].iter().find_map(|named| cure.rfind(named)).map_or("", |at| &cure[at..]);
@@ -106,29 +107,31 @@ pub fn case_of(sentence: &str) -> String {
 }
 
 impl Events {
-    /// All of them, in the order of their time.
+    /// Returns all events, sorted by time.
     #[must_use]
     pub fn all(&self) -> &[Event] {
         &self.events
     }
 
-    fn push(&mut self, time_s: f64, kind: Kind, text: String) {
-        // what repeats itself is told once and counted; it differs in nothing but its numbers
+    fn push(&mut self, time_s: f64, kind: EventKind, text: String) {
+        // Repeated events are listed once and counted; repetitions differ only in numbers.
         let bare = |text: &str| text.chars().filter(|letter| !letter.is_ascii_digit()).collect::<String>();
-        let recent = self.events.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < AGAIN_S);
+        let recent = self.events.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < REPEAT_S);
         let mut same = recent.filter(|event| event.kind == kind && bare(&event.text) == bare(&text));
-        if let (Some(event), true) = (same.next(), matches!(kind, Kind::Log | Kind::Mission | Kind::Operator)) {
+        if let (Some(event), true) =
+            (same.next(), matches!(kind, EventKind::Log | EventKind::Mission | EventKind::Operator))
+        {
             event.times += 1;
             return;
         }
-        if self.events.len() < EVENTS {
+        if self.events.len() < MAX_EVENTS {
             self.events.push(Event { time_s, kind, text, times: 1 });
         } else {
             self.left_out += 1;
         }
     }
 
-    /// Changes of mode and new faults.
+    /// Records changes of mode and new faults.
     pub fn cycle(&mut self, time_s: f64, authority: &MotorAuthority) {
         let fresh = authority.faults & !self.bits;
         if fresh != 0 {
@@ -137,7 +140,7 @@ impl Events {
             for text in faults_of(authority) {
                 if new.iter().any(|new| text.starts_with(&stem(new))) {
                     self.faults += 1;
-                    self.push(time_s, Kind::Fault, text);
+                    self.push(time_s, EventKind::Fault, text);
                 }
             }
         }
@@ -146,11 +149,11 @@ impl Events {
             self.mode = Some(authority.mode);
             let name = mode_name(authority.mode);
             let text = format!("{}{}: {}", name[..1].to_uppercase(), &name[1..], mode_sentence(authority.mode));
-            self.push(time_s, Kind::Mode, text);
+            self.push(time_s, EventKind::Mode, text);
         }
     }
 
-    /// Requests that were answered.
+    /// Records answered requests.
     pub fn request(&mut self, time_s: f64, request: &OperatorRequest) {
         if request.answered != 1 {
             return;
@@ -158,11 +161,11 @@ impl Events {
         let answer = text_of(&request.answer);
         let refused = if request.accepted == 1 { "" } else { "Refused: " };
         if !answer.is_empty() {
-            self.push(time_s, Kind::Operator, format!("{refused}{answer}"));
+            self.push(time_s, EventKind::Operator, format!("{refused}{answer}"));
         }
     }
 
-    /// Beginnings and ends of missions, and refusals. True if the state of a mission changed.
+    /// Records starts and ends of missions, and rejections. Returns whether the state of a mission changed.
     pub fn plan(&mut self, time_s: f64, status: &PlanStatus) -> bool {
         let mission = text_of(&status.mission);
         let now = (status.state, status.refused, mission.clone());
@@ -178,41 +181,41 @@ impl Events {
                     .as_ref()
                     .is_some_and(|(state, _, known)| *state == PlanStatus::STATE_PAUSED && *known == mission) =>
             {
-                format!("The mission \"{mission}\" goes on: {:.1} s left.", status.time_left_s)
+                format!("The mission \"{mission}\" continues: {:.1} s left.", status.time_left_s)
             }
             PlanStatus::STATE_RUNNING => {
-                format!("The mission \"{mission}\" runs: {} legs, {:.1} s.", status.legs, status.time_left_s)
+                format!("The mission \"{mission}\" started: {} legs, {:.1} s.", status.legs, status.time_left_s)
             }
             PlanStatus::STATE_PAUSED => format!("The mission \"{mission}\" is paused."),
-            PlanStatus::STATE_DONE => format!("The mission \"{mission}\" is done."),
-            PlanStatus::STATE_ABORTED => format!("The mission \"{mission}\" was given up{because}"),
-            PlanStatus::STATE_REFUSED => format!("A motion was refused{because}"),
+            PlanStatus::STATE_DONE => format!("The mission \"{mission}\" is complete."),
+            PlanStatus::STATE_ABORTED => format!("The mission \"{mission}\" was aborted{because}"),
+            PlanStatus::STATE_REFUSED => format!("A motion was rejected{because}"),
             _ => return false,
         };
-        self.push(time_s, Kind::Mission, what);
+        self.push(time_s, EventKind::Mission, what);
         true
     }
 
-    /// Deaths and restarts.
+    /// Records deaths and restarts of processes.
     pub fn process(&mut self, time_s: f64, process: &ProcessState) {
         let name = text_of(&process.name);
         let lives = |state: u8| {
             matches!(state, ProcessState::STATE_READY | ProcessState::STATE_RUNNING | ProcessState::STATE_SILENT)
         };
-        // A newcomer that did not get the name (`nims plug --replace`) is not the process of that name.
-        let other = |known: &Known| lives(known.state) && process.pid != 0 && known.pid != process.pid;
+        // A new process that did not take over the name (`nims plug --replace`) is not the process of that name.
+        let other = |known: &ProcessEntry| lives(known.state) && process.pid != 0 && known.pid != process.pid;
         if process.state == ProcessState::STATE_STOPPED && self.processes.get(&name).is_some_and(other) {
             return;
         }
         let ProcessState { state, restarts, pid, .. } = *process;
-        let known = Known { state, restarts, pid, role: text_of(&process.role) };
+        let known = ProcessEntry { state, restarts, pid, role: text_of(&process.role) };
         let before = self.processes.insert(name.clone(), known);
         if before.as_ref().is_some_and(|before| (before.state, before.restarts) == (state, restarts)) {
             return;
         }
         let before = before.map(|before| before.restarts);
         let reason = text_of(&process.reason);
-        let reason = without_chatter(&reason);
+        let reason = without_log_line(&reason);
         let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
         if is_dead(state) {
             self.deaths.push((time_s, name.clone()));
@@ -221,39 +224,39 @@ impl Events {
             }
         }
         let what = match process.state {
-            ProcessState::STATE_DIED => "has died",
-            ProcessState::STATE_SILENT => "gives no sign of life",
-            ProcessState::STATE_GAVE_UP => "died too often and is not started again",
-            ProcessState::STATE_READY if before.is_some_and(|before| before < restarts) => "was started again",
+            ProcessState::STATE_DIED => "died",
+            ProcessState::STATE_SILENT => "sends no heartbeat",
+            ProcessState::STATE_GAVE_UP => "died too often and is not restarted",
+            ProcessState::STATE_READY if before.is_some_and(|before| before < restarts) => "was restarted",
             ProcessState::STATE_READY if process.restarts > 0 => "is ready again",
             _ => return,
         };
-        self.push(time_s, Kind::Process, format!("{name} {what}{because}"));
+        self.push(time_s, EventKind::Process, format!("{name} {what}{because}"));
     }
 
-    /// Warnings and errors.
+    /// Records warnings and errors.
     pub fn log(&mut self, time_s: f64, event: &LogEvent) {
         if event.level >= LogEvent::LEVEL_WARN {
             let level = if event.level == LogEvent::LEVEL_WARN { "warns" } else { "reports an error" };
-            self.push(time_s, Kind::Log, format!("{} {level}: {}", text_of(&event.process), text_of(&event.text)));
+            self.push(time_s, EventKind::Log, format!("{} {level}: {}", text_of(&event.process), text_of(&event.text)));
         }
     }
 
-    /// A process of that role that gave no sign of life at last, without having died.
+    /// Returns a process of this role that last sent no heartbeat, without having died.
     #[must_use]
     pub fn silent(&self, role: &str) -> Option<&str> {
-        let is = |known: &Known| known.role == role && known.state == ProcessState::STATE_SILENT;
+        let is = |known: &ProcessEntry| known.role == role && known.state == ProcessState::STATE_SILENT;
         self.processes.iter().find(|(_, known)| is(known)).map(|(name, _)| name.as_str())
     }
 
-    /// A process of that role that had died when the recording ended.
+    /// Returns a process of this role that was dead at the end of the recording.
     #[must_use]
     pub fn dead(&self, role: &str) -> Option<&str> {
         let mut dead = self.processes.iter().filter(|(_, known)| known.role == role && is_dead(known.state));
         dead.next().map(|(name, _)| name.as_str())
     }
 
-    /// A process of that role that died between these times, s since the beginning of the run.
+    /// Returns a process of this role that died between these times, s since the start of the run.
     #[must_use]
     pub fn died_between(&self, role: &str, from_s: f64, to_s: f64) -> Option<&str> {
         let is = |name: &String| self.processes.get(name).is_some_and(|known| known.role == role);
@@ -261,15 +264,15 @@ impl Events {
         within.map(|(_, name)| name.as_str())
     }
 
-    /// The last fault between these times, s since the beginning of the run: what is the case.
+    /// Returns the clause of the last fault between these times, s since the start of the run.
     #[must_use]
     pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<String> {
-        let faults = self.events.iter().filter(|event| event.kind == Kind::Fault);
+        let faults = self.events.iter().filter(|event| event.kind == EventKind::Fault);
         let within = faults.filter(|event| event.time_s >= from_s && event.time_s <= to_s);
-        within.max_by(|a, b| a.time_s.total_cmp(&b.time_s)).map(|event| case_of(&event.text))
+        within.max_by(|a, b| a.time_s.total_cmp(&b.time_s)).map(|event| fault_clause(&event.text))
     }
 
-    /// Brings them into the order of their time.
+    /// Sorts the events by time.
     pub fn close(&mut self) {
         self.events.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     }
@@ -321,29 +324,29 @@ mod tests {
         row.state = ProcessState::STATE_DIED;
         messages::put_text(&mut row.reason, "was ended by signal 9: INFO  estimator: parameters.toml is read");
         events.process(2.0, &row);
-        assert_eq!(events.all()[1].text, "estimator-a has died: was ended by signal 9");
+        assert_eq!(events.all()[1].text, "estimator-a died: was ended by signal 9");
         assert_eq!((events.dead("estimator"), events.dead("planner")), (Some("estimator-a"), None));
         (row.state, row.restarts) = (ProcessState::STATE_READY, 1);
         events.process(3.0, &row);
-        assert_eq!(events.dead("estimator"), None, "it is back");
+        assert_eq!(events.dead("estimator"), None, "it was restarted");
         assert_eq!(events.died_between("estimator", 1.5, 2.5), Some("estimator-a"));
         assert_eq!(events.died_between("estimator", 2.5, 9.0), None);
         let warned = "ended with exit code 1: WARN  estimator: the port: INFO is gone";
         assert_eq!(
-            without_chatter("ended with exit code 1: the port is gone"),
+            without_log_line("ended with exit code 1: the port is gone"),
             "ended with exit code 1: the port is gone"
         );
-        assert!(without_chatter(warned).contains("WARN  estimator: the port"));
+        assert!(without_log_line(warned).contains("WARN  estimator: the port"));
     }
 
     #[test]
     fn a_fault_inside_a_sentence_keeps_what_it_names_and_leaves_its_cure() {
-        let fault = "A line is slack or broken: look for what carries the node, then reset (cable 2).";
-        assert_eq!(case_of(fault), "a line is slack or broken (cable 2)");
+        let fault = "A cable is slack or broken: support the node, then reset (cable 2).";
+        assert_eq!(fault_clause(fault), "a cable is slack or broken (cable 2)");
         let lost = "The supervisor is gone, so the robot stopped and holds: start nims up again, confirm the position, arm, and run the mission with --continue.";
-        assert_eq!(case_of(lost), "the supervisor is gone, so the robot stopped and holds");
-        let busy = "The computer was busy: end what else runs on it (`nims doctor` says how).";
-        assert_eq!(case_of(busy), "the computer was busy");
+        assert_eq!(fault_clause(lost), "the supervisor is gone, so the robot stopped and holds");
+        let busy = "The computer was busy: end other programs (see `nims doctor`).";
+        assert_eq!(fault_clause(busy), "the computer was busy");
     }
 
     #[test]
@@ -358,17 +361,12 @@ mod tests {
         events.cycle(2.01, &authority);
         authority.faults |= MotorAuthority::FAULT_SUPPLY;
         events.cycle(3.0, &authority);
-        let texts: Vec<(Kind, &str)> =
-            events.all().iter().map(|event| (event.kind, &event.text[..event.text.len().min(22)])).collect();
-        assert_eq!(
-            texts,
-            [
-                (Kind::Mode, "Following: The robot f"),
-                (Kind::Fault, "A line is slack or bro"),
-                (Kind::Mode, "Faulted: The robot is "),
-                (Kind::Fault, "The supply voltage is "),
-            ]
-        );
+        let kinds: Vec<EventKind> = events.all().iter().map(|event| event.kind).collect();
+        assert_eq!(kinds, [EventKind::Mode, EventKind::Fault, EventKind::Mode, EventKind::Fault]);
+        for (event, fault) in [(1, MotorAuthority::FAULT_SLACK), (3, MotorAuthority::FAULT_SUPPLY)] {
+            let sentence = fault_sentences(fault).next().unwrap();
+            assert!(events.all()[event].text.starts_with(sentence.trim_end_matches('.')), "{:?}", events.all());
+        }
         assert!(events.all()[1].text.contains("cable 2"));
         assert_eq!(events.faults, 2);
     }

@@ -1,10 +1,10 @@
-//! Everything the page shows, gathered while the run is read once, in memory that does not grow with the run.
+//! Collects all data of the page in one pass over the run, in memory that does not grow with the run.
 
 use super::events::Events;
 use super::legs::Legs;
 use super::samples::Sensors;
-use super::trace::{Thinned, Trace};
-use crate::accuracy::{Analysis, Distances, Tally};
+use super::trace::{DecimatedPoints, Trace};
+use crate::accuracy::{AccuracySum, Analysis, Distances};
 use crate::counters::Count;
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::{Robot, Vector3};
@@ -20,31 +20,31 @@ use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// A silence of the control cycle that is seen as one, s.
+/// Minimum silence of the control cycle that interrupts a curve, s.
 const CYCLE_GAP_S: f64 = 0.5;
-/// Channels without which a part of the page is missing, and which part.
-const NEEDED: [(&str, &str); 7] = [
+/// Channels that the page needs, with the part that is missing without them.
+const NEEDED_CHANNELS: [(&str, &str); 7] = [
     ("motor/authority", "modes, timing and legs"),
     ("motor/state", "lengths, speeds and currents of the cables"),
-    ("node/estimate/", "the path as it was flown"),
+    ("node/estimate/", "the flown path"),
     ("control/status/", "the chosen tensions"),
-    ("plan/motion", "set points and legs"),
+    ("plan/motion", "setpoints and legs"),
     ("energy", "power and energy"),
-    ("recorder/status", "the recorder's own account"),
+    ("recorder/status", "the recorder's statistics"),
 ];
 
-/// Times of one step of every cycle.
-pub struct Times {
+/// Times of one step of the cycle.
+pub struct StepTimes {
     /// Over the run, s.
     pub trace: Trace,
-    /// All of them, ns.
+    /// Distribution, ns.
     pub all: Histogram<u64>,
 }
 
-impl Times {
-    /// `None` only if the bounds made no sense.
+impl StepTimes {
+    /// `None` only for invalid bounds of the histogram.
     fn new() -> Option<Self> {
-        // up to a minute, two digits
+        // Up to a minute, with two significant digits.
         Histogram::new_with_bounds(1, 60_000_000_000, 2).ok().map(|all| Self { trace: Trace::new(CYCLE_GAP_S), all })
     }
 
@@ -54,27 +54,27 @@ impl Times {
     }
 }
 
-/// One cable.
-pub struct Cable {
-    /// Line paid out, m.
+/// Data of one cable.
+pub struct CableData {
+    /// Cable length, m.
     pub length: Trace,
-    /// dL/dt as measured, m/s.
+    /// Measured dL/dt, m/s.
     pub velocity: Trace,
-    /// Tension by the estimate, N.
+    /// Estimated tension, N.
     pub tension: Trace,
-    /// By truth, N.
+    /// True tension, N.
     pub true_tension: Trace,
-    /// A.
+    /// Motor current, A.
     pub current: Trace,
-    /// Energy and loss since start, J.
+    /// Electrical energy since the start, J.
     pub energy_j: f64,
-    /// Loss in the motor since start, J.
+    /// Loss in the motor since the start, J.
     pub loss_j: f64,
-    /// Commanded against measured velocity while the robot follows.
+    /// Difference of commanded and measured velocity during motions, m/s.
     pub lag: Distances,
 }
 
-impl Cable {
+impl CableData {
     fn new() -> Self {
         let trace = || Trace::new(CYCLE_GAP_S);
         Self {
@@ -90,98 +90,98 @@ impl Cable {
     }
 }
 
-/// What the planner said last of a mission.
+/// Last status of a mission.
 pub struct Mission {
     /// `PlanStatus::STATE_*`.
     pub state: u8,
-    /// Its name.
+    /// Name of the mission.
     pub name: String,
-    /// How much of it was done, 0 to 1.
+    /// Completed share, 0 to 1.
     pub progress: f64,
-    /// Why it was given up or refused.
+    /// Reason for an abort or a rejection.
     pub reason: String,
-    /// Since when it is in this state, s since the beginning of the run.
+    /// Start of the current state, s since the start of the run.
     pub since_s: f64,
 }
 
-/// Points of the path.
-pub type Place = [Option<Vector3<f64>>; 3];
+/// Setpoint, estimate and truth of one cycle, m.
+pub type PathPoint = [Option<Vector3<f64>>; 3];
 
-/// A run, read.
-pub struct Gathered {
-    /// What people call it: the folder's or the file's name.
+/// Data of a run.
+pub struct RunData {
+    /// Name of the folder or file.
     pub name: String,
-    /// What is in the file, and how well.
+    /// Contents and condition of the files.
     pub recording: RunReport,
-    /// What lacks in it, a sentence each.
+    /// Missing data, one sentence each.
     pub lacks: Vec<String>,
-    /// The robot, if its file is there.
+    /// The robot, if its file is available.
     pub robot: Option<Robot>,
-    /// Errors and cycles; `None` if nothing moved.
+    /// Accuracy; `None` if nothing moved.
     pub analysis: Option<Analysis>,
-    /// The last word on the cycle: counts, period.
+    /// Last `motor/authority`.
     pub authority: Option<MotorAuthority>,
-    /// Of the first cycle.
-    pub cables: Vec<Cable>,
-    /// Distance from the setpoint by estimate and by truth, m.
+    /// Data of the cables.
+    pub cables: Vec<CableData>,
+    /// Distance of estimate and truth from the setpoint, m.
     pub errors: [Trace; 2],
-    /// Setpoint, estimate and truth, m.
-    pub path: Vec<Place>,
+    /// Decimated path.
+    pub path: Vec<PathPoint>,
     /// Electrical power and loss of all motors, W.
     pub power: [Trace; 2],
-    /// Periods of missions, over all lives of motor-io.
+    /// Periods of missions over all lives of motor-io.
     pub periods: Periods,
-    /// Periods lost so far, by cause.
+    /// Accumulated lost periods, by cause.
     pub losses: [Trace; 4],
-    /// Tick to wake-up, bus exchange, oldest reading to command.
-    pub times: [Times; 3],
+    /// Times of a cycle: tick to wake-up, bus exchange, oldest reading to command.
+    pub times: [StepTimes; 3],
     /// Rate of the plan clock.
     pub rate: Trace,
-    /// Modes: from, to, s, and which.
+    /// Modes with start and end, s.
     pub modes: Vec<(f64, f64, u8)>,
-    /// Slots in charge: from, to, s, and controller and estimator.
+    /// Slots in charge of controller and estimator with start and end, s.
     pub slots: Vec<(f64, f64, [u8; 2])>,
-    /// What was flown.
+    /// Flown legs.
     pub legs: Legs,
-    /// What happened.
+    /// Events.
     pub events: Events,
-    /// Life signs: the last of each process, and how long its longest pass took.
+    /// Last heartbeat of each process.
     pub processes: BTreeMap<String, Heartbeat>,
-    /// Readings and samples.
+    /// Sensor readings and samples.
     pub sensors: Sensors,
-    /// What they say together, by the sensors' names.
+    /// Sensor maps, by sensor name.
     pub maps: BTreeMap<String, SensorMap>,
-    /// The recorder's last word on each channel.
+    /// Last recorder status of each channel.
     pub recorder: BTreeMap<String, RecorderStatus>,
-    /// Least free space, bytes.
+    /// Least free disk space, bytes.
     pub least_free_bytes: Option<u64>,
-    /// The last word on the mission.
+    /// Last status of the mission.
     pub mission: Option<Mission>,
-    /// Before the first sample and behind the last one, as the supervisor has the run, s: nothing was recorded then.
+    /// Unrecorded time before the first and after the last sample according to the supervisor, s.
     pub unrecorded_ends_s: [f64; 2],
-    /// Why the run ended, as the supervisor wrote it.
+    /// Reason for the end of the run from its manifest.
     pub ended_because: Option<String>,
-    /// Every mission that was done, aborted or refused.
+    /// Number of times that each mission was completed.
     pub missions: BTreeMap<String, u32>,
 }
 
-impl Gathered {
-    /// Time of the run in which nothing was recorded, s.
+impl RunData {
+    /// Returns the unrecorded time of the run, s.
     #[must_use]
     pub fn unrecorded_s(&self) -> f64 {
         self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
     }
 }
 
-/// Reads a run; `progress` hears how far it is, 0 to 1.
+/// Reads a run; calls `progress` with the completed share, 0 to 1.
 ///
 /// # Errors
-/// There is no run, or it cannot be read.
-pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
+/// The run does not exist or cannot be read.
+pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<RunData> {
     let mut reader = RunReader::open(run)?;
     let mut inspection = RunInspection::default();
     let mut tracker = Tracker::default();
-    let mut book = Book::new()?;
+    let mut collector = Collector::new()?;
     let mut other_version = BTreeSet::new();
     let mut number = 0_u64;
     loop {
@@ -191,46 +191,48 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
         number += 1;
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
         inspection.observe(&recorded);
-        book.clock(&recorded);
-        book.count.note(&recorded);
-        let known = tracker.note(&recorded, &mut |cycle: &Cycle<'_>| book.cycle(cycle)) && book.other(&recorded);
+        collector.clock(&recorded);
+        collector.count.note(&recorded);
+        let known = tracker.record(&recorded, &mut |cycle: &Cycle<'_>| collector.cycle(cycle))
+            && collector.outside_cycles(&recorded);
         if !known {
             other_version.insert(recorded.channel.name.clone());
         }
     }
-    tracker.finish(&mut |cycle: &Cycle<'_>| book.cycle(cycle));
+    tracker.finish(&mut |cycle: &Cycle<'_>| collector.cycle(cycle));
     let recording = inspection.report(&reader);
     let robot = super::robot::robot_of(run, reader.attachments());
-    let mut gathered = book.close(run, recording, robot, &other_version);
-    gathered.maps = super::maps::maps_of(run, &gathered.sensors);
-    Ok(gathered)
+    let mut data = collector.close(run, recording, robot, &other_version);
+    data.maps = super::maps::maps_of(run, &data.sensors);
+    Ok(data)
 }
 
-/// A run in which nothing is.
+/// Returns an empty run.
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
-pub(super) fn blank() -> Gathered {
-    Book::new().unwrap().found
+pub(super) fn blank() -> RunData {
+    Collector::new().unwrap().data
 }
 
-/// What is being gathered.
-struct Book {
+/// Collects the samples of a run.
+struct Collector {
     /// Log time of the first sample, UNIX, ns.
     begin_ns: Option<u64>,
-    /// Its place on the clock of the stamps, ns.
+    /// The same instant on the clock of the stamps, ns.
     mono_ns: Option<i128>,
     last_s: f64,
-    tally: Tally,
+    tally: AccuracySum,
     count: Count,
-    path: Thinned<Place>,
-    found: Gathered,
+    path: DecimatedPoints<PathPoint>,
+    data: RunData,
 }
 
-impl Book {
+impl Collector {
     fn new() -> Answer<Self> {
-        let times = || Times::new().ok_or_else(|| Failure::NotNow("the histogram of times cannot be made".to_owned()));
+        let times =
+            || StepTimes::new().ok_or_else(|| Failure::NotNow("the histogram of times cannot be created".to_owned()));
         let trace = || Trace::new(CYCLE_GAP_S);
-        let found = Gathered {
+        let data = RunData {
             name: String::new(),
             recording: RunReport::default(),
             lacks: Vec::new(),
@@ -263,10 +265,10 @@ impl Book {
             begin_ns: None,
             mono_ns: None,
             last_s: 0.0,
-            tally: Tally::default(),
+            tally: AccuracySum::default(),
             count: Count::default(),
-            path: Thinned::default(),
-            found,
+            path: DecimatedPoints::default(),
+            data,
         })
     }
 
@@ -281,13 +283,13 @@ impl Book {
         self.last_s = self.last_s.max(self.logged_s(recorded));
     }
 
-    /// Time of a recorded sample since the beginning, s.
+    /// Returns the log time of a sample since the start, s.
     fn logged_s(&self, recorded: &RecordedSample<'_>) -> f64 {
         let begin_ns = self.begin_ns.unwrap_or(recorded.log_time_ns);
         (i128::from(recorded.log_time_ns) - i128::from(begin_ns)) as f64 * 1e-9
     }
 
-    /// Time of a stamp since the beginning, s.
+    /// Returns the time of a stamp since the start, s.
     fn time_s(&self, stamp_ns: u64) -> f64 {
         self.mono_ns.map_or(0.0, |mono_ns| (i128::from(stamp_ns) - mono_ns) as f64 * 1e-9)
     }
@@ -296,12 +298,12 @@ impl Book {
         let authority = cycle.authority;
         let time_s = self.time_s(authority.header.stamp_ns);
         let count = usize::from(authority.cable_count).min(CABLES);
-        let found = &mut self.found;
-        while found.cables.len() < count {
-            found.cables.push(Cable::new());
+        let data = &mut self.data;
+        while data.cables.len() < count {
+            data.cables.push(CableData::new());
         }
         if let Some(point) = self.tally.add(cycle) {
-            found.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
+            data.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
             self.path.add([Some(point.setpoint), Some(point.estimate), point.truth]);
         } else if let Some(estimate) = cycle.estimate {
             self.path.add([
@@ -312,18 +314,18 @@ impl Book {
         }
         for truth in cycle.truth {
             let at_s = self.mono_ns.map_or(0.0, |mono_ns| (i128::from(truth.header.stamp_ns) - mono_ns) as f64 * 1e-9);
-            for (cable, tension_n) in found.cables.iter_mut().zip(&truth.tension_n) {
+            for (cable, tension_n) in data.cables.iter_mut().zip(&truth.tension_n) {
                 cable.true_tension.add(at_s, *tension_n);
             }
             if cycle.moving
                 && let Some(target) = cycle.setpoint_at(truth.header.stamp_ns)
             {
-                found.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
+                data.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
             }
         }
-        for (i, cable) in found.cables.iter_mut().enumerate() {
+        for (i, cable) in data.cables.iter_mut().enumerate() {
             if let Some(state) = cycle.state {
-                // Before the position is known, lengths are counted from zero and are no lengths.
+                // While the position is unknown, the values count from zero and are not lengths.
                 if state.position_known != MotorState::POSITION_UNKNOWN {
                     cable.length.add(time_s, state.length_m[i]);
                 }
@@ -341,19 +343,19 @@ impl Book {
             }
         }
         if let Some(energy) = cycle.energy {
-            found.power[0].add(time_s, energy.power_w[..count].iter().sum());
-            found.power[1].add(time_s, energy.loss_w[..count].iter().sum());
+            data.power[0].add(time_s, energy.power_w[..count].iter().sum());
+            data.power[1].add(time_s, energy.loss_w[..count].iter().sum());
         }
-        for (trace, (_, count)) in found.losses.iter_mut().zip(self.count.periods().causes()) {
+        for (trace, (_, count)) in data.losses.iter_mut().zip(self.count.periods().causes()) {
             trace.add(time_s, count as f64);
         }
         let aged = if cycle.segment.is_some() { Some(authority.command_age_ns) } else { None };
-        for (times, ns) in found.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
+        for (times, ns) in data.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
             if let Some(ns) = ns {
                 times.add(time_s, ns);
             }
         }
-        found.rate.add(time_s, authority.plan_rate);
+        data.rate.add(time_s, authority.plan_rate);
         let same = |last: Option<&mut (f64, f64, u8)>| {
             last.is_some_and(|(_, to_s, mode)| {
                 let same = *mode == authority.mode;
@@ -361,70 +363,70 @@ impl Book {
                 same
             })
         };
-        if !same(found.modes.last_mut()) {
-            found.modes.push((time_s, time_s, authority.mode));
+        if !same(data.modes.last_mut()) {
+            data.modes.push((time_s, time_s, authority.mode));
         }
         let charge = [authority.active_controller, authority.active_estimator];
-        match found.slots.last_mut() {
+        match data.slots.last_mut() {
             Some((_, to_s, slots)) if *slots == charge => *to_s = time_s,
             last => {
                 if let Some((_, to_s, _)) = last {
                     *to_s = time_s;
                 }
-                found.slots.push((time_s, time_s, charge));
+                data.slots.push((time_s, time_s, charge));
             }
         }
-        found.events.cycle(time_s, authority);
-        found.legs.cycle(time_s, cycle);
+        data.events.cycle(time_s, authority);
+        data.legs.cycle(time_s, cycle);
         if let Some(estimate) = cycle.estimate {
-            found.sensors.node_at(estimate);
+            data.sensors.node_at(estimate);
         }
-        found.authority = Some(*authority);
+        data.authority = Some(*authority);
     }
 
-    /// Samples that belong to no cycle. False if it knows the channel but not this version of its type.
-    fn other(&mut self, recorded: &RecordedSample<'_>) -> bool {
+    /// Collects a sample that belongs to no cycle. Returns false for another version of a known channel's type.
+    fn outside_cycles(&mut self, recorded: &RecordedSample<'_>) -> bool {
         let time_s = self.logged_s(recorded);
-        let found = &mut self.found;
+        let data = &mut self.data;
         let name = recorded.channel.name.as_str();
         if let Some(process) = name.strip_prefix("system/heartbeat/") {
             let Some(beat) = recorded.to::<Heartbeat>() else { return false };
-            found.processes.insert(process.to_owned(), beat);
+            data.processes.insert(process.to_owned(), beat);
             return true;
         }
         if name.starts_with("system/log/") {
-            return recorded.to::<LogEvent>().map(|event| found.events.log(time_s, &event)).is_some();
+            return recorded.to::<LogEvent>().map(|event| data.events.log(time_s, &event)).is_some();
         }
         if name.starts_with("sensor/") || name.starts_with("sample/") {
-            found.sensors.note(time_s, recorded);
+            data.sensors.record(time_s, recorded);
             return true;
         }
         match name {
             "operator/request" => {
-                recorded.to::<OperatorRequest>().map(|request| found.events.request(time_s, &request)).is_some()
+                recorded.to::<OperatorRequest>().map(|request| data.events.request(time_s, &request)).is_some()
             }
             "system/process" => {
-                recorded.to::<ProcessState>().map(|process| found.events.process(time_s, &process)).is_some()
+                recorded.to::<ProcessState>().map(|process| data.events.process(time_s, &process)).is_some()
             }
             "plan/status" => {
                 let Some(status) = recorded.to::<PlanStatus>() else { return false };
                 let mission = text_of(&status.mission);
-                if found.events.plan(time_s, &status) && status.state == PlanStatus::STATE_DONE {
-                    *found.missions.entry(mission.clone()).or_default() += 1;
+                if data.events.plan(time_s, &status) && status.state == PlanStatus::STATE_DONE {
+                    *data.missions.entry(mission.clone()).or_default() += 1;
                 }
                 if status.state != PlanStatus::STATE_IDLE {
                     let (state, progress, reason) = (status.state, status.progress, text_of(&status.reason));
-                    let same = found.mission.as_ref().filter(|known| known.state == state && known.name == mission);
+                    let same = data.mission.as_ref().filter(|known| known.state == state && known.name == mission);
                     let since_s = same.map_or(time_s, |known| known.since_s);
-                    found.mission = Some(Mission { state, name: mission, progress, reason, since_s });
+                    data.mission = Some(Mission { state, name: mission, progress, reason, since_s });
                 }
                 true
             }
             "recorder/status" => {
                 let Some(status) = recorded.to::<RecorderStatus>() else { return false };
-                let free = found.least_free_bytes.unwrap_or(u64::MAX).min(status.disk_free_bytes);
-                found.least_free_bytes = Some(free);
-                found.recorder.insert(text_of(&status.channel), status);
+                let free = data.least_free_bytes.unwrap_or(u64::MAX).min(status.disk_free_bytes);
+                data.least_free_bytes = Some(free);
+                data.recorder.insert(text_of(&status.channel), status);
                 true
             }
             _ => true,
@@ -437,43 +439,43 @@ impl Book {
         recording: RunReport,
         robot: Option<Robot>,
         other_version: &BTreeSet<String>,
-    ) -> Gathered {
-        let mut found = self.found;
+    ) -> RunData {
+        let mut data = self.data;
         let name = run.canonicalize().unwrap_or_else(|_| run.to_path_buf());
-        found.name = name.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        for (channel, what) in NEEDED {
+        data.name = name.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        for (channel, what) in NEEDED_CHANNELS {
             let there = recording.channels.iter().any(|one| one.name.starts_with(channel));
             if !there {
-                found.lacks.push(format!("There is no {channel} in the run, so {what} cannot be shown."));
+                data.lacks.push(format!("The run has no channel {channel}, so {what} cannot be shown."));
             }
         }
         if !other_version.is_empty() {
             let names: Vec<&str> = other_version.iter().map(String::as_str).collect();
-            found.lacks.push(format!(
-                "{} of another version than this program: left out; the nims that recorded them shows them.",
+            data.lacks.push(format!(
+                "{}: recorded with another message version and not shown; the nims version that recorded the run can show them.",
                 names.join(", ")
             ));
         }
         if robot.is_none() {
-            found.lacks.push(
-                "There is no robot.toml in the run, so anchors and limits are not shown and moves are not compared with straight lines."
+            data.lacks.push(
+                "The run has no robot.toml, so anchors and limits are not shown, and moves are not compared with straight lines."
                     .to_owned(),
             );
         }
         if !recording.channels.iter().any(|one| one.name == "truth/node") {
-            found.lacks.push(
-                "There is no truth in the run (only the virtual box knows it): errors are those of the estimate."
+            data.lacks.push(
+                "The run has no truth (only the virtual motor box publishes it), so errors are those of the estimate."
                     .to_owned(),
             );
         }
-        found.path = self.path.points().to_vec();
-        found.periods = self.count.periods();
-        found.analysis = self.tally.result(Vec::new(), found.periods);
-        found.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
-        found.ended_because = crate::runs::ended_because(run);
-        found.recording = recording;
-        found.robot = robot;
-        found.events.close();
-        found
+        data.path = self.path.points().to_vec();
+        data.periods = self.count.periods();
+        data.analysis = self.tally.result(Vec::new(), data.periods);
+        data.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
+        data.ended_because = crate::runs::ended_because(run);
+        data.recording = recording;
+        data.robot = robot;
+        data.events.close();
+        data
     }
 }

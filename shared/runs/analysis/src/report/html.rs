@@ -1,12 +1,12 @@
-//! The page: one HTML file that needs nothing else, neither network nor scripts; light or dark as the reader's system is, and printable.
+//! The page: one self-contained, printable HTML file without scripts or network access, with a light and a dark theme.
 
 use super::charts::{self, Figure, cable_name};
-use super::gather::Gathered;
+use super::gather::RunData;
 use super::legs::LegReport;
 use super::verdict::{Grade, Verdict};
 use messages::CABLES;
 use plot::page::{Table, html_table};
-use plot::{colour_of, escape};
+use plot::{css_colour, escape};
 use std::fmt::Write as _;
 
 const STYLE: &str = "\
@@ -35,17 +35,17 @@ footer{margin-top:3rem;color:var(--soft);font-size:.82rem;border-top:1px solid v
 @media(max-width:760px){figure.half{width:100%}.runs{grid-template-columns:1fr}}\
 @media print{main{max-width:none;padding:0}h2{break-after:avoid}.scroll{overflow:visible;max-height:none}body{font-size:12px}table{font-size:.75rem}}";
 
-/// A run with what was concluded from it.
-pub struct Judged {
-    /// What was read.
-    pub run: Gathered,
-    /// What it comes to.
+/// A run with its assessment.
+pub struct RunAssessment {
+    /// The collected data.
+    pub run: RunData,
+    /// The verdict.
     pub verdict: Verdict,
-    /// Its legs.
+    /// The legs.
     pub legs: Vec<LegReport>,
 }
 
-/// What one part of the page holds for one run.
+/// Content of one section for one run.
 #[derive(Default)]
 struct Part {
     before: String,
@@ -53,12 +53,12 @@ struct Part {
     after: String,
 }
 
-/// The page of one run, or of several side by side.
-pub fn page(runs: &[Judged]) -> String {
-    let names: Vec<&str> = runs.iter().map(|judged| judged.run.name.as_str()).collect();
-    let title = names.join(" beside ");
+/// Renders the page of one run, or of several side by side.
+pub fn page(runs: &[RunAssessment]) -> String {
+    let names: Vec<&str> = runs.iter().map(|assessment| assessment.run.name.as_str()).collect();
+    let title = names.join(" and ");
     let mut out = String::new();
-    // Writing into a string cannot fail.
+    // Writing to a string cannot fail.
     let _ = write!(
         out,
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width\">\n\
@@ -67,64 +67,67 @@ pub fn page(runs: &[Judged]) -> String {
         if runs.len() == 1 { "single" } else { "several" }
     );
     let _ = writeln!(out, "<header><h1>{}</h1>", escape(&title));
-    for judged in runs {
-        let class = match judged.verdict.grade {
+    for assessment in runs {
+        let class = match assessment.verdict.grade {
             Grade::Good => "good",
             Grade::Remarks => "remarks",
             Grade::Bad => "bad",
         };
-        let name = if runs.len() == 1 { String::new() } else { format!("<b>{}.</b> ", escape(&judged.run.name)) };
-        let _ = writeln!(out, "<p class=\"verdict {class}\">{name}{}</p>", escape(&judged.verdict.sentence));
+        let name = if runs.len() == 1 { String::new() } else { format!("<b>{}.</b> ", escape(&assessment.run.name)) };
+        let _ = writeln!(out, "<p class=\"verdict {class}\">{name}{}</p>", escape(&assessment.verdict.sentence));
     }
     out.push_str("</header>\n");
     out.push_str(&facts(runs));
-    section(&mut out, runs, "Legs", |judged| Part { before: leg_table(judged), ..Part::default() });
-    section(&mut out, runs, "Path", |judged| {
-        let mut figures = charts::path(&judged.run);
-        figures.extend(charts::site(&judged.run));
+    section(&mut out, runs, "Legs", |assessment| Part { before: leg_table(assessment), ..Part::default() });
+    section(&mut out, runs, "Path", |assessment| {
+        let mut figures = charts::path(&assessment.run);
+        figures.extend(charts::site(&assessment.run));
         Part { figures, ..Part::default() }
     });
-    section(&mut out, runs, "Tracking", |judged| Part { figures: charts::tracking(&judged.run), ..Part::default() });
-    section(&mut out, runs, "What happened", |judged| Part {
-        figures: charts::timeline(&judged.run),
-        after: event_table(&judged.run),
+    section(&mut out, runs, "Tracking", |assessment| Part {
+        figures: charts::tracking(&assessment.run),
         ..Part::default()
     });
-    section(&mut out, runs, "Cables", |judged| Part {
-        before: cable_table(&judged.run),
-        figures: charts::cables(&judged.run),
+    section(&mut out, runs, "Events", |assessment| Part {
+        figures: charts::timeline(&assessment.run),
+        after: event_table(&assessment.run),
         ..Part::default()
     });
-    section(&mut out, runs, "Energy", |judged| Part {
-        before: energy_table(judged),
-        figures: charts::power(&judged.run),
+    section(&mut out, runs, "Cables", |assessment| Part {
+        before: cable_table(&assessment.run),
+        figures: charts::cables(&assessment.run),
         ..Part::default()
     });
-    section(&mut out, runs, "The control cycle", |judged| Part {
-        before: timing_table(&judged.run),
-        figures: charts::timing(&judged.run),
-        after: process_table(&judged.run),
+    section(&mut out, runs, "Energy", |assessment| Part {
+        before: energy_table(assessment),
+        figures: charts::power(&assessment.run),
+        ..Part::default()
     });
-    if runs.iter().any(|judged| !judged.run.sensors.channels().is_empty()) {
-        section(&mut out, runs, "Sensors", |judged| {
-            let mut figures = super::map_charts::figures(&judged.run);
-            figures.extend(charts::sensors(&judged.run));
+    section(&mut out, runs, "Control cycle", |assessment| Part {
+        before: timing_table(&assessment.run),
+        figures: charts::timing(&assessment.run),
+        after: process_table(&assessment.run),
+    });
+    if runs.iter().any(|assessment| !assessment.run.sensors.channels().is_empty()) {
+        section(&mut out, runs, "Sensors", |assessment| {
+            let mut figures = super::map_charts::figures(&assessment.run);
+            figures.extend(charts::sensors(&assessment.run));
             Part { figures, ..Part::default() }
         });
     }
-    section(&mut out, runs, "The recording", |judged| Part { before: recording(&judged.run), ..Part::default() });
+    section(&mut out, runs, "Recording", |assessment| Part { before: recording(&assessment.run), ..Part::default() });
     let _ = writeln!(
         out,
-        "<footer>Made by nims {} from the run {}. Bands show the least and the greatest value of each stretch of time, lines the mean.</footer>\n</main>\n</body>\n</html>",
+        "<footer>Created by nims {} from the run {}. Bands show the least and the greatest value of each time interval, lines the mean.</footer>\n</main>\n</body>\n</html>",
         escape(runtime::build::own()),
-        if runs.len() == 1 { "alone" } else { "files alone" }
+        if runs.len() == 1 { "file alone" } else { "files alone" }
     );
     out
 }
 
-fn section(out: &mut String, runs: &[Judged], title: &str, part: impl Fn(&Judged) -> Part) {
+fn section(out: &mut String, runs: &[RunAssessment], title: &str, part: impl Fn(&RunAssessment) -> Part) {
     let mut parts: Vec<Part> = runs.iter().map(part).collect();
-    // the same figure in every run has the same axes
+    // The same figure of all runs has the same axes.
     let captions: Vec<String> =
         parts.iter().flat_map(|part| part.figures.iter().map(|figure| figure.caption.clone())).collect();
     for (at, caption) in captions.iter().enumerate() {
@@ -135,10 +138,10 @@ fn section(out: &mut String, runs: &[Judged], title: &str, part: impl Fn(&Judged
         }
     }
     let _ = writeln!(out, "<section><h2>{}</h2>\n<div class=\"runs\" style=\"--runs:{}\">", escape(title), runs.len());
-    for (part, judged) in parts.iter().zip(runs) {
+    for (part, assessment) in parts.iter().zip(runs) {
         out.push_str("<div class=\"run\">\n");
         if runs.len() > 1 {
-            let _ = writeln!(out, "<h3>{}</h3>", escape(&judged.run.name));
+            let _ = writeln!(out, "<h3>{}</h3>", escape(&assessment.run.name));
         }
         out.push_str(&part.before);
         for figure in part.figures.iter().filter(|figure| !figure.is_empty()) {
@@ -166,9 +169,9 @@ fn draw(out: &mut String, figure: &Figure) {
     let _ = writeln!(out, "</figcaption>{}</figure>", figure.svg());
 }
 
-/// The figures that a run is known by, the same for every run.
-fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
-    let run = &judged.run;
+/// Returns the key figures of a run, the same list for every run.
+fn facts_of(assessment: &RunAssessment) -> Vec<(&'static str, String)> {
+    let run = &assessment.run;
     let none = || "-".to_owned();
     let mm = |error: Option<&crate::accuracy::Error>| {
         error.map_or_else(none, |error| format!("{:.2} RMS, {:.2} max", 1000.0 * error.rms_m, 1000.0 * error.max_m))
@@ -183,7 +186,7 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
     let lost: u64 = run.recording.channels.iter().map(|channel| channel.lost).sum();
     vec![
         ("started", run.recording.started.clone().unwrap_or_else(none)),
-        ("length of the run", seconds(run.recording.duration_s)),
+        ("duration", seconds(run.recording.duration_s)),
         (
             "robot",
             format!(
@@ -193,16 +196,16 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
             ),
         ),
         (
-            "path flown",
+            "flown path",
             format!(
                 "{}{:.2} m in {} legs",
                 super::verdict::at_least(run),
                 run.legs.flown_m(),
-                judged.legs.len() + run.legs.left_out
+                assessment.legs.len() + run.legs.left_out
             ),
         ),
-        ("off the set point, estimate, mm", mm(analysis.map(|analysis| &analysis.estimate))),
-        ("off the set point, truth, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
+        ("estimate from setpoint, mm", mm(analysis.map(|analysis| &analysis.estimate))),
+        ("truth from setpoint, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
         ("tensions", if low <= high { format!("{low:.1} to {high:.1} N") } else { none() }),
         ("electrical energy", format!("{energy:.1} J, {loss:.1} J of it lost")),
         ("steered", if run.periods.all() > 0 { run.periods.leading() } else { none() }),
@@ -210,13 +213,13 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
         ("faults", run.events.faults.to_string()),
         ("recorded; lost", format!("{} samples; {lost} in {:.1} s", run.recording.messages, run.unrecorded_s())),
         (
-            "in files of",
+            "size of the files",
             format!("{:.1} MB", run.recording.files.iter().map(|file| file.bytes as f64).sum::<f64>() * 1e-6),
         ),
     ]
 }
 
-fn facts(runs: &[Judged]) -> String {
+fn facts(runs: &[RunAssessment]) -> String {
     let all: Vec<Vec<(&str, String)>> = runs.iter().map(facts_of).collect();
     let Some(first) = all.first() else { return String::new() };
     if runs.len() == 1 {
@@ -226,7 +229,8 @@ fn facts(runs: &[Judged]) -> String {
             .collect();
         return format!("<div class=\"facts\">{tiles}</div>\n");
     }
-    let head: Vec<&str> = std::iter::once("").chain(runs.iter().map(|judged| judged.run.name.as_str())).collect();
+    let head: Vec<&str> =
+        std::iter::once("").chain(runs.iter().map(|assessment| assessment.run.name.as_str())).collect();
     let mut table = Table::new("", &head);
     for (row, (what, _)) in first.iter().enumerate() {
         table.row(std::iter::once((*what).to_owned()).chain(all.iter().map(|facts| facts[row].1.clone())));
@@ -238,7 +242,7 @@ fn scroll(table: &str) -> String {
     format!("<div class=\"scroll\">{table}</div>\n")
 }
 
-/// A table of sentences.
+/// Renders a table of sentences.
 fn words_table(table: &Table) -> String {
     scroll(&html_table(table).replacen("<table>", "<table class=\"words\">", 1))
 }
@@ -255,13 +259,13 @@ fn point(p: &[f64; 3]) -> String {
     format!("{:.2}, {:.2}, {:.2}", p[0], p[1], p[2])
 }
 
-fn leg_table(judged: &Judged) -> String {
-    if judged.legs.is_empty() {
+fn leg_table(assessment: &RunAssessment) -> String {
+    if assessment.legs.is_empty() {
         return "<p class=\"soft\">No leg was flown.</p>\n".to_owned();
     }
     let head = [
         "leg",
-        "begins, s",
+        "start, s",
         "from, m",
         "to, m",
         "length, m",
@@ -276,9 +280,9 @@ fn leg_table(judged: &Judged) -> String {
         "peak tension, N",
     ];
     let mut table = Table::new("", &head);
-    for (at, leg) in judged.legs.iter().enumerate() {
+    for (at, leg) in assessment.legs.iter().enumerate() {
         let mm = |value: Option<f64>| maybe(value.map(|metres| 1000.0 * metres), 2);
-        let now = super::verdict::present(&judged.run).filter(|_| at + 1 == judged.legs.len());
+        let now = super::verdict::current_activity(&assessment.run).filter(|_| at + 1 == assessment.legs.len());
         let unfinished = leg.unfinished(now);
         table.row([
             format!("{} {}{unfinished}", leg.number, leg.kind),
@@ -297,17 +301,17 @@ fn leg_table(judged: &Judged) -> String {
             format!("{:.1}", leg.peak_tension_n),
         ]);
     }
-    let more = match judged.run.legs.left_out {
+    let more = match assessment.run.legs.left_out {
         0 => String::new(),
         more => format!(
-            "<p class=\"soft\">And {more} more legs, which are in the figures above but not in the tables.</p>\n"
+            "<p class=\"soft\">{more} further legs are included in the figures above but not in the tables.</p>\n"
         ),
     };
     scroll(&html_table(&table)) + &more
 }
 
-fn energy_table(judged: &Judged) -> String {
-    let moving: Vec<&LegReport> = judged.legs.iter().filter(|leg| leg.energy_j.is_some()).collect();
+fn energy_table(assessment: &RunAssessment) -> String {
+    let moving: Vec<&LegReport> = assessment.legs.iter().filter(|leg| leg.energy_j.is_some()).collect();
     if moving.is_empty() {
         return String::new();
     }
@@ -317,9 +321,9 @@ fn energy_table(judged: &Judged) -> String {
         "mean power, W",
         "lost in the motors, J",
         "mean loss, W",
-        "lost by the model, J",
-        "straight line by the model, J",
-        "against the straight line",
+        "model: loss, J",
+        "model: straight line, J",
+        "compared with the straight line",
     ];
     let mut table = Table::new("", &head);
     for leg in moving {
@@ -339,11 +343,11 @@ fn energy_table(judged: &Judged) -> String {
         ]);
     }
     scroll(&html_table(&table))
-        + "<p class=\"soft\">Lost in the motors: current squared times armature resistance. By the model: the same for the path and the speeds as \
-           planned, and for a straight line between the same points with the same speed and acceleration.</p>\n"
+        + "<p class=\"soft\">Lost in the motors: current squared times armature resistance. Model: the same for the planned path and speeds, \
+           and for a straight line between the same points with the same speed and acceleration.</p>\n"
 }
 
-fn cable_table(run: &Gathered) -> String {
+fn cable_table(run: &RunData) -> String {
     if run.cables.is_empty() {
         return String::new();
     }
@@ -352,11 +356,11 @@ fn cable_table(run: &Gathered) -> String {
         "length, m",
         "speed, m/s",
         "tension, N",
-        "tension by truth, N",
+        "true tension, N",
         "current, A",
         "electrical, J",
         "lost, J",
-        "behind the command, RMS mm/s",
+        "velocity error, RMS mm/s",
     ];
     let mut table = Table::new("", &head);
     let span = |extremes: Option<[f64; 2]>, digits: usize| {
@@ -378,13 +382,13 @@ fn cable_table(run: &Gathered) -> String {
     let mut html = html_table(&table);
     for i in 0..run.cables.len() {
         let name = cable_name(i);
-        let chip = format!("<td><span class=\"key\"><i style=\"background:{}\"></i></span>{name}</td>", colour_of(i));
+        let chip = format!("<td><span class=\"key\"><i style=\"background:{}\"></i></span>{name}</td>", css_colour(i));
         html = html.replacen(&format!("<td>{name}</td>"), &chip, 1);
     }
     scroll(&html)
 }
 
-fn timing_table(run: &Gathered) -> String {
+fn timing_table(run: &RunData) -> String {
     let Some(last) = &run.authority else { return String::new() };
     let head = ["", "median, ms", "99 %, ms", "99.9 %, ms", "longest, ms"];
     let mut table = Table::new("", &head);
@@ -394,8 +398,8 @@ fn timing_table(run: &Gathered) -> String {
         table.row([name.to_owned(), quantile(0.5), quantile(0.99), quantile(0.999), ms(times.all.max())]);
     }
     let sentence = format!(
-        "<p>A period takes {:.1} ms. <b>{}</b> from missions' beginnings to their ends, less {} of operators' pauses: {}. Computer: a program did \
-         not get the processor, as the kernel says. Drive: no answer in time. Resync: a port was being brought back into step. Answer: no valid \
+        "<p>A period takes {:.1} ms. <b>{}</b> during missions, without {} periods of operators' pauses: {}. Computer: a program did \
+         not get the processor, according to the kernel. Drive: no answer in time. Resync: a port was being resynchronised. Answer: no valid \
          command, for any other reason.</p>\n",
         1000.0 * last.period_s,
         run.periods.leading(),
@@ -405,11 +409,11 @@ fn timing_table(run: &Gathered) -> String {
     sentence + &scroll(&html_table(&table))
 }
 
-fn process_table(run: &Gathered) -> String {
+fn process_table(run: &RunData) -> String {
     if run.processes.is_empty() {
         return String::new();
     }
-    let head = ["process", "passes", "median, ms", "99 %, ms", "longest, ms", "samples lost on the way to it"];
+    let head = ["process", "passes", "median, ms", "99 %, ms", "longest, ms", "lost input samples"];
     let mut table = Table::new("Loops of the processes", &head);
     for (name, beat) in &run.processes {
         let ms = |ns: u64| format!("{:.3}", ns as f64 * 1e-6);
@@ -425,7 +429,7 @@ fn process_table(run: &Gathered) -> String {
     scroll(&html_table(&table))
 }
 
-fn event_table(run: &Gathered) -> String {
+fn event_table(run: &RunData) -> String {
     if run.events.all().is_empty() {
         return String::new();
     }
@@ -436,12 +440,12 @@ fn event_table(run: &Gathered) -> String {
     }
     let more = match run.events.left_out {
         0 => String::new(),
-        more => format!("<p class=\"soft\">And {more} more.</p>\n"),
+        more => format!("<p class=\"soft\">{more} further events are not listed.</p>\n"),
     };
     words_table(&table) + &more
 }
 
-fn recording(run: &Gathered) -> String {
+fn recording(run: &RunData) -> String {
     let recording = &run.recording;
     let mut out = String::new();
     for sentence in recording.verdict.iter().chain(&run.lacks) {
@@ -453,13 +457,13 @@ fn recording(run: &Gathered) -> String {
         let lag = run.recorder.values().map(|status| status.worst_lag_ns).max().unwrap_or(0);
         let _ = writeln!(
             out,
-            "<p>The disk never had less than {:.1} GB free; a sample waited at most {:.1} ms for the recorder to write it.</p>",
+            "<p>The disk always had at least {:.1} GB free. The recorder wrote each sample within {:.1} ms.</p>",
             free as f64 * 1e-9,
             lag as f64 * 1e-6
         );
     }
     if let Some(ended) = &recording.ended {
-        let _ = writeln!(out, "<p>It ended because: {}.</p>", escape(ended));
+        let _ = writeln!(out, "<p>End of the recording: {}.</p>", escape(ended));
     }
     let mut files = Table::new("Files", &["file", "MB", "state", "damage"]);
     for file in &recording.files {
@@ -472,7 +476,7 @@ fn recording(run: &Gathered) -> String {
             file.path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             format!("{:.2}", file.bytes as f64 * 1e-6),
             match (file.finished, file.recording, file.silent_s) {
-                (true, ..) => "closed in order".to_owned(),
+                (true, ..) => "closed properly".to_owned(),
                 (false, true, 0) => "being recorded".to_owned(),
                 (false, true, silent_s) => format!("open, nothing written for {silent_s} s"),
                 (false, false, _) => "not closed".to_owned(),

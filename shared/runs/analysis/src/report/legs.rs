@@ -1,4 +1,4 @@
-//! What was flown, leg by leg: a leg is one segment of the plan, from rest to rest.
+//! Flown legs: a leg is one segment of the plan, from rest to rest.
 
 use crate::accuracy::{Distances, Error};
 use crate::tracker::Cycle;
@@ -8,60 +8,60 @@ use cable_robot::{Distribution, Path, Robot, Segment, Vector3};
 use messages::MotorAuthority;
 use serde::Serialize;
 
-/// Legs that are kept one by one; a run with more of them is told by its first ones.
-const LEGS: usize = 500;
-/// Simpson's intervals of the reckoned cost.
+/// Maximum number of stored legs; of a run with more, the first ones are kept.
+const MAX_LEGS: usize = 500;
+/// Intervals of Simpson's rule for the modelled cost.
 const INTERVALS: usize = 64;
 
-/// One leg.
+/// A flown leg.
 #[derive(Debug, Clone)]
 pub struct Leg {
     life: u64,
     epoch: u32,
     motion: u32,
     segment: Segment,
-    /// First and last cycle, s since the beginning of the run.
+    /// Time of the first cycle, s since the start of the run.
     pub from_s: f64,
-    /// See `from_s`.
+    /// Time of the last cycle, s since the start of the run.
     pub to_s: f64,
     estimate: Distances,
     truth: Distances,
-    /// Energy and loss of all motors at its beginning and its end, J.
+    /// Energy and loss of all motors at the start and at the end, J.
     energy_j: Option<[[f64; 2]; 2]>,
     peak_tension_n: f64,
-    /// How much of its path the set point covered in cycles that follow each other, m.
+    /// Path covered by the setpoint between consecutive recorded cycles, m.
     flown_m: f64,
     complete: bool,
 }
 
-/// A leg as it is shown.
+/// A leg in the report.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LegReport {
-    /// From 1.
+    /// Number, from 1.
     pub number: usize,
-    /// Line, parabola ...
+    /// Kind of the path: line, parabola, ...
     pub kind: &'static str,
-    /// Where it begins, m.
+    /// Start, m.
     pub from_m: [f64; 3],
-    /// Where it ends, m.
+    /// End, m.
     pub to_m: [f64; 3],
-    /// Along the path, as planned, m.
+    /// Planned path length, m.
     pub length_m: f64,
-    /// Along the path, as far as it was flown and recorded, m.
+    /// Path length that was flown and recorded, m.
     pub flown_m: f64,
-    /// As flown, s.
+    /// Flown duration, s.
     pub duration_s: f64,
-    /// As planned, s.
+    /// Planned duration, s.
     pub planned_s: f64,
-    /// Highest speed of the plan, m/s.
+    /// Highest planned speed, m/s.
     pub cruise_m_s: f64,
-    /// Since the beginning of the run, s.
+    /// Start time, s since the start of the run.
     pub begin_s: f64,
-    /// Estimate against setpoint while it moves.
+    /// Error of the estimate from the moving setpoint.
     pub estimate: Option<Error>,
-    /// Truth against setpoint while it moves.
+    /// Error of the truth from the moving setpoint.
     pub truth: Option<Error>,
-    /// Highest tension by the estimate, N.
+    /// Highest estimated tension, N.
     pub peak_tension_n: f64,
     /// Electrical energy of all motors, J.
     pub energy_j: Option<f64>,
@@ -69,57 +69,58 @@ pub struct LegReport {
     pub loss_j: Option<f64>,
     /// Loss over duration, W.
     pub mean_loss_w: Option<f64>,
-    /// The same loss by the model of the motors, for the path as planned, J.
+    /// Loss by the motor model for the planned path, J.
     pub reckoned_j: Option<f64>,
-    /// By the model, for the straight line between the same points at the same speed, J.
+    /// Loss by the motor model for the straight line between the same points at the same speed, J.
     pub straight_j: Option<f64>,
-    /// It was flown to its end.
+    /// Whether it was flown to its end.
     pub complete: bool,
 }
 
 impl LegReport {
-    /// What stands behind its kind, if it was not flown to its end; `now`: what the robot does on it at present, if it is on it.
+    /// Returns the remark for an incomplete leg; `now` is the current activity on it, if any.
     #[must_use]
     pub fn unfinished(&self, now: Option<&str>) -> String {
         if self.complete { String::new() } else { format!(" ({})", now.unwrap_or("cut")) }
     }
 }
 
-/// What was flown.
+/// All flown legs of a run.
 #[derive(Debug, Clone, Default)]
 pub struct Legs {
     legs: Vec<Leg>,
-    /// How many more there were.
+    /// Number of legs beyond the limit.
     pub left_out: usize,
-    last: Option<Key>,
-    /// The cycle that was taken in last runs into the next one: nothing between them is missing in the file.
-    runs_on: bool,
-    /// The path flown on all legs, also those that are not kept, as far as it was recorded, m.
+    last: Option<LegKey>,
+    /// Whether the last cycle is followed by the next one without a gap in the file.
+    contiguous: bool,
+    /// Path flown and recorded on all legs, including those beyond the limit, m.
     flown_m: f64,
-    /// Where on the path of the present leg the set point was last; `None`: it was not seen there yet, m.
+    /// Last path position of the setpoint on the current leg, m; `None` before its first cycle.
     at_m: Option<f64>,
 }
 
-/// What tells a leg from every other: life of motor-io, epoch, motion and segment.
-type Key = (u64, u32, u32, u64);
+/// Identity of a leg: life of motor-io, epoch, motion and segment.
+type LegKey = (u64, u32, u32, u64);
 
 impl Legs {
-    /// Takes a cycle in.
+    /// Adds a cycle.
     pub fn cycle(&mut self, time_s: f64, cycle: &Cycle<'_>) {
-        self.follow(time_s, cycle);
-        self.runs_on = cycle.next.is_some();
+        self.update(time_s, cycle);
+        self.contiguous = cycle.next.is_some();
     }
 
-    fn follow(&mut self, time_s: f64, cycle: &Cycle<'_>) {
+    fn update(&mut self, time_s: f64, cycle: &Cycle<'_>) {
         let Some(segment) = cycle.segment else {
-            return self.comes_to_rest(cycle.authority);
+            return self.follow_stop(cycle.authority);
         };
         let key = (cycle.authority.header.life, cycle.authority.epoch, cycle.authority.motion, segment.id);
         if self.last != Some(key) {
-            self.end_before(key);
-            // Where the cycle before is in the file, the leg is seen from its beginning; otherwise from where the file shows it first.
-            (self.last, self.at_m) = (Some(key), self.runs_on.then_some(0.0));
-            if self.legs.len() == LEGS {
+            self.complete_previous(key);
+            // If the previous cycle is in the file, the leg is recorded from its start; otherwise from its first
+            // recorded cycle.
+            (self.last, self.at_m) = (Some(key), self.contiguous.then_some(0.0));
+            if self.legs.len() == MAX_LEGS {
                 self.left_out += 1;
             } else {
                 self.legs.push(Leg {
@@ -138,7 +139,7 @@ impl Legs {
                 });
             }
         }
-        self.reaches(segment, cycle.authority);
+        self.advance(segment, cycle.authority);
         let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == key) else { return };
         leg.to_s = time_s;
         leg.complete |= cycle.authority.plan_time_s >= segment.end_s() - cycle.authority.period_s;
@@ -162,39 +163,39 @@ impl Legs {
         }
     }
 
-    /// The robot comes to rest on the path of the leg that it followed: this, too, is flown.
-    fn comes_to_rest(&mut self, authority: &MotorAuthority) {
+    /// Adds the stopping distance on the leg that the robot followed.
+    fn follow_stop(&mut self, authority: &MotorAuthority) {
         let key = (authority.header.life, authority.epoch, authority.motion, u64::from(authority.segment));
         if authority.mode != MotorAuthority::MODE_STOPPING || self.last != Some(key) {
             return;
         }
         if let Some(segment) = self.legs.last().filter(|leg| leg.key() == key).map(|leg| leg.segment) {
-            self.reaches(&segment, authority);
+            self.advance(&segment, authority);
         }
     }
 
-    /// A leg of the same motion was flown to its end, because the next one begins where it ended.
-    fn end_before(&mut self, key: Key) {
-        let same = |other: &Key| (other.0, other.1, other.2) == (key.0, key.1, key.2);
+    /// Completes the previous leg of the same motion, because the next leg starts where it ends.
+    fn complete_previous(&mut self, key: LegKey) {
+        let same = |other: &LegKey| (other.0, other.1, other.2) == (key.0, key.1, key.2);
         let Some(last) = self.last.filter(same) else { return };
         if let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == last) {
             leg.complete = true;
             let length_m = leg.segment.path.length();
-            self.comes_to(length_m);
+            self.advance_to(length_m);
         }
     }
 
-    /// Takes in how far the set point has come on the present leg.
-    fn reaches(&mut self, segment: &Segment, authority: &MotorAuthority) {
+    /// Adds the progress of the setpoint on the current leg.
+    fn advance(&mut self, segment: &Segment, authority: &MotorAuthority) {
         let length_m = segment.path.length();
         let at_end = authority.plan_time_s >= segment.end_s() - authority.period_s;
         let now_m = if at_end { length_m } else { segment.setpoint(authority.plan_time_s).path_s_m };
-        self.comes_to(now_m.clamp(0.0, length_m));
+        self.advance_to(now_m.clamp(0.0, length_m));
     }
 
-    /// The set point is at `now_m` on the present leg. Path counts as time does: only between cycles that follow each other in the file.
-    fn comes_to(&mut self, now_m: f64) {
-        let from_m = self.at_m.filter(|_| self.runs_on).unwrap_or(now_m);
+    /// Sets the path position on the current leg. Like time, path counts only between consecutive cycles in the file.
+    fn advance_to(&mut self, now_m: f64) {
+        let from_m = self.at_m.filter(|_| self.contiguous).unwrap_or(now_m);
         let flown_m = (now_m - from_m).max(0.0);
         self.at_m = Some(now_m.max(from_m));
         self.flown_m += flown_m;
@@ -203,18 +204,18 @@ impl Legs {
         }
     }
 
-    /// Beginning and end of each leg, s.
+    /// Returns start and end of each leg, s.
     pub fn spans(&self) -> impl Iterator<Item = (f64, f64)> {
         self.legs.iter().map(|leg| (leg.from_s, leg.to_s))
     }
 
-    /// The path that was flown and recorded, of legs that were broken off as far as they went, m.
+    /// Returns the flown and recorded path length, including aborted legs, m.
     #[must_use]
     pub fn flown_m(&self) -> f64 {
         self.flown_m
     }
 
-    /// All of them, with what the robot's model says they cost.
+    /// Returns the reports of all stored legs, with their cost by the robot's model.
     #[must_use]
     pub fn reports(&self, robot: Option<&Robot>) -> Vec<LegReport> {
         self.legs.iter().enumerate().map(|(at, leg)| leg.report(at + 1, robot)).collect()
@@ -222,7 +223,7 @@ impl Legs {
 }
 
 impl Leg {
-    fn key(&self) -> Key {
+    fn key(&self) -> LegKey {
         (self.life, self.epoch, self.motion, self.segment.id)
     }
 
@@ -253,10 +254,10 @@ impl Leg {
             energy_j: spent.map(|spent| spent[0]),
             loss_j: spent.map(|spent| spent[1]),
             mean_loss_w: spent.filter(|_| duration_s > 0.0).map(|spent| spent[1] / duration_s),
-            reckoned_j: robot.filter(|_| moves).and_then(|robot| reckoned(robot, path, profile)),
+            reckoned_j: robot.filter(|_| moves).and_then(|robot| modelled_loss(robot, path, profile)),
             straight_j: robot
                 .zip(straight.filter(|_| moves))
-                .and_then(|(robot, (path, profile))| reckoned(robot, &path, &profile)),
+                .and_then(|(robot, (path, profile))| modelled_loss(robot, &path, &profile)),
             complete: self.complete,
         }
     }
@@ -272,7 +273,7 @@ fn kind(path: &Path) -> &'static str {
     }
 }
 
-/// The straight line between the same points, with the cruise speed and the acceleration of the profile.
+/// Returns the straight line between the same points with the cruise speed and the acceleration of the profile.
 fn straight_line(path: &Path, profile: &Profile) -> Option<(Path, Profile)> {
     let line = Path::line(path.start(), path.end());
     let knots = profile.knots();
@@ -283,8 +284,8 @@ fn straight_line(path: &Path, profile: &Profile) -> Option<(Path, Profile)> {
     Some((line, Profile::plan(&line, &limits).ok()?))
 }
 
-/// Loss in the motors by their model, J; `None` where the robot could not hold the node.
-fn reckoned(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
+/// Returns the loss in the motors by their model, J; `None` where the robot cannot hold the node.
+fn modelled_loss(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
     let method: Distribution = robot.default_distribution();
     let winch_energy = WinchEnergy {
         anchors: robot.anchors(),

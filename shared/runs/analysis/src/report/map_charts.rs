@@ -1,13 +1,13 @@
 //! The maps of the run as figures of the page.
 
 use super::charts::{Figure, VIEW};
-use super::gather::Gathered;
+use super::gather::RunData;
 use crate::map;
 use georeference::SensorMap;
-use plot::{Axis, BLACK, Chart, Look, Series};
+use plot::{Axis, BLACK, Chart, Series, SeriesStyle};
 
 /// A figure for each map.
-pub fn figures(run: &Gathered) -> Vec<Figure> {
+pub fn figures(run: &RunData) -> Vec<Figure> {
     run.maps.iter().filter_map(|(name, map)| figure(name, map)).collect()
 }
 
@@ -24,7 +24,7 @@ fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
     let share = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
     let colours = known.iter().map(|(_, (value, _))| share(*value)).collect();
     let points = known.iter().map(|(centre, _)| *centre).collect();
-    let mut series = vec![Series::line("", 0, points).looking(Look::Cells([spec.cell_m; 2], colours))];
+    let mut series = vec![Series::line("", 0, points).with_style(SeriesStyle::Cells([spec.cell_m; 2], colours))];
     let at = |[column, row]: [f64; 2]| {
         [spec.origin_m[0] + (column + 0.5) * spec.cell_m, spec.origin_m[1] + (row + 0.5) * spec.cell_m]
     };
@@ -36,13 +36,13 @@ fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
             lines.extend([at(a), at(b), [f64::NAN; 2]]);
         }
     }
-    series.push(Series::line("", BLACK, lines).looking(Look::Line(1)));
+    series.push(Series::line("", BLACK, lines).with_style(SeriesStyle::Line(1)));
     let [quantity, unit] = map.names();
     let what = if quantity.is_empty() { "value" } else { quantity };
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let caption = format!(
         "{name} as a map: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
     );
-    let [x, y] = map.plane().axes().map(|axis| Axis::of(&format!("{axis}, m")));
+    let [x, y] = map.plane().axes().map(|axis| Axis::auto(&format!("{axis}, m")));
     Some(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }))
 }

@@ -1,4 +1,4 @@
-//! What each sensor measured, as a map for the page.
+//! Sensor maps for the page.
 
 use super::samples::Sensors;
 use crate::map;
@@ -6,10 +6,11 @@ use georeference::{LoggerConfig, SensorMap};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Cells along the longer side: a page is read, not measured on.
+/// Number of cells along the longer side, a resolution for viewing only.
 const CELLS: f64 = 48.0;
 
-/// Maps of the sensors of a run by their names, where each was; none where there is no robot file, or nothing was measured on the way.
+/// Computes the maps of the sensors of a run by name, in the area of each sensor; empty without a robot file or without
+/// samples along the path.
 pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     if sensors.channels().is_empty() {
         return BTreeMap::new();
@@ -18,7 +19,7 @@ pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     map::maps_within(run, &config, &areas(sensors, &config), CELLS).unwrap_or_default()
 }
 
-/// Where each sensor was.
+/// Returns the area that each sensor covered.
 fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]; 2]> {
     let mut areas: BTreeMap<String, [[f64; 2]; 2]> = BTreeMap::new();
     for (channel, sensor) in sensors.channels() {

@@ -1,4 +1,4 @@
-//! `nims report`: a run, or several side by side, as one page that a field team understands at once.
+//! `nims report`: one page about a run, or about several side by side, that a field team understands at once.
 
 mod charts;
 mod events;
@@ -15,7 +15,7 @@ mod verdict;
 pub use robot::{robot_file_of, robot_of};
 
 use command::{Answer, Failure, Output};
-use html::Judged;
+use html::RunAssessment;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::io::IsTerminal;
@@ -24,45 +24,47 @@ use std::path::{Path, PathBuf};
 /// Name of the page in a run folder.
 pub const PAGE: &str = "report.html";
 
-/// `nims report`.
+/// Runs `nims report`.
 ///
 /// # Errors
-/// There is no run, it cannot be read, or the page cannot be written.
+/// A run does not exist or cannot be read, or the page cannot be written.
 pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<Output> {
     let Some(first) = runs.first() else {
-        return Err(Failure::BadInput("name a run folder or a run file".to_owned()));
+        return Err(Failure::BadInput("give a run folder or a run file".to_owned()));
     };
     for run in runs {
         crate::runs::there(run)?;
     }
     let path = out.map_or_else(|| place(first, runs.len() > 1), Path::to_path_buf);
-    let mut judged = Vec::new();
+    let mut assessment = Vec::new();
     for run in runs {
-        judged.push(judge(run)?);
+        assessment.push(judge(run)?);
     }
-    std::fs::write(&path, html::page(&judged))
+    std::fs::write(&path, html::page(&assessment))
         .map_err(|error| Failure::NotNow(format!("the page {} cannot be written: {error}", path.display())))?;
-    let values: Vec<Value> = judged.iter().map(value).collect();
-    let mut words: Vec<String> =
-        judged.iter().map(|judged| format!("{}: {}", judged.run.name, judged.verdict.sentence)).collect();
+    let values: Vec<Value> = assessment.iter().map(value).collect();
+    let mut words: Vec<String> = assessment
+        .iter()
+        .map(|assessment| format!("{}: {}", assessment.run.name, assessment.verdict.sentence))
+        .collect();
     words.push(format!("page       {}", path.display()));
     Ok(Output::new(json!({ "page": path, "runs": values }), words.join("\n")))
 }
 
-/// A page of a longer run takes its time, bytes.
+/// Size up to which the page is created automatically at the end of a run, bytes; larger runs take too long.
 const LARGE: u64 = 300_000_000;
 
-/// The page of a run that has just ended, in its folder; of a large run it is made when it is asked for.
+/// Creates the page of a run that has just ended, in its folder, unless the run is large.
 ///
 /// # Errors
-/// There is no page, and how to get one.
+/// The page was not created; the sentence names the command that creates it.
 pub fn after(run: &Path) -> Answer<PathBuf> {
     let files = runlog::segments(run).map_err(Failure::not_now)?;
     let bytes: u64 = files.iter().filter_map(|file| file.metadata().ok()).map(|file| file.len()).sum();
     if bytes > LARGE {
         let run = run.display();
         return Err(Failure::NotNow(format!(
-            "the run has {:.0} MB: `nims report {run}` makes its page",
+            "the run has {:.0} MB, so its page was not created; create it with `nims report {run}`",
             bytes as f64 * 1e-6
         )));
     }
@@ -71,21 +73,21 @@ pub fn after(run: &Path) -> Answer<PathBuf> {
     Ok(page)
 }
 
-fn judge(run: &Path) -> Answer<Judged> {
+fn judge(run: &Path) -> Answer<RunAssessment> {
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %") {
         bar.set_style(style);
     }
     bar.set_message(run.display().to_string());
-    let gathered = gather::gather(run, &mut |share| bar.set_position((1000.0 * share) as u64));
+    let data = gather::gather(run, &mut |share| bar.set_position((1000.0 * share) as u64));
     bar.finish_and_clear();
-    let run = gathered?;
+    let run = data?;
     let legs = run.legs.reports(run.robot.as_ref());
     let verdict = verdict::verdict(&run);
-    Ok(Judged { run, verdict, legs })
+    Ok(RunAssessment { run, verdict, legs })
 }
 
-/// Where the page goes: into the run folder, or beside the run file.
+/// Returns the default path of the page: in the run folder, or next to the run file.
 fn place(run: &Path, several: bool) -> PathBuf {
     let name = if several { "comparison.html" } else { PAGE };
     if run.is_dir() {
@@ -96,8 +98,8 @@ fn place(run: &Path, several: bool) -> PathBuf {
     PathBuf::from(format!("{stem}-{name}"))
 }
 
-fn value(judged: &Judged) -> Value {
-    let Judged { run, verdict, legs } = judged;
+fn value(assessment: &RunAssessment) -> Value {
+    let RunAssessment { run, verdict, legs } = assessment;
     let times: Vec<Value> = ["wake", "bus", "command_age"]
         .into_iter()
         .zip(&run.times)

@@ -1,32 +1,32 @@
-//! Sensor readings over time and over the path.
+//! Sensor readings over time and along the path.
 
-use super::trace::{Thinned, Trace};
+use super::trace::{DecimatedPoints, Trace};
 use messages::schema::{Schema, SchemaField, Value};
 use messages::{NodeEstimate, Reading, Sample, text_of};
 use runlog::RecordedSample;
 use std::collections::{BTreeMap, VecDeque};
 
-/// A silence of a sensor that is seen as one, s.
+/// Minimum silence of a sensor that interrupts its curve, s.
 const GAP_S: f64 = 5.0;
-/// Estimates that are kept to say where the node was at the time of a reading: more than a reading is late.
-const KEPT: usize = 1024;
-/// Values of one channel that are shown at most.
-const VALUES: usize = 4;
+/// Number of stored estimates for positions at the time of a reading; covers more than the delay of a reading.
+const MAX_ESTIMATES: usize = 1024;
+/// Maximum number of shown values per channel.
+const MAX_VALUES: usize = 4;
 
-/// What one channel has to show.
+/// Data of one channel.
 pub struct Sensor {
-    /// Quantity and unit, or the field's name; with its curve.
+    /// Curves with quantity and unit, or with the name of the field.
     pub values: Vec<(String, Trace)>,
-    /// Where the node was, m, and the first value.
-    pub places: Thinned<([f64; 3], f64)>,
-    /// How many samples.
+    /// Position of the node, m, and the first value.
+    pub places: DecimatedPoints<([f64; 3], f64)>,
+    /// Number of samples.
     pub samples: u64,
-    /// How many of them are marked as doubtful or stale.
+    /// Number of samples marked as doubtful or stale.
     pub doubtful: u64,
     schema: Option<(Schema, Vec<SchemaField>)>,
 }
 
-/// Every channel `sensor/*` and `sample/*`.
+/// All channels `sensor/*` and `sample/*`.
 #[derive(Default)]
 pub struct Sensors {
     channels: BTreeMap<String, Sensor>,
@@ -34,39 +34,39 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// By name.
+    /// Returns the channels by name.
     #[must_use]
     pub fn channels(&self) -> &BTreeMap<String, Sensor> {
         &self.channels
     }
 
-    /// Where the node is.
+    /// Records the position of the node.
     pub fn node_at(&mut self, estimate: &NodeEstimate) {
-        if self.recent.len() == KEPT {
+        if self.recent.len() == MAX_ESTIMATES {
             self.recent.pop_front();
         }
         self.recent.push_back((estimate.header.stamp_ns, estimate.position_m));
     }
 
-    /// Where the node was at that time: by the nearest estimate.
-    fn place(&self, stamp_ns: u64) -> Option<[f64; 3]> {
+    /// Returns the position at this time according to the nearest estimate.
+    fn position_at(&self, stamp_ns: u64) -> Option<[f64; 3]> {
         let at = self.recent.partition_point(|(stamp, _)| *stamp < stamp_ns);
         let near = [at.checked_sub(1), Some(at)].into_iter().flatten().filter_map(|at| self.recent.get(at));
         near.min_by_key(|(stamp, _)| stamp.abs_diff(stamp_ns)).map(|(_, place)| *place)
     }
 
-    /// Takes a sample of a sensor in.
-    pub fn note(&mut self, time_s: f64, recorded: &RecordedSample<'_>) {
+    /// Records a sensor sample.
+    pub fn record(&mut self, time_s: f64, recorded: &RecordedSample<'_>) {
         let reading = recorded.to::<Reading>();
         let sample = recorded.to::<Sample>();
         let place = match (&sample, &reading) {
             (Some(sample), _) => Some(sample.position_m),
-            (None, Some(reading)) => self.place(reading.header.stamp_ns),
-            (None, None) => stamp_of(recorded).and_then(|stamp_ns| self.place(stamp_ns)),
+            (None, Some(reading)) => self.position_at(reading.header.stamp_ns),
+            (None, None) => stamp_of(recorded).and_then(|stamp_ns| self.position_at(stamp_ns)),
         };
         let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor {
             values: Vec::new(),
-            places: Thinned::default(),
+            places: DecimatedPoints::default(),
             samples: 0,
             doubtful: 0,
             schema: None,
@@ -80,12 +80,12 @@ impl Sensors {
                 (false, true) => quantity,
                 (false, false) => format!("{quantity}, {unit}"),
             };
-            let count = usize::from(reading.count).min(VALUES);
+            let count = usize::from(reading.count).min(MAX_VALUES);
             let name = |i: usize| if count == 1 { named.clone() } else { format!("{named} [{}]", i + 1) };
             reading.value[..count].iter().enumerate().map(|(i, value)| (name(i), *value)).collect()
         } else if let Some(sample) = sample {
             sensor.doubtful += u64::from(sample.quality != Reading::QUALITY_GOOD);
-            let count = usize::from(sample.count).min(VALUES);
+            let count = usize::from(sample.count).min(MAX_VALUES);
             sample.value[..count].iter().enumerate().map(|(i, value)| (format!("value [{}]", i + 1), *value)).collect()
         } else {
             sensor.fields(recorded)
@@ -96,7 +96,7 @@ impl Sensors {
         for (name, value) in values {
             let at = match sensor.values.iter().position(|(known, _)| *known == name) {
                 Some(at) => at,
-                None if sensor.values.len() < VALUES => {
+                None if sensor.values.len() < MAX_VALUES => {
                     sensor.values.push((name, Trace::new(GAP_S)));
                     sensor.values.len() - 1
                 }
@@ -108,7 +108,7 @@ impl Sensors {
 }
 
 impl Sensor {
-    /// The first numbers of a type of its own: floating-point fields, or any if it has none.
+    /// Returns the first numbers of a custom type: floating-point fields, or any numbers if it has none.
     fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(String, f64)> {
         if self.schema.is_none() {
             let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
@@ -116,19 +116,20 @@ impl Sensor {
                 field.count.is_none() && !field.path.starts_with("header.") && !field.path.contains("pad")
             };
             let floats = |field: &&SchemaField| single(field) && field.primitive.name().starts_with("float");
-            let mut chosen: Vec<SchemaField> = schema.fields().iter().filter(floats).take(VALUES).cloned().collect();
-            if chosen.is_empty() {
-                chosen = schema.fields().iter().filter(single).take(VALUES).cloned().collect();
+            let mut fields: Vec<SchemaField> =
+                schema.fields().iter().filter(floats).take(MAX_VALUES).cloned().collect();
+            if fields.is_empty() {
+                fields = schema.fields().iter().filter(single).take(MAX_VALUES).cloned().collect();
             }
-            self.schema = Some((schema, chosen));
+            self.schema = Some((schema, fields));
         }
-        let Some((_, chosen)) = &self.schema else { return Vec::new() };
+        let Some((_, fields)) = &self.schema else { return Vec::new() };
         let value = |field: &SchemaField| Some(Value::of(field, recorded.sample)?.number()?.as_f64());
-        chosen.iter().filter_map(|field| Some((field.path.clone(), value(field)?))).collect()
+        fields.iter().filter_map(|field| Some((field.path.clone(), value(field)?))).collect()
     }
 }
 
-/// The stamp of a sample with a header.
+/// Returns the stamp of a sample with a header.
 fn stamp_of(recorded: &RecordedSample<'_>) -> Option<u64> {
     let schema = Schema::parse(&recorded.channel.schema).ok()?;
     let at = schema.field("header.stamp_ns")?.offset;

@@ -1,7 +1,7 @@
-//! What a run comes to in one sentence, and how good that is.
+//! Assessment of a run in one sentence, with a grade.
 
-use super::events::case_of;
-use super::gather::{Gathered, Mission};
+use super::events::fault_clause;
+use super::gather::{Mission, RunData};
 use crate::runs::ENDS;
 use messages::{MotorAuthority, PlanStatus};
 use robot_state::Periods;
@@ -9,36 +9,36 @@ use robot_state::sentences::faults_of;
 use runlog::{FileReport, RunReport};
 use serde::Serialize;
 
-/// A fault that broke a mission off was said at most so long before the planner said so, s.
-const FAULT_S: f64 = 3.0;
-/// The planner sees a new motor-io at most so long after the old one died, s.
-const RESTART_S: f64 = 30.0;
-/// The same instant in samples of different channels, s.
-const INSTANT_S: f64 = 0.5;
+/// Maximum time between a fault and the planner's abort of the mission because of it, s.
+const FAULT_WINDOW_S: f64 = 3.0;
+/// Maximum time between the death of motor-io and the planner's detection of the restarted one, s.
+const RESTART_WINDOW_S: f64 = 30.0;
+/// Tolerance for the same instant in samples of different channels, s.
+const SAME_INSTANT_S: f64 = 0.5;
 
-/// How good it is.
+/// Grade of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Grade {
-    /// Everything went as it should.
+    /// No problems.
     Good,
-    /// Worth a look.
+    /// Remarks that deserve attention.
     Remarks,
     /// Something failed.
     Bad,
 }
 
-/// The sentence, and the grade.
+/// Assessment of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Verdict {
-    /// How good it is.
+    /// Grade.
     pub grade: Grade,
     /// One sentence.
     pub sentence: String,
 }
 
-/// Judges a run.
-pub fn verdict(run: &Gathered) -> Verdict {
+/// Assesses a run.
+pub fn verdict(run: &RunData) -> Verdict {
     let mut grade = Grade::Good;
     let mut worsen = |worse: Grade| grade = grade.max(worse);
     let mut parts: Vec<String> = Vec::new();
@@ -50,19 +50,19 @@ pub fn verdict(run: &Gathered) -> Verdict {
     match &run.analysis {
         Some(analysis) => {
             let (error, by) = match &analysis.truth {
-                Some(truth) => (truth, "by truth"),
-                None => (&analysis.estimate, "by the estimate"),
+                Some(truth) => (truth, "(truth)"),
+                None => (&analysis.estimate, "(estimate)"),
             };
             let least = at_least(run);
             parts.push(format!(
-                "{least}{flown:.1} m of path in {least}{:.0} s of motion, {:.1} mm (RMS) and at most {:.1} mm from the set point {by}",
+                "{least}{flown:.1} m of path in {least}{:.0} s of motion, {:.1} mm RMS and at most {:.1} mm from the setpoint {by}",
                 analysis.moving_s,
                 1000.0 * error.rms_m,
                 1000.0 * error.max_m
             ));
         }
         None if flown >= 0.05 => {
-            parts.push(format!("{}{flown:.1} m of path, without an estimate beside it", at_least(run)));
+            parts.push(format!("{}{flown:.1} m of path without an estimate", at_least(run)));
         }
         None => parts.push("nothing moved".to_owned()),
     }
@@ -72,7 +72,7 @@ pub fn verdict(run: &Gathered) -> Verdict {
             if run.periods.unsteered() > 0 {
                 worsen(Grade::Remarks);
             }
-            rest.extend(steering(&run.periods));
+            rest.extend(steering_text(&run.periods));
         }
         None => worsen(Grade::Remarks),
     }
@@ -81,7 +81,7 @@ pub fn verdict(run: &Gathered) -> Verdict {
         worsen(Grade::Remarks);
         rest.push(format!("{} died", died.join(" and ")));
     }
-    let stopped = at_the_end(run, &parts);
+    let stopped = final_stop(run, &parts);
     let well = died.is_empty() && stopped.is_none() && worse < Grade::Bad && run.recording.silent_s == 0;
     match run.events.faults {
         0 if well => rest.push("nothing failed".to_owned()),
@@ -104,64 +104,67 @@ pub fn verdict(run: &Gathered) -> Verdict {
     Verdict { grade, sentence: format!("{}; {rest}.", parts.join(": ")) }
 }
 
-/// What became of the mission.
-fn mission(run: &Gathered, flown_m: f64) -> (String, Grade) {
+/// Describes the outcome of the mission.
+fn mission(run: &RunData, flown_m: f64) -> (String, Grade) {
     let Some(mission) = &run.mission else {
         let what = if flown_m > 0.0 { "The robot moved" } else { "No mission was flown" };
         return (what.to_owned(), Grade::Good);
     };
     let (name, done) = (&mission.name, 100.0 * mission.progress);
-    let because = in_brackets(broken_off(run, mission));
+    let because = in_brackets(abort_reason(run, mission));
     match mission.state {
-        PlanStatus::STATE_DONE => (format!("The mission \"{name}\" was flown to its end"), Grade::Good),
+        PlanStatus::STATE_DONE => (format!("The mission \"{name}\" was completed"), Grade::Good),
         PlanStatus::STATE_ABORTED => {
-            (format!("The mission \"{name}\" was broken off at {done:.0} %{because}"), Grade::Bad)
+            (format!("The mission \"{name}\" was aborted at {done:.0} %{because}"), Grade::Bad)
         }
         PlanStatus::STATE_REFUSED if flown_m == 0.0 => {
-            (format!("The mission \"{name}\" was refused{because}"), Grade::Remarks)
+            (format!("The mission \"{name}\" was rejected{because}"), Grade::Remarks)
         }
-        PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED => open(run, mission),
+        PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED => {
+            unfinished_mission(run, mission)
+        }
         _ if flown_m > 0.0 => ("The robot moved".to_owned(), Grade::Good),
         _ => ("No mission was flown".to_owned(), Grade::Good),
     }
 }
 
-/// A reason, as it stands behind what it explains.
+/// Formats a reason in brackets.
 fn in_brackets(why: Option<String>) -> String {
     why.map(|why| format!(" ({why})")).unwrap_or_default()
 }
 
-/// Why a mission was given up or refused.
-fn broken_off(run: &Gathered, mission: &Mission) -> Option<String> {
+/// Returns the reason for an abort or a rejection.
+fn abort_reason(run: &RunData, mission: &Mission) -> Option<String> {
     let (reason, at_s) = (mission.reason.as_str(), mission.since_s);
-    // The planner sees that there is a fault, or another motor-io. Which fault, and what became of the last one, stands elsewhere.
+    // The planner reports a fault or a restarted motor-io without details, which are found in the events.
     let known = if reason.contains("nims status names") {
-        run.events.fault_between(at_s - FAULT_S, at_s + INSTANT_S)
+        run.events.fault_between(at_s - FAULT_WINDOW_S, at_s + SAME_INSTANT_S)
     } else if reason.contains("motor-io restarted") {
-        let died = run.events.died_between("motor-io", at_s - RESTART_S, at_s + INSTANT_S);
+        let died = run.events.died_between("motor-io", at_s - RESTART_WINDOW_S, at_s + SAME_INSTANT_S);
         died.map(|name| format!("{name} died"))
     } else {
         None
     };
-    // The cure is for the time of the flight.
-    let said = reason.split("; ").next().filter(|why| !why.is_empty());
-    known.or_else(|| said.map(str::to_owned))
+    // The remedy after the semicolon only applies during the flight.
+    let stated = reason.split("; ").next().filter(|why| !why.is_empty());
+    known.or_else(|| stated.map(str::to_owned))
 }
 
-/// Whether the run is being recorded, so that its last samples say what is the case now.
-fn is_live(run: &Gathered) -> bool {
+/// Returns whether the run is being recorded, so that its last samples describe the present.
+fn is_live(run: &RunData) -> bool {
     run.recording.recording && run.recording.silent_s == 0
 }
 
-/// Whether the robot followed its motion at last. motor-io says nothing of its own end, so its last sample is from before it.
-fn follows(run: &Gathered) -> bool {
+/// Returns whether the robot followed its motion at the end. The last sample of a dead motor-io precedes its end and
+/// does not count.
+fn is_following(run: &RunData) -> bool {
     let ended = |role| run.events.dead(role).or_else(|| run.events.silent(role));
     let last = run.authority.as_ref().filter(|_| ended("motor-io").is_none());
     last.is_some_and(|last| last.mode == MotorAuthority::MODE_FOLLOWING)
 }
 
-/// Why a mission that is neither done nor given up does not go on, as far as the run says.
-fn cause(run: &Gathered, mission: &Mission) -> Option<String> {
+/// Returns why an unfinished mission does not continue, as far as the run shows.
+fn cause(run: &RunData, mission: &Mission) -> Option<String> {
     let dead = |role: &str| run.events.dead(role).map(|name| format!("{name} died"));
     let died = |role: &str, from_s: f64| {
         let died = run.events.died_between(role, from_s, f64::INFINITY);
@@ -171,10 +174,10 @@ fn cause(run: &Gathered, mission: &Mission) -> Option<String> {
         return Some(died);
     }
     if let Some(name) = run.events.silent("motor-io") {
-        return Some(format!("{name} gave no sign of life"));
+        return Some(format!("{name} sent no heartbeat"));
     }
-    if follows(run) {
-        // A fault that motor-io still names is over where it follows, but for a planner that is gone.
+    if is_following(run) {
+        // While the robot follows a motion, a fault in motor-io's status is over, except for a lost planner.
         return dead("planner");
     }
     let last = run.authority.as_ref()?;
@@ -187,68 +190,68 @@ fn cause(run: &Gathered, mission: &Mission) -> Option<String> {
         (MotorAuthority::FAULT_PLANNER_LOST, "planner"),
     ];
     let mut lost = answers.into_iter().filter(|(bit, _)| last.faults & bit != 0);
-    let process = lost.find_map(|(_, role)| died(role, mission.since_s - RESTART_S));
-    process.or_else(|| fault_of(last)).or_else(|| died("planner", mission.since_s))
+    let process = lost.find_map(|(_, role)| died(role, mission.since_s - RESTART_WINDOW_S));
+    process.or_else(|| current_fault(last)).or_else(|| died("planner", mission.since_s))
 }
 
-/// The first fault of a cycle: what is the case.
-fn fault_of(authority: &MotorAuthority) -> Option<String> {
-    faults_of(authority).first().map(|sentence| case_of(sentence))
+/// Returns the clause of the first fault of a cycle.
+fn current_fault(authority: &MotorAuthority) -> Option<String> {
+    faults_of(authority).first().map(|sentence| fault_clause(sentence))
 }
 
-/// What there is to say of a mission that is neither done nor given up.
-fn open(run: &Gathered, mission: &Mission) -> (String, Grade) {
+/// Describes a mission that was neither completed nor aborted.
+fn unfinished_mission(run: &RunData, mission: &Mission) -> (String, Grade) {
     let (name, done) = (&mission.name, 100.0 * mission.progress);
     let cause = cause(run, mission);
     if is_live(run) {
         let grade = if cause.is_some() { Grade::Bad } else { Grade::Good };
         let state = match mission.state {
             PlanStatus::STATE_PAUSED => format!("is paused at {done:.0} %"),
-            PlanStatus::STATE_READY => "was accepted and has not begun".to_owned(),
-            _ if cause.is_some() && !follows(run) => format!("stands still at {done:.0} %"),
-            _ => format!("is being flown, {done:.0} % of it are done"),
+            PlanStatus::STATE_READY => "was accepted but has not started".to_owned(),
+            _ if cause.is_some() && !is_following(run) => format!("is stopped at {done:.0} %"),
+            _ => format!("is running, {done:.0} % complete"),
         };
         return (format!("The mission \"{name}\" {state}{}", in_brackets(cause)), grade);
     }
     let grade = if cause.is_some() { Grade::Bad } else { Grade::Remarks };
     let state = match mission.state {
         PlanStatus::STATE_PAUSED => format!("was paused at {done:.0} %"),
-        PlanStatus::STATE_READY => "had not begun".to_owned(),
-        _ => format!("was not at its end at {done:.0} %"),
+        PlanStatus::STATE_READY => "had not started".to_owned(),
+        _ => format!("was unfinished at {done:.0} %"),
     };
-    let when = if run.recording.recording { "when its recorder wrote last" } else { "when the recording ended" };
+    let when = if run.recording.recording { "at the last write of its recorder" } else { "when the recording ended" };
     let because = in_brackets(cause.or_else(|| run.ended_because.clone()));
     (format!("The mission \"{name}\" {state} {when}{because}"), grade)
 }
 
-/// What the robot does at present on the last leg of a run that is being recorded, if that leg is not at its end.
-pub fn present(run: &Gathered) -> Option<&'static str> {
+/// Returns the current activity on the last leg of a run that is being recorded, if that leg is unfinished.
+pub fn current_activity(run: &RunData) -> Option<&'static str> {
     let mission = run.mission.as_ref().filter(|_| is_live(run))?;
     match mission.state {
         PlanStatus::STATE_PAUSED => Some("paused"),
-        PlanStatus::STATE_RUNNING if follows(run) || cause(run, mission).is_none() => Some("being flown"),
+        PlanStatus::STATE_RUNNING if is_following(run) || cause(run, mission).is_none() => Some("running"),
         PlanStatus::STATE_RUNNING => Some("stopped"),
         _ => None,
     }
 }
 
-/// What stands before the path and the time of motion of a run: they count as far as they were recorded.
-pub fn at_least(run: &Gathered) -> &'static str {
+/// Returns the prefix for path and time of motion if parts of the run were not recorded.
+pub fn at_least(run: &RunData) -> &'static str {
     let cycles = run.recording.channels.iter().filter(|channel| channel.name == "motor/authority");
     let unrecorded_s = cycles.map(|channel| channel.unrecorded_s).fold(0.0, f64::max);
     let short = unrecorded_s >= RunReport::LEAST_S || run.unrecorded_ends_s.iter().any(|seconds| *seconds > 0.0);
     if short { "at least " } else { "" }
 }
 
-/// That the robot is stopped at the end, if it is; the fault is named unless what was `said` names it.
-fn at_the_end(run: &Gathered, said: &[String]) -> Option<String> {
+/// Describes a robot that is stopped at the end; names the fault unless `earlier` already does.
+fn final_stop(run: &RunData, earlier: &[String]) -> Option<String> {
     let last = run.authority.as_ref()?;
     let (is, end) = if is_live(run) { ("is", "") } else { ("was", " at the end") };
     match last.mode {
         MotorAuthority::MODE_EMERGENCY_STOP => Some(format!("the robot {is} in emergency stop{end}")),
-        MotorAuthority::MODE_FAULTED => Some(match fault_of(last) {
-            Some(fault) if said.iter().any(|part| part.contains(&fault)) => {
-                format!("the robot {is} stopped by that fault{end}")
+        MotorAuthority::MODE_FAULTED => Some(match current_fault(last) {
+            Some(fault) if earlier.iter().any(|part| part.contains(&fault)) => {
+                format!("the robot {is} stopped by this fault{end}")
             }
             fault => format!("the robot {is} stopped by a fault{end}{}", in_brackets(fault)),
         }),
@@ -256,15 +259,15 @@ fn at_the_end(run: &Gathered, said: &[String]) -> Option<String> {
     }
 }
 
-/// What of the run is in its files.
-fn recording(run: &Gathered) -> (String, Grade) {
+/// Describes the completeness of the recording.
+fn recording(run: &RunData) -> (String, Grade) {
     let report = &run.recording;
     let mut lacks = Vec::new();
     if report.unrecorded_s >= RunReport::LEAST_S {
         lacks.push(format!("{:.1} s were not recorded", report.unrecorded_s));
     }
     for (seconds, which) in run.unrecorded_ends_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
-        lacks.push(format!("of the {which} {seconds:.1} s nothing was recorded"));
+        lacks.push(format!("the {which} {seconds:.1} s were not recorded"));
     }
     let lost: u64 = report.channels.iter().map(|channel| channel.lost).sum();
     if lost > 0 {
@@ -272,72 +275,75 @@ fn recording(run: &Gathered) -> (String, Grade) {
         lacks.push(format!("{lost} samples of {channels} channels are missing"));
     }
     let short = !lacks.is_empty();
-    lacks.extend(report.files.iter().filter_map(|file| lack_of(file, short)));
-    // Nothing is known to be missing, but a recovery closed these files.
+    lacks.extend(report.files.iter().filter_map(|file| file_defect(file, short)));
+    // No samples are known to be missing, but these files were closed by a recovery.
     let last = report.files.len().saturating_sub(1);
-    let mended = report.files.iter().enumerate().filter(|(_, file)| !short && is_mended(file));
-    let mended: Vec<String> = mended.map(|(at, file)| mended_words(file, at == last)).collect();
+    let recovered = report.files.iter().enumerate().filter(|(_, file)| !short && is_recovered_intact(file));
+    let recovered: Vec<String> = recovered.map(|(at, file)| recovery_text(file, at == last)).collect();
     if report.silent_s > 0 {
-        lacks.insert(0, format!("nothing has been written for {} s, although a recorder holds it", report.silent_s));
-        lacks.extend(mended);
+        lacks.insert(
+            0,
+            format!("nothing has been written for {} s, although a recorder has the file open", report.silent_s),
+        );
+        lacks.extend(recovered);
         return (format!("the run is not being recorded ({})", lacks.join("; ")), Grade::Remarks);
     }
-    let sentence = match (lacks.is_empty(), mended.is_empty(), report.recording) {
+    let sentence = match (lacks.is_empty(), recovered.is_empty(), report.recording) {
         (true, true, true) => return ("the run is still being recorded".to_owned(), Grade::Good),
         (true, true, false) if report.healthy => return ("the recording is complete".to_owned(), Grade::Good),
-        (true, true, false) => format!("the recording is not whole ({})", report.verdict.join("; ")),
-        (true, false, true) => format!("the run is still being recorded ({})", mended.join("; ")),
-        (true, false, false) => format!("no gap is known in the recording ({})", mended.join("; ")),
+        (true, true, false) => format!("the recording is incomplete ({})", report.verdict.join("; ")),
+        (true, false, true) => format!("the run is still being recorded ({})", recovered.join("; ")),
+        (true, false, false) => format!("the recording has no known gap ({})", recovered.join("; ")),
         (false, _, live) => {
-            lacks.extend(mended);
+            lacks.extend(recovered);
             let lacks = lacks.join("; ");
             if live {
                 format!("the run is still being recorded, but {lacks}")
             } else {
-                format!("the recording is not whole ({lacks})")
+                format!("the recording is incomplete ({lacks})")
             }
         }
     };
     (sentence, Grade::Remarks)
 }
 
-fn name_of(file: &FileReport) -> String {
+fn file_name(file: &FileReport) -> String {
     file.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A recovery closed it, and found no damage inside.
-fn is_mended(file: &FileReport) -> bool {
+/// Returns whether the file was closed by a recovery and has no damage inside.
+fn is_recovered_intact(file: &FileReport) -> bool {
     file.recovered && file.finished && file.damage.iter().all(|damage| damage.torn_end)
 }
 
-/// What is known of the end of a recovered file where no sample is missing by its number.
-fn mended_words(file: &FileReport, last: bool) -> String {
-    // Behind the last file, no number shows what is missing.
+/// Describes the end of a recovered file without missing sample numbers.
+fn recovery_text(file: &FileReport, last: bool) -> String {
+    // After the last file, no sample number shows what is missing.
     let missing = if last {
-        "at most the last half second before its recorder ended is missing, after a power cut the last two"
+        "at most the last half second before the end of its recorder is missing (two seconds after a power cut)"
     } else {
-        "by their numbers no samples are missing behind it"
+        "the sample numbers show no loss after it"
     };
-    format!("{} was recovered, and {missing}", name_of(file))
+    format!("{} was recovered, and {missing}", file_name(file))
 }
 
-/// What a file lacks, if anything; `short`: samples are known to be missing.
-fn lack_of(file: &FileReport, short: bool) -> Option<String> {
-    let name = name_of(file);
+/// Describes the defect of a file, if any; `short`: samples are known to be missing.
+fn file_defect(file: &FileReport, short: bool) -> Option<String> {
+    let name = file_name(file);
     let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
     match file {
         FileReport { recording: true, .. } => None,
         _ if holes > 0 => Some(format!("{name} is damaged in {holes} places: run `nims recover`")),
         FileReport { finished: false, .. } => Some(format!("{name} was not closed: run `nims recover`")),
         FileReport { recovered: true, .. } if short => {
-            Some(format!("{name} was recovered, and what its recorder held last is missing"))
+            Some(format!("{name} was recovered without the last buffer of its recorder"))
         }
         _ => None,
     }
 }
 
-/// The number that leads, and its causes; nothing where there was no mission.
-fn steering(periods: &Periods) -> Option<String> {
+/// Returns the steered periods and the causes of the others; `None` without a mission.
+fn steering_text(periods: &Periods) -> Option<String> {
     match (periods.all(), periods.unsteered()) {
         (0, _) => None,
         (all, 0) => Some(format!("all {all} periods were steered")),
@@ -351,10 +357,11 @@ mod tests {
     use crate::report::gather::blank;
     use crate::runs::tests::whole_file as file;
     use messages::{ProcessState, put_text};
+    use robot_state::sentences::fault_sentences;
     use runlog::ChannelReport;
 
-    /// A run whose mission stands at 43 % and whose robot is in `mode`.
-    fn run(state: u8, mode: u8) -> Gathered {
+    /// A run with a mission at 43 % and a robot in `mode`.
+    fn run(state: u8, mode: u8) -> RunData {
         let (name, reason) = ("demo".to_owned(), String::new());
         let mut run = blank();
         run.mission = Some(Mission { state, name, progress: 0.43, reason, since_s: 10.0 });
@@ -363,19 +370,23 @@ mod tests {
         run
     }
 
-    fn records(run: &mut Gathered, silent_s: u64) {
+    fn records(run: &mut RunData, silent_s: u64) {
         (run.recording.recording, run.recording.silent_s, run.recording.healthy) = (true, silent_s, false);
         run.recording.files = vec![FileReport { finished: false, recording: true, silent_s, ..file("run.mcap.part") }];
     }
 
-    fn dies(run: &mut Gathered, name: &str, role: &str) {
+    fn dies(run: &mut RunData, name: &str, role: &str) {
         let mut row = ProcessState { state: ProcessState::STATE_DIED, ..ProcessState::default() };
         put_text(&mut row.name, name);
         put_text(&mut row.role, role);
         run.events.process(9.0, &row);
     }
 
-    fn said(run: &Gathered, parts: &[&str]) -> Grade {
+    fn clause_of(fault: u32) -> String {
+        fault_clause(&fault_sentences(fault).next().unwrap())
+    }
+
+    fn grade_of(run: &RunData, parts: &[&str]) -> Grade {
         let verdict = verdict(run);
         for part in parts {
             assert!(verdict.sentence.contains(part), "{part}: {}", verdict.sentence);
@@ -387,37 +398,37 @@ mod tests {
     fn a_mission_that_goes_no_further_says_why() {
         type M = MotorAuthority;
         type P = PlanStatus;
-        let run_ended = "was not at its end at 43 % when the recording ended";
-        // An emergency stop, of which the planner said nothing any more.
+        let run_ended = "was unfinished at 43 % when the recording ended";
+        // An emergency stop, after which the planner published nothing.
         let stopped = run(P::STATE_RUNNING, M::MODE_EMERGENCY_STOP);
         let why = format!("{run_ended} (emergency stop)");
         let parts = [
             why.as_str(),
             "there was no fault, the robot was in emergency stop at the end and the recording is complete",
         ];
-        assert_eq!(said(&stopped, &parts), Grade::Bad);
-        // Its supervisor is gone.
+        assert_eq!(grade_of(&stopped, &parts), Grade::Bad);
+        // The supervisor is gone.
         let mut alone = run(P::STATE_PAUSED, M::MODE_HOLDING);
         alone.authority.as_mut().unwrap().faults = M::FAULT_SUPERVISOR_LOST;
-        let gone = "(the supervisor is gone, so the robot stopped and holds)";
-        said(&alone, &[&format!("was paused at 43 % when the recording ended {gone}")]);
+        let gone = format!("({})", clause_of(M::FAULT_SUPERVISOR_LOST));
+        grade_of(&alone, &[&format!("was paused at 43 % when the recording ended {gone}")]);
         records(&mut alone, 0);
-        assert_eq!(said(&alone, &[&format!("is paused at 43 % {gone}"), "still being recorded"]), Grade::Bad);
-        // A process died: motor-io, of which its last sample says nothing, and the estimator, which motor-io misses.
+        assert_eq!(grade_of(&alone, &[&format!("is paused at 43 % {gone}"), "still being recorded"]), Grade::Bad);
+        // A process died: motor-io, whose last sample does not show it, or the estimator, whose loss motor-io reports.
         let mut dead = run(P::STATE_RUNNING, M::MODE_FOLLOWING);
         dies(&mut dead, "motor-io", "motor-io");
-        said(&dead, &[&format!("{run_ended} (motor-io died)")]);
+        grade_of(&dead, &[&format!("{run_ended} (motor-io died)")]);
         records(&mut dead, 0);
-        said(&dead, &["stands still at 43 % (motor-io died)"]);
-        assert_eq!(present(&dead), Some("stopped"));
+        grade_of(&dead, &["is stopped at 43 % (motor-io died)"]);
+        assert_eq!(current_activity(&dead), Some("stopped"));
         let mut blind = run(P::STATE_PAUSED, M::MODE_HOLDING);
         blind.authority.as_mut().unwrap().faults = M::FAULT_ESTIMATE_LOST;
         dies(&mut blind, "estimator-a", "estimator");
-        said(&blind, &["was paused at 43 % when the recording ended (estimator-a died)"]);
-        // Nothing went wrong: it was ended.
+        grade_of(&blind, &["was paused at 43 % when the recording ended (estimator-a died)"]);
+        // Nothing failed: the run was ended.
         let mut ended = run(P::STATE_PAUSED, M::MODE_HOLDING);
         ended.ended_because = Some("Ctrl-C".to_owned());
-        said(&ended, &["when the recording ended (Ctrl-C)"]);
+        grade_of(&ended, &["when the recording ended (Ctrl-C)"]);
     }
 
     #[test]
@@ -430,36 +441,34 @@ mod tests {
         last.fault_cable[1] = 1;
         faulted.authority = Some(last);
         faulted.events.cycle(9.9, &last);
-        let parts = [
-            "broken off at 43 % (a line is slack or broken (cable 2))",
-            "the robot was stopped by that fault at the end",
-        ];
-        assert_eq!(said(&faulted, &parts), Grade::Bad);
+        let parts =
+            ["aborted at 43 % (a line is slack or broken (cable 2))", "the robot was stopped by this fault at the end"];
+        assert_eq!(grade_of(&faulted, &parts), Grade::Bad);
         let mut again = run(PlanStatus::STATE_ABORTED, M::MODE_DISARMED);
         again.mission.as_mut().unwrap().reason = "the robot was disarmed or motor-io restarted".to_owned();
-        said(&again, &["broken off at 43 % (the robot was disarmed or motor-io restarted)"]);
+        grade_of(&again, &["aborted at 43 % (the robot was disarmed or motor-io restarted)"]);
         dies(&mut again, "motor-io", "motor-io");
-        said(&again, &["broken off at 43 % (motor-io died)"]);
+        grade_of(&again, &["aborted at 43 % (motor-io died)"]);
     }
 
     #[test]
     fn a_run_that_is_being_recorded_is_told_as_it_is_now() {
         let mut flown = run(PlanStatus::STATE_RUNNING, MotorAuthority::MODE_FOLLOWING);
         records(&mut flown, 0);
-        assert_eq!(said(&flown, &["is being flown, 43 % of it are done", "nothing failed"]), Grade::Good);
-        assert_eq!(present(&flown), Some("being flown"));
+        assert_eq!(grade_of(&flown, &["is running, 43 % complete", "nothing failed"]), Grade::Good);
+        assert_eq!(current_activity(&flown), Some("running"));
         let mut paused = run(PlanStatus::STATE_PAUSED, MotorAuthority::MODE_HOLDING);
         records(&mut paused, 0);
-        said(&paused, &["\"demo\" is paused at 43 %", "the run is still being recorded"]);
-        assert_eq!(present(&paused), Some("paused"));
-        // A recorder that hangs holds its file and says nothing.
+        grade_of(&paused, &["\"demo\" is paused at 43 %", "the run is still being recorded"]);
+        assert_eq!(current_activity(&paused), Some("paused"));
+        // A hanging recorder keeps its file open and writes nothing.
         records(&mut flown, 12);
         let parts = [
-            "was not at its end at 43 % when its recorder wrote last",
+            "was unfinished at 43 % at the last write of its recorder",
             "there was no fault and the run is not being recorded (nothing has been written for 12 s",
         ];
-        assert_eq!(said(&flown, &parts), Grade::Remarks);
-        assert_eq!(present(&flown), None);
+        assert_eq!(grade_of(&flown, &parts), Grade::Remarks);
+        assert_eq!(current_activity(&flown), None);
     }
 
     #[test]
@@ -469,16 +478,19 @@ mod tests {
         run.recording.files = vec![recovered.clone(), file("run-0002.mcap")];
         run.recording.healthy = false;
         let parts =
-            ["no gap is known in the recording (run.mcap was recovered, and by their numbers no samples are missing"];
-        assert_eq!(said(&run, &parts), Grade::Remarks);
+            ["the recording has no known gap (run.mcap was recovered, and the sample numbers show no loss after it"];
+        assert_eq!(grade_of(&run, &parts), Grade::Remarks);
         run.recording.files = vec![recovered];
-        said(&run, &["run.mcap was recovered, and at most the last half second before its recorder ended is missing"]);
-        // Less than what a sentence states is not said.
+        grade_of(
+            &run,
+            &["run.mcap was recovered, and at most the last half second before the end of its recorder is missing"],
+        );
+        // Losses below the resolution of the sentence are not mentioned.
         run.recording.unrecorded_s = 0.04;
-        said(&run, &["no gap is known"]);
+        grade_of(&run, &["no known gap"]);
         run.recording.unrecorded_s = 0.06;
-        said(&run, &["not whole (0.1 s were not recorded; run.mcap was recovered, and what its recorder held last"]);
-        assert_eq!(at_least(&run), "", "another channel lacks it");
+        grade_of(&run, &["incomplete (0.1 s were not recorded; run.mcap was recovered without the last buffer"]);
+        assert_eq!(at_least(&run), "", "the loss is in another channel");
         let channel = ChannelReport {
             name: "motor/authority".to_owned(),
             schema: String::new(),

@@ -1,112 +1,113 @@
-//! The measurements file: what `nims calibrate` reads and `nims setup` writes. Lengths in m; anchors and points count from 1 in the
-//! file.
+//! The measurements file that `nims calibrate` reads and `nims setup` writes. Lengths are in m; anchors and points
+//! count from 1 in the file.
 
 use cable_robot::CableVec;
 use calibration::{DirectHeight, Loss, Measurements, Method, Range, Side};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of a range where none is stated, m: a laser of ±1.5 mm, and a plumb line that is never quite still.
+/// Default standard deviation of a range, m: a laser of ±1.5 mm, and a plumb line that never hangs quite still.
 const DEFAULT_SIGMA_RANGE_M: f64 = 0.003;
 
-/// Standard deviation of a directly measured height where none is stated, m: the floor below the pulley is not quite the
-/// reference plane.
+/// Default standard deviation of a directly measured height, m: the floor below the pulley deviates from the reference
+/// plane.
 const DEFAULT_SIGMA_HEIGHT_M: f64 = 0.01;
 
 /// The measurements file.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct File {
-    /// Side of the line from anchor 1 to 2 on which anchor 3 stands, and any other anchor that has no side of its own:
-    /// 1 left (default), -1 right.
+pub struct MeasurementsFile {
+    /// Side of the line from anchor 1 to 2 on which anchor 3 stands, and any other anchor without its own side: 1 left
+    /// (default), -1 right.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub side: Option<i64>,
-    /// Standard deviation of a length, m.
+    /// Standard deviation of a cable length, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_length_m: Option<f64>,
-    /// Of a range that has none of its own, m.
+    /// Standard deviation of a range without its own, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_range_m: Option<f64>,
-    /// Of each coordinate of a known position, m.
+    /// Standard deviation of each coordinate of a known position, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_gps_m: Option<f64>,
-    /// How far off the scale of the lengths may be; none: exactly 1.
+    /// Standard deviation of the scale of the lengths from 1; without it the scale is exactly 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_scale: Option<f64>,
-    /// How far off the zeros of the lengths may be, m; none: exactly 0.
+    /// Standard deviation of the zero offsets of the lengths, m; without it they are exactly 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_offset_m: Option<f64>,
-    /// What the robot reckoned the lengths with, if they are its own.
+    /// Encoder counts per metre with which the robot computed the lengths, if the robot measured them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub counts_per_m: Option<Vec<f64>>,
-    /// How much lengths that do not fit count.
+    /// Weight of lengths that do not fit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub loss: Option<LossName>,
-    /// An answer with a coordinate less certain than this is refused, m.
+    /// Reject a result in which the standard deviation of a coordinate exceeds this, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refuse_above_std_m: Option<f64>,
-    /// How far `nims setup` has come with what is not a measurement.
+    /// Answers in `nims setup` that are not measurements.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub setup: Option<Setup>,
-    /// Between plumb lines.
+    /// Distances between plumb lines.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub range: Vec<RangeEntry>,
-    /// Heights measured directly.
+    /// Directly measured heights.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub height: Vec<HeightEntry>,
-    /// Points of the reference plane.
+    /// Points on the reference plane.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub point: Vec<PointEntry>,
-    /// Points that did not fit, and what was decided about them.
+    /// Decisions about points that do not fit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub doubt: Vec<Doubt>,
 }
 
-/// What `nims setup` was told beside measurements; nothing else reads it but for `pulleys`.
+/// Answers in `nims setup` that are not measurements; other commands read only `pulleys`.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Setup {
-    /// How many pulleys there are.
+    /// Number of pulleys.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pulleys: Option<usize>,
-    /// About how high they are, m: a guess, for the plan.
+    /// Approximate height of the pulleys, m: a guess for planning points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub about_m: Option<f64>,
-    /// Pairs of pulleys, lower number first, whose distance nobody measured.
+    /// Pairs of pulleys whose distance was not measured, lower number first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skipped: Vec<[usize; 2]>,
-    /// Pulleys whose height nobody measured.
+    /// Pulleys whose height was not measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unmeasured: Vec<usize>,
-    /// How many points are wanted in all, each time it was said: [number of points then in the file, points wanted].
+    /// Total number of points wanted, at each time it was answered: [number of points in the file at that time, points
+    /// wanted].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub plan: Vec<[usize; 2]>,
-    /// The lengths of a point of which some are still to come, m.
+    /// Lengths of an incomplete point, m.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths_so_far_m: Vec<f64>,
 }
 
-/// What was decided about a point that did not fit the others.
+/// Decision about a point that does not fit the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Doubt {
-    /// Which.
+    /// Number of the point, from 1.
     pub point: usize,
-    /// Whether it counts.
+    /// Whether the point is used.
     #[serde(rename = "use")]
     pub used: bool,
-    /// How many points there were when that was decided.
+    /// Number of points in the file at the time of the decision.
     pub after: usize,
 }
 
-/// How much lengths that do not fit count.
+/// Loss function for lengths that do not fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossName {
-    /// As all others.
+    /// Full weight.
     Squared,
-    /// Less, the less they fit.
+    /// Weight decreases with the residual.
     Huber,
-    /// Hardly.
+    /// Nearly no weight for large residuals.
     Cauchy,
 }
 
@@ -114,62 +115,62 @@ pub enum LossName {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RangeEntry {
-    /// One anchor.
+    /// First anchor.
     pub from: usize,
-    /// The other.
+    /// Second anchor.
     pub to: usize,
-    /// The distance, m.
+    /// Distance, m.
     pub m: f64,
-    /// Its standard deviation, m.
+    /// Standard deviation, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_m: Option<f64>,
-    /// Of the anchor with the higher number.
+    /// Side on which the anchor with the higher number stands: 1 left, -1 right.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub side: Option<i64>,
 }
 
-/// A place of the node on the reference plane.
+/// A position of the node on the reference plane.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PointEntry {
-    /// One per line, m.
+    /// Lengths, one per cable, m.
     pub lengths_m: Vec<f64>,
-    /// Where it was, if that is known, m.
+    /// Position, if it is known, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gps_m: Option<[f64; 3]>,
 }
 
-/// A height measured directly.
+/// A directly measured height.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeightEntry {
-    /// Whose.
+    /// Anchor number.
     pub anchor: usize,
-    /// Above the reference plane, m.
+    /// Height above the reference plane, m.
     pub m: f64,
-    /// Its standard deviation, m.
+    /// Standard deviation, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_m: Option<f64>,
-    /// With what; none: with the line.
+    /// Instrument; default: the cable.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by: Option<HeightBy>,
 }
 
-/// With what a height was measured.
+/// Instrument with which a height was measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HeightBy {
-    /// The line itself, let out until it touches the floor.
+    /// The cable itself, unwound until it touches the floor.
     Line,
-    /// A tape.
+    /// Tape measure.
     Tape,
-    /// A laser.
+    /// Laser distance meter.
     Laser,
 }
 
-impl File {
-    /// Which points count for this method, from 0: the GPS method takes those whose place is known, and none takes those that were
-    /// decided against.
+impl MeasurementsFile {
+    /// Returns the points that a method uses, from 0: the GPS method uses points with a known position; no method uses
+    /// rejected points.
     #[must_use]
     pub fn used(&self, method: Method) -> Vec<usize> {
         let counts = |k: &usize| {
@@ -179,16 +180,16 @@ impl File {
         (0..self.point.len()).filter(counts).collect()
     }
 
-    /// Everything measured, for a calibration by this method.
+    /// Converts the file to measurements for this method.
     ///
     /// # Errors
-    /// One clause, without the file's name: what cannot be used, where, what to do.
+    /// One clause without the file name: what cannot be used, where, and what to do.
     pub fn measurements(&self, method: Method) -> Result<Measurements, String> {
         let said = self.setup.iter().filter_map(|setup| setup.pulleys);
         let named = self.range.iter().flat_map(|r| [r.from, r.to]).chain(self.height.iter().map(|h| h.anchor));
         let cables = named.chain(self.point.iter().map(|p| p.lengths_m.len())).chain(said).max().unwrap_or(0);
         if cables == 0 {
-            return Err("it holds no measurements; give [[range]], [[point]] and [[height]] entries".to_owned());
+            return Err("it has no measurements; add [[range]], [[point]] and [[height]] entries".to_owned());
         }
         let index = |what: &str, anchor: usize| {
             anchor.checked_sub(1).ok_or_else(|| format!("{what} names anchor 0; anchors count from 1"))
@@ -209,7 +210,7 @@ impl File {
             measured.ranges.push(Range { from, to, m: r.m, sigma_m });
         }
         if let Some(doubt) = self.doubt.iter().find(|doubt| !(1..=self.point.len()).contains(&doubt.point)) {
-            return Err(format!("a [[doubt]] is about point {}; there are {}", doubt.point, self.point.len()));
+            return Err(format!("a [[doubt]] refers to point {}; there are {} points", doubt.point, self.point.len()));
         }
         for k in self.used(method) {
             let p = &self.point[k];
@@ -230,7 +231,7 @@ impl File {
             && (counts.len() != cables || counts.iter().any(|counts| !counts.is_finite() || *counts == 0.0))
         {
             return Err(format!(
-                "counts_per_m is {counts:?}; accepted: one value for each of the {cables} lines, as in the system file; no key where the lengths are not the robot's own"
+                "counts_per_m is {counts:?}; accepted: one value for each of the {cables} cables, as in the system file; omit the key if the robot did not measure the lengths"
             ));
         }
         let set = |key: &mut f64, value: Option<f64>| *key = value.unwrap_or(*key);
@@ -242,7 +243,7 @@ impl File {
         measured.loss = match self.loss {
             Some(LossName::Squared) => Loss::Squared,
             Some(LossName::Cauchy) => Loss::Cauchy,
-            // A field team's data hold an outlier sooner or later, and without one this costs 5 %.
+            // Field data contain an outlier sooner or later; on data without outliers this loss costs 5 % accuracy.
             Some(LossName::Huber) | None => Loss::Huber,
         };
         Ok(measured)

@@ -1,4 +1,4 @@
-//! Before the points are measured: where to hold the node for them, and how well the anchors will be known then.
+//! Plans where to hold the node for a calibration and predicts the accuracy of the anchors.
 
 use calibration::placement::{corners, predict};
 use calibration::{CalibrationError, Measurements, Method, calibrate, survey_network};
@@ -6,14 +6,15 @@ use command::{Answer, Failure};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
-/// How near the corners, as a share of their distance from the middle: closer a line hangs loose.
+/// Distance of the places from the middle, as a share of the distance of the corner; nearer to a corner a cable hangs
+/// slack.
 const REACH: f64 = 0.9;
 
-/// `count` places for the node, with the lengths to expect there, and the deviations of the anchors that points there will give.
-/// `height_m` stands for heights that nothing in the file tells.
+/// Plans `count` places for the node, the cable lengths to expect there, and the resulting standard deviations of the
+/// anchors. `height_m` replaces heights that the measurements do not determine.
 ///
 /// # Errors
-/// Ranges that place no anchor, heights that nothing tells, or places that would not do.
+/// Ranges that determine no anchor, undetermined heights, or places that determine no calibration.
 pub fn places(measured: &Measurements, method: Method, count: usize, height_m: Option<f64>) -> Answer<(Value, String)> {
     let anchors = anchors(measured, method, height_m)?;
     let points = spots(&anchors, count);
@@ -26,7 +27,7 @@ pub fn places(measured: &Measurements, method: Method, count: usize, height_m: O
         let read: Vec<String> = lengths.iter().map(|length| format!("{length:.2}")).collect();
         let _ = writeln!(
             words,
-            "point {}: on the floor near the corner of anchor {near}, at x {:.2}, y {:.2} m; the lines read about {} m there",
+            "point {}: on the floor near the corner of anchor {near}, at x {:.2}, y {:.2} m; the cables read about {} m there",
             k + 1,
             at[0],
             at[1],
@@ -35,20 +36,20 @@ pub fn places(measured: &Measurements, method: Method, count: usize, height_m: O
         rows.push(json!({ "near_anchor": near, "position_m": [at[0], at[1], 0.0], "lengths_m": lengths }));
     }
     for (i, std) in expected.std_m().iter().enumerate() {
-        let _ = writeln!(words, "anchor {}: x ±{:.4}, y ±{:.4}, z ±{:.4} m to expect", i + 1, std[0], std[1], std[2]);
+        let _ = writeln!(words, "anchor {}: x ±{:.4}, y ±{:.4}, z ±{:.4} m expected", i + 1, std[0], std[1], std[2]);
     }
-    words.push_str("points may lie a step beside these places: what counts is that they are near the corners\n");
+    words.push_str("a step away from these places is fine; the points need to be near the corners\n");
     Ok((json!({ "points": rows, "expected_anchor_std_m": expected.std_m() }), words))
 }
 
-/// The first `count` places, x and y in m: the first ones stay where they are if there are more.
+/// Returns the first `count` places, x and y in m. A greater `count` does not move the first ones.
 #[must_use]
 pub fn spots(anchors: &[[f64; 3]], count: usize) -> Vec<[f64; 2]> {
     let flat: Vec<[f64; 2]> = anchors.iter().map(|a| [a[0], a[1]]).collect();
     corners(&flat, count, REACH)
 }
 
-/// What the lines show with the node on the floor at x and y, m.
+/// Returns the cable lengths with the node on the floor at x and y, m.
 #[must_use]
 pub fn lengths(anchors: &[[f64; 3]], at: &[f64; 2]) -> Vec<f64> {
     let length =
@@ -56,8 +57,8 @@ pub fn lengths(anchors: &[[f64; 3]], at: &[f64; 2]) -> Vec<f64> {
     anchors.iter().map(length).collect()
 }
 
-/// Where the anchors are, as far as the file tells: by its points where they determine it, else by its ranges, with the heights that
-/// were measured directly or are said to be about right.
+/// Estimates the anchors: from the points where they determine it, otherwise from the ranges with measured or
+/// approximate heights.
 fn anchors(measured: &Measurements, method: Method, height_m: Option<f64>) -> Answer<Vec<[f64; 3]>> {
     match calibrate(measured, method) {
         Ok(found) => return Ok(found.anchors_m),
@@ -69,7 +70,7 @@ fn anchors(measured: &Measurements, method: Method, height_m: Option<f64>) -> An
     let placed = survey.anchors_xy_m.iter().enumerate();
     placed.map(|(i, [x, y])| height_of(i).map(|z| [*x, *y, z])).collect::<Option<_>>().ok_or_else(|| {
         Failure::bad(
-            "nothing tells yet how high the pulleys are; say about how high with --height, e.g. --height 3".to_owned(),
+            "the measurements do not determine the height of the pulleys yet; give an approximate height, e.g. --height 3".to_owned(),
         )
     })
 }
@@ -92,7 +93,7 @@ mod tests {
     fn what_is_promised_is_what_points_there_give() {
         let (value, words) = places(&ranges(), Method::Survey, 9, Some(3.1)).unwrap();
         assert!(words.lines().count() == 13 && words.contains("point 9"), "{words}");
-        // The points, measured as foreseen, give the deviations that were foreseen.
+        // Points measured at the planned places give the predicted standard deviations.
         let mut measured = ranges();
         for point in value["points"].as_array().unwrap() {
             let lengths: Vec<f64> = serde_json::from_value(point["lengths_m"].clone()).unwrap();
@@ -104,7 +105,7 @@ mod tests {
             assert!((is - said).abs() < 1e-9, "{is} {said}");
         }
         assert!(found.anchors_m.iter().all(|anchor| (anchor[2] - 3.1).abs() < 1e-6));
-        // More points, less doubt; and with them the file itself tells the heights.
+        // More points reduce the standard deviations, and the file itself now determines the heights.
         let (more, _) = places(&measured, Method::Survey, 36, None).unwrap();
         let worst = |value: &Value| value["expected_anchor_std_m"][0][2].as_f64().unwrap();
         assert!(worst(&more) < 0.6 * worst(&value), "{} {}", worst(&more), worst(&value));

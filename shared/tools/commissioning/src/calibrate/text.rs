@@ -1,16 +1,16 @@
-//! What a calibration comes to, in words.
+//! The result of a calibration as text.
 
 use calibration::{self, Calibration, Holdout, Measurements, Method};
 use std::fmt::Write as _;
 
-/// Worst standard deviation of an anchor up to which a calibration is called good, m: the node is then about as well placed as
-/// its lines are measured.
+/// Greatest standard deviation of an anchor coordinate in a good calibration, m: the position of the node is then about
+/// as accurate as its cable lengths.
 const GOOD_STD_M: f64 = 0.02;
 
-/// The same for usable: moves are safe, maps are blurred.
+/// Greatest standard deviation of an anchor coordinate in a usable calibration, m: moves are safe, maps are blurred.
 const USABLE_STD_M: f64 = 0.08;
 
-/// Good, and go on; or what to do about it. `numbers`: which points of the file were used, from 0.
+/// Returns the verdict and, if necessary, what to do. `numbers`: indices of the points that were used, from 0.
 pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) -> String {
     let (anchor, axis, std) = found.covariance.worst();
     let worst = format!(
@@ -31,11 +31,11 @@ pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) 
     if found.widened_by > 1.0 {
         let _ = write!(
             text,
-            "; the measurements scatter {:.1} times as much as stated, and the deviations are widened by that; {}",
+            "; the measurements scatter {:.1} times as much as stated, so the deviations are scaled by that factor; {}",
             found.widened_by,
             match found.method {
-                Method::Joint => "look for a moved plumb line, an uneven floor or a slipped line",
-                Method::Survey => "look for outliers, a scale or a zero with the joint method",
+                Method::Joint => "check for a moved plumb line, an uneven floor or a slipped cable",
+                Method::Survey => "check for outliers, a scale or a zero offset with the joint method",
                 Method::Gps => "check the known positions",
             }
         );
@@ -44,7 +44,7 @@ pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) 
     if let Some(o) = found.outliers.iter().max_by(far) {
         let _ = write!(
             text,
-            "; point {} does not fit the others (most of all line {}, by {:.3} m): measure it again",
+            "; point {} does not fit the others (largest residual: cable {}, {:.3} m); measure it again",
             numbers.get(o.point).unwrap_or(&o.point) + 1,
             o.cable + 1,
             o.residual_m
@@ -56,7 +56,7 @@ pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) 
     text
 }
 
-/// The whole answer as lines, the verdict last.
+/// Returns the whole result as text lines, the verdict last.
 pub fn words(found: &Calibration, holdout: Option<&Holdout>, verdict: &str, counts_per_m: Option<&[f64]>) -> String {
     let mut text = String::new();
     for (i, (a, s)) in found.anchors_m.iter().zip(found.covariance.std_m()).enumerate() {
@@ -73,31 +73,32 @@ pub fn words(found: &Calibration, holdout: Option<&Holdout>, verdict: &str, coun
         );
     }
     if found.scale_std > 0.0 {
-        let _ = writeln!(text, "lengths read {:.5} ±{:.5} times the true ones", found.scale, found.scale_std);
+        let _ =
+            writeln!(text, "the measured lengths are {:.5} ±{:.5} times the true ones", found.scale, found.scale_std);
         if let Some(counts) = counts_per_m {
             let counts: Vec<f64> = counts.iter().map(|counts| counts * found.scale).collect();
             let _ = writeln!(
                 text,
-                "so there are {counts:.1?} counts in a metre; a robot file that names this calibration says so to the robot"
+                "this corresponds to {counts:.1?} counts per metre; a robot whose robot file names this calibration uses them"
             );
         }
     }
     for (i, (o, s)) in found.offsets_m.iter().zip(found.offset_std_m.iter()).enumerate().filter(|(_, (_, s))| **s > 0.0)
     {
-        let _ = writeln!(text, "line {} reads {o:.4} ±{s:.4} m at length zero", i + 1);
+        let _ = writeln!(text, "cable {} reads {o:.4} ±{s:.4} m at length zero", i + 1);
     }
     if !found.residuals_m.is_empty() {
-        let _ = writeln!(text, "residuals {:.4} m root mean square (not an accuracy)", found.rms_residual_m());
+        let _ = writeln!(text, "residuals: {:.4} m root mean square (not an accuracy)", found.rms_residual_m());
     }
     match holdout {
         Some(h) => {
             let _ = writeln!(
                 text,
-                "points left out are predicted to {:.4} m in length and {:.4} m in position ({} calibrations)",
+                "cross-validation: left-out points are predicted to {:.4} m in length and {:.4} m in position ({} calibrations)",
                 h.rms_m, h.position_rms_m, h.folds
             );
         }
-        None => text.push_str("too few points to leave any out for a check\n"),
+        None => text.push_str("too few points for a cross-validation\n"),
     }
     let _ = writeln!(text, "{verdict}");
     text

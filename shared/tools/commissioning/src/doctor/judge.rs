@@ -1,63 +1,65 @@
-//! What the facts mean: findings, each with its cure. Pure.
+//! Pure evaluation of the facts: findings with their remedies.
 
-use super::machine::{DomainFound, Machine, PortFound, Runs};
+use super::machine::{DomainFacts, Machine, PortFacts, Runs};
 use crate::check::{Finding, error, note, warning};
 use std::path::PathBuf;
 
-/// What a robot takes of shared memory at most, bytes: the files of one with four lines, `nims top` looking on, add up to 63 MB.
+/// Shared memory that a robot needs at most, bytes: the files of a robot with four cables and `nims top` add up to 63
+/// MB.
 const MEMORY_BYTES: u64 = 128_000_000;
-/// Each channel that a process holds takes about five descriptors; the recorder holds all of them.
+/// Minimum number of open files: each channel that a process uses takes about five descriptors, and the recorder uses
+/// all of them.
 const OPEN_FILES: u64 = 1024;
-/// A box has a dozen processes of a few threads each.
+/// Minimum number of processes and threads: a system has a dozen processes with a few threads each.
 const PROCESSES: u64 = 100;
-/// An adapter that holds answers back for longer than this costs a good part of a cycle, ms.
+/// Acceptable delay of answers by a serial adapter, ms; more takes a considerable part of a cycle.
 const LATENCY_MS: u32 = 1;
-/// Recording takes about 1 MB/s: two hours of it, bytes.
+/// Size of two hours of recording at about 1 MB/s, bytes.
 const TWO_HOURS_BYTES: u64 = 7_200_000_000;
-/// 2026-01-01, before which no version of this program was built, s since 1970.
+/// 2026-01-01, s since 1970; no version of this program is older, so an earlier clock is wrong.
 const NO_EARLIER_S: u64 = 1_767_225_600;
 
-/// Everything there is to say, the worst first.
+/// Returns all findings, the most severe first.
 pub fn judge(machine: &Machine) -> Vec<Finding> {
     let mut findings = Vec::new();
     memory(machine, &mut findings);
     for folder in &machine.open_folders {
         findings.push(error(
-            format!("other users may enter {}, the folder of a domain, so it is not used", folder.display()),
+            format!("other users may enter {}, the folder of a domain, so nims does not use it", folder.display()),
             &format!("make it private: `chmod 700 {}`", folder.display()),
         ));
     }
     for domain in &machine.domains {
-        findings.extend(domain_found(domain));
+        findings.extend(domain_finding(domain));
     }
     limits(machine, &mut findings);
     for port in &machine.ports {
-        findings.push(serial_port(port));
+        findings.push(port_finding(port));
     }
     clocks(machine, &mut findings);
     if let Some(busy) = machine.busy {
         findings.push(match (busy.words(), busy.load) {
             (Some(words), _) => warning(words, evidence::busy::CURE),
             (None, Some(load)) => note(format!(
-                "processors: {}, and {} threads want to run ({:.1} on average over the last minute)",
+                "processors: {}, and {} threads are runnable ({:.1} on average over the last minute)",
                 load.processors, load.now, load.minute
             )),
             (None, None) => note(format!("processors: {}", machine.processors)),
         });
     }
     if let Some(runs) = &machine.runs {
-        findings.push(disk(runs));
+        findings.push(disk_finding(runs));
         if !runs.open.is_empty() {
             let number = runs.open.len();
             findings.push(warning(
-                format!("other users may read {number} runs or files of the remembered position"),
-                &format!("if they shall not: `chmod -R go= {}`", paths(&runs.open)),
+                format!("other users may read {number} runs or files of the saved position"),
+                &format!("to prevent it: `chmod -R go= {}`", paths(&runs.open)),
             ));
         }
     }
     if !machine.programs_missing.is_empty() {
         findings.push(error(
-            format!("beside nims there is no {}", machine.programs_missing.join(", no ")),
+            format!("missing in the folder of nims: {}", machine.programs_missing.join(", ")),
             "build all programs with `cargo build --workspace --bins`, or install them into one folder",
         ));
     }
@@ -65,7 +67,7 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
     findings
 }
 
-/// As arguments of a command, not all of a long list.
+/// Formats paths as arguments of a command; shortens a long list.
 fn paths(list: &[PathBuf]) -> String {
     const MOST: usize = 4;
     let named: Vec<String> = list.iter().take(MOST).map(|path| path.display().to_string()).collect();
@@ -80,7 +82,7 @@ fn memory(machine: &Machine, findings: &mut Vec<Finding>) {
     let memory = &machine.memory;
     if !memory.is_tmpfs {
         findings.push(error(
-            "/dev/shm is not there, or not in memory".to_owned(),
+            "/dev/shm does not exist or is not a tmpfs".to_owned(),
             "mount it: `mount -t tmpfs -o mode=1777 tmpfs /dev/shm`",
         ));
     } else if !memory.is_writable {
@@ -88,12 +90,12 @@ fn memory(machine: &Machine, findings: &mut Vec<Finding>) {
     } else if memory.free_bytes < MEMORY_BYTES {
         findings.push(error(
             format!(
-                "/dev/shm has {} left of {}, and a robot takes up to {}",
+                "/dev/shm has {} left of {}, but a robot needs up to {}",
                 megabytes(memory.free_bytes),
                 megabytes(memory.size_bytes),
                 megabytes(MEMORY_BYTES)
             ),
-            "remove what is not needed there, or enlarge it: `mount -o remount,size=512M /dev/shm` (in a container: --shm-size=512m)",
+            "remove unneeded files from it, or enlarge it: `mount -o remount,size=512M /dev/shm` (in a container: --shm-size=512m)",
         ));
     } else {
         findings.push(note(format!(
@@ -104,43 +106,46 @@ fn memory(machine: &Machine, findings: &mut Vec<Finding>) {
     }
     if machine.user == 0 {
         findings.push(warning(
-            "this is root, and what root leaves in shared memory nobody else can use or remove".to_owned(),
-            "run everything of a robot as one ordinary user",
+            "this user is root; other users can neither use nor remove what root leaves in shared memory".to_owned(),
+            "run all programs of a robot as one ordinary user",
         ));
     }
     let (bytes, files) = machine.ownerless;
     if files > 0 {
         findings.push(warning(
-            format!("{files} files ({}) in /dev/shm belong to robots that are gone", megabytes(bytes)),
+            format!("{files} files ({}) in /dev/shm belong to robots that no longer exist", megabytes(bytes)),
             "while no robot runs: `find /dev/shm -maxdepth 1 -user $(id -u) -name 'nims????????_*' -delete`",
         ));
     }
 }
 
-fn domain_found(domain: &DomainFound) -> Option<Finding> {
-    let DomainFound { name, folder, open, alive, dead, is_run } = domain;
+fn domain_finding(domain: &DomainFacts) -> Option<Finding> {
+    let DomainFacts { name, folder, open, alive, dead, is_run } = domain;
     let folder = folder.display();
     if let Some(first) = open.first() {
         let more = if open.len() > 1 { format!(" and {} more", open.len() - 1) } else { String::new() };
         return Some(error(
-            format!("other users may read or write {}{more} of the domain `{name}`, and so the robot", first.display()),
-            &format!("take that away: `chmod go= {}`", paths(open)),
+            format!(
+                "other users may read or write {}{more} of the domain `{name}` and thus control the robot",
+                first.display()
+            ),
+            &format!("remove their access: `chmod go= {}`", paths(open)),
         ));
     }
     Some(match (*is_run, alive.is_empty(), *dead) {
         (true, _, 0) => note(format!("a robot runs in the domain `{name}`: {}", alive.join(", "))),
         (true, _, dead) => warning(
-            format!("in the running domain `{name}` {dead} dead processes have left traces"),
-            "the supervisor removes them within seconds; if this stays, end `nims up` and start it again",
+            format!("in the running domain `{name}`, resources of {dead} dead processes are left"),
+            "the supervisor removes them within seconds; if this persists, restart `nims up`",
         ),
         (false, false, _) => warning(
-            format!("in the domain `{name}` processes live without a supervisor: {}", alive.join(", ")),
-            "`nims up` with the same box ends them and cleans up; those that were started by hand, end by hand",
+            format!("in the domain `{name}`, processes run without a supervisor: {}", alive.join(", ")),
+            "`nims up` with the same system ends them and cleans up; end those that you started by hand yourself",
         ),
-        (false, true, 0) => note(format!("the folder {folder} of the domain `{name}` is left over, and harmless")),
+        (false, true, 0) => note(format!("the folder {folder} of the domain `{name}` is a harmless leftover")),
         (false, true, dead) => warning(
-            format!("the domain `{name}` holds what {dead} killed processes have left"),
-            "`nims up` with the same box cleans up",
+            format!("the domain `{name}` holds resources of {dead} killed processes"),
+            "`nims up` with the same system cleans up",
         ),
     })
 }
@@ -149,39 +154,39 @@ fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
     let limits = &machine.limits;
     if let Some(files) = limits.open_files.filter(|files| *files < OPEN_FILES) {
         findings.push(error(
-            format!("a process may open {files} files, and the recorder needs {OPEN_FILES}"),
-            "`LimitNOFILE=4096` in the service unit, or `- nofile 4096` in /etc/security/limits.d",
+            format!("a process may open {files} files, but the recorder needs {OPEN_FILES}"),
+            "set `LimitNOFILE=4096` in the service unit, or `- nofile 4096` in /etc/security/limits.d",
         ));
     }
     if let Some(processes) = limits.processes.filter(|processes| *processes < PROCESSES) {
         findings.push(error(
-            format!("this user may have {processes} processes and threads, and a robot needs about {PROCESSES}"),
-            "`LimitNPROC=1000` in the service unit, or `- nproc 1000` in /etc/security/limits.d",
+            format!("this user may have {processes} processes and threads, but a robot needs about {PROCESSES}"),
+            "set `LimitNPROC=1000` in the service unit, or `- nproc 1000` in /etc/security/limits.d",
         ));
     }
     match &machine.realtime_refused {
         Some(refused) => findings.push(warning(
-            format!("the control chain will run without what [realtime] asks for: {refused}"),
-            "permit it as said, or take it out of [realtime]; without it other programs can make cycles late",
+            format!("the system refuses a setting of [realtime], so the control chain runs without it: {refused}"),
+            "permit it as described, or remove it from [realtime]; without it, other programs can delay cycles",
         )),
         None if limits.realtime_priority == Some(0) && machine.user != 0 => {
-            let asked = if machine.runs.is_some() { ", and the box does not ask for it" } else { "" };
+            let asked = if machine.runs.is_some() { ", and the system does not request it" } else { "" };
             findings.push(note(format!("real-time priority is not permitted to this user{asked}")));
         }
         None => {}
     }
 }
 
-fn serial_port(port: &PortFound) -> Finding {
-    let PortFound { number, path, group, .. } = port;
+fn port_finding(port: &PortFacts) -> Finding {
+    let PortFacts { number, path, group, .. } = port;
     if !port.exists {
         return error(
-            format!("port {number}: there is no {path}"),
-            "plug the drives in; stable names stand in /dev/serial/by-id",
+            format!("port {number}: {path} does not exist"),
+            "plug the drives in; stable names are in /dev/serial/by-id",
         );
     }
     if !port.is_device {
-        return error(format!("port {number}: {path} is no serial device"), "correct `path` in the system file");
+        return error(format!("port {number}: {path} is not a serial device"), "correct `path` in the system file");
     }
     if !port.is_usable {
         return error(
@@ -192,9 +197,9 @@ fn serial_port(port: &PortFound) -> Finding {
     match port.latency_ms.filter(|latency| *latency > LATENCY_MS) {
         Some(latency) if !port.latency_is_writable => warning(
             format!(
-                "port {number}: the adapter of {path} holds answers back for {latency} ms, and this user may not change that"
+                "port {number}: the adapter of {path} delays answers by {latency} ms, and this user may not change that"
             ),
-            "a udev rule: SUBSYSTEM==\"usb-serial\", ATTR{latency_timer}=\"1\"",
+            "add a udev rule: SUBSYSTEM==\"usb-serial\", ATTR{latency_timer}=\"1\"",
         ),
         _ => note(format!("port {number}: {path} can be used")),
     }
@@ -203,11 +208,12 @@ fn serial_port(port: &PortFound) -> Finding {
 fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
     if machine.unix_s < NO_EARLIER_S {
         findings.push(warning(
-            "the calendar clock is not set, so run folders and files will bear a wrong date".to_owned(),
+            "the calendar clock is not set, so run folders and files get a wrong date".to_owned(),
             "set it with `timedatectl set-time`, or connect a network or a clock module",
         ));
     }
-    // Read at every stamp: these two take microseconds each time, and go through one register for all processors.
+    // The clock is read at every stamp. These two sources take microseconds per read and share one register among all
+    // processors.
     if ["hpet", "acpi_pm"].contains(&machine.clock_source.as_str()) {
         let better = machine
             .clock_sources
@@ -219,7 +225,7 @@ fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
                 Some(better) => {
                     format!("`echo {better} > /sys/devices/system/clocksource/clocksource0/current_clocksource`")
                 }
-                None => "a newer kernel or firmware may offer tsc; late cycles are counted in `nims status`".to_owned(),
+                None => "a newer kernel or firmware may offer tsc; see the late cycles in `nims status`".to_owned(),
             },
         ));
     }
@@ -228,7 +234,7 @@ fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
     if let Some(first) = slow.first() {
         findings.push(warning(
             format!(
-                "{} of {} processors change their speed ({first}), which delays wake-ups",
+                "{} of {} processors change their frequency ({first}), which delays wake-ups",
                 slow.len(),
                 machine.governors.len()
             ),
@@ -243,13 +249,13 @@ fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
     }
 }
 
-fn disk(runs: &Runs) -> Finding {
+fn disk_finding(runs: &Runs) -> Finding {
     let Runs { folder, is_writable, free_bytes, least_bytes, .. } = runs;
     let folder = folder.display();
     if !is_writable {
         return error(
             format!("runs cannot be written to {folder}"),
-            "correct `runs` in the system file, or make the folder this user's",
+            "correct `runs` in the system file, or make this user the owner of the folder",
         );
     }
     if free_bytes < least_bytes {
@@ -288,7 +294,7 @@ mod tests {
             user: 1000,
             memory: Memory { is_tmpfs: true, is_writable: true, size_bytes: 1 << 30, free_bytes: 1 << 30 },
             limits: Limits { open_files: Some(4096), realtime_priority: Some(95), processes: None },
-            ports: vec![PortFound {
+            ports: vec![PortFacts {
                 number: 1,
                 path: "/dev/ttyUSB0".to_owned(),
                 exists: true,
@@ -321,7 +327,8 @@ mod tests {
         assert!(findings.len() >= 3, "{findings:?}");
     }
 
-    /// One thing wrong: exactly one finding more than a note, of that level, with those words and a cure.
+    /// Expects that one change to a sound machine gives exactly one finding above a note, with this level, these words
+    /// and a remedy.
     fn found(level: Level, words: &[&str], change: impl Fn(&mut Machine)) {
         let mut machine = sound();
         change(&mut machine);
@@ -334,7 +341,7 @@ mod tests {
         for word in words {
             assert!(format!("{} {}", only.finding, only.cure).contains(word), "no {word:?} in {only:?}");
         }
-        assert_eq!(findings[0], **only, "the worst comes first");
+        assert_eq!(findings[0], **only, "the most severe comes first");
     }
 
     #[test]
@@ -354,8 +361,10 @@ mod tests {
         found(Level::Warning, &["priority 80", "[realtime]"], |machine| {
             machine.realtime_refused = Some("SCHED_FIFO priority 80".to_owned());
         });
-        found(Level::Error, &["port 1", "no /dev/ttyUSB0", "by-id"], |machine| machine.ports[0].exists = false);
-        found(Level::Error, &["no serial device"], |machine| machine.ports[0].is_device = false);
+        found(Level::Error, &["port 1", "/dev/ttyUSB0 does not exist", "by-id"], |machine| {
+            machine.ports[0].exists = false
+        });
+        found(Level::Error, &["not a serial device"], |machine| machine.ports[0].is_device = false);
         found(Level::Error, &["group 20", "usermod"], |machine| machine.ports[0].is_usable = false);
         found(Level::Warning, &["16 ms", "udev", "latency_timer"], |machine| machine.ports[0].latency_ms = Some(16));
         found(Level::Warning, &["calendar clock"], |machine| machine.unix_s = 12);
@@ -364,49 +373,49 @@ mod tests {
             machine.governors[2] = "powersave".to_owned();
         });
         found(Level::Warning, &["one processor"], |machine| machine.processors = 1);
-        let disk = |machine: &mut Machine, free: u64| {
+        let disk_finding = |machine: &mut Machine, free: u64| {
             if let Some(runs) = &mut machine.runs {
                 runs.free_bytes = free;
             }
         };
-        found(Level::Error, &["499 MB left", "nothing is recorded"], |machine| disk(machine, 499_000_000));
-        found(Level::Warning, &["60 minutes"], |machine| disk(machine, 500_000_000 + 3_600_000_000));
+        found(Level::Error, &["499 MB left", "nothing is recorded"], |machine| disk_finding(machine, 499_000_000));
+        found(Level::Warning, &["60 minutes"], |machine| disk_finding(machine, 500_000_000 + 3_600_000_000));
         found(Level::Error, &["cannot be written"], |machine| {
             if let Some(runs) = &mut machine.runs {
                 runs.is_writable = false;
             }
         });
-        found(Level::Error, &["no planner, no recorder", "cargo build"], |machine| {
+        found(Level::Error, &["nims: planner, recorder", "cargo build"], |machine| {
             machine.programs_missing = vec!["planner".to_owned(), "recorder".to_owned()];
         });
     }
 
     #[test]
     fn domains_are_told_apart() {
-        let domain = || DomainFound {
+        let domain = || DomainFacts {
             name: "demo3".to_owned(),
             folder: "/dev/shm/nims-1000-demo3".into(),
             ..Default::default()
         };
         let alive = || vec!["motor-io".to_owned()];
-        for quiet in [DomainFound { is_run: true, alive: alive(), ..domain() }, domain()] {
-            let finding = domain_found(&quiet).unwrap();
+        for quiet in [DomainFacts { is_run: true, alive: alive(), ..domain() }, domain()] {
+            let finding = domain_finding(&quiet).unwrap();
             assert_eq!(finding.level, Level::Note, "{finding:?}");
         }
         found(Level::Warning, &["without a supervisor: motor-io", "nims up"], |machine| {
-            machine.domains.push(DomainFound { alive: alive(), ..domain() });
+            machine.domains.push(DomainFacts { alive: alive(), ..domain() });
         });
         found(Level::Warning, &["2 killed processes", "nims up"], |machine| {
-            machine.domains.push(DomainFound { dead: 2, ..domain() });
+            machine.domains.push(DomainFacts { dead: 2, ..domain() });
         });
         found(Level::Warning, &["running domain", "1 dead"], |machine| {
-            machine.domains.push(DomainFound { dead: 1, alive: alive(), is_run: true, ..domain() });
+            machine.domains.push(DomainFacts { dead: 1, alive: alive(), is_run: true, ..domain() });
         });
         found(
             Level::Error,
             &["other users", "1 more of the domain `demo3`", "chmod go= /dev/shm/a /dev/pts/3"],
             |machine| {
-                machine.domains.push(DomainFound { open: vec!["/dev/shm/a".into(), "/dev/pts/3".into()], ..domain() });
+                machine.domains.push(DomainFacts { open: vec!["/dev/shm/a".into(), "/dev/pts/3".into()], ..domain() });
             },
         );
         found(Level::Error, &["other users", "chmod 700 /dev/shm/nims-1000-demo3"], |machine| {

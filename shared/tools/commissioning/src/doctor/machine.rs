@@ -1,118 +1,118 @@
-//! What the doctor knows of a machine: plain facts, so that they can be judged without one.
+//! Facts about a machine as plain data, so that they can be judged in tests without that machine.
 
 use evidence::busy::Busy;
 use std::path::PathBuf;
 
-/// A machine, and what a box needs of it.
+/// Facts about a machine, as far as a system needs them.
 #[derive(Debug, Clone, Default)]
 pub struct Machine {
-    /// User id of whoever asks.
+    /// User id of this process.
     pub user: u32,
-    /// Where shared memory lies.
+    /// Shared memory.
     pub memory: Memory,
     /// This user's domains.
-    pub domains: Vec<DomainFound>,
-    /// Bytes in shared memory that belong to no domain of this user, and in how many files.
+    pub domains: Vec<DomainFacts>,
+    /// Size in bytes and number of files of this user in shared memory that belong to no domain.
     pub ownerless: (u64, usize),
-    /// What a process may have.
+    /// Resource limits of a process.
     pub limits: Limits,
-    /// What the system does not permit of the box's `[realtime]`, in its own words.
+    /// Error of the operating system for a setting in `[realtime]` that it does not permit.
     pub realtime_refused: Option<String>,
-    /// Serial devices of the box.
-    pub ports: Vec<PortFound>,
-    /// Clock source of the kernel; empty: unknown.
+    /// Serial devices of the system.
+    pub ports: Vec<PortFacts>,
+    /// Clock source of the kernel; empty if unknown.
     pub clock_source: String,
-    /// Clock sources that it could have instead.
+    /// Available clock sources, separated by spaces.
     pub clock_sources: String,
     /// Calendar time, s since 1970.
     pub unix_s: u64,
-    /// Frequency governors, one per processor; empty: the machine has none.
+    /// Frequency governors, one per processor; empty if the machine has none.
     pub governors: Vec<String>,
-    /// Processors.
+    /// Number of processors.
     pub processors: usize,
-    /// What else runs.
+    /// Load by other programs.
     pub busy: Option<Busy>,
-    /// Folders of this user's domains that others may enter, which therefore cannot be used.
+    /// Folders of this user's domains that other users may enter; nims refuses to use them.
     pub open_folders: Vec<PathBuf>,
-    /// Where runs are kept.
+    /// Folder of the runs.
     pub runs: Option<Runs>,
-    /// Programs that should stand beside this one, and do not.
+    /// Programs missing in the folder of this program.
     pub programs_missing: Vec<String>,
 }
 
-/// /dev/shm.
+/// Shared memory, /dev/shm.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Memory {
-    /// It is there, and in memory.
+    /// Whether it exists and is a tmpfs.
     pub is_tmpfs: bool,
-    /// This user may make files there.
+    /// Whether this user may create files in it.
     pub is_writable: bool,
     /// Size, bytes.
     pub size_bytes: u64,
-    /// Room left, bytes.
+    /// Free space, bytes.
     pub free_bytes: u64,
 }
 
-/// One robot's part of shared memory.
+/// Domain of a robot in shared memory.
 #[derive(Debug, Clone, Default)]
-pub struct DomainFound {
-    /// Its name.
+pub struct DomainFacts {
+    /// Name of the domain.
     pub name: String,
-    /// Its folder.
+    /// Folder of the domain.
     pub folder: PathBuf,
-    /// What of it others could read, write or enter.
+    /// Files and folders of the domain that other users could read, write or enter.
     pub open: Vec<PathBuf>,
-    /// Names of the processes that live in it.
+    /// Names of its running processes.
     pub alive: Vec<String>,
-    /// Processes that have died and whose traces are still there.
+    /// Number of dead processes whose resources have not been removed.
     pub dead: usize,
-    /// Whether a supervisor runs it.
+    /// Whether a supervisor is running in it.
     pub is_run: bool,
 }
 
-/// Limits of a process; `None`: none.
+/// Resource limits of a process; `None` means unlimited.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Limits {
-    /// Open files.
+    /// Number of open files.
     pub open_files: Option<u64>,
     /// Highest real-time priority.
     pub realtime_priority: Option<u64>,
-    /// Processes and threads of this user.
+    /// Number of processes and threads of this user.
     pub processes: Option<u64>,
 }
 
 /// A serial device.
 #[derive(Debug, Clone, Default)]
-pub struct PortFound {
-    /// Its place in the system file, from 1.
+pub struct PortFacts {
+    /// Number in the system file, from 1.
     pub number: usize,
-    /// As the system file has it.
+    /// Path in the system file.
     pub path: String,
-    /// It is there.
+    /// Whether the path exists.
     pub exists: bool,
-    /// It is a device.
+    /// Whether it is a character device.
     pub is_device: bool,
-    /// This user may read and write it.
+    /// Whether this user may read and write it.
     pub is_usable: bool,
-    /// The group that may, by its number.
+    /// Id of the group that owns it.
     pub group: u32,
-    /// How long its adapter holds short answers back, ms; `None`: not at all, or unknown.
+    /// Time for which its adapter delays short answers, ms; `None` if it does not or if this is unknown.
     pub latency_ms: Option<u32>,
-    /// This user may change that.
+    /// Whether this user may change that delay.
     pub latency_is_writable: bool,
 }
 
-/// Where runs are kept.
+/// Folder of the runs.
 #[derive(Debug, Clone, Default)]
 pub struct Runs {
-    /// The folder.
+    /// Path.
     pub folder: PathBuf,
-    /// It, or the folder that it would be made in, can be written.
+    /// Whether it, or the folder in which it would be created, is writable.
     pub is_writable: bool,
-    /// Room left, bytes.
+    /// Free space, bytes.
     pub free_bytes: u64,
-    /// Below this nothing is recorded, bytes.
+    /// Free space below which nothing is recorded, bytes.
     pub least_bytes: u64,
-    /// Runs, and files of the remembered position, that other users may read.
+    /// Runs, and files of the saved position, that other users may read.
     pub open: Vec<PathBuf>,
 }

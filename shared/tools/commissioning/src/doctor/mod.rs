@@ -1,10 +1,10 @@
-//! `nims doctor`: whether this machine can run a robot, each finding with its cure. Looks only; changes nothing.
+//! `nims doctor`: checks whether this machine can run a robot; each finding has a remedy. It changes nothing.
 
 mod judge;
 mod machine;
 mod probe;
 
-pub use probe::{TMPFS, where_it_will_be};
+pub use probe::{TMPFS_MAGIC, nearest_existing};
 
 use crate::check;
 use command::{Answer, Failure, Output};
@@ -14,14 +14,14 @@ use std::path::PathBuf;
 /// `nims doctor`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// System file, whose ports, runs folder and scheduling are looked at too.
+    /// System file; its ports, runs folder and scheduling are checked too.
     pub config: Option<PathBuf>,
 }
 
-/// Looks at the machine, for a system or for any.
+/// Runs `nims doctor` with or without a system file.
 ///
 /// # Errors
-/// The system file cannot be used.
+/// A system file that cannot be used, or an error among the findings.
 pub fn run(args: &Args) -> Answer<Output> {
     let path = args.config.as_deref().map(std::path::absolute).transpose().map_err(Failure::bad)?;
     let file = path.as_deref().map(SystemFile::load).transpose().map_err(Failure::bad)?;

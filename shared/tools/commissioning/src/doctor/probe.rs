@@ -1,6 +1,6 @@
-//! Finds the facts out, without changing anything.
+//! Collects the facts about this machine without changing anything.
 
-use super::machine::{DomainFound, Limits, Machine, Memory, PortFound, Runs};
+use super::machine::{DomainFacts, Limits, Machine, Memory, PortFacts, Runs};
 use bus::{Domain, clock};
 use client::Running;
 use config::{Role, SystemFile};
@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 
 const SHARED_MEMORY: &str = "/dev/shm";
 /// `f_type` of tmpfs, statfs(2).
-pub const TMPFS: u32 = 0x0102_1994;
+pub const TMPFS_MAGIC: u32 = 0x0102_1994;
 
-/// This machine, as far as the box needs it; without a box, as far as any does.
+/// Collects what a system needs from this machine; without a system file, what every system needs.
 pub fn probe(file: Option<&SystemFile>) -> Machine {
     let user = geteuid().as_raw();
     let domains: Vec<Domain> = Domain::all();
@@ -23,7 +23,7 @@ pub fn probe(file: Option<&SystemFile>) -> Machine {
         user,
         memory: memory(),
         ownerless: ownerless(&domains, user),
-        domains: domains.iter().map(domain_found).collect(),
+        domains: domains.iter().map(domain_facts).collect(),
         limits: limits(),
         realtime_refused: file.and_then(realtime_refused),
         ports: file.map(ports).unwrap_or_default(),
@@ -46,14 +46,15 @@ fn kernel(file: &str) -> String {
 fn memory() -> Memory {
     let room = statvfs(SHARED_MEMORY).ok();
     Memory {
-        is_tmpfs: statfs(SHARED_MEMORY).is_ok_and(|found| found.f_type as u32 == TMPFS),
+        is_tmpfs: statfs(SHARED_MEMORY).is_ok_and(|found| found.f_type as u32 == TMPFS_MAGIC),
         is_writable: access(SHARED_MEMORY, Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK).is_ok(),
         size_bytes: room.as_ref().map_or(0, |room| room.f_blocks.saturating_mul(room.f_frsize)),
         free_bytes: room.as_ref().map_or(0, |room| room.f_bavail.saturating_mul(room.f_frsize)),
     }
 }
 
-/// Files of this user that begin as a domain's do, and belong to none that has a folder: bytes and number.
+/// Returns size in bytes and number of this user's files whose names have the form of a domain's but match no existing
+/// domain.
 fn ownerless(domains: &[Domain], user: u32) -> (u64, usize) {
     let ours = |name: &str| {
         name.strip_prefix("nims")
@@ -71,10 +72,10 @@ fn ownerless(domains: &[Domain], user: u32) -> (u64, usize) {
     found
 }
 
-fn domain_found(domain: &Domain) -> DomainFound {
+fn domain_facts(domain: &Domain) -> DomainFacts {
     let runs =
         |running: Running| Pid::from_raw(running.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
-    DomainFound {
+    DomainFacts {
         name: domain.name().to_owned(),
         folder: domain.root().to_owned(),
         open: domain.open_to_others(),
@@ -87,14 +88,14 @@ fn domain_found(domain: &Domain) -> DomainFound {
 fn limits() -> Limits {
     let most = |resource| getrlimit(resource).maximum;
     Limits {
-        // every process raises its own limit as far as it may
+        // Every process raises its own soft limit up to the hard limit.
         open_files: most(Resource::Nofile),
         realtime_priority: most(Resource::Rtprio),
         processes: most(Resource::Nproc),
     }
 }
 
-/// Tries what `[realtime]` asks for, in a thread that ends with it.
+/// Applies the settings of `[realtime]` in a temporary thread and returns the error, if any.
 fn realtime_refused(file: &SystemFile) -> Option<String> {
     let section = file.realtime.clone();
     let awake = section.idle_latency_us.and_then(|latency_us| runtime::realtime::stay_awake(latency_us).err());
@@ -102,7 +103,7 @@ fn realtime_refused(file: &SystemFile) -> Option<String> {
     tried.ok().flatten().or(awake)
 }
 
-fn ports(file: &SystemFile) -> Vec<PortFound> {
+fn ports(file: &SystemFile) -> Vec<PortFacts> {
     let ports = file.motor_io.ports.iter().enumerate();
     ports
         .filter(|(_, port)| !port.path.contains("{domain}"))
@@ -110,12 +111,12 @@ fn ports(file: &SystemFile) -> Vec<PortFound> {
         .collect()
 }
 
-fn serial_port(number: usize, path: &str) -> PortFound {
+fn serial_port(number: usize, path: &str) -> PortFacts {
     let found = fs::metadata(path).ok();
     let timer = fs::canonicalize(path)
         .ok()
         .and_then(|device| Some(Path::new("/sys/class/tty").join(device.file_name()?).join("device/latency_timer")));
-    PortFound {
+    PortFacts {
         number,
         path: path.to_owned(),
         exists: found.is_some(),
@@ -133,8 +134,8 @@ fn governors() -> Vec<String> {
     files.filter_map(|file| Some(fs::read_to_string(file).ok()?.trim().to_owned())).collect()
 }
 
-/// A folder of runs may not be there yet; then the one counts in which it would be made.
-pub fn where_it_will_be(runs: &Path) -> PathBuf {
+/// Returns the runs folder or, if it does not exist yet, the nearest existing parent.
+pub fn nearest_existing(runs: &Path) -> PathBuf {
     std::path::absolute(runs)
         .unwrap_or_else(|_| runs.to_owned())
         .ancestors()
@@ -144,7 +145,7 @@ pub fn where_it_will_be(runs: &Path) -> PathBuf {
 }
 
 fn runs(file: &SystemFile) -> Runs {
-    let there = where_it_will_be(&file.runs);
+    let there = nearest_existing(&file.runs);
     Runs {
         folder: file.runs.clone(),
         is_writable: there.is_dir() && access(&there, Access::WRITE_OK | Access::EXEC_OK).is_ok(),
@@ -154,7 +155,7 @@ fn runs(file: &SystemFile) -> Runs {
     }
 }
 
-/// What lies in a folder that other users may enter, and is open to them itself.
+/// Returns the entries of a folder that other users may access; empty if they may not enter the folder itself.
 fn open_in(folder: &Path) -> Vec<PathBuf> {
     if !fs::metadata(folder).is_ok_and(|found| found.mode() & 0o011 != 0) {
         return Vec::new();
@@ -188,12 +189,12 @@ mod tests {
     #[test]
     fn what_lives_and_what_is_left_over_is_told_apart() {
         let domain = Domain::for_test();
-        let bus = bus::Bus::join(&domain, "someone").unwrap();
-        let found = domain_found(&domain);
-        assert_eq!(found.alive, ["someone"]);
+        let bus = bus::Bus::join(&domain, "process").unwrap();
+        let found = domain_facts(&domain);
+        assert_eq!(found.alive, ["process"]);
         assert!(found.open.is_empty() && !found.is_run, "{found:?}");
         drop(bus);
-        assert!(domain_found(&domain).alive.is_empty());
+        assert!(domain_facts(&domain).alive.is_empty());
     }
 
     #[test]
@@ -208,7 +209,7 @@ mod tests {
         fs::set_permissions(&runs, fs::Permissions::from_mode(0o755)).unwrap();
         assert_eq!(open_in(&runs), [runs.join("open")]);
         fs::set_permissions(&runs, fs::Permissions::from_mode(0o700)).unwrap();
-        assert!(open_in(&runs).is_empty(), "nobody gets there");
+        assert!(open_in(&runs).is_empty(), "other users cannot enter the folder");
         assert!(open_in(&runs.join("absent")).is_empty());
     }
 

@@ -1,45 +1,46 @@
-//! Which point does not fit the others.
+//! Detects the point that does not fit the others.
 
-use crate::calibrate::File;
+use crate::calibrate::MeasurementsFile;
 use cable_robot::{Anchors, CableVec, kinematics};
 use calibration::{JointInput, Measurements, Method, calibrate, calibrate_joint, survey_network};
 use std::fmt::Write as _;
 
-/// A point is doubted if chance leaves it so far off as rarely as a normal variate beyond so many deviations.
-const DEVIATIONS: f64 = 4.0;
+/// Significance of a misfit, as the number of standard deviations of a normal variate with the same probability.
+const SIGNIFICANCE_SIGMAS: f64 = 4.0;
 
-/// Points without which the rest fits nearly as well cannot be told apart: a difference of chi-squared of six is twenty to one.
-const TELLING: f64 = 6.0;
+/// Difference in chi-squared below which two candidates for the wrong point cannot be distinguished: six is odds of
+/// twenty to one.
+const MIN_GAIN: f64 = 6.0;
 
-/// A height of the meeting point that is worth a word, m.
+/// Height of the intersection above or below the floor that is worth reporting, m.
 const NOTEWORTHY_M: f64 = 0.02;
 
 /// A point that does not fit the others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Doubtful {
-    /// Its number in the file, from 1.
+    /// Number in the file, from 1.
     pub point: usize,
-    /// What is odd about it by the others, one clause.
-    pub how: String,
+    /// Its deviation from the others, one clause.
+    pub description: String,
 }
 
-/// The point that fits worst, if it does not fit and nobody has said yet what becomes of it. Of several that may be the one, the newest.
-/// Points that were kept all the same are left aside, so that no other one is blamed for them.
-pub fn find(file: &File) -> Option<Doubtful> {
+/// Finds the point that fits worst, if it does not fit and has no decision yet; of several equal candidates, the
+/// newest. Points that were kept despite their misfit are excluded, so that no other point is blamed for them.
+pub fn find(file: &MeasurementsFile) -> Option<Doubtful> {
     let kept = |index: &usize| file.doubt.iter().any(|doubt| doubt.point == index + 1);
     let open: Vec<usize> = file.used(Method::Survey).into_iter().filter(|index| !kept(index)).collect();
     let mut measured = file.measurements(Method::Survey).ok()?;
     measured.lengths_m =
         open.iter().map(|index| CableVec::from_slice(&file.point[*index].lengths_m).ok()).collect::<Option<_>>()?;
-    // An extra point brings so many lengths more than it takes unknowns.
+    // Each point adds `cable_count` lengths and two unknowns, x and y.
     let limit = quantile(measured.cable_count.checked_sub(2)?);
-    let all = misfit(&measured);
-    // With fewer than three left the rest says nothing.
+    let all = best_fit(&measured);
+    // Fewer than three remaining points determine nothing.
     if open.len() < 4 || all.is_some_and(|(all, _)| all <= limit) {
         return None;
     }
-    // Where even the best fit of all is none, whatever there is one without may be to blame.
-    let gain = |rest: &Measurements| misfit(rest).map(|(rest, _)| all.map_or(f64::MAX, |(all, _)| all - rest));
+    // If the fit of all points fails, any point whose removal makes a fit possible may be the cause.
+    let gain = |rest: &Measurements| best_fit(rest).map(|(rest, _)| all.map_or(f64::MAX, |(all, _)| all - rest));
     let without = |index: usize| {
         let mut rest = measured.clone();
         rest.lengths_m.remove(index);
@@ -47,27 +48,28 @@ pub fn find(file: &File) -> Option<Doubtful> {
     };
     let gains: Vec<(usize, f64)> = (0..open.len()).filter_map(|index| Some((index, gain(&without(index))?))).collect();
     let best = gains.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
-    let (index, most) = *gains.iter().rfind(|(_, gain)| *gain >= best - TELLING)?;
+    let (index, most) = *gains.iter().rfind(|(_, gain)| *gain >= best - MIN_GAIN)?;
     if most <= limit {
         return None;
     }
     let rest = without(index);
-    let mut how = how(&rest, &measured.lengths_m[index]);
+    let mut description = describe_misfit(&rest, &measured.lengths_m[index]);
     let height = (0..measured.heights.len()).find(|height| {
         let mut rest = measured.clone();
         rest.heights.remove(*height);
-        gain(&rest).is_some_and(|gain| gain >= best - TELLING)
+        gain(&rest).is_some_and(|gain| gain >= best - MIN_GAIN)
     });
     if let Some(height) = height {
-        let _ = write!(how, " (unless the height of pulley {} is wrong)", measured.heights[height].anchor + 1);
-    } else if misfit(&rest).is_some_and(|(rest, left)| left > 0.0 && rest > quantile(left as usize)) {
-        how.push_str(" (and the others do not fit together either: a distance or a height may be wrong)");
+        let _ = write!(description, " (unless the height of pulley {} is wrong)", measured.heights[height].anchor + 1);
+    } else if best_fit(&rest).is_some_and(|(rest, left)| left > 0.0 && rest > quantile(left as usize)) {
+        description.push_str(" (and the others do not fit each other either: a distance or a height may be wrong)");
     }
-    Some(Doubtful { point: open[index] + 1, how })
+    Some(Doubtful { point: open[index] + 1, description })
 }
 
-/// Sum of squared residuals of the best fit, in standard deviations, and its degrees of freedom; none where there is no fit.
-fn misfit(measured: &Measurements) -> Option<(f64, f64)> {
+/// Returns the sum of squared residuals of the best fit in units of variance, and its degrees of freedom; `None` if the
+/// fit fails.
+fn best_fit(measured: &Measurements) -> Option<(f64, f64)> {
     let survey = survey_network(measured.cable_count, &measured.ranges, &measured.sides).ok()?;
     let best = calibrate_joint(&JointInput {
         ranges: &measured.ranges,
@@ -77,27 +79,28 @@ fn misfit(measured: &Measurements) -> Option<(f64, f64)> {
     best.ok().map(|best| (best.chi_squared, best.degrees_of_freedom))
 }
 
-/// Chi-squared with so many degrees of freedom that chance exceeds as rarely as [`DEVIATIONS`] (Wilson and Hilferty).
+/// Returns the quantile of chi-squared that is exceeded with the probability of [`SIGNIFICANCE_SIGMAS`] (approximation of Wilson
+/// and Hilferty).
 fn quantile(degrees_of_freedom: usize) -> f64 {
     let k = degrees_of_freedom as f64;
     let spread = 2.0 / (9.0 * k);
-    k * (1.0 - spread + DEVIATIONS * spread.sqrt()).powi(3)
+    k * (1.0 - spread + SIGNIFICANCE_SIGMAS * spread.sqrt()).powi(3)
 }
 
-/// Where the lines of a point meet by the calibration without it.
-fn how(rest: &Measurements, lengths_m: &[f64]) -> String {
-    let vague = || "its lines do not meet in one place".to_owned();
-    let Ok(found) = calibrate(rest, Method::Survey) else { return "they contradict each other".to_owned() };
+/// Describes where the cables of a point meet according to the calibration without it.
+fn describe_misfit(rest: &Measurements, lengths_m: &[f64]) -> String {
+    let vague = || "its cables do not meet in one place".to_owned();
+    let Ok(found) = calibrate(rest, Method::Survey) else { return "the other points contradict each other".to_owned() };
     let Ok(anchors) = Anchors::new(&found.anchors_m) else { return vague() };
     match kinematics::forward_kinematics(&anchors, lengths_m, None) {
         Ok(at) if at.position.z.abs() > NOTEWORTHY_M.max(at.residual_rms_m) => {
             let side = if at.position.z > 0.0 { "above" } else { "below" };
-            format!("by them its lines meet {:.2} m {side} the floor", at.position.z.abs())
+            format!("according to them, its cables meet {:.2} m {side} the floor", at.position.z.abs())
         }
         Ok(at) if at.residual_rms_m > 0.5 * NOTEWORTHY_M => {
-            format!("its lines miss each other by {:.3} m", at.residual_rms_m)
+            format!("its cables miss each other by {:.3} m", at.residual_rms_m)
         }
-        Ok(at) => format!("by them its lines meet {:.3} m off the floor", at.position.z.abs()),
+        Ok(at) => format!("according to them, its cables meet {:.3} m off the floor", at.position.z.abs()),
         Err(_) => vague(),
     }
 }

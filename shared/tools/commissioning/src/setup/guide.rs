@@ -1,75 +1,84 @@
-//! One question at a time: the measurements so far and what is open of them. No input and output; the state is the measurements file.
+//! The sequence of questions: the measurements so far and the open question. No input and output; the state is the
+//! measurements file.
 
 use super::numbers::{self, excerpt};
 use super::question::{self, POINTS, Question, pulleys};
 use super::shape;
 use super::text::metres;
 use super::undo::undo;
-use crate::calibrate::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
+use crate::calibrate::{Doubt, HeightBy, HeightEntry, MeasurementsFile, PointEntry, RangeEntry, Setup};
 use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, Method, calibrate};
 
-/// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser in hands that
-/// are new to it.
+/// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser
+/// meter used by beginners.
 const SIGMA_RANGE_M: f64 = 0.005;
 
-/// Least and most points of a plan.
+/// Minimum number of points of a plan.
 const FEWEST: usize = 3;
+/// Maximum number of points of a plan.
 const MOST: usize = 60;
 
-/// A length is spoken of that is off by more than this share of what was expected, and by more than [`FAR_M`].
+/// Share of the expected length beyond which a length gives a hint, if it also exceeds [`FAR_M`].
 const FAR_SHARE: f64 = 0.2;
-/// As far as people stand beside a place, and a guessed height is off, m.
+/// Deviation beyond which a length gives a hint, m: people stand about so far beside a place, and a guessed height is
+/// about so far off.
 const FAR_M: f64 = 1.0;
 
-/// Two lines may be too short to meet by so many standard deviations of a length.
-const SHORT: f64 = 6.0;
+/// Amount by which two cables may be too short to meet, in standard deviations of a length.
+const SHORT_SIGMAS: f64 = 6.0;
 
-/// What follows an answer.
+/// What the caller does after an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Then {
-    /// The next question, or the same again.
+pub enum NextStep {
+    /// Ask the next question, or the same one again.
     Ask,
-    /// All is measured, and the calibration wanted.
+    /// Write the calibration: the measurements are complete and confirmed.
     Finish,
-    /// Nobody wants to go on now.
+    /// Leave the program.
     Leave,
 }
 
-/// What becomes of an answer.
+/// Reply to an answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reply {
-    /// What to say; may be empty.
-    pub said: String,
-    /// The measurements changed and have to be kept.
+    /// Message to print; may be empty.
+    pub message: String,
+    /// Whether the measurements changed and must be saved.
     pub changed: bool,
-    /// What follows.
-    pub then: Then,
+    /// What the caller does next.
+    pub next_step: NextStep,
 }
 
-/// The measurements and the pending question.
+/// The measurements and the open question.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Guide {
-    file: File,
+    file: MeasurementsFile,
     question: Question,
 }
 
 impl Default for Guide {
     fn default() -> Self {
-        let file = File { setup: Some(Setup::default()), sigma_range_m: Some(SIGMA_RANGE_M), ..File::default() };
+        let file = MeasurementsFile {
+            setup: Some(Setup::default()),
+            sigma_range_m: Some(SIGMA_RANGE_M),
+            ..MeasurementsFile::default()
+        };
         Self { question: Question::next(&file), file }
     }
 }
 
 impl Guide {
-    /// Goes on with measurements that were begun.
+    /// Continues with existing measurements.
     ///
     /// # Errors
-    /// One clause, without the file's name: why they cannot be gone on with.
-    pub fn resume(file: File) -> Result<Self, String> {
+    /// One clause without the file name: why they cannot be continued.
+    pub fn resume(file: MeasurementsFile) -> Result<Self, String> {
         let Some(setup) = &file.setup else {
-            return Err("it has no [setup], so nims setup has not begun it and would lose the comments in it; name a new file, \
-                        or take this one to nims calibrate"
-                .to_owned());
+            return Err(
+                "it has no [setup], so `nims setup` did not create it and would drop its comments; name a new file, \
+                        or pass this one to `nims calibrate`"
+                    .to_owned(),
+            );
         };
         let count = setup.pulleys.unwrap_or(0);
         if setup.pulleys.is_some_and(|count| !(3..=cable_robot::MAX_CABLES).contains(&count)) {
@@ -78,7 +87,7 @@ impl Guide {
         let named = file.range.iter().flat_map(|r| [r.from, r.to]).chain(file.height.iter().map(|h| h.anchor));
         let plans = setup.skipped.iter().flatten().chain(&setup.unmeasured).copied();
         if let Some(other) = named.chain(plans).find(|pulley| !(1..=count).contains(pulley)) {
-            return Err(format!("it names pulley {other}; there are {count}"));
+            return Err(format!("it names pulley {other}; there are {count} pulleys"));
         }
         if file.point.iter().any(|point| point.lengths_m.len() != count) || setup.lengths_so_far_m.len() > count {
             return Err(format!("a [[point]] does not have one length for each of the {count} pulleys"));
@@ -86,19 +95,21 @@ impl Guide {
         let points = file.point.len();
         let odd = |doubt: &Doubt| !(1..=doubt.after).contains(&doubt.point) || doubt.after > points;
         if file.doubt.iter().any(odd) || setup.plan.iter().any(|plan| plan[0] > points || plan[1] > 2 * MOST) {
-            return Err("a [[doubt]] or the plan is about points that are not there".to_owned());
+            return Err("a [[doubt]] or the plan refers to points that do not exist".to_owned());
         }
         if count > 0 {
             let measured = file.measurements(Method::Survey)?;
-            let question =
-                Question::next(&File { setup: Some(Setup { plan: Vec::new(), ..setup.clone() }), ..file.clone() });
+            let question = Question::next(&MeasurementsFile {
+                setup: Some(Setup { plan: Vec::new(), ..setup.clone() }),
+                ..file.clone()
+            });
             let placed = !matches!(question, Question::Pulleys | Question::Distance { .. } | Question::Side { .. });
             if placed {
                 shape::survey(&file, count)?;
             }
-            // Points before the pulleys have a place cannot be made sense of.
+            // Points need the positions of the pulleys, so an earlier question must not be open.
             if !matches!(question, Question::Points) && (points > 0 || !setup.plan.is_empty()) {
-                return Err("it has points, but not all that is asked before them".to_owned());
+                return Err("it has points, but an answer that is asked before them is missing".to_owned());
             }
             if points > 0
                 && let Err(error @ CalibrationError::InvalidArgument(_)) = calibrate(&measured, Method::Survey)
@@ -109,31 +120,31 @@ impl Guide {
         Ok(Self { question: Question::next(&file), file })
     }
 
-    /// The pending question, in words.
+    /// Returns the text of the open question.
     pub fn question(&self) -> String {
         self.question.text(&self.file)
     }
 
-    /// The pending question.
+    /// Returns the open question.
     #[cfg(test)]
     pub fn pending(&self) -> &Question {
         &self.question
     }
 
-    /// The measurements so far.
-    pub fn file(&self) -> &File {
+    /// Returns the measurements so far.
+    pub fn file(&self) -> &MeasurementsFile {
         &self.file
     }
 
-    /// Takes a line that somebody typed.
+    /// Applies a typed line.
     pub fn answer(&mut self, line: &str) -> Reply {
         let line = line.trim();
         match line.to_lowercase().as_str() {
-            "quit" | "exit" => return Reply { said: String::new(), changed: false, then: Then::Leave },
+            "quit" | "exit" => return Reply { message: String::new(), changed: false, next_step: NextStep::Leave },
             "undo" => {
                 return match undo(&mut self.file) {
                     Some(what) => self.changed(format!("Taken back: {what}.")),
-                    None => refused("There is nothing to take back.".to_owned()),
+                    None => refused("There is no answer to take back.".to_owned()),
                 };
             }
             "help" | "?" => return refused(HELP.to_owned()),
@@ -141,53 +152,56 @@ impl Guide {
         }
         if self.question == Question::Finish && line.is_empty() {
             return match crate::calibrate::judge(&self.file, Method::Survey) {
-                Ok(_) => Reply { said: String::new(), changed: false, then: Then::Finish },
-                Err(_) => refused("There is no calibration yet: say how many more points you will measure.".to_owned()),
+                Ok(_) => Reply { message: String::new(), changed: false, next_step: NextStep::Finish },
+                Err(_) => refused(
+                    "There is no calibration yet: type the number of further points that you will measure.".to_owned(),
+                ),
             };
         }
-        // An answer is tried on a copy, so that one that is refused leaves nothing behind.
+        // Apply the answer to a copy, so that a rejected one changes nothing.
         let mut tried = self.file.clone();
-        match take(&mut tried, &self.question, line) {
-            Ok(said) => {
+        match apply_answer(&mut tried, &self.question, line) {
+            Ok(message) => {
                 self.file = tried;
-                self.changed(said)
+                self.changed(message)
             }
             Err(why) => refused(sentence(&why)),
         }
     }
 
-    /// The measurements changed: what is asked next, and how well the anchors are known where points are being measured.
-    fn changed(&mut self, said: String) -> Reply {
+    /// Determines the next question and, while points are measured, the accuracy of the anchors so far.
+    fn changed(&mut self, message: String) -> Reply {
         self.question = Question::next(&self.file);
-        let whole = told_by_points(&self.file) && matches!(self.question, Question::Lengths { .. });
+        let whole = points_complete(&self.file) && matches!(self.question, Question::Lengths { .. });
         let progress = if whole { progress(&self.file) } else { None };
-        let said: Vec<String> = [Some(said), progress].into_iter().flatten().filter(|said| !said.is_empty()).collect();
-        Reply { said: said.join("\n"), changed: true, then: Then::Ask }
+        let message: Vec<String> =
+            [Some(message), progress].into_iter().flatten().filter(|message| !message.is_empty()).collect();
+        Reply { message: message.join("\n"), changed: true, next_step: NextStep::Ask }
     }
 }
 
-/// What can be typed at any time.
+/// Text for `help`.
 const HELP: &str = "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
-                    points, quit stops: everything is kept, and the same command goes on.";
+                    points, quit stops. All answers are saved, and the same command continues.";
 
-fn refused(said: String) -> Reply {
-    Reply { said, changed: false, then: Then::Ask }
+fn refused(message: String) -> Reply {
+    Reply { message, changed: false, next_step: NextStep::Ask }
 }
 
-/// With a capital letter and a full stop.
+/// Adds a capital letter and a full stop.
 fn sentence(clause: &str) -> String {
     let mut letters = clause.chars();
     let begun: String = letters.next().into_iter().flat_map(char::to_uppercase).chain(letters).collect();
     if begun.ends_with(['.', '?', '!']) { begun } else { begun + "." }
 }
 
-/// Points are there, and no point is half told.
-fn told_by_points(file: &File) -> bool {
+/// Returns whether the file has points and none of them is incomplete.
+fn points_complete(file: &MeasurementsFile) -> bool {
     !file.point.is_empty() && file.setup.as_ref().is_some_and(|setup| setup.lengths_so_far_m.is_empty())
 }
 
-/// How well the anchors are known by the points so far, in a line; none while nothing is determined.
-fn progress(file: &File) -> Option<String> {
+/// Returns the accuracy of the anchors from the points so far as one line; `None` if too few points exist.
+fn progress(file: &MeasurementsFile) -> Option<String> {
     let measured = file.measurements(Method::Survey).ok()?;
     match calibrate(&measured, Method::Survey) {
         Ok(found) => {
@@ -203,14 +217,14 @@ fn progress(file: &File) -> Option<String> {
     }
 }
 
-/// Puts an answer into the measurements and says what is to be said about it.
-fn take(file: &mut File, question: &Question, line: &str) -> Result<String, String> {
+/// Applies an answer to the measurements and returns the message to print.
+fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) -> Result<String, String> {
     let done = line.eq_ignore_ascii_case("done");
     if done && !matches!(question, Question::Lengths { .. }) {
         return Err(match question {
-            Question::Finish => "that is all already: press Enter to write the calibration".to_owned(),
+            Question::Finish => "the points are complete: press Enter to write the calibration".to_owned(),
             Question::Doubt { .. } => "answer keep or again first".to_owned(),
-            _ => "done ends the points, and they come after this question".to_owned(),
+            _ => "done ends the points, which come after this question".to_owned(),
         });
     }
     match question {
@@ -226,7 +240,7 @@ fn take(file: &mut File, question: &Question, line: &str) -> Result<String, Stri
             let side = match line.to_lowercase().as_str() {
                 "l" | "left" => 1,
                 "r" | "right" => -1,
-                _ => return Err(format!("`{}` is no side; write l for left or r for right", excerpt(line))),
+                _ => return Err(format!("`{}` is not a side; type l for left or r for right", excerpt(line))),
             };
             if let Some(range) = file.range.iter_mut().rfind(|range| range.from.max(range.to) == *pulley) {
                 range.side = Some(side);
@@ -242,9 +256,9 @@ fn take(file: &mut File, question: &Question, line: &str) -> Result<String, Stri
             file.height.push(HeightEntry { anchor: *pulley, m, sigma_m: None, by: Some(HeightBy::Tape) });
             Ok(String::new())
         }
-        Question::About => {
+        Question::ApproximateHeight => {
             if line.is_empty() {
-                return Err("a guess is needed, to show what the lines will read; e.g. 3".to_owned());
+                return Err("a guess is needed to predict the cable lengths; e.g. 3".to_owned());
             }
             file.setup.get_or_insert_default().about_m = Some(numbers::length(line, numbers::HEIGHT)?);
             Ok(String::new())
@@ -253,13 +267,13 @@ fn take(file: &mut File, question: &Question, line: &str) -> Result<String, Stri
             let count = if line.is_empty() { Some(POINTS) } else { whole(line, FEWEST, MOST) };
             let count = count.ok_or_else(|| {
                 format!(
-                    "`{}` is not a number from {FEWEST} to {MOST}; fewer than {FEWEST} points tell nothing",
+                    "`{}` is not a number from {FEWEST} to {MOST}; fewer than {FEWEST} points determine nothing",
                     excerpt(line)
                 )
             })?;
             let points = file.point.len();
             file.setup.get_or_insert_default().plan.push([points, count]);
-            Ok("A step beside a place does no harm: the node has to touch the floor, and all lines have to be taut."
+            Ok("A step beside a place does no harm. The node must touch the floor, and all cables must be taut."
                 .to_owned())
         }
         Question::Lengths { .. } if done => end_early(file),
@@ -285,16 +299,21 @@ fn take(file: &mut File, question: &Question, line: &str) -> Result<String, Stri
     }
 }
 
-/// A whole number between two.
+/// Parses a whole number within a range.
 fn whole(text: &str, least: usize, most: usize) -> Option<usize> {
     let digits = text.len() <= 3 && !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     text.parse().ok().filter(|number| digits && (least..=most).contains(number))
 }
 
-fn distance(file: &mut File, (from, to): (usize, usize), needed: bool, line: &str) -> Result<String, String> {
+fn distance(
+    file: &mut MeasurementsFile,
+    (from, to): (usize, usize),
+    needed: bool,
+    line: &str,
+) -> Result<String, String> {
     if line.is_empty() {
         if needed {
-            return Err(format!("without the distance {from}-{to} nobody knows where pulley {to} is; measure it"));
+            return Err(format!("the position of pulley {to} needs the distance {from}-{to}; measure it"));
         }
         file.setup.get_or_insert_default().skipped.push([from, to]);
     } else {
@@ -302,7 +321,7 @@ fn distance(file: &mut File, (from, to): (usize, usize), needed: bool, line: &st
         file.range.push(RangeEntry { from, to, m, sigma_m: None, side: None });
         shape::check_triangles(file, from, to)?;
     }
-    // The last distance to a pulley settles where it is.
+    // The last distance to a pulley determines its position.
     let complete = to >= 3 && !matches!(Question::next(file), Question::Distance { to: next, .. } if next == to);
     if !complete {
         return Ok(String::new());
@@ -311,12 +330,12 @@ fn distance(file: &mut File, (from, to): (usize, usize), needed: bool, line: &st
     Ok(shape::contradiction(file, &survey, to).unwrap_or_default())
 }
 
-fn lengths(file: &mut File, place: usize, line: &str) -> Result<String, String> {
+fn lengths(file: &mut MeasurementsFile, place: usize, line: &str) -> Result<String, String> {
     let count = pulleys(file);
     let so_far = file.setup.get_or_insert_default().lengths_so_far_m.clone();
     let open = count - so_far.len().min(count);
     if line.is_empty() {
-        return Err("read the lines and type their lengths; done ends the points, quit stops for now".to_owned());
+        return Err("read the cables and type their lengths; done ends the points, quit stops for now".to_owned());
     }
     let read = numbers::lengths(line, numbers::LENGTH)?;
     if read.len() != 1 && read.len() != open {
@@ -325,37 +344,37 @@ fn lengths(file: &mut File, place: usize, line: &str) -> Result<String, String> 
     let all: Vec<f64> = so_far.into_iter().chain(read).collect();
     let sigma_m = file.sigma_length_m.unwrap_or(DEFAULT_SIGMA_LENGTH_M);
     if let Some(anchors) = question::anchors(file) {
-        shape::check_lengths(&anchors, &all, SHORT * sigma_m)?;
+        shape::check_lengths(&anchors, &all, SHORT_SIGMAS * sigma_m)?;
     }
     if all.len() < count {
         file.setup.get_or_insert_default().lengths_so_far_m = all;
         return Ok(String::new());
     }
-    let hint = question::expected(file, place).and_then(|expected| far(&expected.lengths_m, &all));
+    let hint = question::expected(file, place).and_then(|expected| unexpected_length_hint(&expected.lengths_m, &all));
     file.setup.get_or_insert_default().lengths_so_far_m.clear();
     file.point.push(PointEntry { lengths_m: all, gps_m: None });
     Ok(hint.unwrap_or_default())
 }
 
-/// A word about a length that is far from what was expected: perhaps two lines were taken for each other.
-fn far(expected_m: &[f64], read_m: &[f64]) -> Option<String> {
+/// Returns a hint if a length is far from the expected one, because two cables may have been confused.
+fn unexpected_length_hint(expected_m: &[f64], read_m: &[f64]) -> Option<String> {
     let off = |(expected, read): &(&f64, &f64)| (*read - *expected).abs() > FAR_M.max(FAR_SHARE * **expected);
     let (line, (expected, read)) = expected_m.iter().zip(read_m).enumerate().find(|(_, pair)| off(pair))?;
     Some(format!(
-        "Line {} was expected to show about {} there, not {}: if it was misread, or lines were taken for each other, type undo.",
+        "Cable {} was expected to show about {} there, not {}. If it was misread, or cables were confused, type undo.",
         line + 1,
         metres(*expected),
         metres(*read)
     ))
 }
 
-fn end_early(file: &mut File) -> Result<String, String> {
+fn end_early(file: &mut MeasurementsFile) -> Result<String, String> {
     if file.setup.as_ref().is_some_and(|setup| !setup.lengths_so_far_m.is_empty()) {
-        return Err("this point is told in part: type the other lengths, or take it back with undo".to_owned());
+        return Err("this point is incomplete: type the other lengths, or take it back with undo".to_owned());
     }
     let measured = file.measurements(Method::Survey)?;
     if let Err(error) = calibrate(&measured, Method::Survey) {
-        return Err(format!("that is not enough yet: {error}"));
+        return Err(format!("the points are not enough yet: {error}"));
     }
     let (points, used) = (file.point.len(), file.used(Method::Survey).len());
     file.setup.get_or_insert_default().plan.push([points, used]);

@@ -1,46 +1,47 @@
-//! Lines from a terminal or a pipe, until somebody wants to stop.
+//! Interruptible text lines from a terminal or a pipe.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::BorrowedFd;
 use rustix::io::Errno;
 
-/// How long a signal may go unnoticed that comes just before the wait.
-const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
+/// Poll interval: maximum delay until a signal that arrives just before the wait takes effect.
+const POLL_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 
-/// What comes.
+/// Input event.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Line {
-    /// Somebody typed this.
-    Typed(String),
-    /// There is no more.
+pub enum InputEvent {
+    /// A text line.
+    Line(String),
+    /// End of input.
     End,
-    /// Ctrl-C, or the like.
+    /// Interrupted, for example by Ctrl-C.
     Stopped,
 }
 
-/// A reader of lines.
+/// Reader of text lines.
 #[derive(Debug)]
-pub struct Lines<'a> {
+pub struct LineReader<'a> {
     from: BorrowedFd<'a>,
     read: Vec<u8>,
     ended: bool,
 }
 
-impl<'a> Lines<'a> {
-    /// Of this file.
+impl<'a> LineReader<'a> {
+    /// Creates a reader of this file.
     pub fn new(from: BorrowedFd<'a>) -> Self {
         Self { from, read: Vec::new(), ended: false }
     }
 
-    /// The next line, without its end; the last one needs none. What is no UTF-8 becomes question marks.
+    /// Returns the next text line without its line feed; the last line needs none. Invalid UTF-8 becomes replacement
+    /// characters.
     ///
     /// # Errors
     /// The file cannot be read.
-    pub fn next(&mut self, stopped: &dyn Fn() -> bool) -> Result<Line, std::io::Error> {
-        let text = |bytes: &[u8]| Line::Typed(String::from_utf8_lossy(bytes).into_owned());
+    pub fn next(&mut self, stopped: &dyn Fn() -> bool) -> Result<InputEvent, std::io::Error> {
+        let text = |bytes: &[u8]| InputEvent::Line(String::from_utf8_lossy(bytes).into_owned());
         loop {
             if stopped() {
-                return Ok(Line::Stopped);
+                return Ok(InputEvent::Stopped);
             }
             if let Some(end) = self.read.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = self.read.drain(..=end).collect();
@@ -48,9 +49,9 @@ impl<'a> Lines<'a> {
             }
             if self.ended {
                 let rest = std::mem::take(&mut self.read);
-                return Ok(if rest.is_empty() { Line::End } else { text(&rest) });
+                return Ok(if rest.is_empty() { InputEvent::End } else { text(&rest) });
             }
-            match poll(&mut [PollFd::from_borrowed_fd(self.from, PollFlags::IN)], Some(&LOOK)) {
+            match poll(&mut [PollFd::from_borrowed_fd(self.from, PollFlags::IN)], Some(&POLL_INTERVAL)) {
                 Ok(0) | Err(Errno::INTR) => continue,
                 Ok(_) => {}
                 Err(error) => return Err(error.into()),

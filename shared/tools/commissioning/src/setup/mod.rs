@@ -1,8 +1,9 @@
-//! `nims setup`: the field calibration for people who do it for the first time, one question at a time.
+//! `nims setup`: a guided field calibration for beginners, one question at a time.
 //!
 //! Invariants:
-//! * The measurements file is the whole state: it is on the disk before the next question, and the same command goes on from it.
-//! * It moves nothing, and asks no robot.
+//! * The measurements file is the whole state: it is on the disk before the next question, and the same command
+//!   continues from it.
+//! * It causes no motion and needs no running robot.
 
 mod doubt;
 mod guide;
@@ -16,12 +17,12 @@ mod tests;
 mod text;
 mod undo;
 
-use crate::calibrate::{self, CalibrationMethod, File};
+use crate::calibrate::{self, CalibrationMethod, MeasurementsFile};
 use command::{Answer, Failure, Output};
 
 use config::file;
-use guide::{Guide, Then};
-use input::{Line, Lines};
+use guide::{Guide, NextStep};
+use input::{InputEvent, LineReader};
 use numbers::clean;
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::AsFd;
@@ -31,66 +32,63 @@ use std::sync::atomic::Ordering;
 /// `nims setup`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Measurements file to begin, or to go on with.
+    /// Measurements file to create or continue.
     pub measurements: PathBuf,
-    /// Where the calibration goes, a new file; default: beside the measurements, SITE-calibration.toml.
+    /// New file for the calibration; default: SITE-calibration.toml in the folder of the measurements.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }
 
-/// Most calibrations of one site whose default names are tried.
+/// Number of default names that are tried for the calibrations of a site.
 const NAMES: usize = 1000;
 
-/// Asks until all is measured, then writes the calibration. The answer as JSON, as `nims calibrate` gives it, and words that say what to
-/// do next.
+/// Asks until the measurements are complete, then writes the calibration. Returns the JSON of `nims calibrate` and the
+/// next steps as text.
 ///
 /// # Errors
-/// A file that cannot be gone on with or written; or answers ended before the end, which takes nothing from what was kept.
-pub fn run(asked: &Args) -> Answer<Output> {
-    let path = asked.measurements.as_path();
-    if let Some(out) = asked.out.as_deref().filter(|out| out.exists()) {
-        return Err(Failure::BadInput(format!(
-            "{} is there already; name a new file, or move that one away",
-            out.display()
-        )));
+/// A file that cannot be continued or written, or input that ends early; saved answers are kept.
+pub fn run(args: &Args) -> Answer<Output> {
+    let path = args.measurements.as_path();
+    if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
+        return Err(Failure::BadInput(format!("{} already exists; name a new file or move this one", out.display())));
     }
     let stop = command::stop_flag()?;
-    let mut kept = Kept::open(path)?;
-    let mut guide = match kept.file()? {
+    let mut stored = StoredMeasurements::open(path)?;
+    let mut guide = match stored.file()? {
         None => Guide::default(),
         Some(file) => Guide::resume(file).map_err(|why| Failure::bad(format!("{}: {why}", path.display())))?,
     };
-    say(&welcome(path, kept.text.is_some()));
+    print_message(&welcome(path, stored.text.is_some()));
     let stdin = io::stdin();
-    let mut lines = Lines::new(stdin.as_fd());
-    // A terminal shows what is typed by itself; what comes from a pipe would be missing between the questions.
+    let mut lines = LineReader::new(stdin.as_fd());
+    // A terminal echoes what is typed; input from a pipe is echoed here, so that answers appear between the questions.
     let echoes = stdin.is_terminal();
     loop {
-        ask(&guide.question());
-        let left = || Failure::NotNow(later(path));
+        print_question(&guide.question());
+        let left = || Failure::NotNow(continue_hint(path));
         let line = match lines.next(&|| stop.load(Ordering::Relaxed)).map_err(Failure::not_now)? {
-            Line::Typed(line) => {
+            InputEvent::Line(line) => {
                 if !echoes {
-                    say(&clean(&line));
+                    print_message(&clean(&line));
                 }
                 line
             }
-            Line::End | Line::Stopped => {
-                say("");
+            InputEvent::End | InputEvent::Stopped => {
+                print_message("");
                 return Err(left());
             }
         };
         let reply = guide.answer(&line);
         if reply.changed {
-            kept.keep(guide.file())?;
+            stored.save(guide.file())?;
         }
-        if !reply.said.is_empty() {
-            say(&reply.said);
+        if !reply.message.is_empty() {
+            print_message(&reply.message);
         }
-        match reply.then {
-            Then::Ask => {}
-            Then::Leave => return Err(left()),
-            Then::Finish => return finish(path, asked.out.as_deref()),
+        match reply.next_step {
+            NextStep::Ask => {}
+            NextStep::Leave => return Err(left()),
+            NextStep::Finish => return finish(path, args.out.as_deref()),
         }
     }
 }
@@ -98,107 +96,110 @@ pub fn run(asked: &Args) -> Answer<Output> {
 fn welcome(path: &Path, again: bool) -> String {
     let file = path.display();
     if again {
-        return format!("Going on with {file}. undo takes back the last answer, help says what else can be typed.");
+        return format!("Continuing with {file}. undo takes back the last answer, help lists the other commands.");
     }
     format!(
-        "Number the pulleys from 1, hang a plumb line from each, and have a tape or a laser at hand. Lengths are in metres (12.43, 12,43) or \
-         written like 1243 cm. undo takes back the last answer, quit stops: all answers are kept in {file}, and the same command goes on."
+        "Number the pulleys from 1, hang a plumb line from each, and have a tape measure or a laser meter ready. Lengths are in metres (12.43, 12,43) or \
+         written like 1243 cm. undo takes back the last answer, quit stops. All answers are saved in {file}; the same command continues."
     )
 }
 
-fn later(path: &Path) -> String {
+fn continue_hint(path: &Path) -> String {
     let file = path.display();
     if path.exists() {
-        return format!("not finished: all answers are kept in {file}; `nims setup {file}` goes on from there");
+        return format!("not finished: all answers are saved in {file}; `nims setup {file}` continues");
     }
-    format!("nothing was answered; `nims setup {file}` begins again")
+    format!("no question was answered; `nims setup {file}` starts again")
 }
 
-/// A prompt is no diagnosis, but stdout belongs to the answer.
-fn say(words: &str) {
+/// Prints to stderr, because stdout carries the result.
+fn print_message(words: &str) {
     let _ = writeln!(io::stderr().lock(), "{words}");
 }
 
-fn ask(question: &str) {
+fn print_question(question: &str) {
     let mut err = io::stderr().lock();
     let _ = write!(err, "{question} ").and_then(|()| err.flush());
 }
 
-/// Writes the calibration; what to do with it.
+/// Writes the calibration and returns the result with the next steps.
 fn finish(measurements: &Path, out: Option<&Path>) -> Answer<Output> {
     let out = out.map_or_else(|| free_name(measurements), |out| Ok(out.to_owned()))?;
     let (method, measured) = (CalibrationMethod::Survey, measurements.to_owned());
-    let asked = calibrate::Args { measurements: measured, method, out: Some(out.clone()), plan: None, height: None };
-    let value = calibrate::run(&asked)?.value;
+    let args = calibrate::Args { measurements: measured, method, out: Some(out.clone()), plan: None, height: None };
+    let value = calibrate::run(&args)?.value;
     let words = format!(
         "The calibration is in {}. Next: in [robot] of the robot file write calibration = \"{}\" in place of anchors_m (the path from that \
-         file to this one), then let `nims check ROBOT.toml` look at it.",
+         file to this one), then run `nims check ROBOT.toml`.",
         out.display(),
         out.file_name().unwrap_or_default().to_string_lossy()
     );
     Ok(Output::new(value, words))
 }
 
-/// `site-calibration.toml` beside `site.toml`, or with a number if there is one already.
+/// Returns `site-calibration.toml` in the folder of `site.toml`, with a number if it already exists.
 fn free_name(measurements: &Path) -> Answer<PathBuf> {
     let stem = measurements.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let name = |k: usize| match k {
         1 => measurements.with_file_name(format!("{stem}-calibration.toml")),
         k => measurements.with_file_name(format!("{stem}-calibration-{k}.toml")),
     };
-    (1..NAMES).map(name).find(|path| !path.exists()).ok_or_else(|| {
-        Failure::NotNow(format!("there are {NAMES} calibrations of {stem} already; name one with --out"))
-    })
+    (1..NAMES)
+        .map(name)
+        .find(|path| !path.exists())
+        .ok_or_else(|| Failure::NotNow(format!("{stem} already has {NAMES} calibrations; name a new file with --out")))
 }
 
-/// The measurements on the disk.
-struct Kept<'a> {
+/// Measurements file on the disk.
+struct StoredMeasurements<'a> {
     path: &'a Path,
-    /// As they were read or written last; none: there is no file.
+    /// Text as last read or written; `None` if the file does not exist.
     text: Option<String>,
 }
 
-impl<'a> Kept<'a> {
-    /// Looks at what is there.
+impl<'a> StoredMeasurements<'a> {
+    /// Reads the file if it exists.
     fn open(path: &'a Path) -> Answer<Self> {
         let there = |why: String| Failure::bad(format!("{}: {why}", path.display()));
         let text = file::read_text_if_there(path).map_err(|why| there(format!("it cannot be read: {why}")))?;
         if path.file_name().is_none() || !file::folder_of(path).is_dir() {
-            return Err(there("there is no such folder; make it first".to_owned()));
+            return Err(there("its folder does not exist; create it first".to_owned()));
         }
         Ok(Self { path, text })
     }
 
-    fn file(&self) -> Answer<Option<File>> {
+    fn file(&self) -> Answer<Option<MeasurementsFile>> {
         let parsed = self.text.as_ref().map(|text| config::toml_file::parse(text, self.path));
         parsed.transpose().map_err(Failure::bad)
     }
 
-    /// Writes the measurements, whole or not at all, and on the disk when it returns.
-    fn keep(&mut self, measured: &File) -> Answer {
+    /// Writes the measurements atomically and syncs them to the disk.
+    fn save(&mut self, measured: &MeasurementsFile) -> Answer {
         let cannot = |why: String| {
             Failure::NotNow(format!(
-                "{} cannot be written ({why}); what was answered before is in it",
+                "{} cannot be written ({why}); it contains the answers before this one",
                 self.path.display()
             ))
         };
         let there = file::read_text_if_there(self.path).map_err(|why| cannot(why.to_string()))?;
         if there != self.text {
-            return Err(cannot("somebody else changed it meanwhile; start again to go on with that".to_owned()));
+            return Err(cannot(
+                "another program changed it; run the command again to continue with that version".to_owned(),
+            ));
         }
-        let text = written(measured, self.path).map_err(|error| cannot(error.to_string()))?;
+        let text = to_toml(measured, self.path).map_err(|error| cannot(error.to_string()))?;
         file::replace(self.path, &text).map_err(|error| cannot(error.to_string()))?;
         self.text = Some(text);
         Ok(())
     }
 }
 
-/// The measurements as a file for people.
-fn written(file: &File, path: &Path) -> Result<String, toml::ser::Error> {
+/// Formats the measurements as a file with an explanatory header.
+fn to_toml(file: &MeasurementsFile, path: &Path) -> Result<String, toml::ser::Error> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let body = toml::to_string(file)?;
     Ok(format!(
-        "# Measurements of a site, lengths in metres, written by `nims setup {name}`, which also goes on with them (and would lose comments\n\
-         # added here); `nims calibrate {name}` takes them too. configs/measurements/lab3.toml explains every key.\n\n{body}"
+        "# Measurements of a site, lengths in metres, written by `nims setup {name}`, which also continues them (and drops comments\n\
+         # added here); `nims calibrate {name}` reads them too. configs/measurements/lab3.toml explains every key.\n\n{body}"
     ))
 }

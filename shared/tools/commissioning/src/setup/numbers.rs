@@ -1,44 +1,44 @@
-//! Lengths as people write them: `12.43`, `12,43`, `12.43 m`, `1243 cm`; several in one line, apart by spaces, semicolons, or commas
-//! where these cannot be decimal ones.
+//! Parses lengths as people write them: `12.43`, `12,43`, `12.43 m`, `1243 cm`; several in one text line, separated by
+//! spaces, semicolons, or commas that cannot be decimal commas.
 
-/// What a length may be, m.
+/// Accepted range of a length, m.
 #[derive(Debug, Clone, Copy)]
 pub struct Bounds {
-    /// At least.
+    /// Minimum, m.
     pub least_m: f64,
-    /// At most.
+    /// Maximum, m.
     pub most_m: f64,
 }
 
-/// Between plumb lines, and of lines: nothing that one carries into the field is longer.
+/// Distances between plumb lines; no portable instrument measures longer ones.
 pub const DISTANCE: Bounds = Bounds { least_m: 0.3, most_m: 300.0 };
-/// Of a line with the node on the floor.
+/// Cable lengths with the node on the floor.
 pub const LENGTH: Bounds = Bounds { least_m: 0.1, most_m: 300.0 };
-/// Of a pulley: poles and trees.
+/// Heights of pulleys, on poles or trees.
 pub const HEIGHT: Bounds = Bounds { least_m: 0.3, most_m: 100.0 };
 
-/// One length, m.
+/// Parses one length, m.
 ///
 /// # Errors
-/// One sentence: why it is none, or none that can be true.
+/// One sentence: why the text is not a length, or not an accepted one.
 pub fn length(text: &str, bounds: Bounds) -> Result<f64, String> {
     match lengths(text, bounds)?.as_slice() {
         [one] => Ok(*one),
-        several => Err(format!("`{}` is {} numbers; one is asked for here", excerpt(text), several.len())),
+        several => Err(format!("`{}` is {} numbers; type one", excerpt(text), several.len())),
     }
 }
 
-/// One or more lengths, m.
+/// Parses one or more lengths, m.
 ///
 /// # Errors
-/// As [`length`].
+/// As for [`length`].
 pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
     let no_length =
         || format!("`{}` is not understood; write a length as 12.43, 12,43, 12.43 m or 1243 cm", excerpt(text));
-    // (number as it was written, its unit)
+    // (number as written, its unit)
     let mut written: Vec<(&str, Option<Unit>)> = Vec::new();
     for word in text.split(|c: char| c.is_whitespace() || c == ';') {
-        // after a number a comma and a space are no decimal comma
+        // A comma before a space is a separator, not a decimal comma.
         let word = word.strip_suffix(',').unwrap_or(word);
         if word.is_empty() {
             continue;
@@ -52,7 +52,7 @@ pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
             }
             continue;
         }
-        // a decimal comma stands alone and where there is no point
+        // A decimal comma occurs once and excludes a decimal point.
         let decimal = digits.matches(',').count() == 1 && !digits.contains('.');
         match digits.split(',').collect::<Vec<_>>().as_slice() {
             [_] => written.push((digits, unit)),
@@ -68,17 +68,17 @@ pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
     }
     if written.iter().any(|(_, unit)| *unit == Some(Unit::Centimetre)) && written.iter().any(|(_, unit)| unit.is_none())
     {
-        return Err("some of these numbers have a unit and some have none; write cm behind each of them".to_owned());
+        return Err("some of these numbers have a unit and some do not; write cm after each of them".to_owned());
     }
     let value = |(digits, unit): (&str, Option<Unit>)| {
-        let number = plain(digits).ok_or_else(no_length)?;
-        // divided, not multiplied: 1243 cm are the very number that 12.43 is
+        let number = parse_digits(digits).ok_or_else(no_length)?;
+        // Division gives 1243 cm the same bits as 12.43; multiplication by 0.01 does not.
         let m = if unit == Some(Unit::Centimetre) { number / 100.0 } else { number };
         if (bounds.least_m..=bounds.most_m).contains(&m) {
             return Ok(m);
         }
         Err(format!(
-            "{m} m cannot be (accepted: {} to {} m); centimetres are written like 1243 cm",
+            "{m} m is not plausible (accepted: {} to {} m); write centimetres like 1243 cm",
             bounds.least_m, bounds.most_m
         ))
     };
@@ -101,8 +101,8 @@ impl Unit {
     }
 }
 
-/// Digits with at most one decimal sign between or after them, and nothing else: no signs, no exponents.
-fn plain(digits: &str) -> Option<f64> {
+/// Parses digits with at most one decimal sign between or after them; rejects signs and exponents.
+fn parse_digits(digits: &str) -> Option<f64> {
     let signs = digits.matches(['.', ',']).count();
     let only_digits = digits.chars().all(|c| c.is_ascii_digit() || c == '.' || c == ',');
     if signs > 1 || !only_digits || !digits.starts_with(|c: char| c.is_ascii_digit()) || digits.len() > 12 {
@@ -111,13 +111,13 @@ fn plain(digits: &str) -> Option<f64> {
     digits.replace(',', ".").parse().ok()
 }
 
-/// So much of what was typed as belongs into a sentence.
+/// Returns the beginning of the typed text for use in a sentence.
 pub fn excerpt(text: &str) -> String {
     let clean = clean(text.trim());
     if clean.chars().count() <= 30 { clean } else { clean.chars().take(30).chain(['…']).collect() }
 }
 
-/// What was typed, fit to be shown: nothing in it moves the cursor.
+/// Returns the typed text without control characters, which could move the cursor.
 pub fn clean(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
@@ -189,7 +189,7 @@ mod tests {
         ] {
             assert_eq!(lengths(text, LENGTH), Ok(vec![3.1, 9.8, 9.75]), "{text}");
         }
-        assert!(lengths("310 980 975 cm", LENGTH).unwrap_err().contains("behind each"));
+        assert!(lengths("310 980 975 cm", LENGTH).unwrap_err().contains("after each"));
         assert!(lengths("3,1,9,8,9,75", LENGTH).is_err());
     }
 }

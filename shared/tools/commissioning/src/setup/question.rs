@@ -1,81 +1,82 @@
-//! What is asked next: the first thing that the measurements so far leave open.
+//! The next question: the first item that the measurements so far leave open.
 
 use super::doubt::{self, Doubtful};
 use super::shape;
 use super::text::{listed, metres};
 use crate::calibrate;
-use crate::calibrate::{File, Setup, places};
+use crate::calibrate::{MeasurementsFile, Setup, places};
 use calibration::{Method, calibrate};
 use std::fmt::Write as _;
 
-/// How many points are proposed: three rounds of the corners of three pulleys.
+/// Proposed number of points: three at each corner of three pulleys.
 pub const POINTS: usize = 9;
 
 /// A question.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Question {
-    /// How many pulleys.
+    /// Number of pulleys.
     Pulleys,
-    /// How far the plumb lines of two pulleys are apart.
+    /// Distance between the plumb lines of two pulleys.
     Distance {
         /// The lower number, from 1.
         from: usize,
-        /// The higher one.
+        /// The higher number.
         to: usize,
-        /// Without it the shape is not fixed.
+        /// Whether the shape is undetermined without it.
         needed: bool,
     },
-    /// On which side of the way from one pulley to another this one stands.
+    /// Side on which a pulley stands, seen from one pulley towards another.
     Side {
-        /// Which, from 1.
+        /// The pulley, from 1.
         pulley: usize,
-        /// From where one looks.
+        /// The pulley to stand at.
         from: usize,
-        /// To where.
+        /// The pulley to look towards.
         to: usize,
     },
-    /// How high a pulley is, if that was measured.
+    /// Height of a pulley, if it was measured.
     Height {
-        /// Which, from 1.
+        /// The pulley, from 1.
         pulley: usize,
     },
-    /// About how high all are.
-    About,
-    /// At how many points the node is held.
+    /// Approximate height of all pulleys.
+    ApproximateHeight,
+    /// Number of points at which the node is held.
     Points,
-    /// The lengths at one place.
+    /// Cable lengths at one place.
     Lengths {
-        /// Which of the planned places, from 0.
+        /// Planned place, from 0.
         place: usize,
     },
-    /// Whether a point that does not fit counts.
+    /// Whether to use a point that does not fit.
     Doubt {
-        /// Which of the planned places, from 0.
+        /// Planned place, from 0.
         place: usize,
         /// The point.
         doubtful: Doubtful,
     },
-    /// Whether that is all.
+    /// Confirmation that the measurements are complete.
     Finish,
 }
 
-/// What has been told beside measurements.
-pub fn told(file: &File) -> Setup {
+/// Returns the answers that are not measurements.
+pub fn setup_answers(file: &MeasurementsFile) -> Setup {
     file.setup.clone().unwrap_or_default()
 }
 
-/// How many pulleys there are; 0 if nobody has said it.
-pub fn pulleys(file: &File) -> usize {
+/// Returns the number of pulleys; 0 if it has not been answered.
+pub fn pulleys(file: &MeasurementsFile) -> usize {
     file.setup.as_ref().and_then(|setup| setup.pulleys).unwrap_or(0)
 }
 
-/// How many points are wanted in all.
-pub fn wanted(file: &File) -> Option<usize> {
+/// Returns the total number of points wanted.
+pub fn wanted(file: &MeasurementsFile) -> Option<usize> {
     file.setup.as_ref().and_then(|setup| setup.plan.last()).map(|plan| plan[1])
 }
 
-/// Which point of the file stands for each planned place: every point took the first place that was free when it was measured.
-pub fn at_places(file: &File) -> Vec<Option<usize>> {
+/// Returns which point of the file belongs to each planned place: each point took the first place that was free when it
+/// was measured.
+pub fn points_at_places(file: &MeasurementsFile) -> Vec<Option<usize>> {
     let mut places: Vec<Option<usize>> = Vec::new();
     for point in 0..file.point.len() {
         match places.iter_mut().find(|place| place.is_none()) {
@@ -90,12 +91,12 @@ pub fn at_places(file: &File) -> Vec<Option<usize>> {
 }
 
 impl Question {
-    /// The first thing that is open.
-    pub fn next(file: &File) -> Self {
-        let setup = told(file);
+    /// Returns the first open question.
+    pub fn next(file: &MeasurementsFile) -> Self {
+        let setup = setup_answers(file);
         let Some(count) = setup.pulleys else { return Self::Pulleys };
         for to in 2..=count {
-            if let Some(question) = Self::about_place(file, &setup, to) {
+            if let Some(question) = Self::position_question(file, &setup, to) {
                 return question;
             }
         }
@@ -105,10 +106,10 @@ impl Question {
             return Self::Height { pulley };
         }
         if file.height.is_empty() && setup.about_m.is_none() {
-            return Self::About;
+            return Self::ApproximateHeight;
         }
         let Some(wanted) = wanted(file) else { return Self::Points };
-        let places = at_places(file);
+        let places = points_at_places(file);
         if setup.lengths_so_far_m.is_empty()
             && let Some(doubtful) = doubt::find(file)
         {
@@ -121,23 +122,23 @@ impl Question {
         Self::Lengths { place: places.iter().position(Option::is_none).unwrap_or(places.len()) }
     }
 
-    /// What is open of where one pulley stands, if anything.
-    fn about_place(file: &File, setup: &Setup, to: usize) -> Option<Self> {
+    /// Returns the open question about the position of one pulley, if any.
+    fn position_question(file: &MeasurementsFile, setup: &Setup, to: usize) -> Option<Self> {
         let skipped = |from: usize| setup.skipped.contains(&[from, to]);
         let open = |from: &usize| shape::distance(file, *from, to).is_none() && !skipped(*from);
         if let Some(from) = (1..to).find(open) {
             let left = to - 1 - (1..to).filter(|from| skipped(*from)).count();
             return Some(Self::Distance { from, to, needed: left <= 2 });
         }
-        let said = file.range.iter().any(|r| r.from.max(r.to) == to && r.side.is_some()) || file.side.is_some();
+        let message = file.range.iter().any(|r| r.from.max(r.to) == to && r.side.is_some()) || file.side.is_some();
         match shape::reached(file, to).as_slice() {
-            [from, other] if !said => Some(Self::Side { pulley: to, from: *from, to: *other }),
+            [from, other] if !message => Some(Self::Side { pulley: to, from: *from, to: *other }),
             _ => None,
         }
     }
 
-    /// The question in words.
-    pub fn text(&self, file: &File) -> String {
+    /// Returns the text of the question.
+    pub fn text(&self, file: &MeasurementsFile) -> String {
         match self {
             Self::Pulleys => "How many pulleys are there (3 to 8)?".to_owned(),
             Self::Distance { from, to, needed } => {
@@ -149,84 +150,83 @@ impl Question {
                 "Stand at pulley {from} and look towards pulley {to}: is pulley {pulley} to the left or to the right (l or r)?"
             ),
             Self::Height { pulley } => {
-                format!("How high above the floor is pulley {pulley}, if somebody measured it (Enter: not measured)?")
+                format!("How high above the floor is pulley {pulley} (Enter: not measured)?")
             }
-            Self::About => {
-                "About how high are the pulleys above the floor (a guess is enough: it is for the plan only)?"
-                    .to_owned()
+            Self::ApproximateHeight => {
+                "About how high are the pulleys above the floor (a guess is enough; only the plan uses it)?".to_owned()
             }
             Self::Points => {
                 format!(
-                    "At how many points will the node be held on the floor (Enter: {POINTS}; more points tell more)?"
+                    "At how many points will the node be held on the floor (Enter: {POINTS}; more points are more accurate)?"
                 )
             }
             Self::Lengths { place } => lengths_text(file, *place),
             Self::Doubt { place, doubtful } => format!(
-                "Point {} does not fit the others: {}.\nShall it count all the same (keep), or be measured once more (again)?",
+                "Point {} does not fit the others: {}.\nUse it anyway (keep), or measure it again (again)?",
                 place + 1,
-                doubtful.how
+                doubtful.description
             ),
             Self::Finish => match calibrate::judge(file, Method::Survey) {
                 Ok(judged) => format!(
-                    "\n{}\nPress Enter to write the calibration, or say how many more points you will measure:",
+                    "\n{}\nPress Enter to write the calibration, or type the number of further points that you will measure:",
                     judged.words.trim_end()
                 ),
                 Err(why) => format!(
-                    "These measurements do not tell where the pulleys are: {why}. Say how many more points you will measure, or \
-                     take back what is wrong with undo."
+                    "These measurements do not determine the positions of the pulleys: {why}. Type the number of further points that you will measure, or \
+                     take back a wrong answer with undo."
                 ),
             },
         }
     }
 }
 
-fn lengths_text(file: &File, place: usize) -> String {
-    let (setup, count) = (told(file), pulleys(file));
+fn lengths_text(file: &MeasurementsFile, place: usize) -> String {
+    let (setup, count) = (setup_answers(file), pulleys(file));
     let so_far = setup.lengths_so_far_m.len();
     if so_far > 0 {
-        return format!("Point {}: how long is line {}?", place + 1, so_far + 1);
+        return format!("Point {}: how long is cable {}?", place + 1, so_far + 1);
     }
     let mut text = format!("Point {} of {}", place + 1, wanted(file).unwrap_or(0).max(place + 1));
     if let Some(expected) = expected(file, place) {
         let _ = write!(
             text,
-            ": hold the node on the floor, {} from the foot of pulley {} towards the middle of the site.\nThe lines show about {} m \
+            ": hold the node on the floor, {} from the foot of pulley {} towards the middle of the site.\nThe cables show about {} m \
              there",
             metres(expected.from_foot_m),
             expected.pulley,
             listed(&expected.lengths_m)
         );
     }
-    let _ = write!(text, ". How long are lines 1 to {count}?");
+    let _ = write!(text, ". How long are cables 1 to {count}?");
     text
 }
 
 /// A planned place of the node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
-    /// By whose foot, from 1.
+    /// The pulley near whose foot it is, from 1.
     pub pulley: usize,
-    /// How far from it, towards the middle of all feet, m.
+    /// Distance from that foot towards the middle of all feet, m.
     pub from_foot_m: f64,
-    /// What the lines show there, m.
+    /// Expected cable lengths, m.
     pub lengths_m: Vec<f64>,
 }
 
-/// Where the pulleys are as far as is known: by the points if they tell it, else with the heights that were measured or guessed.
-pub fn anchors(file: &File) -> Option<Vec<[f64; 3]>> {
+/// Estimates the anchors: from the points where they determine it, otherwise with the measured or guessed heights.
+pub fn anchors(file: &MeasurementsFile) -> Option<Vec<[f64; 3]>> {
     let measured = file.measurements(Method::Survey).ok()?;
     if let Ok(found) = calibrate(&measured, Method::Survey) {
         return Some(found.anchors_m);
     }
     let survey = shape::survey(file, pulleys(file)).ok()?;
     let known: f64 = measured.heights.iter().map(|h| h.m).sum();
-    let about = told(file).about_m.unwrap_or(known / measured.heights.len().max(1) as f64);
+    let about = setup_answers(file).about_m.unwrap_or(known / measured.heights.len().max(1) as f64);
     let height = |i: usize| measured.heights.iter().find(|h| h.anchor == i).map_or(about, |h| h.m);
     Some(survey.anchors_xy_m.iter().enumerate().map(|(i, [x, y])| [*x, *y, height(i)]).collect())
 }
 
-/// What is to be expected at a planned place.
-pub fn expected(file: &File, place: usize) -> Option<Place> {
+/// Returns the expectation for a planned place.
+pub fn expected(file: &MeasurementsFile, place: usize) -> Option<Place> {
     let anchors = anchors(file)?;
     let at = places::spots(&anchors, place + 1).pop()?;
     let foot = place % anchors.len();

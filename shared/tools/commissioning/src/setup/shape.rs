@@ -1,30 +1,30 @@
-//! Whether distances between pulleys can be true: triangles, and the shape they make together.
+//! Plausibility of the distances between pulleys: triangles, and the shape that they form together.
 
 use super::text::{joined, metres};
-use crate::calibrate::File;
+use crate::calibrate::MeasurementsFile;
 use calibration::{Measurements, Method, Range, Side, Survey, survey_network};
 
-/// How far the sides of a triangle may fall short where three pulleys stand nearly on one line, in standard deviations of a distance.
-const SLACK: f64 = 7.0;
+/// Tolerance of the triangle inequality for nearly collinear pulleys, in standard deviations of a distance.
+const SLACK_SIGMAS: f64 = 7.0;
 
-/// Distances that are off by so many standard deviations from any shape are spoken of.
-const MISFIT: f64 = 4.0;
+/// Misfit of a distance to the best shape that is reported, in standard deviations.
+const MISFIT_SIGMAS: f64 = 4.0;
 
-/// The distance between two plumb lines, m, if it was measured.
-pub fn distance(file: &File, a: usize, b: usize) -> Option<f64> {
+/// Returns the measured distance between two plumb lines, m.
+pub fn distance(file: &MeasurementsFile, a: usize, b: usize) -> Option<f64> {
     file.range.iter().find(|r| (r.from, r.to) == (a, b) || (r.from, r.to) == (b, a)).map(|r| r.m)
 }
 
-/// Pulleys with a lower number to which a distance was measured.
-pub fn reached(file: &File, pulley: usize) -> Vec<usize> {
+/// Returns the pulleys with a lower number whose distance to this one was measured.
+pub fn reached(file: &MeasurementsFile, pulley: usize) -> Vec<usize> {
     (1..pulley).filter(|lower| distance(file, *lower, pulley).is_some()).collect()
 }
 
-/// Refuses the newest distance, from `a` to `b`, if it and two others form no triangle.
+/// Rejects the newest distance, from `a` to `b`, if it violates the triangle inequality with two others.
 ///
 /// # Errors
-/// One sentence that names the three.
-pub fn check_triangles(file: &File, a: usize, b: usize) -> Result<(), String> {
+/// One sentence that names the three distances.
+pub fn check_triangles(file: &MeasurementsFile, a: usize, b: usize) -> Result<(), String> {
     let sigma_m = file.sigma_range_m.unwrap_or_default();
     for c in (1..b).filter(|c| *c != a) {
         let (Some(ab), Some(ac), Some(bc)) = (distance(file, a, b), distance(file, a, c), distance(file, b, c)) else {
@@ -36,11 +36,11 @@ pub fn check_triangles(file: &File, a: usize, b: usize) -> Result<(), String> {
         let longest = sides.iter().max_by(|p, q| p.0.total_cmp(&q.0)).map(|side| side.1.clone()).unwrap_or_default();
         let sum: f64 = sides.iter().map(|side| side.0).sum();
         let most = ab.max(ac).max(bc);
-        if most > sum - most + SLACK * sigma_m {
+        if most > sum - most + SLACK_SIGMAS * sigma_m {
             let all: Vec<String> = sides.iter().map(|(m, name)| format!("{name} ({})", metres(*m))).collect();
             return Err(format!(
                 "the distances {} do not fit: {longest} is longer than the other two together; measure {} again, or \
-                 take back one before with undo",
+                 take back an earlier one with undo",
                 joined(&all),
                 name(a, b)
             ));
@@ -49,13 +49,14 @@ pub fn check_triangles(file: &File, a: usize, b: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// The shape of the first `count` pulleys by their distances; on sides that nobody has said yet they stand left.
+/// Computes the shape of the first `count` pulleys from their distances; pulleys without an answered side are assumed
+/// left.
 ///
 /// # Errors
-/// One sentence: why they make no shape.
-pub fn survey(file: &File, count: usize) -> Result<Survey, String> {
+/// One sentence: why they form no shape.
+pub fn survey(file: &MeasurementsFile, count: usize) -> Result<Survey, String> {
     if count < 3 {
-        return Err("two pulleys make no shape".to_owned());
+        return Err("two pulleys form no shape".to_owned());
     }
     let measured = file.measurements(Method::Survey)?;
     let ranges: Vec<Range> = measured.ranges.iter().filter(|r| r.from.max(r.to) < count).copied().collect();
@@ -64,8 +65,8 @@ pub fn survey(file: &File, count: usize) -> Result<Survey, String> {
     survey_network(count, &ranges, &sides).map_err(|error| error.to_string())
 }
 
-/// What to say of distances to this pulley that contradict each other, if they do.
-pub fn contradiction(file: &File, survey: &Survey, pulley: usize) -> Option<String> {
+/// Returns a message if the distances to this pulley contradict each other.
+pub fn contradiction(file: &MeasurementsFile, survey: &Survey, pulley: usize) -> Option<String> {
     let measured: Measurements = file.measurements(Method::Survey).ok()?;
     let xy = &survey.anchors_xy_m;
     let off = |r: &&Range| {
@@ -74,9 +75,9 @@ pub fn contradiction(file: &File, survey: &Survey, pulley: usize) -> Option<Stri
     };
     let within = measured.ranges.iter().filter(|r| r.from.max(r.to) < pulley);
     let worst = within.max_by(|p, q| (off(p) / p.sigma_m).total_cmp(&(off(q) / q.sigma_m)))?;
-    (survey.degrees_of_freedom > 0 && off(&worst) > MISFIT * worst.sigma_m).then(|| {
+    (survey.degrees_of_freedom > 0 && off(&worst) > MISFIT_SIGMAS * worst.sigma_m).then(|| {
         format!(
-            "These distances do not quite fit together: even in the best shape {}-{} is off by {}. If one of them may be wrong, \
+            "These distances do not quite fit: even in the best shape, {}-{} is off by {}. If one of them may be wrong, \
              take them back with undo.",
             worst.from.min(worst.to) + 1,
             worst.from.max(worst.to) + 1,
@@ -85,10 +86,10 @@ pub fn contradiction(file: &File, survey: &Survey, pulley: usize) -> Option<Stri
     })
 }
 
-/// Refuses lengths of a point that cannot be true together: two lines that are too short to meet.
+/// Rejects cable lengths of a point that contradict each other: two cables that are too short to meet.
 ///
 /// # Errors
-/// One sentence that names the two.
+/// One sentence that names the two cables.
 pub fn check_lengths(anchors: &[[f64; 3]], lengths_m: &[f64], slack_m: f64) -> Result<(), String> {
     for (i, a) in anchors.iter().enumerate() {
         for (j, b) in anchors.iter().enumerate().skip(i + 1) {
@@ -97,7 +98,7 @@ pub fn check_lengths(anchors: &[[f64; 3]], lengths_m: &[f64], slack_m: f64) -> R
                 && first + second + slack_m < apart
             {
                 return Err(format!(
-                    "lines {} and {} cannot meet: {} and {} are less than the {} between their pulleys; read them again",
+                    "cables {} and {} cannot meet: {} and {} together are less than the {} between their pulleys; read them again",
                     i + 1,
                     j + 1,
                     metres(*first),

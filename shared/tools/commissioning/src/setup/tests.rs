@@ -1,13 +1,13 @@
-use super::guide::{Guide, Reply, Then};
+use super::guide::{Guide, NextStep, Reply};
 use super::question::Question;
-use super::written;
-use crate::calibrate::{File, places};
+use super::to_toml;
+use crate::calibrate::{MeasurementsFile, places};
 use calibration::{Method, calibrate};
 use nims_paper::random::Random;
 use proptest::prelude::*;
 use std::path::Path;
 
-/// Pulleys around a place, in the frame that a calibration has: the first at the origin, the second on the x axis.
+/// Random pulleys around a centre in the frame of a calibration: the first at the origin, the second on the x axis.
 fn site(random: &mut Random, count: usize) -> Vec<[f64; 3]> {
     let turn = if random.uniform() < 0.5 { 1.0 } else { -1.0 };
     let begin = std::f64::consts::TAU * random.uniform();
@@ -28,17 +28,17 @@ fn site(random: &mut Random, count: usize) -> Vec<[f64; 3]> {
     around.iter().map(turned).collect()
 }
 
-/// A team that measures a site as well as people do.
+/// Simulated team with realistic measurement errors.
 struct Team {
     site: Vec<[f64; 3]>,
     random: Random,
-    /// Measures a height directly, and leaves distances out, so often.
+    /// Probability of measuring a height directly, and of skipping a distance.
     share: f64,
-    /// Types lengths one by one.
+    /// Whether it types lengths one by one.
     singly: bool,
-    /// Reads a line wrong at this place, once.
+    /// Place at which it misreads one cable, once.
     wrong_at: Option<usize>,
-    /// What it has typed already of the point it stands at.
+    /// Lengths at the current point that it has not typed yet.
     reading: Vec<f64>,
 }
 
@@ -66,7 +66,7 @@ impl Team {
                 format!("{:.1} cm", 100.0 * (self.site[pulley - 1][2] + 0.01 * self.random.normal()))
             }
             Question::Height { .. } | Question::Points | Question::Finish => String::new(),
-            Question::About => "3".to_owned(),
+            Question::ApproximateHeight => "3".to_owned(),
             Question::Lengths { place } => self.lengths(place),
             Question::Doubt { .. } => "again".to_owned(),
         }
@@ -89,32 +89,32 @@ impl Team {
         all.join(" ")
     }
 
-    /// Everything typed until the end, and what is in the file then.
+    /// Answers until the end; returns all typed lines and the final guide.
     fn measure(&mut self) -> (Vec<String>, Guide) {
         let (mut guide, mut typed) = (Guide::default(), Vec::new());
         for _ in 0..200 {
             let line = self.answer(guide.pending());
             typed.push(line.clone());
             let reply = guide.answer(&line);
-            if reply.then == Then::Finish {
+            if reply.next_step == NextStep::Finish {
                 return (typed, guide);
             }
-            assert!(reply.changed, "{line:?} to {:?}: {}", guide.pending(), reply.said);
+            assert!(reply.changed, "{line:?} to {:?}: {}", guide.pending(), reply.message);
         }
-        panic!("it never ends: {:?}", guide.pending());
+        panic!("the questions do not end: {:?}", guide.pending());
     }
 }
 
-fn text(file: &File) -> String {
-    written(file, Path::new("site.toml")).unwrap()
+fn text(file: &MeasurementsFile) -> String {
+    to_toml(file, Path::new("site.toml")).unwrap()
 }
 
-/// The guide that somebody gets who starts the command again.
+/// The guide after restarting the command.
 fn again(guide: &Guide) -> Guide {
     Guide::resume(toml::from_str(&text(guide.file())).unwrap()).unwrap()
 }
 
-/// A day in the field with whatever happens there: answers, one of them nonsense, readings one by one, a wrong one, an early end.
+/// A typical session: single readings, one nonsense answer, one misreading, one early end.
 fn day(count: usize) -> Vec<String> {
     let mut team = Team { singly: true, wrong_at: Some(5), ..Team::new(7, count) };
     let (mut typed, _) = team.measure();
@@ -200,7 +200,7 @@ fn every_answer_can_be_taken_back() {
             assert!(steps < 300);
         }
         assert_eq!(guide, Guide::default());
-        assert!(guide.answer("undo").said.contains("nothing"));
+        assert!(guide.answer("undo").message.contains("no answer"));
     }
 }
 
@@ -214,9 +214,13 @@ fn nonsense_is_refused_and_asked_again_at_every_question() {
             ["-", "blah", "1e9", "nan", "-3", "0", "9999", "3 4 5 6 7 8 9 10 11", "\u{0}\u{7}", "ſ", "12 ft", "keep it"]
         {
             let mut tried = guide.clone();
-            let Reply { said, changed, then } = tried.answer(nonsense);
-            assert!(!changed && then == Then::Ask && !said.is_empty(), "{nonsense:?} to {:?}: {said}", guide.pending());
-            assert!(said.ends_with('.') && said.lines().count() == 1, "{said}");
+            let Reply { message, changed, next_step } = tried.answer(nonsense);
+            assert!(
+                !changed && next_step == NextStep::Ask && !message.is_empty(),
+                "{nonsense:?} to {:?}: {message}",
+                guide.pending()
+            );
+            assert!(message.ends_with('.') && message.lines().count() == 1, "{message}");
             assert_eq!(tried, guide);
         }
         guide.answer(line);
@@ -230,20 +234,20 @@ fn distances_that_make_no_triangle_are_refused_by_name() {
     for line in ["3", "9.8", "9.1"] {
         assert!(guide.answer(line).changed);
     }
-    let said = guide.answer("25").said;
+    let message = guide.answer("25").message;
     for name in ["1-2 (9.80 m)", "1-3 (9.10 m)", "2-3 (25.00 m)", "2-3 is longer", "undo"] {
-        assert!(said.contains(name), "{said}");
+        assert!(message.contains(name), "{message}");
     }
-    assert!(guide.answer("").said.contains("2-3"), "it is needed");
+    assert!(guide.answer("").message.contains("2-3"), "the distance is needed");
     assert!(guide.answer("9,4").changed);
     assert_eq!(guide.pending(), &Question::Side { pulley: 3, from: 1, to: 2 });
-    // Pulleys on one line hold nothing.
+    // Collinear pulleys determine no shape.
     let mut flat = Guide::default();
     for line in ["3", "5", "10"] {
         flat.answer(line);
     }
-    assert!(flat.answer("5").said.contains("one line"));
-    // Of four, one distance may be left out, and no more; six that contradict each other are spoken of.
+    assert!(flat.answer("5").message.contains("one line"));
+    // With four pulleys one distance may be skipped, but no second one; six contradicting distances give a hint.
     let square = ["4", "10", "10", "14.142", "l", "14.142", "", "10"];
     let mut guide = Guide::default();
     for line in square {
@@ -255,8 +259,8 @@ fn distances_that_make_no_triangle_are_refused_by_name() {
         guide.answer(line);
     }
     assert!(guide.answer("10.4").changed);
-    let said = guide.answer("10").said;
-    assert!(said.contains("do not quite fit"), "{said}");
+    let message = guide.answer("10").message;
+    assert!(message.contains("do not quite fit"), "{message}");
 }
 
 #[test]
@@ -265,20 +269,20 @@ fn a_point_that_does_not_fit_is_named_and_can_be_kept() {
         let mut team = Team { wrong_at: Some(6), share: 0.0, ..Team::new(3, count) };
         let mut guide = Guide::default();
         while !matches!(guide.pending(), Question::Doubt { .. }) {
-            assert_ne!(guide.pending(), &Question::Finish, "a wrong reading of half a metre went by");
+            assert_ne!(guide.pending(), &Question::Finish, "a wrong reading of half a metre was not detected");
             let line = team.answer(guide.pending());
             guide.answer(&line);
         }
         let Question::Doubt { place, doubtful } = guide.pending().clone() else { panic!() };
         assert_eq!((place, doubtful.point), (6, 7), "{}", guide.question());
         let mut kept = guide.clone();
-        let said = kept.answer("keep").said;
-        assert!(said.contains("known to"), "{said} {}", kept.question());
+        let message = kept.answer("keep").message;
+        assert!(message.contains("known to"), "{message} {}", kept.question());
         assert_eq!(kept.pending(), &Question::Lengths { place: 7 });
         guide.answer("again");
         assert_eq!(guide.pending(), &Question::Lengths { place: 6 });
         let line = team.answer(guide.pending());
-        assert!(guide.answer(&line).said.contains("known to"));
+        assert!(guide.answer(&line).message.contains("known to"));
         assert_eq!(guide.pending(), &Question::Lengths { place: 7 });
         assert_eq!(guide.file().used(Method::Survey), [0, 1, 2, 3, 4, 5, 7]);
     }
@@ -290,7 +294,7 @@ fn a_wrong_height_is_thought_of_when_a_point_does_not_fit() {
     let mut guide = Guide::default();
     while !matches!(guide.pending(), Question::Doubt { .. }) {
         let line = match guide.pending() {
-            Question::Finish => panic!("a height that is wrong by 30 cm went by"),
+            Question::Finish => panic!("a height that is wrong by 30 cm was not detected"),
             Question::Height { pulley: 2 } => format!("{:.2}", team.site[1][2] + 0.3),
             question => team.answer(question),
         };
@@ -306,10 +310,10 @@ fn lengths_that_cannot_be_or_are_far_off_are_spoken_of() {
         assert!(guide.answer(line).changed);
     }
     assert!(guide.question().contains("foot of pulley 1"), "{}", guide.question());
-    assert!(guide.answer("3.0 3.0 9.2").said.contains("Lines 1 and 2 cannot meet"));
-    assert!(guide.answer("3.0 9.6").said.contains("type 3"));
-    assert!(guide.answer("done").said.contains("not enough"));
-    assert!(guide.answer("9.7 3.1 9.0").said.contains("Line 1 was expected"));
+    assert!(guide.answer("3.0 3.0 9.2").message.contains("Cables 1 and 2 cannot meet"));
+    assert!(guide.answer("3.0 9.6").message.contains("type 3"));
+    assert!(guide.answer("done").message.contains("not enough"));
+    assert!(guide.answer("9.7 3.1 9.0").message.contains("Cable 1 was expected"));
 }
 
 #[test]

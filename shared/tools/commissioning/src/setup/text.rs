@@ -1,11 +1,11 @@
-//! Small words.
+//! Formatting of lengths and lists.
 
-/// A length to the centimetre, or to the millimetre where that says more.
+/// Formats a length to the centimetre, or below 0.1 m to the millimetre.
 pub fn metres(m: f64) -> String {
     if m < 0.1 { format!("{m:.3} m") } else { format!("{m:.2} m") }
 }
 
-/// `a, b and c`.
+/// Formats a list as `a, b and c`.
 pub fn joined(words: &[String]) -> String {
     match words {
         [] => String::new(),
@@ -14,7 +14,7 @@ pub fn joined(words: &[String]) -> String {
     }
 }
 
-/// Lengths as they are read from the lines.
+/// Formats cable lengths to the centimetre.
 pub fn listed(lengths_m: &[f64]) -> String {
     let each: Vec<String> = lengths_m.iter().map(|m| format!("{m:.2}")).collect();
     each.join(", ")

@@ -1,19 +1,20 @@
-//! Taking back the last answer: questions come in one order, so it is the last thing in that order that is there.
+//! Takes back the last answer. Questions have a fixed order, so it is the last item in this order that the file
+//! contains.
 
 use super::question::pulleys;
 use super::shape;
 use super::text::{listed, metres};
-use crate::calibrate::File;
+use crate::calibrate::MeasurementsFile;
 
-/// Takes back the last answer and says which it was; none if there is nothing.
-pub fn undo(file: &mut File) -> Option<String> {
+/// Takes back the last answer and returns its description; `None` if there is no answer.
+pub fn undo(file: &mut MeasurementsFile) -> Option<String> {
     let points = file.point.len();
     let setup = file.setup.get_or_insert_default();
     if let Some(length) = setup.lengths_so_far_m.pop() {
         let line = setup.lengths_so_far_m.len() + 1;
-        return Some(format!("line {line} was {}", metres(length)));
+        return Some(format!("cable {line} was {}", metres(length)));
     }
-    // What was wanted anew came after all that was decided about the points then.
+    // A new number of points was answered after all decisions about the points at that time.
     if setup.plan.len() > 1 && setup.plan.last().is_some_and(|plan| plan[0] == points) {
         setup.plan.pop();
         return Some("how many points are wanted".to_owned());
@@ -47,7 +48,7 @@ pub fn undo(file: &mut File) -> Option<String> {
     Some(format!("there were {count} pulleys"))
 }
 
-fn height(file: &mut File, pulley: usize) -> Option<String> {
+fn height(file: &mut MeasurementsFile, pulley: usize) -> Option<String> {
     if let Some(at) = file.height.iter().rposition(|height| height.anchor == pulley) {
         let height = file.height.remove(at);
         return Some(format!("pulley {pulley} was {} high", metres(height.m)));
@@ -58,7 +59,7 @@ fn height(file: &mut File, pulley: usize) -> Option<String> {
     Some(format!("the height of pulley {pulley} was not measured"))
 }
 
-fn place(file: &mut File, to: usize) -> Option<String> {
+fn place(file: &mut MeasurementsFile, to: usize) -> Option<String> {
     if let Some(side) = file.range.iter_mut().filter(|r| r.from.max(r.to) == to).find_map(|r| r.side.take()) {
         return Some(format!("pulley {to} was on the {}", if side < 0 { "right" } else { "left" }));
     }

@@ -1,28 +1,29 @@
-//! The joint estimator of a calibration.
+//! Improvement: joint estimation in the calibration.
 
-use super::super::calibration::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors};
+use super::super::calibration::{Encoders, SIGMA_RANGE_M, calibrate, errors, random_points};
 use super::super::random::Random;
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::stand_in;
-use super::{span, times};
+use super::{format_ratio, ratio_range};
 use anyhow::Result;
 use cable_robot::CableVec;
 use calibration::{JointInput, Loss, Range, calibrate_joint};
 
-/// One kind of error that the joint estimator knows of.
+/// A kind of error that the joint estimator models.
 struct Case {
     name: &'static str,
-    /// Standard deviation of ranges and of lengths, m.
+    /// Standard deviation of ranges, m.
     sigma_range_m: f64,
+    /// Standard deviation of lengths, m.
     sigma_m: f64,
     scale: f64,
     zero_m: f64,
-    /// Share of the lengths that are wrong by half a metre.
+    /// Share of the lengths with an error of half a metre.
     outliers: f64,
     sigma_scale: Option<f64>,
     sigma_offset_m: Option<f64>,
     loss: Loss,
-    /// Judged by positions rather than heights.
+    /// Whether positions are evaluated rather than heights.
     positions: bool,
 }
 
@@ -43,17 +44,17 @@ const CASES: [Case; 4] = [
     Case { name: "lengths better than ranges (positions)", positions: true, ..PLAIN },
     Case { name: "all lengths 1 % too long", sigma_range_m: 0.0015, scale: 1.01, sigma_scale: Some(0.02), ..PLAIN },
     Case {
-        name: "encoder zeros wrong by 5 cm",
+        name: "encoder zeros off by 5 cm",
         sigma_range_m: 0.0015,
         zero_m: 0.05,
         sigma_offset_m: Some(0.05),
         ..PLAIN
     },
-    Case { name: "5 % of the lengths wrong by 0.5 m", sigma_m: 0.02, outliers: 0.05, loss: Loss::Cauchy, ..PLAIN },
+    Case { name: "5 % of the lengths off by 0.5 m", sigma_m: 0.02, outliers: 0.05, loss: Loss::Cauchy, ..PLAIN },
 ];
 
 impl Case {
-    /// Mean error of the paper's method and of the joint estimator, m.
+    /// Returns the mean error of the paper's method and of the joint estimator, m.
     fn run(&self, seed: u64, trials: usize, count: usize) -> Result<[f64; 2]> {
         let mut random = Random::new(seed);
         let index = usize::from(self.positions);
@@ -62,7 +63,7 @@ impl Case {
             let noise: [f64; 3] = [0, 1, 2].map(|_| self.sigma_range_m * random.normal());
             let measured = [0, 1, 2].map(|k| stand_in::RANGES_M[k] + noise[k]);
             let anchors = calibration::survey_anchors(measured, calibration::Side::Left)?;
-            let points = anywhere(&mut random, count);
+            let points = random_points(&mut random, count);
             let encoders = Encoders {
                 sigma_m: self.sigma_m,
                 scale: self.scale,
@@ -98,12 +99,11 @@ impl Case {
     }
 }
 
-/// The joint estimator.
+/// Joint estimation.
 pub fn joint(effort: Effort) -> Result<Section> {
     let trials = effort.trials(400);
-    let counts = effort.some(&[10, 20, 43]);
-    let mut table =
-        Table::new("Mean error, mm", &["what is wrong", "M", "the paper's method", "joint estimator", "ratio"]);
+    let counts = effort.select(&[10, 20, 43]);
+    let mut table = Table::new("Mean error, mm", &["error", "M", "the paper's method", "joint estimator", "ratio"]);
     let mut best = Vec::new();
     for (k, case) in CASES.iter().enumerate() {
         let mut last = f64::NAN;
@@ -115,7 +115,7 @@ pub fn joint(effort: Effort) -> Result<Section> {
                 count.to_string(),
                 fixed(1e3 * paper, 1),
                 fixed(1e3 * joint, 1),
-                times(last),
+                format_ratio(last),
             ]);
         }
         best.push((case.name, last));
@@ -123,23 +123,23 @@ pub fn joint(effort: Effort) -> Result<Section> {
     let most = counts[counts.len() - 1];
     Ok(Section {
         key: "joint",
-        title: "Beyond the paper: everything estimated together",
-        claim: "Ranges, lengths, one scale and the encoder zeros in one maximum-likelihood estimate with a robust loss: what the \
-                paper's cost (4) cannot see is estimated along."
+        title: "Improvement: joint estimation",
+        claim: "Ranges, lengths, one scale and the encoder zeros in one maximum-likelihood estimate with a robust loss: errors that the \
+                paper's cost (4) does not model are estimated too."
             .into(),
         stand_in: format!(
-            "Simulated: {}; points anywhere; ranges with a standard deviation of 2 cm (1.5 mm where a scale or zeros are wrong), \
-             lengths of 5 mm (2 cm with outliers). {trials} calibrations per value. Heights, or positions where the table says so.",
+            "Simulated: {}; random points; ranges with a standard deviation of 2 cm (1.5 mm with errors of scale or zeros), \
+             lengths of 5 mm (2 cm with outliers). {trials} calibrations per value. Heights, or positions where stated.",
             stand_in::THREE
         ),
         tables: vec![table],
         checks: best
             .iter()
             .map(|(name, ratio)| {
-                Check::claim(*ratio > 1.5, format!("{name}: {} times more accurate with {most} points", times(*ratio)))
+                Check::claim(*ratio > 1.5, format!("{name}: {} times more accurate with {most} points", format_ratio(*ratio)))
             })
             .collect(),
-        ratio: Some(format!("{} with {most} points", span(&best.iter().map(|b| b.1).collect::<Vec<_>>()))),
+        ratio: Some(format!("{} with {most} points", ratio_range(&best.iter().map(|b| b.1).collect::<Vec<_>>()))),
         ..Section::default()
     })
 }

@@ -1,20 +1,21 @@
-//! Beyond the paper: paths that swing sideways as well as down, computed and flown.
+//! Improvement: paths that deviate sideways as well as down, computed and flown.
 
 use super::super::energy::flown_cost;
-use super::super::flight::{DRIVES, Flight, Track};
+use super::super::flight::{ClosedLoopFlight, DRIVES, Track};
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::stand_in;
 use anyhow::Result;
 use cable_robot::energy::{BestLateral, Bounds, WinchEnergy};
 use cable_robot::{Distribution, Vector3};
 
-/// Intervals of Simpson's rule: an error of 3e-6.
+/// Intervals of Simpson's rule, with an error of 3e-6.
 const INTERVALS: usize = 64;
 
-/// The paths of one move, each flown from rest to rest.
+/// Losses of the flown paths of one move, each from rest to rest.
 struct FlownMove {
-    /// Loss over that of the parabola: of the line, and of the lateral path.
+    /// Loss of the line divided by that of the parabola.
     line: f64,
+    /// Loss of the lateral path divided by that of the parabola.
     lateral: f64,
     expected: f64,
     complete: bool,
@@ -26,7 +27,7 @@ fn fly(ends: (Vector3<f64>, Vector3<f64>), path: &str) -> Result<Track> {
         "name = \"move\"\nspeed_m_s = {}\npath = \"{path}\"\n[[leg]]\nline = {{ to_m = [{x}, {y}, {z}] }}\n",
         stand_in::SPEED_M_S
     );
-    Flight { period_s: 0.02, horizon: 10, ..Flight::new(ends.0.into(), mission, DRIVES[0]) }.fly()
+    ClosedLoopFlight { period_s: 0.02, horizon: 10, ..ClosedLoopFlight::new(ends.0.into(), mission, DRIVES[0]) }.fly()
 }
 
 fn flown(ends: (Vector3<f64>, Vector3<f64>), expected: f64) -> Result<FlownMove> {
@@ -42,19 +43,19 @@ fn flown(ends: (Vector3<f64>, Vector3<f64>), expected: f64) -> Result<FlownMove>
     })
 }
 
-/// Paths that swing sideways too.
+/// Paths that deviate sideways too.
 pub fn lateral(effort: Effort) -> Result<Section> {
     let bounds = Bounds { ground_m: Some(0.0), time_weight_w: 0.0 };
     let mut table = Table::new(
-        "Best path of three harmonics down and three sideways, against the best parabola",
+        "Best path of three harmonics down and three sideways, compared with the best parabola",
         &[
             "anchors",
             "motors",
             "move",
             "parabola, J",
             "saved in the vertical plane",
-            "saved sideways too",
-            "swing, m",
+            "saved with lateral deviation",
+            "deviation, m",
             "time ratio",
         ],
     );
@@ -80,7 +81,7 @@ pub fn lateral(effort: Effort) -> Result<Section> {
                 method: *method,
                 current: &motor,
             };
-            for k in effort.some(&(0..corners.len()).collect::<Vec<_>>()) {
+            for k in effort.select(&(0..corners.len()).collect::<Vec<_>>()) {
                 let ends = (Vector3::from(corners[k]), Vector3::from(corners[(k + 1) % corners.len()]));
                 let BestLateral { lateral, parabola, upright } =
                     winch_energy.best_lateral(&ends.0, &ends.1, stand_in::SPEED_M_S, INTERVALS, &bounds)?;
@@ -121,9 +122,9 @@ pub fn lateral(effort: Effort) -> Result<Section> {
     let flown_saving: Vec<f64> = moves.iter().map(|flown| 1.0 - flown.lateral).collect();
     Ok(Section {
         key: "lateral",
-        title: "Beyond the paper: paths that swing sideways",
-        claim: "The paper found richer paths than parabolas in a vertical plane to yield negligible improvements. With gears that lock \
-                themselves lowering is almost free and raising is dear, and a path that also swings sideways saves more."
+        title: "Improvement: paths that deviate sideways",
+        claim: "The paper found richer paths than parabolas in a vertical plane to yield negligible improvements. With self-locking \
+                gears, lowering takes almost no energy but raising much, and a path that also deviates sideways saves more."
             .into(),
         stand_in: format!(
             "{}, the triangle; {} (uneven), the square. Computed, quasi-static. Flown by the planner with `path = \"lateral\"` in \
@@ -145,7 +146,7 @@ pub fn lateral(effort: Effort) -> Result<Section> {
             ),
             Check::claim(
                 mean(ideal) < 0.03,
-                format!("with ideal motors the paper is right: {}, {:.0} % on average", percent(ideal), 100.0 * mean(ideal)),
+                format!("with ideal motors the improvement is negligible, as in the paper: {}, {:.0} % on average", percent(ideal), 100.0 * mean(ideal)),
             ),
             Check::claim(
                 moves.iter().all(|flown| flown.complete && flown.lateral < 1.0),

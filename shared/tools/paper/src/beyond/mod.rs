@@ -1,4 +1,4 @@
-//! Where we know better than the paper, each measured against its method in the same run.
+//! Improvements over the paper, each compared with its method in the same run.
 
 mod joint;
 mod lateral;
@@ -12,16 +12,16 @@ pub use placement::placement;
 pub use preview::preview;
 pub use stretch::stretch;
 
-fn times(ratio: f64) -> String {
+fn format_ratio(ratio: f64) -> String {
     format!("{ratio:.1}")
 }
 
-/// The least and the largest of some ratios, in words.
-fn span(ratios: &[f64]) -> String {
+/// Returns the range of ratios as text.
+fn ratio_range(ratios: &[f64]) -> String {
     let low = ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r));
     let high = ratios.iter().fold(0.0, |m: f64, r| m.max(*r));
-    if times(low) == times(high) {
-        return format!("{} times", times(low));
+    if format_ratio(low) == format_ratio(high) {
+        return format!("{} times", format_ratio(low));
     }
-    format!("{} to {} times", times(low), times(high))
+    format!("{} to {} times", format_ratio(low), format_ratio(high))
 }

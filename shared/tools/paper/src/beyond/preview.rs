@@ -1,44 +1,45 @@
-//! The lag-aware law beside the paper's.
+//! Improvement: the lag-aware law compared with the paper's law.
 
-use super::super::flight::{DRIVES, Drives, Flight, Instant, Track};
+use super::super::flight::{ClosedLoopFlight, DRIVES, Drives, Track, TrackPoint};
 use super::super::section::{Check, Effort, Section, Table, fixed, rms};
 use super::super::{control, stand_in};
-use super::{span, times};
+use super::{format_ratio, ratio_range};
 use anyhow::{Context, Result};
 use config::{ControlLaw, ControllerSection};
 use controller::Law;
-use plot::{Axis, Chart, Look, Picture};
+use plot::{Axis, Chart, Picture, SeriesStyle};
 
-/// The lag-aware law with what it is told of the drives.
+/// Returns the lag-aware law with a given model of the drives, or with identification.
 fn preview_law(lag_s: Option<[f64; 2]>) -> Result<Law> {
     let section = ControllerSection {
         law: ControlLaw::Preview,
         drive_lag_s: lag_s,
         identify: lag_s.is_none(),
-        // Told a wrong lag, it is to show what it does with it.
+        // A wrong lag is used on purpose, so the misfit check is disabled.
         misfit_limit: if lag_s.is_some() { 1e3 } else { ControllerSection::default().misfit_limit },
         ..ControllerSection::default()
     };
     Ok(Law::of(&section)?)
 }
 
-/// The legs that come first: out and back, a step test for a law that identifies the drives. Errors count from after them.
+/// The first legs, out and back: a step test for a law that identifies the drives. Errors count after them.
 const STEP_TEST: &str =
     "[[leg]]\nline = { to_m = [5.2, 3.2, 0.5] }\n[[leg]]\nline = { to_m = [4.8, 3.0, 0.3] }\n[[leg]]";
 
-/// How many segments they make.
+/// Number of segments of the step test.
 const STEP_TEST_SEGMENTS: u64 = 2;
 
-/// Two ways to measure an error, and their names.
+/// Error measures and their names.
 type Measure = fn(&Track) -> Vec<f64>;
 const MEASURES: [(&str, Measure); 2] = [("measured lengths", Track::by_lengths), ("truth", Track::by_truth)];
 
-/// A law's errors by the measures, mm; not a number where the robot stopped by itself.
+/// Returns the errors of a law by each measure, mm, and the track; NaN where the robot stopped by itself.
 fn fly(mission: &str, drives: Drives, law: Option<Law>, horizon: u32) -> Result<([f64; 2], Track)> {
-    /// Control period of the robot as it comes, s.
+    /// Default control period of the robot, s.
     const PERIOD_S: f64 = 0.01;
     let mission = mission.replacen("[[leg]]", STEP_TEST, 1);
-    let mut flight = Flight { period_s: PERIOD_S, horizon, ..Flight::new(control::START_M, mission, drives) };
+    let mut flight =
+        ClosedLoopFlight { period_s: PERIOD_S, horizon, ..ClosedLoopFlight::new(control::START_M, mission, drives) };
     flight.law = law.unwrap_or(flight.law);
     let mut track = flight.fly()?;
     track.instants.retain(|at| at.segment > STEP_TEST_SEGMENTS);
@@ -48,7 +49,7 @@ fn fly(mission: &str, drives: Drives, law: Option<Law>, horizon: u32) -> Result<
     Ok((errors, track))
 }
 
-/// Ratios of one measure.
+/// Ratios by one measure.
 #[derive(Default)]
 struct Ratios {
     quick: Vec<f64>,
@@ -65,7 +66,7 @@ impl Ratios {
 
 /// Lag-aware preview control.
 pub fn preview(effort: Effort) -> Result<Section> {
-    let horizons = effort.some(&[12, 15, 18, 21, 25, 30, 36, 42, 50]);
+    let horizons = effort.select(&[12, 15, 18, 21, 25, 30, 36, 42, 50]);
     let missions = control::missions(effort);
     let (missions, drives) = match effort {
         Effort::Full => (&missions[..], &DRIVES[..2]),
@@ -76,13 +77,13 @@ pub fn preview(effort: Effort) -> Result<Section> {
         &[
             "path",
             "drives",
-            "by",
+            "measure",
             "lq-endpoint, best Delta",
             "preview, identified",
-            "told 10 % too much",
-            "told twice",
+            "model 10 % too long",
+            "model twice too long",
             "ratio, identified",
-            "ratio, 10 % off",
+            "ratio, 10 % too long",
         ],
     );
     let mut ratios = [Ratios::default(), Ratios::default()];
@@ -102,10 +103,10 @@ pub fn preview(effort: Effort) -> Result<Section> {
                     }
                 }
             }
-            let paper_track = best.context("the paper's law flew no mission to its end")?;
+            let paper_track = best.context("the paper's law completed no mission")?;
             let horizon = paper[0].1;
             let (identified, track) = fly(mission, *drives, Some(preview_law(None)?), horizon)?;
-            // What a step test says: the drives' speed loop adds to the delay and lag of their names.
+            // The identified model includes the drives' speed loop, so it differs from the nominal delay and lag.
             let model = track.identified.context("the drives were not identified in flight")?;
             let told = |share: f64| -> Result<[f64; 2]> {
                 let law = preview_law(Some([share * model.delay_s(), share * model.lag_s()]))?;
@@ -113,7 +114,7 @@ pub fn preview(effort: Effort) -> Result<Section> {
             };
             let (near, double) = (told(1.1)?, told(2.0)?);
             if traces.is_empty() {
-                let off = |at: &Instant| 1e3 * at.by_lengths.norm();
+                let off = |at: &TrackPoint| 1e3 * at.by_lengths.norm();
                 traces =
                     vec![paper_track.over_time("lq-endpoint", 1, off), track.over_time("preview, identified", 0, off)];
             }
@@ -123,7 +124,7 @@ pub fn preview(effort: Effort) -> Result<Section> {
                 of.push(ratio(identified[k]));
                 ratios[k].near.push(ratio(near[k]));
                 ratios[k].double.push(ratio(double[k]));
-                let cell = |error: f64| if error.is_finite() { fixed(error, 2) } else { "stopped by itself".into() };
+                let cell = |error: f64| if error.is_finite() { fixed(error, 2) } else { "stopped".into() };
                 table.row([
                     (*name).into(),
                     drives.name.into(),
@@ -132,42 +133,42 @@ pub fn preview(effort: Effort) -> Result<Section> {
                     cell(identified[k]),
                     cell(near[k]),
                     cell(double[k]),
-                    times(ratio(identified[k])),
-                    times(ratio(near[k])),
+                    format_ratio(ratio(identified[k])),
+                    format_ratio(ratio(near[k])),
                 ]);
             }
         }
     }
     let chart = Chart {
-        caption: format!("distance from the setpoint by measured lengths on straight lines, {}", drives[0].name),
-        x: Axis::of("time, s"),
-        y: Axis::of("mm"),
-        series: traces.into_iter().map(|series| series.looking(Look::Line(1))).collect(),
+        caption: format!("distance from the setpoint (measured lengths) on straight lines, {}", drives[0].name),
+        x: Axis::auto("time, s"),
+        y: Axis::auto("mm"),
+        series: traces.into_iter().map(|series| series.with_style(SeriesStyle::Line(1))).collect(),
         ..Chart::default()
     };
     let [by_lengths, by_truth] = &ratios;
     let all = |ratios: &Ratios| ratios.identified().copied().collect::<Vec<f64>>();
     Ok(Section {
         key: "preview",
-        title: "Beyond the paper: a law that knows how late the drives are",
+        title: "Improvement: a law that compensates the delay of the drives",
         claim: "Linear-quadratic preview control over a model of delay and lag, identified by the robot in a step test, follows \
-                more closely than the paper's law with its best horizon; where no model fits, the paper's law takes over."
+                more closely than the paper's law with its best horizon; if no model fits, the paper's law takes over."
             .into(),
         stand_in: format!(
-            "Closed-loop flights as in Figures 7 and 8, at 100 cycles a second; {}, a node of 2 kg, ramps of speed. Each begins \
-             with a line out and back, in whose first second the law identifies the drives; errors count after it. By measured \
-             lengths: what the law can see, as a displacement of the node.",
+            "Closed-loop flights as in Figures 7 and 8, at 100 cycles per second; {}, a node of 2 kg, ramps of speed. Each begins \
+             with a line out and back, in which the law identifies the drives; errors count after it. Measured \
+             lengths: the error visible to the law, as a displacement of the node.",
             stand_in::THREE
         ),
         tables: vec![table],
         pictures: vec![Picture { title: String::new(), size: (900, 400), columns: 1, charts: vec![chart] }],
         checks: checks(by_lengths, by_truth),
         remarks: vec![
-            "What is left by measured lengths is about what one step of the encoders (0.09 mm) makes of the node's position. What \
-             is left by truth is mostly the swing of the node on its elastic lines, which the lengths do not show."
+            "The remaining error by measured lengths is about the effect of one encoder step (0.09 mm) on the node's position. The \
+             remaining error by truth is mostly the oscillation of the node on its elastic cables, which the lengths do not show."
                 .into(),
         ],
-        ratio: Some(format!("{} by measured lengths, {} by truth", span(&all(by_lengths)), span(&all(by_truth)))),
+        ratio: Some(format!("{} by measured lengths, {} by truth", ratio_range(&all(by_lengths)), ratio_range(&all(by_truth)))),
     })
 }
 
@@ -182,9 +183,9 @@ fn checks(by_lengths: &Ratios, by_truth: &Ratios) -> Vec<Check> {
             checks.push(Check::claim(
                 least(lengths) > 1.0 && least(truth) > 1.0,
                 format!(
-                    "with {words} drives it is better everywhere: {} by measured lengths, {} by truth",
-                    span(lengths),
-                    span(truth)
+                    "with {words} drives it is better in all cases: {} by measured lengths, {} by truth",
+                    ratio_range(lengths),
+                    ratio_range(truth)
                 ),
             ));
         }
@@ -192,25 +193,25 @@ fn checks(by_lengths: &Ratios, by_truth: &Ratios) -> Vec<Check> {
     checks.push(Check::claim(
         least(&by_lengths.near) > 1.0 && least(&by_truth.near) > 1.0,
         format!(
-            "so it is when told a delay and lag 10 % too long: {} by measured lengths, {} by truth",
-            span(&by_lengths.near),
-            span(&by_truth.near)
+            "it is also better with a model of delay and lag that is 10 % too long: {} by measured lengths, {} by truth",
+            ratio_range(&by_lengths.near),
+            ratio_range(&by_truth.near)
         ),
     ));
     checks.push(Check::condition(
         by_lengths.identified().all(|ratio| *ratio >= 3.0),
-        "by measured lengths it is three times better everywhere".into(),
+        "by measured lengths it is three times better in all cases".into(),
     ));
     checks.push(Check::condition(
         by_truth.identified().all(|ratio| *ratio >= 3.0),
-        "by truth too, where stretch and swing of the lines come on top".into(),
+        "the same by truth, which includes stretch and oscillation of the cables".into(),
     ));
     checks.push(Check::condition(
         worst > 1.0,
         format!(
-            "it is better even when told twice the delay and lag: {}; this is why the robot checks its model and falls back to the \
+            "it is better even with a model of twice the delay and lag: {}; therefore the robot checks its model and falls back to the \
              paper's law above a misfit",
-            if worst > 0.0 { format!("{} times", times(worst)) } else { "without that check it stops itself".into() }
+            if worst > 0.0 { format!("{} times", format_ratio(worst)) } else { "without that check the robot stops".into() }
         ),
     ));
     checks

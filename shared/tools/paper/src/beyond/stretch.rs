@@ -1,45 +1,46 @@
-//! Lines that stretch.
+//! Improvement: compensation of cable stretch.
 
-use super::super::flight::{DRIVES, Flight, Track};
+use super::super::flight::{ClosedLoopFlight, DRIVES, Track};
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::{control, stand_in};
 use anyhow::Result;
-use plot::{Axis, Chart, Legend, Look, Picture, Series};
+use plot::{Axis, Chart, Legend, Picture, Series, SeriesStyle};
 
-/// Deflection of the node after a climb, with lines that are this much stiffer than the robot file says: mm, positive is too low.
+/// Returns the deflection of the node after a climb with cables stiffer by this factor than in the robot file, mm
+/// (positive: too low), and the track.
 fn deflection(stretch: bool, stiffness_share: f64, height_m: f64) -> Result<(f64, Track)> {
     let mission = format!(
         "name = \"climb\"\nspeed_m_s = 0.2\n[[leg]]\nline = {{ to_m = [4.8, 3.0, {height_m}] }}\n[[leg]]\ndwell = {{ duration_s = 1.0 }}\n"
     );
-    let track = Flight {
+    let track = ClosedLoopFlight {
         period_s: 0.02,
         horizon: 10,
         stretch,
         stiffness_share,
-        ..Flight::new(control::START_M, mission, DRIVES[0])
+        ..ClosedLoopFlight::new(control::START_M, mission, DRIVES[0])
     }
     .fly()?;
-    anyhow::ensure!(track.done, "the climb to {height_m} m did not end");
+    anyhow::ensure!(track.done, "the climb to {height_m} m was not completed");
     let last: Vec<f64> = track.instants.iter().rev().take(25).map(|at| at.setpoint.z - at.truth.z).collect();
     Ok((1e3 * mean(&last), track))
 }
 
-/// True stiffness over that of the robot file, where the file is 20 % too high.
+/// True stiffness divided by that of a robot file which is 20 % too high.
 const SHARE: f64 = 1.0 / 1.2;
 
-/// Elastic compensation.
+/// Stretch compensation.
 pub fn stretch(effort: Effort) -> Result<Section> {
     let heights: &[f64] = match effort {
         Effort::Full => &[0.8, 1.3, 1.8, 2.2, 2.4],
         Effort::Quick => &[0.6, 0.9],
     };
     let mut table = Table::new(
-        "How far the node hangs too low after a climb from 0.3 m, mm",
+        "Deflection of the node after a climb from 0.3 m, mm",
         &[
             "height, m",
-            "rigid lines assumed",
-            "corrected",
-            "corrected, stiffness believed 20 % too high",
+            "rigid cables assumed",
+            "compensated",
+            "compensated, assumed stiffness 20 % too high",
             "share removed then",
         ],
     );
@@ -50,7 +51,7 @@ pub fn stretch(effort: Effort) -> Result<Section> {
     for height in heights {
         let [rigid, right, wrong] =
             [(false, 1.0), (true, 1.0), (true, SHARE)].map(|(stretch, share)| deflection(stretch, share, *height));
-        // With softer lines the uncorrected deflection is larger too: that is what is compared.
+        // Softer cables also increase the uncompensated deflection, which is the reference here.
         let softer = deflection(false, SHARE, *height)?.0;
         let (rigid, right, wrong) = (rigid?.0, right?.0, wrong?.0);
         for (curve, value) in curves.iter_mut().zip([rigid, right, wrong]) {
@@ -71,28 +72,28 @@ pub fn stretch(effort: Effort) -> Result<Section> {
     let (low, high) = (curves[0][0][1], curves[0][curves[0].len() - 1][1]);
     let removed = 1.0 - left_mm / all_mm;
     let least = shares.iter().fold(f64::INFINITY, |m: f64, s| m.min(*s));
-    let names = ["rigid lines assumed", "corrected", "corrected, believed 20 % too stiff"];
+    let names = ["rigid cables assumed", "compensated", "compensated, assumed 20 % too stiff"];
     let chart = Chart {
         caption: "deflection of the node".into(),
-        x: Axis::of("height after the climb, m"),
-        y: Axis::of("mm too low"),
+        x: Axis::auto("height after the climb, m"),
+        y: Axis::auto("mm too low"),
         series: curves
             .into_iter()
             .zip(names)
             .zip([1, 0, 3])
-            .map(|((points, name), colour)| Series::line(name, colour, points).looking(Look::Marked))
+            .map(|((points, name), colour)| Series::line(name, colour, points).with_style(SeriesStyle::Marked))
             .collect(),
         legend: Legend::UpperLeft,
         ..Chart::default()
     };
     Ok(Section {
         key: "stretch",
-        title: "Beyond the paper: lines that stretch",
-        claim: "The paper saw no deflection next to the floor and neglects stretch. Higher up lines carry several times the tension; \
-                commanding unstretched lengths removes most of the deflection, even with a stiffness that is known roughly."
+        title: "Improvement: compensation of cable stretch",
+        claim: "The paper found no deflection near the floor and neglects stretch. Higher up, cables carry several times the tension; \
+                commanding unstretched lengths removes most of the deflection, even with an approximate stiffness."
             .into(),
         stand_in: format!(
-            "Closed-loop flights: {}, a node of 2 kg, lines with EA = 6 kN and 6 m of them between drum and pulley; position told \
+            "Closed-loop flights: {}, a node of 2 kg, cables with EA = 6 kN and 6 m between drum and pulley; position set \
              at a height of 0.3 m, then a climb.",
             stand_in::THREE
         ),
@@ -101,19 +102,19 @@ pub fn stretch(effort: Effort) -> Result<Section> {
         checks: vec![
             Check::claim(
                 high > 3.0 * low,
-                format!("without correction the node hangs {low:.0} mm too low at {} m and {high:.0} mm at {} m", heights[0], heights[heights.len() - 1]),
+                format!("without compensation the node hangs {low:.0} mm too low at {} m and {high:.0} mm at {} m", heights[0], heights[heights.len() - 1]),
             ),
-            Check::claim(exact < 0.2, format!("with the right stiffness {:.0} % of the deflection or less is left", 100.0 * exact)),
+            Check::claim(exact < 0.2, format!("with the correct stiffness, at most {:.0} % of the deflection remains", 100.0 * exact)),
             Check::claim(
                 removed > 0.8,
                 format!(
-                    "with a stiffness that is believed 20 % too high {:.0} % of all deflection is removed, {:.0} % where it is least",
+                    "with an assumed stiffness 20 % too high, {:.0} % of the total deflection is removed, and at least {:.0} %",
                     100.0 * removed,
                     100.0 * least
                 ),
             ),
         ],
-        ratio: Some(format!("{:.0} % of the deflection removed with a stiffness believed 20 % too high", 100.0 * removed)),
+        ratio: Some(format!("{:.0} % of the deflection removed with an assumed stiffness 20 % too high", 100.0 * removed)),
         ..Section::default()
     })
 }

@@ -1,18 +1,18 @@
-//! Figures 5 and 6 and Table II: an experiment like the paper's.
+//! Figures 5 and 6 and Table II: an experiment like that of the paper.
 
 use super::super::random::Random;
 use super::super::section::{Check, Effort, Section, Table, deviation, fixed, mean, median, rms};
 use super::super::stand_in;
-use super::{Encoders, SIGMA_LASER_M, anywhere, calibrate, survey};
+use super::{Encoders, SIGMA_LASER_M, calibrate, random_points, survey};
 use anyhow::Result;
 use cable_robot::{Anchors, CableVec, kinematics};
-use plot::{Axis, Chart, GREY, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Picture, Series, SeriesStyle};
 
-/// Points of the experiment: the paper's text.
+/// Number of points of the experiment, from the paper's text.
 const POINTS: usize = 43;
-/// Standard deviation of a length that gives the residuals of the experiment, m.
+/// Standard deviation of a length that reproduces the residuals of the experiment, m.
 const SIGMA_LENGTH_M: f64 = 0.0055;
-/// The experiment with 43 points, simulated once.
+/// One simulated experiment with 43 points.
 struct Experiment {
     anchors_xy: [[f64; 2]; 3],
     lengths: Vec<CableVec>,
@@ -22,12 +22,12 @@ impl Experiment {
     fn new(seed: u64, encoders: Encoders) -> Result<Self> {
         let mut random = Random::new(seed);
         let anchors_xy = survey(&mut random, SIGMA_LASER_M)?;
-        let places = anywhere(&mut random, POINTS);
+        let places = random_points(&mut random, POINTS);
         let lengths = encoders.measure(&mut random, &places);
         Ok(Self { anchors_xy, lengths })
     }
 
-    /// Height of every point as forward kinematics has it with the calibrated anchors, m.
+    /// Returns the height of each point by forward kinematics with the calibrated anchors, m, and the anchors.
     fn point_heights(&self) -> Result<(Vec<f64>, [[f64; 3]; 3])> {
         let (found, _) = calibrate(&self.anchors_xy, &self.lengths)?;
         let anchors = Anchors::new(&found)?;
@@ -42,13 +42,13 @@ impl Experiment {
 
 fn experiment_words(what: &str) -> String {
     format!(
-        "Simulated: {}; 43 points anywhere in the triangle of the anchors shrunk to 0.9, ranges with a standard deviation of \
+        "Simulated: {}; 43 random points in the triangle of the anchors shrunk to 0.9, ranges with a standard deviation of \
          1.5 mm, lengths with {what}.",
         stand_in::THREE
     )
 }
 
-/// Figure 5: how the answer settles with more points.
+/// Figure 5: convergence with the number of points.
 pub fn fig5(effort: Effort) -> Result<Section> {
     let subsets = effort.trials(100).max(20);
     let runs = effort.trials(40).min(40);
@@ -63,7 +63,7 @@ pub fn fig5(effort: Effort) -> Result<Section> {
             let (mut norms, mut errors_z) = (Vec::new(), Vec::new());
             for _ in 0..subsets {
                 let chosen = subset(&mut random, &experiment.lengths, *count);
-                // A subset on a line is refused; the paper's search would have returned anything.
+                // A collinear subset is rejected; the paper's search would have returned an arbitrary result.
                 let Ok((found, _)) = calibrate(&experiment.anchors_xy, &chosen) else { continue };
                 norms.push((0..3).map(|i| found[i][2] * found[i][2]).sum::<f64>().sqrt());
                 errors_z.push(rms(&[0, 1, 2].map(|i| found[i][2] - stand_in::HEIGHTS_M[i])));
@@ -92,12 +92,12 @@ pub fn fig5(effort: Effort) -> Result<Section> {
         |curve: &[f64]| counts.iter().zip(curve).map(|(m, sigma)| [*m as f64, 1e3 * sigma]).collect::<Vec<_>>();
     let chart = Chart {
         caption: format!("standard deviation of the norm of the heights over {subsets} subsets"),
-        x: Axis::of("points in a subset, m"),
-        y: Axis::from_to("mm", 0.0, 40.0),
+        x: Axis::auto("points in a subset, m"),
+        y: Axis::fixed("mm", 0.0, 40.0),
         series: vec![
             Series::line("worst run", 1, points(&worst)),
             Series::line("median run", 0, points(&middle)),
-            Series::line("10 mm", GREY, vec![[3.0, 10.0], [POINTS as f64, 10.0]]).looking(Look::Dashed),
+            Series::line("10 mm", GREY, vec![[3.0, 10.0], [POINTS as f64, 10.0]]).with_style(SeriesStyle::Dashed),
         ],
         ..Chart::default()
     };
@@ -105,7 +105,7 @@ pub fn fig5(effort: Effort) -> Result<Section> {
     let error = mean(&tilt);
     Ok(Section {
         key: "fig5",
-        title: "Figure 5: how the heights settle with the number of points",
+        title: "Figure 5: convergence of the heights with the number of points",
         claim: "From 9 points on, the standard deviation of the norm of the heights is below 0.01 m.".into(),
         stand_in: format!(
             "{} {runs} such experiments with {subsets} random subsets of each size.",
@@ -126,26 +126,26 @@ pub fn fig5(effort: Effort) -> Result<Section> {
             Check::condition(
                 error < 1.5 * at(&middle, 9) * 1e-3,
                 format!(
-                    "the norm says how accurate the heights are: at 9 points they are wrong by {:.1} mm (root mean square), their \
-                     norm only varies by {:.1} mm, because one anchor too high and another too low cancel in it",
+                    "the norm shows the accuracy of the heights: at 9 points their error is {:.1} mm (root mean square), but their \
+                     norm varies by {:.1} mm only, because one anchor too high and another too low cancel in it",
                     1e3 * error,
                     at(&middle, 9)
                 ),
             ),
         ],
-        remarks: vec!["The calibration of this project states a covariance for every anchor instead.".into()],
+        remarks: vec!["The calibration of this project reports a covariance for every anchor instead.".into()],
         ..Section::default()
     })
 }
 
-/// `count` of the points, each at most once.
+/// Returns `count` distinct random points.
 fn subset(random: &mut Random, all: &[CableVec], count: usize) -> Vec<CableVec> {
     let mut left: Vec<usize> = (0..all.len()).collect();
     (0..count).map(|_| all[left.swap_remove(random.below(left.len()))]).collect()
 }
 
-/// Heights of the points and of the anchors in many experiments: mean and standard deviation of the points' heights, and
-/// root mean square and largest error of the anchors' heights, all m.
+/// Returns statistics of many experiments: mean and standard deviation of the points' heights, and root mean square and
+/// greatest error of the anchors' heights, all m.
 fn residuals_and_errors(seed: u64, runs: usize, encoders: impl Fn(&mut Random) -> Encoders) -> Result<[f64; 4]> {
     let mut random = Random::new(seed);
     let (mut means, mut deviations, mut squares) = (Vec::new(), Vec::new(), Vec::new());
@@ -180,9 +180,9 @@ pub fn fig6(effort: Effort) -> Result<Section> {
         .collect();
     let chart = Chart {
         caption: "heights of the 43 points after calibration".into(),
-        x: Axis::of("mm"),
-        y: Axis::of("points"),
-        series: vec![Series::line("", 0, bins).looking(Look::Bars(0.9 * width))],
+        x: Axis::auto("mm"),
+        y: Axis::auto("points"),
+        series: vec![Series::line("", 0, bins).with_style(SeriesStyle::Bars(0.9 * width))],
         ..Chart::default()
     };
     let mut table = Table::new(
@@ -212,7 +212,7 @@ pub fn fig6(effort: Effort) -> Result<Section> {
             Check::claim(
                 offset < 100e-6,
                 format!(
-                    "the mean is near zero, {:.0} µm on average; it would be with any data, because the same points have just been \
+                    "the mean is near zero, {:.0} µm on average, as with any data, because the same points were \
                      fitted",
                     1e6 * offset
                 ),
@@ -224,8 +224,8 @@ pub fn fig6(effort: Effort) -> Result<Section> {
             Check::condition(
                 stretched_error < 2.0 * error,
                 format!(
-                    "the heights of the points show how accurate the anchors are: with all lengths 0.3 % too long the points look the \
-                     same ({:.1} mm) and the anchors are wrong by {:.0} mm instead of {:.0} mm",
+                    "the heights of the points show the accuracy of the anchors: with all lengths 0.3 % too long, the points look the \
+                     same ({:.1} mm), but the error of the anchors is {:.0} mm instead of {:.0} mm",
                     1e3 * stretched_spread,
                     1e3 * stretched_error,
                     1e3 * error
@@ -236,14 +236,14 @@ pub fn fig6(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Table II: heights against direct measurement.
+/// Table II: comparison of the heights with a direct measurement.
 pub fn table2(effort: Effort) -> Result<Section> {
     let runs = effort.trials(400);
     let noise = Encoders::noisy(SIGMA_LENGTH_M);
     let mut table = Table::new(
         "Error of the heights against the truth, mm",
         &[
-            "what is wrong with the lengths",
+            "error of the lengths",
             "standard deviation of the points' heights",
             "rms error of the anchors' heights",
             "largest",
@@ -255,7 +255,7 @@ pub fn table2(effort: Effort) -> Result<Section> {
         ("noise of 5.5 mm only", residuals_and_errors(700, runs, |_| noise)?),
         ("all 0.3 % too long", residuals_and_errors(710, runs, |_| Encoders { scale: 1.003, ..noise })?),
         ("all 1 % too long", residuals_and_errors(720, runs, |_| Encoders { scale: 1.01, ..noise })?),
-        ("encoder zeros wrong by 2 cm", residuals_and_errors(730, runs, zero)?),
+        ("encoder zeros off by 2 cm", residuals_and_errors(730, runs, zero)?),
     ];
     for (name, [_, spread, error, largest]) in cases {
         table.row([name.to_owned(), fixed(1e3 * spread, 1), fixed(1e3 * error, 1), fixed(1e3 * largest, 0)]);
@@ -276,19 +276,19 @@ pub fn table2(effort: Effort) -> Result<Section> {
             Check::claim(
                 (0.01..0.06).contains(&scale_error) && (0.01..0.06).contains(&zero_error),
                 format!(
-                    "a few centimetres are what a scale of 0.3 % ({:.0} mm) or encoder zeros wrong by 2 cm ({:.0} mm) would leave",
+                    "a scale of 0.3 % ({:.0} mm) or encoder zeros off by 2 cm ({:.0} mm) leave a few centimetres",
                     1e3 * scale_error,
                     1e3 * zero_error
                 ),
             ),
             Check::condition(
                 noise_error > 0.01,
-                "noise of the size of the residuals alone would leave a few centimetres".into(),
+                "noise of the size of the residuals alone leaves a few centimetres".into(),
             ),
         ],
         remarks: vec![
-            "So the lengths of that experiment probably had a systematic error of this kind. The joint estimator below \
-             finds both kinds."
+            "The lengths of that experiment therefore probably had a systematic error of this kind. The joint estimator below \
+             detects both kinds."
                 .into(),
         ],
         ..Section::default()

@@ -1,4 +1,4 @@
-//! Figures 3 to 6 and Table II: heights of the anchors from lengths to points of the floor.
+//! Figures 3 to 6 and Table II: heights of the anchors from lengths to points on the floor.
 
 mod experiment;
 mod simulated;
@@ -13,43 +13,43 @@ use cable_robot::CableVec;
 use calibration::heights::closed_form;
 use calibration::{Side, survey_anchors};
 
-/// Standard deviation of a range in the simulations: the paper's text, m.
+/// Standard deviation of a range in the simulations, from the paper's text, m.
 pub const SIGMA_RANGE_M: f64 = 0.02;
-/// Standard deviation of the laser of the experiment: the paper's text, m.
+/// Standard deviation of the laser of the experiment, from the paper's text, m.
 pub const SIGMA_LASER_M: f64 = 0.0015;
-/// Points are spread over this share of the triangle of the anchors.
+/// Share of the triangle of the anchors over which points are distributed.
 const REACH: f64 = 0.9;
 
-/// A triangle shrunk about its middle.
-pub fn shrunk(triangle: [[f64; 2]; 3], share: f64) -> [[f64; 2]; 3] {
+/// Scales a triangle about its centroid.
+pub fn scaled(triangle: [[f64; 2]; 3], share: f64) -> [[f64; 2]; 3] {
     let middle = [0, 1].map(|k| (triangle[0][k] + triangle[1][k] + triangle[2][k]) / 3.0);
     triangle.map(|p| [0, 1].map(|k| middle[k] + share * (p[k] - middle[k])))
 }
 
-/// Points anywhere under the robot, m.
-pub fn anywhere(random: &mut Random, count: usize) -> Vec<[f64; 2]> {
-    let triangle = shrunk(stand_in::three_xy(), REACH);
+/// Returns random points under the robot, m.
+pub fn random_points(random: &mut Random, count: usize) -> Vec<[f64; 2]> {
+    let triangle = scaled(stand_in::three_xy(), REACH);
     (0..count).map(|_| random.in_triangle(triangle)).collect()
 }
 
-/// How lengths are measured.
+/// Errors of the measured lengths.
 #[derive(Debug, Clone, Copy)]
 pub struct Encoders {
     /// Standard deviation, m.
     pub sigma_m: f64,
-    /// Measured over true length.
+    /// Ratio of measured to true length.
     pub scale: f64,
-    /// What is measured at length zero, m, cable by cable.
+    /// Measured value at length zero per cable, m.
     pub zero_m: [f64; 3],
 }
 
 impl Encoders {
-    /// Noise only.
+    /// Creates encoders with noise only.
     pub fn noisy(sigma_m: f64) -> Self {
         Self { sigma_m, scale: 1.0, zero_m: [0.0; 3] }
     }
 
-    /// Lengths to points of the floor.
+    /// Measures the lengths to points on the floor.
     pub fn measure(&self, random: &mut Random, points: &[[f64; 2]]) -> Vec<CableVec> {
         let anchors = stand_in::three();
         points
@@ -66,14 +66,14 @@ impl Encoders {
     }
 }
 
-/// x and y of the anchors from ranges with noise, (1)-(2).
+/// Computes x and y of the anchors from ranges with noise, (1)-(2).
 pub fn survey(random: &mut Random, sigma_m: f64) -> Result<[[f64; 2]; 3]> {
     let ranges = stand_in::RANGES_M.map(|range| range + sigma_m * random.normal());
     Ok(survey_anchors(ranges, Side::Left)?)
 }
 
-/// The paper's calibration, (1)-(5). Where noise leaves a squared height below zero its height is taken as zero, which the
-/// second result says.
+/// The paper's calibration, (1)-(5). A squared height below zero, caused by noise, is replaced by zero; the second
+/// result reports it.
 pub fn calibrate(anchors_xy: &[[f64; 2]; 3], lengths: &[CableVec]) -> Result<([[f64; 3]; 3], bool)> {
     let found = closed_form(anchors_xy, lengths)?;
     let squared = [0, 1, 2].map(|i| found.squared_heights_m2[i]);
@@ -81,7 +81,7 @@ pub fn calibrate(anchors_xy: &[[f64; 2]; 3], lengths: &[CableVec]) -> Result<([[
     Ok((anchors, squared.iter().any(|w| *w < 0.0)))
 }
 
-/// Mean over the anchors of the error of the height, and of the distance, m.
+/// Returns the mean error over the anchors of the heights and of the positions, m.
 pub fn errors(found: &[[f64; 3]; 3]) -> [f64; 2] {
     let truth = stand_in::three();
     let mut sums = [0.0; 2];

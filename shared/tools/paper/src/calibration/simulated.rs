@@ -1,47 +1,52 @@
-//! Figures 3 and 4: errors of the heights in simulation.
+//! Figures 3 and 4: simulated errors of the heights.
 
 use super::super::random::Random;
 use super::super::section::{Check, Effort, Section, Table, fixed, mean, median};
 use super::super::stand_in;
-use super::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors, shrunk, survey};
+use super::{Encoders, SIGMA_RANGE_M, calibrate, errors, random_points, scaled, survey};
 use anyhow::Result;
 use calibration::gps_anchor;
-use plot::{Axis, Chart, GREY, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Picture, Series, SeriesStyle};
 
-/// What many simulated calibrations come to.
+/// Statistics of many simulated calibrations.
 #[derive(Debug, Clone, Copy)]
-struct Cell {
+struct TrialStatistics {
     /// Mean error of heights, m.
     mean_z: f64,
-    /// Median of it, m.
+    /// Median error of heights, m.
     median_z: f64,
-    /// Mean distance of an anchor from where it is, m.
+    /// Mean position error of an anchor, m.
     mean_3d: f64,
-    /// Share of the trials in which noise made a squared height negative.
+    /// Share of trials with a negative squared height.
     unreal: f64,
 }
 
-fn simulate(seed: u64, trials: usize, points: usize, sigma_length: f64) -> Result<Cell> {
+fn simulate(seed: u64, trials: usize, points: usize, sigma_length: f64) -> Result<TrialStatistics> {
     let mut random = Random::new(seed);
     let (mut z, mut full, mut unreal) = (Vec::new(), Vec::new(), 0);
     for _ in 0..trials {
         let anchors = survey(&mut random, SIGMA_RANGE_M)?;
-        let places = anywhere(&mut random, points);
+        let places = random_points(&mut random, points);
         let lengths = Encoders::noisy(sigma_length).measure(&mut random, &places);
-        let (found, clipped) = calibrate(&anchors, &lengths)?;
+        let (found, clamped) = calibrate(&anchors, &lengths)?;
         let [ez, e3] = errors(&found);
         z.push(ez);
         full.push(e3);
-        unreal += usize::from(clipped);
+        unreal += usize::from(clamped);
     }
-    Ok(Cell { mean_z: mean(&z), median_z: median(&z), mean_3d: mean(&full), unreal: unreal as f64 / trials as f64 })
+    Ok(TrialStatistics {
+        mean_z: mean(&z),
+        median_z: median(&z),
+        mean_3d: mean(&full),
+        unreal: unreal as f64 / trials as f64,
+    })
 }
 
 const SIGMAS_M: [f64; 5] = [0.02, 0.05, 0.10, 0.15, 0.20];
 
 fn stand_in_words() -> String {
     format!(
-        "Simulated: {}; ranges with a standard deviation of 0.02 m as in the text, points anywhere in the triangle of the \
+        "Simulated: {}; ranges with a standard deviation of 0.02 m as in the text, random points in the triangle of the \
          anchors shrunk to 0.9.",
         stand_in::THREE
     )
@@ -49,13 +54,13 @@ fn stand_in_words() -> String {
 
 /// Figure 3: error over the number of points.
 pub fn fig3(effort: Effort) -> Result<Section> {
-    let counts = effort.some(&[3, 4, 5, 6, 8, 10, 15, 20]);
+    let counts = effort.select(&[3, 4, 5, 6, 8, 10, 15, 20]);
     let trials = effort.trials(4000);
     let mut table = Table::new("Mean error of the heights, m (median where the mean is heavy-tailed)", &["M"]);
     table.head.extend(SIGMAS_M.map(|sigma| format!("sigma_L = {sigma:.2} m")));
     let mut cells = Vec::new();
     for count in &counts {
-        let row: Vec<Cell> = SIGMAS_M
+        let row: Vec<TrialStatistics> = SIGMAS_M
             .iter()
             .enumerate()
             .map(|(k, sigma)| simulate(300 + 10 * *count as u64 + k as u64, trials, *count, *sigma))
@@ -68,16 +73,16 @@ pub fn fig3(effort: Effort) -> Result<Section> {
     }
     let series = SIGMAS_M.iter().enumerate().rev().map(|(k, sigma)| {
         let points = counts.iter().zip(&cells).map(|(count, row)| [*count as f64, row[k].mean_z]).collect();
-        Series::line(&format!("σ_L = {sigma:.2} m"), k, points).looking(Look::Marked)
+        Series::line(&format!("σ_L = {sigma:.2} m"), k, points).with_style(SeriesStyle::Marked)
     });
     let chart = Chart {
         caption: "mean error of the heights".into(),
-        x: Axis::of("number of points M"),
-        y: Axis::from_to("m", 0.0, 1.3),
+        x: Axis::auto("number of points M"),
+        y: Axis::fixed("m", 0.0, 1.3),
         series: series.collect(),
         ..Chart::default()
     };
-    // Judged by medians: the means of three and four points hang on a few trials.
+    // Medians, because a few trials dominate the means of three and four points.
     let falling =
         (0..SIGMAS_M.len()).all(|k| cells.windows(2).all(|pair| pair[1][k].median_z < pair[0][k].median_z * 1.02));
     let last = &cells[cells.len() - 1];
@@ -96,8 +101,8 @@ pub fn fig3(effort: Effort) -> Result<Section> {
             Check::claim(
                 growth > 3.0,
                 format!(
-                    "with {} points ten times the noise gives {growth:.1} times the error, from {:.3} to {:.3} m; what is left \
-                     without noise comes from the ranges",
+                    "with {} points ten times the noise gives {growth:.1} times the error, from {:.3} to {:.3} m; the rest \
+                     comes from the ranges",
                     counts[counts.len() - 1],
                     low.mean_z,
                     high.mean_z
@@ -106,7 +111,7 @@ pub fn fig3(effort: Effort) -> Result<Section> {
         ],
         remarks: vec![format!(
             "With the strongest noise {:.0} % of the calibrations from {} points have a negative squared height, which the \
-             absolute value in (5) would hide; from {} points it is {:.1} %. The robot's calibration refuses such data.",
+             absolute value in (5) would hide; from {} points it is {:.1} %. The robot's calibration rejects such data.",
             100.0 * unreal[0],
             counts[0],
             counts[counts.len() - 1],
@@ -116,11 +121,11 @@ pub fn fig3(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Anchors by the baseline: three points of the floor whose positions are known exactly. Mean error of the heights, and of the
+/// Calibrates by the baseline, with three exactly known points on the floor; returns the mean error of heights and of
 /// positions, m.
-fn gps(seed: u64, trials: usize, sigma_length: f64, share: f64) -> Result<[f64; 2]> {
+fn simulate_baseline(seed: u64, trials: usize, sigma_length: f64, share: f64) -> Result<[f64; 2]> {
     let mut random = Random::new(seed);
-    let places = shrunk(stand_in::three_xy(), share);
+    let places = scaled(stand_in::three_xy(), share);
     let points = places.map(|[x, y]| [x, y, 0.0]);
     let mut all = [Vec::new(), Vec::new()];
     for _ in 0..trials {
@@ -142,12 +147,12 @@ fn gps(seed: u64, trials: usize, sigma_length: f64, share: f64) -> Result<[f64; 
     Ok(all.map(|values| mean(&values)))
 }
 
-/// Figure 4: against the baseline.
+/// Figure 4: comparison with the baseline.
 pub fn fig4(effort: Effort) -> Result<Section> {
-    let counts = effort.some(&[4, 5, 6, 7, 8, 9, 10, 12, 14, 20]);
+    let counts = effort.select(&[4, 5, 6, 7, 8, 9, 10, 12, 14, 20]);
     let trials = effort.trials(4000);
     let sigmas = [0.02, 0.05, 0.10, 0.20];
-    let ours: Vec<Vec<Cell>> = counts
+    let ours: Vec<Vec<TrialStatistics>> = counts
         .iter()
         .map(|count| {
             sigmas
@@ -158,24 +163,24 @@ pub fn fig4(effort: Effort) -> Result<Section> {
         })
         .collect::<Result<_>>()?;
     let baseline = |seed: u64, share: f64| -> Result<Vec<[f64; 2]>> {
-        sigmas.iter().enumerate().map(|(k, sigma)| gps(seed + k as u64, trials, *sigma, share)).collect()
+        sigmas.iter().enumerate().map(|(k, sigma)| simulate_baseline(seed + k as u64, trials, *sigma, share)).collect()
     };
     let at_08 = baseline(480, 0.8)?;
     let at_05 = baseline(490, 0.5)?;
-    /// The smallest number of points with which ours is better.
+    /// Returns the least number of points with which the method is better than the baseline.
     fn crossover(counts: &[usize], ours: impl Fn(usize) -> f64, theirs: f64) -> Option<usize> {
         counts.iter().enumerate().find(|(i, _)| ours(*i) < theirs).map(|(_, count)| *count)
     }
     let show = |found: Option<usize>| found.map_or("none".to_owned(), |count| count.to_string());
-    let mut table = Table::new("Mean distance of an anchor from where it is, m", &["sigma_L, m", "known points"]);
+    let mut table = Table::new("Mean position error of an anchor, m", &["sigma_L, m", "known points"]);
     table.head.extend(counts.iter().map(|count| format!("M = {count}")));
     for (k, sigma) in sigmas.iter().enumerate() {
         let row = ours.iter().map(|row| fixed(row[k].mean_3d, 4));
         table.row([fixed(*sigma, 2), fixed(at_08[k][1], 4)].into_iter().chain(row));
     }
     let mut where_ = Table::new(
-        "Smallest number of points that beats the known points",
-        &["sigma_L, m", "positions, known points at 0.8", "positions, known points at 0.5", "heights alone, at 0.8"],
+        "Least number of points that is better than the known points",
+        &["sigma_L, m", "positions, known points at 0.8", "positions, known points at 0.5", "heights only, at 0.8"],
     );
     let mut crossovers = Vec::new();
     for (k, sigma) in sigmas.iter().enumerate() {
@@ -187,22 +192,22 @@ pub fn fig4(effort: Effort) -> Result<Section> {
     }
     let within = crossovers.iter().all(|(main, _)| main.is_some_and(|count| (5..=10).contains(&count)));
     let by_height = crossovers.iter().all(|(_, heights)| heights.is_some_and(|count| (5..=10).contains(&count)));
-    let shown = effort.some(&[5, 6, 10, 20]);
+    let shown = effort.select(&[5, 6, 10, 20]);
     let mut series: Vec<Series> = shown
         .iter()
         .filter_map(|count| counts.iter().position(|c| c == count))
         .enumerate()
         .map(|(colour, i)| {
             let points = (0..sigmas.len()).map(|k| [sigmas[k], ours[i][k].mean_3d]).collect();
-            Series::line(&format!("M = {}", counts[i]), colour, points).looking(Look::Marked)
+            Series::line(&format!("M = {}", counts[i]), colour, points).with_style(SeriesStyle::Marked)
         })
         .collect();
     let known = (0..sigmas.len()).map(|k| [sigmas[k], at_08[k][1]]).collect();
-    series.push(Series::line("three known points", GREY, known).looking(Look::Dashed));
+    series.push(Series::line("three known points", GREY, known).with_style(SeriesStyle::Dashed));
     let chart = Chart {
         caption: "mean error of anchor positions".into(),
-        x: Axis::of("σ_L, m"),
-        y: Axis::of("m"),
+        x: Axis::auto("σ_L, m"),
+        y: Axis::auto("m"),
         series,
         legend: plot::Legend::UpperLeft,
         ..Chart::default()
@@ -210,7 +215,7 @@ pub fn fig4(effort: Effort) -> Result<Section> {
     let list: Vec<String> = crossovers.iter().map(|(main, _)| show(*main)).collect();
     Ok(Section {
         key: "fig4",
-        title: "Figure 4: against calibration by three known points",
+        title: "Figure 4: comparison with calibration by three known points",
         claim: "From somewhere between 5 and 10 points the method is more accurate than the baseline, even though the baseline's \
                 three points are known exactly."
             .into(),
@@ -228,12 +233,12 @@ pub fn fig4(effort: Effort) -> Result<Section> {
             ),
             Check::condition(
                 by_height,
-                "the crossover lies there too if only heights count: x and y come from the laser, so the baseline is better at \
+                "the crossover is there too for heights only: x and y come from the laser, so the baseline is better at \
                  heights for longer"
                     .into(),
             ),
         ],
-        remarks: vec!["Where the known points stand matters as much: the closer together, the worse the baseline.".into()],
+        remarks: vec!["The positions of the known points matter as much: the closer together they are, the worse is the baseline.".into()],
         ..Section::default()
     })
 }

@@ -1,6 +1,6 @@
-//! Scans flown in lockstep over a ground, and the maps that come of them.
+//! Scans flown in lockstep over a ground, and their maps.
 
-use super::super::flight::{DRIVES, Flight};
+use super::super::flight::{ClosedLoopFlight, DRIVES};
 use super::super::random::Random;
 use anyhow::{Context, Result, ensure};
 use cable_robot::Vector3;
@@ -16,7 +16,7 @@ use segments::motion_of;
 use survey::adaptive::{Known, Merit, Patch, PatchOptions, patches};
 use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
 
-/// What stands on the ground: the ground file that comes with the robot.
+/// The ground file of the robot.
 const GROUND: &str = include_str!("../../../../../configs/ground/fig10.toml");
 
 /// Control period, s.
@@ -28,9 +28,9 @@ pub const SPEED_M_S: f64 = 0.35;
 /// Height at which the node flies, m.
 pub const HEIGHT_M: f64 = 0.9;
 
-/// Time between two readings of the rangefinder, s; not in step with the control.
+/// Period of the rangefinder, s; not a multiple of the control period.
 pub const READING_S: f64 = 0.0125;
-/// Time from a reading until it is told, s: known on average, and how it scatters.
+/// Latency of a reading, s: mean, which is known, and scatter.
 pub const LATENCY_S: [f64; 2] = [0.040, 0.002];
 /// Noise of a reading, m.
 pub const NOISE_M: f64 = 0.005;
@@ -39,10 +39,10 @@ pub const BEAM_DEG: f64 = 2.0;
 
 /// Side of a cell of the maps, m.
 pub const CELL_M: f64 = 0.05;
-/// Pitch of the coarse raster, m; a sample speaks for so much around.
+/// Pitch of the coarse raster and range of influence of a sample, m.
 pub const COARSE_M: f64 = 0.3;
 
-/// The area that is scanned.
+/// Scanned area.
 #[derive(Debug, Clone, Copy)]
 pub struct Area {
     /// Lowest x and y, m.
@@ -55,32 +55,32 @@ pub struct Area {
 pub struct Scan {
     /// The map.
     pub map: GridMap,
-    /// Where the setpoint went, m.
-    pub way: Vec<[f64; 2]>,
-    /// Length of that way, m.
+    /// Path of the setpoint, m.
+    pub path: Vec<[f64; 2]>,
+    /// Length of the path, m.
     pub length_m: f64,
-    /// How long it took, s.
+    /// Duration, s.
     pub duration_s: f64,
-    /// Patches of the second stage, if there was one, and where the way over them begins.
+    /// Patches of the second stage, if any.
     pub patches: Vec<Patch>,
-    /// Point of the way with which the second stage begins.
+    /// Index of the first path point of the second stage.
     pub second: usize,
-    /// Length of way and RMSE of the map, now and then, m.
-    pub course: Vec<[f64; 2]>,
+    /// Samples of path length and RMSE of the map, m.
+    pub rmse_by_length: Vec<[f64; 2]>,
 }
 
-/// Diameter of the beam on the ground, m.
+/// Returns the diameter of the beam on the ground, m.
 pub fn footprint_m() -> f64 {
     2.0 * (0.5 * BEAM_DEG.to_radians()).tan() * HEIGHT_M
 }
 
-/// The ground.
+/// Loads the ground.
 pub fn ground() -> Result<Ground> {
     let file: GroundFile = toml::from_str(GROUND).context("configs/ground/fig10.toml")?;
     Ok(ground_of(&file))
 }
 
-/// The rangefinder: readings of the true distance, told later.
+/// Rangefinder whose readings of the true distance arrive late.
 struct Rangefinder<'a> {
     ground: &'a Ground,
     random: Random,
@@ -89,7 +89,8 @@ struct Rangefinder<'a> {
 }
 
 impl Rangefinder<'_> {
-    /// Readings between the last cycle and this one, each put where the estimates around its own time say that it was taken.
+    /// Passes the readings between the previous cycle and this one, each at the position interpolated from the
+    /// estimates.
     fn readings(&mut self, cycle: &Cycle, mut take: impl FnMut(&GridSample)) {
         let now = (cycle.state.header.stamp_ns as f64 * 1e-9, cycle.truth_m, cycle.estimate.position_m);
         let Some(before) = self.before.replace(now) else {
@@ -103,7 +104,8 @@ impl Rangefinder<'_> {
                 let share = (time_s - before.0) / (now.0 - before.0);
                 [0, 1, 2].map(|k| a[k] + share * (b[k] - a[k]))
             };
-            // what it saw is where it was; where that was taken to be is the told time less the mean latency
+            // The distance is measured at the true position; its assumed position uses the arrival time less the mean
+            // latency.
             let (truth, seems) = (between(self.due_s, before.1, now.1), between(told_s - mean_s, before.2, now.2));
             let distance_m = self.ground.distance_m(truth, BEAM_DEG.to_radians()) + NOISE_M * self.random.normal();
             let covariance = cycle.estimate.covariance_m2;
@@ -119,34 +121,37 @@ impl Rangefinder<'_> {
     }
 }
 
-/// A scan in the making.
-struct Flown<'a> {
+/// A scan in progress.
+struct ScanFlight<'a> {
     lockstep: Lockstep,
     finder: Rangefinder<'a>,
     scan: Scan,
 }
 
-impl<'a> Flown<'a> {
+impl<'a> ScanFlight<'a> {
     fn new(area: &Area, ground: &'a Ground, start: Vector3<f64>) -> Result<Self> {
-        let flight =
-            Flight { period_s: PERIOD_S, horizon: HORIZON, ..Flight::new(start.into(), IDLE.to_owned(), DRIVES[0]) };
+        let flight = ClosedLoopFlight {
+            period_s: PERIOD_S,
+            horizon: HORIZON,
+            ..ClosedLoopFlight::new(start.into(), IDLE.to_owned(), DRIVES[0])
+        };
         let mut lockstep = Lockstep::new(flight.scenario()?)?;
         lockstep.zero_and_arm()?;
         let spec = GridSpec::covering(area.low_m, area.high_m, CELL_M)?;
         let options = GridOptions { footprint_m: footprint_m(), reach_m: COARSE_M, least_sigma: 0.0 };
         let scan = Scan {
             map: GridMap::new(spec, options)?,
-            way: Vec::new(),
+            path: Vec::new(),
             length_m: 0.0,
             duration_s: 0.0,
             patches: Vec::new(),
             second: 0,
-            course: Vec::new(),
+            rmse_by_length: Vec::new(),
         };
         Ok(Self { lockstep, finder: Rangefinder { ground, random: Random::new(10), due_s: 0.0, before: None }, scan })
     }
 
-    /// Flies lines through points; every `each_m` of the way the map is judged.
+    /// Flies lines through points and evaluates the map after every `each_m` of path.
     fn fly(&mut self, points: &[Vector3<f64>], each_m: f64) -> Result<()> {
         let points_m = points.iter().map(|point| <[f64; 3]>::from(*point).into());
         let mut leg: Vec<Leg> = Vec::new();
@@ -155,7 +160,7 @@ impl<'a> Flown<'a> {
             leg.push(Leg::Polyline(Polyline { points_m: some.to_vec(), speed_m_s: Some(SPEED_M_S) }));
         }
         let mission = Mission { name: "scan".to_owned(), leg, ..Mission::parse(IDLE)? };
-        self.lockstep.run(&mission).context("the planner refused the scan")?;
+        self.lockstep.run(&mission).context("the planner rejected the scan")?;
         let planned_m: f64 = self.lockstep.planner().segments().iter().map(|segment| segment.path.length()).sum();
         let end_m = self.scan.length_m + planned_m;
         let mut next_m = self.scan.length_m + each_m;
@@ -171,8 +176,8 @@ impl<'a> Flown<'a> {
                 let at = motion.setpoint(cycle.authority.plan_time_s).position;
                 self.scan.length_m += last.map_or(0.0, |last| (at - last).norm());
                 last = Some(at);
-                if self.scan.way.last().is_none_or(|[x, y]| (x - at.x).hypot(y - at.y) > 0.02) {
-                    self.scan.way.push([at.x, at.y]);
+                if self.scan.path.last().is_none_or(|[x, y]| (x - at.x).hypot(y - at.y) > 0.02) {
+                    self.scan.path.push([at.x, at.y]);
                 }
             }
             if self.scan.length_m >= next_m {
@@ -185,7 +190,7 @@ impl<'a> Flown<'a> {
                 _ => {}
             }
         }
-        // the setpoint is seen once a cycle; what was planned is exact
+        // The setpoint is sampled once per cycle; the planned length is exact.
         ensure!((self.scan.length_m - end_m).abs() < 0.01 * end_m, "{} m of {end_m} m", self.scan.length_m);
         self.scan.length_m = end_m;
         self.judge();
@@ -194,61 +199,61 @@ impl<'a> Flown<'a> {
 
     fn judge(&mut self) {
         self.scan.map.refresh();
-        let error = Errors::of(&self.scan.map, self.finder.ground, 0.0);
-        self.scan.course.push([self.scan.length_m, error.all_m]);
+        let error = MapErrors::of(&self.scan.map, self.finder.ground, 0.0);
+        self.scan.rmse_by_length.push([self.scan.length_m, error.all_m]);
     }
 }
 
-/// A mission of nothing, for what every mission has.
+/// A mission without motion, as a base for others.
 const IDLE: &str = "name = \"idle\"\n[[leg]]\ndwell = { duration_s = 1.0 }\n";
 
 fn at_height([x, y]: [f64; 2]) -> Vector3<f64> {
     Vector3::new(x, y, HEIGHT_M)
 }
 
-/// One raster with lines along x.
+/// Flies one raster with lines along x.
 pub fn uniform(area: &Area, ground: &Ground, pitch_m: f64) -> Result<Scan> {
-    let way = raster(at_height(area.low_m), at_height(area.high_m), pitch_m, Some(planner::scan::Axis::X))?;
-    let mut flown = Flown::new(area, ground, way[0])?;
-    flown.fly(&way[1..], f64::INFINITY)?;
+    let path = raster(at_height(area.low_m), at_height(area.high_m), pitch_m, Some(planner::scan::Axis::X))?;
+    let mut flown = ScanFlight::new(area, ground, path[0])?;
+    flown.fly(&path[1..], f64::INFINITY)?;
     flown.scan.map.refresh_all();
     Ok(flown.scan)
 }
 
-/// A coarse raster, and fine ones of `fine_m` where its map changes.
+/// Flies a coarse raster, then fine ones with pitch `fine_m` where its map changes.
 pub fn adaptive(area: &Area, ground: &Ground, fine_m: f64, share: f64) -> Result<Scan> {
-    let way = raster(at_height(area.low_m), at_height(area.high_m), COARSE_M, Some(planner::scan::Axis::X))?;
-    let mut flown = Flown::new(area, ground, way[0])?;
-    flown.fly(&way[1..], f64::INFINITY)?;
-    flown.scan.second = flown.scan.way.len();
-    let here = way[way.len() - 1];
+    let path = raster(at_height(area.low_m), at_height(area.high_m), COARSE_M, Some(planner::scan::Axis::X))?;
+    let mut flown = ScanFlight::new(area, ground, path[0])?;
+    flown.fly(&path[1..], f64::INFINITY)?;
+    flown.scan.second = flown.scan.path.len();
+    let here = path[path.len() - 1];
     let options = PatchOptions { merit: Merit::Gradient, tile_m: 0.5 * COARSE_M, share, least: 0.2 };
     let chosen = patches(&Known::from(&flown.scan.map), area.low_m, area.high_m, [here.x, here.y], &options);
-    let way = over_patches(&chosen, HEIGHT_M, fine_m, here)?;
+    let path = over_patches(&chosen, HEIGHT_M, fine_m, here)?;
     flown.scan.patches = chosen;
-    flown.fly(&way, 4.0)?;
+    flown.fly(&path, 4.0)?;
     flown.scan.map.refresh_all();
     flown.judge();
     Ok(flown.scan)
 }
 
-/// How far a map is from the truth.
+/// Errors of a map.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Errors {
+pub struct MapErrors {
     /// RMSE over every cell, m.
     pub all_m: f64,
-    /// RMSE over the cells that are away from edges, m.
+    /// RMSE over the cells away from edges, m.
     pub away_m: f64,
-    /// Share of the cells that are near one.
+    /// Share of the cells near an edge.
     pub near: f64,
-    /// Cells of which nothing is known; they count as ground.
+    /// Number of unknown cells, which count as ground.
     pub unknown: usize,
-    /// Share of all cells whose error is within three of the map's own standard deviations.
+    /// Share of all cells with an error within three of the map's standard deviations.
     pub within: f64,
 }
 
-impl Errors {
-    /// Of all cells, and of those farther than `band_m` from every edge.
+impl MapErrors {
+    /// Computes the errors of all cells, and of those farther than `band_m` from every edge.
     pub fn of(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
         let spec = map.spec();
         let (mut all, mut away, mut count, mut unknown, mut within) = (0.0, 0.0, 0usize, 0, 0usize);
@@ -276,7 +281,7 @@ impl Errors {
     }
 }
 
-/// Whether the ground has another height within that distance, m: looked at on rings a centimetre apart.
+/// Returns whether the height of the ground differs within this distance, m; checked on rings a centimetre apart.
 fn near_edge(ground: &Ground, place: [f64; 2], within_m: f64) -> bool {
     let height_m = ground.height_m(place);
     let rings = (within_m / 0.01).ceil().max(1.0);

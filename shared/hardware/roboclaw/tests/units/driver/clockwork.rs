@@ -1,8 +1,9 @@
 //! Units that show the time, and a bus of them that is driven at the control rate.
 
+use drives::{CountBound, UnitAnswer};
 use roboclaw::driver::WIRE_MARGIN_NS;
-use roboclaw::unit::{Measured, Target, Unit, UnitLine, UnitOptions};
-use roboclaw::{Bus, BusConfig, Drive, UnitAnswer, UnitConfig};
+use roboclaw::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
+use roboclaw::{Bus, BusConfig, Drive, UnitConfig};
 use serial::{Device, Paced, Pipe, Transport};
 
 pub const MS: u64 = 1_000_000;
@@ -14,14 +15,14 @@ pub const BAUD: u32 = 230_400;
 /// when it was taken, and a stale one cannot hide.
 #[derive(Debug)]
 pub struct Clockwork {
-    pub line: UnitLine,
+    pub bus: UnitBus,
     /// Speeds each unit was told, in the order in which it was told them.
     pub told: Vec<Vec<f64>>,
 }
 
 impl Clockwork {
     pub fn show(&mut self, now_ns: u64) {
-        for (index, unit) in self.line.units_mut().iter_mut().enumerate() {
+        for (index, unit) in self.bus.units_mut().iter_mut().enumerate() {
             let micros = (now_ns / 1000) as i64;
             let measured = Measured { counts: [micros, -micros], currents_a: [1.5, -0.25], ..*unit.measured() };
             unit.measure(&measured);
@@ -36,13 +37,13 @@ impl Clockwork {
 
 impl Device for Clockwork {
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
-        self.line.receive(now_ns, byte, reply);
+        self.bus.receive(now_ns, byte, reply);
         self.show(now_ns);
     }
 
     fn advance(&mut self, now_ns: u64) {
         self.show(now_ns);
-        self.line.advance(now_ns);
+        self.bus.advance(now_ns);
     }
 }
 
@@ -50,7 +51,8 @@ pub type TestBus = Bus<Pipe<Clockwork>>;
 
 pub fn unit_config(address: u8) -> UnitConfig {
     // 1 MHz of microseconds is what the clockwork shows.
-    UnitConfig { address, watchdog_tenths: 3, fastest_counts_s: 2_000_000 }
+    let bound = CountBound { counts_s: 3_000_000.0, margin: 0.0 };
+    UnitConfig { address, watchdog_tenths: 3, bound }
 }
 
 pub fn config(units: Vec<UnitConfig>) -> BusConfig {
@@ -58,8 +60,8 @@ pub fn config(units: Vec<UnitConfig>) -> BusConfig {
 }
 
 pub fn bus_of(options: &[UnitOptions]) -> TestBus {
-    let line = UnitLine::new(options.iter().map(|options| Unit::new(*options)).collect());
-    let pipe = Pipe::new("test line", BAUD, Clockwork { line, told: vec![Vec::new(); options.len()] });
+    let bus = UnitBus::new(options.iter().map(|options| Unit::new(*options)).collect());
+    let pipe = Pipe::new("test line", BAUD, Clockwork { bus, told: vec![Vec::new(); options.len()] });
     let units = options.iter().map(|options| unit_config(options.address)).collect();
     Bus::new(pipe, &config(units)).unwrap()
 }
@@ -69,7 +71,7 @@ pub fn two_units() -> TestBus {
 }
 
 pub fn units(bus: &mut TestBus) -> &mut [Unit] {
-    bus.line_mut().device_mut().line.units_mut()
+    bus.transport_mut().device_mut().bus.units_mut()
 }
 
 /// A bus being driven at the control rate.
@@ -81,11 +83,11 @@ pub struct Run {
 
 impl Run {
     pub fn connected(mut bus: TestBus) -> Run {
-        let until_ns = bus.line().now_ns() + 5_000 * MS;
+        let until_ns = bus.transport().now_ns() + 5_000 * MS;
         while bus.settle(until_ns).is_err() {
-            assert!(bus.line().now_ns() < until_ns, "never set up");
+            assert!(bus.transport().now_ns() < until_ns, "never set up");
         }
-        let tick_ns = bus.line().now_ns().next_multiple_of(PERIOD_NS);
+        let tick_ns = bus.transport().now_ns().next_multiple_of(PERIOD_NS);
         let answers = bus.blank_answers();
         let mut run = Run { bus, answers, tick_ns };
         run.cycle(Drive::HOLD);
@@ -93,11 +95,11 @@ impl Run {
     }
 
     pub fn cycle(&mut self, drive: Drive) -> &[UnitAnswer] {
-        self.bus.line_mut().wait_until(self.tick_ns);
-        let start_ns = self.bus.line().now_ns();
+        self.bus.transport_mut().wait_until(self.tick_ns);
+        let start_ns = self.bus.transport().now_ns();
         let count = self.bus.unit_count();
         self.bus.cycle(&vec![[drive; 2]; count], start_ns + BUDGET_NS, &mut self.answers);
-        self.tick_ns = (self.bus.line().now_ns() + 1).next_multiple_of(PERIOD_NS);
+        self.tick_ns = (self.bus.transport().now_ns() + 1).next_multiple_of(PERIOD_NS);
         &self.answers
     }
 

@@ -1,8 +1,9 @@
 //! Cycles in order: what is sent, what is asked, what is left out, what configuration is refused.
 
+use drives::{AXES, Capabilities, Command, DriveBus, DriveStatus, Error, Misfit};
 use roboclaw::codec::Write;
-use roboclaw::unit::{Measured, Target, UnitLine, UnitOptions};
-use roboclaw::{Bus, Drive, Error, Misfit, Status, StatusWidth, UnitConfig};
+use roboclaw::unit::{Measured, Target, UnitBus, UnitOptions};
+use roboclaw::{Bus, Drive, Status, StatusWidth, UnitConfig, watchdog_tenths};
 use serial::{Device, Paced, Pipe, Transport};
 
 use super::clockwork::*;
@@ -19,7 +20,7 @@ fn connects_and_sets_up_each_unit() {
         assert_eq!(report.supply_v.value, 12.6);
         assert!(report.status.is_known() && report.counts.is_known());
     }
-    assert_eq!(bus.identities().next().unwrap().version.unwrap().as_str(), "USB Roboclaw 2x15a v4.2.4");
+    assert_eq!(bus.version(0).unwrap().as_str(), "USB Roboclaw 2x15a v4.2.4");
     // The watchdog is what was asked for, by the unit's own word.
     for unit in units(&mut bus) {
         assert!(format!("{unit:?}").contains("watchdog_tenths: 3"));
@@ -63,12 +64,12 @@ fn a_cycle_fits_its_period_and_asks_for_everything_in_turn() {
 fn what_can_wait_is_left_out_when_there_is_no_time() {
     let mut run = Run::connected(two_units());
     let tick_ns = run.tick_ns;
-    run.bus.line_mut().wait_until(tick_ns);
+    run.bus.transport_mut().wait_until(tick_ns);
     // The two commands and encoders take about 2.6 ms at this baud.
     run.bus.cycle(&[[Drive::HOLD; 2]; 2], tick_ns + 3 * MS, &mut run.answers);
     assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
     assert!(run.bus.counters().left_out > 0);
-    assert!(run.bus.line().now_ns() <= tick_ns + 3 * MS);
+    assert!(run.bus.transport().now_ns() <= tick_ns + 3 * MS);
 }
 
 #[test]
@@ -76,7 +77,7 @@ fn where_time_is_always_short_the_status_is_read_all_the_same() {
     let mut run = Run::connected(two_units());
     for _ in 0..96 {
         let tick_ns = run.tick_ns;
-        run.bus.line_mut().wait_until(tick_ns);
+        run.bus.transport_mut().wait_until(tick_ns);
         let before = run.bus.counters().left_out;
         // Behind commands and encoders there is time for one question or two.
         run.bus.cycle(&[[Drive::HOLD; 2]; 2], tick_ns + 4 * MS, &mut run.answers);
@@ -96,7 +97,7 @@ fn where_time_is_always_short_the_status_is_read_all_the_same() {
 fn a_late_cycle_sends_nothing() {
     let mut run = Run::connected(two_units());
     let sent = run.bus.counters().exchanges;
-    let now_ns = run.bus.line().now_ns();
+    let now_ns = run.bus.transport().now_ns();
     run.bus.cycle(&[[Drive::Speed(5); 2]; 2], now_ns, &mut run.answers);
     assert!(matches!(run.answers[0].outcome, Err(Error::TooLate { .. })));
     assert_eq!(run.bus.counters().exchanges, sent);
@@ -106,7 +107,7 @@ fn a_late_cycle_sends_nothing() {
 fn motors_of_one_unit_can_be_told_different_things() {
     let mut run = Run::connected(two_units());
     let deadline_ns = run.tick_ns + BUDGET_NS;
-    run.bus.line_mut().wait_until(run.tick_ns);
+    run.bus.transport_mut().wait_until(run.tick_ns);
     let drives = [[Drive::Speed(100), Drive::RELEASE], [Drive::Idle, Drive::Duty(-16_384)]];
     run.bus.cycle(&drives, deadline_ns, &mut run.answers);
     assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
@@ -123,13 +124,13 @@ fn old_and_new_firmware_report_the_same_conditions() {
         units(&mut bus)[0].measure(&Measured { status: Status(Status::OVER_CURRENT_2), ..Measured::default() });
         let mut run = Run::connected(bus);
         let known = run.bus.report(0).unwrap().status;
-        assert_eq!(known.value, Status(Status::OVER_CURRENT_2), "{width:?}");
+        assert_eq!(known.value, DriveStatus(DriveStatus::OVER_CURRENT_2_WARNING), "{width:?}");
         units(&mut run.bus)[0]
             .measure(&Measured { status: Status(Status::MAIN_VOLTAGE_LOW_WARNING), ..Measured::default() });
         for _ in 0..12 {
             run.cycle(Drive::HOLD);
         }
-        assert_eq!(run.bus.report(0).unwrap().status.value, Status(Status::MAIN_VOLTAGE_LOW_WARNING));
+        assert_eq!(run.bus.report(0).unwrap().status.value, DriveStatus(DriveStatus::SUPPLY_LOW_WARNING));
         assert_eq!(run.bus.counters().resyncs, 0);
     }
 }
@@ -144,7 +145,7 @@ fn encoders_go_on_over_the_wrap_of_their_32_bits() {
         let packet = Write::SetEncoder(motor, count).encode(0x80);
         let mut reply = Paced::new(0);
         for &byte in packet.iter() {
-            bus.line_mut().device_mut().receive(0, byte, &mut reply);
+            bus.transport_mut().device_mut().receive(0, byte, &mut reply);
         }
     }
     let mut run = Run::connected(bus);
@@ -163,14 +164,58 @@ fn encoders_go_on_over_the_wrap_of_their_32_bits() {
 #[test]
 fn configurations_that_cannot_be_meant_are_refused() {
     let refuse = |units: Vec<UnitConfig>| {
-        let device = Clockwork { line: UnitLine::new(Vec::new()), told: Vec::new() };
+        let device = Clockwork { bus: UnitBus::new(Vec::new()), told: Vec::new() };
         Bus::new(Pipe::new("test line", BAUD, device), &config(units)).unwrap_err()
     };
     let wrong = |what| Error::Configuration { port: "test line".into(), what };
     assert_eq!(refuse(vec![]), wrong(Misfit::NoUnits));
     for address in [0x7f, 0x88] {
-        assert_eq!(refuse(vec![unit_config(address)]), wrong(Misfit::Address));
+        let misfit = Misfit::Address { given: address, accepted: "128 to 135 (0x80 to 0x87)" };
+        assert_eq!(refuse(vec![unit_config(address)]), wrong(misfit));
     }
     assert_eq!(refuse(vec![unit_config(0x80), unit_config(0x80)]), wrong(Misfit::AddressTwice));
-    assert_eq!(refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]), wrong(Misfit::NoWatchdog));
+    let off = refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]);
+    assert!(matches!(off, Error::Configuration { what: Misfit::Watchdog { given_ms: 0, .. }, .. }), "{off}");
+    assert_eq!([0.1, 0.3, 25.5].map(watchdog_tenths), [Ok(1), Ok(3), Ok(255)]);
+    for (seconds, given_ms) in [(0.0, 0), (0.04, 40), (0.25, 250), (25.6, 25_600), (-1.0, 0), (f64::NAN, 0)] {
+        let misfit = watchdog_tenths(seconds).unwrap_err();
+        assert!(matches!(misfit, Misfit::Watchdog { given_ms: given, .. } if given == given_ms), "{seconds}: {misfit}");
+    }
+}
+
+/// The trait sends what the driver's own interface sends, and refuses what the units do not have.
+#[test]
+fn neutral_commands_are_the_same_packets() {
+    let told = |speed: Option<f64>| {
+        let mut run = Run::connected(two_units());
+        run.bus.transport_mut().wait_until(run.tick_ns);
+        let deadline_ns = run.tick_ns + BUDGET_NS;
+        match speed {
+            Some(counts_s) => {
+                let command = [[Some(Command::Velocity(counts_s)), Some(Command::Release)], [None; AXES]];
+                run.bus.exchange(&command, deadline_ns, &mut run.answers);
+                run.bus.spend(deadline_ns);
+            }
+            None => {
+                let drives = [[Drive::Speed(-123), Drive::RELEASE], [Drive::Idle; 2]];
+                run.bus.cycle(&drives, deadline_ns, &mut run.answers);
+            }
+        }
+        assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
+        (run.bus.transport().counts(), run.bus.transport().now_ns(), format!("{:?}", units(&mut run.bus)))
+    };
+    assert_eq!(told(Some(-123.4)), told(None));
+
+    let mut run = Run::connected(two_units());
+    let needed = Capabilities { velocity: true, watchdog: true, ..Capabilities::NONE };
+    assert_eq!(run.bus.capabilities().first_missing(needed), None);
+    let info = run.bus.unit(1).unwrap();
+    assert_eq!((&*info.name, info.watchdog_ms), ("unit 0x81", Some(300)));
+    assert_eq!(info.firmware.unwrap().as_str(), "USB Roboclaw 2x15a v4.2.4");
+    let torque = [[Some(Command::Torque(1.0)), None], [Some(Command::HOLD); AXES]];
+    let deadline_ns = run.bus.now_ns() + BUDGET_NS;
+    run.bus.exchange(&torque, deadline_ns, &mut run.answers);
+    assert!(matches!(run.answers[0].outcome, Err(Error::Unsupported { .. })), "{:?}", run.answers[0]);
+    assert_eq!(run.answers[1].outcome, Ok(()));
+    assert_eq!(units(&mut run.bus)[0].target(roboclaw::codec::Motor::One), Target::Duty(0.0));
 }

@@ -1,7 +1,7 @@
 //! Units and computers that are slow.
 
 use roboclaw::driver::WIRE_MARGIN_NS;
-use roboclaw::unit::{Unit, UnitLine, UnitOptions};
+use roboclaw::unit::{Unit, UnitBus, UnitOptions};
 use roboclaw::{Bus, Drive};
 use serial::{Pipe, Transport};
 use std::sync::{Arc, Mutex};
@@ -55,18 +55,18 @@ impl Transport for Ticking {
 
 #[test]
 fn answers_that_were_slow_once_do_not_keep_a_unit_from_being_set_up() {
-    let line = UnitLine::new([0x80, 0x81].map(|address| Unit::new(UnitOptions::new(address))).into());
-    let pipe = Mutex::new(Pipe::new("test line", BAUD, Clockwork { line, told: vec![Vec::new(); 2] }));
+    let bus = UnitBus::new([0x80, 0x81].map(|address| Unit::new(UnitOptions::new(address))).into());
+    let pipe = Mutex::new(Pipe::new("test line", BAUD, Clockwork { bus, told: vec![Vec::new(); 2] }));
     let units = vec![unit_config(0x80), unit_config(0x81)];
     let mut bus = Bus::new(Ticking { pipe, name: "test line".into() }, &config(units)).unwrap();
-    for unit in bus.line_mut().pipe().device_mut().line.units_mut() {
+    for unit in bus.transport_mut().pipe().device_mut().bus.units_mut() {
         unit.answer_late(3, WIRE_MARGIN_NS - MS);
     }
     let until_ns = 2_000 * MS;
     while !bus.is_settled() {
         // The fleet's steps between two cycles are this short.
-        let _ = bus.settle(bus.line().now_ns() + 5 * MS);
-        assert!(bus.line().now_ns() < until_ns, "never set up");
+        let _ = bus.settle(bus.transport().now_ns() + 5 * MS);
+        assert!(bus.transport().now_ns() < until_ns, "never set up");
     }
 }
 
@@ -79,30 +79,31 @@ fn answers_that_are_always_late_are_waited_for_longer_until_they_are_not() {
     }
     let until_ns = 2_500 * MS;
     while !bus.is_settled() {
-        let _ = bus.settle(bus.line().now_ns() + 5 * MS);
-        assert!(bus.line().now_ns() < until_ns, "never set up: {bus:?}");
+        let _ = bus.settle(bus.transport().now_ns() + 5 * MS);
+        assert!(bus.transport().now_ns() < until_ns, "never set up: {bus:?}");
     }
-    println!("set up after {} ms", bus.line().now_ns() / MS);
+    println!("set up after {} ms", bus.transport().now_ns() / MS);
     // A cycle waits no longer than before.
-    let mut run = Run { answers: bus.blank_answers(), tick_ns: bus.line().now_ns().next_multiple_of(PERIOD_NS), bus };
+    let mut run =
+        Run { answers: bus.blank_answers(), tick_ns: bus.transport().now_ns().next_multiple_of(PERIOD_NS), bus };
     let start_ns = run.tick_ns;
     assert!(run.cycle(Drive::HOLD)[0].outcome.is_err());
-    assert!(run.bus.line().now_ns() <= start_ns + BUDGET_NS + WIRE_MARGIN_NS);
+    assert!(run.bus.transport().now_ns() <= start_ns + BUDGET_NS + WIRE_MARGIN_NS);
     for unit in units(&mut run.bus) {
         unit.answer_late(0, 0);
     }
     // Cycles have no time for answers that were so slow: between them the fleet goes on by itself.
-    while run.bus.settle(run.bus.line().now_ns() + 5 * MS).is_err() {
-        assert!(run.bus.line().now_ns() < start_ns + 1_000 * MS, "not in use again: {:?}", run.bus);
+    while run.bus.settle(run.bus.transport().now_ns() + 5 * MS).is_err() {
+        assert!(run.bus.transport().now_ns() < start_ns + 1_000 * MS, "not in use again: {:?}", run.bus);
     }
-    run.tick_ns = run.bus.line().now_ns().next_multiple_of(PERIOD_NS);
+    run.tick_ns = run.bus.transport().now_ns().next_multiple_of(PERIOD_NS);
     run.recover();
     for _ in 0..10 {
         run.cycle(Drive::HOLD);
     }
     // The patience is gone: what costs the most now is a fence that is lost, as with a unit that was never late.
     let silent_until_ns = run.tick_ns + 30 * MS;
-    run.bus.line_mut().silence_until(silent_until_ns);
+    run.bus.transport_mut().silence_until(silent_until_ns);
     assert!(run.cycle(Drive::HOLD)[0].outcome.is_err());
     let cycles = run.recover();
     assert!(cycles <= 7, "{cycles}");

@@ -1,4 +1,4 @@
-//! An allocator that counts, for tests of what must not allocate.
+//! A counting allocator for tests of code that must not allocate.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -10,7 +10,7 @@ thread_local! {
 
 struct Counting;
 
-// SAFETY: hands every call to the system's allocator unchanged; the count is a plain thread-local number.
+// SAFETY: forwards every call unchanged to the system allocator; the count is a plain thread-local number.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         COUNT.with(|count| count.set(count.get() + 1));
@@ -18,7 +18,7 @@ unsafe impl GlobalAlloc for Counting {
         unsafe { System.alloc(layout) }
     }
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the pointer came from `alloc` above, that is from the system's allocator.
+        // SAFETY: the pointer came from `alloc` above, that is from the system allocator.
         unsafe { System.dealloc(pointer, layout) }
     }
 }
@@ -26,7 +26,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// How often `f` allocates in this thread.
+/// Number of allocations of `f` in this thread.
 pub fn allocations(f: impl FnOnce()) -> u64 {
     let before = COUNT.with(Cell::get);
     f();

@@ -1,5 +1,5 @@
 //! A serial line: the real one and the simulated one.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-mod lines;
 mod pipe;
+mod real;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::clock::{monotonic_ns, sleep_until};
 use crate::transport::{StatusPin, Transport};
-use crate::{Error, Latency, LineClock, Port};
+use crate::{Error, Latency, Port, PortClock};
 
 /// Pause between two attempts to open a lost device: short beside the second or so that USB needs to enumerate a device that was
 /// plugged in, long beside the cost of asking.
@@ -18,9 +18,9 @@ const DEVICE_ANSWER_NS: u64 = 8_000_000;
 /// but not for longer than this in all, ns: a computer that is worse than that flies nothing.
 const DEVICE_PATIENCE_NS: u64 = 5_000_000_000;
 
-/// Whether a [`Line`] has its device.
+/// Whether a [`ReopeningPort`] has its device.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum LineState {
+pub enum PortState {
     /// The device is open.
     Connected,
     /// The device is not there; it is looked for again every [`REOPEN_EVERY_NS`].
@@ -32,26 +32,26 @@ pub enum LineState {
 /// Nothing waits for a lost device: every operation on it fails at once with the reason. [`Transport::connection`] looks for it.
 /// Name it by a link that stays (`/dev/serial/by-path/..`): the kernel gives a device that is plugged in again another number.
 #[derive(Debug)]
-pub struct Line {
+pub struct ReopeningPort {
     name: Arc<str>,
     baud: u32,
     port: Option<Port>,
     lost: Error,
     next_try_ns: u64,
     connections: u32,
-    clock: Arc<LineClock>,
+    clock: Arc<PortClock>,
     /// What the line's clock last showed: a device tells of a pause when it is over, and a clock does not go back.
     shown_ns: Cell<u64>,
 }
 
-impl Line {
+impl ReopeningPort {
     /// A line to the device `name` at `baud` bits per second. Nothing is opened yet.
     #[must_use]
-    pub fn new(name: &str, baud: u32) -> Line {
+    pub fn new(name: &str, baud: u32) -> ReopeningPort {
         let name: Arc<str> = name.into();
-        Line {
+        ReopeningPort {
             lost: Error::Missing { port: Arc::clone(&name) },
-            clock: Arc::new(LineClock::new(&name)),
+            clock: Arc::new(PortClock::new(&name)),
             shown_ns: Cell::new(0),
             name,
             baud,
@@ -63,10 +63,10 @@ impl Line {
 
     /// Whether the device is there, as far as the last operation showed.
     #[must_use]
-    pub fn state(&self) -> LineState {
+    pub fn state(&self) -> PortState {
         match self.port {
-            Some(_) => LineState::Connected,
-            None => LineState::Lost(self.lost.clone()),
+            Some(_) => PortState::Connected,
+            None => PortState::Lost(self.lost.clone()),
         }
     }
 
@@ -126,13 +126,13 @@ impl Line {
     }
 }
 
-impl Drop for Line {
+impl Drop for ReopeningPort {
     fn drop(&mut self) {
         self.clock.closed();
     }
 }
 
-impl Transport for Line {
+impl Transport for ReopeningPort {
     fn name(&self) -> &Arc<str> {
         &self.name
     }
@@ -147,7 +147,7 @@ impl Transport for Line {
         monotonic_ns()
     }
 
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         Some(Arc::clone(&self.clock))
     }
 

@@ -1,95 +1,87 @@
-//! Several lines at once: one thread each, all starting with the same cycle.
+//! Several ports at once: one thread each, all starting a cycle together.
 //!
-//! Each line is owned by its thread, so a line that is slow, silent or unplugged holds up no other, and comes back by itself. The
-//! threads take over the scheduling policy, priority and processors of the thread that makes the fleet.
+//! Each port is owned by its thread, so a port that is slow, silent or unplugged delays no other and recovers on its own. The threads
+//! inherit scheduling policy, priority and processors of the thread that opens the fleet.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use serial::{Line, LineClock, Transport, monotonic_ns};
+use serial::{PortClock, monotonic_ns};
 
-use crate::driver::{Bus, BusConfig, Counters, Drive, MAX_UNITS, StopInput, UnitAnswer, UnitIdentity};
+use crate::bus::{Capabilities, DriveBus, UnitCommand};
 use crate::error::{Error, Misfit};
+use crate::report::{Counters, StopInput, UnitAnswer, UnitInfo, UnitReport};
 
-/// Most units of a fleet: as many as there can be cables, if each had a unit of its own.
+/// Most units of a fleet: one for each of the most cables.
 pub const MAX_FLEET: usize = 8;
 
-/// Waking up so long after the deadline means that the machine stood still, and the answers with it,
+/// Waking up this long after the deadline means that the whole machine was stopped, and the answers with it, ns.
 const STOOD_STILL_NS: u64 = 5_000_000;
-/// which are then waited for so much longer.
+/// Extra wait for the answers in that case, ns.
 const GRACE_NS: u64 = 10_000_000;
-/// Simulated units that wait for a processor are waited for in steps of this, ns,
+/// Step in which simulated units that wait for a processor are waited for, ns.
 const SIMULATED_STEP_NS: u64 = 2_000_000;
-/// and for no longer than this in all, ns: a program that is to stop has to hear of it.
+/// Longest such wait, ns: a program that is told to stop has to notice it.
 const SIMULATED_PATIENCE_NS: u64 = 1_000_000_000;
 
-/// How long a thread sleeps that has nothing to do; only commands wake it earlier.
+/// Sleep of a thread that has nothing to do; only an order ends it earlier.
 const IDLE: Duration = Duration::from_millis(500);
-/// Between two steps of getting a line or unit back it only looks for commands: a step that can do nothing pauses by itself.
+/// Sleep between two steps of getting a port or unit back: none, because a step that can do nothing pauses by itself.
 const BUSY: Duration = Duration::ZERO;
-/// How long it sleeps between two looks for a lost device.
+/// Sleep between two attempts to find a lost device.
 const LOST: Duration = Duration::from_millis(20);
 /// Time for one step between two cycles, ns: a question and its answer at the baud in use.
 const STEP_NS: u64 = 5_000_000;
 
-/// One line of a fleet.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PortConfig {
-    /// The device: a name that stays when it is plugged in again.
-    pub path: String,
-    /// Its speed and units.
-    pub bus: BusConfig,
-}
-
-/// What every unit is to do in a cycle; units in the order of the configuration, port after port.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// Commands of one cycle for all units, in the order of the ports and of the units on each.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FleetCommand {
-    /// The cycle's number, returned with the answer.
+    /// Number of the cycle; returned with the answer.
     pub cycle: u64,
-    /// What each unit's motors are to do.
-    pub drives: [[Drive; 2]; MAX_FLEET],
+    /// Commands of each unit.
+    pub units: [UnitCommand; MAX_FLEET],
 }
 
-/// How a line is.
+/// State of a port.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PortReport {
-    /// What happened on it so far.
+    /// Event counts.
     pub counters: Counters,
-    /// Why the device is not there; `None` while it is.
+    /// Reason why the device is not there; `None` while it is.
     pub lost: Option<Error>,
     /// Its stop input.
     pub stop: StopInput,
-    /// How long commands and encoders took on it in this cycle, ns.
+    /// Time that commands and counts took in this cycle, ns.
     pub took_ns: u64,
 }
 
-/// What became of a cycle.
+/// Result of one cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FleetReply {
-    /// The cycle's number.
+    /// Number of the cycle.
     pub cycle: u64,
-    /// Each unit's answer; the outcome is an error where it has none in this cycle.
+    /// Answer of each unit; the outcome is an error where it has none in this cycle.
     pub units: Vec<UnitAnswer>,
-    /// Each line's state.
+    /// State of each port.
     pub ports: Vec<PortReport>,
 }
 
-/// Several lines, each with its thread.
+/// Several ports, each with its thread. They may be of different families.
 #[derive(Debug)]
 pub struct Fleet {
     board: Arc<Board>,
     threads: Vec<JoinHandle<()>>,
     names: Vec<Arc<str>>,
-    /// Each unit's port, in the order of the units.
+    /// Port of each unit.
     port_of_unit: Vec<usize>,
-    /// What simulated lines leave out of their time; of each port, where its line has such a clock.
-    clocks: Vec<Option<Arc<LineClock>>>,
+    /// Clock of each port that is simulated: the time that it leaves out.
+    clocks: Vec<Option<Arc<PortClock>>>,
     turn: u64,
     reply: FleetReply,
 }
 
-/// Where the caller and the threads leave things for each other.
+/// Exchange of orders and answers between the caller and the threads.
 #[derive(Debug)]
 struct Board {
     slots: Mutex<Vec<Slot>>,
@@ -104,9 +96,9 @@ struct Slot {
     /// The order that `answers` belong to.
     answered_turn: u64,
     answers: Vec<UnitAnswer>,
-    identities: Vec<UnitIdentity>,
+    units: Vec<UnitInfo>,
     report: PortReport,
-    /// The line is out of step, or a unit not in use: where the thread is not done in time, it is at that.
+    /// The port is resynchronising, or a unit is not in use: the reason where the thread misses its deadline.
     settling: bool,
 }
 
@@ -116,17 +108,19 @@ struct Order {
     deadline_ns: u64,
     /// From the order to the deadline.
     span_ns: u64,
-    drives: [[Drive; 2]; MAX_UNITS],
+    units: [UnitCommand; MAX_FLEET],
 }
 
 impl Slot {
-    fn note<T: Transport>(&mut self, bus: &Bus<T>, lost: Option<Error>) {
+    fn record<B: DriveBus>(&mut self, bus: &B, lost: Option<Error>) {
         self.report.lost = lost;
         self.settling = !bus.is_settled();
         self.report.counters = bus.counters();
         self.report.stop.clone_from(bus.stop());
-        for (place, identity) in self.identities.iter_mut().zip(bus.identities()) {
-            *place = identity;
+        for (index, place) in self.units.iter_mut().enumerate() {
+            if let Some(unit) = bus.unit(index) {
+                *place = unit;
+            }
         }
     }
 }
@@ -138,23 +132,29 @@ impl Board {
     }
 }
 
-impl Fleet {
-    /// Start to look for these devices and to set up their units. Returns at once; a device that is not there is an error of the
-    /// exchanges, until it is.
-    pub fn open(ports: &[PortConfig]) -> Result<Fleet, Error> {
-        Fleet::over(ports.iter().map(|port| (Line::new(&port.path, port.bus.baud), port.bus.clone())).collect())
-    }
+/// Places for the answers of a bus.
+fn blank_answers<B: DriveBus>(bus: &B) -> Vec<UnitAnswer> {
+    let outcome = || Err(Error::Resynchronising { port: Arc::clone(bus.port()) });
+    (0..bus.unit_count()).map(|_| UnitAnswer { outcome: outcome(), report: UnitReport::default() }).collect()
+}
 
-    /// The same over any lines, for instance simulated ones. Deadlines are given on the monotonic clock all the same: what is left
-    /// of them is what a line with a clock of its own gets.
-    pub fn over<T: Transport + 'static>(lines: Vec<(T, BusConfig)>) -> Result<Fleet, Error> {
-        let buses: Vec<Bus<T>> =
-            lines.into_iter().map(|(line, config)| Bus::new(line, &config)).collect::<Result<_, _>>()?;
-        let names: Vec<Arc<str>> = buses.iter().map(|bus| Arc::clone(bus.name())).collect();
+impl Fleet {
+    /// Starts a thread for each bus, which looks for its device and sets up its units. Returns at once; a device that is not there is
+    /// an error of the exchanges until it is.
+    ///
+    /// Deadlines of the fleet are on the monotonic clock. A bus with a clock of its own gets what is left of them.
+    ///
+    /// # Errors
+    /// A bus lacks something `needed`, a name occurs twice, there are too many units, or the system starts no thread.
+    pub fn open<B: DriveBus + 'static>(buses: Vec<B>, needed: Capabilities) -> Result<Fleet, Error> {
+        let names: Vec<Arc<str>> = buses.iter().map(|bus| Arc::clone(bus.port())).collect();
         let wrong = |port: &Arc<str>, what| Err(Error::Configuration { port: Arc::clone(port), what });
-        for (index, name) in names.iter().enumerate() {
+        for (index, (name, bus)) in names.iter().zip(&buses).enumerate() {
             if names[..index].contains(name) {
                 return wrong(name, Misfit::PortTwice);
+            }
+            if let Some(missing) = bus.capabilities().first_missing(needed) {
+                return wrong(name, Misfit::Lacks(missing));
             }
         }
         let port_of_unit: Vec<usize> =
@@ -162,16 +162,16 @@ impl Fleet {
         if port_of_unit.len() > MAX_FLEET {
             return wrong(&names[0], Misfit::TooManyUnits);
         }
-        let slot = |bus: &Bus<T>| Slot {
+        let slot = |bus: &B| Slot {
             stop: false,
             order: None,
             answered_turn: 0,
-            answers: bus.blank_answers(),
-            identities: bus.identities().collect(),
+            answers: blank_answers(bus),
+            units: (0..bus.unit_count()).filter_map(|unit| bus.unit(unit)).collect(),
             report: PortReport::default(),
             settling: true,
         };
-        let clocks = buses.iter().map(|bus| bus.line().clock()).collect();
+        let clocks = buses.iter().map(DriveBus::clock).collect();
         let board = Arc::new(Board {
             slots: Mutex::new(buses.iter().map(slot).collect()),
             posted: Condvar::new(),
@@ -179,7 +179,7 @@ impl Fleet {
         });
         let reply = FleetReply {
             cycle: 0,
-            units: buses.iter().flat_map(Bus::blank_answers).collect(),
+            units: buses.iter().flat_map(blank_answers).collect(),
             ports: vec![PortReport::default(); buses.len()],
         };
         let mut fleet = Fleet { board, threads: Vec::new(), names, port_of_unit, clocks, turn: 0, reply };
@@ -189,9 +189,7 @@ impl Fleet {
                 std::thread::Builder::new().name(format!("port-{index}")).spawn(move || work(bus, &board, index));
             match spawned {
                 Ok(thread) => fleet.threads.push(thread),
-                Err(_) => {
-                    return wrong(&fleet.names[index], Misfit::NoThread);
-                }
+                Err(_) => return wrong(&fleet.names[index], Misfit::NoThread),
             }
         }
         Ok(fleet)
@@ -203,50 +201,50 @@ impl Fleet {
         self.port_of_unit.len()
     }
 
-    /// The lines' names.
+    /// Names of the ports.
     #[must_use]
     pub fn port_names(&self) -> &[Arc<str>] {
         &self.names
     }
 
-    /// The port a unit is on.
+    /// Port of a unit.
     #[must_use]
     pub fn port_of(&self, unit: usize) -> Option<usize> {
         self.port_of_unit.get(unit).copied()
     }
 
-    /// Who the units are, as far as they have said.
+    /// Name, firmware and watchdog of each unit, as far as they are known.
     #[must_use]
-    pub fn identities(&self) -> Vec<UnitIdentity> {
-        self.board.slots().iter().flat_map(|slot| slot.identities.clone()).collect()
+    pub fn units(&self) -> Vec<UnitInfo> {
+        self.board.slots().iter().flat_map(|slot| slot.units.clone()).collect()
     }
 
-    /// Time that simulated lines have left out so far, ns; 0 for real ones.
+    /// Time that simulated ports have left out so far, ns; 0 for real ones.
     #[must_use]
     pub fn left_out_ns(&self) -> u64 {
         most_left_out_ns(&self.clocks)
     }
 
-    /// Let all lines do their part of the cycle at the same time, and wait for all of them, but not beyond `deadline_ns` of the
-    /// monotonic clock. A line that is not done by then is [`Error::Busy`], or
-    /// [`Error::Resynchronising`] where it is at that; what it finds out is in the next cycle's report.
+    /// Runs the cycle on all ports at the same time and waits for all of them, but not beyond `deadline_ns` of the monotonic clock. A
+    /// port that has not finished by then is [`Error::Busy`], or [`Error::Resynchronising`] where that is the reason; its results are in
+    /// the next cycle's report.
     ///
-    /// Returns as soon as every unit has its command and its encoders are read. The lines use the rest of the time until the deadline
-    /// for currents and slow values, which are in the next cycle's reports with the time at which they were asked for.
+    /// Returns as soon as every unit has its command and its counts are read. The ports use the rest of the time until the deadline for
+    /// currents and slow values, which are in the next cycle's reports with the time at which they were requested.
     ///
-    /// What simulated lines leave out meanwhile does not count: the deadline is so much later, by a second at most.
+    /// Time that simulated ports leave out meanwhile does not count: the deadline moves by it, by a second at most.
     ///
     /// Does not allocate.
     pub fn exchange(&mut self, command: &FleetCommand, deadline_ns: u64) -> &FleetReply {
         self.turn += 1;
         let (posted_ns, left_out_ns) = (monotonic_ns(), self.left_out_ns());
         let mut slots = self.board.slots();
-        let mut drives = command.drives.iter();
+        let mut commands = command.units.iter();
         for slot in slots.iter_mut() {
             let span_ns = deadline_ns.saturating_sub(posted_ns);
-            let mut order = Order { turn: self.turn, deadline_ns, span_ns, drives: Default::default() };
-            for (place, drive) in order.drives.iter_mut().zip(drives.by_ref().take(slot.answers.len())) {
-                *place = *drive;
+            let mut order = Order { turn: self.turn, deadline_ns, span_ns, units: Default::default() };
+            for (place, command) in order.units.iter_mut().zip(commands.by_ref().take(slot.answers.len())) {
+                *place = *command;
             }
             slot.order = Some(order);
         }
@@ -264,11 +262,11 @@ impl Fleet {
         }
         self.reply.cycle = command.cycle;
         let mut units = self.reply.units.iter_mut();
-        let lines = self.names.iter().zip(&self.clocks);
-        for ((slot, report), (name, clock)) in slots.iter().zip(&mut self.reply.ports).zip(lines) {
+        let ports = self.names.iter().zip(&self.clocks);
+        for ((slot, report), (name, clock)) in slots.iter().zip(&mut self.reply.ports).zip(ports) {
             report.clone_from(&slot.report);
             let in_time = slot.answered_turn == self.turn;
-            let unanswered = !in_time && clock.as_ref().is_some_and(|clock| clock.line_waits_for_the_device());
+            let unanswered = !in_time && clock.as_ref().is_some_and(|clock| clock.port_waits_for_device());
             for answer in &slot.answers {
                 let Some(unit) = units.next() else { break };
                 unit.clone_from(answer);
@@ -286,11 +284,11 @@ impl Fleet {
     }
 }
 
-/// How long an exchange is waited for beyond its deadline.
+/// Decides how long an exchange is waited for beyond its deadline.
 #[derive(Debug)]
 struct Patience {
     deadline_ns: u64,
-    /// What simulated lines had left out when the exchange began.
+    /// Time that simulated ports had left out when the exchange began.
     left_out_ns: u64,
     waited: bool,
     graced: bool,
@@ -301,8 +299,8 @@ impl Patience {
         Self { deadline_ns, left_out_ns, waited: false, graced: false }
     }
 
-    /// The time is over: until when it goes on, if it does.
-    fn later_ns(&mut self, now_ns: u64, clocks: &[Option<Arc<LineClock>>]) -> Option<u64> {
+    /// New end of the wait once the old one has passed; `None` to give up.
+    fn later_ns(&mut self, now_ns: u64, clocks: &[Option<Arc<PortClock>>]) -> Option<u64> {
         let left_out_ns = most_left_out_ns(clocks).saturating_sub(self.left_out_ns).min(SIMULATED_PATIENCE_NS);
         let deadline_ns = self.deadline_ns + left_out_ns;
         if now_ns < deadline_ns {
@@ -318,12 +316,12 @@ impl Patience {
     }
 }
 
-fn most_left_out_ns(clocks: &[Option<Arc<LineClock>>]) -> u64 {
+fn most_left_out_ns(clocks: &[Option<Arc<PortClock>>]) -> u64 {
     clocks.iter().flatten().map(|clock| clock.left_out_ns()).max().unwrap_or(0)
 }
 
 impl Drop for Fleet {
-    /// Ends the threads. The units' watchdogs stop the motors that were not stopped before.
+    /// Ends the threads. The units' watchdogs stop motors that were not stopped before.
     fn drop(&mut self) {
         for slot in self.board.slots().iter_mut() {
             slot.stop = true;
@@ -335,45 +333,45 @@ impl Drop for Fleet {
     }
 }
 
-/// A line's thread: commands first, and between them whatever brings the line and its units back.
-fn work<T: Transport>(mut bus: Bus<T>, board: &Board, index: usize) {
-    let mut answers = bus.blank_answers();
+/// Thread of a port: orders first, and between them whatever brings the port and its units back.
+fn work<B: DriveBus>(mut bus: B, board: &Board, index: usize) {
+    let mut answers = blank_answers(&bus);
     let mut pause = Duration::ZERO;
     while let Some(order) = next_order(board, index, pause) {
         let mut lost = None;
         if let Some(order) = order {
             let began_ns = monotonic_ns();
-            // Simulated units stood still while this thread waited for a processor.
-            let least_ns = if bus.line().clock().is_some_and(|clock| clock.is_simulated()) { order.span_ns } else { 0 };
+            // Simulated units did not run while this thread waited for a processor.
+            let least_ns = if bus.clock().is_some_and(|clock| clock.is_simulated()) { order.span_ns } else { 0 };
             let left_ns = order.deadline_ns.saturating_sub(began_ns).max(least_ns);
-            let deadline_ns = bus.line().now_ns() + left_ns;
-            bus.drive(&order.drives, deadline_ns, &mut answers);
+            let deadline_ns = bus.now_ns() + left_ns;
+            bus.exchange(&order.units, deadline_ns, &mut answers);
             lost = answers.iter().find_map(|answer| answer.outcome.clone().err().filter(Error::is_lost));
             let mut slots = board.slots();
             if let Some(slot) = slots.get_mut(index) {
                 std::mem::swap(&mut slot.answers, &mut answers);
                 slot.answered_turn = order.turn;
                 slot.report.took_ns = monotonic_ns() - began_ns;
-                slot.note(&bus, lost.clone());
+                slot.record(&bus, lost.clone());
             }
             drop(slots);
             board.answered.notify_all();
-            // The caller goes on with the encoders; what is read now is in its next cycle's reports.
+            // The caller continues with the counts; what is read now is in the reports of its next cycle.
             bus.spend(deadline_ns);
         }
         pause = IDLE;
         if !bus.is_settled() || lost.is_some() {
-            let result = bus.settle(bus.line().now_ns() + STEP_NS);
+            let result = bus.settle(bus.now_ns() + STEP_NS);
             let lost = result.err().filter(Error::is_lost);
             pause = if lost.is_some() { LOST } else { BUSY };
             if let Some(slot) = board.slots().get_mut(index) {
-                slot.note(&bus, lost);
+                slot.record(&bus, lost);
             }
         }
     }
 }
 
-/// The next order; `Some(None)` when there was none for so long, `None` at the end.
+/// Waits for the next order; `Some(None)` after `patience` without one, `None` at the end.
 fn next_order(board: &Board, index: usize, patience: Duration) -> Option<Option<Order>> {
     let mut slots = board.slots();
     let mut waited = patience.is_zero();

@@ -10,7 +10,7 @@ use crate::packet::{MAX_PACKET, Packet};
 
 /// Units that hear the same bytes and answer on the same wire.
 #[derive(Debug, Clone)]
-pub struct UnitLine {
+pub struct UnitBus {
     units: Vec<Unit>,
     parser: Parser,
     /// Packets whose checksum was wrong.
@@ -77,11 +77,11 @@ impl Parser {
     }
 }
 
-impl UnitLine {
+impl UnitBus {
     /// These units, on one line.
     #[must_use]
-    pub fn new(units: Vec<Unit>) -> UnitLine {
-        UnitLine { units, parser: Parser { bytes: [0; MAX_PACKET], len: 0, last_ns: 0, lost: false }, refused: 0 }
+    pub fn new(units: Vec<Unit>) -> UnitBus {
+        UnitBus { units, parser: Parser { bytes: [0; MAX_PACKET], len: 0, last_ns: 0, lost: false }, refused: 0 }
     }
 
     /// The units.
@@ -109,7 +109,7 @@ impl UnitLine {
     }
 }
 
-impl Device for UnitLine {
+impl Device for UnitBus {
     /// A byte arrived; an answer that is due goes onto the wire.
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
         self.advance(now_ns);

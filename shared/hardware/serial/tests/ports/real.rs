@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use serial::{Error, Jack, Line, LineState, Port, Pty, Transport, monotonic_ns};
+use serial::{Error, Jack, Port, PortState, Pty, ReopeningPort, Transport, monotonic_ns};
 
 const MS: u64 = 1_000_000;
 /// Far longer than any of this takes, even on a machine that stands still for a quarter of a second now and then.
@@ -116,12 +116,12 @@ fn a_missing_device_and_a_thing_that_is_no_port_are_told_apart() {
 fn a_line_finds_its_device_gone_at_once_and_back_after_replugging() {
     let folder = Folder::new();
     let mut jack = Jack::new(&folder.0.join("box/port-0"));
-    let mut line = Line::new(jack.link().to_str().unwrap(), 115_200);
+    let mut line = ReopeningPort::new(jack.link().to_str().unwrap(), 115_200);
     assert!(matches!(line.connection(), Err(Error::Missing { .. })));
 
     jack.plug().unwrap();
     let first = connect(&mut line);
-    assert_eq!((first, line.state()), (1, LineState::Connected));
+    assert_eq!((first, line.state()), (1, PortState::Connected));
     jack.pty().unwrap().write(b"x").unwrap();
     let mut byte = [0];
     assert_eq!(line.fill(&mut byte, soon()).unwrap(), 1);
@@ -130,7 +130,7 @@ fn a_line_finds_its_device_gone_at_once_and_back_after_replugging() {
     assert!(!jack.link().exists());
     // The deadline is far away: the error comes from the unplugging, not from patience running out.
     assert!(matches!(line.read(&mut byte, soon()), Err(Error::Gone { .. })));
-    assert!(matches!(line.state(), LineState::Lost(Error::Gone { .. })));
+    assert!(matches!(line.state(), PortState::Lost(Error::Gone { .. })));
     assert!(line.write_all(b"x", soon()).is_err());
     assert!(line.connection().is_err());
 
@@ -140,7 +140,7 @@ fn a_line_finds_its_device_gone_at_once_and_back_after_replugging() {
     assert_eq!(take(jack.pty().unwrap(), 4), b"back");
 }
 
-fn connect(line: &mut Line) -> u32 {
+fn connect(line: &mut ReopeningPort) -> u32 {
     let until = soon();
     loop {
         match line.connection() {
@@ -187,7 +187,7 @@ fn what_a_device_leaves_out_does_not_count_against_it() {
     let link = folder.0.join("drive0");
     let mut jack = Jack::new(&link);
     jack.plug().unwrap();
-    let mut line = Line::new(link.to_str().unwrap(), 230_400);
+    let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
     line.connection().unwrap();
     assert!(!line.clock().unwrap().is_simulated(), "nobody tells of any time");
     drop(line);
@@ -206,7 +206,7 @@ fn what_a_device_leaves_out_does_not_count_against_it() {
         })
     };
     said.recv().unwrap();
-    let mut line = Line::new(link.to_str().unwrap(), 230_400);
+    let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
     line.connection().unwrap();
     let (began_ns, deadline_ns) = (monotonic_ns(), line.now_ns() + 50 * MS);
     go.send(()).unwrap();

@@ -1,0 +1,36 @@
+//! The drive families: the only file of motor-io that names one.
+
+use crate::odometry;
+use crate::settings::CoreConfig;
+use config::{DriveProtocol, PortSection, UnitSection};
+use drives::{DriveBus, Error};
+use serial::{ReopeningPort, StatusPin};
+
+/// Opens the bus of one configured port with the family that its `protocol` names. The device at `path` need not be there.
+///
+/// # Errors
+/// A setting that the family does not have.
+pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<dyn DriveBus>, Error> {
+    match port.protocol {
+        DriveProtocol::Roboclaw => {
+            let wrong = |what| Error::Configuration { port: path.into(), what };
+            let watchdog_tenths = roboclaw::watchdog_tenths(config.watchdog_s).map_err(wrong)?;
+            let unit = |section: &UnitSection| roboclaw::UnitConfig {
+                address: section.address,
+                watchdog_tenths,
+                bound: odometry::count_bound(config, &section.cables),
+            };
+            let bus = roboclaw::BusConfig {
+                baud: port.baud,
+                margin_ns: roboclaw::driver::USB_MARGIN_NS,
+                units: port.units.iter().map(unit).collect(),
+                stop_pin: stop_pin(port),
+            };
+            Ok(Box::new(roboclaw::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
+        }
+    }
+}
+
+fn stop_pin(port: &PortSection) -> Option<StatusPin> {
+    port.stop_pin.and_then(|pin| StatusPin::named(pin.name()))
+}

@@ -1,0 +1,7 @@
+//! The trait and the fleet with a family that is not a real one.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod contract;
+mod fake;
+mod ports;
