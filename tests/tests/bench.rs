@@ -212,7 +212,7 @@ fn what_a_killed_one_left_is_removed_by_the_next() {
     until_both_speak(&child);
     child.kill().unwrap();
     child.wait().unwrap();
-    // a benchmark of somebody else on this machine may have been as quick
+    // another benchmark on this machine may have been as quick
     if let Some(domain) = Domain::existing(memory_of(pid).to_str().unwrap()).unwrap() {
         until("the end of the other process", || domain.alive().is_empty());
     }

@@ -129,7 +129,7 @@ pub struct Walk {
     astray: [Option<Astray>; SLOTS],
     log: VecDeque<String>,
     /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to
-    /// be given anew.
+    /// be set again.
     powered_off: bool,
     /// What has been walked so far.
     pub tally: Tally,

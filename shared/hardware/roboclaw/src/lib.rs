@@ -1,10 +1,10 @@
 //! RoboClaw motor controllers over packet serial: a [drive family](drives::DriveBus) whose driver never uses a late or
 //! broken answer, and the unit's side of the protocol for simulation.
 //!
-//! A unit drives two brushed motors with encoders and closes their speed loops; up to eight units share a bus. From the
-//! bottom up:
-//! * [`codec`]: commands, questions and answers as bytes; [`Status`] for old and new firmware. No state.
-//! * [`Bus`]: the driver of the units on one port; see [`driver`] for the rules and why.
+//! A unit drives two brushed motors with encoders and closes their speed loops; up to eight units share a serial port.
+//! From the bottom up:
+//! * [`codec`]: commands, questions and answers as bytes, [`Status`] in words. No state.
+//! * [`Bus`]: the units of one line, in step with them or on the way back to it, see [`driver`] for the rules and why.
 //! * [`mod@unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
 //!
 //! Architecture invariants: one thread owns a port. The driver moves a motor only by command, and after a unit was lost

@@ -148,9 +148,7 @@ impl LqGain {
     }
 }
 
-/// Highest gain of [`PFeedforward`], 1/s. Drives without delay follow it at a rate of 10 Hz or more; real
-/// drives tolerate less.
-pub const MAX_LENGTH_GAIN: f64 = 50.0;
+pub use cable_robot::control_bounds::MAX_LENGTH_GAIN;
 
 /// Proportional feedback on lengths with feedforward of the desired velocity: u = dl*/dt + g (l* - l), each
 /// cable independently.

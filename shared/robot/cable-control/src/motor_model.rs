@@ -10,8 +10,7 @@
 
 use thiserror::Error;
 
-/// Longest window η, cycles.
-pub const MAX_WINDOW: usize = 128;
+pub use cable_robot::control_bounds::MAX_WINDOW;
 
 /// φ before any identification: commands act immediately, as in the comparison of the paper's Table III.
 pub const INITIAL_PHI: [f64; 2] = [1.0, 0.0];

@@ -98,6 +98,9 @@ mod tests {
         git(&["add", "a"]).unwrap();
         assert!(git(&["commit", "-qm", "a"]).unwrap().status.success());
         let clean = stamp::of(folder.path()).unwrap();
+        let watched = stamp::watched(folder.path());
+        let ends = |name: &str| watched.iter().any(|path| path.ends_with(name));
+        assert!(ends("a") && ends("HEAD") && ends("logs/HEAD") && watched.len() == 3, "{watched:?}");
         assert_eq!(split(&clean), Some((clean.as_str(), false)));
         fs::write(folder.path().join("a"), "2").unwrap();
         let dirty = stamp::of(folder.path()).unwrap();

@@ -10,7 +10,7 @@
 //! | module | what it models |
 //! |---|---|
 //! | [`drive`] | command delay and lag, speed loop at 300 Hz on encoder counts, saturation |
-//! | [`motor`] | brushed motor and gear, referred to the cable: quasi-static current, friction, inertia, self-locking |
+//! | [`motor`] | brushed motor and gear seen from the cable: quasi-static current, friction, inertia, self-locking |
 //! | [`drum`] | radius that grows with every layer of cable |
 //! | [`mod@line`] | elastic cable that cannot push; the idler and its encoder |
 //! | [`node`] | point mass with weight or buoyancy, drag and soft ground; in space or in a plane |

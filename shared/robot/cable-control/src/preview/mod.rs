@@ -33,8 +33,7 @@ use thiserror::Error;
 use crate::drive_lag::{CycleModel, DriveLag, LagError, Piece, Winch};
 use cable_robot::linalg;
 
-/// Longest preview, cycles.
-pub const MAX_PREVIEW: usize = 200;
+pub use cable_robot::control_bounds::MAX_PREVIEW;
 
 /// Bound of the Riccati iteration, which needs about 20 times the settling time of a step response, in cycles.
 const MAX_ITERATIONS: usize = 20_000;
