@@ -260,9 +260,9 @@ impl Slot {
             Phase::Attached | Phase::Shadow => {
                 self.phase = Phase::Shadow;
                 self.well = 0;
-                self.cause = MotorSlots::CAUSE_APART;
+                self.cause = MotorSlots::CAUSE_DEVIATION;
             }
-            _ if self.outside > APART_CYCLES => self.fall(MotorSlots::CAUSE_APART, times),
+            _ if self.outside > APART_CYCLES => self.fall(MotorSlots::CAUSE_DEVIATION, times),
             _ => {}
         }
     }

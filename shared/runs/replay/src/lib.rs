@@ -29,6 +29,7 @@ use messages::{
 };
 use parts::{Controllers, Estimators, MotorIo, Recent};
 use reported::ReportedParameters;
+use robot_state::Reason;
 use runlog::{RecordedSample, RunReader};
 use std::path::Path;
 
@@ -312,9 +313,15 @@ impl Replay {
         let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.body.verb) else {
             return;
         };
+        // Which drive is absent and why is known to the process alone.
+        let by_drives =
+            matches!(Reason::of(request), Some(Reason::NotArmedDrive { .. } | Reason::NotResetDrive { .. }));
+        if by_drives && !answer.is_accepted() {
+            return;
+        }
         let word = |accepted: bool| if accepted { "accepted" } else { "refused" };
-        let was = format!("{}: {}", word(request.accepted == 1), text_of(&request.answer));
-        let is = format!("{}: {}", word(answer.is_accepted()), answer.sentence);
+        let was = format!("{} ({}): {}", word(request.accepted == 1), request.reason, text_of(&request.answer));
+        let is = format!("{} ({}): {}", word(answer.is_accepted()), answer.reason.code(), answer.reason);
         self.request.compare_text(time_ns, request.header.cycle, "answer", &was, &is);
     }
 

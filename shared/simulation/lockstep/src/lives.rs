@@ -90,8 +90,8 @@ impl Lockstep {
     /// A rejection by the planner.
     pub fn ask_planner(
         &mut self,
-        ask: impl FnOnce(&mut Planner, &Inputs<'_>) -> Result<String, Refusal>,
-    ) -> Option<Result<String, Refusal>> {
+        ask: impl FnOnce(&mut Planner, &Inputs<'_>) -> Result<robot_state::Reason, Refusal>,
+    ) -> Option<Result<robot_state::Reason, Refusal>> {
         let seen = Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),

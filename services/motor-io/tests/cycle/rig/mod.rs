@@ -279,7 +279,7 @@ impl Rig {
     pub fn ask_body(&mut self, body: &RequestBody) -> (bool, String) {
         assert!(self.inbox.request(self.cycle + 100, body));
         let answer = self.step().answers[0];
-        (answer.is_accepted(), answer.sentence.to_string())
+        (answer.is_accepted(), answer.sentence().to_string())
     }
 
     pub fn demand(&mut self, request: Request) {
