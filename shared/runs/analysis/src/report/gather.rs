@@ -192,30 +192,6 @@ impl RunData {
     pub fn unrecorded_s(&self) -> f64 {
         self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
     }
-
-    /// Extends the last spans of mode and slots to this cycle, or starts new ones.
-    fn mode_and_slots(&mut self, time_s: f64, authority: &MotorAuthority) {
-        let same = |last: Option<&mut (f64, f64, u8)>| {
-            last.is_some_and(|(_, to_s, mode)| {
-                let same = *mode == authority.mode;
-                *to_s = time_s;
-                same
-            })
-        };
-        if !same(self.modes.last_mut()) {
-            self.modes.push((time_s, time_s, authority.mode));
-        }
-        let charge = [authority.active_controller, authority.active_estimator];
-        match self.slots.last_mut() {
-            Some((_, to_s, slots)) if *slots == charge => *to_s = time_s,
-            last => {
-                if let Some((_, to_s, _)) = last {
-                    *to_s = time_s;
-                }
-                self.slots.push((time_s, time_s, charge));
-            }
-        }
-    }
 }
 
 /// Reads a run; calls `progress` with the completed share, 0 to 1.
@@ -360,7 +336,7 @@ impl Collector {
         self.path_and_errors(time_s, cycle);
         let data = &mut self.data;
         for (i, cable) in data.cables.iter_mut().enumerate() {
-            cable.add(time_s, cycle, i);
+            cable.add(i, time_s, cycle);
         }
         if let Some(energy) = cycle.energy {
             data.power[0].add(time_s, energy.power_w[..count].iter().sum());
@@ -376,7 +352,8 @@ impl Collector {
             }
         }
         data.rate.add(time_s, authority.plan_rate);
-        data.mode_and_slots(time_s, authority);
+        extend(&mut data.modes, time_s, authority.mode);
+        extend(&mut data.slots, time_s, [authority.active_controller, authority.active_estimator]);
         data.events.cycle(time_s, authority);
         data.legs.cycle(time_s, cycle);
         if let Some(estimate) = cycle.estimate {
@@ -408,31 +385,6 @@ impl Collector {
                 self.data.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
             }
         }
-        for (i, cable) in data.cables.iter_mut().enumerate() {
-            cable.add(i, time_s, cycle);
-        }
-        if let Some(energy) = cycle.energy {
-            data.power[0].add(time_s, energy.power_w[..count].iter().sum());
-            data.power[1].add(time_s, energy.loss_w[..count].iter().sum());
-        }
-        for (trace, (_, count)) in data.losses.iter_mut().zip(self.count.periods().causes()) {
-            trace.add(time_s, count as f64);
-        }
-        let aged = if cycle.segment.is_some() { Some(authority.command_age_ns) } else { None };
-        for (times, ns) in data.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
-            if let Some(ns) = ns {
-                times.add(time_s, ns);
-            }
-        }
-        data.rate.add(time_s, authority.plan_rate);
-        extend(&mut data.modes, time_s, authority.mode);
-        extend(&mut data.slots, time_s, [authority.active_controller, authority.active_estimator]);
-        data.events.cycle(time_s, authority);
-        data.legs.cycle(time_s, cycle);
-        if let Some(estimate) = cycle.estimate {
-            data.sensors.node_at(estimate);
-        }
-        data.authority = Some(*authority);
     }
 
     /// Collects a sample that belongs to no cycle. Returns false for another version of a known channel's type.
