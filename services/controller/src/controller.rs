@@ -1,4 +1,4 @@
-//! One step per cycle: an answer for every live estimate.
+//! The controller: one step per cycle, with a row of velocities for every live estimate.
 
 use cable_robot::elastic::{self, Realisation};
 use cable_robot::kinematics::inverse_kinematics;
@@ -16,38 +16,38 @@ use crate::law::{self, Law};
 use crate::preview::{Notice, Preview};
 use crate::retune::Fade;
 
-/// What the controller is told.
+/// Configuration of a controller.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControllerConfig {
-    /// The robot; [`Robot::with_rigid_lines`] leaves stretch uncorrected.
+    /// The robot; with [`Robot::with_rigid_lines`], stretch is not corrected.
     pub robot: Robot,
     /// The law.
     pub law: Law,
-    /// Δ, cycles, 1 to 200.
+    /// Horizon Δ, cycles, 1 to 200.
     pub horizon: u32,
-    /// How the tensions of more cables than directions are chosen.
+    /// Distribution of the tensions of redundant cables.
     pub distribution: Distribution,
     /// Time constant of the loop on the redundant lengths, s.
     pub redundant_s: f64,
     /// Largest velocity of a cable, m/s.
     pub cable_speed_limit_m_s: f64,
-    /// Farther than this from the setpoint the controller gives no answer, m.
+    /// Distance from the setpoint beyond which the controller gives no answer, m.
     pub error_limit_m: f64,
-    /// Cycles for which a command may be used.
+    /// Age, in cycles, up to which a command may be used.
     pub ttl_cycles: u32,
-    /// Cycles for which an estimate may be answered.
+    /// Age, in cycles, up to which an estimate is answered.
     pub estimate_ttl_cycles: u32,
-    /// Kernel's number of the thread that answers; 0: unknown.
+    /// Kernel's id of the thread that computes the commands; 0: unknown.
     pub thread: u32,
-    /// Non-zero number of this process's life.
+    /// Random number of this run of the process, never 0.
     pub incarnation: u32,
 }
 
 impl ControllerConfig {
-    /// As a system file and its robot file say.
+    /// Returns the configuration in a system file and its robot file.
     ///
     /// # Errors
-    /// A law or a weight that does not exist.
+    /// A parameter of the law is out of range.
     pub fn of(file: &SystemFile, robot: &RobotFile, incarnation: u32) -> anyhow::Result<Self> {
         let section = &file.controller;
         let parts = robot.robot()?;
@@ -67,73 +67,74 @@ impl ControllerConfig {
     }
 }
 
-/// What a step works on.
+/// Inputs of a step.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Inputs<'a> {
-    /// Newest estimate of each slot, whatever it says: what may not be acted on is left out here.
+    /// Newest estimate of each slot; the controller itself ignores those that are too old.
     pub estimates: [Option<&'a NodeEstimate>; SLOTS],
     /// Newest plan/motion.
     pub motion: Option<&'a PlanMotion>,
     /// Newest motor/authority.
     pub authority: Option<&'a MotorAuthority>,
-    /// Newest motor/state; only a law that looks at the drives needs it.
+    /// Newest motor/state; only the preview law needs it.
     pub state: Option<&'a MotorState>,
 }
 
-/// Node estimates and motion to cable velocities: steps 3 and 4 of the paper's section VI.
+/// Computes cable velocities from node estimates and the motion: steps 3 and 4 of the paper's section VI.
 pub struct Controller {
     config: ControllerConfig,
-    /// A law that works each line for itself, or one's own.
-    own: Option<Box<dyn CableLaw>>,
-    /// Decoded plan/motion and the beat it had.
-    motion: Option<Kept>,
-    /// The preview law, if it was chosen.
+    /// A law per cable: p-feedforward or a custom law.
+    cable_law: Option<Box<dyn CableLaw>>,
+    /// The decoded plan/motion.
+    motion: Option<CurrentMotion>,
+    /// The preview law, if configured.
     preview: Option<Preview>,
-    /// Rows of the newest cycle: estimates come one after the other, and a law is asked once for each.
+    /// Answers of the newest cycle: the estimates of a cycle arrive one after the other, and a law is called once for
+    /// each.
     answered: [Option<Answered>; SLOTS],
-    /// The life of motor-io that all of this belongs to.
+    /// The life of motor-io to which this state belongs.
     life: u64,
-    /// From the answers by the parameters of before to those by the present ones.
+    /// Fades from the commands with former parameters to those with the present ones.
     fades: [Fade; SLOTS],
 }
 
-/// When the estimate is true on the clock of the cycle.
+/// Time of an estimate relative to its cycle.
 #[derive(Debug, Clone, Copy)]
 struct Instant {
     /// Cycles by which the authority is older than the estimate.
     lag: u64,
-    /// When the commands of the estimate's cycle were sent, ns.
+    /// Time when the commands of the estimate's cycle were sent, ns.
     began_ns: u64,
-    /// From then to the estimate, s.
+    /// Time from `began_ns` to the estimate, s.
     since_s: f64,
 }
 
 impl Instant {
-    /// `None` where the authority says nothing about this estimate.
-    fn of(of: &Header, authority: &MotorAuthority) -> Option<Self> {
+    /// Returns `None` if the authority is too old for this estimate or not plausible.
+    fn of_sample(sample: &Header, authority: &MotorAuthority) -> Option<Self> {
         let (period_s, rate) = (authority.period_s, authority.plan_rate);
-        let lag = of.cycle.saturating_sub(authority.header.cycle);
+        let lag = sample.cycle.saturating_sub(authority.header.cycle);
         if !(period_s > 0.0 && period_s < 1.0 && (0.0..=1.0).contains(&rate) && lag <= AUTHORITY_LAG) {
             return None;
         }
         let began_ns = authority.header.stamp_ns.saturating_sub(authority.bus_ns);
-        let since_s = of.stamp_ns.saturating_sub(began_ns) as f64 * 1e-9;
+        let since_s = sample.stamp_ns.saturating_sub(began_ns) as f64 * 1e-9;
         let since_s = since_s.clamp(period_s * lag as f64, period_s * (lag + 1) as f64) - period_s * lag as f64;
         let began_ns = began_ns.saturating_add(lag * (period_s * 1e9) as u64);
         Some(Self { lag, began_ns, since_s })
     }
 }
 
-/// The motion that plan/motion last held.
+/// The motion of the last plan/motion.
 #[derive(Debug, Clone, Copy)]
-struct Kept {
+struct CurrentMotion {
     beat: u64,
     number: u32,
     epoch: u32,
     motion: Option<Motion>,
 }
 
-/// Where the node should be now and at the end of the horizon, and the lengths that put it there.
+/// Setpoints now and at the end of the horizon, with the lengths and tensions for each.
 struct Target {
     now: Setpoint,
     ahead: Setpoint,
@@ -142,20 +143,28 @@ struct Target {
 }
 
 impl Controller {
-    /// A controller that has not seen a motion.
+    /// Creates a controller without a motion.
     pub fn new(config: ControllerConfig) -> Self {
         let preview = match config.law {
             Law::Preview { preview, .. } => Some(Preview::new(preview, config.robot.cable_count())),
             Law::LqEndpoint { .. } | Law::PFeedforward(_) | Law::Custom => None,
         };
-        let own: Option<Box<dyn CableLaw>> = match config.law {
+        let cable_law: Option<Box<dyn CableLaw>> = match config.law {
             Law::PFeedforward(law) => Some(Box::new(law)),
             Law::LqEndpoint { .. } | Law::Preview { .. } | Law::Custom => None,
         };
-        Self { config, own, motion: None, preview, answered: [None; SLOTS], life: 0, fades: [Fade::default(); SLOTS] }
+        Self {
+            config,
+            cable_law,
+            motion: None,
+            preview,
+            answered: [None; SLOTS],
+            life: 0,
+            fades: [Fade::default(); SLOTS],
+        }
     }
 
-    /// A copy that goes its own way from here; `None` with a law of one's own, of which nobody knows what it remembers.
+    /// Returns an independent copy; `None` with a custom law, whose state cannot be copied.
     pub fn fork(&self) -> Option<Self> {
         let Self { config, motion, preview, answered, life, fades, .. } = self;
         (config.law != Law::Custom).then(|| Self {
@@ -168,13 +177,13 @@ impl Controller {
         })
     }
 
-    /// A controller with a law of one's own in place of the configured one.
+    /// Creates a controller with a custom law instead of the configured one.
     pub fn with_law(config: ControllerConfig, law: Box<dyn CableLaw>) -> Self {
-        Self { own: Some(law), ..Self::new(ControllerConfig { law: Law::Custom, ..config }) }
+        Self { cable_law: Some(law), ..Self::new(ControllerConfig { law: Law::Custom, ..config }) }
     }
 
-    /// Goes on with other parameters, between two steps; the command fades from what it was to what it is now over `fade_s`. Robot, law and
-    /// life stay what they are: another law is another controller.
+    /// Changes the parameters between two steps; the command fades from the old to the new parameters over `fade_s`.
+    /// Robot, kind of law and incarnation do not change: another law needs another controller.
     pub fn configure(&mut self, config: ControllerConfig, fade_s: f64) {
         let ControllerConfig { robot, incarnation, thread, law: present, .. } = self.config;
         let law = if law::is_same_kind(&present, &config.law) { config.law } else { present };
@@ -184,7 +193,7 @@ impl Controller {
         }
         self.config = config;
         match law {
-            Law::PFeedforward(law) => self.own = Some(Box::new(law)),
+            Law::PFeedforward(law) => self.cable_law = Some(Box::new(law)),
             Law::Preview { preview: settings, .. } => {
                 if let Some(preview) = &mut self.preview {
                     preview.configure(settings);
@@ -195,49 +204,41 @@ impl Controller {
         self.fades.iter_mut().for_each(|fade| fade.begin(fade_s));
     }
 
-    /// Parameters of a law of one's own, as TOML.
+    /// Returns the parameters of a custom law, as TOML.
     pub fn own_parameters(&self) -> String {
-        self.own.as_ref().map(|own| own.parameters()).unwrap_or_default()
+        self.cable_law.as_ref().map(|law| law.parameters()).unwrap_or_default()
     }
 
-    /// What it was told.
+    /// Returns the configuration.
     pub fn config(&self) -> &ControllerConfig {
         &self.config
     }
 
-    /// What an operator may want to know of the last steps: models identified, fallbacks.
+    /// Returns a notice for the operator about the last steps: an identified model or a fallback.
     pub fn notice(&mut self) -> Option<Notice> {
         self.preview.as_mut().and_then(Preview::notice)
     }
 
-    /// The answer to one cycle: one row per estimate of that cycle. Nothing is allocated.
+    /// Computes the answer to one cycle: one row per estimate of that cycle. Allocates nothing.
     ///
-    /// The cycle is that of the estimate in charge. Once that is answered, a newer estimate of the other slot gets an answer of its own, so
-    /// that the death of an estimator costs no cycle. No sample of the slot that is not in charge changes what the one in charge is
-    /// answered.
+    /// The cycle is that of the estimate in charge. After it is answered, a newer estimate of the other slot is
+    /// answered too, so that no cycle is lost if the estimator in charge dies. Samples of the slot that is not in
+    /// charge do not change the answer to the one in charge.
     ///
-    /// Without a motion the answer is valid and zero: stand still. Without a position, a way to follow, or a finite
-    /// result a row is not valid; motor-io then has no answer from this pair.
-    pub fn step(&mut self, seen: &Inputs<'_>) -> (MotorCommand, ControlStatus) {
-        self.begin_life(seen.authority);
-        let estimates = self.live(seen);
-        let lead = seen.authority.map_or(0, |authority| usize::from(authority.in_charge[ESTIMATORS]).min(SLOTS - 1));
-        let first = seen.authority.and_then(|authority| self.to_answer(lead, &estimates, authority));
-        let life = seen.authority.map_or(0, |authority| authority.header.life);
-        // Without anything to answer to, it stands where the newest state does: a sample without a time has no place in a run file.
-        let state_ns = seen.state.map_or(0, |state| state.header.stamp_ns);
-        let now_ns =
-            if state_ns == 0 { seen.authority.map_or(0, |authority| authority.header.stamp_ns) } else { state_ns };
-        let mut header = Header { life, stamp_ns: now_ns, oldest_input_ns: now_ns, ..Header::default() };
-        if let Some(first) = first {
-            header = Header { seq: 0, published_ns: 0, ..first.header };
-        }
-        let (mut command, mut status) = self.blank(seen, &estimates, header);
-        let (Some(authority), Some(_)) = (seen.authority, first) else { return (command, status) };
-        let instant = Instant::of(&header, authority);
-        let target = instant.and_then(|instant| self.target(seen.motion, authority, &instant));
+    /// Without a motion the answer is valid and zero. A row without a position, a target or a finite result is not
+    /// valid; motor-io then has no answer from this pair of controller and estimator.
+    pub fn step(&mut self, inputs: &Inputs<'_>) -> (MotorCommand, ControlStatus) {
+        self.begin_life(inputs.authority);
+        let estimates = self.live(inputs);
+        let lead = inputs.authority.map_or(0, |authority| usize::from(authority.in_charge[ESTIMATORS]).min(SLOTS - 1));
+        let first = inputs.authority.and_then(|authority| self.to_answer(lead, &estimates, authority));
+        let header = step_header(inputs, first);
+        let (mut command, mut status) = self.blank(inputs, &estimates, header);
+        let (Some(authority), Some(_)) = (inputs.authority, first) else { return (command, status) };
+        let instant = Instant::of_sample(&header, authority);
+        let target = instant.and_then(|instant| self.target(inputs.motion, authority, &instant));
         if let Some(instant) = instant {
-            self.preview(seen, &estimates, authority, &instant, &header, lead);
+            self.update_preview(inputs, &estimates, authority, &instant, &header, lead);
         }
         match &self.preview {
             Some(preview) if preview.weight() >= 0.5 => status.horizon = preview.horizon() as u32,
@@ -253,16 +254,16 @@ impl Controller {
             let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == header.cycle) else { continue };
             let (epoch, segment) = (authority.epoch, command.segment);
             let answer = match &self.answered[slot] {
-                Some(kept) if kept.estimate == *estimate && (kept.epoch, kept.segment) == (epoch, segment) => {
-                    kept.answer
+                Some(last) if last.estimate == *estimate && (last.epoch, last.segment) == (epoch, segment) => {
+                    last.answer
                 }
                 _ if estimate.header.stamp_ns == header.stamp_ns => {
                     self.answer(slot, estimate, target.as_ref(), authority.period_s)
                 }
-                // True at another instant: the set point of that instant.
+                // The estimate is of another instant: use the setpoint of that instant.
                 _ => {
-                    let instant = Instant::of(&estimate.header, authority);
-                    let target = instant.and_then(|instant| self.target(seen.motion, authority, &instant));
+                    let instant = Instant::of_sample(&estimate.header, authority);
+                    let target = instant.and_then(|instant| self.target(inputs.motion, authority, &instant));
                     self.answer(slot, estimate, target.as_ref(), authority.period_s)
                 }
             };
@@ -272,7 +273,7 @@ impl Controller {
                 command.velocity_m_s[8 * slot + i] = *velocity;
             }
             command.valid[slot] = 1;
-            // The status speaks of the estimate that motor-io uses; of the other one if that is all there is.
+            // The status is about the estimate that motor-io uses, or about the other one if that is the only one.
             if usize::from(authority.active_estimator) == slot || status.valid == 0 {
                 status.error_m = answer.error_m.into();
                 status.error_norm_m = answer.error_m.norm();
@@ -284,31 +285,31 @@ impl Controller {
         (command, status)
     }
 
-    /// Forgets what belongs to another life of motor-io: its cycles, motions and readings mean nothing in this one.
+    /// Drops the state of another life of motor-io: cycles, motions and readings are comparable only within a life.
     fn begin_life(&mut self, authority: Option<&MotorAuthority>) {
         let life = authority.map_or(self.life, |authority| authority.header.life);
         if life != self.life {
             self.life = life;
             self.motion = None;
             self.answered = [None; SLOTS];
-            self.fades.iter_mut().for_each(Fade::rest);
+            self.fades.iter_mut().for_each(Fade::reset);
             if let Some(preview) = &mut self.preview {
                 preview.begin_life();
             }
         }
     }
 
-    /// The estimates that may be answered.
-    fn live<'a>(&self, seen: &Inputs<'a>) -> [Option<&'a NodeEstimate>; SLOTS] {
+    /// Returns the estimates that are recent enough to be answered.
+    fn live<'a>(&self, inputs: &Inputs<'a>) -> [Option<&'a NodeEstimate>; SLOTS] {
         let ttl_cycles = self.config.estimate_ttl_cycles;
         let live = |estimate: &&NodeEstimate, authority: &MotorAuthority| {
             standing(&estimate.header, &authority.header, ttl_cycles) == Standing::Live
         };
-        seen.estimates.map(|estimate| estimate.filter(|one| seen.authority.is_some_and(|by| live(one, by))))
+        inputs.estimates.map(|estimate| estimate.filter(|one| inputs.authority.is_some_and(|by| live(one, by))))
     }
 
-    /// The estimate whose cycle is answered: the one in charge, and a newer one of the other slot where that is answered already or its
-    /// cycle is over, so that an answer would come too late.
+    /// Returns the estimate whose cycle is answered: the one in charge, or a newer one of the other slot if the one in
+    /// charge is already answered or its cycle is over, so that an answer would be too late.
     fn to_answer<'a>(
         &self,
         lead: usize,
@@ -317,7 +318,7 @@ impl Controller {
     ) -> Option<&'a NodeEstimate> {
         let done = |estimate: &NodeEstimate| {
             let cycle = estimate.header.cycle;
-            let answered = self.answered[lead].is_some_and(|kept| kept.estimate.header.cycle == cycle);
+            let answered = self.answered[lead].is_some_and(|last| last.estimate.header.cycle == cycle);
             answered || cycle < authority.header.cycle
         };
         match (estimates[lead], estimates[1 - lead]) {
@@ -326,10 +327,10 @@ impl Controller {
         }
     }
 
-    /// An answer without rows, and the account of what it rests on.
+    /// Returns a command without valid rows, and a status with the inputs that it is based on.
     fn blank(
         &self,
-        seen: &Inputs<'_>,
+        inputs: &Inputs<'_>,
         estimates: &[Option<&NodeEstimate>; SLOTS],
         header: Header,
     ) -> (MotorCommand, ControlStatus) {
@@ -337,7 +338,7 @@ impl Controller {
         let command = MotorCommand {
             header,
             based_on_cycle: header.cycle,
-            epoch: seen.authority.map_or(0, |authority| authority.epoch),
+            epoch: inputs.authority.map_or(0, |authority| authority.epoch),
             incarnation: config.incarnation,
             ttl_cycles: config.ttl_cycles,
             thread: config.thread,
@@ -345,10 +346,10 @@ impl Controller {
         };
         let status = ControlStatus {
             header,
-            seen_estimate: estimates.map(|estimate| estimate.map_or(0, |estimate| estimate.header.cycle)),
-            seen_authority: seen.authority.map_or(0, |authority| authority.header.cycle),
-            seen_state: seen.state.map_or(0, |state| state.header.cycle),
-            seen_motion: seen.motion.map_or(0, |motion| motion.beat),
+            based_on_estimate: estimates.map(|estimate| estimate.map_or(0, |estimate| estimate.header.cycle)),
+            based_on_authority: seen.authority.map_or(0, |authority| authority.header.cycle),
+            based_on_state: seen.state.map_or(0, |state| state.header.cycle),
+            based_on_motion: seen.motion.map_or(0, |motion| motion.beat),
             horizon: config.horizon,
             incarnation: config.incarnation,
             law: config.law.number(),
@@ -359,10 +360,11 @@ impl Controller {
         (command, status)
     }
 
-    /// Tells the preview law about the cycle of `header`, which is that of the slot in charge, `lead`, or of the other one.
-    fn preview(
+    /// Updates the preview law for the cycle of `header`, which is that of the slot in charge, `lead`, or of the other
+    /// slot.
+    fn update_preview(
         &mut self,
-        seen: &Inputs<'_>,
+        inputs: &Inputs<'_>,
         estimates: &[Option<&NodeEstimate>; SLOTS],
         authority: &MotorAuthority,
         instant: &Instant,
@@ -370,30 +372,32 @@ impl Controller {
         lead: usize,
     ) {
         let cycle = header.cycle;
-        // A cycle without readings has no say: what claims one may be a broken estimator.
+        // Ignore a cycle without readings: a broken estimator may report one.
         let of_cycle = |state: &&MotorState| state.header.cycle == cycle && same_life(&state.header, &authority.header);
-        let Some(state) = seen.state.filter(of_cycle) else { return };
-        // The other slot may speak between motor/state and motor/authority. What is learnt of a cycle does not depend on that.
+        let Some(state) = inputs.state.filter(of_cycle) else { return };
+        // The estimate of the other slot may arrive between motor/state and motor/authority; the model must not depend
+        // on that.
         let led = estimates[lead].is_some_and(|estimate| estimate.header.cycle == cycle);
         if !led && authority.header.cycle != cycle {
             return;
         }
-        let answered = self.answered[lead].is_some_and(|kept| kept.estimate.header.cycle == cycle);
+        let answered = self.answered[lead].is_some_and(|last| last.estimate.header.cycle == cycle);
         let Some(mut preview) = self.preview.take() else { return };
         preview.observe(state, authority, instant.began_ns);
         for (slot, estimate) in estimates.iter().enumerate() {
             let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
-            let since_s = Instant::of(&estimate.header, authority).map_or(instant.since_s, |instant| instant.since_s);
+            let own_instant = Instant::of_sample(&estimate.header, authority);
+            let since_s = own_instant.map_or(instant.since_s, |instant| instant.since_s);
             preview.correct(slot, estimate, since_s, &state.velocity_m_s);
         }
         let ahead = (led && !answered) || !preview.looked_ahead(cycle);
-        if let Some(Kept { motion: Some(motion), .. }) = self.motion.as_ref().filter(|_| ahead) {
+        if let Some(CurrentMotion { motion: Some(motion), .. }) = self.motion.as_ref().filter(|_| ahead) {
             let robot = &self.config.robot;
-            // What stretch takes from the straight lengths; where no tensions are found, as much as just before.
+            // Difference between straight and unstretched lengths; if no tensions are found, that of the point before.
             let mut stretch = CableVec::zeros(robot.cable_count());
             preview.look_ahead(authority, instant.lag, |time_s, rate| {
                 let setpoint = at_rate(motion, time_s, rate);
-                match self.held(&setpoint) {
+                match self.realise(&setpoint) {
                     Some(held) => {
                         stretch = held.lengths_m.zip_map(&held.unstretched_m, |straight, paid| straight - paid);
                         held.unstretched_m
@@ -405,10 +409,10 @@ impl Controller {
         self.preview = Some(preview);
     }
 
-    /// The target at the instant of the estimate; `None` without a motion of the present epoch.
+    /// Returns the target at the instant of the estimate; `None` without a motion of the present epoch.
     ///
-    /// The motion that the robot is in the middle of outlives its planner: while the epoch holds, what is known of it is followed, whatever
-    /// a planner that was started anew has to say.
+    /// The current motion is followed as long as the epoch is valid, even if its planner dies and a restarted planner
+    /// publishes something else.
     fn target(
         &mut self,
         message: Option<&PlanMotion>,
@@ -418,30 +422,31 @@ impl Controller {
         let message = message.filter(|message| {
             message.motion != 0 && message.epoch == authority.epoch && same_life(&message.header, &authority.header)
         });
-        let orphaned = self.motion.is_some_and(|kept| {
-            let under_way = authority.motion != 0 && (authority.motion, authority.epoch) == (kept.number, kept.epoch);
-            under_way && message.is_none_or(|message| message.motion != kept.number || message.beat < kept.beat)
+        let orphaned = self.motion.is_some_and(|current| {
+            let under_way =
+                authority.motion != 0 && (authority.motion, authority.epoch) == (current.number, current.epoch);
+            under_way && message.is_none_or(|message| message.motion != current.number || message.beat < current.beat)
         });
         if !orphaned {
             let message = message?;
-            if self.motion.is_none_or(|kept| (kept.beat, kept.number) != (message.beat, message.motion)) {
+            if self.motion.is_none_or(|current| (current.beat, current.number) != (message.beat, message.motion)) {
                 let (beat, number, epoch) = (message.beat, message.motion, message.epoch);
-                self.motion = Some(Kept { beat, number, epoch, motion: motion_of(message) });
+                self.motion = Some(CurrentMotion { beat, number, epoch, motion: motion_of(message) });
             }
         }
-        let motion = self.motion.and_then(|kept| kept.motion)?;
+        let motion = self.motion.and_then(|current| current.motion)?;
         let (period_s, rate) = (authority.period_s, authority.plan_rate);
-        // The plan time is that of the beginning of the cycle; the estimate is true some milliseconds later, when the
-        // encoders had been read.
+        // The plan time is that of the start of the cycle; the estimate is some milliseconds later, when the encoders
+        // were read.
         let now_s = authority.plan_time_s + rate * (instant.since_s + period_s * instant.lag as f64);
         let now = at_rate(&motion, now_s, rate);
         let ahead = at_rate(&motion, now_s + rate * period_s * f64::from(self.config.horizon), rate);
-        Some(Target { now_held: self.held(&now), ahead_held: self.held(&ahead), now, ahead })
+        Some(Target { now_held: self.realise(&now), ahead_held: self.realise(&ahead), now, ahead })
     }
 
-    /// Lengths and tensions at a setpoint. At the very limit of what the lines can hold acceleration and drag are left
-    /// out rather than giving up: the planner has checked the motion as planned.
-    fn held(&self, setpoint: &Setpoint) -> Option<Realisation> {
+    /// Returns lengths and tensions at a setpoint. If the tension limits cannot be met with acceleration and drag,
+    /// returns those at rest: the planner has checked the motion, so the limits are exceeded only slightly.
+    fn realise(&self, setpoint: &Setpoint) -> Option<Realisation> {
         let ControllerConfig { robot, distribution, .. } = &self.config;
         let moving_n = robot.moving_wrench_n(&setpoint.velocity, &setpoint.acceleration);
         elastic::realise_under(robot, &setpoint.position, &moving_n, *distribution)
@@ -463,7 +468,7 @@ impl Controller {
         }
         let Some(target) = target else {
             let velocities_m_s = CableVec::zeros(n);
-            self.fades[slot].rest();
+            self.fades[slot].reset();
             return Some(Answer { velocities_m_s, error_m: Vector3::zeros(), saturation: 0.0, redundant_m: 0.0 });
         };
         let position = Vector3::from(estimate.position_m);
@@ -471,10 +476,10 @@ impl Controller {
         if error_m.norm().is_nan() || error_m.norm() > config.error_limit_m {
             return None;
         }
-        let (u, redundant_m) = match self.own.take() {
+        let (u, redundant_m) = match self.cable_law.take() {
             None => self.endpoint(slot, estimate, target, position, period_s)?,
-            Some(mut own) => {
-                let u = own.velocity(&LawInput {
+            Some(mut law) => {
+                let u = law.velocity(&LawInput {
                     slot,
                     robot: &config.robot,
                     period_s,
@@ -485,7 +490,7 @@ impl Controller {
                     now_held: target.now_held.as_ref(),
                     ahead_held: target.ahead_held.as_ref(),
                 });
-                self.own = Some(own);
+                self.cable_law = Some(law);
                 (u.filter(|u| u.len() == n)?, 0.0)
             }
         };
@@ -496,7 +501,7 @@ impl Controller {
         let fade = &mut self.fades[slot];
         let u = fade.step(estimate.header.cycle, period_s, &u);
         let scaled = scale_to_limits(&u, &limits);
-        fade.sent(estimate.header.cycle, &scaled.velocities_m_s);
+        fade.record(estimate.header.cycle, &scaled.velocities_m_s);
         Some(Answer {
             velocities_m_s: scaled.velocities_m_s,
             error_m,
@@ -505,7 +510,8 @@ impl Controller {
         })
     }
 
-    /// The paper's law, or the preview law as far as it has a say; and what the redundant lengths lack, m.
+    /// Computes the velocities of the paper's law, blended with the preview law by its weight, and the error of the
+    /// redundant lengths, m.
     fn endpoint(
         &self,
         slot: usize,
@@ -522,8 +528,8 @@ impl Controller {
             config.law.velocity(&node_jacobian, &(target.ahead.position - position), period_s, config.horizon)?;
         let mut redundant_m = 0.0;
         if let (Some(now), Some(ahead)) = (&target.now_held, &target.ahead_held) {
-            // The law moves the node as if lines were rigid and straight moves had constant Jacobians. What the
-            // unstretched lengths do beyond that over the horizon is known in advance and goes along.
+            // The law assumes rigid cables and a constant Jacobian. The further change of the unstretched lengths over
+            // the horizon is known in advance and added as feedforward.
             let horizon_s = period_s * f64::from(config.horizon);
             let straight = jacobian.cable_velocity(&(target.ahead.position - target.now.position));
             for i in 0..n {
@@ -531,7 +537,7 @@ impl Controller {
             }
             let mut behind = CableVec::zeros(n);
             if config.robot.redundancy() > 0 {
-                behind = redundant(&jacobian, &node_jacobian, now, estimate);
+                behind = redundant_error(&jacobian, &node_jacobian, now, estimate);
                 redundant_m = behind.norm_squared().sqrt();
                 for i in 0..n {
                     u[i] += behind[i] / config.redundant_s;
@@ -549,16 +555,28 @@ impl Controller {
     }
 }
 
-/// The setpoint on a plan clock that runs at `rate`: a slower motion along the same path.
+/// Returns the header of a step: that of the answered estimate. Without one, the stamp is that of the newest state or
+/// authority, because a run file orders samples by their stamps.
+fn step_header(inputs: &Inputs<'_>, answered: Option<&NodeEstimate>) -> Header {
+    if let Some(estimate) = answered {
+        return Header { seq: 0, published_ns: 0, ..estimate.header };
+    }
+    let life = inputs.authority.map_or(0, |authority| authority.header.life);
+    let state_ns = inputs.state.map_or(0, |state| state.header.stamp_ns);
+    let now_ns =
+        if state_ns == 0 { inputs.authority.map_or(0, |authority| authority.header.stamp_ns) } else { state_ns };
+    Header { life, stamp_ns: now_ns, oldest_input_ns: now_ns, ..Header::default() }
+}
+
+/// Returns the setpoint on a plan clock that runs at `rate`: a slower motion along the same path.
 fn at_rate(motion: &Motion, time_s: f64, rate: f64) -> Setpoint {
     let at = motion.setpoint(time_s);
     Setpoint { velocity: at.velocity * rate, acceleration: at.acceleration * (rate * rate), ..at }
 }
 
-/// What the lengths lack in the directions that do not move the node: (I - J B)(l* - l), m. For four cables in
-/// space that is one direction, the null vector of Jᵀ, which is also the direction in which tensions trade places; in a
-/// plane it is two.
-fn redundant(
+/// Returns the length error in the directions that do not move the node: (I - J B)(l* - l), m. For four cables in space
+/// this is one direction, the null vector of Jᵀ, along which the tensions can change too; in a plane there are two.
+fn redundant_error(
     jacobian: &Jacobian,
     node_jacobian: &NodeJacobian,
     now: &Realisation,
@@ -569,7 +587,7 @@ fn redundant(
     missing.zip_map(&moving, |all, part| all - part)
 }
 
-/// What a row was computed for, and the result.
+/// The inputs of a computed row, and its result.
 #[derive(Debug, Clone, Copy)]
 struct Answered {
     estimate: NodeEstimate,

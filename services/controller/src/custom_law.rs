@@ -1,64 +1,65 @@
-//! What a law is asked in a cycle, and the place for a law of one's own.
+//! The interface of a control law for each cable, for custom laws too.
 
 use cable_control::law::PFeedforward;
 use cable_robot::elastic::Realisation;
 use cable_robot::{CableVec, Jacobian, Robot, Setpoint};
 use messages::NodeEstimate;
 
-/// A law of one's own: asked in every cycle, once for each estimate that is alive.
+/// A control law, called in every cycle once for each live estimate.
 ///
-/// Around it everything stays as it is: motions, the plan clock, slots, epochs, limits (the whole vector is scaled), and
-/// that a law that gives nothing or something that is not finite has no say in that cycle. It runs in the control cycle: no
-/// waiting, no input or output, and no allocation.
+/// The controller handles motions, the plan clock, slots, epochs and limits (it scales the whole vector). It ignores a
+/// law in a cycle in which its result is `None` or not finite. The law runs in the control cycle: it must not wait, use
+/// input or output, or allocate.
 pub trait CableLaw: Send {
-    /// Cable velocities dL/dt, m/s, one per cable; `None`: no answer to this estimate.
+    /// Computes the cable velocities dL/dt, m/s, one per cable; `None`: no answer to this estimate.
     ///
-    /// What a law remembers from cycle to cycle it remembers per [`LawInput::slot`]: with two estimators alive it is asked twice in a
-    /// cycle.
-    fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec>;
+    /// A law must keep its state per [`LawInput::slot`]: with two running estimators it is called twice in a cycle.
+    fn velocity(&mut self, input: &LawInput<'_>) -> Option<CableVec>;
 
-    /// Its parameters as TOML, `key = value` in each line: what flew is in the run, also of a law that nims does not know.
+    /// Returns the parameters as TOML, one `key = value` per text line. The run stores them, also those of a custom
+    /// law.
     fn parameters(&self) -> String {
         String::new()
     }
 }
 
-/// One cycle, one estimate.
+/// Input of a control law for one estimate in one cycle.
 #[derive(Debug, Clone, Copy)]
 pub struct LawInput<'a> {
-    /// The estimate's slot, 0 or 1.
+    /// Slot of the estimate, 0 or 1.
     pub slot: usize,
     /// The robot.
     pub robot: &'a Robot,
-    /// One control cycle, s.
+    /// Period of the control cycle, s.
     pub period_s: f64,
-    /// From `now` to `ahead`, s.
+    /// Time from `now` to `ahead`, s.
     pub horizon_s: f64,
-    /// Where the node is, how long the lines are, how they pull.
+    /// Position, cable lengths and tensions.
     pub estimate: &'a NodeEstimate,
-    /// Where the node should be at the instant of the estimate.
+    /// Setpoint at the instant of the estimate.
     pub now: &'a Setpoint,
-    /// Where it should be at the end of the horizon.
+    /// Setpoint at the end of the horizon.
     pub ahead: &'a Setpoint,
-    /// Unstretched lengths and tensions that belong to `now`; `None` where the lines cannot hold the node.
+    /// Unstretched lengths and tensions at `now`; `None` if the cables cannot hold the node there.
     pub now_held: Option<&'a Realisation>,
-    /// Those that belong to `ahead`.
+    /// Unstretched lengths and tensions at `ahead`.
     pub ahead_held: Option<&'a Realisation>,
 }
 
 impl LawInput<'_> {
-    /// Unstretched lengths as they should be now, m.
+    /// Returns the desired unstretched lengths, m.
     pub fn desired_lengths_m(&self) -> Option<CableVec> {
         self.now_held.map(|held| held.unstretched_m)
     }
 
-    /// Unstretched lengths as they are, m.
+    /// Returns the estimated unstretched lengths, m.
     pub fn lengths_m(&self) -> CableVec {
         CableVec::from_array8(&self.estimate.predicted_m, self.robot.cable_count())
     }
 
-    /// How fast the unstretched lengths should change now, m/s: (14) at the setpoint, and what stretch does over the horizon. (Tensions
-    /// jump where the acceleration does, so their part is not taken at an instant.)
+    /// Returns the desired velocities of the unstretched lengths, m/s: (14) at the setpoint, and the mean change of the
+    /// stretch over the horizon. (Tensions are discontinuous where the acceleration is, so the stretch has no velocity
+    /// at an instant.)
     pub fn desired_velocities_m_s(&self) -> Option<CableVec> {
         let (now, ahead) = (self.now_held?, self.ahead_held?);
         let straight = Jacobian::at(self.robot.anchors(), &self.now.position).ok()?.cable_velocity(&self.now.velocity);
@@ -70,8 +71,8 @@ impl LawInput<'_> {
 }
 
 impl CableLaw for PFeedforward {
-    fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec> {
-        let (speed, desired) = (asked.desired_velocities_m_s()?, asked.desired_lengths_m()?);
-        Some(PFeedforward::velocity(self, &speed, &desired, &asked.lengths_m()))
+    fn velocity(&mut self, input: &LawInput<'_>) -> Option<CableVec> {
+        let (speed, desired) = (input.desired_velocities_m_s()?, input.desired_lengths_m()?);
+        Some(PFeedforward::velocity(self, &speed, &desired, &input.lengths_m()))
     }
 }

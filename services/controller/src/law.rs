@@ -1,4 +1,4 @@
-//! Control laws: from where the node is and should be to the velocity the cables answer with.
+//! The control laws: from the error of the node to cable velocities.
 
 use cable_control::drive_lag::DriveLag;
 use cable_control::law::{InputWeight, LqGain, PFeedforward};
@@ -9,52 +9,52 @@ use thiserror::Error;
 
 use crate::preview::PreviewSettings;
 
-/// A law that can be chosen by its name in the configuration.
+/// A control law with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Law {
-    /// The paper's fixed-endpoint fixed-time law: e is brought to zero in `horizon` cycles.
+    /// The paper's fixed-endpoint fixed-time law: reduces the error to zero in `horizon` cycles.
     LqEndpoint {
-        /// Q, times identity.
+        /// Weight Q, times identity.
         state_weight: f64,
-        /// R, times identity.
+        /// Weight R, times identity.
         input_weight: f64,
     },
-    /// Linear-quadratic preview control of each cable's length over a model of the drives' delay and lag; the paper's
-    /// law while there is no model that fits.
+    /// Linear-quadratic preview control of each cable's length with a model of the drives' delay and lag; the paper's
+    /// law while no model fits.
     Preview {
-        /// Q of the fallback.
+        /// Weight Q of the paper's law, times identity.
         state_weight: f64,
-        /// R of the fallback.
+        /// Weight R of the paper's law, times identity.
         input_weight: f64,
-        /// The preview law itself.
+        /// Settings of the preview law.
         preview: PreviewSettings,
     },
-    /// Each line for itself: desired velocity, and a share of the length error.
+    /// Per cable: the desired velocity plus a gain times the length error.
     PFeedforward(PFeedforward),
-    /// One that the process brought along ([`crate::CableLaw`]); without it there is no answer.
+    /// A custom law ([`crate::CableLaw`]), given to the controller separately; without one there is no answer.
     Custom,
 }
 
 /// A parameter that is not accepted.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum LawError {
-    /// A parameter out of range.
+    /// A parameter is out of range.
     #[error("{key} is {value}; accepted: {accepted}")]
     Parameter {
-        /// The key of `[controller]`.
+        /// Key in `[controller]`.
         key: &'static str,
-        /// Its value.
+        /// The value.
         value: f64,
-        /// What is accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
 }
 
 impl Law {
-    /// The law that `[controller]` of a system file chooses.
+    /// Creates the law of `[controller]` in a system file.
     ///
     /// # Errors
-    /// One sentence: which key, what is accepted.
+    /// A parameter is out of range.
     pub fn of(section: &ControllerSection) -> Result<Self, LawError> {
         let &ControllerSection { state_weight, input_weight, length_gain_per_s: gain, .. } = section;
         match section.law {
@@ -90,10 +90,10 @@ impl Law {
         Ok(Self::Preview { state_weight, input_weight, preview })
     }
 
-    /// The paper's law with these weights.
+    /// Creates the paper's law with these weights.
     ///
     /// # Errors
-    /// One sentence: which key, what is accepted.
+    /// A weight is out of range.
     pub fn lq_endpoint(state_weight: f64, input_weight: f64) -> Result<Self, LawError> {
         if !(state_weight.is_finite() && state_weight >= 0.0) {
             return Err(LawError::Parameter { key: "state_weight", value: state_weight, accepted: "0 or more" });
@@ -104,7 +104,7 @@ impl Law {
         Ok(Self::LqEndpoint { state_weight, input_weight })
     }
 
-    /// Its number in `control/status`.
+    /// Returns the number of the law in `control/status`.
     pub fn number(&self) -> u8 {
         match self {
             Self::LqEndpoint { .. } => ControlStatus::LAW_LQ_ENDPOINT,
@@ -114,7 +114,7 @@ impl Law {
         }
     }
 
-    /// The law of a number in `control/status`; `None` for a custom law and for a number that this build does not know.
+    /// Returns the law with a number in `control/status`; `None` for a custom law or an unknown number.
     #[must_use]
     pub fn numbered(number: u8) -> Option<ControlLaw> {
         match number {
@@ -125,8 +125,8 @@ impl Law {
         }
     }
 
-    /// The paper's law (the fallback of the preview law): cable velocities (m/s) that bring the node by `error_m` in `horizon` cycles of `period_s`; `None` where the
-    /// geometry gives none, and for laws that are not of this kind.
+    /// Computes the paper's law, also as the fallback of the preview law: cable velocities (m/s) that move the node by
+    /// `error_m` in `horizon` cycles of `period_s`. `None` in singular geometry and for other laws.
     pub fn velocity(
         &self,
         node_jacobian: &NodeJacobian,
@@ -145,7 +145,7 @@ impl Law {
     }
 }
 
-/// Whether two laws differ at most in their parameters.
+/// Returns whether two laws differ at most in their parameters.
 pub(crate) fn is_same_kind(one: &Law, other: &Law) -> bool {
     std::mem::discriminant(one) == std::mem::discriminant(other)
 }

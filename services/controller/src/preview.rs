@@ -1,12 +1,12 @@
-//! The lag-aware law while the robot runs: which model of the drives is used, whether it still fits, and by how much the
-//! command is the preview law's.
+//! The preview law at run time: selects the model of the drives, checks whether it still fits, and computes the weight
+//! of the preview law in the command.
 //!
-//! The command is lq-endpoint's plus `weight` times what the preview law wants beyond it. The weight goes from 0 to 1
-//! and back in fractions of a second, so that no change of law or of model is a bump. It goes to 0
+//! The command is that of lq-endpoint plus `weight` times the difference of the preview law to it. The weight changes
+//! between 0 and 1 in fractions of a second, so that no change of law or model causes a step. It decreases to 0
 //!
-//! * as long as there is no model: none configured, none identified yet;
+//! * without a model: none is configured and none identified yet;
 //! * while the misfit of the model ([`cable_control::drive_lag`]) is above `misfit_limit`;
-//! * for the moment in which a newly identified model takes the old one's place.
+//! * while a newly identified model replaces the old one.
 
 use cable_control::drive_lag::{
     CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record, Winch,
@@ -16,55 +16,55 @@ use cable_robot::{CableVec, MAX_CABLES};
 use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
 use thiserror::Error;
 
-/// Times for the weight from 0 to 1 and from 1 to 0, s. In takes longer than the lag of slow drives; out is quicker than
-/// a law with a wrong model can build up an oscillation (a second and more).
+/// Times in which the weight increases from 0 to 1 and decreases from 1 to 0, s. The increase is slower than the lag of
+/// slow drives; the decrease is faster than the build-up of an oscillation with a wrong model (a second and more).
 const FADE_S: [f64; 2] = [0.4, 0.15];
 
-/// A misfit this much below the limit is good again: no flutter at the limit itself.
+/// Fraction of the misfit limit below which the model fits again; below 1 to avoid alternating at the limit.
 const GOOD_AGAIN: f64 = 0.8;
 
-/// Length of a record, s: the trapezoid's ramp and a little of the cruise.
+/// Length of a record, s: the ramp of the speed profile and a little of the cruise.
 const RECORD_S: f64 = 1.0;
 
-/// Beginning of a record of which only the commands count, s: what was commanded before it dies away.
+/// Start of a record from which only the commands are used, s: the effect of earlier commands decays.
 const SETTLE_S: f64 = 0.5;
 
-/// A command below this is rest, m/s: less than what an encoder step makes of a position error.
+/// Command below which a cable is at rest, m/s: smaller than the command for a position error of one encoder step.
 const REST_M_S: f64 = 2e-3;
 
-/// Below this misfit a model is not exchanged for a better one.
+/// Misfit below which a model is not replaced by a better one.
 const GOOD_ENOUGH: f64 = 0.1;
 
-/// A reading interval may differ from the period by this share; beyond, the machine stood still.
+/// Largest relative deviation of a reading interval from the period; with a larger one the machine has stalled.
 const JITTER: f64 = 0.3;
 
-/// What the preview law is told.
+/// Settings of the preview law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PreviewSettings {
     /// Preview beyond the delay, cycles.
     pub horizon: usize,
     /// Move penalty, s⁴; see [`PreviewGain::new`].
     pub move_penalty_s4: f64,
-    /// Delay and lag of the drives if known beforehand.
+    /// Delay and lag of the drives, if known in advance.
     pub lag: Option<DriveLag>,
     /// Identify delay and lag while the robot moves.
     pub identify: bool,
-    /// Misfit above which lq-endpoint takes over. For slow motion the misfit is the share by which delay and lag are
-    /// off together. In flights against the plant the preview law was 1.3 to 3.2 times better with a tenth off, and with
-    /// three tenths off between 1.4 times better and 1.3 times worse: the limit lies between the two.
+    /// Misfit above which lq-endpoint takes over. For slow motion the misfit is the relative error of delay plus lag.
+    /// In flights against the plant, the preview law was 1.3 to 3.2 times better with an error of 0.1, and between 1.4
+    /// times better and 1.3 times worse with an error of 0.3; the limit is between the two.
     pub misfit_limit: f64,
 }
 
-/// What an operator may want to know.
+/// A notice for the operator.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum Notice {
-    /// A model from the robot's own motion.
+    /// A model was identified from the robot's motion.
     #[error(
         "the drives were identified: delay {:.1} ms, lag {:.1} ms, misfit {:.2}",
         .0.lag.delay_s() * 1e3, .0.lag.lag_s() * 1e3, .0.misfit
     )]
     Identified(Identified),
-    /// A record from which no model came.
+    /// The identification failed.
     #[error("the drives could not be identified: {0}")]
     NotIdentified(IdentifyError),
     /// The best model is not good enough.
@@ -72,34 +72,34 @@ pub enum Notice {
         "the drives are not described by a delay and a lag: the misfit of the best pair is {misfit:.2}, above the limit of {limit}; lq-endpoint stays in charge"
     )]
     NoSuchModel {
-        /// Its misfit.
+        /// Misfit of the best model.
         misfit: f64,
-        /// The limit.
+        /// The configured limit.
         limit: f64,
     },
-    /// Falls back.
+    /// The model no longer fits.
     #[error(
         "the drives do not follow their model: the misfit is {misfit:.2}, above the limit of {limit}; lq-endpoint takes over"
     )]
     Misfit {
-        /// Now.
+        /// Present misfit.
         misfit: f64,
-        /// The limit.
+        /// The configured limit.
         limit: f64,
     },
-    /// Comes back.
+    /// The model fits again.
     #[error("the drives follow their model again: the misfit is {misfit:.2}; the preview law takes over")]
     FitsAgain {
-        /// Now.
+        /// Present misfit.
         misfit: f64,
     },
-    /// The configuration does not give a law.
+    /// The settings give no law.
     #[error("no preview law: {0}; lq-endpoint stays in charge")]
     NoLaw(PreviewError),
 }
 
 impl Notice {
-    /// True if the robot follows less well than it could.
+    /// Returns whether the notice is about reduced accuracy.
     pub fn is_warning(&self) -> bool {
         !matches!(self, Self::Identified(_) | Self::FitsAgain { .. })
     }
@@ -113,7 +113,7 @@ struct Installed {
     twins: [DriveObserver; SLOTS],
 }
 
-/// A record being taken or worked on.
+/// Records commands and velocities, and identifies a model from them.
 #[derive(Debug, Clone)]
 struct Recorder {
     commands_m_s: Vec<CableVec>,
@@ -121,7 +121,7 @@ struct Recorder {
     count: usize,
     reading_s: CableVec,
     ignored: usize,
-    /// Nothing but rest so far.
+    /// Whether the robot has been at rest since the start of the record.
     resting: bool,
     fit: Option<LagFit>,
 }
@@ -162,8 +162,9 @@ impl Recorder {
         }
     }
 
-    /// One cycle; a result when a record has been worked through, one pass per cycle.
-    fn cycle(
+    /// Processes one cycle: extends the record, or does one pass of the identification. Returns a result after the last
+    /// pass.
+    fn step(
         &mut self,
         command_m_s: CableVec,
         velocity_m_s: CableVec,
@@ -181,7 +182,7 @@ impl Recorder {
         self.ignored = (SETTLE_S / period_s).ceil() as usize;
         self.resting &= command_m_s.max_abs() <= REST_M_S;
         if self.resting && self.count >= self.ignored {
-            // Waits here, so that a record has the whole of a start.
+            // Wait for the start of a motion, so that the record contains all of it.
             return None;
         }
         self.reading_s = *reading_s;
@@ -192,7 +193,7 @@ impl Recorder {
         }
         match LagFit::new(&self.record(period_s)) {
             Ok(fit) => self.fit = Some(fit),
-            // A twitch or a steady cruise says nothing, and there is nothing to report.
+            // A short motion or a steady cruise does not identify the drives; this is not reported.
             Err(IdentifyError::NotExcited { .. }) => self.drop_record(),
             Err(error) => {
                 self.drop_record();
@@ -203,7 +204,7 @@ impl Recorder {
     }
 }
 
-/// Readings of the last cycle.
+/// Encoder readings of the last cycle.
 #[derive(Debug, Clone, Copy)]
 struct Reading {
     cycle: u64,
@@ -211,7 +212,7 @@ struct Reading {
     sampled_ns: [u64; MAX_CABLES],
 }
 
-/// See the module's text.
+/// State of the preview law.
 #[derive(Debug, Clone)]
 pub(crate) struct Preview {
     settings: PreviewSettings,
@@ -226,10 +227,11 @@ pub(crate) struct Preview {
     bad: bool,
     rate: Option<(u64, f64, f64)>,
     ahead_m: Vec<CableVec>,
-    /// The cycle of the newest look ahead and what it came to.
+    /// Cycle and result of the newest preview.
     led: Option<(u64, Led)>,
     notice: Option<Notice>,
-    /// Cycle in which each slot's observer was last corrected: once in a cycle, however often the controller is woken in it.
+    /// Cycle in which each slot's observer was last corrected: once per cycle, even if the controller wakes up several
+    /// times.
     corrected: [u64; SLOTS],
 }
 
@@ -254,7 +256,7 @@ impl Preview {
         }
     }
 
-    /// Another life of motor-io: its cycles count from the beginning, and what was sent before is void. The model of the drives stays.
+    /// Starts another life of motor-io: cycles and sent commands are reset; the model of the drives remains.
     pub(crate) fn begin_life(&mut self) {
         self.pending = self.pending.or(self.installed.as_ref().map(|installed| installed.gain.lag()));
         self.sent = CommandHistory::new();
@@ -264,24 +266,24 @@ impl Preview {
         self.corrected = [0; SLOTS];
     }
 
-    /// Other settings from here on. Where they are another law, it takes the old one's place as a newly identified model does: at weight 0.
+    /// Changes the settings. If they change the law, it is replaced like a model: when the weight has decreased to 0.
     pub(crate) fn configure(&mut self, settings: PreviewSettings) {
         let was = std::mem::replace(&mut self.settings, settings);
         let law = |settings: &PreviewSettings| (settings.horizon, settings.move_penalty_s4, settings.lag);
         if law(&was) == law(&settings) {
             return;
         }
-        let told = settings.lag.filter(|_| settings.lag != was.lag);
+        let configured = settings.lag.filter(|_| settings.lag != was.lag);
         let present = self.installed.as_ref().map(|installed| installed.gain.lag());
-        self.pending = told.or(self.pending).or(present);
+        self.pending = configured.or(self.pending).or(present);
     }
 
-    /// What happened since the last call.
+    /// Returns the newest notice since the last call.
     pub(crate) fn notice(&mut self) -> Option<Notice> {
         self.notice.take()
     }
 
-    /// How much of the command is the preview law's, 0 to 1.
+    /// Returns the weight of the preview law in the command, 0 to 1.
     pub(crate) fn weight(&self) -> f64 {
         self.weight
     }
@@ -290,7 +292,7 @@ impl Preview {
         self.settings.horizon
     }
 
-    /// The readings and the command of a cycle; `began_ns` is when the command was sent.
+    /// Records the readings and the command of a cycle; `began_ns` is the time when the command was sent.
     pub(crate) fn observe(&mut self, state: &MotorState, authority: &MotorAuthority, began_ns: u64) {
         let (n, period_s, cycle) = (self.cables, authority.period_s, state.header.cycle);
         if !(period_s > 0.0 && period_s < 1.0) || self.last.is_some_and(|last| last.cycle == cycle) {
@@ -298,7 +300,7 @@ impl Preview {
         }
         let command_m_s = CableVec::from_array8(&state.command_m_s, n);
         self.sent.note(cycle, &command_m_s);
-        self.note_rate(authority);
+        self.record_rate(authority);
         let reading_s =
             CableVec::from_fn(n, |i| (state.sampled_ns[i].saturating_sub(began_ns) as f64 * 1e-9).clamp(0.0, period_s));
         let last = self.last.replace(Reading { cycle, length_m: state.length_m, sampled_ns: state.sampled_ns });
@@ -313,10 +315,10 @@ impl Preview {
         match last.filter(good) {
             Some(last) => {
                 let moved_m = CableVec::from_fn(n, |i| state.length_m[i] - last.length_m[i]);
-                self.judge(&moved_m, &reading_s, period_s);
+                self.update_misfit(&moved_m, &reading_s, period_s);
                 if self.settings.identify {
                     let velocity_m_s = moved_m.map(|moved| moved / period_s);
-                    match self.recorder.cycle(command_m_s, velocity_m_s, &reading_s, period_s) {
+                    match self.recorder.step(command_m_s, velocity_m_s, &reading_s, period_s) {
                         Some(Ok(found)) => self.consider(found),
                         Some(Err(error)) => self.notice = Some(Notice::NotIdentified(error)),
                         None => {}
@@ -325,11 +327,11 @@ impl Preview {
             }
             None => self.recorder.drop_record(),
         }
-        self.change(period_s, &reading_s);
+        self.update_weight(period_s, &reading_s);
     }
 
-    /// Does the model still fit?
-    fn judge(&mut self, moved_m: &CableVec, reading_s: &CableVec, period_s: f64) {
+    /// Updates the misfit of the model, and whether it still fits.
+    fn update_misfit(&mut self, moved_m: &CableVec, reading_s: &CableVec, period_s: f64) {
         let Some(installed) = &self.installed else { return };
         self.meter.note(&installed.gain.lag(), period_s, reading_s, moved_m, &self.sent);
         let Some(misfit) = self.meter.misfit() else { return };
@@ -343,7 +345,7 @@ impl Preview {
         }
     }
 
-    /// A model from a record: is it worth a change?
+    /// Decides whether an identified model replaces the present one.
     fn consider(&mut self, found: Identified) {
         let limit = self.settings.misfit_limit;
         if found.misfit > limit {
@@ -357,8 +359,8 @@ impl Preview {
         }
     }
 
-    /// Moves the weight; exchanges the model when it has none.
-    fn change(&mut self, period_s: f64, reading_s: &CableVec) {
+    /// Updates the weight; installs a pending model when the weight is 0.
+    fn update_weight(&mut self, period_s: f64, reading_s: &CableVec) {
         let same_period = self.installed.as_ref().is_none_or(|installed| installed.gain.period_s() == period_s);
         if !same_period {
             self.pending = self.pending.or(self.installed.as_ref().map(|installed| installed.gain.lag()));
@@ -391,7 +393,8 @@ impl Preview {
         }
     }
 
-    fn note_rate(&mut self, authority: &MotorAuthority) {
+    /// Records the rate of the plan clock and its change per cycle.
+    fn record_rate(&mut self, authority: &MotorAuthority) {
         let (cycle, rate) = (authority.header.cycle, authority.plan_rate);
         let slope = match self.rate {
             Some((before, was, slope)) if before == cycle => {
@@ -404,8 +407,8 @@ impl Preview {
         self.rate = Some((cycle, rate, slope));
     }
 
-    /// Plan time of every cycle to come, s after that of the estimate's cycle: the rate goes on ramping as it did.
-    /// Gives the times for the ends of the previewed cycles with the rate at each.
+    /// Extrapolates the plan clock, with its present ramp, over the previewed cycles. Calls `with` for the end of each:
+    /// its index, the plan time in s, and the rate.
     fn plan_ahead(&self, authority: &MotorAuthority, lag: u64, mut with: impl FnMut(usize, f64, f64)) {
         let Some(installed) = &self.installed else { return };
         let (mut rate, target) = (authority.plan_rate, authority.plan_rate_target);
@@ -424,13 +427,13 @@ impl Preview {
         }
     }
 
-    /// The desired lengths from this cycle on have been looked at.
+    /// Returns whether the preview of this cycle is computed.
     pub(crate) fn looked_ahead(&self, cycle: u64) -> bool {
         self.led.as_ref().is_some_and(|(of, _)| *of == cycle)
     }
 
-    /// Looks at the desired lengths of the previewed cycles and what they ask of the winches; `lengths` gives them for a
-    /// plan time and a rate.
+    /// Computes the preview of a cycle: the desired lengths of the previewed cycles, and the motion of the winches that
+    /// they need. `lengths` returns the desired lengths for a plan time and a rate.
     pub(crate) fn look_ahead(
         &mut self,
         authority: &MotorAuthority,
@@ -453,7 +456,8 @@ impl Preview {
         }
     }
 
-    /// Corrects the observer of an estimate's slot. The estimate is true `since_s` after the command of its cycle was sent.
+    /// Corrects the observer of a slot by an estimate, which is of the time `since_s` after the command of its cycle
+    /// was sent.
     pub(crate) fn correct(&mut self, slot: usize, estimate: &NodeEstimate, since_s: f64, velocities_m_s: &[f64]) {
         let cycle = estimate.header.cycle;
         if self.sent.newest() == cycle
@@ -468,14 +472,14 @@ impl Preview {
         }
     }
 
-    /// The command of the preview law, m/s; `None` where it has none. `behind_m` is what is missing in directions that do
-    /// not move the node: it is not brought to zero at once but within `redundant_s`.
+    /// Returns the command of the preview law, m/s, if it has one. `behind_m` is the length error in directions that do
+    /// not move the node, which is reduced with the time constant `redundant_s`.
     pub(crate) fn velocity(&self, slot: usize, cycle: u64, behind_m: &CableVec, redundant_s: f64) -> Option<CableVec> {
         let installed = self.installed.as_ref().filter(|_| self.weight > 0.0 && self.sent.newest() == cycle)?;
         let led = self.led.as_ref().filter(|(of, _)| *of == cycle).map(|(_, led)| led)?;
         let winches = installed.twins.get(slot)?.at_next_command(&self.sent);
         let previous = self.sent.ago(0);
-        // The feedback answers a lasting error with `rate` times it.
+        // The feedback corrects a constant error with `rate` times the error.
         let share = (1.0 / (redundant_s * installed.gain.rate())).min(1.0);
         let u = CableVec::from_fn(self.cables, |i| {
             let (is, wanted) = (winches[i], led.winches[i]);

@@ -1,4 +1,4 @@
-//! The process around a controller: wakes on `node/estimate/*`, answers on `motor/command/SLOT`.
+//! The process of a controller: waits for `node/estimate/*` and publishes `motor/command/SLOT`.
 
 use std::process::ExitCode;
 
@@ -11,10 +11,10 @@ use runtime::{Args, BadInput, Change, Chassis, Program, Since, Tuning};
 
 use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law};
 
-/// A whole process with a law of one's own: arguments, system file, bus, everything.
+/// Runs a whole process with a custom law.
 ///
-/// The system file's `[controller]` gives it the horizon, the limits and the distribution of tensions; its `law` is not used.
-/// `program` is [`program!()`](crate::program), so that the run names the program itself and not nims.
+/// Horizon, limits and tension distribution are those of `[controller]` in the system file; its `law` is not used.
+/// `program` is [`program!()`](crate::program), so that the run identifies the program and not nims.
 pub fn main_with(program: Program, law: Box<dyn CableLaw>) -> ExitCode {
     runtime::main("controller", move |_: &Args, chassis| {
         chassis.is_program(&program);
@@ -23,10 +23,10 @@ pub fn main_with(program: Program, law: Box<dyn CableLaw>) -> ExitCode {
     })
 }
 
-/// The controller that the system file asks for, with another `law` if one is given.
+/// Returns the configuration of the controller from the system file, with `law` instead of its law if one is given.
 ///
 /// # Errors
-/// No system file, or a law or weight that does not exist.
+/// There is no system file, or the law or a weight is not accepted.
 pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<ControllerConfig> {
     let mut file = chassis.system_file()?.clone();
     if let Some(law) = law {
@@ -37,15 +37,15 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<Controller
         .map_err(|error| BadInput(format!("[controller] {error}")).into())
 }
 
-/// What this controller works with, for the run file and for a change of its parameters.
-struct Used {
+/// Law and parameters of this controller: declares them for the run file, and receives changes of the parameters.
+struct LawInUse {
     law: String,
     fade_s: f64,
     tuning: Tuning<(ControllerConfig, String)>,
 }
 
-impl Used {
-    fn begin(chassis: &mut Chassis, controller: &Controller) -> anyhow::Result<Self> {
+impl LawInUse {
+    fn declare(chassis: &mut Chassis, controller: &Controller) -> anyhow::Result<Self> {
         let (config, own) = (*controller.config(), controller.own_parameters());
         let named = Law::numbered(config.law.number());
         let program = || std::env::current_exe().ok()?.file_name().map(|name| name.to_string_lossy().into_owned());
@@ -61,13 +61,13 @@ impl Used {
         };
         let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
-        let used = Self { law, fade_s: file.arbiter.fade_s, tuning: chassis.tuning(make)? };
+        let in_use = Self { law, fade_s: file.arbiter.fade_s, tuning: chassis.tuning(make)? };
         let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
-        chassis.uses_since(&used.law, &text, since)?;
-        Ok(used)
+        chassis.uses_since(&in_use.law, &text, since)?;
+        Ok(in_use)
     }
 
-    /// A change that holds in the newest cycle of which there is an estimate to act on.
+    /// Returns a change that applies in the cycle of the newest live estimate.
     fn due(
         &mut self,
         controller: &Controller,
@@ -81,7 +81,7 @@ impl Used {
     }
 }
 
-/// Answers every cycle until the process is asked to end.
+/// Computes and publishes a command in every cycle until the end of the process is requested.
 ///
 /// # Errors
 /// Those of the bus.
@@ -97,7 +97,7 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
     let mut statuses = bus.publisher::<ControlStatus>(&format!("control/status/{slot}"))?;
     let mut waiter = chassis.waiter(&[&channels[0], &channels[1]])?;
     let (mut newest, mut motion, mut authority, mut state) = ([None::<NodeEstimate>; 2], None, None, None);
-    let mut used = Used::begin(chassis, &controller)?;
+    let mut in_use = LawInUse::declare(chassis, &controller)?;
     chassis.ready()?;
     while chassis.running() {
         chassis.wait(&mut waiter, None)?;
@@ -112,26 +112,26 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
         state = newer(state, states.latest()?);
         if new {
             chassis.pass_begin();
-            let seen = Inputs {
+            let inputs = Inputs {
                 estimates: [newest[0].as_ref(), newest[1].as_ref()],
                 motion: motion.as_ref(),
                 authority: authority.as_ref(),
                 state: state.as_ref(),
             };
-            let change = used.due(&controller, &newest, authority.as_ref());
+            let change = in_use.due(&controller, &newest, authority.as_ref());
             if let Some(change) = &change {
-                controller.configure(change.made.0, used.fade_s);
+                controller.configure(change.made.0, in_use.fade_s);
             }
-            let (mut command, mut status) = controller.step(&seen);
+            let (mut command, mut status) = controller.step(&inputs);
             commands.send(&mut command)?;
             statuses.send(&mut status)?;
             chassis.pass_end();
             if let Some(change) = change {
                 let Header { life, cycle, .. } = status.header;
                 let since = Since { life, cycle, seq: statuses.seq(), changes: change.changes };
-                chassis.uses_since(&used.law, &change.made.1, since)?;
+                chassis.uses_since(&in_use.law, &change.made.1, since)?;
             }
-            used.tuning.hear()?;
+            in_use.tuning.hear()?;
             match controller.notice() {
                 Some(notice) if notice.is_warning() => tracing::warn!("{notice}"),
                 Some(notice) => tracing::info!("{notice}"),

@@ -1,14 +1,15 @@
-//! From the answers by the old parameters to those by the new ones, without a step.
+//! Fades from the commands with old parameters to those with new ones, without a step.
 //!
-//! A law that remembers cannot be asked twice, so the old parameters are not asked any more: what they commanded beyond the new ones in the
-//! cycle of the change dies away evenly, as the arbiter lets the command of a controller die away that has died.
+//! A law with state cannot be evaluated twice in a cycle. So the law is evaluated with the new parameters only, and the
+//! difference to the last command with the old ones decreases linearly to 0. The arbiter fades after a controller has
+//! died in the same way.
 
 use cable_robot::CableVec;
 
-/// The fade of the answers to one estimate.
+/// The fade of the commands for one estimate slot.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Fade {
-    /// Cycle and velocities of the last answer, m/s.
+    /// Cycle and velocities of the last command, m/s.
     last: Option<(u64, CableVec)>,
     state: State,
 }
@@ -16,12 +17,12 @@ pub(crate) struct Fade {
 #[derive(Debug, Clone, Copy, Default)]
 enum State {
     #[default]
-    Over,
-    /// Begins with the next answer.
-    Due {
+    Inactive,
+    /// Starts with the next command.
+    Pending {
         fade_s: f64,
     },
-    Runs {
+    Active {
         began: u64,
         cycles: u64,
         difference_m_s: CableVec,
@@ -29,41 +30,41 @@ enum State {
 }
 
 impl Fade {
-    /// The next answer is one by other parameters.
+    /// Starts a fade with the next command, after a change of parameters.
     pub(crate) fn begin(&mut self, fade_s: f64) {
-        self.state = State::Due { fade_s };
+        self.state = State::Pending { fade_s };
     }
 
-    /// Nothing moves, so there is nothing to fade from.
-    pub(crate) fn rest(&mut self) {
+    /// Ends the fade at rest, where the last command is 0.
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// What is answered in a cycle in which the present parameters give `new`.
+    /// Returns the faded command of a cycle in which the present parameters give `new`.
     pub(crate) fn step(&mut self, cycle: u64, period_s: f64, new: &CableVec) -> CableVec {
-        if let State::Due { fade_s } = self.state {
+        if let State::Pending { fade_s } = self.state {
             let cycles = (fade_s / period_s).round().clamp(0.0, 1e4) as u64;
-            // An answer of long ago is not what the drives do now.
+            // An older command is no longer that of the drives.
             let just_before = self.last.filter(|(of, _)| cycle.saturating_sub(*of) <= 1);
             self.state = match just_before {
                 Some((_, was)) if cycles > 0 => {
-                    State::Runs { began: cycle, cycles, difference_m_s: was.zip_map(new, |was, new| was - new) }
+                    State::Active { began: cycle, cycles, difference_m_s: was.zip_map(new, |was, new| was - new) }
                 }
-                _ => State::Over,
+                _ => State::Inactive,
             };
         }
-        let State::Runs { began, cycles, difference_m_s } = self.state else { return *new };
+        let State::Active { began, cycles, difference_m_s } = self.state else { return *new };
         let passed = cycle.saturating_sub(began).saturating_add(1);
         if cycle < began || passed >= cycles {
-            self.state = State::Over;
+            self.state = State::Inactive;
             return *new;
         }
         let share = 1.0 - passed as f64 / cycles as f64;
         new.zip_map(&difference_m_s, |new, difference| new + share * difference)
     }
 
-    /// The answer of a cycle as it went out.
-    pub(crate) fn sent(&mut self, cycle: u64, velocities_m_s: &CableVec) {
+    /// Records the command that was sent in a cycle.
+    pub(crate) fn record(&mut self, cycle: u64, velocities_m_s: &CableVec) {
         self.last = Some((cycle, *velocities_m_s));
     }
 }
@@ -74,12 +75,12 @@ mod tests {
 
     fn run(fade: &mut Fade, cycle: u64, new: f64) -> f64 {
         let out = fade.step(cycle, 0.01, &CableVec::repeat(3, new));
-        fade.sent(cycle, &out);
+        fade.record(cycle, &out);
         out[0]
     }
 
     #[test]
-    fn no_cycle_steps_by_more_than_its_share_of_the_difference() {
+    fn the_difference_decreases_by_the_same_step_in_every_cycle() {
         let mut fade = Fade::default();
         assert_eq!(run(&mut fade, 1, 0.1), 0.1);
         fade.begin(0.25);
@@ -93,14 +94,14 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_and_after_a_gap_there_is_nothing_to_fade_from() {
+    fn there_is_no_fade_at_rest_and_after_a_gap() {
         let mut fade = Fade::default();
         fade.begin(0.25);
         assert_eq!(run(&mut fade, 1, 0.2), 0.2);
         fade.begin(0.25);
         assert_eq!(run(&mut fade, 5, 0.3), 0.3);
         fade.begin(0.25);
-        fade.rest();
+        fade.reset();
         assert_eq!(run(&mut fade, 6, 0.4), 0.4);
     }
 }

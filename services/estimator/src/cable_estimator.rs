@@ -1,51 +1,52 @@
-//! The seam between the estimator and its methods: what a method is told of one cable, and what it answers.
+//! The interface between the estimator and its methods, for one cable.
 
 use config::EstimatorSection;
 
-/// Cycles without a reading that a method may bridge. The same number of silent cycles makes a drive unit lost.
+/// Largest number of cycles without a reading that a method may bridge. A drive unit is lost after the same number of
+/// cycles without an answer.
 pub const BRIDGED_CYCLES: u64 = 3;
 
-/// A method of estimation for one cable: its readings and commands to its length and velocity at an instant.
+/// A method of estimation for one cable: computes length and velocity at an instant from readings and commands.
 ///
-/// The estimator makes one per cable at its start and calls it in every control cycle: first [`read`](Self::read), then
-/// [`at`](Self::at). Around it everything stays as it is: the node's position from the lengths, tensions, covariance, slots and epochs.
-/// A cable without a measurement makes the estimate of that cycle invalid, and so does a measurement that is not finite.
+/// The estimator creates one per cable at its start and calls it in every control cycle: first [`read`](Self::read),
+/// then [`at`](Self::at). The estimator itself computes the node's position, tensions and covariance, and handles slots
+/// and epochs. If the measurement of a cable is missing or not finite, the estimate of that cycle is not valid.
 ///
-/// All methods run in the control cycle: no waiting, no input or output, no clock, and no allocation. The same calls give the same bits,
-/// so that a run replays; take functions that IEEE 754 does not fix from `libm`.
+/// Methods run in the control cycle: they must not wait, use input or output, read a clock, or allocate. The same calls
+/// must give the same bits, so that a run can be replayed; use `libm` for functions that IEEE 754 does not fix.
 ///
 /// Cable velocity is dL/dt: positive pays out. Lengths are unstretched lengths from pulley to node.
 pub trait CableEstimator: CopyToBox + Send {
-    /// Takes what motor-io says of the cable in one cycle, in the order of the cycles, each cycle once.
+    /// Processes the sample of one cycle. Called once per cycle, in the order of the cycles.
     fn read(&mut self, sample: &CableSample);
 
-    /// Where the cable is at an instant of the cycle that was read last; `None` if that is not known.
+    /// Returns length and velocity at an instant of the cycle that was read last; `None` if they are unknown.
     ///
-    /// The instant lies a few milliseconds after the reading, or before it; a cycle later for each cycle without a reading. The
-    /// estimator does not ask after more than [`BRIDGED_CYCLES`] cycles without a reading.
+    /// The instant is a few milliseconds after or before the reading, plus one period for each cycle without a reading.
+    /// It is not called after more than [`BRIDGED_CYCLES`] cycles without a reading.
     fn at(&self, instant: &Instant) -> Option<Measurement>;
 
-    /// All readings are void: motor-io has begun another life, or a cycle came twice. What was learnt of the winch may stay.
+    /// Drops all readings: another life of motor-io has started, or a cycle was repeated. An identified model of the
+    /// winch may remain.
     fn forget(&mut self);
 
-    /// The next reading may be anywhere, and is right: the operator may have given the lengths anew (a new epoch). Called before the
-    /// [`read`](Self::read) of that cycle.
+    /// Declares the next reading correct even if it does not fit: with a new epoch, the operator may have set the
+    /// lengths. Called before the [`read`](Self::read) of that cycle.
     fn expect_anything(&mut self) {}
 
-    /// Other parameters, between two cycles (`nims set`). What was filtered and learnt stays, so that the estimate does not jump. A method
-    /// in a program of its own is told the parameters once before its first reading too.
+    /// Changes the parameters between two cycles (`nims set`). The state of the method should remain, so that the
+    /// estimate does not jump. For a custom method it is also called once before the first reading.
     fn retune(&mut self, _parameters: &Parameters) {}
 
-    /// The method's own constants as TOML, `key = value` in each line: with them the run file says what a method flew with that nims does
-    /// not know.
+    /// Returns further constants of the method as TOML, one `key = value` per text line. The run file stores them.
     fn constants(&self) -> String {
         String::new()
     }
 }
 
-/// A copy in a box, with all that was learnt; every `Clone` type has it. The estimator makes one for each cable, at its start.
+/// Copies an estimator with its state to a box; implemented for every `Clone` type.
 pub trait CopyToBox {
-    /// The copy.
+    /// Returns the copy.
     fn copy_to_box(&self) -> Box<dyn CableEstimator>;
 }
 
@@ -61,16 +62,16 @@ impl Clone for Box<dyn CableEstimator> {
     }
 }
 
-/// What motor-io says of one cable in one cycle.
+/// Reading and command of one cable in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CableSample {
-    /// Control cycle. It grows by one from sample to sample, or by more where samples were lost.
+    /// Control cycle. It increases by one from sample to sample, or by more if samples were lost.
     pub cycle: u64,
-    /// Unstretched length as the encoder says, m, finite; `None` where this cycle has no reading.
+    /// Unstretched length from the encoder, m, finite; `None` if this cycle has no reading.
     pub length_m: Option<f64>,
-    /// When the encoder was read, ns on the monotonic clock; without a reading it has no meaning.
+    /// Time of the reading, ns on the monotonic clock; meaningless without a reading.
     pub sampled_ns: u64,
-    /// Velocity that the drive was told at the beginning of this cycle, m/s, finite. It holds until that of the next cycle.
+    /// Velocity commanded at the start of this cycle, m/s, finite. It applies until the command of the next cycle.
     pub command_m_s: f64,
 }
 
@@ -84,8 +85,9 @@ pub struct Instant {
 }
 
 impl Instant {
-    /// From a reading of this or an earlier cycle to this instant, s. Signed: the instant may lie before the reading. A clock that jumped
-    /// must not throw the node about: at 250 Hz to 10 Hz no cycle is longer than 0.1 s.
+    /// Returns the time from a reading of this or an earlier cycle to this instant, s; negative if the instant is
+    /// before the reading. Limited to 0.1 s per cycle, the longest period (10 Hz), so that a clock that jumps does not
+    /// move the node.
     pub fn ahead_of_s(&self, sampled_ns: u64, cycle: u64) -> f64 {
         let silent = self.cycle.saturating_sub(cycle);
         let ahead_s = if self.time_ns >= sampled_ns {
@@ -97,38 +99,38 @@ impl Instant {
     }
 }
 
-/// One cable at an instant.
+/// Length and velocity of one cable at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measurement {
     /// Unstretched length, m.
     pub length_m: f64,
     /// Velocity dL/dt during the present cycle, m/s.
     pub velocity_m_s: f64,
-    /// Velocity from which the node's own is computed, m/s; `None`: motor-io's over 50 ms, because one encoder step in one cycle is a
-    /// large velocity and a method without memory shows it.
+    /// Velocity for the velocity of the node, m/s; `None`: motor-io's mean over 50 ms is used, because in a method
+    /// without memory one encoder step in one cycle is a large velocity.
     pub steady_velocity_m_s: Option<f64>,
-    /// Standard deviation of the length that comes on top of a reading's own (`sigma_length_m`), m.
+    /// Standard deviation of the length in addition to that of a reading (`sigma_length_m`), m.
     pub sigma_m: f64,
     /// `[φ1, φ2]` of the motor model (18); zeros for a method without it.
     pub phi: [f64; 2],
-    /// When the newest reading in it was taken, ns on the monotonic clock.
+    /// Time of the newest reading that it contains, ns on the monotonic clock.
     pub sampled_ns: u64,
 }
 
-/// The numbers of `[estimator]` in the system file that tune a method.
+/// The parameters of a method in `[estimator]` of the system file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
     /// Rows of the sliding window of (19).
     pub eta: usize,
-    /// Pull towards `prior`, (m/s)².
+    /// Weight that pulls towards `prior`, (m/s)².
     pub ridge: f64,
-    /// `[φ1, φ2]` of a window that says nothing.
+    /// `[φ1, φ2]` of a window without excitation.
     pub prior: [f64; 2],
-    /// How late the drives follow, delay and lag together, s.
+    /// Delay and lag of the drives together, s.
     pub drive_lag_s: f64,
-    /// Standard deviation of the acceleration of a line that such a drive does not explain, m/s².
+    /// Standard deviation of the cable acceleration that the drive model does not explain, m/s².
     pub acceleration_sigma_m_s2: f64,
-    /// Standard deviation of one reading, m.
+    /// Standard deviation of a single reading, m.
     pub reading_sigma_m: f64,
 }
 
@@ -141,7 +143,7 @@ impl From<&EstimatorSection> for Parameters {
 }
 
 impl Default for Parameters {
-    /// As a system file without `[estimator]` has them.
+    /// The defaults of a system file without `[estimator]`.
     fn default() -> Self {
         Self::from(&EstimatorSection::default())
     }

@@ -1,4 +1,4 @@
-//! One step per cycle: lengths read, lengths predicted, position, tensions.
+//! The estimator: one step per cycle, from measured lengths to predicted lengths, position and tensions.
 
 use cable_robot::{CableVec, Matrix3, Robot, Vector3, elastic};
 use config::EstimatorSection;
@@ -8,47 +8,47 @@ use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instan
 use crate::method::Method;
 use cable_control::length_filter::FilterError;
 
-/// What the estimator is told about the robot.
+/// Configuration of an estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EstimatorConfig {
-    /// Geometry, node and lines.
+    /// Geometry, node and cables.
     pub robot: Robot,
-    /// How readings become lengths and velocities.
+    /// Method that computes lengths and velocities from readings.
     pub method: Method,
     /// Standard deviation of a measured length, m.
     pub sigma_length_m: f64,
-    /// Non-zero number of this process's life.
+    /// Random number of this run of the process, never 0.
     pub incarnation: u32,
-    /// Kernel's number of the thread that answers; 0: unknown.
+    /// Kernel's id of the thread that computes the estimates; 0: unknown.
     pub thread: u32,
 }
 
 impl EstimatorConfig {
-    /// As a system file and its robot file say.
+    /// Returns the configuration in a section of a system file.
     ///
     /// # Errors
-    /// A method or a parameter that does not exist.
+    /// A parameter is out of range.
     pub fn of(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Result<Self, FilterError> {
-        Ok(Self::by(Method::of(section)?, section, robot, incarnation))
+        Ok(Self::with_method(Method::of(section)?, section, robot, incarnation))
     }
 
-    /// The same for a method of one's own: the `method` of the section is not used.
+    /// As [`EstimatorConfig::of`] for a custom method; the `method` of the section is not used.
     #[must_use]
     pub fn own(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
-        Self::by(Method::own(section), section, robot, incarnation)
+        Self::with_method(Method::own(section), section, robot, incarnation)
     }
 
-    fn by(method: Method, section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
+    fn with_method(method: Method, section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
         let robot = if section.stretch { robot } else { robot.with_rigid_lines() };
         Self { robot, method, sigma_length_m: section.sigma_length_m, incarnation, thread: 0 }
     }
 }
 
-/// Motor state to node estimate: steps 1 and 2 of the paper's section VI.
+/// Computes node estimates from motor states: steps 1 and 2 of the paper's section VI.
 #[derive(Clone)]
 pub struct Estimator {
     config: EstimatorConfig,
-    /// One per cable; none for a method of one's own that was not brought along.
+    /// One per cable; empty for a custom method that was not given.
     cables: Vec<Cable>,
     last_life: u64,
     last_cycle: u64,
@@ -60,7 +60,7 @@ pub struct Estimator {
     velocity_m_s: Vector3<f64>,
 }
 
-/// A cable: what the method remembers of it, and when it was read.
+/// State of a cable: that of its method, and the cycle of its newest reading.
 #[derive(Clone)]
 struct Cable {
     method: Box<dyn CableEstimator>,
@@ -69,7 +69,7 @@ struct Cable {
 }
 
 impl Cable {
-    /// Takes the cable's part of motor/state.
+    /// Processes the part of motor/state for cable `i`.
     fn read(&mut self, state: &MotorState, i: usize) {
         let sample = CableSample {
             cycle: state.header.cycle,
@@ -83,7 +83,7 @@ impl Cable {
         self.method.read(&sample);
     }
 
-    /// Where it is at an instant; `None` without a reading that is new enough, and where the method has no finite answer.
+    /// Returns length and velocity at an instant; `None` without a recent reading or a finite result of the method.
     fn at(&self, instant: &Instant) -> Option<Measurement> {
         if instant.cycle.checked_sub(self.read_cycle?)? > BRIDGED_CYCLES {
             return None;
@@ -98,20 +98,20 @@ impl Cable {
 }
 
 impl Estimator {
-    /// An estimator that has not seen anything yet. Give it [`Robot::with_rigid_lines`] to leave stretch uncorrected. With a method of one's
-    /// own it has no valid estimate: see [`Estimator::with_method`].
+    /// Creates an estimator without readings. With [`Robot::with_rigid_lines`], stretch is not corrected. If the
+    /// configured method is a custom one, no estimate is valid: use [`Estimator::with_method`].
     pub fn new(config: &EstimatorConfig) -> Self {
-        Self::made(config, config.method.cable())
+        Self::with_cable(config, config.method.cable())
     }
 
-    /// An estimator with a method of one's own in place of the configured one: each cable gets a copy of `cable`.
+    /// Creates an estimator with a custom method instead of the configured one; each cable gets a copy of `cable`.
     pub fn with_method(config: &EstimatorConfig, mut cable: Box<dyn CableEstimator>) -> Self {
-        let config = EstimatorConfig { method: config.method.to_own(), ..*config };
+        let config = EstimatorConfig { method: config.method.to_custom(), ..*config };
         cable.retune(config.method.parameters());
-        Self::made(&config, Some(cable))
+        Self::with_cable(&config, Some(cable))
     }
 
-    fn made(config: &EstimatorConfig, cable: Option<Box<dyn CableEstimator>>) -> Self {
+    fn with_cable(config: &EstimatorConfig, cable: Option<Box<dyn CableEstimator>>) -> Self {
         let cables =
             cable.map_or_else(Vec::new, |method| vec![Cable { method, read_cycle: None }; config.robot.cable_count()]);
         Self {
@@ -127,18 +127,18 @@ impl Estimator {
         }
     }
 
-    /// What it was told.
+    /// Returns the configuration.
     pub fn config(&self) -> &EstimatorConfig {
         &self.config
     }
 
-    /// Constants of a method of one's own, as TOML.
+    /// Returns the constants of a custom method, as TOML.
     pub fn constants(&self) -> String {
         self.cables.first().map(|cable| cable.method.constants()).unwrap_or_default()
     }
 
-    /// Goes on with other parameters, between two steps: what was learnt and filtered stays, so that the estimate does not jump. Robot,
-    /// method and life stay what they are; another method is another estimator.
+    /// Changes the parameters between two steps. The state of the filters remains, so the estimate does not jump.
+    /// Robot, kind of method and incarnation do not change: another method needs another estimator.
     pub fn configure(&mut self, config: &EstimatorConfig) {
         self.config.sigma_length_m = config.sigma_length_m;
         if config.method.number() == self.config.method.number() {
@@ -147,15 +147,15 @@ impl Estimator {
         }
     }
 
-    /// The estimate for the cycle of one motor/state, true at the instant of its newest reading.
+    /// Computes the estimate for the cycle of one motor/state, at the instant of its newest reading. Allocates nothing.
     ///
     /// The paper predicts lengths over a whole iteration, because its encoder counts arrive with the last command. Here
-    /// they are read in the cycle itself, so the model bridges only the milliseconds between the reading of each cable
-    /// and the common instant, and whole cycles when the bus lost a reading. Nothing is allocated.
+    /// the encoders are read in the cycle itself, so the model bridges only the milliseconds between the reading of
+    /// each cable and the common instant, and whole cycles if the bus lost a reading.
     pub fn step(&mut self, state: &MotorState, authority: Option<&MotorAuthority>) -> NodeEstimate {
         let n = self.config.robot.cable_count();
         let authority = authority.filter(|authority| same_life(&authority.header, &state.header));
-        // Another life of motor-io, or a cycle that is not newer than the last: what was learnt is void.
+        // Reset for another life of motor-io, and for a cycle that is not newer than the last one.
         if state.header.life != self.last_life || state.header.cycle <= self.last_cycle {
             self.forget();
         }
@@ -163,7 +163,7 @@ impl Estimator {
         let mut estimate = NodeEstimate {
             header: Header { seq: 0, stamp_ns: instant_ns, published_ns: 0, ..state.header },
             measured_m: state.length_m,
-            seen_authority: authority.map_or(0, |authority| authority.header.cycle),
+            based_on_authority: authority.map_or(0, |authority| authority.header.cycle),
             epoch: authority.map_or(0, |authority| authority.epoch),
             incarnation: self.config.incarnation,
             thread: self.config.thread,
@@ -171,7 +171,7 @@ impl Estimator {
             method: self.config.method.number(),
             ..NodeEstimate::default()
         };
-        // Lengths may have been given anew.
+        // With a new epoch, the operator may have set the lengths.
         let epoch = authority.map_or(self.last_epoch, |authority| authority.epoch);
         if epoch != self.last_epoch {
             self.last_epoch = epoch;
@@ -195,7 +195,7 @@ impl Estimator {
             estimate.predicted_m[i] = at.length_m;
             estimate.cable_velocity_m_s[i] = at.velocity_m_s;
             [estimate.phi1[i], estimate.phi2[i]] = at.phi;
-            // Not `hypot`, which is the system's own and not the same everywhere.
+            // Not `hypot`, whose result depends on the platform.
             sigma_m[i] = (sigma_length_m * sigma_length_m + at.sigma_m * at.sigma_m).sqrt();
             velocity_m_s[i] = at.steady_velocity_m_s.unwrap_or(state.velocity_m_s[i]);
             estimate.header.oldest_input_ns = estimate.header.oldest_input_ns.min(at.sampled_ns);
@@ -211,8 +211,8 @@ impl Estimator {
         estimate
     }
 
-    /// When the estimate of this cycle is true: when the newest encoder was read. In a cycle without any reading the
-    /// sample repeats the instant of the last one; then it is a period later, as if it had been read.
+    /// Returns the instant of the estimate: the time of the newest encoder reading. A sample without any reading
+    /// repeats the stamp of the last one; its instant is then extrapolated by the period.
     fn instant_ns(&self, state: &MotorState, authority: Option<&MotorAuthority>) -> u64 {
         let cycles = state.header.cycle.saturating_sub(self.last_cycle);
         let repeated = state.header.stamp_ns == self.last_stamp_ns && (1..=BRIDGED_CYCLES).contains(&cycles);
@@ -238,9 +238,10 @@ impl Estimator {
         sigma_m: &CableVec,
         estimate: &mut NodeEstimate,
     ) {
-        // The lines' statics at rest: 0.3 m/s² would move the node by less than a millimetre, and a motion that is not
-        // flown as planned must not move the estimate. Drag is different: in water it is several times that force, lasts as
-        // long as the motion and follows from a velocity that is measured; that of the last cycle is near enough.
+        // The equilibrium neglects acceleration: 0.3 m/s² would move the node by less than a millimetre, and an
+        // acceleration that differs from the plan must not affect the estimate. It includes drag: in water, drag is
+        // several times that force, lasts as long as the motion, and follows from the measured velocity; that of the
+        // last cycle suffices.
         let wrench_n = self.config.robot.moving_wrench_n(&self.velocity_m_s, &Vector3::zeros());
         let found = elastic::equilibrium_under(&self.config.robot, lengths_m, &wrench_n, self.position.as_ref());
         let Ok(found) = found else { return };
@@ -267,8 +268,8 @@ impl Estimator {
         estimate.valid = 1;
     }
 
-    /// How far the lengths are from fitting together, m: for rigid lines the RMS misfit; elastic lines always fit
-    /// (tensions take it up), there it is what the solution is short of balance, as stretch.
+    /// Returns the residual of the lengths, m: for rigid cables the RMS misfit. Elastic cables always fit, because
+    /// their tensions adapt; there it is the residual force of the equilibrium, converted to stretch.
     fn residual_m(&self, found: &elastic::Equilibrium, lengths_m: &CableVec) -> f64 {
         match self.config.robot.stiffness_n() {
             None => found.residual,

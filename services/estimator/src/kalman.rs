@@ -1,23 +1,23 @@
-//! One cable with a Kalman filter on length and velocity: readings and commands in the order in which they happened.
+//! A Kalman filter on length and velocity of one cable, with readings and commands in chronological order.
 //!
-//! A command is sent at the beginning of a cycle and the encoder read some milliseconds later, so between two readings the
-//! drive had the command of the earlier cycle, as far as the filter's few milliseconds are concerned.
+//! A command is sent at the start of a cycle, and the encoder is read some milliseconds later. The filter neglects this
+//! time: between two readings it uses the command of the earlier cycle.
 
 use cable_control::length_filter::{FilterError, FilterSettings, LengthFilter, Verdict};
 
 use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement, Parameters};
 
-/// Those of its parameters that it uses, and the defaults of the others.
+/// Returns the parameters with those that the method does not use at their defaults.
 ///
 /// # Errors
-/// One that is out of range.
+/// A parameter is out of range.
 pub(crate) fn used(parameters: &Parameters) -> Result<Parameters, FilterError> {
     settings(parameters)?;
     let &Parameters { drive_lag_s, acceleration_sigma_m_s2, reading_sigma_m, .. } = parameters;
     Ok(Parameters { drive_lag_s, acceleration_sigma_m_s2, reading_sigma_m, ..Parameters::default() })
 }
 
-/// A cable of which nothing is known yet.
+/// Creates the estimator of a cable without readings.
 pub(crate) fn cable(parameters: &Parameters) -> Box<dyn CableEstimator> {
     Box::new(KalmanEstimator::new(settings(parameters).ok()))
 }
@@ -26,24 +26,25 @@ fn settings(parameters: &Parameters) -> Result<FilterSettings, FilterError> {
     FilterSettings::new(parameters.drive_lag_s, parameters.acceleration_sigma_m_s2, parameters.reading_sigma_m)
 }
 
-/// See the module's text.
 #[derive(Debug, Clone, Copy)]
 struct KalmanEstimator {
-    /// `None` for parameters out of range, which [`used`] refuses: such a cable is never known.
+    /// `None` for parameters out of range, which [`used`] rejects: such a cable has no result.
     settings: Option<FilterSettings>,
     filter: Option<LengthFilter>,
-    /// The instant of the filter's state, ns.
-    true_ns: u64,
-    /// When the newest reading that was taken was taken, ns, and its cycle.
+    /// Time of the filter's state, ns.
+    state_ns: u64,
+    /// Time of the newest accepted reading, ns.
     sampled_ns: u64,
+    /// Cycle of the newest accepted reading.
     cycle: u64,
-    /// Command sent in the last cycle, m/s.
+    /// Command of the last cycle, m/s.
     command_m_s: f64,
-    /// Cycle of the newest reading, taken or not, and the time from the one before to it, ns.
+    /// Cycle of the newest reading, accepted or not.
     read_cycle: u64,
+    /// Time from the reading before the newest one to the newest one, ns.
     elapsed_ns: u64,
-    /// A reading that does not fit is believed at once.
-    credulous: bool,
+    /// Whether the next reading is accepted even if it does not fit.
+    accept_any: bool,
 }
 
 impl KalmanEstimator {
@@ -51,38 +52,38 @@ impl KalmanEstimator {
         Self {
             settings,
             filter: None,
-            true_ns: 0,
+            state_ns: 0,
             sampled_ns: 0,
             cycle: 0,
             command_m_s: 0.0,
             read_cycle: 0,
             elapsed_ns: 0,
-            credulous: false,
+            accept_any: false,
         }
     }
 
-    /// Takes a reading of this cycle, or refuses it.
-    fn take(&mut self, settings: FilterSettings, length_m: f64, sample: &CableSample) {
+    /// Updates the filter with a reading of this cycle, or rejects the reading.
+    fn update(&mut self, settings: FilterSettings, length_m: f64, sample: &CableSample) {
         let &CableSample { cycle, sampled_ns, .. } = sample;
-        // After more than what may be bridged, what the drive did in the meantime is not known well enough.
+        // After a longer gap, the motion of the drive in between is not known accurately enough.
         let silent = cycle.checked_sub(self.cycle);
         let known = self.filter.filter(|_| silent.is_some_and(|silent| silent <= 2 * BRIDGED_CYCLES));
         let mut filter = known.unwrap_or_else(|| LengthFilter::new(settings, length_m));
         let mut verdict = Verdict::BegunAnew;
-        let elapsed_ns = sampled_ns.saturating_sub(self.true_ns);
-        // After a cycle without a reading, or a machine that stood still, it is the prediction that is doubtful.
+        let elapsed_ns = sampled_ns.saturating_sub(self.state_ns);
+        // After a cycle without a reading, or a stall of the machine, the prediction is less reliable than the reading.
         let gap = self.read_cycle.checked_add(1) != Some(cycle) || elapsed_ns / 2 > self.elapsed_ns;
         (self.read_cycle, self.elapsed_ns) = (cycle, elapsed_ns);
         if known.is_some() {
             filter.predict(self.command_m_s, elapsed_ns as f64 * 1e-9);
             verdict = filter.read(length_m);
-            if verdict == Verdict::Refused && (self.credulous || gap) {
+            if verdict == Verdict::Refused && (self.accept_any || gap) {
                 (filter, verdict) = (LengthFilter::new(settings, length_m), Verdict::BegunAnew);
             }
         }
-        self.credulous = false;
+        self.accept_any = false;
         self.filter = Some(filter);
-        self.true_ns = if verdict == Verdict::BegunAnew { sampled_ns } else { sampled_ns.max(self.true_ns) };
+        self.state_ns = if verdict == Verdict::BegunAnew { sampled_ns } else { sampled_ns.max(self.state_ns) };
         if verdict != Verdict::Refused {
             (self.sampled_ns, self.cycle) = (sampled_ns, cycle);
         }
@@ -92,18 +93,18 @@ impl KalmanEstimator {
 impl CableEstimator for KalmanEstimator {
     fn read(&mut self, sample: &CableSample) {
         if let (Some(settings), Some(length_m)) = (self.settings, sample.length_m) {
-            self.take(settings, length_m, sample);
+            self.update(settings, length_m, sample);
         }
         self.command_m_s = sample.command_m_s;
     }
 
-    /// The filter's state, carried on to the instant; `None` if too many readings in a row were refused.
+    /// Extrapolates the filter's state to the instant; `None` if too many consecutive readings were rejected.
     fn at(&self, instant: &Instant) -> Option<Measurement> {
         let mut filter = self.filter?;
         if instant.cycle.checked_sub(self.cycle)? > BRIDGED_CYCLES {
             return None;
         }
-        filter.predict(self.command_m_s, instant.ahead_of_s(self.true_ns, self.cycle));
+        filter.predict(self.command_m_s, instant.ahead_of_s(self.state_ns, self.cycle));
         let velocity_m_s = filter.velocity_m_s();
         Some(Measurement {
             length_m: filter.length_m(),
@@ -120,7 +121,7 @@ impl CableEstimator for KalmanEstimator {
     }
 
     fn expect_anything(&mut self) {
-        self.credulous = true;
+        self.accept_any = true;
     }
 
     fn retune(&mut self, parameters: &Parameters) {

@@ -1,4 +1,4 @@
-//! The methods of estimation that can be chosen by a name, and that of a program of one's own.
+//! The standard methods of estimation by name, and custom methods.
 
 use cable_control::length_filter::FilterError;
 use config::{EstimatorMethod, EstimatorSection};
@@ -7,43 +7,44 @@ use messages::{ControlStatus, NodeEstimate};
 use crate::cable_estimator::{CableEstimator, Parameters};
 use crate::{kalman, phi};
 
-/// Number in `node/estimate` of a method that nims does not know: as `control/status` has it for laws.
+/// Number of a custom method in `node/estimate`; the same as that of a custom law in `control/status`.
 pub const METHOD_OTHER: u8 = ControlStatus::LAW_OTHER;
 
-/// A method that nims has itself.
-struct Standard {
-    /// Its name in the configuration.
+/// A method of the standard program.
+struct StandardMethod {
+    /// Name in the configuration.
     name: EstimatorMethod,
-    /// Its number in `node/estimate`.
+    /// Number in `node/estimate`.
     number: u8,
-    /// Those of the parameters that it uses, and the defaults of the others.
+    /// Returns the parameters with those that the method does not use at their defaults.
     used: fn(&Parameters) -> Result<Parameters, FilterError>,
-    /// A cable of which nothing is known yet.
+    /// Creates the estimator of a cable without readings.
     cable: fn(&Parameters) -> Box<dyn CableEstimator>,
 }
 
-const PHI: Standard =
-    Standard { name: EstimatorMethod::Phi, number: NodeEstimate::METHOD_PHI, used: phi::used, cable: phi::cable };
-const KALMAN: Standard = Standard {
+const PHI: StandardMethod =
+    StandardMethod { name: EstimatorMethod::Phi, number: NodeEstimate::METHOD_PHI, used: phi::used, cable: phi::cable };
+const KALMAN: StandardMethod = StandardMethod {
     name: EstimatorMethod::Kalman,
     number: NodeEstimate::METHOD_KALMAN,
     used: kalman::used,
     cable: kalman::cable,
 };
 
-/// Another method is a file with a [`CableEstimator`], a row above and its name here.
-fn standard(method: EstimatorMethod) -> &'static Standard {
+/// Returns the row of a method. A further method needs a file with a [`CableEstimator`], a row above, and its name
+/// here.
+fn standard(method: EstimatorMethod) -> &'static StandardMethod {
     match method {
         EstimatorMethod::Phi => &PHI,
         EstimatorMethod::Kalman => &KALMAN,
     }
 }
 
-fn numbered(number: u8) -> Option<&'static Standard> {
+fn numbered(number: u8) -> Option<&'static StandardMethod> {
     EstimatorMethod::ALL.iter().map(|method| standard(*method)).find(|standard| standard.number == number)
 }
 
-/// How the readings of a cable become its length and velocity, with the parameters of that method. Two are equal if they compute the same.
+/// A method with its parameters. Two values are equal if they compute the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Method {
     number: u8,
@@ -51,45 +52,45 @@ pub struct Method {
 }
 
 impl Method {
-    /// The method that `[estimator]` of a system file chooses.
+    /// Creates the method of `[estimator]` in a system file.
     ///
     /// # Errors
-    /// One sentence: what is wrong, what is accepted.
+    /// A parameter is out of range.
     pub fn of(section: &EstimatorSection) -> Result<Self, FilterError> {
         let chosen = standard(section.method);
         Ok(Self { number: chosen.number, parameters: (chosen.used)(&section.into())? })
     }
 
-    /// That of a program of one's own, which has every parameter of `[estimator]`; the `method` there is not used.
+    /// Creates a custom method, which has every parameter of `[estimator]`; the `method` there is not used.
     #[must_use]
     pub fn own(section: &EstimatorSection) -> Self {
         Self { number: METHOD_OTHER, parameters: section.into() }
     }
 
-    /// The same parameters for a method of one's own.
-    pub(crate) fn to_own(self) -> Self {
+    /// Returns a custom method with the same parameters.
+    pub(crate) fn to_custom(self) -> Self {
         Self { number: METHOD_OTHER, ..self }
     }
 
-    /// Its number in `node/estimate`.
+    /// Returns the number in `node/estimate`.
     #[must_use]
     pub fn number(&self) -> u8 {
         self.number
     }
 
-    /// Its parameters.
+    /// Returns the parameters.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// The method of a number in `node/estimate`; `None` for a custom method and for an unknown number.
+    /// Returns the method with a number in `node/estimate`; `None` for a custom method or an unknown number.
     #[must_use]
     pub fn numbered(number: u8) -> Option<EstimatorMethod> {
         numbered(number).map(|standard| standard.name)
     }
 
-    /// A cable of which nothing is known yet; `None` for a method of one's own.
+    /// Creates the estimator of a cable without readings; `None` for a custom method.
     pub(crate) fn cable(&self) -> Option<Box<dyn CableEstimator>> {
         numbered(self.number).map(|standard| (standard.cable)(&self.parameters))
     }

@@ -1,30 +1,31 @@
-//! The paper's method for one cable: step 1 of its section VI. A reading is taken as it is and carried on with the motor model (18), learnt
-//! while it runs.
+//! The paper's method for one cable, step 1 of its section VI: extrapolates the last reading with the motor model (18),
+//! which is identified at run time.
 
 use cable_control::length_filter::FilterError;
 use cable_control::motor_model::PhiModel;
 
 use crate::cable_estimator::{CableEstimator, CableSample, Instant, Measurement, Parameters};
 
-/// Share of a predicted displacement that counts as its standard deviation: the model (18) leaves 0.2 to 0.8 of the
-/// error of not predicting at all, depending on the run.
+/// Standard deviation of a predicted displacement, as a fraction of it: depending on the run, the error with the model
+/// (18) is 0.2 to 0.8 of the error without prediction.
 const PREDICTION_SIGMA: f64 = 0.5;
 
-/// Faster than any winch, m/s: a line that seems to be was given another length. Twice the highest cable speed limit of a robot file.
+/// Velocity above which a change of length is not a motion, m/s: the operator has set the length. Twice the highest
+/// cable speed limit of a robot file.
 const JUMP_M_S: f64 = 20.0;
 
-/// Those of its parameters that it uses, and the defaults of the others. All are in range: the model limits them itself.
+/// Returns the parameters with those that the method does not use at their defaults. Never fails: the model limits its
+/// parameters itself.
 pub(crate) fn used(parameters: &Parameters) -> Result<Parameters, FilterError> {
     let &Parameters { eta, ridge, prior, .. } = parameters;
     Ok(Parameters { eta, ridge, prior, ..Parameters::default() })
 }
 
-/// A cable of which nothing is known yet.
+/// Creates the estimator of a cable without readings.
 pub(crate) fn cable(parameters: &Parameters) -> Box<dyn CableEstimator> {
     Box::new(PhiEstimator::new(parameters))
 }
 
-/// See the module's text.
 #[derive(Debug, Clone, Copy)]
 struct PhiEstimator {
     phi: PhiModel,
@@ -33,9 +34,9 @@ struct PhiEstimator {
     sampled_ns: u64,
     /// Cycle of that reading.
     cycle: u64,
-    /// Estimate v̂ of the cable's velocity during the present cycle, m/s.
+    /// Estimated velocity v̂ of the cable during the present cycle, m/s.
     velocity_m_s: f64,
-    /// Command sent in the last cycle, m/s.
+    /// Command of the last cycle, m/s.
     command_m_s: f64,
 }
 
@@ -47,7 +48,7 @@ impl PhiEstimator {
 }
 
 impl CableEstimator for PhiEstimator {
-    /// Teaches the motor model what the last command did.
+    /// Updates the motor model with the effect of the last command.
     fn read(&mut self, sample: &CableSample) {
         if let Some(length_m) = sample.length_m {
             let elapsed_s = sample.sampled_ns.saturating_sub(self.sampled_ns) as f64 * 1e-9;
@@ -67,7 +68,7 @@ impl CableEstimator for PhiEstimator {
         self.velocity_m_s = self.phi.predict(self.command_m_s);
     }
 
-    /// The last reading, carried on to the instant.
+    /// Extrapolates the last reading to the instant.
     fn at(&self, instant: &Instant) -> Option<Measurement> {
         let moved_m = self.velocity_m_s * instant.ahead_of_s(self.sampled_ns, self.cycle);
         Some(Measurement {
@@ -80,7 +81,7 @@ impl CableEstimator for PhiEstimator {
         })
     }
 
-    /// What was learnt of the winch stays.
+    /// Drops the reading; the motor model remains.
     fn forget(&mut self) {
         self.length_m = None;
         self.velocity_m_s = 0.0;

@@ -1,4 +1,4 @@
-//! The process around an estimator: wakes on `motor/state`, answers on `node/estimate/SLOT`.
+//! The process of an estimator: waits for `motor/state` and publishes `node/estimate/SLOT`.
 
 use std::process::ExitCode;
 
@@ -10,10 +10,11 @@ use crate::cable_estimator::CableEstimator;
 use crate::estimator::{Estimator, EstimatorConfig};
 use crate::method::Method;
 
-/// A whole process with a method of one's own: arguments, system file, bus, everything. Each cable gets a copy of `cable`.
+/// Runs a whole process with a custom method. Each cable gets a copy of `cable`.
 ///
-/// The system file's `[estimator]` gives it `stretch`, `sigma_length_m` and the [`Parameters`](crate::Parameters); its `method` is not used.
-/// `program` is [`program!()`](crate::program), so that the run names the program itself and not nims.
+/// `stretch`, `sigma_length_m` and the [`Parameters`](crate::Parameters) are those of `[estimator]` in the system file;
+/// its `method` is not used. `program` is [`program!()`](crate::program), so that the run identifies the program and
+/// not nims.
 pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
     runtime::main("estimator", move |_: &Args, chassis| {
         chassis.is_program(&program);
@@ -23,10 +24,10 @@ pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
     })
 }
 
-/// The estimator that the system file asks for, with another method (`law`) if one is given.
+/// Returns the configuration of the estimator from the system file, with `law` instead of its method if one is given.
 ///
 /// # Errors
-/// No system file, or a method or parameter that does not exist.
+/// There is no system file, or the method or a parameter is not accepted.
 pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<EstimatorConfig> {
     let mut file = chassis.system_file()?.clone();
     if let Some(law) = law {
@@ -41,14 +42,14 @@ fn with_thread(config: EstimatorConfig) -> EstimatorConfig {
     EstimatorConfig { thread: std::process::id(), ..config }
 }
 
-/// What this estimator works with, for the run file and for a change of its parameters.
-struct Used {
+/// Method and parameters of this estimator: declares them for the run file, and receives changes of the parameters.
+struct MethodInUse {
     method: String,
     tuning: Tuning<(EstimatorConfig, String)>,
 }
 
-impl Used {
-    fn begin(chassis: &mut Chassis, estimator: &Estimator) -> anyhow::Result<Self> {
+impl MethodInUse {
+    fn declare(chassis: &mut Chassis, estimator: &Estimator) -> anyhow::Result<Self> {
         let (config, constants) = (*estimator.config(), estimator.constants());
         let standard = Method::numbered(config.method.number());
         let program = || std::env::current_exe().ok()?.file_name().map(|name| name.to_string_lossy().into_owned());
@@ -67,38 +68,38 @@ impl Used {
         };
         let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
-        let used = Self { method, tuning: chassis.tuning(make)? };
+        let in_use = Self { method, tuning: chassis.tuning(make)? };
         let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
-        chassis.uses_since(&used.method, &text, since)?;
-        Ok(used)
+        chassis.uses_since(&in_use.method, &text, since)?;
+        Ok(in_use)
     }
 }
 
-/// Answers every cycle until the process is asked to end.
+/// Computes and publishes an estimate in every cycle until the end of the process is requested.
 ///
 /// # Errors
 /// Those of the bus.
 pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()> {
     let cables = estimator.config().robot.cable_count();
-    let mut used = Used::begin(chassis, &estimator)?;
+    let mut in_use = MethodInUse::declare(chassis, &estimator)?;
     let mut states = chassis.bus().subscriber::<MotorState>("motor/state")?;
     let mut authorities = chassis.bus().subscriber::<MotorAuthority>("motor/authority")?;
     let mut estimates = chassis.output::<NodeEstimate>(&format!("node/estimate/{}", chassis.slot().name()))?;
     let mut waiter = chassis.waiter(&["motor/state"])?;
     let (mut authority, mut life) = (None, 0);
-    let (mut rig, mut answers) = (0, 0);
+    let (mut reported_cables, mut answers) = (0, 0);
     chassis.ready()?;
     while chassis.running() {
         chassis.wait(&mut waiter, None)?;
         authority = newer(authority, authorities.latest()?);
         while let Some(state) = states.receive()? {
-            // What a dead motor-io left may arrive behind the first sample of its successor.
+            // Samples of a dead motor-io may arrive after the first sample of its successor.
             if state.header.life < life {
                 continue;
             }
             life = state.header.life;
             chassis.pass_begin();
-            let change = used.tuning.due(&state.header);
+            let change = in_use.tuning.due(&state.header);
             if let Some(change) = &change {
                 estimator.configure(&change.made.0);
             }
@@ -108,16 +109,16 @@ pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()
             if let Some(change) = change {
                 let Header { life, cycle, .. } = state.header;
                 let since = Since { life, cycle, seq: answers, changes: change.changes };
-                chassis.uses_since(&used.method, &change.made.1, since)?;
+                chassis.uses_since(&in_use.method, &change.made.1, since)?;
             }
-            if usize::from(state.cable_count) != cables && rig != state.cable_count {
-                rig = state.cable_count;
+            if usize::from(state.cable_count) != cables && reported_cables != state.cable_count {
+                reported_cables = state.cable_count;
                 tracing::error!(
-                    "motor-io reads {rig} cables and the robot file has {cables}: give both the same system file"
+                    "motor-io reads {reported_cables} cables and the robot file has {cables}: start both with the same system file"
                 );
             }
         }
-        used.tuning.hear()?;
+        in_use.tuning.hear()?;
         chassis.report_lost(states.lost() + authorities.lost());
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! The estimator against lengths made from known positions.
+//! The estimator with lengths computed from known positions.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use cable_control::length_filter::FilterError;
@@ -28,7 +28,7 @@ fn parts(cables: usize, stiffness_n: Option<f64>) -> RobotParts {
     }
 }
 
-/// A robot in a plane whose node floats in water.
+/// A planar robot whose node floats in water.
 fn floating(drag_n_s2_m2: f64) -> Robot {
     Robot::new(RobotParts {
         anchors_m: vec![[0.0, 0.0, 4.2], [8.0, 0.0, 4.2], [8.0, 0.0, 0.3], [0.0, 0.0, 0.3]],
@@ -86,7 +86,7 @@ fn spread(estimate: &NodeEstimate) -> f64 {
     (0..3).map(|i| estimate.covariance_m2[4 * i]).sum()
 }
 
-/// A node that moves steadily, read as a robot reads it: two cables at a time, 2 ms apart.
+/// A node with constant velocity, read like that of a robot: two cables at a time, 2 ms apart.
 fn steady(robot: &Robot, cycle: u64) -> (MotorState, Vector3<f64>) {
     let velocity = Vector3::new(0.15, -0.1, 0.05);
     let at = |seconds: f64| Vector3::new(6.0, 3.5, 0.8) + velocity * seconds;
@@ -106,7 +106,7 @@ fn steady(robot: &Robot, cycle: u64) -> (MotorState, Vector3<f64>) {
 }
 
 #[test]
-fn a_hanging_node_is_found_with_its_tensions() {
+fn position_and_tensions_of_a_hanging_node_are_estimated() {
     for method in methods() {
         for (cables, stiffness) in [(3, Some(6000.0)), (3, None), (4, Some(6000.0)), (4, None)] {
             let robot = robot(cables, stiffness);
@@ -126,9 +126,9 @@ fn a_hanging_node_is_found_with_its_tensions() {
     }
 }
 
-/// Anchors that may all be 2 cm beside where they are said to be, in one direction together, leave the node as uncertain.
+/// A common uncertainty of 2 cm of all anchors in one direction causes the same uncertainty of the node.
 #[test]
-fn what_a_calibration_does_not_know_the_estimate_does_not_know() {
+fn the_covariance_of_the_anchors_is_part_of_that_of_the_estimate() {
     for (cables, stiffness) in [(3, None), (3, Some(6000.0)), (4, Some(6000.0))] {
         let together = [0.02, 0.0, 0.0].repeat(cables);
         let covariance = together.iter().map(|a| together.iter().map(|b| a * b).collect()).collect();
@@ -139,14 +139,14 @@ fn what_a_calibration_does_not_know_the_estimate_does_not_know() {
         let estimate = estimator(Robot::new(calibrated).unwrap(), methods()[0]).step(&measured, None);
         assert_eq!(estimate.position_m, plain.position_m);
         let added = |i: usize| estimate.covariance_m2[i] - plain.covariance_m2[i];
-        // Elastic lines turn a little with their anchors.
+        // Elastic cables rotate slightly with their anchors.
         assert!((added(0) - 4e-4).abs() < 4e-5, "{cables} {stiffness:?}: {}", added(0));
         assert!((1..9).all(|i| added(i).abs() < 4e-5), "{estimate:?}");
     }
 }
 
 #[test]
-fn readings_of_different_instants_are_brought_to_one() {
+fn readings_at_different_times_are_extrapolated_to_one_instant() {
     for method in methods() {
         let robot = robot(4, Some(6000.0));
         let mut estimator = estimator(robot, method);
@@ -181,7 +181,7 @@ fn lost_readings_are_bridged_but_not_for_long() {
             let estimate = estimator.step(&state, None);
             assert_eq!(estimate.valid, 1);
             assert!(distance(&estimate, position) < 1e-3);
-            assert!(spread(&estimate) > spread(&before), "less is known");
+            assert!(spread(&estimate) > spread(&before), "the uncertainty increases");
             assert_eq!(estimate.header.oldest_input_ns, before.header.stamp_ns, "the age accumulates");
         }
         let (mut state, _) = steady(&robot, 101 + BRIDGED_CYCLES);
@@ -194,9 +194,9 @@ fn lost_readings_are_bridged_but_not_for_long() {
     }
 }
 
-/// A cycle in which the bus gave nothing at all carries the readings and the instant of the last one.
+/// The state of a cycle without any reading repeats the readings and the stamp of the last one.
 #[test]
-fn a_cycle_without_any_reading_is_predicted_a_period_ahead() {
+fn a_cycle_without_any_reading_is_extrapolated_by_a_period() {
     for method in methods() {
         let robot = robot(4, Some(6000.0));
         let mut estimator = estimator(robot, method);
@@ -222,11 +222,11 @@ fn a_cycle_without_any_reading_is_predicted_a_period_ahead() {
 }
 
 #[test]
-fn what_is_not_known_is_not_valid() {
+fn an_estimate_from_unknown_or_implausible_lengths_is_not_valid() {
     for method in methods() {
         let robot = robot(3, Some(6000.0));
         let good = state(1, &lengths(&robot, Vector3::new(5.0, 3.0, 1.0)));
-        let spoilt = [
+        let unusable = [
             MotorState { position_known: MotorState::POSITION_UNKNOWN, ..good },
             MotorState { cable_count: 4, ..good },
             MotorState { fresh: [0; 8], ..good },
@@ -234,17 +234,17 @@ fn what_is_not_known_is_not_valid() {
             MotorState { length_m: [f64::INFINITY; 8], ..good },
             MotorState { length_m: [-20.0; 8], ..good },
         ];
-        for state in spoilt {
+        for state in unusable {
             let estimate = estimator(robot, method).step(&state, None);
             assert_eq!((estimate.valid, estimate.position_m), (0, [0.0; 3]), "{state:?}");
         }
         let old = MotorState { position_known: MotorState::POSITION_RESTORED, ..good };
-        assert_eq!(estimator(robot, method).step(&old, None).valid, 1, "worth showing, though nobody may fly by it");
+        assert_eq!(estimator(robot, method).step(&old, None).valid, 1, "shown, but not used for motions");
     }
 }
 
 #[test]
-fn a_cycle_that_starts_anew_starts_the_estimate_anew() {
+fn the_estimator_resets_when_the_cycles_restart() {
     for method in methods() {
         let robot = robot(3, Some(6000.0));
         let mut estimator = estimator(robot, method);
@@ -259,7 +259,7 @@ fn a_cycle_that_starts_anew_starts_the_estimate_anew() {
 }
 
 #[test]
-fn a_slack_line_is_flagged() {
+fn a_slack_cable_is_flagged() {
     for method in methods() {
         let robot = robot(4, Some(6000.0));
         let mut lengths_m = lengths(&robot, Vector3::new(5.0, 4.5, 1.0));
@@ -270,10 +270,10 @@ fn a_slack_line_is_flagged() {
     }
 }
 
-/// One reading far off is left out by the filter and taken as it is by the paper's method; where it stays, both follow.
+/// The Kalman filter rejects a single outlier, and the paper's method accepts it; both follow a persistent step.
 #[test]
-fn the_filter_leaves_an_outlier_out_until_it_persists() {
-    for (method, believes) in methods().into_iter().zip([true, false]) {
+fn the_filter_rejects_an_outlier_until_it_persists() {
+    for (method, accepts) in methods().into_iter().zip([true, false]) {
         let robot = robot(3, Some(6000.0));
         let mut estimator = estimator(robot, method);
         let authority = MotorAuthority { period_s: 0.01, epoch: 5, ..MotorAuthority::default() };
@@ -287,7 +287,7 @@ fn the_filter_leaves_an_outlier_out_until_it_persists() {
         };
         let (state, position) = off(101, 0.02);
         let estimate = estimator.step(&state, Some(&authority));
-        assert_eq!((estimate.valid, distance(&estimate, position) > 0.01), (1, believes));
+        assert_eq!((estimate.valid, distance(&estimate, position) > 0.01), (1, accepts));
         for cycle in 102..120 {
             let (state, position) = off(cycle, 0.0);
             let estimate = estimator.step(&state, Some(&authority));
@@ -300,17 +300,17 @@ fn the_filter_leaves_an_outlier_out_until_it_persists() {
                 assert!((estimate.predicted_m[1] - estimate.measured_m[1]).abs() < 1e-3, "cycle {cycle}");
             }
         }
-        // Lengths given anew, which a new epoch announces, are believed at once.
+        // Lengths that the operator sets, with a new epoch, are accepted at once.
         let (state, _) = off(140, 0.3);
         let estimate = estimator.step(&state, Some(&MotorAuthority { epoch: 6, ..authority }));
         assert!((estimate.predicted_m[1] - estimate.measured_m[1]).abs() < 1e-3);
     }
 }
 
-/// The clock went on and the line did not, as when a machine stands still; or readings were lost: then the reading is right and not
-/// the prediction, and the estimate follows at once.
+/// After a stall of the machine or after lost readings, the reading is more reliable than the prediction, so the
+/// estimate follows it at once.
 #[test]
-fn after_a_gap_a_reading_is_believed_at_once() {
+fn after_a_gap_a_reading_is_accepted_at_once() {
     for (cycles, late_ns) in [(1, 90_000_000), (3, 0)] {
         let robot = robot(3, Some(6000.0));
         let mut estimator = estimator(robot, methods()[1]);
@@ -329,7 +329,7 @@ fn after_a_gap_a_reading_is_believed_at_once() {
 }
 
 #[test]
-fn methods_have_a_number_each_and_wrong_parameters_are_refused() {
+fn each_method_has_a_number_and_wrong_parameters_are_rejected() {
     for method in EstimatorMethod::ALL {
         let section = EstimatorSection { method: *method, ..EstimatorSection::default() };
         assert_eq!(Method::numbered(Method::of(&section).unwrap().number()), Some(*method));
@@ -354,7 +354,7 @@ fn any_number() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever another process may have written: no panic, and what is called valid is finite.
+    /// With any content of the inputs there is no panic, and a valid estimate is finite.
     #[test]
     fn a_valid_estimate_is_finite(
         rows in proptest::collection::vec(
@@ -382,9 +382,9 @@ proptest! {
     }
 }
 
-/// Nothing but preload holds a floating node, and nothing but the lengths tells how it pulls.
+/// Only the preload of the cables holds a floating node, and only the lengths determine the tensions.
 #[test]
-fn a_floating_node_is_found_in_its_plane_with_its_preload() {
+fn position_and_preload_of_a_floating_node_are_estimated() {
     let robot = floating(25.0);
     let position = Vector3::new(2.5, 0.0, 3.0);
     let held = elastic::realise(&robot, &position, &Vector3::zeros(), Distribution::LeastNorm).unwrap();
@@ -399,7 +399,7 @@ fn a_floating_node_is_found_in_its_plane_with_its_preload() {
 }
 
 #[test]
-fn drag_does_not_move_the_estimate_of_a_node_that_moves() {
+fn drag_does_not_bias_the_estimate_of_a_moving_node() {
     let robot = floating(25.0);
     let velocity = Vector3::new(0.2, 0.0, 0.1);
     let wrench = robot.moving_wrench_n(&velocity, &Vector3::zeros());
@@ -423,16 +423,16 @@ fn drag_does_not_move_the_estimate_of_a_node_that_moves() {
     assert!(known < 5e-5 && unknown > 5e-4, "{known} m, {unknown} m off without it");
 }
 
-/// Zeroing gives every line another length between two readings: that is no velocity to carry the older ones on with.
+/// Zeroing changes every length between two readings; this change is not a velocity for the extrapolation.
 #[test]
-fn lengths_that_are_given_anew_are_no_movement() {
+fn setting_the_lengths_is_not_a_motion() {
     for method in methods() {
         let robot = robot(4, Some(6000.0));
         let mut estimator = estimator(robot, method);
         for cycle in 1..60 {
             let at = if cycle < 30 { Vector3::new(3.0, 3.0, 1.5) } else { Vector3::new(6.0, 3.5, 0.8) };
             let mut state = state(cycle, &lengths(&robot, at));
-            // Read two at a time, 2 ms apart.
+            // The cables are read two at a time, 2 ms apart.
             for i in 0..4 {
                 state.sampled_ns[i] += if i < 2 { 0 } else { 2_000_000 };
             }

@@ -222,4 +222,5 @@ fn show(bus: &Bus, key: Option<&str>) -> Answer<Output> {
         lines.push(format!("{:<36} {:<12} {}{set}", one.key, shown(&is), one.what));
         value[one.key] = json!({ "value": is, "file": was, "accepted": one.accepted });
     }
+    Ok(Output::new(value, lines.join("\n")))
 }

@@ -170,6 +170,7 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         mission(plan, steered, &mut value, &mut lines);
     }
     system(bus, &samples, &mut value, &mut lines);
+    Ok(Output::new(value, lines.join("\n")))
 }
 
 /// Position, tensions and tracking error of the node, lengths and currents of the cables.

@@ -1,58 +1,58 @@
-//! What was heard since the last look, in the order in which it was published.
+//! The samples received since the last poll, in the order of their publication.
 
-/// One sample without its bytes.
+/// A received sample without its bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Heard {
-    /// The channel, as [`crate::Session::declare`] numbered it.
+pub struct ReceivedSample {
+    /// Index of its channel, from [`crate::Session::declare`].
     pub row: usize,
-    /// When it was published, CLOCK_MONOTONIC, ns: what the file is sorted by.
+    /// Time of its publication, CLOCK_MONOTONIC, ns; the file is sorted by it.
     pub logged_ns: u64,
-    /// When its content was true, CLOCK_MONOTONIC, ns.
+    /// Time of its content, CLOCK_MONOTONIC, ns.
     pub stamp_ns: u64,
-    /// Its number.
+    /// Sequence number.
     pub seq: u64,
-    /// Samples of the same publisher missing before it.
+    /// Number of missing samples of the same publisher before it.
     pub missing: u64,
 }
 
-/// Samples of many channels; keeps its memory from one use to the next.
+/// Samples of many channels; reuses its memory.
 #[derive(Debug, Default)]
 pub struct Batch {
-    entries: Vec<(Heard, usize, usize)>,
+    entries: Vec<(ReceivedSample, usize, usize)>,
     bytes: Vec<u8>,
 }
 
 impl Batch {
     /// Adds a sample.
-    pub fn push(&mut self, heard: Heard, sample: &[u8]) {
+    pub fn push(&mut self, received: ReceivedSample, sample: &[u8]) {
         let begin = self.bytes.len();
         self.bytes.extend_from_slice(sample);
-        self.entries.push((heard, begin, self.bytes.len()));
+        self.entries.push((received, begin, self.bytes.len()));
     }
 
-    /// Bytes of all samples.
+    /// Returns the size of all samples, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.bytes.len()
     }
 
-    /// Whether there is nothing.
+    /// Returns whether the batch has no samples.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Brings the samples into the order of their publication; equal ones stay as they came.
+    /// Sorts the samples by the time of their publication; the sort is stable.
     pub fn sort(&mut self) {
-        self.entries.sort_by_key(|(heard, _, _)| heard.logged_ns);
+        self.entries.sort_by_key(|(received, _, _)| received.logged_ns);
     }
 
-    /// The samples.
-    pub fn iter(&self) -> impl Iterator<Item = (&Heard, &[u8])> {
-        self.entries.iter().map(|(heard, begin, end)| (heard, &self.bytes[*begin..*end]))
+    /// Iterates over the samples and their bytes.
+    pub fn iter(&self) -> impl Iterator<Item = (&ReceivedSample, &[u8])> {
+        self.entries.iter().map(|(received, begin, end)| (received, &self.bytes[*begin..*end]))
     }
 
-    /// Forgets the samples and gives back what a burst has taken beyond `keep` bytes.
+    /// Removes the samples, and frees memory in excess of `keep` bytes.
     pub fn clear(&mut self, keep: usize) {
         self.entries.clear();
         self.bytes.clear();
@@ -68,11 +68,12 @@ mod tests {
     fn samples_come_out_in_the_order_of_their_publication() {
         let mut batch = Batch::default();
         for (row, logged_ns) in [(0, 30), (0, 40), (1, 10), (2, 30)] {
-            let heard = Heard { row, logged_ns, stamp_ns: 0, seq: 0, missing: 0 };
-            batch.push(heard, &[row as u8; 3]);
+            let received = ReceivedSample { row, logged_ns, stamp_ns: 0, seq: 0, missing: 0 };
+            batch.push(received, &[row as u8; 3]);
         }
         batch.sort();
-        let order: Vec<_> = batch.iter().map(|(heard, sample)| (heard.logged_ns, heard.row, sample[0])).collect();
+        let order: Vec<_> =
+            batch.iter().map(|(received, sample)| (received.logged_ns, received.row, sample[0])).collect();
         assert_eq!(order, [(10, 1, 1), (30, 0, 0), (30, 2, 2), (40, 0, 0)]);
         assert_eq!(batch.bytes(), 12);
         batch.clear(0);

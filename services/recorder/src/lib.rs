@@ -25,7 +25,7 @@ mod recording;
 mod row;
 mod session;
 
-pub use batch::{Batch, Heard};
+pub use batch::{Batch, ReceivedSample};
 pub use listen::{Listening, listen_to_known};
 pub use recorder::{Recorder, RecorderError, recover_leftovers};
 pub use row::Row;

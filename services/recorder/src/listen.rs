@@ -1,4 +1,4 @@
-//! Hearing every channel of the domain.
+//! Subscriptions to every channel of the domain.
 
 use bus::{Bus, BusError, ChannelInfo, ChannelWatch, Raw, Tap};
 use messages::{
@@ -7,10 +7,10 @@ use messages::{
 };
 use runlog::{ChannelSpec, published_ns};
 
-use crate::batch::{Batch, Heard};
+use crate::batch::{Batch, ReceivedSample};
 use crate::session::Session;
 
-/// A batch ends here, so that a burst does not take more memory than this; what is left comes with the next batch.
+/// Largest size of a batch, bytes, which bounds the memory for a burst; further samples are in the next batch.
 const BATCH_BYTES: usize = 2 << 20;
 
 /// The taps of a recorder.
@@ -18,26 +18,27 @@ const BATCH_BYTES: usize = 2 << 20;
 pub struct Listening {
     taps: Vec<(Tap, usize)>,
     watch: ChannelWatch,
-    /// Channels that could not be opened, with whether that has been said.
+    /// Channels that could not be opened, and whether that was reported.
     waiting: Vec<(ChannelInfo, bool)>,
     exclude: Vec<String>,
 }
 
 impl Listening {
-    /// Listens to nothing yet. `exclude` are names of channels not to record; a trailing `*` stands for any ending.
+    /// Creates a recorder's subscriptions without channels. `exclude` are the names of channels not to record; a
+    /// trailing `*` matches any ending.
     #[must_use]
     pub fn new(exclude: Vec<String>) -> Self {
         Self { exclude, ..Self::default() }
     }
 
-    /// Opens what is new, and tries again what could not be opened before.
+    /// Subscribes to new channels, and retries those that could not be opened before.
     ///
     /// # Errors
     /// The channels cannot be listed.
     pub fn discover(&mut self, bus: &Bus, session: &mut Session) -> Result<(), BusError> {
         let mut waiting = std::mem::take(&mut self.waiting);
         waiting.extend(self.watch.new_channels(bus)?.into_iter().map(|info| (info, false)));
-        for (info, said) in waiting {
+        for (info, reported) in waiting {
             let known = self.taps.iter().any(|(tap, _)| {
                 tap.info().name == info.name && tap.info().type_name == info.type_name && tap.info().size == info.size
             });
@@ -49,11 +50,11 @@ impl Listening {
                     let row = session.declare(spec_of(tap.info()));
                     self.taps.push((tap, row));
                 }
-                // it went away again: if it comes back, it is new
+                // The channel was removed. If it is created again, it is a new one.
                 Err(BusError::NoChannel { .. }) => {}
                 Err(error) => {
-                    if !said {
-                        tracing::warn!("channel {} is not recorded, will try again: {error}", info.name);
+                    if !reported {
+                        tracing::warn!("channel {} is not recorded yet, retrying: {error}", info.name);
                     }
                     self.waiting.push((info, true));
                 }
@@ -69,7 +70,7 @@ impl Listening {
         })
     }
 
-    /// Takes what has arrived on every channel into the batch; true if there is more than one batch holds.
+    /// Receives the samples of every channel into the batch; returns whether more samples are left than a batch holds.
     pub fn drain(&mut self, session: &Session, batch: &mut Batch, now_ns: u64) -> bool {
         for (tap, row) in &mut self.taps {
             let has_header = session.rows().get(*row).is_some_and(crate::Row::has_header);
@@ -79,7 +80,7 @@ impl Listening {
                     return true;
                 }
                 count += 1;
-                match tap.receive(|raw| batch.push(heard(*row, has_header, &raw, count, now_ns), raw.bytes)) {
+                match tap.receive(|raw| batch.push(received_sample(*row, has_header, &raw, count, now_ns), raw.bytes)) {
                     Ok(Some(())) => {}
                     Ok(None) => break,
                     Err(error) => {
@@ -93,14 +94,14 @@ impl Listening {
     }
 }
 
-fn heard(row: usize, has_header: bool, raw: &Raw<'_>, count: u64, now_ns: u64) -> Heard {
+fn received_sample(row: usize, has_header: bool, raw: &Raw<'_>, count: u64, now_ns: u64) -> ReceivedSample {
     if !has_header {
-        return Heard { row, logged_ns: now_ns, stamp_ns: now_ns, seq: count, missing: 0 };
+        return ReceivedSample { row, logged_ns: now_ns, stamp_ns: now_ns, seq: count, missing: 0 };
     }
     let stamp_ns = raw.header.stamp_ns;
     let logged_ns = published_ns(stamp_ns, now_ns);
     let stamp_ns = if stamp_ns == 0 { logged_ns } else { stamp_ns };
-    Heard { row, logged_ns, stamp_ns, seq: raw.header.seq, missing: raw.missing }
+    ReceivedSample { row, logged_ns, stamp_ns, seq: raw.header.seq, missing: raw.missing }
 }
 
 fn spec_of(info: &ChannelInfo) -> ChannelSpec {
@@ -112,17 +113,18 @@ fn spec_of(info: &ChannelInfo) -> ChannelSpec {
     }
 }
 
-/// Makes the channels of the control loop before their publishers do, so that not even their first sample is missed, and listens to them.
+/// Creates the channels of the control loop before their publishers do, and subscribes to them, so that their first
+/// sample is recorded.
 ///
-/// Channels of a name that only their maker knows (heartbeats, logs, sensors) are found when they appear; their history bridges the time
-/// until then.
+/// Channels with variable names (heartbeats, logs, sensors) are discovered when they appear; their history bridges the
+/// time until then.
 ///
 /// # Errors
 /// As [`Listening::discover`].
 pub fn listen_to_known(bus: &Bus, listening: &mut Listening, session: &mut Session) -> Result<(), BusError> {
-    /// Kept until the tap holds the channel.
+    /// Keeps the channels open until the taps are created.
     fn hold<T: Message>(bus: &Bus, names: &[&str]) -> Vec<bus::Subscriber<T>> {
-        // a channel that somebody has made with another type is found by discovery, like any unknown one
+        // A channel that exists with another type is discovered like one of unknown type.
         names.iter().filter_map(|name| bus.subscriber::<T>(name).ok()).collect()
     }
     let _held = (

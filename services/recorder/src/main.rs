@@ -16,7 +16,7 @@ use runtime::{BadInput, Chassis, CommonArgs, build};
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
-    /// Folder of the run; must exist. Configuration in it is kept inside the run file.
+    /// Folder of the run; must exist. The run file stores a copy of its configuration files.
     #[arg(long, value_name = "DIR")]
     run: PathBuf,
 }
@@ -33,7 +33,7 @@ fn main() -> ExitCode {
 
 fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     if !args.run.is_dir() {
-        return Err(BadInput(format!("--run {}: there is no such folder; make it first", args.run.display())).into());
+        return Err(BadInput(format!("--run {}: there is no such folder; create it first", args.run.display())).into());
     }
     let section = chassis.system_file().map_or_else(|_| RecorderSection::default(), |file| file.recorder.clone());
     let settings = Settings {
@@ -49,9 +49,9 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     recover_leftovers(&args.run, recorder.session().file());
     chassis.ready()?;
     while chassis.running() {
-        let wake = chassis.wait(&mut waiter, Some(recorder.next_look_ns()))?;
+        let wake = chassis.wait(&mut waiter, Some(recorder.next_poll_ns()))?;
         chassis.pass_begin();
-        recorder.look(chassis.bus(), wake.channel(0))?;
+        recorder.poll(chassis.bus(), wake.channel(0))?;
         chassis.pass_end();
         chassis.report_lost(recorder.lost());
     }
@@ -59,7 +59,7 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What somebody will want to know years later.
+/// Returns facts about the run that are stored in the run file: versions, host, domain.
 fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
     let system = |name: &str| fs::read_to_string(format!("/proc/sys/kernel/{name}")).unwrap_or_default();
     let mut about = BTreeMap::from([

@@ -1,18 +1,18 @@
-//! A channel of a recording: what was written of it, what was not, and its last sample.
+//! A channel of a recording: counts of its written and lost samples, and its last sample.
 
 use messages::schema::Schema;
 use messages::{RecorderGap, RecorderStatus, put_text};
 use runlog::{ChannelId, ChannelSpec};
 
-use crate::batch::Heard;
+use crate::batch::ReceivedSample;
 
 /// A channel of the session.
 #[derive(Debug)]
 pub struct Row {
     pub(crate) spec: ChannelSpec,
-    /// Number and time of a sample can be read.
+    /// Whether the samples have a header with sequence number and time.
     has_header: bool,
-    /// In the present file.
+    /// Id of the channel in the present file.
     pub(crate) id: Option<ChannelId>,
     messages: u64,
     bytes: u64,
@@ -20,15 +20,17 @@ pub struct Row {
     gaps: u64,
     worst_lag_ns: u64,
     /// The last sample that is in a file.
-    last: Option<Heard>,
-    /// The last sample that was written, and where it belongs: an error of the file can take it back.
-    newest: Option<Heard>,
+    last: Option<ReceivedSample>,
+    /// The last sample that was written; an error of the file can revert it.
+    newest: Option<ReceivedSample>,
     newest_sample: Vec<u8>,
-    /// What has been written since the file last settled: samples, and those that its gaps say are missing.
+    /// Number of samples written since the file last settled.
     unsettled: u64,
+    /// Number of missing samples in the gaps written since the file last settled.
     unsettled_missing: u64,
-    settled: Option<Heard>,
-    /// Samples since the last one written that went to no file.
+    /// The last sample when the file last settled.
+    settled: Option<ReceivedSample>,
+    /// Number of samples since the last written one that are in no file.
     unwritten: u64,
 }
 
@@ -54,65 +56,65 @@ impl Row {
         }
     }
 
-    /// The channel.
+    /// Returns the specification of the channel.
     #[must_use]
     pub fn spec(&self) -> &ChannelSpec {
         &self.spec
     }
 
-    /// Whether a sample begins with the header that all of this project's samples have.
+    /// Returns whether the samples start with the header of this project.
     #[must_use]
     pub fn has_header(&self) -> bool {
         self.has_header
     }
 
-    /// Samples written.
+    /// Returns the number of written samples.
     #[must_use]
     pub fn messages(&self) -> u64 {
         self.messages
     }
 
-    /// Samples that are not in the files.
+    /// Returns the number of samples that are not in the files.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// Times that samples are missing.
+    /// Returns the number of gaps.
     #[must_use]
     pub fn gaps(&self) -> u64 {
         self.gaps
     }
 
-    pub(crate) fn lagged(&mut self, lag_ns: u64) {
+    pub(crate) fn record_lag(&mut self, lag_ns: u64) {
         self.worst_lag_ns = self.worst_lag_ns.max(lag_ns);
     }
 
-    /// Takes note of a sample that was written.
-    pub(crate) fn written(&mut self, heard: &Heard, sample: &[u8]) {
-        self.lost = self.lost.saturating_add(heard.missing);
-        self.gaps += u64::from(heard.missing > 0);
+    /// Records a sample that was written.
+    pub(crate) fn record_written(&mut self, received: &ReceivedSample, sample: &[u8]) {
+        self.lost = self.lost.saturating_add(received.missing);
+        self.gaps += u64::from(received.missing > 0);
         self.messages += 1;
         self.bytes += sample.len() as u64;
         self.unsettled += 1;
-        self.unsettled_missing = self.unsettled_missing.saturating_add(heard.missing);
-        (self.last, self.newest) = (Some(*heard), Some(*heard));
+        self.unsettled_missing = self.unsettled_missing.saturating_add(received.missing);
+        (self.last, self.newest) = (Some(*received), Some(*received));
         self.newest_sample.clear();
         self.newest_sample.extend_from_slice(sample);
     }
 
-    /// All that was written stays in the file.
+    /// Marks all written samples as permanent in the file.
     pub(crate) fn settle(&mut self) {
         (self.unsettled, self.unsettled_missing, self.settled) = (0, 0, self.last);
     }
 
-    /// What was written since the file last settled is in no file; how many samples that are.
+    /// Reverts the samples written since the file last settled, which are in no file; returns their number.
     pub(crate) fn take_back(&mut self) -> u64 {
         let lost = std::mem::take(&mut self.unsettled);
         self.messages -= lost;
         self.bytes -= lost * self.spec.size as u64;
         self.lost = self.lost.saturating_add(lost);
-        // the gaps that were written there have to be written again
+        // Gaps written since then must be written again.
         let missing = std::mem::take(&mut self.unsettled_missing);
         self.gaps += u64::from(lost > 0 && self.unwritten == 0 && missing == 0);
         self.unwritten = self.unwritten.saturating_add(lost).saturating_add(missing);
@@ -120,8 +122,8 @@ impl Row {
         lost
     }
 
-    /// The last sample, which had been taken back, begins the next file; true if it had been.
-    pub(crate) fn found_again(&mut self) -> bool {
+    /// Records that the newest sample starts the next file, if it was reverted; returns whether it was.
+    pub(crate) fn restore_newest(&mut self) -> bool {
         let taken_back = self.newest.is_some() && self.newest != self.last && self.unwritten > 0;
         if taken_back {
             (self.last, self.settled) = (self.newest, self.newest);
@@ -134,37 +136,37 @@ impl Row {
         taken_back
     }
 
-    /// Takes note of a sample that no file took, and of those that are missing before it.
-    pub(crate) fn not_written(&mut self, heard: &Heard) {
-        // a publisher of another build may number as it likes
-        let lost = heard.missing.saturating_add(1);
+    /// Records a sample that could not be written, and the missing ones before it.
+    pub(crate) fn record_unwritten(&mut self, received: &ReceivedSample) {
+        // Saturate: a publisher outside this project may send any sequence numbers.
+        let lost = received.missing.saturating_add(1);
         self.lost = self.lost.saturating_add(lost);
         self.gaps += u64::from(self.unwritten == 0);
         self.unwritten = self.unwritten.saturating_add(lost);
     }
 
-    /// The hole between the last sample written and the next, `heard`, as it stands in the file.
-    pub(crate) fn gap(&mut self, heard: &Heard, cause: u8) -> Option<RecorderGap> {
+    /// Returns the gap between the last written sample and the next one, `received`, for the file.
+    pub(crate) fn gap(&mut self, received: &ReceivedSample, cause: u8) -> Option<RecorderGap> {
         let unwritten = std::mem::take(&mut self.unwritten);
-        let (missing, cause) = match heard.missing.saturating_add(unwritten) {
+        let (missing, cause) = match received.missing.saturating_add(unwritten) {
             0 => return None,
             missing => (missing, if unwritten > 0 { cause } else { RecorderGap::CAUSE_OVERFLOW }),
         };
         self.unsettled_missing = self.unsettled_missing.saturating_add(unwritten);
         let (last_seq, last_ns) = self.last.map_or((0, 0), |last| (last.seq, last.logged_ns));
-        let (next_seq, next_ns) = (heard.seq, heard.logged_ns);
+        let (next_seq, next_ns) = (received.seq, received.logged_ns);
         let mut gap = RecorderGap { missing, last_seq, next_seq, last_ns, next_ns, cause, ..RecorderGap::default() };
         put_text(&mut gap.channel, &self.spec.name);
         Some(gap)
     }
 
-    /// The last sample, if the channel has been silent since `before_ns`.
-    pub(crate) fn silent_since(&self, before_ns: u64) -> Option<(Heard, &[u8])> {
+    /// Returns the last sample if none was published since `before_ns`.
+    pub(crate) fn silent_since(&self, before_ns: u64) -> Option<(ReceivedSample, &[u8])> {
         let newest = self.newest.filter(|newest| newest.logged_ns < before_ns)?;
         Some((newest, &self.newest_sample))
     }
 
-    /// What `recorder/status` says of the channel.
+    /// Returns the sample of `recorder/status` for the channel.
     pub(crate) fn status(&self) -> RecorderStatus {
         let mut status = RecorderStatus {
             messages: self.messages,

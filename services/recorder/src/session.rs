@@ -1,4 +1,4 @@
-//! The files of one run: opened, fed, flushed, split, given up and begun anew.
+//! The files of one run: opens, writes, flushes, splits and abandons them, and resumes after errors.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,56 +7,57 @@ use std::thread::JoinHandle;
 use messages::{Message, RecorderGap, RecorderStatus, put_sentence, put_text};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, next_file, run_attachments};
 
-use crate::batch::{Batch, Heard};
+use crate::batch::{Batch, ReceivedSample};
 use crate::recording::Recording;
 use crate::row::Row;
 
 const SECOND_NS: u64 = 1_000_000_000;
-/// How often the free space is looked at.
+/// Time between two checks of the free space, ns.
 const WATCH_NS: u64 = SECOND_NS / 2;
-/// How long after a failure another file is tried.
+/// Time from a failure to the next file, ns.
 const RETRY_NS: u64 = 5 * SECOND_NS;
-/// And how long after the file was removed: nothing says that the next one cannot be written.
+/// Time from the removal of a file to the next one, ns; shorter, because the disk has not failed.
 const REMOVED_NS: u64 = SECOND_NS;
-/// Recording goes on when there is a tenth more room than it stopped at, so that it does not begin a file every second.
+/// Free space to resume, as a multiple of that at which recording stops, so that no file is started every second.
 const ROOM_FACTOR: f64 = 1.1;
-/// A channel that has been silent for this long when a file ends is static: its last sample begins the next file, so that this can be
-/// understood alone. Everything that says its state regularly does so once a second.
+/// Time without a sample after which a channel is static, ns. At the end of a file, the last sample of a static channel
+/// is repeated at the start of the next file, so that each file can be read alone. Periodic states are published at
+/// least once a second.
 const STATIC_NS: u64 = 2 * SECOND_NS;
-/// Where the gaps stand in the file.
+/// Channel of the gaps in a run file.
 const GAPS: &str = "recorder/gap";
-/// What a file says of its end that was closed because the disk is full.
+/// Reason stored in a file that was closed because the disk was full.
 pub const ENDED_DISK_FULL: &str = "the disk was full";
 
-/// Nothing is recorded, because there is no room.
+/// Nothing is recorded, because the disk is full.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the disk is full: {:.0} MB are free at {}, and at least {:.0} MB are needed; make room and it goes on",
+    "the disk is full: {:.0} MB are free at {}, and at least {:.0} MB are needed; free disk space, and the recording resumes",
     *free_bytes as f64 / 1e6, folder.display(), *needed_bytes as f64 / 1e6
 )]
 pub struct DiskFull {
-    /// Of the run.
+    /// The run folder.
     pub folder: PathBuf,
-    /// Bytes that can be written there.
+    /// Free disk space, bytes.
     pub free_bytes: u64,
-    /// Bytes that have to be free.
+    /// Needed disk space, bytes.
     pub needed_bytes: u64,
 }
 
-/// What a recording needs to know.
+/// Settings of a recording.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// The run folder. The files that describe the run in it are kept inside every run file.
+    /// The run folder. Its configuration and mission files are attached to every run file.
     pub folder: PathBuf,
-    /// Recording stops below this much free space.
+    /// Free space below which recording stops, bytes.
     pub min_free_bytes: u64,
-    /// Longest time before samples are handed to the disk, ns.
+    /// Longest time before samples are written to the disk, ns.
     pub flush_ns: u64,
-    /// Another file is begun when one has this size, bytes.
+    /// Size at which the next file is started, bytes.
     pub segment_bytes: u64,
-    /// And when it is this old, ns.
+    /// Age at which the next file is started, ns.
     pub segment_ns: u64,
-    /// Who, what, with which versions.
+    /// Facts about the run, e.g. versions and host.
     pub about: BTreeMap<String, String>,
 }
 
@@ -66,13 +67,13 @@ enum State {
     Failed { retry_ns: u64 },
 }
 
-/// Decides about the files of a run. The time and the free space are told to it.
+/// Manages the files of a run. Time and free space are arguments of its functions.
 pub struct Session {
     settings: Settings,
     clock: RunClock,
     state: State,
     rows: Vec<Row>,
-    /// Files that are being finished, each in a thread of its own: the last step waits for the disk.
+    /// Files that are being finished, each in a thread, because the last step waits for the disk.
     finishing: Vec<JoinHandle<Result<PathBuf, RunError>>>,
     free_bytes: u64,
     next_flush_ns: u64,
@@ -80,27 +81,27 @@ pub struct Session {
     total_messages: u64,
     total_bytes: u64,
     gaps: u64,
-    /// Why the samples that went to no file did not.
+    /// Cause of the present gap, `RecorderGap::CAUSE_*`.
     cause: u8,
     files: u64,
     file: String,
-    /// Why nothing is being recorded, and what to do; empty while it is.
+    /// Why nothing is being recorded, and what to do; empty while recording.
     reason: String,
-    /// A file of this session could not be finished.
+    /// Whether a file of this session could not be finished.
     unfinished: bool,
-    /// The file was removed or moved while it was written.
+    /// Whether the file was removed or moved while it was written.
     removed: bool,
-    /// What the last file began with beside its samples: the next one is to begin with it even where the run folder has lost it.
-    kept: Vec<Attachment>,
-    /// It could not be seen at the last look whether the file is still there.
+    /// Attachments of the last file. The next file has them too, even if they were removed from the run folder.
+    attachments: Vec<Attachment>,
+    /// Whether the last check could not determine if the file still exists.
     unseen: bool,
 }
 
 impl Session {
-    /// Begins the first file of a run.
+    /// Opens the first file of a run.
     ///
     /// # Errors
-    /// The folder cannot be written. A disk that is too full is no error: the session waits for room.
+    /// The folder cannot be written. A full disk is no error: the session waits for free space.
     pub fn open(settings: Settings, clock: RunClock, now_ns: u64, free_bytes: u64) -> Result<Self, RunError> {
         let mut session = Self {
             settings,
@@ -120,81 +121,81 @@ impl Session {
             reason: String::new(),
             unfinished: false,
             removed: false,
-            kept: Vec::new(),
+            attachments: Vec::new(),
             unseen: false,
         };
         if free_bytes < session.settings.min_free_bytes {
-            session.say_full();
+            session.report_full();
         } else {
             session.begin(now_ns)?;
         }
         Ok(session)
     }
 
-    /// Begins a file with every channel that has been written, and the last sample of those that rarely speak. The file before, if one is
-    /// being written, is finished behind.
+    /// Starts a file with every written channel and the last sample of static channels. A present file is finished in a
+    /// thread.
     fn begin(&mut self, now_ns: u64) -> Result<(), RunError> {
         if self.files > 0 {
-            // The run is worth more than the folder that it stood in.
+            // Create the run folder again if it was removed.
             let folder = &self.settings.folder;
             std::fs::create_dir_all(folder).map_err(|source| RunError::Io {
                 path: folder.clone(),
-                what: "make the folder of the run again",
+                what: "create the folder of the run again",
                 source,
             })?;
         }
         let path = next_file(&self.settings.folder);
         let mut about = self.settings.about.clone();
         about.insert("segment".to_owned(), (self.files + 1).to_string());
-        let kept = self.run_attachments();
-        let mut writer = RunWriter::create(&path, self.clock, &about, &kept)?;
+        let attachments = self.run_attachments();
+        let mut writer = RunWriter::create(&path, self.clock, &about, &attachments)?;
         let ids = match self.repeat(&mut writer, now_ns) {
             Ok(ids) => ids,
             Err(error) => {
-                // nothing is in it that does not stand elsewhere
+                // The file contains only repeated samples, so it can be removed.
                 writer.abandon();
                 return Err(error);
             }
         };
         if self.removed {
-            tracing::warn!("a new file is begun in the place of the one that was removed or moved: {}", path.display());
+            tracing::warn!("started a new file, because the last one was removed or moved: {}", path.display());
         }
         tracing::info!("recording to {}", path.display());
         self.file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         self.files += 1;
         (self.removed, self.reason) = (false, String::new());
-        self.kept.clone_from(&kept);
+        self.attachments.clone_from(&attachments);
         let before = std::mem::replace(&mut self.state, State::DiskFull);
         let before = if let State::Recording(before) = before { self.settle_file(before) } else { None };
         for (row, id) in self.rows.iter_mut().zip(ids) {
             row.id = id;
             let repeated = row.id.is_some() && row.silent_since(now_ns.saturating_sub(STATIC_NS)).is_some();
-            if repeated && row.found_again() {
+            if repeated && row.restore_newest() {
                 self.total_messages += 1;
                 self.total_bytes += row.spec.size as u64;
             }
         }
         let split_ns = now_ns.saturating_add(self.settings.segment_ns);
-        self.state = State::Recording(Box::new(Recording::new(writer, now_ns, split_ns, &kept)));
+        self.state = State::Recording(Box::new(Recording::new(writer, now_ns, split_ns, &attachments)));
         if let Some(before) = before {
-            let summary = self.summary("the next file was begun");
-            self.finishing.push(std::thread::spawn(move || before.finish(&kept, &summary)));
+            let summary = self.summary("the next file was started");
+            self.finishing.push(std::thread::spawn(move || before.finish(&attachments, &summary)));
         }
         Ok(())
     }
 
-    /// The files beside the samples that the next run file begins with: those of the run folder, and those that the file before began with
-    /// and that are no longer there. The configuration comes first.
+    /// Returns the attachments of the next run file: the files of the run folder, and attachments of the last file that
+    /// were removed from it. The configuration comes first.
     fn run_attachments(&self) -> Vec<Attachment> {
-        let mut kept = run_attachments(&self.settings.folder);
-        let lost = self.kept.iter().filter(|file| !kept.iter().any(|present| present.name == file.name));
+        let mut files = run_attachments(&self.settings.folder);
+        let lost = self.attachments.iter().filter(|file| !files.iter().any(|present| present.name == file.name));
         let lost: Vec<Attachment> = lost.cloned().collect();
-        kept.extend(lost);
-        kept.sort_by_key(|file| file.name.contains('/'));
-        kept
+        files.extend(lost);
+        files.sort_by_key(|file| file.name.contains('/'));
+        files
     }
 
-    /// Writes what of the run so far a new file has to know.
+    /// Writes the channels and the last samples of static channels to a new file; returns the ids of the channels.
     fn repeat(&self, writer: &mut RunWriter, now_ns: u64) -> Result<Vec<Option<ChannelId>>, RunError> {
         let mut ids = vec![None; self.rows.len()];
         for (row, id) in self.rows.iter().zip(&mut ids).filter(|(row, _)| row.messages() > 0) {
@@ -207,7 +208,8 @@ impl Session {
         Ok(ids)
     }
 
-    /// Adds a channel; it appears in the file with its first sample. The same channel twice is one.
+    /// Adds a channel, and returns its index. The channel is written with its first sample. A channel that is already
+    /// known is not added again.
     pub fn declare(&mut self, spec: ChannelSpec) -> usize {
         if let Some(known) = self.rows.iter().position(|row| row.spec == spec) {
             return known;
@@ -216,30 +218,31 @@ impl Session {
         self.rows.len() - 1
     }
 
-    /// The channels so far.
+    /// Returns the channels.
     #[must_use]
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
 
-    /// Writes a sorted batch that was heard at `heard_ns`. What cannot be written is counted as lost; nothing here is an error to the caller.
-    pub fn write(&mut self, batch: &Batch, heard_ns: u64, now_ns: u64) {
-        for (heard, sample) in batch.iter() {
-            let written = match self.write_one(heard, sample) {
+    /// Writes a sorted batch that was received at `received_ns`. What cannot be written is counted as lost; nothing
+    /// here is an error to the caller.
+    pub fn write(&mut self, batch: &Batch, received_ns: u64, now_ns: u64) {
+        for (received, sample) in batch.iter() {
+            let written = match self.write_one(received, sample) {
                 Ok(written) => written,
                 Err((RunError::Size { .. }, _)) => false,
                 Err((error, of_sample)) => {
                     if self.fail(&error, now_ns) && of_sample {
-                        self.note(heard, Some(sample));
+                        self.count(received, Some(sample));
                         self.settle();
                         continue;
                     }
                     false
                 }
             };
-            self.note(heard, written.then_some(sample));
-            if let Some(row) = self.rows.get_mut(heard.row) {
-                row.lagged(now_ns.saturating_sub(heard_ns));
+            self.count(received, written.then_some(sample));
+            if let Some(row) = self.rows.get_mut(received.row) {
+                row.record_lag(now_ns.saturating_sub(received_ns));
             }
             let settled =
                 if let State::Recording(recording) = &mut self.state { recording.has_settled() } else { false };
@@ -249,25 +252,25 @@ impl Session {
         }
     }
 
-    /// Counts a sample that was written, or (`None`) that was not.
-    fn note(&mut self, heard: &Heard, written: Option<&[u8]>) {
-        let Some(row) = self.rows.get_mut(heard.row) else { return };
+    /// Counts a sample that was written or, with `None`, was not.
+    fn count(&mut self, received: &ReceivedSample, written: Option<&[u8]>) {
+        let Some(row) = self.rows.get_mut(received.row) else { return };
         match written {
             Some(sample) => {
-                row.written(heard, sample);
+                row.record_written(received, sample);
                 self.total_messages += 1;
                 self.total_bytes += sample.len() as u64;
             }
-            None => row.not_written(heard),
+            None => row.record_unwritten(received),
         }
     }
 
-    /// All that was written stays in the file.
+    /// Marks all written samples as permanent in the file.
     fn settle(&mut self) {
         self.rows.iter_mut().for_each(Row::settle);
     }
 
-    /// What was written since the file last settled is in no file.
+    /// Reverts the counts of samples written since the file last settled, which are in no file.
     fn take_back(&mut self) {
         for row in &mut self.rows {
             let lost = row.take_back();
@@ -276,11 +279,12 @@ impl Session {
         }
     }
 
-    /// False if nothing is being recorded. An error says whether it came with the sample itself.
-    fn write_one(&mut self, heard: &Heard, sample: &[u8]) -> Result<bool, (RunError, bool)> {
+    /// Writes a sample, and a gap before it; returns false if nothing is being recorded. With an error it returns
+    /// whether the sample itself caused it.
+    fn write_one(&mut self, received: &ReceivedSample, sample: &[u8]) -> Result<bool, (RunError, bool)> {
         let State::Recording(recording) = &mut self.state else { return Ok(false) };
         let Recording { writer, gaps, .. } = &mut **recording;
-        let Some(row) = self.rows.get_mut(heard.row) else { return Ok(false) };
+        let Some(row) = self.rows.get_mut(received.row) else { return Ok(false) };
         let before = |error| (error, false);
         let id = match row.id {
             Some(id) => id,
@@ -292,45 +296,45 @@ impl Session {
                 *row.id.insert(id)
             }
         };
-        if let Some(mut gap) = row.gap(heard, self.cause) {
+        if let Some(mut gap) = row.gap(received, self.cause) {
             self.gaps += 1;
             gap.header.seq = self.gaps;
-            (gap.header.stamp_ns, gap.header.oldest_input_ns) = (heard.logged_ns, heard.logged_ns);
+            (gap.header.stamp_ns, gap.header.oldest_input_ns) = (received.logged_ns, received.logged_ns);
             let id = match *gaps {
                 Some(id) => id,
                 None => *gaps.insert(writer.add_channel(&ChannelSpec::of::<RecorderGap>(GAPS)).map_err(before)?),
             };
             let gap = bytemuck::bytes_of(&gap);
-            writer.write(id, self.gaps, heard.logged_ns, heard.logged_ns, gap).map_err(before)?;
+            writer.write(id, self.gaps, received.logged_ns, received.logged_ns, gap).map_err(before)?;
         }
-        writer.write(id, heard.seq, heard.logged_ns, heard.stamp_ns, sample).map_err(|error| (error, true))?;
+        writer.write(id, received.seq, received.logged_ns, received.stamp_ns, sample).map_err(|error| (error, true))?;
         Ok(true)
     }
 
-    /// Whether [`Session::tick`] wants to know the free space.
+    /// Returns whether [`Session::tick`] needs the free space.
     #[must_use]
     pub fn wants_free_bytes(&self, now_ns: u64) -> bool {
         now_ns >= self.next_watch_ns
     }
 
-    /// Flushes when it is time, begins the next file when one is large or old enough, stops when the disk is too full, goes on when there is
-    /// room. Call it after every batch.
+    /// Does the periodic work: flushes, starts the next file when one is large or old enough, stops when the disk is
+    /// full, and resumes when there is space. Call it after every batch.
     pub fn tick(&mut self, now_ns: u64, free_bytes: Option<u64>) {
         if let Some(free_bytes) = free_bytes {
             self.free_bytes = free_bytes;
             self.next_watch_ns = now_ns + WATCH_NS;
-            self.look_at_finished();
+            self.join_finished();
             if let State::Recording(recording) = &mut self.state {
-                recording.look_at_disk();
+                recording.report_sync();
             }
         }
-        if free_bytes.is_some() && self.look_for_removal(now_ns) {
+        if free_bytes.is_some() && self.check_removal(now_ns) {
             return;
         }
         let room = self.free_bytes as f64 >= self.settings.min_free_bytes as f64 * ROOM_FACTOR;
         match &mut self.state {
             State::Recording(_) if self.free_bytes < self.settings.min_free_bytes => {
-                self.say_full();
+                self.report_full();
                 if let Err(error) = self.end(ENDED_DISK_FULL) {
                     tracing::error!("{error}");
                     self.unfinished = true;
@@ -341,11 +345,11 @@ impl Session {
                 if now_ns >= recording.split_ns
                     || (recording.writer.bytes() >= self.settings.segment_bytes && now_ns > recording.begun_ns) =>
             {
-                // where the next file cannot be begun, this one goes on
+                // If the next file cannot be started, this one continues.
                 recording.split_ns = now_ns + RETRY_NS;
                 recording.begun_ns = recording.split_ns;
                 if let Err(error) = self.begin(now_ns) {
-                    tracing::error!("{error}; the file before goes on, trying again in {} s", RETRY_NS / SECOND_NS);
+                    tracing::error!("{error}; the present file continues, next attempt in {} s", RETRY_NS / SECOND_NS);
                 }
             }
             State::Recording(recording) if now_ns >= self.next_flush_ns => {
@@ -358,14 +362,15 @@ impl Session {
                 }
             }
             State::Recording(_) => {}
-            State::DiskFull if room => self.begin_again(now_ns),
-            State::Failed { retry_ns } if now_ns >= *retry_ns && room => self.begin_again(now_ns),
+            State::DiskFull if room => self.resume(now_ns),
+            State::Failed { retry_ns } if now_ns >= *retry_ns && room => self.resume(now_ns),
             State::DiskFull | State::Failed { .. } => {}
         }
     }
 
-    /// Notices that somebody removed or moved the file: what is written to it goes nowhere, and without an error. True if it was.
-    fn look_for_removal(&mut self, now_ns: u64) -> bool {
+    /// Abandons the file if it was removed or moved, because writes to it would be lost without an error; returns
+    /// whether it was.
+    fn check_removal(&mut self, now_ns: u64) -> bool {
         let State::Recording(recording) = &self.state else { return false };
         let writer = &recording.writer;
         let seen = writer.is_there();
@@ -373,12 +378,12 @@ impl Session {
         match seen {
             Ok(false) => {}
             Ok(true) => return false,
-            // What is written may well arrive: no reason to leave the file.
+            // The file may still exist, so continue to write it.
             Err(error) => {
                 if !was_unseen {
                     let file = writer.path().display();
                     tracing::warn!(
-                        "{file}: it cannot be seen whether the file is still there ({error}); the recording goes on"
+                        "{file}: cannot check whether the file still exists ({error}); the recording continues"
                     );
                 }
                 return false;
@@ -386,32 +391,32 @@ impl Session {
         }
         let error = RunError::Removed { path: writer.path().to_owned() };
         self.removed = true;
-        // What had been settled there is gone too, but only what comes now can still be counted.
+        // Settled samples are lost too, but only the later ones can still be counted.
         self.fail(&error, now_ns);
         true
     }
 
-    fn begin_again(&mut self, now_ns: u64) {
+    fn resume(&mut self, now_ns: u64) {
         if let Err(error) = self.begin(now_ns) {
             self.fail(&error, now_ns);
         }
     }
 
-    /// Leaves the file, if one is being written; true if all that was written is in it nevertheless.
+    /// Abandons the file after an error; returns whether it contains all written samples nevertheless.
     fn fail(&mut self, error: &RunError, now_ns: u64) -> bool {
         self.reason = error.to_string();
         let pause_ns = if matches!(error, RunError::Removed { .. }) { REMOVED_NS } else { RETRY_NS };
-        tracing::error!("NOTHING IS BEING RECORDED: {error}; trying another file in {} s", pause_ns / SECOND_NS);
+        tracing::error!("NOTHING IS BEING RECORDED: {error}; next file in {} s", pause_ns / SECOND_NS);
         let failed = State::Failed { retry_ns: now_ns + pause_ns };
         self.cause = RecorderGap::CAUSE_FAILED;
         match std::mem::replace(&mut self.state, failed) {
-            State::Recording(recording) => self.leave(*recording),
+            State::Recording(recording) => self.abandon_file(*recording),
             State::DiskFull | State::Failed { .. } => false,
         }
     }
 
-    /// Leaves a file that cannot be written any more; true if all that was written is in it nevertheless.
-    fn leave(&mut self, recording: Recording) -> bool {
+    /// Abandons a file that can no longer be written; returns whether it contains all written samples nevertheless.
+    fn abandon_file(&mut self, recording: Recording) -> bool {
         self.unfinished = true;
         let whole = recording.writer.give_up();
         if whole {
@@ -422,7 +427,7 @@ impl Session {
         whole
     }
 
-    /// Closes the last chunk of a file that is to be finished; `None` if that fails.
+    /// Closes the last chunk of a file before it is finished; returns `None` if that fails.
     fn settle_file(&mut self, mut recording: Box<Recording>) -> Option<Box<Recording>> {
         match recording.flush() {
             Ok(()) => {
@@ -431,20 +436,20 @@ impl Session {
             }
             Err(error) => {
                 tracing::error!("{error}");
-                self.leave(*recording);
+                self.abandon_file(*recording);
                 None
             }
         }
     }
 
-    fn say_full(&mut self) {
+    fn report_full(&mut self) {
         let folder = self.settings.folder.clone();
         let full = DiskFull { folder, free_bytes: self.free_bytes, needed_bytes: self.settings.min_free_bytes };
         self.reason = full.to_string();
         tracing::error!("NOTHING IS BEING RECORDED: {}", self.reason);
     }
 
-    fn look_at_finished(&mut self) {
+    fn join_finished(&mut self) {
         while let Some(at) = self.finishing.iter().position(JoinHandle::is_finished) {
             if let Err(error) = joined(self.finishing.swap_remove(at)) {
                 tracing::error!("{error}");
@@ -453,7 +458,7 @@ impl Session {
         }
     }
 
-    /// What the end of a file says of the run so far.
+    /// Returns the summary of the run so far for the end of a file.
     fn summary(&self, reason: &str) -> BTreeMap<String, String> {
         let lost = self.rows.iter().fold(0_u64, |sum, row| sum.saturating_add(row.lost()));
         let mut summary = BTreeMap::from([
@@ -476,14 +481,14 @@ impl Session {
             return Ok(None);
         };
         if let Err(error) = recording.flush() {
-            self.leave(*recording);
+            self.abandon_file(*recording);
             return Err(error);
         }
         self.settle();
         recording.finish(&run_attachments(&self.settings.folder), &self.summary(reason)).map(Some)
     }
 
-    /// One sample of `recorder/status` per channel.
+    /// Returns one sample of `recorder/status` per channel.
     pub fn status(&self, now_ns: u64) -> impl Iterator<Item = RecorderStatus> {
         self.rows.iter().map(move |row| {
             let mut status = row.status();
@@ -503,30 +508,30 @@ impl Session {
         })
     }
 
-    /// Whether a file of this session waits to be recovered, now that there is room again; true once.
+    /// Returns true once if a file of this session must be recovered and recording has resumed.
     pub fn wants_recovery(&mut self) -> bool {
         self.is_recording() && std::mem::take(&mut self.unfinished)
     }
 
-    /// The folder of the run.
+    /// Returns the run folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.settings.folder
     }
 
-    /// The final name of the present or last file.
+    /// Returns the final name of the present or last file.
     #[must_use]
     pub fn file(&self) -> &str {
         &self.file
     }
 
-    /// Whether samples go to a file at present.
+    /// Returns whether samples are being recorded.
     #[must_use]
     pub fn is_recording(&self) -> bool {
         matches!(self.state, State::Recording(_))
     }
 
-    /// Finishes the file, and those that are still being finished; `None` if nothing was being recorded.
+    /// Finishes the file, and waits for those that are being finished; returns `None` if nothing was being recorded.
     ///
     /// # Errors
     /// A file could not be finished; it can be recovered.

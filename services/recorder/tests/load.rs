@@ -1,4 +1,4 @@
-//! Not a test: what the recorder costs, and what it can take.
+//! A measurement, not a test: cost and capacity of the recorder.
 //!
 //! `NIMS_LOAD_S=60 cargo test --workspace --test load -- --ignored --nocapture`
 
@@ -15,7 +15,7 @@ use rig::Recording;
 use runlog::info;
 use tempfile::TempDir;
 
-/// Channels of the control loop's class, each at 200 Hz and more.
+/// Number of channels like those of the control loop, each at 200 Hz or more.
 const CHANNELS: usize = 100;
 const PASS_NS: u64 = 5_000_000;
 
@@ -58,7 +58,7 @@ macro_rules! load {
 load!(Small, 96);
 load!(Cloud, 99968);
 
-/// Numbers that look like measurements: the upper bytes of each repeat, the lower do not.
+/// Fills a sample with numbers like measurements: the upper bytes of each repeat, the lower do not.
 fn fill(data: &mut [u8], random: &mut u64) {
     for chunk in data.chunks_exact_mut(8) {
         *random ^= *random << 13;
@@ -68,8 +68,8 @@ fn fill(data: &mut [u8], random: &mut u64) {
     }
 }
 
-/// Publishes for some seconds: so many samples per channel in each pass, and 2 MB/s of clouds. Processor time of the recorder, s, its share of
-/// a core, and samples that are not in its files.
+/// Publishes `per_pass` samples per channel in each pass, and 2 MB/s of clouds, for some seconds. Returns the processor
+/// time of the recorder (s and percent of a core) and the number of samples lost and missing.
 fn run(per_pass: usize, seconds: u64) -> (f64, f64, u64, u64) {
     let (domain, folder) = (Domain::for_test(), TempDir::new().unwrap());
     let bus = Bus::join(&domain, "test").unwrap();
@@ -125,8 +125,8 @@ fn load() {
     let output = Command::new(&bare).args(["20000", &seconds.to_string()]).output();
     match output {
         Ok(output) => {
-            let said = String::from_utf8_lossy(&output.stdout).into_owned();
-            let cpu_s: f64 = said.trim().parse().unwrap();
+            let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+            let cpu_s: f64 = printed.trim().parse().unwrap();
             let ratio = recorder_s / cpu_s;
             println!(
                 "the same bytes with the bare mcap crate: {cpu_s:.2} s of processor time; the recorder takes {recorder_s:.2} s, {ratio:.1} times that"

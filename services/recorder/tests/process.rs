@@ -1,4 +1,4 @@
-//! The recorder as a process, in a domain of its own: from the first sample to a kill.
+//! The recorder process in its own domain: from the first sample to a kill.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -28,11 +28,11 @@ fn state(seq: u64) -> MotorState {
 }
 
 #[test]
-fn stamps_become_calendar_time_by_the_clock_of_the_run() {
+fn stamps_are_converted_by_the_clock_of_the_run() {
     let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
     let bus = Bus::join(&domain, "test").unwrap();
     assert_eq!(domain.wall_clock(), None);
-    // the wall clock was set by an hour after the run began
+    // The wall clock was advanced by an hour after the start of the run.
     let set = WallClock { unix_ns: WallClock::now().unix_ns - 3_600_000_000_000, ..WallClock::now() };
     domain.set_wall_clock(Some(set)).unwrap();
     assert_eq!(domain.wall_clock(), Some(set));
@@ -53,7 +53,7 @@ fn every_sample_from_the_first_on_is_in_the_file() {
     let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
     fs::write(run.path().join("system.toml"), "name = \"test\"\n").unwrap();
     let bus = Bus::join(&domain, "test").unwrap();
-    // published before there was a recorder: as much of it as the channel keeps
+    // Published before the recorder started; the channel stores its history.
     let mut early = bus.publisher::<LogEvent>("system/log/early").unwrap();
     for _ in 0..100 {
         early.send(&mut LogEvent::default()).unwrap();
@@ -61,7 +61,7 @@ fn every_sample_from_the_first_on_is_in_the_file() {
     assert!(quality_of("system/log/early").history >= 100);
     let mut recording = Recording::start(&domain, run.path(), &bus);
     early.update_connections();
-    // a channel of the table, and one that only its maker knows: both from their first sample on
+    // A channel of the table and a discovered one are recorded from their first sample on.
     let mut states = bus.publisher::<MotorState>("motor/state").unwrap();
     states.send(&mut state(1)).unwrap();
     let mut wind = bus.publisher::<Reading>("sensor/wind").unwrap();
@@ -103,7 +103,7 @@ fn every_sample_from_the_first_on_is_in_the_file() {
     for channel in ["recorder/status", "system/heartbeat/recorder"] {
         assert!(report.channels.iter().any(|found| found.name == channel), "{channel}");
     }
-    // one clock: what is in the file is in the order of its publication, give or take one look at the channels
+    // The file is in the order of publication, except within one poll of the channels.
     let mut reader = RunReader::open(run.path()).unwrap();
     let mut last = 0;
     while let Some(recorded) = reader.next_sample().unwrap() {
@@ -118,13 +118,13 @@ fn a_kill_loses_at_most_the_last_second_and_the_next_recorder_repairs_the_file()
     let kills = std::env::var("NIMS_KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
     let mut worst_ns = 0;
     for number in 1..=kills {
-        // spread over the half second between two flushes, and over the beginning of a run
+        // The kills are spread over the half second between two flushes, and over the start of a run.
         worst_ns = worst_ns.max(kill_after(100 + (number * 377) % 401));
     }
     println!("{kills} kills: at most {:.3} s lost", worst_ns as f64 * 1e-9);
 }
 
-/// Kills a recorder after so many samples at 200 Hz; returns the time of which samples were lost, ns.
+/// Kills a recorder after `count` samples at 200 Hz; returns the length of the time without samples in the file, ns.
 fn kill_after(count: u64) -> u64 {
     let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
     let bus = Bus::join(&domain, "test").unwrap();
@@ -154,12 +154,12 @@ fn kill_after(count: u64) -> u64 {
         .collect();
     assert_eq!(found, published[..found.len()], "without a gap from the first on");
     let lost_ns = killed_ns - found.last().unwrap_or(&published[0]);
-    // by stamps: a machine that stood still for a while has published nothing in that time, and can delay the flush as long
-    let stood_still: u64 = published.windows(2).map(|pair| (pair[1] - pair[0]).saturating_sub(20_000_000)).sum();
-    assert!(lost_ns <= 1_000_000_000 + stood_still, "{lost_ns} ns lost, stood still for {stood_still} ns");
+    // A stalled machine publishes nothing during the stall, and can delay the flush by the same time.
+    let stalled_ns: u64 = published.windows(2).map(|pair| (pair[1] - pair[0]).saturating_sub(20_000_000)).sum();
+    assert!(lost_ns <= 1_000_000_000 + stalled_ns, "{lost_ns} ns lost, stalled for {stalled_ns} ns");
     fs::remove_file(recovery.file).unwrap();
 
-    // the next recorder of the same run begins another file and repairs the first
+    // The next recorder of the same run starts another file and repairs the first.
     let mut recording = Recording::start(&domain, run.path(), &bus);
     let mut truth = TruthNode::default();
     truth.header.stamp_ns = now_ns();
@@ -170,7 +170,7 @@ fn kill_after(count: u64) -> u64 {
     assert_eq!(after.last(), Some(&(count + 1)));
     assert!(
         after[0] as usize <= found.len() + 1,
-        "the channel has kept what the kill took: {} and {after:?}",
+        "the history of the channel contains the samples lost by the kill: {} and {after:?}",
         found.len()
     );
     let whole = numbers::<TruthNode>(run.path(), "truth/node");
@@ -182,7 +182,7 @@ fn kill_after(count: u64) -> u64 {
 }
 
 #[test]
-fn a_file_that_takes_no_more_is_left_and_every_sample_that_is_missing_is_counted() {
+fn a_file_that_cannot_grow_is_abandoned_and_every_missing_sample_is_counted() {
     let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
     let bus = Bus::join(&domain, "test").unwrap();
     let mut recording = Recording::start_limited(&domain, run.path(), &bus, 16_000_000);
@@ -192,7 +192,7 @@ fn a_file_that_takes_no_more_is_left_and_every_sample_that_is_missing_is_counted
     let mut cloud: Box<PointCloud2> = Box::new(bytemuck::Zeroable::zeroed());
     let (mut seq, mut random) = (0, 88_172_645_463_325_252_u64);
     let mut last = None;
-    // no number of seconds: until the recorder says so, and half a second more
+    // Not a fixed time: until the recorder reports the state, plus half a second.
     let mut publish_until = |noise: bool, state: u8| {
         let (mut pacer, mut more) = (Pacer::new(2_000_000), 0);
         let give_up = now_ns() + 60_000_000_000;
@@ -219,7 +219,7 @@ fn a_file_that_takes_no_more_is_left_and_every_sample_that_is_missing_is_counted
     publish_until(true, RecorderStatus::STATE_FAILED);
     let published = publish_until(false, RecorderStatus::STATE_RECORDING);
     assert_eq!(recording.signal(rustix::process::Signal::TERM), Some(0));
-    // the recorder itself may not write a file that large
+    // The recorder itself is not allowed to write a file of this size.
     let part = run.path().join("run.mcap.part");
     if part.exists() {
         recover(&part, &mut |_, _| {}).unwrap();
@@ -241,7 +241,7 @@ fn a_file_that_takes_no_more_is_left_and_every_sample_that_is_missing_is_counted
 }
 
 #[test]
-fn it_refuses_what_it_cannot_use_with_one_sentence() {
+fn bad_input_is_rejected_with_one_sentence() {
     let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
     let ask = |args: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_recorder")).args(args).output().unwrap();
@@ -255,11 +255,11 @@ fn it_refuses_what_it_cannot_use_with_one_sentence() {
     assert!(["--system", "--domain"].iter().all(|option| said.contains(option)) && said.lines().count() == 1, "{said}");
 }
 
-/// Not for every machine: `mount -t tmpfs -o size=32m none DIR`, then
+/// Needs a small file system: `mount -t tmpfs -o size=32m none DIR`, then
 /// `NIMS_SMALL_DISK=DIR cargo test --workspace --test process -- --ignored`.
 #[test]
 #[ignore = "needs a small file system"]
-fn a_disk_that_fills_up_is_said_within_a_second_and_recording_goes_on_when_there_is_room() {
+fn a_full_disk_is_reported_within_a_second_and_recording_resumes_when_there_is_space() {
     let disk = std::env::var("NIMS_SMALL_DISK").expect("NIMS_SMALL_DISK names a folder on a small file system");
     let (domain, run) = (Domain::for_test(), tempfile::tempdir_in(disk).unwrap());
     let boxes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems").canonicalize().unwrap();
@@ -291,7 +291,7 @@ fn a_disk_that_fills_up_is_said_within_a_second_and_recording_goes_on_when_there
     };
     publish_until("recording", true);
     let ballast = run.path().join("ballast");
-    // to the last byte
+    // Fill the disk completely.
     let _ = fs::write(&ballast, vec![1_u8; 64 << 20]);
     let noticed_s = publish_until("the disk is full", false);
     fs::remove_file(&ballast).unwrap();

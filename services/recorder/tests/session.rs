@@ -1,4 +1,4 @@
-//! What a session does with its files when the disk fills, fails, and when channels come and go.
+//! The files of a session: full and failing disks, new channels, losses.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 use messages::{Message, RecorderGap, RecorderStatus, TruthNode, text_of};
-use recorder::{Batch, DiskFull, ENDED_DISK_FULL, Heard, Session, Settings};
+use recorder::{Batch, DiskFull, ENDED_DISK_FULL, ReceivedSample, Session, Settings};
 use runlog::{ChannelSpec, Finding, RunClock, RunError, RunReader, cause_phrase, info, read_channel, segments};
 
 const SECOND: u64 = 1_000_000_000;
@@ -30,15 +30,15 @@ fn truth(seq: u64, stamp_ns: u64) -> TruthNode {
     sample
 }
 
-/// One sample, as the recorder would bring it.
-fn hear(session: &mut Session, row: usize, seq: u64, now_ns: u64, missing: u64) {
+/// Passes one sample to the session, as the recorder does.
+fn receive(session: &mut Session, row: usize, seq: u64, now_ns: u64, missing: u64) {
     let mut batch = Batch::default();
     let sample = truth(seq, now_ns);
-    batch.push(Heard { row, logged_ns: now_ns, stamp_ns: now_ns, seq, missing }, bytemuck::bytes_of(&sample));
+    batch.push(ReceivedSample { row, logged_ns: now_ns, stamp_ns: now_ns, seq, missing }, bytemuck::bytes_of(&sample));
     session.write(&batch, now_ns, now_ns + 1_000);
 }
 
-/// What a reason looks like where it has to fit into the status.
+/// A reason, shortened to the field of the status.
 fn in_status(reason: &dyn std::fmt::Display) -> String {
     let mut status = RecorderStatus::default();
     messages::put_sentence(&mut status.reason, &reason.to_string());
@@ -50,13 +50,13 @@ fn status(session: &Session) -> RecorderStatus {
 }
 
 #[test]
-fn a_full_disk_stops_the_recording_loudly_and_room_lets_it_go_on() {
+fn a_full_disk_stops_the_recording_and_free_space_resumes_it() {
     let folder = tempfile::tempdir().unwrap();
     let clock = RunClock::now();
     let mut session = Session::open(settings(folder.path()), clock, 0, 10_000).unwrap();
     let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
     assert_eq!(session.declare(ChannelSpec::of::<TruthNode>("truth/node")), row);
-    hear(&mut session, row, 1, SECOND, 0);
+    receive(&mut session, row, 1, SECOND, 0);
     session.tick(SECOND, Some(10_000));
     assert_eq!(status(&session).state, RecorderStatus::STATE_RECORDING);
     assert!(!session.wants_free_bytes(SECOND + 1) && session.wants_free_bytes(2 * SECOND));
@@ -64,19 +64,19 @@ fn a_full_disk_stops_the_recording_loudly_and_room_lets_it_go_on() {
     session.tick(2 * SECOND, Some(MIN_FREE - 1));
     assert!(!session.is_recording());
     assert_eq!(info(folder.path()).unwrap().ended.as_deref(), Some(ENDED_DISK_FULL), "the file is closed in order");
-    hear(&mut session, row, 2, 2 * SECOND, 0);
+    receive(&mut session, row, 2, 2 * SECOND, 0);
     session.tick(3 * SECOND, Some(MIN_FREE));
-    assert_eq!(status(&session).state, RecorderStatus::STATE_DISK_FULL, "not for a handful of bytes");
+    assert_eq!(status(&session).state, RecorderStatus::STATE_DISK_FULL, "a few free bytes do not suffice");
     let reason = text_of(&status(&session).reason);
     let folder_of_run = folder.path().to_owned();
     let full = DiskFull { folder: folder_of_run, free_bytes: MIN_FREE - 1, needed_bytes: MIN_FREE };
     assert_eq!(reason, in_status(&full));
-    hear(&mut session, row, 3, 3 * SECOND, 0);
+    receive(&mut session, row, 3, 3 * SECOND, 0);
     assert_eq!(status(&session).lost, 2);
 
     session.tick(4 * SECOND, Some(2 * MIN_FREE));
     assert!(session.is_recording());
-    hear(&mut session, row, 4, 4 * SECOND, 0);
+    receive(&mut session, row, 4, 4 * SECOND, 0);
     assert_eq!(text_of(&status(&session).file), "run-0002.mcap");
     session.close("stopped").unwrap().unwrap();
     let numbers: Vec<u64> = read_channel::<TruthNode>(folder.path(), "truth/node")
@@ -91,7 +91,7 @@ fn a_full_disk_stops_the_recording_loudly_and_room_lets_it_go_on() {
 }
 
 #[test]
-fn a_disk_that_is_full_from_the_beginning_is_waited_for() {
+fn recording_starts_when_a_full_disk_has_free_space() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 5).unwrap();
     assert!(!session.is_recording() && segments(folder.path()).is_err());
@@ -101,7 +101,7 @@ fn a_disk_that_is_full_from_the_beginning_is_waited_for() {
 }
 
 #[test]
-fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one() {
+fn after_the_run_folder_was_removed_recording_resumes_in_a_new_one() {
     let parent = tempfile::tempdir().unwrap();
     let folder = parent.path().join("run");
     assert!(Session::open(settings(&folder), RunClock::now(), 0, 10_000).is_err());
@@ -109,28 +109,28 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
     fs::write(folder.join("system.toml"), "x").unwrap();
     let mut session = Session::open(settings(&folder), RunClock::now(), 0, 10_000).unwrap();
     let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
-    hear(&mut session, row, 1, SECOND / 2, 0);
+    receive(&mut session, row, 1, SECOND / 2, 0);
     session.tick(SECOND, Some(10_000));
     assert_eq!(text_of(&status(&session).reason), "");
     fs::remove_dir_all(&folder).unwrap();
     session.tick(2 * SECOND, Some(10_000));
-    let said = status(&session);
-    assert_eq!(said.state, RecorderStatus::STATE_FAILED);
-    let reason = text_of(&said.reason);
+    let failed = status(&session);
+    assert_eq!(failed.state, RecorderStatus::STATE_FAILED);
+    let reason = text_of(&failed.reason);
     assert_eq!(reason, in_status(&RunError::Removed { path: folder.join("run.mcap") }));
-    // A mission that was accepted meanwhile comes behind the configuration.
+    // The copy of a mission accepted meanwhile is attached after the configuration.
     fs::create_dir_all(folder.join("missions")).unwrap();
     fs::write(folder.join("missions/1-over.toml"), "y").unwrap();
-    hear(&mut session, row, 2, 2 * SECOND, 0);
+    receive(&mut session, row, 2, 2 * SECOND, 0);
     assert_eq!(status(&session).lost, 1);
     session.tick(3 * SECOND, Some(10_000));
     assert_eq!(
         (status(&session).state, text_of(&status(&session).reason)),
         (RecorderStatus::STATE_RECORDING, String::new())
     );
-    hear(&mut session, row, 3, 4 * SECOND, 0);
+    receive(&mut session, row, 3, 4 * SECOND, 0);
     session.close("stopped").unwrap().unwrap();
-    assert_eq!(numbers(&folder, "truth/node"), [1, 3], "the last sample of what is gone begins the new file");
+    assert_eq!(numbers(&folder, "truth/node"), [1, 3], "the last sample of the removed file starts the new one");
     let mut reader = RunReader::open(&folder).unwrap();
     while reader.next_sample().unwrap().is_some() {}
     let kept: Vec<&str> = reader.attachments().iter().map(|file| file.name.as_str()).collect();
@@ -138,7 +138,7 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
 }
 
 #[test]
-fn a_later_reason_takes_the_place_of_the_first() {
+fn a_later_reason_replaces_the_first() {
     let parent = tempfile::tempdir().unwrap();
     let folder = parent.path().join("run");
     fs::create_dir(&folder).unwrap();
@@ -147,7 +147,7 @@ fn a_later_reason_takes_the_place_of_the_first() {
     fs::remove_dir_all(&folder).unwrap();
     session.tick(SECOND, Some(10_000));
     let first = text_of(&status(&session).reason);
-    // In the place of the folder is a file, so that it cannot be made again.
+    // A file with the path of the folder prevents its creation.
     fs::write(&folder, "").unwrap();
     session.tick(3 * SECOND, Some(10_000));
     let second = text_of(&status(&session).reason);
@@ -174,13 +174,13 @@ fn a_file_that_was_replaced_by_another_of_its_name_is_removed_too() {
 }
 
 #[test]
-fn what_is_missing_is_counted_and_stands_at_the_end_of_the_file() {
+fn missing_samples_are_counted_and_in_the_summary_of_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
     let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
     session.declare(ChannelSpec::of::<TruthNode>("truth/never"));
-    hear(&mut session, row, 1, 10, 0);
-    hear(&mut session, row, 5, 20, 3);
+    receive(&mut session, row, 1, 10, 0);
+    receive(&mut session, row, 5, 20, 3);
     let status = status(&session);
     assert_eq!((status.messages, status.lost, status.gaps), (2, 3, 1));
     assert_eq!(status.total_bytes, 2 * size_of::<TruthNode>() as u64);
@@ -197,13 +197,13 @@ fn what_is_missing_is_counted_and_stands_at_the_end_of_the_file() {
 }
 
 #[test]
-fn losses_without_sense_do_not_overflow_their_count() {
+fn arbitrary_losses_do_not_overflow_their_count() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
     for channel in ["truth/node", "truth/other"] {
         let row = session.declare(ChannelSpec::of::<TruthNode>(channel));
         for seq in 1..4 {
-            hear(&mut session, row, seq, SECOND, u64::MAX);
+            receive(&mut session, row, seq, SECOND, u64::MAX);
         }
     }
     assert_eq!(status(&session).lost, u64::MAX);
@@ -226,17 +226,17 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
     let [busy, still, silent] =
         ["truth/busy", "truth/still", "truth/silent"].map(|name| session.declare(ChannelSpec::of::<TruthNode>(name)));
     let _ = silent;
-    hear(&mut session, still, 1, SECOND / 4, 0);
+    receive(&mut session, still, 1, SECOND / 4, 0);
     for seq in 1..=60 {
         let now = seq * SECOND / 2;
-        hear(&mut session, busy, seq, now, 0);
+        receive(&mut session, busy, seq, now, 0);
         session.tick(now, None);
-        // flown while the first and the third file are being written
+        // Missions flown while the first and the third file are written.
         if seq == 4 || seq == 50 {
             fs::write(folder.path().join(format!("missions/{seq}-over.toml")), format!("{seq}")).unwrap();
         }
     }
-    hear(&mut session, still, 2, 31 * SECOND, 0);
+    receive(&mut session, still, 2, 31 * SECOND, 0);
     session.close("stopped").unwrap().unwrap();
 
     let files = segments(folder.path()).unwrap();
@@ -245,7 +245,11 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
     assert_eq!(numbers(folder.path(), "truth/busy"), (1..=60).collect::<Vec<_>>(), "none missing, none twice");
     assert_eq!(numbers(folder.path(), "truth/still"), [1, 2]);
     for (at, file) in files.iter().enumerate() {
-        assert_eq!(numbers(file, "truth/still")[0], 1, "{names:?} {at}: what rarely speaks stands in every file");
+        assert_eq!(
+            numbers(file, "truth/still")[0],
+            1,
+            "{names:?} {at}: the sample of a static channel is in every file"
+        );
         let mut reader = RunReader::open(file).unwrap();
         while reader.next_sample().unwrap().is_some() {}
         let kept: Vec<&str> = reader.attachments().iter().map(|file| file.name.as_str()).collect();
@@ -254,7 +258,7 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
         assert_eq!(kept, expected, "{names:?} {at}");
         assert_eq!(reader.ends()[0]["failed_syncs"], "0");
         assert_eq!(reader.about()["segment"], (at + 1).to_string());
-        assert_eq!(reader.channels().len(), 2, "a channel that never spoke is in none");
+        assert_eq!(reader.channels().len(), 2, "a channel without samples is in no file");
     }
     let mut reader = RunReader::open(folder.path()).unwrap();
     let mut last = 0;
@@ -291,7 +295,7 @@ fn a_file_that_is_large_enough_is_followed_by_the_next() {
             *byte = (random >> 56) as u8;
         }
         let mut batch = Batch::default();
-        batch.push(Heard { row, logged_ns: now, stamp_ns: now, seq, missing: 0 }, &sample);
+        batch.push(ReceivedSample { row, logged_ns: now, stamp_ns: now, seq, missing: 0 }, &sample);
         session.write(&batch, now, now);
         session.tick(now, None);
     }
@@ -306,20 +310,20 @@ fn a_file_that_is_large_enough_is_followed_by_the_next() {
 }
 
 #[test]
-fn every_gap_stands_in_the_file_where_samples_are_missing() {
+fn every_gap_is_recorded_at_its_place_in_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
     let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
-    hear(&mut session, row, 1, SECOND, 0);
-    hear(&mut session, row, 5, 2 * SECOND, 3);
+    receive(&mut session, row, 1, SECOND, 0);
+    receive(&mut session, row, 5, 2 * SECOND, 3);
     session.tick(3 * SECOND, Some(0));
     for seq in 6..=8 {
-        hear(&mut session, row, seq, 3 * SECOND + seq, 0);
+        receive(&mut session, row, seq, 3 * SECOND + seq, 0);
     }
-    hear(&mut session, row, 11, 4 * SECOND, 2);
+    receive(&mut session, row, 11, 4 * SECOND, 2);
     session.tick(5 * SECOND, Some(10_000));
-    hear(&mut session, row, 12, 6 * SECOND, 0);
-    hear(&mut session, row, 13, 7 * SECOND, 0);
+    receive(&mut session, row, 12, 6 * SECOND, 0);
+    receive(&mut session, row, 13, 7 * SECOND, 0);
     assert_eq!((status(&session).lost, status(&session).gaps), (9, 2));
     session.close("stopped").unwrap().unwrap();
 

@@ -22,28 +22,28 @@ pub use process::serve;
 pub use sensor::Sensor;
 pub use settings::SensorFile;
 
-/// What a sensor said.
+/// A decoded frame of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Frame {
     /// Values, and `Reading::QUALITY_*`.
     Values([f64; VALUES], u8),
-    /// Something that was meant as a frame and is none.
+    /// A damaged frame.
     Bad,
 }
 
-/// Values of one reading at most.
+/// Largest number of values of one reading.
 pub const VALUES: usize = 8;
 
-/// How a device speaks: bytes to values.
+/// The protocol of a device: decodes bytes to values.
 pub trait Protocol: std::fmt::Debug + Send {
-    /// The line has been opened: what comes next may begin in the middle of a frame.
+    /// Resets the decoder after the port was opened, which may be in the middle of a frame.
     fn reset(&mut self);
 
-    /// Takes one byte; says so when it ends a frame.
-    fn take(&mut self, byte: u8) -> Option<Frame>;
+    /// Decodes one byte; returns a frame if the byte completes one.
+    fn push(&mut self, byte: u8) -> Option<Frame>;
 
-    /// For a device that speaks when it is asked: the question, and whether the one before was left without an answer.
-    fn question(&mut self) -> Option<(&[u8], bool)> {
+    /// Returns the next request for a device that must be polled, and whether the last request was not answered.
+    fn request(&mut self) -> Option<(&[u8], bool)> {
         None
     }
 }

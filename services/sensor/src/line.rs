@@ -1,34 +1,34 @@
-//! Devices that say a line of text: NMEA 0183, columns, or names with values.
+//! Devices that send text lines: NMEA 0183, columns, or names with values.
 
 use messages::Reading;
 
 use crate::settings::{LineFormat, LineSection, ValueSection};
 use crate::{Frame, Protocol, VALUES};
 
-/// Longest line, bytes; NMEA 0183 allows 82.
+/// Longest text line, bytes; NMEA 0183 allows 82.
 const LONGEST: usize = 512;
 
-/// Values out of lines.
+/// Decoder of text lines.
 #[derive(Debug)]
-pub struct Lines {
+pub struct TextLines {
     section: LineSection,
     values: Vec<ValueSection>,
     text: Vec<u8>,
-    /// What comes up to the next line end is not whole.
-    cut: bool,
-    /// The line is longer than any that is meant.
+    /// Whether the present text line may lack its start.
+    truncated: bool,
+    /// Whether the present text line is longer than [`LONGEST`].
     too_long: bool,
 }
 
-impl Lines {
-    /// For lines as described.
+impl TextLines {
+    /// Creates a decoder for the described text lines.
     pub fn new(section: &LineSection, values: &[ValueSection]) -> Self {
         let text = Vec::with_capacity(LONGEST);
-        Self { section: section.clone(), values: values.to_vec(), text, cut: true, too_long: false }
+        Self { section: section.clone(), values: values.to_vec(), text, truncated: true, too_long: false }
     }
 
-    /// `None`: a line that is not for us.
-    fn line(&self) -> Option<Frame> {
+    /// Decodes the text line; returns `None` for an empty one and for another NMEA sentence.
+    fn decode(&self) -> Option<Frame> {
         let Ok(text) = std::str::from_utf8(&self.text) else { return Some(Frame::Bad) };
         let text = text.trim();
         if text.is_empty() {
@@ -38,11 +38,11 @@ impl Lines {
             LineFormat::Nmea => match nmea(text) {
                 None => Some(Frame::Bad),
                 Some(fields) if !fields[0].ends_with(&self.section.sentence) => None,
-                Some(fields) => Some(self.of_fields(&fields[1..])),
+                Some(fields) => Some(self.decode_fields(&fields[1..])),
             },
             LineFormat::Csv => {
                 let fields: Vec<&str> = text.split(self.section.separator).collect();
-                Some(self.of_fields(&fields))
+                Some(self.decode_fields(&fields))
             }
             LineFormat::KeyValue => {
                 Some(self.collect(true, |value| value_of(text, value.key.as_deref().unwrap_or_default())))
@@ -50,13 +50,14 @@ impl Lines {
         }
     }
 
-    fn of_fields(&self, fields: &[&str]) -> Frame {
+    fn decode_fields(&self, fields: &[&str]) -> Frame {
         let field = |number: usize| number.checked_sub(1).and_then(|at| fields.get(at)).map(|field| field.trim());
         let valid = self.section.valid.as_ref().is_none_or(|valid| field(valid.field) == Some(valid.is.as_str()));
         self.collect(valid, |value| field(value.field.unwrap_or(0)))
     }
 
-    /// An empty field is a value that the device has not; one that is missing, or no number, makes the whole line a bad one.
+    /// Collects the values. An empty field is an invalid value; a missing field, or one that is no number, makes the
+    /// whole text line a bad frame.
     fn collect<'a>(&self, valid: bool, text_of: impl Fn(&ValueSection) -> Option<&'a str>) -> Frame {
         let mut values = [0.0; VALUES];
         let mut quality = if valid { Reading::QUALITY_GOOD } else { Reading::QUALITY_INVALID };
@@ -73,13 +74,13 @@ impl Lines {
     }
 }
 
-impl Protocol for Lines {
+impl Protocol for TextLines {
     fn reset(&mut self) {
         self.text.clear();
-        (self.cut, self.too_long) = (true, false);
+        (self.truncated, self.too_long) = (true, false);
     }
 
-    fn take(&mut self, byte: u8) -> Option<Frame> {
+    fn push(&mut self, byte: u8) -> Option<Frame> {
         if byte != b'\n' {
             match self.text.len() < LONGEST {
                 true => self.text.push(byte),
@@ -87,18 +88,19 @@ impl Protocol for Lines {
             }
             return None;
         }
-        let cut = std::mem::take(&mut self.cut);
+        let truncated = std::mem::take(&mut self.truncated);
         let frame = match std::mem::take(&mut self.too_long) {
             true => Some(Frame::Bad),
-            false => self.line(),
+            false => self.decode(),
         };
         self.text.clear();
-        // Half a line can look like a whole one with other values.
-        frame.filter(|_| !cut)
+        // A truncated text line can look like a whole one with other values.
+        frame.filter(|_| !truncated)
     }
 }
 
-/// The fields of a sentence between `$` and `*`, the first being its name; `None` if the checksum is missing or wrong.
+/// Returns the fields of a sentence between `$` and `*`, of which the first is its name; `None` if the checksum is
+/// missing or wrong.
 fn nmea(text: &str) -> Option<Vec<&str>> {
     let (body, sum) = text.strip_prefix(['$', '!'])?.rsplit_once('*')?;
     let given = u8::from_str_radix(sum, 16).ok().filter(|_| sum.len() == 2)?;
@@ -106,7 +108,7 @@ fn nmea(text: &str) -> Option<Vec<&str>> {
     (given == true_sum).then(|| body.split(',').collect())
 }
 
-/// What stands behind `KEY=` or `KEY:`, up to the next separator.
+/// Returns the text after `KEY=` or `KEY:`, up to the next separator.
 fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     text.match_indices(key).find_map(|(at, _)| {
         let alone = text.get(..at)?.chars().next_back().is_none_or(|c| !c.is_alphanumeric() && c != '_');
@@ -116,7 +118,7 @@ fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     })
 }
 
-/// A finite number, perhaps with a unit behind it.
+/// Parses a finite number, which a unit may follow.
 fn number(text: &str) -> Option<f64> {
     let whole = text.parse::<f64>().ok();
     let digits = text.find(|c: char| !matches!(c, '0'..='9' | '.' | '+' | '-')).unwrap_or(text.len());
@@ -137,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_is_found_as_a_whole_word() {
+    fn a_key_matches_whole_words_only() {
         let text = "RTD=5 T = 21.5C;CO2:412 T2=9";
         for (key, expected) in
             [("T", Some("21.5C")), ("CO2", Some("412")), ("T2", Some("9")), ("TD", None), ("X", None)]

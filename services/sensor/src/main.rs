@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use runtime::CommonArgs;
 
-/// A sensor on a serial port: publishes what it says on sensor/NAME.
+/// Publish the readings of a sensor on a serial port on sensor/NAME.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Args {

@@ -1,5 +1,5 @@
-//! Registers of a Modbus RTU device. Questions, checksums and decoding are the crate `rmodbus`'s; where an answer begins and ends is found
-//! here, so that what is not an answer is left out byte by byte.
+//! Registers of a Modbus RTU device. The crate `rmodbus` generates requests, checks checksums and decodes responses;
+//! this module finds the start and end of a response and skips other bytes.
 
 use messages::Reading;
 use rmodbus::client::ModbusRequest;
@@ -8,67 +8,69 @@ use rmodbus::{ErrorKind, ModbusProto};
 use crate::settings::{ModbusSection, NumberKind, RegisterTable, ValueSection};
 use crate::{Frame, Protocol, VALUES};
 
-/// Unit, function, and the number of bytes or the reason of a refusal.
+/// Bytes of the header of a response: unit, function, and number of data bytes or exception code.
 const HEAD: usize = 3;
-/// Behind the data.
+/// Bytes of the checksum after the data.
 const CHECKSUM: usize = 2;
-/// Set in the function of an answer that refuses.
-const REFUSED: u8 = 0x80;
+/// Bit in the function code of an exception response.
+const EXCEPTION: u8 = 0x80;
 
-/// Values out of registers.
+/// Decoder of registers.
 #[derive(Debug)]
 pub struct Modbus {
     request: ModbusRequest,
-    /// The question as it is sent.
-    question: Vec<u8>,
+    /// The bytes of the request.
+    request_bytes: Vec<u8>,
     values: Vec<ValueSection>,
     first: u16,
     count: u16,
     received: Vec<u8>,
-    asked: bool,
+    /// Whether a request awaits its response.
+    pending: bool,
 }
 
 impl Modbus {
-    /// For these registers.
+    /// Creates a decoder for these registers.
     ///
     /// # Errors
-    /// The question cannot be written.
+    /// The request cannot be generated.
     pub fn new(section: &ModbusSection, values: &[ValueSection]) -> Result<Self, ErrorKind> {
         let of = |value: &ValueSection| (value.register.unwrap_or(0), value.number.registers());
         let first = values.iter().map(|value| of(value).0).min().unwrap_or(0);
         let end = values.iter().map(|value| u32::from(of(value).0) + u32::from(of(value).1)).max().unwrap_or(1);
         let count = end.saturating_sub(u32::from(first)).min(u32::from(u16::MAX)) as u16;
         let mut request = ModbusRequest::new(section.unit_id, ModbusProto::Rtu);
-        let (mut question, received) = (Vec::new(), Vec::with_capacity(260));
+        let (mut request_bytes, received) = (Vec::new(), Vec::with_capacity(260));
         match section.table {
-            RegisterTable::Holding => request.generate_get_holdings(first, count, &mut question)?,
-            RegisterTable::Input => request.generate_get_inputs(first, count, &mut question)?,
+            RegisterTable::Holding => request.generate_get_holdings(first, count, &mut request_bytes)?,
+            RegisterTable::Input => request.generate_get_inputs(first, count, &mut request_bytes)?,
         }
-        Ok(Self { request, question, values: values.to_vec(), first, count, received, asked: false })
+        Ok(Self { request, request_bytes, values: values.to_vec(), first, count, received, pending: false })
     }
 
-    /// How long the answer is that what has been received may be the beginning of; `None`: of none.
+    /// Returns the length of the response whose start the received bytes may be; `None` if they are no start of a
+    /// response.
     fn length(&self) -> Option<usize> {
         let (unit, function) = (self.request.unit_id, self.request.func.byte());
         let data = 2 * usize::from(self.count);
         match self.received.as_slice() {
             [] => Some(HEAD),
             [u] => (*u == unit).then_some(HEAD),
-            [u, f] => (*u == unit && f & !REFUSED == function).then_some(HEAD),
-            [u, f, _, ..] if *u == unit && *f == function | REFUSED => Some(HEAD + CHECKSUM),
+            [u, f] => (*u == unit && f & !EXCEPTION == function).then_some(HEAD),
+            [u, f, _, ..] if *u == unit && *f == function | EXCEPTION => Some(HEAD + CHECKSUM),
             [u, f, bytes, ..] => {
                 (*u == unit && *f == function && usize::from(*bytes) == data).then_some(HEAD + data + CHECKSUM)
             }
         }
     }
 
-    /// `Err` if it is no answer after all.
-    fn answer(&self) -> Result<Frame, ErrorKind> {
+    /// Decodes the received bytes; fails if they are no response.
+    fn decode(&self) -> Result<Frame, ErrorKind> {
         let mut words: Vec<u16> = Vec::with_capacity(usize::from(self.count));
         match self.request.parse_u16(&self.received, &mut words) {
             Ok(()) => {}
             Err(error @ (ErrorKind::FrameCRCError | ErrorKind::FrameBroken)) => return Err(error),
-            // The device refuses: it is there, and has no such value.
+            // An exception response: the device has no such register.
             Err(_) => return Ok(Frame::Bad),
         }
         let mut values = [0.0; VALUES];
@@ -90,18 +92,18 @@ impl Modbus {
 impl Protocol for Modbus {
     fn reset(&mut self) {
         self.received.clear();
-        self.asked = false;
+        self.pending = false;
     }
 
-    fn question(&mut self) -> Option<(&[u8], bool)> {
+    fn request(&mut self) -> Option<(&[u8], bool)> {
         self.received.clear();
-        let unanswered = std::mem::replace(&mut self.asked, true);
-        Some((&self.question, unanswered))
+        let unanswered = std::mem::replace(&mut self.pending, true);
+        Some((&self.request_bytes, unanswered))
     }
 
-    fn take(&mut self, byte: u8) -> Option<Frame> {
-        // Nobody has asked: it is noise, or an answer that comes too late to be told from the next one.
-        if !self.asked {
+    fn push(&mut self, byte: u8) -> Option<Frame> {
+        // Without a request, bytes are noise or a late response.
+        if !self.pending {
             return None;
         }
         self.received.push(byte);
@@ -109,7 +111,7 @@ impl Protocol for Modbus {
             match self.length() {
                 Some(length) if self.received.len() < length => return None,
                 Some(_) => {
-                    if let Ok(frame) = self.answer() {
+                    if let Ok(frame) = self.decode() {
                         self.reset();
                         return Some(frame);
                     }
@@ -123,7 +125,7 @@ impl Protocol for Modbus {
 }
 
 impl NumberKind {
-    /// A number out of its registers, the high word first unless `swapped`.
+    /// Decodes a number from its registers, high word first unless `swapped`.
     fn read(self, words: &[u16], swapped: bool) -> Option<f64> {
         let double = || {
             let [a, b, ..] = *words else { return None };

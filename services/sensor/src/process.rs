@@ -1,4 +1,4 @@
-//! The process: a line that heals itself, the sensor behind it, and its channel.
+//! The process: a serial port that reopens itself, the sensor, and its channel.
 
 use std::path::Path;
 
@@ -9,19 +9,19 @@ use tracing::{info, warn};
 
 use crate::{Sensor, SensorFile};
 
-/// Longest wait for bytes, ns: bounds how late the end of the process, a question or a stale mark can be.
+/// Longest wait for bytes, ns: bounds the delay of the end of the process, of a request and of a stale reading.
 const WAIT_NS: u64 = 20_000_000;
-/// Pause while the device is not there, ns.
+/// Time between two attempts to open the port, ns.
 const PAUSE_NS: u64 = 50_000_000;
-/// Time for a question to be taken, ns.
+/// Longest time to write a request, ns.
 const WRITE_NS: u64 = 100_000_000;
-/// Between two words about bad frames, ns.
-const COMPLAIN_NS: u64 = 10_000_000_000;
+/// Time between two warnings about bad frames, ns.
+const WARN_NS: u64 = 10_000_000_000;
 
-/// Lives until it is asked to end: readings on `sensor/NAME`, whether the device is there or not.
+/// Publishes readings on `sensor/NAME` until the end of the process is requested, with or without the device.
 ///
 /// # Errors
-/// The file cannot be used, or the channel is taken.
+/// The file is not accepted, or the channel has a publisher.
 pub fn serve(path: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = SensorFile::load(path)?;
     chassis.reads(path);
@@ -32,7 +32,7 @@ pub fn serve(path: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
     let mut waiter = chassis.waiter(&[])?;
     chassis.ready()?;
     let (mut connection, mut missing) = (0, false);
-    let (mut complained_ns, mut bad) = (now_ns(), 0);
+    let (mut warned_ns, mut bad) = (now_ns(), 0);
     while chassis.running() {
         match line.connection() {
             Ok(number) => {
@@ -47,36 +47,36 @@ pub fn serve(path: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
             }
             Err(error) => {
                 if !std::mem::replace(&mut missing, true) {
-                    warn!("{error}; looking for it again and again");
+                    warn!("{error}; retrying until it opens");
                 }
                 chassis.wait(&mut waiter, Some(now_ns() + PAUSE_NS))?;
             }
         }
         let now = now_ns();
-        if let Some(mut stale) = sensor.look(now) {
+        if let Some(mut stale) = sensor.stale_reading(now) {
             out.send(&mut stale)?;
         }
         let bad_now = sensor.counts().1;
-        if bad_now > bad && now >= complained_ns + COMPLAIN_NS {
-            warn!("{} bad frames since the last word about them: check baud rate, wiring and file", bad_now - bad);
-            (complained_ns, bad) = (now, bad_now);
+        if bad_now > bad && now >= warned_ns + WARN_NS {
+            warn!("{} bad frames since the last warning: check baud rate, wiring and sensor file", bad_now - bad);
+            (warned_ns, bad) = (now, bad_now);
         }
         chassis.idle()?;
     }
     Ok(())
 }
 
-/// Asks if it has to, and takes what comes; an error shows at the next look at the connection.
+/// Sends a request if one is due, and returns the received readings; the connection reports errors at its next check.
 fn exchange(line: &mut ReopeningPort, sensor: &mut Sensor, chassis: &mut Chassis) -> Vec<Reading> {
     let now = now_ns();
-    if let Some(question) = sensor.question(now) {
-        let _ = line.write_all(question, now + WRITE_NS);
+    if let Some(request) = sensor.request(now) {
+        let _ = line.write_all(request, now + WRITE_NS);
     }
     let mut buffer = [0; 256];
     let Ok(count) = line.read(&mut buffer, now + WAIT_NS) else { return Vec::new() };
     chassis.pass_begin();
     let now = now_ns();
-    let readings = buffer[..count].iter().filter_map(|byte| sensor.take(*byte, now)).collect();
+    let readings = buffer[..count].iter().filter_map(|byte| sensor.push(*byte, now)).collect();
     chassis.pass_end();
     readings
 }

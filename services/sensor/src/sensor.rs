@@ -1,8 +1,8 @@
-//! What a sensor says over time, without a clock: readings, bad frames counted, silence marked.
+//! A sensor over time, without a clock: decodes readings, counts bad frames, and marks stale values.
 
 use messages::{Header, Reading, put_text};
 
-use crate::line::Lines;
+use crate::line::TextLines;
 use crate::modbus::Modbus;
 use crate::settings::{SensorFile, Speech};
 use crate::tfmini::Tfmini;
@@ -12,29 +12,30 @@ use crate::{Frame, Protocol};
 #[derive(Debug)]
 pub struct Sensor {
     protocol: Box<dyn Protocol>,
-    /// The last one, and what all have in common.
+    /// The last reading, with the fields common to all readings.
     reading: Reading,
     latency_ns: u64,
     stale_ns: u64,
-    /// When the last reading was given, stale ones included, ns.
+    /// Time of the last reading, stale ones included, ns.
     last_ns: u64,
-    /// For one that has to be asked: how often, and when it was asked, ns.
+    /// Time between two requests, ns.
     period_ns: u64,
-    asked_ns: u64,
+    /// Time of the last request, ns.
+    requested_ns: u64,
 }
 
 impl Sensor {
-    /// The sensor that a file (as [`SensorFile::load`] checked it) describes, at `now_ns`.
+    /// Creates the sensor of a file that [`SensorFile::load`] has checked, at `now_ns`.
     ///
     /// # Errors
-    /// One sentence: the protocol has no such question.
+    /// The registers cannot be requested: one sentence.
     pub fn new(file: &SensorFile, now_ns: u64) -> Result<Self, String> {
         let protocol: Box<dyn Protocol> = match file.speech() {
             Speech::Tfmini(section) => Box::new(Tfmini::new(section.resolution_m)),
-            Speech::Line(section) => Box::new(Lines::new(section, &file.values)),
+            Speech::Line(section) => Box::new(TextLines::new(section, &file.values)),
             Speech::Modbus(section) => Box::new(
                 Modbus::new(section, &file.values)
-                    .map_err(|error| format!("the registers cannot be asked for: {error}"))?,
+                    .map_err(|error| format!("the registers cannot be requested: {error}"))?,
             ),
         };
         let (quantities, units) = file.words();
@@ -51,29 +52,29 @@ impl Sensor {
         let ns = |seconds: f64| (seconds * 1e9) as u64;
         let period_ns = ns(1.0 / file.rate_hz());
         let (latency_ns, stale_ns) = (ns(file.latency_s), ns(file.stale_s));
-        Ok(Self { protocol, reading, latency_ns, stale_ns, last_ns: now_ns, period_ns, asked_ns: 0 })
+        Ok(Self { protocol, reading, latency_ns, stale_ns, last_ns: now_ns, period_ns, requested_ns: 0 })
     }
 
-    /// The line has been opened.
+    /// Resets the decoder after the port was opened.
     pub fn connected(&mut self) {
         self.protocol.reset();
     }
 
-    /// What the device has to be asked now, if it has to be asked at all.
-    pub fn question(&mut self, now_ns: u64) -> Option<&[u8]> {
-        if now_ns < self.asked_ns.saturating_add(self.period_ns) {
+    /// Returns the request to send now, for a device that must be polled.
+    pub fn request(&mut self, now_ns: u64) -> Option<&[u8]> {
+        if now_ns < self.requested_ns.saturating_add(self.period_ns) {
             return None;
         }
-        let (question, unanswered) = self.protocol.question()?;
-        self.asked_ns = now_ns;
+        let (request, unanswered) = self.protocol.request()?;
+        self.requested_ns = now_ns;
         self.reading.bad_frames += u64::from(unanswered);
-        Some(question)
+        Some(request)
     }
 
-    /// Takes a byte that came at `now_ns`; gives a reading when it ends a good frame.
-    pub fn take(&mut self, byte: u8, now_ns: u64) -> Option<Reading> {
+    /// Decodes a byte received at `now_ns`; returns a reading if it completes a good frame.
+    pub fn push(&mut self, byte: u8, now_ns: u64) -> Option<Reading> {
         let reading = &mut self.reading;
-        match self.protocol.take(byte)? {
+        match self.protocol.push(byte)? {
             Frame::Bad => {
                 reading.bad_frames += 1;
                 None
@@ -89,8 +90,8 @@ impl Sensor {
         }
     }
 
-    /// The last reading once more, as stale, if there has been none for too long.
-    pub fn look(&mut self, now_ns: u64) -> Option<Reading> {
+    /// Returns the last reading, marked as stale, if no reading has arrived for `stale_s`.
+    pub fn stale_reading(&mut self, now_ns: u64) -> Option<Reading> {
         if now_ns < self.last_ns.saturating_add(self.stale_ns) {
             return None;
         }
@@ -100,7 +101,7 @@ impl Sensor {
         Some(self.reading)
     }
 
-    /// Good readings and bad frames so far.
+    /// Returns the numbers of good and bad frames so far.
     #[must_use]
     pub fn counts(&self) -> (u64, u64) {
         (self.reading.frames, self.reading.bad_frames)

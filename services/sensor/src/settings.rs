@@ -1,4 +1,4 @@
-//! The sensor file: which port, which protocol, which values.
+//! The sensor file: port, protocol and values of a sensor.
 
 use std::path::Path;
 
@@ -8,35 +8,37 @@ use serde::Deserialize;
 
 use crate::VALUES;
 
-/// Bytes that a reading has for the names of its quantities, and for its units.
+/// Size of the field for the quantities of a reading, bytes.
 const QUANTITY_BYTES: usize = 64;
+/// Size of the field for the units of a reading, bytes.
 const UNIT_BYTES: usize = 32;
-/// Registers that one question can ask for (Modbus application protocol 1.1b3, 6.3).
+/// Largest number of registers in one request (Modbus application protocol 1.1b3, 6.3).
 const REGISTERS: u32 = 125;
 
 /// A sensor file as written; it has exactly one of `[tfmini]`, `[line]` and `[modbus]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorFile {
-    /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` stands for the robot's folder in shared memory, where the virtual box has its ports.
+    /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` is replaced by the robot's folder in shared memory, where the
+    /// virtual motor box creates its ports.
     pub port: String,
     /// Baud rate.
     #[serde(default = "default_baud")]
     pub baud: u32,
-    /// From the event to the arrival of what says it, s.
+    /// Time from the measurement to the arrival of its reading, s.
     #[serde(default)]
     pub latency_s: f64,
-    /// Where the sensor is on the node, seen from the node's position, in the site's axes, m.
+    /// Position of the sensor relative to the node, in the axes of the site, m.
     #[serde(default)]
     pub lever_m: [f64; 3],
-    /// Without a reading for so long the last one is repeated as stale, s.
+    /// Time without a reading after which the last one is repeated as stale, s.
     #[serde(default = "default_stale")]
     pub stale_s: f64,
-    /// A TFmini or TF-Luna.
+    /// Settings of a TFmini or TF-Luna rangefinder.
     pub tfmini: Option<TfminiSection>,
-    /// Lines of text.
+    /// Settings of a device that sends text lines.
     pub line: Option<LineSection>,
-    /// Registers.
+    /// Settings of a Modbus device.
     pub modbus: Option<ModbusSection>,
     /// The values of `[line]` and `[modbus]`.
     #[serde(default, rename = "value")]
@@ -58,7 +60,7 @@ pub enum Speech<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TfminiSection {
-    /// What it counts in, m: 0.01, or 0.001 for one that is set to millimetres.
+    /// Unit of its distances, m: 0.01, or 0.001 for a sensor in millimetre mode.
     pub resolution_m: f64,
 }
 
@@ -72,15 +74,15 @@ impl Default for TfminiSection {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LineSection {
-    /// How values stand in a line.
+    /// Format of the text lines.
     pub format: LineFormat,
-    /// `nmea`: name of the sentence, e.g. `MWV` from any talker or `WIMWV` from this one; others are passed over.
+    /// `nmea`: name of the sentence, e.g. `MWV` from any talker or `WIMWV` from this one; other sentences are ignored.
     #[serde(default)]
     pub sentence: String,
-    /// `csv`: what stands between the columns.
+    /// `csv`: separator of the columns.
     #[serde(default = "default_separator")]
     pub separator: char,
-    /// `nmea` and `csv`: a field that says whether the values count.
+    /// `nmea` and `csv`: a field that marks the values as valid.
     pub valid: Option<ValidSection>,
 }
 
@@ -88,20 +90,20 @@ pub struct LineSection {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ValidSection {
-    /// Which field, from 1.
+    /// Number of the field, from 1.
     pub field: usize,
-    /// What it says when the values count.
+    /// Its text if the values are valid.
     pub is: String,
 }
 
 config::choice! {
-    /// How values stand in a text line.
+    /// Format of a text line.
     pub enum LineFormat {
-        /// `$WIMWV,214.8,R,0.1,M,A*28`: NMEA 0183, the checksum is compared.
+        /// NMEA 0183 with a checksum, e.g. `$WIMWV,214.8,R,0.1,M,A*28`.
         Nmea = "nmea",
-        /// `21.5,40.2`.
+        /// Columns, e.g. `21.5,40.2`.
         Csv = "csv",
-        /// `T=21.5 RH=40.2`.
+        /// Names with values, e.g. `T=21.5 RH=40.2`.
         KeyValue = "key-value",
     }
 }
@@ -113,10 +115,10 @@ pub struct ModbusSection {
     /// Address of the device, 1 to 247.
     #[serde(default = "default_unit")]
     pub unit_id: u8,
-    /// Which of its tables.
+    /// Table of the registers.
     #[serde(default)]
     pub table: RegisterTable,
-    /// How often it is asked, 1/s.
+    /// Requests per second.
     #[serde(default = "default_rate")]
     pub rate_hz: f64,
 }
@@ -125,10 +127,10 @@ config::choice! {
     /// A table of registers.
     #[derive(Default)]
     pub enum RegisterTable {
-        /// Function 3.
+        /// Holding registers, function 3.
         #[default]
         Holding = "holding",
-        /// Function 4.
+        /// Input registers, function 4.
         Input = "input",
     }
 }
@@ -137,32 +139,32 @@ config::choice! {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ValueSection {
-    /// What it is, e.g. `wind speed`.
+    /// Name of the quantity, e.g. `wind speed`.
     pub quantity: String,
-    /// In which unit, after `scale` and `offset`.
+    /// Unit, after `scale` and `offset`.
     pub unit: String,
-    /// Factor from what the device says.
+    /// Factor applied to the value of the device.
     #[serde(default = "default_scale")]
     pub scale: f64,
-    /// Added after that.
+    /// Offset added after the factor.
     #[serde(default)]
     pub offset: f64,
-    /// `nmea` and `csv`: which field, from 1; the name of a sentence does not count.
+    /// `nmea` and `csv`: number of the field, from 1; the name of an NMEA sentence does not count.
     pub field: Option<usize>,
-    /// `key-value`: its name in the line.
+    /// `key-value`: name in the text line.
     pub key: Option<String>,
-    /// `modbus`: register, as it is sent (from 0).
+    /// `modbus`: register address as sent, from 0.
     pub register: Option<u16>,
-    /// `modbus`: what stands there.
+    /// `modbus`: type of the number.
     #[serde(default)]
     pub number: NumberKind,
-    /// `modbus`: a number of two registers has its low word first.
+    /// `modbus`: whether a number of two registers has its low word first.
     #[serde(default)]
     pub swapped: bool,
 }
 
 config::choice! {
-    /// A number in registers.
+    /// Type of a number in registers.
     #[derive(Default)]
     pub enum NumberKind {
         /// Unsigned, one register.
@@ -180,7 +182,7 @@ config::choice! {
 }
 
 impl NumberKind {
-    /// Registers that it takes.
+    /// Returns the number of registers of the type.
     #[must_use]
     pub fn registers(self) -> u16 {
         match self {
@@ -194,7 +196,7 @@ impl SensorFile {
     /// Reads and checks a sensor file.
     ///
     /// # Errors
-    /// One sentence that names the file, the key and what is accepted.
+    /// The file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         let file: Self = source.parse()?;
@@ -202,7 +204,7 @@ impl SensorFile {
         Ok(file)
     }
 
-    /// The protocol.
+    /// Returns the protocol.
     #[must_use]
     pub fn speech(&self) -> Speech<'_> {
         match (&self.tfmini, &self.line, &self.modbus) {
@@ -213,7 +215,7 @@ impl SensorFile {
         }
     }
 
-    /// Quantities and units of the values, in their order.
+    /// Returns the quantities and the units of the values, in their order.
     #[must_use]
     pub fn words(&self) -> (Vec<&str>, Vec<&str>) {
         match self.speech() {
@@ -222,7 +224,7 @@ impl SensorFile {
         }
     }
 
-    /// How often the device is asked, 1/s.
+    /// Returns the number of requests per second.
     #[must_use]
     pub fn rate_hz(&self) -> f64 {
         self.modbus.map_or(1.0, |section| section.rate_hz)
@@ -234,7 +236,7 @@ impl SensorFile {
         let written: Vec<&str> = protocols.iter().filter(|(_, written)| *written).map(|(table, _)| *table).collect();
         if written.len() != 1 {
             let key = written.get(1).unwrap_or(&"port").to_owned();
-            let sentence = "the file has none, or more than one, of [tfmini], [line] and [modbus]; accepted: one";
+            let sentence = "the file has none or several of [tfmini], [line] and [modbus]; accepted: one";
             return Err(Problem::at(key, sentence));
         }
         if self.port.is_empty() {
@@ -292,7 +294,7 @@ impl SensorFile {
             return Err(Problem::of("line.sentence", clause));
         }
         if line.valid.as_ref().is_some_and(|valid| valid.field == 0) {
-            return Err(Problem::of("line.valid", "names field 0; accepted: fields count from 1"));
+            return Err(Problem::of("line.valid", "has field 0; accepted: fields are numbered from 1"));
         }
         for (index, value) in self.values.iter().enumerate() {
             let (key, accepted, named) = match line.format {
@@ -313,7 +315,7 @@ impl SensorFile {
         if !(1..=247).contains(&modbus.unit_id) {
             return Err(Problem::of("modbus.unit_id", format!("is {}; accepted: 1 to 247", modbus.unit_id)));
         }
-        let accepted = "0.001 to 100 questions per second";
+        let accepted = "0.001 to 100 requests per second";
         within("modbus.rate_hz", modbus.rate_hz, accepted, (1e-3..=100.0).contains(&modbus.rate_hz))?;
         let mut range = (u32::MAX, 0);
         for (index, value) in self.values.iter().enumerate() {
@@ -325,7 +327,7 @@ impl SensorFile {
         }
         if range.1 > 0x1_0000 || range.1 - range.0 > REGISTERS {
             let sentence = format!(
-                "`register` of the values lie from {} to {}; accepted: within {REGISTERS} of each other, because one request reads them all",
+                "`register` of the values is {} to {}; accepted: a range of at most {REGISTERS}, because one request reads all",
                 range.0,
                 range.1 - 1
             );
@@ -348,7 +350,7 @@ impl ValueSection {
     }
 }
 
-/// The same for the value of that index.
+/// Moves a problem into the value with this index.
 fn numbered(problem: Problem, index: usize) -> Problem {
     problem.within(&format!("value.{index}"), &format!("value {}", index + 1))
 }

@@ -1,5 +1,5 @@
-//! Benewake TFmini, TFmini Plus and TF-Luna in their standard output (product manuals): nine bytes,
-//! `59 59 distance(2) strength(2) temperature(2) checksum`, little-endian, the checksum being the low byte of the sum of the rest.
+//! Benewake TFmini, TFmini Plus and TF-Luna in their standard output (product manuals): nine bytes, `59 59 distance(2)
+//! strength(2) temperature(2) checksum`, little-endian, the checksum being the low byte of the sum of the rest.
 
 use messages::Reading;
 
@@ -7,23 +7,24 @@ use crate::{Frame, Protocol, VALUES};
 
 const LENGTH: usize = 9;
 const HEAD: u8 = 0x59;
-/// Distances from here on are no distances but reasons (TFmini Plus manual: -4 too bright, -2 saturated, -1 too weak).
-const REASONS: u16 = 0xFFFC;
-/// Below this strength a distance is not reliable, and at the most the receiver is saturated (manuals, "signal strength").
+/// Distances from this value on are error codes (TFmini Plus manual: -4 too bright, -2 saturated, -1 too weak).
+const ERROR_CODES: u16 = 0xFFFC;
+/// Signal strength below which a distance is not reliable (manuals, "signal strength").
 const WEAK: u16 = 100;
+/// Signal strength of a saturated receiver.
 const SATURATED: u16 = 0xFFFF;
 
-/// Frames out of bytes.
+/// Decoder of rangefinder frames.
 #[derive(Debug)]
 pub struct Tfmini {
     resolution_m: f64,
     bytes: Vec<u8>,
-    /// Bytes left out since the last whole frame.
+    /// Bytes skipped since the last whole frame.
     skipped: usize,
 }
 
 impl Tfmini {
-    /// For a device that counts in `resolution_m`.
+    /// Creates a decoder for a device whose distances are multiples of `resolution_m`.
     pub fn new(resolution_m: f64) -> Self {
         Self { resolution_m, bytes: Vec::with_capacity(LENGTH), skipped: 0 }
     }
@@ -36,8 +37,8 @@ impl Tfmini {
         let (distance, strength) = (u16::from_le_bytes([d0, d1]), u16::from_le_bytes([s0, s1]));
         let mut values = [0.0; VALUES];
         values[1] = f64::from(strength);
-        // TF-Luna says 0 where the others give a reason.
-        if distance == 0 || distance >= REASONS {
+        // TF-Luna sends 0 instead of an error code.
+        if distance == 0 || distance >= ERROR_CODES {
             values[0] = f64::NAN;
             return Some(Frame::Values(values, Reading::QUALITY_INVALID));
         }
@@ -53,7 +54,7 @@ impl Protocol for Tfmini {
         self.skipped = 0;
     }
 
-    fn take(&mut self, byte: u8) -> Option<Frame> {
+    fn push(&mut self, byte: u8) -> Option<Frame> {
         self.bytes.push(byte);
         if self.bytes.len() < LENGTH {
             return None;
@@ -63,8 +64,8 @@ impl Protocol for Tfmini {
             self.skipped = 0;
             return Some(frame);
         }
-        // Slide on by one byte: a head may stand inside of what is broken. Less than a frame is how a line begins that was opened
-        // in the middle of one; from there on every frame's length left out is a bad frame.
+        // Advance by one byte, because a frame may start inside the damaged bytes. After opening the port, less than a
+        // frame may be skipped; then every skipped frame length is a bad frame.
         self.bytes.remove(0);
         self.skipped += 1;
         self.skipped.is_multiple_of(LENGTH).then_some(Frame::Bad)

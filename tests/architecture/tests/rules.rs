@@ -45,7 +45,7 @@ fn dependencies_point_one_way() {
         ("config", &["messages", "cable-robot", "cable-control"]),
         ("segments", &["messages", "cable-robot"]),
         // samples are filled by the chassis of a process
-        ("runtime", &["bus", "messages", "config"]),
+        ("runtime", &["bus", "messages", "config", "robot-state"]),
         ("robot-state", &["messages"]),
         // a failure is made from what goes wrong below
         ("command", &["bus", "runlog", "messages", "config", "cable-robot"]),

@@ -228,8 +228,8 @@ impl Walk {
         self.robot.request(request);
         self.period()?;
         let answer = *self.robot.answers().first().context("a request was not answered")?;
-        let sentence = answer.sentence.to_string();
-        self.note(format!("{asked}: {} {sentence}", answer.accepted));
+        let sentence = answer.sentence().to_string();
+        self.note(format!("{asked}: {} {sentence}", answer.is_accepted()));
         Ok(Some(if answer.is_accepted() { Ok(sentence) } else { Err(self.refusal(sentence)?) }))
     }
 

@@ -60,7 +60,7 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         assert!(robot.said().contains("was removed") && !robot.said().contains("disk is full"), "{}", robot.said());
         let said = robot.said();
         assert!(said.contains("what the removed files held is not in the run"), "{said}");
-        assert!(said.contains("is made again, with") && !said.contains("a new file is begun"), "{said}");
+        assert!(said.contains("is made again, with") && !said.contains("started a new file"), "{said}");
         // The configuration stands there again, and the new file begins with it.
         before.retain(|name| name.ends_with(".toml") || name == "manifest.json");
         robot.until_said("it stands there again", |robot| {

@@ -3,7 +3,7 @@
 
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;
-use recorder::{Batch, Heard, Session, Settings};
+use recorder::{Batch, ReceivedSample, Session, Settings};
 use runlog::export::{ExportRequest, Format, export};
 use runlog::{ChannelSpec, NotARunReason, RunClock, RunError};
 use std::collections::BTreeMap;
@@ -47,7 +47,7 @@ impl Writing {
 
     fn hear(&mut self, row: usize, seq: u64, sample: &[u8]) {
         let mut batch = Batch::default();
-        batch.push(Heard { row, logged_ns: self.now_ns, stamp_ns: self.now_ns, seq, missing: 0 }, sample);
+        batch.push(ReceivedSample { row, logged_ns: self.now_ns, stamp_ns: self.now_ns, seq, missing: 0 }, sample);
         self.session.write(&batch, self.now_ns, self.now_ns);
         self.session.tick(self.now_ns, None);
     }

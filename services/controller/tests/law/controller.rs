@@ -1,4 +1,4 @@
-//! The controller against known positions and motions.
+//! The controller with known positions and motions.
 
 use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
@@ -29,7 +29,7 @@ fn robot(cables: usize) -> Robot {
     .unwrap()
 }
 
-/// A robot in a plane whose node floats in water, held by its preload alone.
+/// A planar robot whose node floats in water, held only by the preload of the cables.
 fn floating() -> Robot {
     Robot::new(RobotParts {
         anchors_m: vec![[0.0, 0.0, 4.2], [8.0, 0.0, 4.0], [8.2, 0.0, 0.3], [0.0, 0.0, 0.2]],
@@ -47,7 +47,7 @@ fn floating() -> Robot {
     .unwrap()
 }
 
-/// A move in its plane.
+/// A motion in the plane of that robot.
 fn level_motion() -> PlanMotion {
     let path = Path::line(Vector3::new(2.5, 0.0, 2.0), Vector3::new(5.5, 0.0, 2.4));
     let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.2)).unwrap();
@@ -112,7 +112,7 @@ fn step(
 }
 
 #[test]
-fn without_a_motion_it_stands_still_and_says_so() {
+fn without_a_motion_the_answer_is_valid_and_zero() {
     for cables in [3, 4] {
         let robot = robot(cables);
         let other = PlanMotion { epoch: 3, ..motion() };
@@ -126,10 +126,9 @@ fn without_a_motion_it_stands_still_and_says_so() {
     }
 }
 
-/// A planner that is started anew has nothing to say yet; the robot is in the middle of a motion all the same.
-/// Samples are put into a run file by their time: one without would stand before all others, and look like a loss behind them.
+/// A run file orders samples by their stamps: one without a stamp would come first and cause apparent losses.
 #[test]
-fn an_answer_to_nothing_has_a_time() {
+fn an_answer_without_an_estimate_has_a_stamp() {
     let mut authority = authority(8, 0.0);
     authority.header.stamp_ns = 80;
     let mut state = messages::MotorState::default();
@@ -141,8 +140,9 @@ fn an_answer_to_nothing_has_a_time() {
     }
 }
 
+/// A restarted planner has no motion, while the robot is still in one.
 #[test]
-fn a_motion_under_way_outlives_its_planner_while_the_epoch_holds() {
+fn a_motion_continues_without_its_planner_while_the_epoch_is_valid() {
     let robot = robot(3);
     let motion = motion();
     let now = segments::segment_of(&motion.current).unwrap().setpoint(3.0);
@@ -164,7 +164,7 @@ fn a_motion_under_way_outlives_its_planner_while_the_epoch_holds() {
 }
 
 #[test]
-fn before_the_start_it_waits_there_and_names_the_segment() {
+fn before_its_start_a_segment_is_named_and_the_velocities_are_zero() {
     let robot = robot(4);
     let command = step(&mut controller(robot), &estimate(&robot, 8, from()), Some(&motion()), &authority(8, 0.0));
     assert_eq!((command.valid, command.segment), ([1, 0], 5));
@@ -172,7 +172,7 @@ fn before_the_start_it_waits_there_and_names_the_segment() {
 }
 
 #[test]
-fn on_the_path_it_commands_the_speed_of_the_path() {
+fn on_the_path_the_command_is_the_velocity_of_the_lengths() {
     for cables in [3, 4] {
         let robot = robot(cables);
         let motion = motion();
@@ -181,7 +181,7 @@ fn on_the_path_it_commands_the_speed_of_the_path() {
         assert!((now.velocity.norm() - 0.2).abs() < 1e-12);
         let is = estimate(&robot, 8, now.position);
         let command = step(&mut controller(robot), &is, Some(&motion), &authority(8, 3.0));
-        // What the unstretched lengths do over the horizon, per second.
+        // Mean velocity of the unstretched lengths over the horizon.
         let choice = robot.default_distribution();
         let hold = |t| {
             let at = segment.setpoint(t);
@@ -196,7 +196,7 @@ fn on_the_path_it_commands_the_speed_of_the_path() {
 }
 
 #[test]
-fn an_error_is_brought_to_zero_within_the_horizon() {
+fn an_error_is_reduced_to_zero_within_the_horizon() {
     let robot = robot(3);
     let off = Vector3::new(0.01, -0.02, 0.005);
     let is = estimate(&robot, 8, from() + off);
@@ -208,17 +208,17 @@ fn an_error_is_brought_to_zero_within_the_horizon() {
     }
 }
 
-/// Lines that pull at each other too much or too little are eased without moving the node, in every way in which they can:
-/// one of four lines in space, two in a plane.
+/// Errors of the redundant lengths are corrected without moving the node: one direction for four cables in space, two
+/// in a plane.
 #[test]
-fn the_redundant_lengths_are_corrected_and_the_node_stays() {
+fn the_redundant_lengths_are_corrected_without_moving_the_node() {
     let cases = [(robot(4), motion(), from(), 1), (floating(), level_motion(), Vector3::new(2.5, 0.0, 2.0), 2)];
     for (robot, motion, at, modes) in cases {
         let jacobian = Jacobian::at(robot.anchors(), &at).unwrap();
         let node: NodeJacobian = jacobian.node_jacobian().unwrap();
         let mut ways: Vec<CableVec> = Vec::new();
         for cable in 0..4 {
-            // Any vector less what moves the node is a direction in which lengths only trade tension.
+            // A vector minus the part that moves the node is a direction in which the lengths only change the tensions.
             let any = CableVec::from_fn(4, |i| f64::from(u8::from(i == cable)));
             let moving = jacobian.cable_velocity(&node.node_velocity(&any));
             let redundant = any.zip_map(&moving, |a, m| a - m);
@@ -232,7 +232,7 @@ fn the_redundant_lengths_are_corrected_and_the_node_stays() {
                 assert!((command.velocity_m_s[i] - expected).abs() < 1e-9, "{:?}", command.velocity_m_s);
             }
             assert!(node.node_velocity(&command.velocity_m_s[..4]).norm() < 1e-9);
-            // What is new in it beside the ways found before.
+            // The part that is orthogonal to the directions found so far.
             let rest = ways.iter().fold(redundant, |rest, way| {
                 let along: f64 = rest.iter().zip(way.iter()).map(|(r, w)| r * w).sum();
                 rest.zip_map(way, |r, w| r - along * w)
@@ -246,17 +246,18 @@ fn the_redundant_lengths_are_corrected_and_the_node_stays() {
     }
 }
 
-/// What is commanded is what puts the node where it should be against the drag.
+/// The tensions of the target balance the drag of the moving node.
 #[test]
-fn drag_is_part_of_what_the_lengths_have_to_hold() {
+fn the_tensions_of_the_target_include_the_drag() {
     let (robot, motion) = (floating(), level_motion());
     let segment = segments::segment_of(&motion.current).unwrap();
     let now = segment.setpoint(8.0);
     assert!((now.velocity.norm() - 0.2).abs() < 1e-12 && now.acceleration.norm() < 1e-12);
     let is = estimate(&robot, 8, now.position);
     let (authority, mut controller) = (authority(8, 8.0), controller(robot));
-    let seen = Inputs { estimates: [Some(&is), None], motion: Some(&motion), authority: Some(&authority), state: None };
-    let (_, status) = controller.step(&seen);
+    let inputs =
+        Inputs { estimates: [Some(&is), None], motion: Some(&motion), authority: Some(&authority), state: None };
+    let (_, status) = controller.step(&inputs);
     let jacobian = Jacobian::at(robot.anchors(), &now.position).unwrap();
     let force = jacobian.structure_matrix().force(&status.tension_n[..4]);
     assert!((force - now.velocity * (25.0 * 0.2)).norm() < 1e-9, "{force:?}");
@@ -273,7 +274,7 @@ fn both_live_estimates_are_answered_and_an_old_one_is_not() {
     assert_eq!(both.valid, [1, 1]);
     assert_eq!(&both.velocity_m_s[..8], &step(&mut controller(robot), &a, Some(&motion), &authority).velocity_m_s[..8]);
     assert_ne!(&both.velocity_m_s[..3], &both.velocity_m_s[8..11]);
-    assert!(status.error_norm_m < 1e-12, "the status speaks of the active estimate");
+    assert!(status.error_norm_m < 1e-12, "the status is about the active estimate");
     let (second, status) = controller(robot).step(&seen([Some(&old), Some(&b)]));
     assert_eq!((second.valid, second.based_on_cycle), ([0, 1], 8));
     assert!((status.error_norm_m - 0.01).abs() < 1e-9);
@@ -281,7 +282,7 @@ fn both_live_estimates_are_answered_and_an_old_one_is_not() {
 }
 
 #[test]
-fn an_authority_that_is_one_cycle_behind_is_carried_forward() {
+fn an_authority_that_is_one_cycle_old_is_extrapolated() {
     let robot = robot(3);
     let motion = motion();
     let segment = segments::segment_of(&motion.current).unwrap();
@@ -292,7 +293,7 @@ fn an_authority_that_is_one_cycle_behind_is_carried_forward() {
         assert!((current.velocity_m_s[i] - behind.velocity_m_s[i]).abs() < 1e-9);
     }
     let lost = step(&mut controller(robot), &is, Some(&motion), &authority(1, 2.9));
-    assert_eq!(lost.segment, 0, "an authority of long ago says nothing about the plan clock");
+    assert_eq!(lost.segment, 0, "an old authority does not determine the plan clock");
 }
 
 #[test]
@@ -304,7 +305,7 @@ fn far_from_the_setpoint_there_is_no_answer() {
 }
 
 #[test]
-fn laws_have_a_number_each_and_wrong_weights_are_named() {
+fn each_law_has_a_number_and_errors_name_the_key() {
     for law in ControlLaw::ALL {
         let section = ControllerSection { law: *law, ..ControllerSection::default() };
         assert_eq!(Law::numbered(Law::of(&section).unwrap().number()), Some(*law));
@@ -338,10 +339,10 @@ fn config(robot: Robot, law: Law) -> ControllerConfig {
     }
 }
 
-/// On the path the plain law commands what the lengths do there, by finite differences; behind it, its gain times what is missing on
-/// top, each line for itself.
+/// On the path, p-feedforward commands the velocities of the lengths (by finite differences); with a length error, its
+/// gain times the error is added, per cable.
 #[test]
-fn the_plain_law_feeds_the_velocity_forward_and_the_length_error_back() {
+fn p_feedforward_adds_the_desired_velocity_and_the_length_error() {
     for cables in [3, 4] {
         let robot = robot(cables);
         let motion = motion();
@@ -371,27 +372,27 @@ fn the_plain_law_feeds_the_velocity_forward_and_the_length_error_back() {
     }
 }
 
-/// Whatever a law of one's own says, what leaves the controller is finite and inside the limits.
+/// The command of the controller is finite and within the limits for any output of a custom law.
 #[test]
-fn a_law_of_ones_own_is_kept_inside_the_limits() {
-    struct Says(Vec<Option<CableVec>>);
-    impl CableLaw for Says {
-        fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec> {
-            assert_eq!((asked.slot, asked.period_s), (0, PERIOD_S));
+fn the_output_of_a_custom_law_is_limited() {
+    struct Recorded(Vec<Option<CableVec>>);
+    impl CableLaw for Recorded {
+        fn velocity(&mut self, input: &LawInput<'_>) -> Option<CableVec> {
+            assert_eq!((input.slot, input.period_s), (0, PERIOD_S));
             self.0.pop()?
         }
     }
     let robot = robot(3);
     let vec = |values: &[f64]| Some(CableVec::from_slice(values).unwrap());
-    let says = [vec(&[0.1, -0.2, 0.0]), vec(&[8.0, -4.0, 0.8]), vec(&[f64::NAN, 0.0, 0.0]), vec(&[0.1, 0.1]), None];
+    let outputs = [vec(&[0.1, -0.2, 0.0]), vec(&[8.0, -4.0, 0.8]), vec(&[f64::NAN, 0.0, 0.0]), vec(&[0.1, 0.1]), None];
     let expected = [Some([0.1, -0.2, 0.0]), Some([LIMIT_M_S, -0.5 * LIMIT_M_S, 0.1 * LIMIT_M_S]), None, None, None];
-    let says = Says(says.into_iter().rev().collect());
+    let recorded = Recorded(outputs.into_iter().rev().collect());
     let law = Law::lq_endpoint(0.0, 1.0).unwrap();
-    let mut controller = Controller::with_law(config(robot, law), Box::new(says));
+    let mut controller = Controller::with_law(config(robot, law), Box::new(recorded));
     for (cycle, expected) in (8..).zip(expected) {
         let is = estimate(&robot, cycle, from());
         let command = step(&mut controller, &is, Some(&motion()), &authority(cycle, 0.0));
-        // Woken once more in the same cycle, it says the same, and the law is not asked again.
+        // A second step in the same cycle returns the same command without calling the law.
         assert_eq!(step(&mut controller, &is, Some(&motion()), &authority(cycle, 0.0)), command);
         assert_eq!(command.valid, [u8::from(expected.is_some()), 0]);
         for (is, wanted) in command.velocity_m_s.iter().zip(expected.unwrap_or_default()) {
@@ -407,9 +408,9 @@ fn any_number() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
-    /// Anywhere in the volume, at any time and rate: finite, inside the limits.
+    /// Anywhere in the volume, at any time and rate, the command is finite and within the limits.
     #[test]
-    fn a_valid_answer_is_finite_and_inside_the_limits(
+    fn a_valid_answer_is_finite_and_within_the_limits(
         x in 2.0..8.0f64, y in 2.0..7.0f64, z in 0.1..2.5f64,
         plan_time_s in 0.0..10.0f64, rate in 0.0..=1.0f64, cables in 3usize..=4, shift in -0.3..0.3f64,
     ) {
@@ -427,9 +428,9 @@ proptest! {
         }
     }
 
-    /// Whatever another process may have written: no panic, and never anything but finite velocities inside the limits.
+    /// With any content of the inputs there is no panic, and the velocities are finite and within the limits.
     #[test]
-    fn garbage_moves_nothing_wildly(
+    fn arbitrary_inputs_give_limited_velocities(
         numbers in proptest::collection::vec(any_number(), 24), flags in any::<[u8; 4]>(), period in any_number(),
         stamp in any::<u64>(), kind in 0u8..6, knots in 0u32..40,
     ) {

@@ -1,4 +1,4 @@
-//! What is published on a slot that is not in charge changes no bit of what the slot in charge is answered.
+//! Samples of the slot that is not in charge change no bit of the answer to the slot in charge.
 
 use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
@@ -65,15 +65,15 @@ fn segment() -> Segment {
     Segment { id: 5, path, profile, start_s: 0.2 }
 }
 
-/// What the world says in a cycle.
-struct Now {
+/// The samples of one cycle.
+struct CycleSamples {
     authority: MotorAuthority,
     state: MotorState,
     estimate: NodeEstimate,
 }
 
-/// The node follows its path with a little error, and the lines with it.
-fn world(lead: usize) -> Vec<Now> {
+/// The samples of a flight in which the node follows its path with a small error.
+fn flight(lead: usize) -> Vec<CycleSamples> {
     let (robot, segment) = (robot(), segment());
     let mut before: Option<[f64; 8]> = None;
     (1..=CYCLES)
@@ -113,25 +113,26 @@ fn world(lead: usize) -> Vec<Now> {
                 header: header(begun_ns + 2_000_000),
                 position_m: at.into(),
                 predicted_m: length_m,
-                // In some cycles it has no result.
+                // Some estimates are not valid.
                 valid: u8::from(cycle % 37 != 0),
                 cable_count: 4,
                 incarnation: 3,
                 ..NodeEstimate::default()
             };
-            Now { authority, state, estimate }
+            CycleSamples { authority, state, estimate }
         })
         .collect()
 }
 
-/// A sample of a stranger, and when in a cycle it comes: before the authority, before the estimate in charge, after it.
+/// A forged sample of the other slot, with the moment of a cycle at which it arrives: before the authority, before the
+/// estimate in charge, or after it.
 #[derive(Debug, Clone)]
 struct Forged {
     cycle: u64,
     moment: usize,
     life: u64,
-    /// Of its header, from the present cycle where that makes sense.
-    claims: u64,
+    /// Cycle of its header; relative to the present cycle if `relative`.
+    header_cycle: u64,
     relative: bool,
     stamp_ns: u64,
     value: f64,
@@ -141,7 +142,7 @@ struct Forged {
 
 fn forged() -> impl Strategy<Value = Forged> {
     let life = prop_oneof![6 => Just(LIFE), 1 => Just(0), 1 => Just(u64::MAX), 1 => any::<u64>()];
-    let claims = prop_oneof![
+    let header_cycle = prop_oneof![
         8 => (0..6_u64).prop_map(|ahead| (ahead, true)),
         1 => Just((1 << 63, false)), 1 => Just((u64::MAX, false)), 1 => any::<u64>().prop_map(|cycle| (cycle, false))
     ];
@@ -149,12 +150,12 @@ fn forged() -> impl Strategy<Value = Forged> {
     let value = prop_oneof![6 => 0.2..6.0, 1 => Just(f64::NAN), 1 => Just(f64::INFINITY), 1 => Just(-1e300)];
     let valid = prop_oneof![8 => Just(1_u8), 1 => any::<u8>()];
     let cables = prop_oneof![8 => Just(4_u8), 1 => any::<u8>()];
-    ((1..=CYCLES, 0..3_usize), life, claims, stamp, value, valid, cables).prop_map(
-        |((cycle, moment), life, (claims, relative), stamp_ns, value, valid, cables)| Forged {
+    ((1..=CYCLES, 0..3_usize), life, header_cycle, stamp, value, valid, cables).prop_map(
+        |((cycle, moment), life, (header_cycle, relative), stamp_ns, value, valid, cables)| Forged {
             cycle,
             moment,
             life,
-            claims,
+            header_cycle,
             relative,
             stamp_ns,
             value,
@@ -165,10 +166,11 @@ fn forged() -> impl Strategy<Value = Forged> {
 }
 
 impl Forged {
-    fn sample(&self, now: &Now) -> NodeEstimate {
+    fn sample(&self, now: &CycleSamples) -> NodeEstimate {
         let header = now.estimate.header;
-        // Up to two cycles behind, up to three ahead.
-        let cycle = if self.relative { (header.cycle + self.claims).saturating_sub(2) } else { self.claims };
+        // Relative cycles are from two cycles behind to three ahead.
+        let cycle =
+            if self.relative { (header.cycle + self.header_cycle).saturating_sub(2) } else { self.header_cycle };
         let stamp_ns = if self.relative { header.stamp_ns + self.stamp_ns } else { self.stamp_ns };
         NodeEstimate {
             header: Header { life: self.life, cycle, stamp_ns, ..header },
@@ -181,7 +183,7 @@ impl Forged {
     }
 }
 
-/// The row of the estimate in charge, as motor-io takes it in: of the last answer to this cycle.
+/// The row of the estimate in charge that motor-io uses: that of the last answer to this cycle.
 fn row(commands: &[MotorCommand], cycle: u64, lead: usize) -> Option<(u8, u32, u32, [u64; 8])> {
     let of_cycle = commands.iter().rfind(|command| command.based_on_cycle == cycle && command.header.life == LIFE)?;
     let bits = std::array::from_fn(|i| of_cycle.velocity_m_s[8 * lead + i].to_bits());
@@ -194,9 +196,9 @@ proptest! {
     fn the_slot_in_charge_is_answered_the_same(
         lead in 0..2_usize,
         law in 0..3_usize,
-        mut strangers in prop::collection::vec(forged(), 1..120),
+        mut forgeries in prop::collection::vec(forged(), 1..120),
     ) {
-        strangers.sort_by_key(|forged| (forged.cycle, forged.moment));
+        forgeries.sort_by_key(|forged| (forged.cycle, forged.moment));
         let law = laws()[law];
         let (mut alone, mut beside) = (controller(law), controller(law));
         let segment = segment();
@@ -209,22 +211,22 @@ proptest! {
             ..PlanMotion::default()
         };
         motion.header.life = LIFE;
-        let world = world(lead);
-        // What each has kept of the slots, as their processes do.
-        let (mut kept, mut own) = ([None::<NodeEstimate>; 2], None);
+        let flight = flight(lead);
+        // The newest estimates of the slots in each controller process.
+        let (mut newest, mut own) = ([None::<NodeEstimate>; 2], None);
         let mut answered = 0;
-        for (i, now) in world.iter().enumerate() {
+        for (i, now) in flight.iter().enumerate() {
             let cycle = now.estimate.header.cycle;
-            let earlier = &world[i.saturating_sub(1)].authority;
+            let earlier = &flight[i.saturating_sub(1)].authority;
             let mut commands = Vec::new();
             for (moment, authority) in [earlier, &now.authority, &now.authority].into_iter().enumerate() {
                 if moment == 2 {
-                    (kept[lead], own) = (Some(now.estimate), Some(now.estimate));
-                    commands.push(step(&mut beside, kept, &motion, authority, &now.state));
+                    (newest[lead], own) = (Some(now.estimate), Some(now.estimate));
+                    commands.push(step(&mut beside, newest, &motion, authority, &now.state));
                 }
-                for forged in strangers.iter().filter(|forged| (forged.cycle, forged.moment) == (cycle, moment)) {
-                    kept[1 - lead] = Some(forged.sample(now));
-                    commands.push(step(&mut beside, kept, &motion, authority, &now.state));
+                for forged in forgeries.iter().filter(|forged| (forged.cycle, forged.moment) == (cycle, moment)) {
+                    newest[1 - lead] = Some(forged.sample(now));
+                    commands.push(step(&mut beside, newest, &motion, authority, &now.state));
                 }
             }
             let mut only = [None; 2];
@@ -236,7 +238,7 @@ proptest! {
             answered += u64::from(expected.is_some_and(|(valid, ..)| valid == 1));
         }
         prop_assert!(answered > CYCLES * 9 / 10, "{} answers", answered);
-        prop_assert_eq!(world[0].authority.in_charge[ESTIMATORS], lead as u8);
+        prop_assert_eq!(flight[0].authority.in_charge[ESTIMATORS], lead as u8);
     }
 }
 

@@ -1,4 +1,4 @@
-//! The path law, and what another law in the free slot may be heard for.
+//! Tests of the controller: its laws, and the independence of the two estimator slots.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod controller;

@@ -1,4 +1,4 @@
-//! The recorder as a process, for tests.
+//! A recorder process for tests.
 
 #![allow(dead_code)] // not every test needs all of it
 
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use bus::{Bus, Domain};
 use messages::Heartbeat;
 
-/// Ends the process whatever happens to the test.
+/// A recorder process that is killed when dropped.
 pub struct Recording(Child);
 
 impl Drop for Recording {
@@ -29,7 +29,7 @@ impl Recording {
         Self::start_as(Command::new(env!("CARGO_BIN_EXE_recorder")), domain, run, bus, more)
     }
 
-    /// One whose files cannot grow beyond so many bytes: to it, the disk is full there.
+    /// Starts a recorder whose files cannot exceed `bytes`, as on a full disk.
     pub fn start_limited(domain: &Domain, run: &Path, bus: &Bus, bytes: usize) -> Self {
         let mut command = Command::new("sh");
         let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", bytes / 512);
@@ -59,14 +59,14 @@ impl Recording {
         self.0.wait().unwrap().code()
     }
 
-    /// Private memory, kB.
+    /// Returns the private memory, kB.
     pub fn private_kb(&self) -> u64 {
         let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:")).unwrap();
         line.trim().trim_end_matches(" kB").parse().unwrap()
     }
 
-    /// Processor time, in hundredths of a second.
+    /// Returns the processor time, in hundredths of a second.
     pub fn ticks(&self) -> u64 {
         let stat = fs::read_to_string(format!("/proc/{}/stat", self.0.id())).unwrap();
         let fields: Vec<&str> = stat.rsplit(") ").next().unwrap().split(' ').collect();

@@ -16,10 +16,10 @@ use messages::{
     CABLES, ControlStatus, Energy, Header, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
     NodeEstimate, PlanMotion, PlanStatus, Request, UNITS,
 };
-use motor_io::setpoint::Setpoints;
-use motor_io::{Answer, Core, CoreConfig};
+use motor_io::{Answer, Core, CoreConfig, Setpoints};
 use planner::{Mission, Planner, PlannerConfig};
 use plant::{MotorInput as DriveInput, Plant, PlantConfig};
+use robot_state::Reason;
 use segments::motion_of;
 
 /// Time from the start of a cycle to the answer of a drive unit, ns: two units at 230400 baud, 37 bytes out and
@@ -385,16 +385,16 @@ impl Lockstep {
     }
 
     /// Starts a mission in the planner, which publishes it immediately.
-    pub fn run(&mut self, mission: &Mission) -> Result<String> {
+    pub fn run(&mut self, mission: &Mission) -> Result<Reason> {
         let seen = planner::Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
             estimate: self.estimate.as_ref(),
             map: None,
         };
-        let sentence = self.planner.run(mission, &seen)?;
+        let reason = self.planner.run(mission, &seen)?;
         (self.motion, self.plan) = self.planner.step(&seen);
-        Ok(sentence)
+        Ok(reason)
     }
 
     /// The planner.

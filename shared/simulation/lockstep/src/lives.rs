@@ -31,7 +31,7 @@ impl Lockstep {
         self.core = Core::new(config);
         // As in the process: a later life has a larger number, independent of the duration of the previous one.
         self.life = self.life.saturating_add(1);
-        (self.cycle, self.setpoints) = (0, motor_io::setpoint::Setpoints::default());
+        (self.cycle, self.setpoints) = (0, motor_io::Setpoints::default());
         self.dead_s = None;
         self.beginning.epoch = self.beginning.epoch.wrapping_add(7919).max(1);
         self.beginning.alive = alive;
@@ -90,8 +90,8 @@ impl Lockstep {
     /// A rejection by the planner.
     pub fn ask_planner(
         &mut self,
-        ask: impl FnOnce(&mut Planner, &Inputs<'_>) -> Result<String, Refusal>,
-    ) -> Option<Result<String, Refusal>> {
+        ask: impl FnOnce(&mut Planner, &Inputs<'_>) -> Result<robot_state::Reason, Refusal>,
+    ) -> Option<Result<robot_state::Reason, Refusal>> {
         let seen = Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),

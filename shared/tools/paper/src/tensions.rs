@@ -132,7 +132,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
         claim:
             "The sum of least-norm tensions is very close to the least possible sum. Least-sum tensions jump halfway \
                 and are either very low or very high; least-norm tensions lie between."
-            .into(),
+                .into(),
         stand_in: stand_in_words(),
         tables: vec![fig14_table([ln, lp], [smooth_n, step_n])],
         pictures: vec![Picture {
@@ -230,7 +230,7 @@ pub fn fig15(effort: Effort) -> Result<Section> {
         key: "fig15",
         title: "Figure 15: sum of squares of tensions along a parabola",
         claim: "The sum of squares, which the I²R loss follows, is significantly smaller with least-norm tensions."
-        .into(),
+            .into(),
         stand_in: stand_in_words(),
         tables: vec![table],
         pictures: vec![Picture { title: String::new(), size: (760, 420), columns: 1, charts: vec![chart] }],
@@ -283,7 +283,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
         title: "Figure 16: how least-sum tensions become discontinuous",
         claim: "Where c of (37) changes its sign, the least sum moves from one end of the feasible interval to the other, while \
                 the least norm moves by an infinitesimal amount."
-        .into(),
+            .into(),
         stand_in: stand_in_words(),
         pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![operating, slope] }],
         checks: vec![

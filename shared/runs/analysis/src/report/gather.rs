@@ -89,24 +89,24 @@ impl CableData {
         }
     }
 
-    /// Adds what a cycle contains about cable `i`.
-    fn add(&mut self, i: usize, time_s: f64, cycle: &Cycle<'_>) {
+    /// Adds the values of a cycle for the cable with this index.
+    fn add(&mut self, time_s: f64, cycle: &Cycle<'_>, index: usize) {
         if let Some(state) = cycle.state {
             // While the position is unknown, the values count from zero and are not lengths.
             if state.position_known != MotorState::POSITION_UNKNOWN {
-                self.length.add(time_s, state.length_m[i]);
+                self.length.add(time_s, state.length_m[index]);
             }
-            self.velocity.add(time_s, state.velocity_m_s[i]);
-            self.current.add(time_s, state.current_a[i]);
+            self.velocity.add(time_s, state.velocity_m_s[index]);
+            self.current.add(time_s, state.current_a[index]);
             if cycle.moving {
-                self.lag.add((state.command_m_s[i] - state.velocity_m_s[i]).abs());
+                self.lag.add((state.command_m_s[index] - state.velocity_m_s[index]).abs());
             }
         }
         if let Some(estimate) = cycle.estimate {
-            self.tension.add(time_s, estimate.tension_n[i]);
+            self.tension.add(time_s, estimate.tension_n[index]);
         }
         if let Some(energy) = cycle.energy {
-            (self.energy_j, self.loss_j) = (energy.energy_j[i], energy.loss_j[i]);
+            (self.energy_j, self.loss_j) = (energy.energy_j[index], energy.loss_j[index]);
         }
     }
 }
@@ -246,17 +246,6 @@ struct Collector {
     count: Count,
     path: DecimatedPoints<PathPoint>,
     data: RunData,
-}
-
-/// Extends the last interval (begin and end, s) to this time; another value begins the next one.
-fn extend<T: PartialEq>(intervals: &mut Vec<(f64, f64, T)>, time_s: f64, value: T) {
-    if let Some((_, to_s, last)) = intervals.last_mut() {
-        *to_s = time_s;
-        if *last == value {
-            return;
-        }
-    }
-    intervals.push((time_s, time_s, value));
 }
 
 impl Collector {

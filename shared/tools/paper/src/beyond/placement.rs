@@ -60,7 +60,7 @@ pub fn placement(effort: Effort) -> Result<Section> {
             stand_in::THREE
         ),
         tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![share_chart(regions)] }],
+        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![chart] }],
         checks: vec![
             Check::claim(
                 ratios.iter().all(|ratio| *ratio > 1.5),

@@ -52,7 +52,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
         title: "Figure 10: multiscale topographical mapping",
         claim: "A rangefinder that looks down maps cylinders and rectangular prisms, one with a rectangular cavity at a corner, some of \
                 them partly outside of the span; the plot resembles the idealised one."
-        .into(),
+            .into(),
         stand_in: stand_in_words(),
         tables: vec![error_table(&flown, &errors)],
         pictures: vec![maps(&area, &ground, &fine, &adaptive), rmse_by_length(&flown, &errors, &adaptive)],
