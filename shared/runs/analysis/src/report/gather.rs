@@ -192,6 +192,30 @@ impl RunData {
     pub fn unrecorded_s(&self) -> f64 {
         self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
     }
+
+    /// Extends the last spans of mode and slots to this cycle, or starts new ones.
+    fn mode_and_slots(&mut self, time_s: f64, authority: &MotorAuthority) {
+        let same = |last: Option<&mut (f64, f64, u8)>| {
+            last.is_some_and(|(_, to_s, mode)| {
+                let same = *mode == authority.mode;
+                *to_s = time_s;
+                same
+            })
+        };
+        if !same(self.modes.last_mut()) {
+            self.modes.push((time_s, time_s, authority.mode));
+        }
+        let charge = [authority.active_controller, authority.active_estimator];
+        match self.slots.last_mut() {
+            Some((_, to_s, slots)) if *slots == charge => *to_s = time_s,
+            last => {
+                if let Some((_, to_s, _)) = last {
+                    *to_s = time_s;
+                }
+                self.slots.push((time_s, time_s, charge));
+            }
+        }
+    }
 }
 
 /// Reads a run; calls `progress` with the completed share, 0 to 1.
@@ -325,7 +349,7 @@ impl Collector {
         self.path_and_errors(time_s, cycle);
         let data = &mut self.data;
         for (i, cable) in data.cables.iter_mut().enumerate() {
-            cable.add(i, time_s, cycle);
+            cable.add(time_s, cycle, i);
         }
         if let Some(energy) = cycle.energy {
             data.power[0].add(time_s, energy.power_w[..count].iter().sum());
@@ -341,8 +365,7 @@ impl Collector {
             }
         }
         data.rate.add(time_s, authority.plan_rate);
-        extend(&mut data.modes, time_s, authority.mode);
-        extend(&mut data.slots, time_s, [authority.active_controller, authority.active_estimator]);
+        data.mode_and_slots(time_s, authority);
         data.events.cycle(time_s, authority);
         data.legs.cycle(time_s, cycle);
         if let Some(estimate) = cycle.estimate {

@@ -277,6 +277,31 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
     }
 }
 
+fn side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String, String> {
+    let side = match line.to_lowercase().as_str() {
+        "l" | "left" => 1,
+        "r" | "right" => -1,
+        _ => return Err(format!("`{}` is not a side; type l for left or r for right", excerpt(line))),
+    };
+    if let Some(range) = file.range.iter_mut().rfind(|range| range.from.max(range.to) == pulley) {
+        range.side = Some(side);
+    }
+    Ok(String::new())
+}
+
+fn number_of_points(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
+    let count = if line.is_empty() { Some(POINTS) } else { whole(line, FEWEST, MOST) };
+    let count = count.ok_or_else(|| {
+        format!(
+            "`{}` is not a number from {FEWEST} to {MOST}; fewer than {FEWEST} points determine nothing",
+            excerpt(line)
+        )
+    })?;
+    let points = file.point.len();
+    file.setup.get_or_insert_default().plan.push([points, count]);
+    Ok("A step beside a place does no harm. The node must touch the floor, and all cables must be taut.".to_owned())
+}
+
 /// Parses a whole number within a range.
 fn whole(text: &str, least: usize, most: usize) -> Option<usize> {
     let digits = text.len() <= 3 && !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
