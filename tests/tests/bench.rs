@@ -181,7 +181,7 @@ fn only_what_is_asked_for_is_measured_for_the_box_that_is_named() {
     assert!(at("as motor-io waits") < at("a cycle of the control chain"), "{out}");
     at("200 Hz");
     // What that box asks for may be permitted or not: each process is said with what it gets.
-    at("what the kernel gives: motor-io");
+    at("priorities granted by the kernel: motor-io");
     assert!(!out.contains("bus:") && !out.contains("disk:"), "{out}");
 }
 

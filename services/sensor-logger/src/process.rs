@@ -1,4 +1,4 @@
-//! The process: finds sensors as they come, and publishes samples and maps.
+//! The process: discovers sensors, and publishes samples and maps.
 
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Subscriber, Tap};
@@ -7,65 +7,66 @@ use runtime::Chassis;
 
 use georeference::{Counts, Decoder, Logger, LoggerConfig, SensorMap, complaint};
 
-/// Between two looks at the channels: soon for whoever watches, and far less than what a channel holds. Nothing is woken per reading.
+/// Time between two polls of the channels, ns: short for observers, and far shorter than the time in which a buffer
+/// fills. Readings do not wake the process.
 const PASS_NS: u64 = 20_000_000;
-/// Shared memory for the samples and the map of a sensor.
-const OUTLET_BYTES: usize = 4 << 20;
-/// What of each map's period is spent at most on making maps, so that many of them cannot hold up the samples.
-const MAP_SHARE: u64 = 10;
-/// Between two words about readings without a place.
-const COMPLAIN_NS: u64 = 10 * SECOND_NS;
+/// Shared memory for the samples and the map of a sensor, bytes.
+const OUTPUT_BYTES: usize = 4 << 20;
+/// Pause after a map as a multiple of the time for computing it, so that many maps do not delay the samples.
+const MAP_PAUSE_FACTOR: u64 = 10;
+/// Time between two warnings about readings without a position, ns.
+const WARN_NS: u64 = 10 * SECOND_NS;
 
-/// What belongs to one sensor.
+/// Subscription to one sensor.
 struct Sensor {
     tap: Tap,
-    /// Its number with the logger.
+    /// Index of the sensor in the logger.
     number: usize,
 }
 
-/// What goes out for one sensor, by the logger's number.
-struct Outlet {
+/// Publishers for one sensor; their index is that of the sensor in the logger.
+struct SensorOutput {
     samples: Publisher<Sample>,
     map: Option<(SensorMap, Publisher<FieldMap>)>,
     due_ns: u64,
 }
 
-/// Everything of the process but its chassis.
-struct Desk {
+/// The sensor logger without its chassis.
+struct SensorLogger {
     config: LoggerConfig,
     logger: Logger,
     authorities: Subscriber<MotorAuthority>,
     estimates: [Subscriber<NodeEstimate>; 2],
     sensors: Vec<Sensor>,
-    outlets: Vec<Outlet>,
-    /// By the logger's number: what was said of.
-    said: Vec<Counts>,
-    /// Channels that could not be listened to, and are tried again.
-    again: Vec<ChannelInfo>,
+    outputs: Vec<SensorOutput>,
+    /// Counts of each sensor at the last warning, by its index in the logger.
+    reported: Vec<Counts>,
+    /// Channels that could not be opened and are retried.
+    retried: Vec<ChannelInfo>,
 }
 
-/// Runs until it is told to stop.
+/// Runs until the end of the process is requested.
 ///
 /// # Errors
-/// A system file that cannot be used, or a domain that cannot.
+/// The system file or the domain cannot be used.
 pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = chassis.system_file()?;
     let config = LoggerConfig::of(&file.sensor_logger, &file.robot_file()?.robot()?);
     let bus = chassis.bus();
-    let mut desk = Desk {
+    let mut sensor_logger = SensorLogger {
         logger: Logger::new(&config)?,
         config,
         authorities: bus.deep_subscriber("motor/authority")?,
         estimates: [bus.deep_subscriber("node/estimate/a")?, bus.deep_subscriber("node/estimate/b")?],
         sensors: Vec::new(),
-        outlets: Vec::new(),
-        said: Vec::new(),
-        again: Vec::new(),
+        outputs: Vec::new(),
+        reported: Vec::new(),
+        retried: Vec::new(),
     };
     let mut watch = ChannelWatch::new();
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
     let mut map = Box::<FieldMap>::default();
-    let (mut search_ns, mut complain_ns, mut map_ns) = (0, now_ns() + COMPLAIN_NS, 0);
+    let (mut search_ns, mut warn_ns, mut map_ns) = (0, now_ns() + WARN_NS, 0);
     chassis.ready()?;
     while chassis.running() {
         let wake = chassis.wait(&mut waiter, Some(now_ns() + PASS_NS))?;
@@ -73,73 +74,73 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
         let now = now_ns();
         if wake.channel(0) || now >= search_ns {
             search_ns = now + SECOND_NS;
-            let failed = std::mem::take(&mut desk.again);
+            let failed = std::mem::take(&mut sensor_logger.retried);
             let new = watch.new_channels(chassis.bus())?;
-            // one that was made anew meanwhile is among the new ones
+            // A channel that was created again meanwhile is among the new ones.
             for info in failed.iter().filter(|old| new.iter().all(|info| info.name != old.name)) {
-                desk.meet(chassis, info, false)?;
+                sensor_logger.add_channel(chassis, info, false)?;
             }
             for info in &new {
-                desk.meet(chassis, info, true)?;
+                sensor_logger.add_channel(chassis, info, true)?;
             }
         }
-        desk.take()?;
+        sensor_logger.process_samples()?;
         if now >= map_ns {
             let begun = now_ns();
-            desk.send_map(begun, &mut map)?;
-            map_ns = now_ns() + MAP_SHARE * (now_ns() - begun);
+            sensor_logger.send_map(begun, &mut map)?;
+            map_ns = now_ns() + MAP_PAUSE_FACTOR * (now_ns() - begun);
         }
-        if now >= complain_ns {
-            complain_ns = now + COMPLAIN_NS;
-            desk.complain();
+        if now >= warn_ns {
+            warn_ns = now + WARN_NS;
+            sensor_logger.warn();
         }
         chassis.pass_end();
-        let heard: u64 = desk.sensors.iter().map(|sensor| sensor.tap.lost()).sum();
-        chassis.report_lost(heard + desk.estimates.iter().map(Subscriber::lost).sum::<u64>());
+        let readings: u64 = sensor_logger.sensors.iter().map(|sensor| sensor.tap.lost()).sum();
+        chassis.report_lost(readings + sensor_logger.estimates.iter().map(Subscriber::lost).sum::<u64>());
     }
-    desk.complain();
+    sensor_logger.warn();
     Ok(())
 }
 
-impl Desk {
-    /// A channel that has appeared: a sensor, or nothing of ours.
-    fn meet(&mut self, chassis: &Chassis, info: &ChannelInfo, first: bool) -> Result<(), BusError> {
+impl SensorLogger {
+    /// Subscribes to a new channel if it is that of a sensor, and creates its publishers.
+    fn add_channel(&mut self, chassis: &Chassis, info: &ChannelInfo, first: bool) -> Result<(), BusError> {
         let Some(name) = info.name.strip_prefix("sensor/") else { return Ok(()) };
         let Some(config) = self.config.sensor(name) else { return Ok(()) };
         let schema = info.schema.as_deref().unwrap_or_default();
         let decoder = match Decoder::of(&config, &info.type_name, schema, info.size) {
             Ok(decoder) => decoder,
             Err(why) => {
-                tracing::warn!("{} gets no samples: {why}", info.name);
+                tracing::warn!("{}: no samples: {why}", info.name);
                 return Ok(());
             }
         };
-        // What it takes to listen, and to say what comes of it.
+        // Check first that there is enough memory for the subscription and for the publishers.
         let tap = match chassis
             .bus()
-            .room_for(OUTLET_BYTES, name)
+            .room_for(OUTPUT_BYTES, name)
             .and_then(|()| chassis.bus().tap_with_history(&info.name))
         {
             Ok(tap) => tap,
-            // it went away again: if it comes back, it is new
+            // The channel was removed. If it is created again, it is a new one.
             Err(BusError::NoChannel { .. }) => return Ok(()),
             Err(error) => {
                 if first {
-                    tracing::warn!("{} gets no samples yet, and is tried again: {error}", info.name);
+                    tracing::warn!("{}: no samples yet, retrying: {error}", info.name);
                 }
-                self.again.push(info.clone());
+                self.retried.push(info.clone());
                 return Ok(());
             }
         };
         let number = self.logger.sensor(name, &config, decoder);
-        // one that was made again takes the place of the old one
+        // A channel that was created again replaces the old one.
         self.sensors.retain(|sensor| sensor.number != number);
         self.sensors.push(Sensor { tap, number });
-        if number == self.outlets.len() {
-            let maps = self.outlets.iter().filter(|outlet| outlet.map.is_some()).count();
+        if number == self.outputs.len() {
+            let maps = self.outputs.iter().filter(|output| output.map.is_some()).count();
             let map = if maps < self.config.section.maps {
                 SensorMap::new(&self.config, &config, FieldMap::SIDE).unwrap_or_else(|error| {
-                    tracing::warn!("{} gets no map: {error}", info.name);
+                    tracing::warn!("{}: no map: {error}", info.name);
                     None
                 })
             } else {
@@ -150,14 +151,15 @@ impl Desk {
                 None => None,
             };
             let samples = chassis.bus().publisher(&format!("sample/{name}"))?;
-            self.outlets.push(Outlet { samples, map, due_ns: 0 });
+            self.outputs.push(SensorOutput { samples, map, due_ns: 0 });
             tracing::info!("{} is georeferenced", info.name);
         }
         Ok(())
     }
 
-    /// What has come since the last pass becomes samples. Readings first: the estimates that are read after them are newer.
-    fn take(&mut self) -> Result<(), BusError> {
+    /// Receives readings and estimates, and publishes samples. Readings are received first, so that the estimates
+    /// received after them are newer.
+    fn process_samples(&mut self) -> Result<(), BusError> {
         for Sensor { tap, number } in &mut self.sensors {
             let logger = &mut self.logger;
             while tap.receive(|raw| logger.reading(*number, raw.bytes, now_ns()))?.is_some() {}
@@ -171,9 +173,9 @@ impl Desk {
             }
         }
         while let Some((number, mut sample)) = self.logger.next_sample(now_ns()) {
-            if let Some(outlet) = self.outlets.get_mut(number) {
-                outlet.samples.send(&mut sample)?;
-                if let Some((map, _)) = &mut outlet.map {
+            if let Some(output) = self.outputs.get_mut(number) {
+                output.samples.send(&mut sample)?;
+                if let Some((map, _)) = &mut output.map {
                     map.add(&sample);
                 }
             }
@@ -181,13 +183,13 @@ impl Desk {
         Ok(())
     }
 
-    /// The map that is due for longest, if one is.
+    /// Publishes the map that is overdue for the longest time, if any.
     fn send_map(&mut self, now: u64, into: &mut FieldMap) -> Result<(), BusError> {
         let period_ns = (self.config.section.map_period_s * 1e9) as u64;
-        let outlets = self.outlets.iter_mut().filter(|outlet| outlet.map.is_some() && outlet.due_ns <= now);
-        let Some(outlet) = outlets.min_by_key(|outlet| outlet.due_ns) else { return Ok(()) };
-        outlet.due_ns = now + period_ns;
-        if let Some((map, publisher)) = &mut outlet.map
+        let due = self.outputs.iter_mut().filter(|output| output.map.is_some() && output.due_ns <= now);
+        let Some(output) = due.min_by_key(|output| output.due_ns) else { return Ok(()) };
+        output.due_ns = now + period_ns;
+        if let Some((map, publisher)) = &mut output.map
             && map.publishable(into)
         {
             publisher.send(into)?;
@@ -195,16 +197,16 @@ impl Desk {
         Ok(())
     }
 
-    /// Says for each sensor how many readings became no samples since the last word, and why.
-    fn complain(&mut self) {
+    /// Logs for each sensor how many readings gave no sample since the last warning, and why.
+    fn warn(&mut self) {
         for (number, (name, counts)) in self.logger.counts().enumerate() {
-            if self.said.len() <= number {
-                self.said.push(Counts::default());
+            if self.reported.len() <= number {
+                self.reported.push(Counts::default());
             }
-            if let Some(sentence) = complaint(name, &counts, &self.said[number]) {
+            if let Some(sentence) = complaint(name, &counts, &self.reported[number]) {
                 tracing::warn!("{sentence}");
             }
-            self.said[number] = counts;
+            self.reported[number] = counts;
         }
     }
 }

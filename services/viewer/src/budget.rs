@@ -12,13 +12,13 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// `rate_hz` samples per second, with the share of a second saved at `now_ns`.
+    /// Creates a budget of `rate_hz` samples per second, with the budget of one second available at `now_ns`.
     #[must_use]
     pub fn new(rate_hz: f64, now_ns: u64) -> Self {
         Self { rate_hz, saved: rate_hz.max(1.0), counted_ns: now_ns }
     }
 
-    /// How many of `waiting` samples may be passed on at `now_ns`; they count as passed on.
+    /// Returns how many of `waiting` samples may be forwarded at `now_ns`, and spends the budget for them.
     pub fn spend(&mut self, waiting: usize, now_ns: u64) -> usize {
         let elapsed_s = now_ns.saturating_sub(self.counted_ns) as f64 / SECOND_NS;
         self.counted_ns = self.counted_ns.max(now_ns);
@@ -35,20 +35,20 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Samples that pass in so many seconds, of `per_look` that come with each look every 20 ms.
-    fn passed(budget: &mut Budget, from_s: u64, to_s: u64, per_look: usize) -> usize {
-        (from_s * 50..to_s * 50).map(|look| budget.spend(per_look, look * 20 * MS)).sum()
+    /// Number of samples forwarded from `from_s` to `to_s`, if `per_poll` samples arrive with each poll every 20 ms.
+    fn passed(budget: &mut Budget, from_s: u64, to_s: u64, per_poll: usize) -> usize {
+        (from_s * 50..to_s * 50).map(|poll| budget.spend(per_poll, poll * 20 * MS)).sum()
     }
 
     #[test]
-    fn what_comes_faster_is_thinned_to_the_rate() {
+    fn a_fast_channel_is_limited_to_the_rate() {
         let mut budget = Budget::new(30.0, 0);
-        passed(&mut budget, 0, 2, 4); // the share that was saved
+        passed(&mut budget, 0, 2, 4); // spends the initial budget
         assert_eq!(passed(&mut budget, 2, 12, 4), 300);
     }
 
     #[test]
-    fn what_comes_more_slowly_passes_whole_also_in_bursts() {
+    fn a_slow_channel_passes_completely_also_in_bursts() {
         let mut budget = Budget::new(50.0, 0);
         assert_eq!(passed(&mut budget, 0, 10, 1), 500);
         let mut budget = Budget::new(50.0, 0);
@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_saves_no_more_than_a_second_and_a_clock_that_stands_saves_nothing() {
+    fn the_budget_is_limited_to_one_second_and_does_not_grow_while_the_clock_stands() {
         let mut budget = Budget::new(20.0, 0);
         assert_eq!(budget.spend(1000, 3_600_000 * MS), 20);
         assert_eq!(budget.spend(1000, 3_600_000 * MS), 0);

@@ -10,7 +10,7 @@ use runlog::RunClock;
 use runtime::{Chassis, CommonArgs};
 use viewer::{Settings, Viewer};
 
-/// Shows every channel of a domain to Foxglove and Lichtblick until it is told to stop.
+/// Serve every channel of a domain to Foxglove and Lichtblick until the process is ended.
 #[derive(clap::Parser)]
 #[command(name = "viewer")]
 struct Args {
@@ -19,7 +19,7 @@ struct Args {
     /// Address to listen on. Default: `address` in [viewer] of the system file, or 127.0.0.1.
     #[arg(long, value_name = "ADDRESS")]
     address: Option<IpAddr>,
-    /// Port; 0: any that is free. Default: `port` in [viewer] of the system file, or 8765.
+    /// TCP port; 0: any free port. Default: `port` in [viewer] of the system file, or 8765.
     #[arg(long, value_name = "PORT")]
     port: Option<u16>,
 }
@@ -35,7 +35,8 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
-    // on Linux this is the niceness of a thread, which those it starts inherit: who looks makes nobody else wait
+    // On Linux this sets the nice value of this thread, which its threads inherit: the viewer must not delay other
+    // processes.
     let _ = rustix::process::nice(10);
     let section = chassis.system_file().map_or_else(|_| ViewerSection::default(), |file| file.viewer.clone());
     let address = args.address.unwrap_or(section.address);
@@ -49,16 +50,16 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     };
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
     let mut viewer = Viewer::open(&settings)?;
-    viewer.look(chassis.bus(), true)?;
+    viewer.poll(chassis.bus(), true)?;
     tracing::info!("Foxglove or Lichtblick: open ws://{}", std::net::SocketAddr::new(address, viewer.port()));
     if !address.is_loopback() {
-        tracing::warn!("whoever reaches {address} over the network can look; no password is asked");
+        tracing::warn!("anyone who can reach {address} over the network can see the channels; there is no password");
     }
     chassis.ready()?;
     while chassis.running() {
-        let wake = chassis.wait(&mut waiter, viewer.next_look_ns(now_ns()))?;
+        let wake = chassis.wait(&mut waiter, viewer.next_poll_ns(now_ns()))?;
         chassis.pass_begin();
-        viewer.look(chassis.bus(), wake.channel(0))?;
+        viewer.poll(chassis.bus(), wake.channel(0))?;
         chassis.pass_end();
         chassis.report_lost(viewer.lost());
     }

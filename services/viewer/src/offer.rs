@@ -1,4 +1,4 @@
-//! One channel as it is offered to tools, and listened to while one of them wants it.
+//! A channel that is offered to tools, with a subscription while a tool requests it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,39 +10,39 @@ use runlog::{CDR_HEADER, ChannelSpec, Definitions, RunClock, published_ns};
 
 use crate::budget::Budget;
 
-/// A sample as a tool gets it.
+/// A sample in the form for tools.
 #[derive(Debug, Default, Clone)]
 struct Sample {
     /// UNIX time of its publication, ns.
     unix_ns: u64,
-    /// With [`CDR_HEADER`] before it.
+    /// [`CDR_HEADER`] and the bytes of the sample.
     body: Vec<u8>,
 }
 
-/// What is there while somebody listens.
+/// The subscription to a channel, and its samples.
 #[derive(Debug)]
-struct Heard {
+struct Subscription {
     tap: Tap,
     budget: Budget,
-    /// The newest samples of one look; emptied and used again.
+    /// The newest samples of one poll; reused.
     waiting: VecDeque<Sample>,
     spare: Vec<Sample>,
-    /// For whoever comes later: what rarely speaks would stay empty for long.
+    /// The last sample, for tools that connect later: a channel may publish rarely.
     last: Sample,
 }
 
-/// A channel of the robot, offered.
+/// A channel offered to tools.
 pub(crate) struct Offer {
     info: ChannelInfo,
     channel: Arc<RawChannel>,
     has_header: bool,
-    heard: Option<Heard>,
-    /// Said once.
-    refused: bool,
+    subscription: Option<Subscription>,
+    /// Whether a failed subscription was reported.
+    reported: bool,
 }
 
 impl Offer {
-    /// Offers the channel to every tool.
+    /// Offers a channel to every tool.
     pub(crate) fn new(
         context: &Arc<Context>,
         info: ChannelInfo,
@@ -62,7 +62,7 @@ impl Offer {
             .schema(Schema::new(definition.schema_name, "ros2msg", definition.text.into_bytes()))
             .metadata(definition.metadata)
             .build_raw()?;
-        Ok(Self { info, channel, has_header, heard: None, refused: false })
+        Ok(Self { info, channel, has_header, subscription: None, reported: false })
     }
 
     pub(crate) fn id(&self) -> ChannelId {
@@ -73,64 +73,65 @@ impl Offer {
         &self.info
     }
 
-    pub(crate) fn is_heard(&self) -> bool {
-        self.heard.is_some()
+    pub(crate) fn is_subscribed(&self) -> bool {
+        self.subscription.is_some()
     }
 
-    /// No tool is to see it any more.
+    /// Withdraws the channel from all tools.
     pub(crate) fn withdraw(self) {
         self.channel.close();
     }
 
-    /// Begins to listen when some tool wants it, and ends when none does.
-    pub(crate) fn attend(&mut self, bus: &Bus, rate_hz: f64, now_ns: u64) {
+    /// Subscribes when a tool requests the channel, and unsubscribes when none does.
+    pub(crate) fn update_subscription(&mut self, bus: &Bus, rate_hz: f64, now_ns: u64) {
         if !self.channel.has_sinks() {
-            self.heard = None;
-        } else if self.heard.is_none() {
+            self.subscription = None;
+        } else if self.subscription.is_none() {
             match bus.tap(&self.info.name) {
                 Ok(tap) => {
                     let (budget, waiting) = (Budget::new(rate_hz, now_ns), VecDeque::new());
-                    self.heard = Some(Heard { tap, budget, waiting, spare: Vec::new(), last: Sample::default() });
-                    self.refused = false;
+                    let (spare, last) = (Vec::new(), Sample::default());
+                    self.subscription = Some(Subscription { tap, budget, waiting, spare, last });
+                    self.reported = false;
                 }
-                // it went away; when it is back, it is listened to
+                // The channel was removed; it is subscribed to when it exists again.
                 Err(BusError::NoChannel { .. }) => {}
-                Err(error) if !self.refused => {
-                    self.refused = true;
-                    tracing::warn!("channel {} is not shown, will try again: {error}", self.info.name);
+                Err(error) if !self.reported => {
+                    self.reported = true;
+                    tracing::warn!("channel {} is not shown yet, retrying: {error}", self.info.name);
                 }
                 Err(_) => {}
             }
         }
     }
 
-    /// Passes on what has come since the last look, as much as the rate allows, the newest.
+    /// Forwards the newest samples received since the last poll, as many as the rate allows.
     ///
     /// # Errors
     /// Shared memory is damaged.
-    pub(crate) fn pass_on(&mut self, clock: RunClock, rate_hz: f64, now_ns: u64) -> Result<(), BusError> {
+    pub(crate) fn forward(&mut self, clock: RunClock, rate_hz: f64, now_ns: u64) -> Result<(), BusError> {
         let (has_header, most) = (self.has_header, rate_hz.max(1.0) as usize);
-        let Some(Heard { tap, budget, waiting, spare, last }) = &mut self.heard else { return Ok(()) };
-        let mut come = 0;
+        let Some(Subscription { tap, budget, waiting, spare, last }) = &mut self.subscription else { return Ok(()) };
+        let mut count = 0;
         loop {
-            // of more than can pass, the oldest makes room
+            // Drop the oldest sample if more arrive than may be forwarded.
             let reused = if waiting.len() < most { spare.pop() } else { waiting.pop_front() };
             let mut sample = reused.unwrap_or_default();
-            let heard = tap.receive(|raw| {
+            let received = tap.receive(|raw| {
                 let stamp_ns = if has_header { raw.header.stamp_ns } else { now_ns };
                 sample.unix_ns = clock.unix_of(published_ns(stamp_ns, now_ns));
                 sample.body.clear();
                 sample.body.extend_from_slice(&CDR_HEADER);
                 sample.body.extend_from_slice(raw.bytes);
             })?;
-            if heard.is_none() {
+            if received.is_none() {
                 spare.push(sample);
                 break;
             }
             waiting.push_back(sample);
-            come += 1;
+            count += 1;
         }
-        if come == 0 {
+        if count == 0 {
             return Ok(());
         }
         let granted = budget.spend(waiting.len(), now_ns);
@@ -144,16 +145,17 @@ impl Offer {
         Ok(())
     }
 
-    /// The last sample, for a tool that has just begun to want this channel while another one already did.
-    pub(crate) fn pass_last(&self, to: SinkId) {
-        if let Some(Heard { last, .. }) = self.heard.as_ref().filter(|heard| !heard.last.body.is_empty()) {
+    /// Sends the last sample to a tool that requests this channel after another one already did.
+    pub(crate) fn send_last(&self, to: SinkId) {
+        let subscription = self.subscription.as_ref().filter(|subscription| !subscription.last.body.is_empty());
+        if let Some(Subscription { last, .. }) = subscription {
             let time = PartialMetadata::with_log_time(last.unix_ns);
             self.channel.log_with_meta_to_sink(&last.body, time, Some(to));
         }
     }
 
-    /// Samples that were overwritten before this process took them.
+    /// Returns the number of samples that were overwritten before this process received them.
     pub(crate) fn lost(&self) -> u64 {
-        self.heard.as_ref().map_or(0, |heard| heard.tap.lost())
+        self.subscription.as_ref().map_or(0, |subscription| subscription.tap.lost())
     }
 }

@@ -1,4 +1,4 @@
-//! A tool that this project did not write sees every channel live, exactly, and disturbs nobody.
+//! An independent client receives every channel live and bit-exact, and does not disturb other processes.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -15,12 +15,12 @@ use messages::schema::{Number, Schema};
 use messages::{Field, Header, Message, MotorInput, MotorState, Reading, schema_name};
 use serde_json::{Map, Value, json};
 
-/// Waits for anything at most: the machine may stand still now and then.
+/// Longest time to wait for an event; the machine may stall.
 const LONG: Duration = Duration::from_secs(60);
-/// Different samples of each channel; they are published again and again.
+/// Number of different samples of each channel; they are published repeatedly.
 const SAMPLES: u64 = 100;
 
-/// A type of somebody else with a definition that no reader takes: shown as plain bytes.
+/// A foreign type with a schema that readers reject: served as plain bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct Broken {
@@ -49,7 +49,7 @@ impl Message for Broken {
     }
 }
 
-/// Ends the process whatever happens to the test.
+/// A process that is killed when dropped.
 struct Running(Child);
 
 impl Drop for Running {
@@ -59,11 +59,11 @@ impl Drop for Running {
     }
 }
 
-/// The lines of a pipe, each waited for at most so long.
+/// The text lines of a pipe; each is waited for at most [`LONG`].
 struct Lines(mpsc::Receiver<String>);
 
 impl Lines {
-    fn of(pipe: impl std::io::Read + Send + 'static) -> Self {
+    fn read(pipe: impl std::io::Read + Send + 'static) -> Self {
         let (send, receive) = mpsc::channel();
         std::thread::spawn(move || {
             for line in BufReader::new(pipe).lines().map_while(Result::ok) {
@@ -82,11 +82,11 @@ impl Lines {
             }
             said += &format!("{line}\n");
         }
-        panic!("never said \"{what}\" but:\n{said}");
+        panic!("\"{what}\" was not printed, but:\n{said}");
     }
 }
 
-/// A viewer in a domain of its own, and where it listens.
+/// Starts a viewer; returns it and its messages.
 fn start(domain: &Domain, more: &[&str]) -> (Running, Lines) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_viewer"))
         .args(["--domain", domain.name(), "--port", "0"])
@@ -95,7 +95,7 @@ fn start(domain: &Domain, more: &[&str]) -> (Running, Lines) {
         .spawn()
         .unwrap();
     let said: ChildStderr = child.stderr.take().unwrap();
-    (Running(child), Lines::of(said))
+    (Running(child), Lines::read(said))
 }
 
 fn address(said: &Lines) -> String {
@@ -105,7 +105,7 @@ fn address(said: &Lines) -> String {
     address
 }
 
-/// Test data that need no crate (xorshift64).
+/// Fills bytes with pseudo-random test data (xorshift64).
 fn fill(bytes: &mut [u8], random: &mut u64) {
     for byte in bytes {
         *random ^= *random << 13;
@@ -125,10 +125,10 @@ fn samples<T: Message>(random: &mut u64) -> Vec<T> {
     (1..=SAMPLES).map(make).collect()
 }
 
-/// What publishing gives each sample.
+/// Fields that the publisher fills in.
 const BY_PUBLISHING: [&str; 2] = ["header.seq", "header.published_ns"];
 
-/// What a tool has to see of a channel, but for what publishing adds.
+/// The samples that a tool must receive from a channel, without the fields that the publisher fills in.
 fn expect<T: Message>(samples: &[T], enough: u64) -> Value {
     let schema = Schema::parse(T::schema()).unwrap();
     let fields = |sample: &T| -> Vec<Value> {
@@ -151,7 +151,7 @@ fn expect<T: Message>(samples: &[T], enough: u64) -> Value {
             "enough": enough, "samples": all })
 }
 
-/// A transform as its CDR body stands, written by hand.
+/// A transform, with its CDR body written by hand.
 fn transform() -> (TfMessage, Value) {
     let mut body = vec![];
     for number in [1_u32, 1_700_000_000, 123_456_789, 4] {
@@ -184,13 +184,13 @@ fn subscribers(bus: &Bus, channel: &str) -> usize {
 fn until(what: &str, mut done: impl FnMut() -> bool) {
     let begin = Instant::now();
     while !done() {
-        assert!(begin.elapsed() < LONG, "{what}: in vain");
+        assert!(begin.elapsed() < LONG, "{what}: not within {LONG:?}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
 
 #[test]
-fn a_tool_sees_every_channel_live_and_exactly_and_disturbs_nobody() {
+fn a_tool_receives_every_channel_live_and_bit_exact_without_disturbing_others() {
     let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/node/read_live.mjs");
     assert!(
         client.with_file_name("node_modules").is_dir(),
@@ -204,11 +204,11 @@ fn a_tool_sees_every_channel_live_and_exactly_and_disturbs_nobody() {
     readings.truncate(1);
     let mut state_port = bus.publisher::<MotorState>("motor/state").unwrap();
     let mut wind_port = bus.publisher::<Reading>("sensor/wind").unwrap();
-    // there before the viewer is, and once only: whoever comes later sees it all the same
+    // Published once before the viewer starts; tools that connect later receive it too.
     wind_port.send(&mut readings[0]).unwrap();
     let (viewer, said) = start(&domain, &[]);
     let address = address(&said);
-    // these come later than the viewer
+    // These channels are created after the start of the viewer.
     let mut input_port = bus.publisher::<MotorInput>("motor/input").unwrap();
     let mut tf_port = bus.publisher::<TfMessage>("tf").unwrap();
     let mut broken_port = bus.publisher::<Broken>("sensor/broken").unwrap();
@@ -223,7 +223,7 @@ fn a_tool_sees_every_channel_live_and_exactly_and_disturbs_nobody() {
     });
     let file = folder.path().join("expected.json");
     std::fs::write(&file, expected.to_string()).unwrap();
-    assert_eq!(subscribers(&bus, "motor/state"), 0, "nobody looks yet");
+    assert_eq!(subscribers(&bus, "motor/state"), 0, "no tool is connected yet");
 
     let mut tool = Running(
         Command::new("node")
@@ -234,7 +234,7 @@ fn a_tool_sees_every_channel_live_and_exactly_and_disturbs_nobody() {
             .unwrap(),
     );
     let tool_said: ChildStdout = tool.0.stdout.take().unwrap();
-    let tool_said = Lines::of(tool_said);
+    let tool_said = Lines::read(tool_said);
     tool_said.until("looking");
     until("the viewer listens", || {
         wind_port.update_connections();
@@ -243,8 +243,8 @@ fn a_tool_sees_every_channel_live_and_exactly_and_disturbs_nobody() {
     let (mut published, begun) = (0_u64, Instant::now());
     let mut pass = 0_usize;
     while tool.0.try_wait().unwrap().is_none() {
-        assert!(begun.elapsed() < LONG, "the tool does not come to an end");
-        // ten times what may pass
+        assert!(begun.elapsed() < LONG, "the tool does not end");
+        // Ten times the rate that the viewer forwards.
         state_port.send(&mut states[pass % states.len()].clone()).unwrap();
         published += 1;
         if pass.is_multiple_of(25) {
@@ -263,7 +263,7 @@ fn a_tool_sees_every_channel_live_and_exactly_and_disturbs_nobody() {
     assert!(2 * seen < published, "thinned: {seen} of {published}");
     println!("{line}; {published} of motor/state published");
 
-    until("nobody listens any more", || subscribers(&bus, "motor/state") == 0);
+    until("the viewer unsubscribes", || subscribers(&bus, "motor/state") == 0);
     stop(viewer);
 }
 
@@ -274,7 +274,7 @@ fn stop(mut viewer: Running) {
 }
 
 #[test]
-fn it_says_in_one_sentence_why_it_cannot_listen() {
+fn an_address_in_use_is_an_error_of_one_sentence() {
     let domain = Domain::for_test();
     let (viewer, said) = start(&domain, &[]);
     let address = address(&said);

@@ -1,6 +1,6 @@
-//! A little-endian CDR body as it grows.
+//! Encoder for little-endian CDR bodies.
 
-/// Bytes of a body; every number at a multiple of its own size.
+/// The bytes of a body; every number is aligned to its own size.
 #[derive(Debug, Default)]
 pub(crate) struct Cdr(pub Vec<u8>);
 
@@ -34,19 +34,19 @@ impl Cdr {
         values.iter().for_each(|value| self.f32(*value));
     }
 
-    /// `builtin_interfaces/Time` of a UNIX time.
+    /// Appends `builtin_interfaces/Time` of a UNIX time.
     pub fn time(&mut self, unix_ns: u64) {
         self.i32(i32::try_from(unix_ns / 1_000_000_000).unwrap_or(i32::MAX));
         self.u32((unix_ns % 1_000_000_000) as u32);
     }
 
-    /// `std_msgs/Header`.
+    /// Appends `std_msgs/Header`.
     pub fn header(&mut self, unix_ns: u64, frame: &str) {
         self.time(unix_ns);
         self.text(frame);
     }
 
-    /// `geometry_msgs/Pose`, upright.
+    /// Appends `geometry_msgs/Pose` without rotation.
     pub fn pose(&mut self, position_m: &[f64; 3]) {
         self.f64s(position_m);
         self.f64s(&[0.0, 0.0, 0.0, 1.0]);

@@ -1,4 +1,4 @@
-//! What is drawn, from what is known.
+//! Draws the robot from the newest samples.
 
 use std::collections::BTreeMap;
 
@@ -14,17 +14,17 @@ use segments::segment_of;
 
 use crate::cdr::Cdr;
 
-/// The frame of the robot file. Four bytes with its end, so that every header is 16 bytes long.
+/// Coordinate frame of the robot file. Four bytes with its terminating zero, so that every header has 16 bytes.
 const MAP: &str = "map";
-/// The frame of the node.
+/// Coordinate frame of the node.
 const NODE: &str = "node";
-/// Between two points of the track at first, m.
+/// Initial distance between two points of the track, m.
 const TRACK_STEP_M: f64 = 0.02;
-/// Bytes of every log message: the text of a [`LogEvent`] and its frame, with room.
+/// Size of every log message, bytes.
 const LOG_BYTES: usize = size_of::<ros::Log>();
-/// Width of a drawn line, m.
-const LINE_M: f64 = 0.012;
-/// Colours of the cables, as on the page of `nims report`.
+/// Width of a drawn cable, m.
+const CABLE_WIDTH_M: f64 = 0.012;
+/// Colours of the cables, the same as on the page of `nims report`.
 const COLOURS: [[f32; 3]; CABLES] = [
     [0.12, 0.47, 0.71],
     [0.84, 0.15, 0.16],
@@ -35,7 +35,7 @@ const COLOURS: [[f32; 3]; CABLES] = [
     [0.09, 0.67, 0.75],
     [0.1, 0.1, 0.1],
 ];
-/// A slack line.
+/// Colour of a slack cable.
 const SLACK: [f32; 3] = [0.75, 0.75, 0.75];
 
 /// The type of a drawing.
@@ -56,7 +56,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Type name, definition, and bytes of every body.
+    /// Returns type name, schema text and size of every body in bytes.
     #[must_use]
     pub fn definition(self) -> (&'static str, &'static str, usize) {
         fn of<T: Payload>() -> (&'static str, &'static str, usize) {
@@ -73,20 +73,20 @@ impl Kind {
     }
 }
 
-/// One message to be published.
+/// A message to publish.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Drawing {
-    /// The channel, e.g. `visualization/robot`.
+    /// Channel, e.g. `visualization/robot`.
     pub channel: String,
-    /// Its type.
+    /// Type of the message.
     pub kind: Kind,
-    /// UNIX time that it is true for, ns.
+    /// UNIX time of the content, ns.
     pub unix_ns: u64,
-    /// CDR body; as long as every one of its kind.
+    /// CDR body; all bodies of a kind have the same length.
     pub body: Vec<u8>,
 }
 
-/// Points of a path, in bounded memory: the farther it goes, the wider they stand.
+/// Points of a path in bounded memory: the distance between points doubles when the memory is full.
 #[derive(Debug, Clone)]
 struct Track {
     points_m: Vec<[f64; 3]>,
@@ -115,11 +115,11 @@ fn distance_m(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
-/// Takes in what the robot's channels say, and draws it.
+/// Draws the robot from its samples.
 #[derive(Debug, Clone)]
 pub struct Visualization {
     anchors_m: Vec<[f64; 3]>,
-    /// UNIX time less CLOCK_MONOTONIC, ns.
+    /// UNIX time minus CLOCK_MONOTONIC, ns.
     unix_less_mono_ns: i64,
     authority: Option<MotorAuthority>,
     estimates: [Option<NodeEstimate>; SLOTS],
@@ -129,7 +129,7 @@ pub struct Visualization {
 }
 
 impl Visualization {
-    /// Of a robot; `unix_less_mono_ns` maps the stamps of its samples to UNIX time.
+    /// Creates the visualization of a robot; `unix_less_mono_ns` is the offset from stamps to UNIX time.
     #[must_use]
     pub fn new(robot: &Robot, unix_less_mono_ns: i64) -> Self {
         Self {
@@ -143,14 +143,15 @@ impl Visualization {
         }
     }
 
-    /// Whether samples of this channel change what is drawn.
+    /// Returns whether samples of this channel are drawn.
     #[must_use]
     pub fn wants(channel: &str) -> bool {
         matches!(channel, "motor/authority" | "node/estimate/a" | "node/estimate/b" | "plan/motion")
             || ["sensor/", "sample/", "system/log/"].iter().any(|beginning| channel.starts_with(beginning))
     }
 
-    /// Takes a sample in, as it lies in memory; what it says once and for all is drawn at once. A type of another version is passed over.
+    /// Processes the bytes of a sample; a log event returns its drawing at once. Samples of other types or versions are
+    /// ignored.
     pub fn record(&mut self, channel: &str, type_name: &str, sample: &[u8]) -> Option<Drawing> {
         match channel {
             "motor/authority" => self.authority = read(type_name, sample).or(self.authority),
@@ -165,7 +166,7 @@ impl Visualization {
                 }
             }
             _ if channel.starts_with("system/log/") => return read(type_name, sample).map(|event| self.log(&event)),
-            _ => self.measured(channel, type_name, sample),
+            _ => self.add_point(channel, type_name, sample),
         }
         None
     }
@@ -195,8 +196,8 @@ impl Visualization {
         }
     }
 
-    /// A reading where the node is now, or a sample where it was.
-    fn measured(&mut self, channel: &str, type_name: &str, sample: &[u8]) {
+    /// Adds a reading at the present position of the node, or a sample at its own position, to a point cloud.
+    fn add_point(&mut self, channel: &str, type_name: &str, sample: &[u8]) {
         let Some((_, name)) = channel.split_once('/') else { return };
         let (place, value) = if let Some(sample) = read::<Sample>(type_name, sample) {
             (sample.position_m, sample.value[0])
@@ -205,7 +206,7 @@ impl Visualization {
         } else {
             return;
         };
-        // where a sensor has both, the samples are the better ones
+        // Separate clouds for readings and samples of a sensor, because samples are more accurate.
         let key = channel.replace('/', "-");
         let cloud = self.clouds.entry(if channel.starts_with("sample/") { name.to_owned() } else { key }).or_default();
         if cloud.len() == CLOUD_POINTS {
@@ -222,7 +223,7 @@ impl Visualization {
         mono_ns.saturating_add_signed(self.unix_less_mono_ns)
     }
 
-    /// What moves: transform, pose, lines. Nothing before the position is known.
+    /// Draws the moving parts: transform, pose, cables. Returns nothing if the position is unknown.
     #[must_use]
     pub fn frame(&self) -> Vec<Drawing> {
         let Some(node) = self.node() else { return Vec::new() };
@@ -236,7 +237,7 @@ impl Visualization {
         ]
     }
 
-    /// What changes slowly: the planned path, the track, what was measured.
+    /// Draws the slowly changing parts: the planned path, the track, and the measured values.
     #[must_use]
     pub fn slow_frame(&self) -> Vec<Drawing> {
         let Some(node) = self.node() else { return Vec::new() };
@@ -257,10 +258,10 @@ impl Visualization {
         drawings
     }
 
-    /// Lines, anchors, node, and the tension of each line.
+    /// Draws cables, anchors, node, and the tension of each cable.
     fn robot(&self, unix_ns: u64, node: &NodeEstimate) -> Cdr {
         let last = self.anchors_m.len().saturating_sub(1);
-        // every list is as long as it would be with all cables: the last one stands there several times
+        // Every list has the length for the largest number of cables; the last cable is repeated.
         let cables = || (0..CABLES).map(move |i| i.min(last));
         let anchor = |i: usize| self.anchors_m.get(i).copied().unwrap_or(node.position_m);
         let colour = |i: usize| if node.slack[i] == 1 { SLACK } else { COLOURS[i] };
@@ -272,12 +273,12 @@ impl Visualization {
         marker(
             &mut cdr,
             unix_ns,
-            &Look {
+            &Marker {
                 id: 0,
-                kind: Look::LINE_LIST,
-                size_m: [LINE_M, 0.0, 0.0],
+                kind: Marker::LINE_LIST,
+                size_m: [CABLE_WIDTH_M, 0.0, 0.0],
                 points: (&ends, &colours),
-                ..Look::default()
+                ..Marker::default()
             },
         );
         let ends: Vec<[f64; 3]> = cables().map(anchor).collect();
@@ -285,12 +286,18 @@ impl Visualization {
         marker(
             &mut cdr,
             unix_ns,
-            &Look { id: 1, kind: Look::SPHERE_LIST, size_m: [0.12; 3], points: (&ends, &colours), ..Look::default() },
+            &Marker {
+                id: 1,
+                kind: Marker::SPHERE_LIST,
+                size_m: [0.12; 3],
+                points: (&ends, &colours),
+                ..Marker::default()
+            },
         );
         marker(
             &mut cdr,
             unix_ns,
-            &Look { id: 2, kind: Look::SPHERE, size_m: [0.1; 3], at_m: node.position_m, ..Look::default() },
+            &Marker { id: 2, kind: Marker::SPHERE, size_m: [0.1; 3], at_m: node.position_m, ..Marker::default() },
         );
         for i in 0..CABLES {
             let anchor = anchor(i.min(last));
@@ -300,14 +307,14 @@ impl Visualization {
             marker(
                 &mut cdr,
                 unix_ns,
-                &Look {
+                &Marker {
                     id,
-                    kind: Look::TEXT,
+                    kind: Marker::TEXT,
                     size_m: [0.0, 0.0, 0.14],
                     at_m,
                     text: &text[..7],
                     shown,
-                    ..Look::default()
+                    ..Marker::default()
                 },
             );
         }
@@ -325,12 +332,12 @@ impl Visualization {
             _ => 10,
         });
         cdr.text(&text_of(&event.process));
-        // what was no text can be longer as one
+        // Bytes that are no valid text can become longer by the conversion, so limit the text again.
         let mut text = [0_u8; 512];
         put_text(&mut text, &text_of(&event.text));
         cdr.text(&text_of(&text));
         cdr.text("");
-        // the name of a function, which we have none of, fills the body up to its length
+        // The unused field for the name of a function pads the body to its fixed length.
         cdr.align(4);
         let room = LOG_BYTES.saturating_sub(cdr.0.len() + 9);
         cdr.text(&" ".repeat(room));
@@ -339,7 +346,7 @@ impl Visualization {
     }
 }
 
-/// A sample as a type of this build.
+/// Returns a sample of a known type; `None` for another type or version.
 fn read<T: Message>(type_name: &str, sample: &[u8]) -> Option<T> {
     (type_name == T::type_name() && sample.len() == size_of::<T>()).then(|| pod_read_unaligned(sample))
 }
@@ -360,7 +367,7 @@ fn pose(unix_ns: u64, position_m: &[f64; 3]) -> Cdr {
     cdr
 }
 
-/// The points, and the last of them (or the node) until there are enough.
+/// Returns a path with the points, padded to its fixed length with the last point or the node.
 fn path(unix_ns: u64, points_m: &[[f64; 3]], node_m: &[f64; 3]) -> Cdr {
     let mut cdr = Cdr::default();
     cdr.header(unix_ns, MAP);
@@ -373,7 +380,7 @@ fn path(unix_ns: u64, points_m: &[[f64; 3]], node_m: &[f64; 3]) -> Cdr {
     cdr
 }
 
-/// The points, and points that are nowhere until there are enough.
+/// Returns a cloud with the points, padded to its fixed length with NaN.
 fn cloud(unix_ns: u64, points: &[[f32; 4]]) -> Cdr {
     const FLOAT32: u8 = 7;
     let mut cdr = Cdr::default();
@@ -398,33 +405,33 @@ fn cloud(unix_ns: u64, points: &[[f32; 4]]) -> Cdr {
     cdr
 }
 
-/// How a marker looks.
-struct Look<'a> {
+/// Properties of a marker.
+struct Marker<'a> {
     id: i32,
     kind: i32,
     at_m: [f64; 3],
     size_m: [f64; 3],
-    /// With a colour each.
+    /// Points, each with its colour.
     points: (&'a [[f64; 3]], &'a [[f32; 3]]),
     text: &'a str,
     shown: bool,
 }
 
-impl Look<'_> {
+impl Marker<'_> {
     const SPHERE: i32 = 2;
     const LINE_LIST: i32 = 5;
     const SPHERE_LIST: i32 = 7;
     const TEXT: i32 = 9;
 }
 
-impl Default for Look<'_> {
+impl Default for Marker<'_> {
     fn default() -> Self {
         Self { id: 0, kind: 0, at_m: [0.0; 3], size_m: [0.0; 3], points: (&[], &[]), text: "", shown: true }
     }
 }
 
-/// `visualization_msgs/Marker`.
-fn marker(cdr: &mut Cdr, unix_ns: u64, look: &Look<'_>) {
+/// Appends `visualization_msgs/Marker`.
+fn marker(cdr: &mut Cdr, unix_ns: u64, look: &Marker<'_>) {
     const ADD: i32 = 0;
     const DELETE: i32 = 2;
     cdr.header(unix_ns, MAP);
@@ -435,7 +442,7 @@ fn marker(cdr: &mut Cdr, unix_ns: u64, look: &Look<'_>) {
     cdr.pose(&look.at_m);
     cdr.f64s(&look.size_m);
     cdr.f32s(&[0.1, 0.1, 0.12, 1.0]);
-    // stays until the next one
+    // Lifetime 0: shown until replaced.
     cdr.i32(0);
     cdr.u32(0);
     cdr.u8(0);
@@ -445,7 +452,7 @@ fn marker(cdr: &mut Cdr, unix_ns: u64, look: &Look<'_>) {
     for [r, g, b] in look.points.1 {
         cdr.f32s(&[*r, *g, *b, 1.0]);
     }
-    // no texture, no mesh
+    // Without texture and mesh.
     cdr.text("");
     cdr.header(0, "");
     cdr.text("");

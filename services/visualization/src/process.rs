@@ -1,4 +1,4 @@
-//! Visualization as a process: listens to what there is, and publishes what is drawn.
+//! The visualization process: subscribes to the robot's channels and publishes drawings.
 
 use std::collections::BTreeMap;
 
@@ -9,12 +9,12 @@ use runtime::Chassis;
 
 use crate::{Drawing, Kind, Visualization};
 
-/// Frames come 25 times a second: smooth to the eye, a quarter of the control cycle.
+/// Time between two frames, ns: 25 per second look smooth.
 const FRAME_NS: u64 = 40_000_000;
-/// What changes slowly comes twice a second.
+/// Time between two frames of the slowly changing drawings, ns.
 const SLOW_NS: u64 = SECOND_NS / 2;
 
-/// A publisher of one kind.
+/// A publisher for one kind of drawing.
 enum Port {
     Tf(Publisher<TfMessage>),
     Pose(Publisher<PoseStamped>),
@@ -36,7 +36,7 @@ impl Port {
         })
     }
 
-    /// A body of another length is not sent; that none is, is tested.
+    /// Publishes a body; ignores one of wrong length, which the tests exclude.
     fn send(&mut self, body: &[u8]) -> Result<(), BusError> {
         macro_rules! send {
             ($port:expr, $kind:ty) => {
@@ -57,12 +57,12 @@ impl Port {
     }
 }
 
-/// Everything that is published.
+/// The open publishers.
 #[derive(Default)]
 struct Ports {
     open: BTreeMap<String, Port>,
-    /// That there is no room for one has been said.
-    complained: bool,
+    /// Whether a lack of memory was reported.
+    reported: bool,
 }
 
 impl Ports {
@@ -72,9 +72,9 @@ impl Ports {
                 Ok(port) => {
                     self.open.insert(drawing.channel.clone(), port);
                 }
-                // tried again with the next frame
+                // Retried with the next frame.
                 Err(error @ BusError::NoMemory { .. }) => {
-                    if !std::mem::replace(&mut self.complained, true) {
+                    if !std::mem::replace(&mut self.reported, true) {
                         tracing::warn!("{error}");
                     }
                     return Ok(());
@@ -86,10 +86,10 @@ impl Ports {
     }
 }
 
-/// Runs until it is told to stop.
+/// Runs until the end of the process is requested.
 ///
 /// # Errors
-/// A system file that cannot be used, or a domain that cannot.
+/// The system file or the domain cannot be used.
 pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
     let robot = chassis.system_file()?.robot_file()?.robot()?;
     let clock = chassis.bus().domain().wall_clock().unwrap_or_else(WallClock::now);
@@ -107,7 +107,7 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
             for info in watch.new_channels(chassis.bus())?.into_iter().filter(|info| Visualization::wants(&info.name)) {
                 match chassis.bus().tap(&info.name) {
                     Ok(tap) => {
-                        // one that was made again, with another type perhaps, takes the place of the old one
+                        // A channel that was created again, perhaps with another type, replaces the old one.
                         taps.retain(|old| old.info().name != info.name);
                         taps.push(tap);
                     }
