@@ -86,6 +86,15 @@ begin_notes() {
 # Notes a check that is left out, and why.
 leave_out() { printf 'left out\t%s\t%s\n' "$1" "$2" >>"$NIMS_TEST_NOTES"; }
 
+# Notes the tests that are only run by hand.
+note_ignored_tests() {
+    local file rest
+    while IFS=: read -r file rest; do
+        rest=${rest#*ignore = \"}
+        leave_out "an ignored test of $file" "${rest%%\"*}"
+    done < <(git grep '#\[ignore = ' -- '*.rs')
+}
+
 # Prints the notes; false where more live tests were repeated than permitted.
 show_notes() {
     local kind count permitted=3
@@ -176,7 +185,7 @@ run_tests_as_nobody() {
     chown nobody "$NIMS_TEST_HOME"
     can_read() { scripts/run-unprivileged test -r "$PWD/Cargo.toml" -a -x "${CARGO_TARGET_DIR:-$PWD/target}/debug"; }
     if ! can_read 2>/dev/null; then
-        # A folder that only root can enter: nobody gets the right to read everything, and nothing else.
+        # A folder that only root can enter: the tests get the right to read everything, and nothing else.
         export NIMS_READ_ALL=1
         can_read ||
             give_up "the user nobody cannot read $PWD, and tests do not run as root: put the project where others can read it (/srv, /opt, /tmp)"

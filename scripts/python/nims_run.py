@@ -151,7 +151,10 @@ class Run:
         if not self.files:
             raise RunError(f"{path} holds no finished .mcap file: if the recorder was cut off, `nims recover {path}` restores it")
         for file in path.glob("*.mcap.part") if path.is_dir() else []:
-            warnings.warn(f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it", stacklevel=2)
+            warnings.warn(
+                f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it",
+                stacklevel=2,
+            )
         self._maps, self._summaries, self.definitions, self.counts = [], [], {}, {}
         for file in self.files:
             with file.open("rb") as stream:

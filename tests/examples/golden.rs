@@ -1,4 +1,4 @@
-//! Flies the golden run anew and writes it over the one in `tests/golden`, which the test `replay` computes again. To
+//! Flies the golden run again and writes it over the one in `tests/golden`, which the test `replay` computes again. To
 //! be done after a change that is meant to change what estimator, controller, arbiter or safety machine decide; say in
 //! the commit why they do.
 

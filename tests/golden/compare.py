@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Compares what two runs decided, sample by sample and bit by bit: compare.py OLD.mcap NEW.mcap
+"""Compares the decisions of two runs, sample by sample and bit by bit: compare.py OLD.mcap NEW.mcap [OLD_FIELD=NEW_FIELD ..]
 
-For use by hand when the golden run is made again because the layout of a message changed. Channels whose layout is the same are compared
-whole. Of the others, e.g. `motor/input`, the fields that both definitions name are compared.
+For use by hand when the golden run is recorded again because the layout of a message changed. It compares the fields that both definitions
+name; `OLD_FIELD=NEW_FIELD` names a field that was renamed.
 """
 
 import re
@@ -49,6 +49,9 @@ def samples(path):
 
 
 old, new = (samples(path) for path in sys.argv[1:3])
+renamed = dict(pair.split("=") for pair in sys.argv[3:])
+for topic, (before, data) in old.items():
+    old[topic] = ({renamed.get(name, name): place for name, place in before.items()}, data)
 assert old.keys() == new.keys(), old.keys() ^ new.keys()
 total, different = 0, 0
 for topic in sorted(old):

@@ -25,7 +25,7 @@ export function comparable(kind, value) {
   });
 }
 
-/** A NaN may change the bits that nobody reads on its way through JavaScript. */
+/** JavaScript may change the payload bits of a NaN. */
 export function isNan(kind, bits) {
   if (kind === "float64") {
     return (bits & 0x7fffffffffffffffn) > 0x7ff0000000000000n;

@@ -4,7 +4,7 @@
 //
 // The file has, for each topic that is to be looked at: the type name, the definition, how many samples are wanted, and the fields of each
 // sample by the value of `key` in it. Samples may come in any number and be thinned, but each has to be one that was published, field by
-// field. A second client asks for everything and never reads: that has to disturb nobody. Says "looking" when it has subscribed, and one
+// field. A second client asks for everything and never reads: that must not disturb others. Says "looking" when it has subscribed, and one
 // sentence at the end.
 
 import { readFile } from "node:fs/promises";

@@ -34,7 +34,7 @@ def same(sample, message, where):
                 compared += same(one, other, f"{where}.{field}")
             continue
         other = np.frombuffer(theirs, np.uint8) if isinstance(theirs, bytes) else np.asarray(theirs, dtype=ours.dtype)
-        # Numbers, not bits: on its way through Python a NaN may change those that nobody reads.
+        # Numbers, not bits: Python may change the payload bits of a NaN.
         equal = np.array_equal(ours, other, equal_nan=ours.dtype.kind == "f")
         assert equal, f"{where}.{field}: {ours} and {theirs}"
         compared += np.size(ours)

@@ -157,7 +157,7 @@ def duty(drive):
 
 
 def silence(drive):
-    """The unit stops its motors when nobody talks to it, and says how long that took."""
+    """The unit stops its motors when no command arrives; how long that took."""
     check(drive.SetTimeout(FIRST, 0.2), "SetTimeout")
     check(drive.SpeedM1M2(FIRST, 400, 400), "SpeedM1M2")
     time.sleep(1.5)

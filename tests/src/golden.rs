@@ -7,7 +7,7 @@ use anyhow::Result;
 use crate::record;
 use crate::scenarios::Case;
 
-/// Makes it anew, after a change that is meant to change what is decided.
+/// Records it again, after a change that is meant to alter decisions.
 pub const RENEW: &str = "cargo run --example golden";
 /// Five seconds.
 const CYCLES: u64 = 250;

@@ -181,7 +181,7 @@ fn only_what_is_asked_for_is_measured_for_the_box_that_is_named() {
     assert!(at("as motor-io waits") < at("a cycle of the control chain"), "{out}");
     at("200 Hz");
     // What that box asks for may be permitted or not: each process is said with what it gets.
-    at("what the kernel gives: motor-io");
+    at("priorities granted by the kernel: motor-io");
     assert!(!out.contains("bus:") && !out.contains("disk:"), "{out}");
 }
 
@@ -212,7 +212,7 @@ fn what_a_killed_one_left_is_removed_by_the_next() {
     until_both_speak(&child);
     child.kill().unwrap();
     child.wait().unwrap();
-    // a benchmark of somebody else on this machine may have been as quick
+    // another benchmark on this machine may have been as quick
     if let Some(domain) = Domain::existing(memory_of(pid).to_str().unwrap()).unwrap() {
         until("the end of the other process", || domain.alive().is_empty());
     }

@@ -346,10 +346,10 @@ impl Controller {
         };
         let status = ControlStatus {
             header,
-            seen_estimate: estimates.map(|estimate| estimate.map_or(0, |estimate| estimate.header.cycle)),
-            seen_authority: inputs.authority.map_or(0, |authority| authority.header.cycle),
-            seen_state: inputs.state.map_or(0, |state| state.header.cycle),
-            seen_motion: inputs.motion.map_or(0, |motion| motion.beat),
+            based_on_estimate: estimates.map(|estimate| estimate.map_or(0, |estimate| estimate.header.cycle)),
+            based_on_authority: inputs.authority.map_or(0, |authority| authority.header.cycle),
+            based_on_state: inputs.state.map_or(0, |state| state.header.cycle),
+            based_on_motion: inputs.motion.map_or(0, |motion| motion.beat),
             horizon: config.horizon,
             incarnation: config.incarnation,
             law: config.law.number(),

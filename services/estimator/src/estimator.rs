@@ -163,7 +163,7 @@ impl Estimator {
         let mut estimate = NodeEstimate {
             header: Header { seq: 0, stamp_ns: instant_ns, published_ns: 0, ..state.header },
             measured_m: state.length_m,
-            seen_authority: authority.map_or(0, |authority| authority.header.cycle),
+            based_on_authority: authority.map_or(0, |authority| authority.header.cycle),
             epoch: authority.map_or(0, |authority| authority.epoch),
             incarnation: self.config.incarnation,
             thread: self.config.thread,

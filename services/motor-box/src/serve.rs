@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use config::SystemFile;
 use messages::{OperatorRequest, Request, TruthNode};
+use robot_state::Reason;
+use robot_state::answers::detail;
 use runtime::{BadInput, Chassis};
 use tracing::{info, warn};
 
@@ -42,8 +44,8 @@ pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
         chassis.pass_begin();
         truth.send(&mut sample(motor_box.machine(), motor_box.real_ns()))?;
         while let Some(call) = requests.try_next()? {
-            let (accepted, sentence) = obey(&mut motor_box, &call.request);
-            call.answer(accepted, &sentence)?;
+            let reason = obey(&mut motor_box, &call.request);
+            call.answer(&reason.answer())?;
         }
         if let Some(sentence) = notice.sentence(&motor_box) {
             warn!("{sentence}");
@@ -144,25 +146,23 @@ fn fill<T>(into: &mut [T], from: impl IntoIterator<Item = T>) {
     }
 }
 
-fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> (u8, String) {
+fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> Reason {
     let text = match Request::decode(request) {
         Ok(Request::Fault { text }) => text,
-        Ok(_) => return (OperatorRequest::BAD_INPUT, "the motor box takes faults only".to_owned()),
-        Err(error) => return (OperatorRequest::BAD_INPUT, error.to_string()),
+        Ok(_) => return Reason::OtherProcess { takes: detail("faults") },
+        Err(error) => return Reason::Undecodable { why: detail(error) },
     };
-    let done = match text.parse::<FaultRequest>() {
-        Ok(fault) => motor_box.request(&fault).map_err(|error| match error {
-            BoxError::Serial(_) | BoxError::Wait(_) => (OperatorRequest::REFUSED, error.to_string()),
-            // Parts that do not exist.
-            _ => (OperatorRequest::BAD_INPUT, error.to_string()),
-        }),
-        Err(error) => Err((OperatorRequest::BAD_INPUT, error.to_string())),
+    let fault = match text.parse::<FaultRequest>() {
+        Ok(fault) => fault,
+        Err(error) => return Reason::FaultInvalid { why: detail(error) },
     };
-    match done {
+    match motor_box.request(&fault) {
         Ok(()) => {
             info!("fault on request: {text}");
-            (OperatorRequest::ACCEPTED, format!("done: {text}"))
+            Reason::FaultDone { fault: detail(text) }
         }
-        Err(refusal) => refusal,
+        Err(error @ (BoxError::Serial(_) | BoxError::Wait(_))) => Reason::FaultRefused { why: detail(error) },
+        // Parts that this box does not have.
+        Err(error) => Reason::FaultInvalid { why: detail(error) },
     }
 }

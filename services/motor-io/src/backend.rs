@@ -35,3 +35,32 @@ pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Resul
 fn stop_pin(port: &PortSection) -> Option<StatusPin> {
     port.stop_pin.and_then(|pin| StatusPin::named(pin.name()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The limits that configuration checks are those of the drivers.
+    #[test]
+    fn configuration_and_drivers_accept_the_same() {
+        for protocol in DriveProtocol::ALL {
+            let family = protocol.family();
+            let ([shortest_s, longest_s], step_s) = (family.watchdog_s, family.watchdog_step_s);
+            match protocol {
+                DriveProtocol::Roboclaw => {
+                    assert_eq!(family.addresses, roboclaw::codec::ADDRESSES);
+                    for (seconds, accepted) in [
+                        (shortest_s, true),
+                        (longest_s, true),
+                        (shortest_s + step_s, true),
+                        (shortest_s - step_s, false),
+                        (longest_s + step_s, false),
+                        (shortest_s + 0.5 * step_s, false),
+                    ] {
+                        assert_eq!(roboclaw::watchdog_tenths(seconds).is_ok(), accepted, "{seconds} s");
+                    }
+                }
+            }
+        }
+    }
+}

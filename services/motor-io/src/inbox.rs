@@ -8,7 +8,7 @@ use messages::{
 };
 
 /// ```
-/// use motor_io::inbox::Inbox;
+/// use motor_io::Inbox;
 /// let mut inbox = Inbox::new(3, 2);
 /// inbox.request(7, &messages::Request::Arm.body());
 /// let input = inbox.begin(1, 10_000_000, 10_050_000); // then core.decide(input)

@@ -10,7 +10,7 @@
 //! out.
 //!
 //! Invariants:
-//! * A cable moves only by a command that the [`arbiter`] accepted and the [`limits`] passed, or by a jog.
+//! * A cable moves only by a command that the arbiter accepted and the limits passed, or by a jog.
 //! * The core has no clock, does no I/O and allocates nothing after its construction.
 //! * The node's speed and acceleration are bounded by the lengths that motor-io measures itself, a motion begins where
 //!   motor-io computes the node to be, and commands that lead away from the setpoint are a fault.
@@ -18,29 +18,33 @@
 //! * Time to live counts cycles, never milliseconds.
 #![forbid(unsafe_code)]
 
-pub mod answer;
-pub mod arbiter;
+mod answer;
+mod arbiter;
 mod backend;
-pub mod commanded_envelope;
-pub mod core;
-pub mod drives;
-pub mod energy;
-pub mod inbox;
-pub mod kernel;
-pub mod limits;
-pub mod mode;
-pub mod motion;
-pub mod node;
-pub mod odometry;
-pub mod plan_clock;
-pub mod position;
-pub mod process;
+mod commanded_envelope;
+mod core;
+mod drives;
+mod energy;
+mod inbox;
+mod kernel;
+mod limits;
+mod mode;
+mod motion;
+mod node;
+mod odometry;
+mod plan_clock;
+mod position;
+mod process;
 mod requests;
-pub mod safety;
-pub mod setpoint;
-pub mod settings;
-pub mod watch;
+mod safety;
+mod setpoint;
+mod settings;
+mod watch;
 
 pub use answer::Answer;
+pub use arbiter::{Arbiter, ArbiterInput, Chosen};
 pub use core::{Core, DriveCommand, Observation};
+pub use inbox::Inbox;
+pub use process::run;
+pub use setpoint::Setpoints;
 pub use settings::{ConfigError, CoreConfig};

@@ -38,12 +38,6 @@ impl Limits {
         Self { speed_m_s, step_m_s: acceleration_m_s2 * period_s, last: [0.0; CABLES] }
     }
 
-    /// Velocities sent last, m/s.
-    #[must_use]
-    pub fn last(&self) -> &[f64; CABLES] {
-        &self.last
-    }
-
     /// Largest magnitude of the velocities sent last, m/s.
     #[must_use]
     pub fn last_speed(&self) -> f64 {

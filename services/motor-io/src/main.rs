@@ -23,5 +23,5 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    runtime::main("motor-io", |args: &Args, chassis| motor_io::process::run(chassis, args.state.as_deref()))
+    runtime::main("motor-io", |args: &Args, chassis| motor_io::run(chassis, args.state.as_deref()))
 }

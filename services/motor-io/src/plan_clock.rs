@@ -42,12 +42,6 @@ impl PlanClock {
         self.target
     }
 
-    /// Speed override of the operator, [`SLOWEST`] to 1.
-    #[must_use]
-    pub fn speed(&self) -> f64 {
-        self.speed
-    }
-
     /// Sets the speed override; returns false outside [`SLOWEST`] to 1.
     pub fn set_speed(&mut self, fraction: f64) -> bool {
         let good = (SLOWEST..=1.0).contains(&fraction);
@@ -121,7 +115,7 @@ mod tests {
         for bad in [0.0, 0.04, 1.01, -1.0, f64::NAN, f64::INFINITY] {
             assert!(!clock.set_speed(bad));
         }
-        assert_eq!(clock.speed(), 1.0);
+        assert_eq!(clock.speed, 1.0);
     }
 
     #[test]

@@ -10,9 +10,11 @@ use bus::clock::{Pacer, SECOND_NS, Tick, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, estop};
 use config::{RobotFile, SystemFile};
 use messages::{
-    Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
+    DecodeError, Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
     PlanMotion, Request, RequestBody, SLOT_NAMES,
 };
+use robot_state::Reason;
+use robot_state::answers::detail;
 use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
 use runtime::{BadInput, Chassis};
 use std::path::Path;
@@ -401,22 +403,18 @@ fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, r
     let Some(answer) =
         core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.body.verb)
     else {
-        reporter.bus(call.answer(
-            OperatorRequest::BAD_INPUT,
-            "The request holds no verb; this program and the one that asked are of different versions.",
-        ));
+        // The core answers every verb but 0.
+        let why = detail(DecodeError::Verb(call.request.body.verb));
+        reporter.bus(call.answer(&Reason::Undecodable { why }.answer()));
         return;
     };
-    let asks_for_drives = matches!(answer.verb, RequestBody::VERB_ARM | RequestBody::VERB_RESET);
-    let sentence = match absent {
-        Some(error) if asks_for_drives && !answer.is_accepted() => {
-            let not_done = if answer.verb == RequestBody::VERB_ARM { "armed" } else { "reset" };
-            format!("Not {not_done}: {error}.")
-        }
-        _ => answer.sentence.to_string(),
+    let reason = match (absent, answer.verb) {
+        (Some(error), RequestBody::VERB_ARM) if !answer.is_accepted() => Reason::NotArmedDrive { why: detail(error) },
+        (Some(error), RequestBody::VERB_RESET) if !answer.is_accepted() => Reason::NotResetDrive { why: detail(error) },
+        _ => answer.reason,
     };
-    info!("request {}: {sentence}", if answer.is_accepted() { "accepted" } else { "refused" });
-    reporter.bus(call.answer(answer.accepted, &sentence));
+    info!("request {}: {reason}", if reason.is_accepted() { "accepted" } else { "refused" });
+    reporter.bus(call.answer(&reason.answer()));
 }
 
 /// Answers all emergency stops with the core's answer to the first.
@@ -429,10 +427,11 @@ fn answer_stops(
 ) {
     let Some(first) = stops.first() else { return };
     let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.body.verb) else { return };
+    let recorded = answer.reason.answer();
     for stop in stops {
-        emergency.answer(stop, answer.accepted, &answer.sentence);
-        info!("emergency stop of process {}: {}", stop.request.pid, answer.sentence);
-        reporter.bus(server.record(&stop.request, answer.accepted, &answer.sentence));
+        emergency.answer(stop, &recorded);
+        info!("emergency stop of process {}: {}", stop.request.pid, answer.reason);
+        reporter.bus(server.record(&stop.request, &recorded));
     }
 }
 

@@ -1,7 +1,7 @@
-//! What the operator asks for, and what is answered in each mode.
-#![allow(clippy::result_large_err)] // a sentence in place: in the loop nothing is allocated, so nothing is boxed
+//! Requests of the operator: what each does in each mode, and its answer.
+#![allow(clippy::result_large_err)] // a reason in place: the loop does not allocate, so nothing is boxed
 
-use crate::answer::{Answer, Sentence, sentence};
+use crate::answer::Answer;
 use crate::arbiter::role::Refusal;
 use crate::core::Core;
 use crate::mode::{Jog, Mode, Stop};
@@ -9,57 +9,33 @@ use crate::plan_clock::SLOWEST;
 use crate::settings::{CoreConfig, JOG_LIMIT_M};
 use cable_robot::{Vector3, elastic, kinematics, tension};
 use messages::faults::{Faults, STOPS};
-use messages::{
-    CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, Request, RequestBody, SLOT_NAMES,
-};
-use robot_state::sentences::{FaultList, ROLE_NAMES, WhyNot};
+use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, Request, RequestBody, Slot, SlotRole};
+use robot_state::Reason;
+use robot_state::answers::detail;
+use robot_state::sentences::WhyNot;
 
-/// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
-struct Given(f64);
-
-impl std::fmt::Display for Given {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if self.0.abs() < 1e6 && (self.0 == 0.0 || self.0.abs() > 1e-6) {
-            write!(f, "{}", self.0)
-        } else {
-            write!(f, "{:e}", self.0)
-        }
-    }
-}
-
-/// A request older than this was made in another situation, and whoever made it has been told that nobody answered, s.
+/// Requests older than this are rejected, s: the situation has changed, and the requester has timed out.
 const STALE_S: f64 = 5.0;
+
 /// Whether a request can only bring the robot to rest: such a request is carried out at any age.
 fn brings_to_rest(request: &Request) -> bool {
     matches!(request, Request::Estop | Request::Stop | Request::Hold | Request::Pause | Request::Disarm)
 }
 
-/// Refused: not now or as bad input, and why.
-type Refused = (u8, Sentence);
-/// Accepted or refused, with its sentence.
-type Outcome = Result<Sentence, Refused>;
-
-macro_rules! yes { ($($text:tt)*) => { Ok(sentence(format_args!($($text)*))) }; }
-macro_rules! no { ($($text:tt)*) => { Err((OperatorRequest::REFUSED, sentence(format_args!($($text)*)))) }; }
-macro_rules! bad { ($($text:tt)*) => { Err((OperatorRequest::BAD_INPUT, sentence(format_args!($($text)*)))) }; }
+/// Why a request is refused, and otherwise why it is accepted.
+type Outcome = Result<Reason, Reason>;
 
 impl Core {
-    /// Does what one request asks for, or says why not.
-    /// `age_s`: how long ago it was made. What comes too late makes the robot rest, but never move.
+    /// Carries out one request that was made `age_s` ago. A late request may bring the robot to rest and never moves
+    /// it.
     pub(crate) fn request(&mut self, input: &MotorInput, id: u64, body: &RequestBody, age_s: f64) -> Answer {
-        let verb = body.verb;
         let outcome = match Request::from_body(body) {
-            Ok(request) if age_s > STALE_S && !brings_to_rest(&request) => no!(
-                "Not done: the request came {age_s:.0} s after it was made, and the robot may be elsewhere by now; ask again."
-            ),
+            Ok(request) if age_s > STALE_S && !brings_to_rest(&request) => Err(Reason::TooLate { age_s }),
             Ok(request) => self.carry_out(input, &request),
-            Err(error) => bad!("Not done: {error}."),
+            Err(error) => Err(Reason::Undecodable { why: detail(error) }),
         };
-        let (accepted, sentence) = match outcome {
-            Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
-            Err(refused) => refused,
-        };
-        Answer { id, verb, accepted, sentence }
+        let (Ok(reason) | Err(reason)) = outcome;
+        Answer { id, verb: body.verb, reason }
     }
 
     fn carry_out(&mut self, input: &MotorInput, request: &Request) -> Outcome {
@@ -76,18 +52,16 @@ impl Core {
             Request::Jog { cable, distance_m } => self.start_jog(usize::from(*cable), *distance_m),
             Request::Resume => self.resume(input),
             Request::Speed { rate } => self.set_speed(*rate),
-            Request::Swap { role, slot } => self.swap(input, role.index(), slot.index()),
-            Request::Admit { role, slot } => self.admit(role.index(), slot.index()),
-            Request::Goto { .. } | Request::Run { .. } => {
-                bad!("Motions are planned by the planner; send this request to it.")
-            }
-            Request::Fault { .. } => bad!("Faults are made by the virtual motor box; send this request to it."),
+            Request::Swap { role, slot } => self.swap(input, *role, *slot),
+            Request::Admit { role, slot } => self.admit(*role, *slot),
+            Request::Goto { .. } | Request::Run { .. } => Err(Reason::OfPlanner),
+            Request::Fault { .. } => Err(Reason::OfMotorBox),
             Request::StartProcess { .. }
             | Request::StopProcess { .. }
             | Request::RestartProcess { .. }
             | Request::Plug { .. }
             | Request::Unplug { .. }
-            | Request::Set { .. } => bad!("Processes are managed by the supervisor; send this request to it."),
+            | Request::Set { .. } => Err(Reason::OfSupervisor),
         }
     }
 
@@ -95,45 +69,34 @@ impl Core {
         match self.safety.mode() {
             Mode::Disarmed => {}
             Mode::Faulted | Mode::EmergencyStop => {
-                return no!("Not armed: the robot is stopped by a fault; reset it first.");
+                return Err(Reason::NotArmedStopped);
             }
-            _ => return yes!("Already armed."),
+            _ => return Ok(Reason::AlreadyArmed),
         }
-        let lasting = self.safety.lasting();
-        if lasting.bits != 0 {
-            return no!("Not armed: {}.", FaultList(&lasting));
+        let faults = self.safety.lasting();
+        if faults.bits != 0 {
+            return Err(Reason::NotArmedFaults { faults });
         }
         if !self.odometry.complete() {
-            return no!("Not armed: not every encoder has been read yet; try again in a second.");
+            return Err(Reason::NotArmedEncoders);
         }
         self.safety.arm();
-        match self.odometry.position() {
-            MotorState::POSITION_KNOWN => yes!("Armed: the drives hold the lines."),
-            MotorState::POSITION_RESTORED => {
-                yes!(
-                    "Armed: the drives hold the lines; the position is the one kept from before motor-io was started, so look where the node is and confirm it or zero before a motion."
-                )
-            }
-            _ => yes!("Armed: the drives hold the lines; the position is unknown, so zero before a motion."),
-        }
+        Ok(match self.odometry.position() {
+            MotorState::POSITION_KNOWN => Reason::Armed,
+            MotorState::POSITION_RESTORED => Reason::ArmedRestored,
+            _ => Reason::ArmedUnknown,
+        })
     }
 
     fn disarm(&mut self) -> Outcome {
         match *self.safety.mode() {
-            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
-                no!("Not disarmed: the robot moves; stop first.")
-            }
-            Mode::Disarmed => yes!("Already disarmed."),
-            _ if self.limits.last_speed() != 0.0 => {
-                no!("Not disarmed: the robot is still coming to rest; try again in a second.")
-            }
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => Err(Reason::NotDisarmedMoving),
+            Mode::Disarmed => Ok(Reason::AlreadyDisarmed),
+            _ if self.limits.last_speed() != 0.0 => Err(Reason::NotDisarmedYet),
             mode => {
                 self.abandon();
                 self.safety.disarm();
-                match mode {
-                    Mode::Holding => yes!("Disarmed: the drives have let go, and the node may sink."),
-                    _ => yes!("The drives have let go, and the node may sink; the fault stays until it is reset."),
-                }
+                Ok(if mode == Mode::Holding { Reason::Disarmed } else { Reason::DisarmedFaulted })
             }
         }
     }
@@ -142,26 +105,24 @@ impl Core {
         match self.safety.mode_mut() {
             Mode::Following(following) => {
                 following.pausing = true;
-                yes!(
-                    "Pausing: the robot comes to rest on its path and holds; resume goes on, stop gives the motion up."
-                )
+                Ok(Reason::Pausing)
             }
             Mode::Jogging(jog) => {
                 jog.cancelled = true;
-                yes!("The cable comes to rest and holds.")
+                Ok(Reason::JogEnds)
             }
             Mode::Holding => {
-                // A motion that would begin in this very cycle begins paused.
+                // A motion that begins in this cycle begins paused.
                 if self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
                     && self.begins_here(input)
                 {
                     self.motion.begin(input);
                 }
-                yes!("Already holding.")
+                Ok(Reason::AlreadyHolding)
             }
-            Mode::Stopping(_) => yes!("Already coming to rest."),
-            Mode::Disarmed => no!("The drives are off, so nothing can be held; arm first."),
-            Mode::Faulted | Mode::EmergencyStop => yes!("Already stopped by a fault; reset it to go on."),
+            Mode::Stopping(_) => Ok(Reason::AlreadyStopping),
+            Mode::Disarmed => Err(Reason::NotHeld),
+            Mode::Faulted | Mode::EmergencyStop => Ok(Reason::StoppedByFault),
         }
     }
 
@@ -169,41 +130,35 @@ impl Core {
         match self.safety.mode_mut() {
             Mode::Following(following) if following.pausing => {
                 following.pausing = false;
-                yes!("Going on.")
+                Ok(Reason::Resumed)
             }
-            Mode::Following(_) => yes!("The motion is running."),
+            Mode::Following(_) => Ok(Reason::MotionRuns),
             Mode::Holding if self.motion.id() != 0 => {
                 let lost = self.who_is_lost();
                 if lost != 0 {
-                    return no!("Not resumed: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
+                    return Err(Reason::NotResumedFaults { faults: Faults { bits: lost, ..Faults::default() } });
                 }
                 if self.odometry.position() != MotorState::POSITION_KNOWN {
-                    return no!(
-                        "Not resumed: the position needs confirmation; confirm it or zero, then start a new motion."
-                    );
+                    return Err(Reason::NotResumedPosition);
                 }
                 if input.motion != self.motion.id() || input.motion_epoch != self.safety.epoch() {
-                    return no!("Not resumed: the planner no longer has this motion; stop, then start a new one.");
+                    return Err(Reason::NotResumedMotion);
                 }
                 let Some(chosen) = self.chosen_in_charge().filter(|chosen| self.motion.has(chosen.segment)) else {
-                    return no!(
-                        "Not resumed: no controller answers for this motion; look at nims status which process is missing."
-                    );
+                    return Err(Reason::NotResumedController);
                 };
-                if let Some(off_m) = self.setpoint_distance_m(input).filter(|off_m| *off_m > self.config.divergence_m) {
-                    return no!(
-                        "Not resumed: the node is {off_m:.2} m from where the motion was left (accepted: {} m); stop, then start a new motion.",
-                        self.config.divergence_m
-                    );
+                let most_m = self.config.divergence_m;
+                if let Some(off_m) = self.setpoint_distance_m(input).filter(|off_m| *off_m > most_m) {
+                    return Err(Reason::NotResumedAway { off_m, most_m });
                 }
                 self.follow(&chosen);
-                yes!("Going on where the motion was left.")
+                Ok(Reason::ResumedMotion)
             }
-            Mode::Holding => no!("There is no paused motion to go on with."),
-            Mode::Stopping(_) => no!("The robot is coming to rest; resume when it holds."),
-            Mode::Jogging(_) => no!("A cable is being jogged; there is no paused motion."),
-            Mode::Disarmed => no!("The drives are off and no motion is kept; arm and start a new one."),
-            Mode::Faulted | Mode::EmergencyStop => no!("A fault has ended the motion; reset it, then start a new one."),
+            Mode::Holding => Err(Reason::NothingPaused),
+            Mode::Stopping(_) => Err(Reason::NotResumedStopping),
+            Mode::Jogging(_) => Err(Reason::NotResumedJogging),
+            Mode::Disarmed => Err(Reason::NotResumedDisarmed),
+            Mode::Faulted | Mode::EmergencyStop => Err(Reason::NotResumedFault),
         }
     }
 
@@ -212,28 +167,28 @@ impl Core {
             Mode::Following(following) => {
                 let stop = Stop { dropped: true, ..Stop::on_path(following.steering) };
                 self.begin_stop(stop, 0);
-                yes!("Stopping on the path; the motion is given up.")
+                Ok(Reason::Stopping)
             }
             Mode::Stopping(stop) => {
                 stop.dropped = true;
-                yes!("Already coming to rest; the motion is given up.")
+                Ok(Reason::StoppingDropped)
             }
             Mode::Jogging(jog) => {
                 jog.cancelled = true;
-                yes!("The cable comes to rest and holds.")
+                Ok(Reason::JogEnds)
             }
             Mode::Holding => {
                 let kept = self.motion.id() != 0;
                 self.abandon();
                 self.safety.clear_stops(STOPS);
                 self.safety.bump();
-                if kept { yes!("At rest; the paused motion is given up.") } else { yes!("Already at rest.") }
+                Ok(if kept { Reason::RestDropped } else { Reason::AlreadyAtRest })
             }
             Mode::Disarmed => {
                 self.safety.bump();
-                yes!("Nothing moves: the drives are off.")
+                Ok(Reason::NothingMoves)
             }
-            Mode::Faulted | Mode::EmergencyStop => yes!("Already stopped by a fault; reset it to go on."),
+            Mode::Faulted | Mode::EmergencyStop => Ok(Reason::StoppedByFault),
         }
     }
 
@@ -241,56 +196,40 @@ impl Core {
         self.safety.enter(Mode::EmergencyStop);
         self.safety.bump();
         self.abandon();
-        if self.safety.energised() {
-            yes!("Emergency stop: every cable is held where it is; reset goes back to holding.")
-        } else {
-            yes!("Emergency stop: the drives are off and stay off until reset.")
-        }
+        Ok(if self.safety.energised() { Reason::EmergencyStop } else { Reason::EmergencyStopOff })
     }
 
     fn reset(&mut self) -> Outcome {
         match self.safety.mode() {
-            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
-                no!("Nothing is reset while the robot moves; stop first.")
-            }
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => Err(Reason::NotResetMoving),
             Mode::Holding => {
                 self.abandon();
                 self.safety.clear_stops(STOPS);
                 self.safety.bump();
-                yes!("Reset: the robot holds.")
+                Ok(Reason::Reset)
             }
-            _ if self.limits.last_speed() != 0.0 => {
-                no!("Not reset: the robot is still coming to rest; try again in a second.")
-            }
+            _ if self.limits.last_speed() != 0.0 => Err(Reason::NotResetYet),
             _ => {
                 if !self.safety.reset() {
-                    return no!("Not reset: {}.", FaultList(&self.safety.lasting()));
+                    return Err(Reason::NotResetFaults { faults: self.safety.lasting() });
                 }
                 self.watch.forget();
                 if !self.safety.energised() {
-                    return yes!("Reset: the robot is disarmed.");
+                    return Ok(Reason::ResetDisarmed);
                 }
-                match self.odometry.position() {
-                    MotorState::POSITION_KNOWN => yes!("Reset: the robot holds."),
-                    _ => yes!(
-                        "Reset: the robot holds; its position is not certain, so confirm it or zero before a motion."
-                    ),
-                }
+                let known = self.odometry.position() == MotorState::POSITION_KNOWN;
+                Ok(if known { Reason::Reset } else { Reason::ResetUncertain })
             }
         }
     }
 
-    /// Zeroing changes what every length means, so nothing may move by the old ones.
-    fn may_zero(&self) -> Outcome {
+    /// Zeroing changes every length, so it is refused while the robot moves.
+    fn may_zero(&self) -> Result<(), Reason> {
         match self.safety.mode() {
-            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
-                no!("Not zeroed: the robot moves; stop first.")
-            }
-            Mode::Faulted | Mode::EmergencyStop => no!("Not zeroed: the robot is stopped by a fault; reset it first."),
-            Mode::Holding | Mode::Disarmed if !self.odometry.complete() => {
-                no!("Not zeroed: not every encoder has been read yet; try again in a second.")
-            }
-            Mode::Holding | Mode::Disarmed => yes!(""),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => Err(Reason::NotZeroedMoving),
+            Mode::Faulted | Mode::EmergencyStop => Err(Reason::NotZeroedFault),
+            Mode::Holding | Mode::Disarmed if !self.odometry.complete() => Err(Reason::NotZeroedEncoders),
+            Mode::Holding | Mode::Disarmed => Ok(()),
         }
     }
 
@@ -303,139 +242,121 @@ impl Core {
     fn zero_at(&mut self, at: Vector3<f64>) -> Outcome {
         self.may_zero()?;
         if !at.iter().all(|v| v.is_finite() && v.abs() < 1e5) {
-            let [x, y, z] = [Given(at.x), Given(at.y), Given(at.z)];
-            return bad!("Not zeroed: [{x}, {y}, {z}] is no position; give x, y and z in metres.");
+            return Err(Reason::NotAPosition { position_m: at.into() });
         }
         let robot = &self.config.robot;
         if robot.is_planar() && at.y != 0.0 {
-            return bad!("Not zeroed: y is {}, and this robot moves in the plane y = 0; give x and z.", Given(at.y));
+            return Err(Reason::OutOfPlane { y_m: at.y });
         }
         let held = match tension::at(robot, &at, &Vector3::zeros(), self.config.distribution) {
             Ok(held) => held,
-            Err(error) => {
-                return bad!("Not zeroed: the node cannot hang freely at [{}, {}, {}]: {error}.", at.x, at.y, at.z);
-            }
+            Err(error) => return Err(Reason::CannotHang { position_m: at.into(), why: detail(error) }),
         };
         let straight = kinematics::inverse_kinematics(robot.anchors(), &at);
         let lengths = elastic::unstretched(robot, &straight, &held.tensions_n);
         self.check_lengths(&lengths)?;
         self.zero(&lengths);
-        yes!("The node is at [{}, {}, {}] now.", at.x, at.y, at.z)
+        Ok(Reason::ZeroedAt { position_m: at.into() })
     }
 
     fn zero_lengths(&mut self, lengths_m: &[f64]) -> Outcome {
         self.may_zero()?;
-        let n = self.config.cable_count();
-        if lengths_m.len() != n {
-            return bad!(
-                "Not zeroed: {} lengths are given; this robot has {n} cables, give one per cable.",
-                lengths_m.len()
-            );
+        let cables = self.config.cable_count();
+        if lengths_m.len() != cables {
+            return Err(Reason::LengthCount { given: lengths_m.len(), cables });
         }
         self.check_lengths(lengths_m)?;
         self.zero(lengths_m);
-        yes!("The lengths of the {n} cables are set.")
+        Ok(Reason::ZeroedLengths { cables })
     }
 
-    fn check_lengths(&self, lengths_m: &[f64]) -> Outcome {
-        for (i, (length, [low, high])) in lengths_m.iter().zip(self.config.robot.length_limits_m()).enumerate() {
-            if !(*low..=*high).contains(length) {
-                return bad!(
-                    "Not zeroed: cable {} would be {} m long; accepted: {low} to {high} m.",
-                    i + 1,
-                    Given(*length)
-                );
+    fn check_lengths(&self, lengths_m: &[f64]) -> Result<(), Reason> {
+        let limits_m = self.config.robot.length_limits_m();
+        for (i, (&length_m, &[low_m, high_m])) in lengths_m.iter().zip(limits_m).enumerate() {
+            if !(low_m..=high_m).contains(&length_m) {
+                return Err(Reason::LengthLimit { cable: i + 1, length_m, low_m, high_m });
             }
         }
-        yes!("")
+        Ok(())
     }
 
     fn confirm_position(&mut self) -> Outcome {
         match (self.safety.mode(), self.odometry.position()) {
-            (_, MotorState::POSITION_KNOWN) => yes!("The position is known; there is nothing to confirm."),
-            (_, MotorState::POSITION_UNKNOWN) => no!("There is no position to confirm; zero the robot where it is."),
-            (Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_), _) => {
-                no!("Not confirmed: the robot moves; stop first.")
-            }
+            (_, MotorState::POSITION_KNOWN) => Ok(Reason::PositionKnown),
+            (_, MotorState::POSITION_UNKNOWN) => Err(Reason::NoPosition),
+            (Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_), _) => Err(Reason::NotConfirmedMoving),
             _ => {
                 self.abandon();
                 self.odometry.confirm();
                 self.safety.bump();
-                yes!("The position from before is confirmed.")
+                Ok(Reason::Confirmed)
             }
         }
     }
 
-    fn start_jog(&mut self, number: usize, metres: f64) -> Outcome {
-        let n = self.config.cable_count();
-        if !(1..=n).contains(&number) {
-            return bad!("Not jogged: there is no cable {number}; accepted: 1 to {n}.");
+    /// `number`: from 1.
+    fn start_jog(&mut self, number: usize, distance_m: f64) -> Outcome {
+        let cables = self.config.cable_count();
+        if !(1..=cables).contains(&number) {
+            return Err(Reason::NoCable { cable: number, cables });
         }
-        if !metres.is_finite() || metres == 0.0 || metres.abs() > JOG_LIMIT_M {
-            return bad!(
-                "Not jogged: {} m is no distance for a jog; accepted: up to {JOG_LIMIT_M} m, positive pays line out, negative reels in.",
-                Given(metres)
-            );
+        if !distance_m.is_finite() || distance_m == 0.0 || distance_m.abs() > JOG_LIMIT_M {
+            return Err(Reason::NoDistance { distance_m, most_m: JOG_LIMIT_M });
         }
         match self.safety.mode() {
             Mode::Holding => {}
-            Mode::Jogging(_) => return no!("Not jogged: a cable is being jogged; wait until it holds."),
-            Mode::Following(_) | Mode::Stopping(_) => return no!("Not jogged: the robot moves; stop first."),
-            Mode::Disarmed => return no!("Not jogged: the drives are off; arm first."),
-            Mode::Faulted | Mode::EmergencyStop => {
-                return no!("Not jogged: the robot is stopped by a fault; reset it first.");
-            }
+            Mode::Jogging(_) => return Err(Reason::AlreadyJogging),
+            Mode::Following(_) | Mode::Stopping(_) => return Err(Reason::NotJoggedMoving),
+            Mode::Disarmed => return Err(Reason::NotJoggedDisarmed),
+            Mode::Faulted | Mode::EmergencyStop => return Err(Reason::NotJoggedFault),
         }
         let lost = self.who_is_lost() & MotorAuthority::FAULT_SUPERVISOR_LOST;
         if lost != 0 {
-            return no!("Not jogged: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
+            return Err(Reason::NotJoggedFaults { faults: Faults { bits: lost, ..Faults::default() } });
         }
         if self.motion.id() != 0 {
-            return no!("Not jogged: a motion is paused; stop to give it up first.");
+            return Err(Reason::NotJoggedPaused);
         }
         let cable = number - 1;
         if self.odometry.position() != MotorState::POSITION_UNKNOWN {
-            let [low, high] = self.config.robot.length_limits_m()[cable];
-            let (now, then) = (self.odometry.length_m(cable), self.odometry.length_m(cable) + metres);
-            if (then > high && metres > 0.0) || (then < low && metres < 0.0) {
-                return no!(
-                    "Not jogged: cable {number} is {now:.3} m long and would be {then:.3} m; accepted: {low} to {high} m."
-                );
+            let [low_m, high_m] = self.config.robot.length_limits_m()[cable];
+            let (now_m, then_m) = (self.odometry.length_m(cable), self.odometry.length_m(cable) + distance_m);
+            if (then_m > high_m && distance_m > 0.0) || (then_m < low_m && distance_m < 0.0) {
+                return Err(Reason::NotJoggedLimit { cable: number, now_m, then_m, low_m, high_m });
             }
         }
-        self.safety.enter(Mode::Jogging(Jog { cable, left_m: metres, cancelled: false }));
-        yes!("Cable {number} {} {:.3} m.", if metres > 0.0 { "pays out" } else { "reels in" }, metres.abs())
+        self.safety.enter(Mode::Jogging(Jog { cable, left_m: distance_m, cancelled: false }));
+        Ok(Reason::Jogging { cable: number, distance_m })
     }
 
-    fn set_speed(&mut self, fraction: f64) -> Outcome {
-        if self.clock.set_speed(fraction) {
-            yes!("Motions run at {:.0} % of their planned speed.", fraction * 100.0)
+    fn set_speed(&mut self, rate: f64) -> Outcome {
+        if self.clock.set_speed(rate) {
+            Ok(Reason::SpeedSet { rate })
         } else {
-            bad!("{} is no speed; accepted: a fraction from {SLOWEST} to 1.", Given(fraction))
+            Err(Reason::NoSpeed { rate, slowest: SLOWEST })
         }
     }
 
-    fn swap(&mut self, input: &MotorInput, role: usize, slot: usize) -> Outcome {
-        let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
-        if let Some((off_m, within_s)) = self.swap_moves_off(role, slot)
-            && off_m > self.config.divergence_m
-            && self.arbiter.slot(role, slot).phase().is_standby()
+    fn swap(&mut self, input: &MotorInput, role: SlotRole, slot: Slot) -> Outcome {
+        let (of_role, at) = (role.index(), slot.index());
+        let most_m = self.config.divergence_m;
+        if let Some((off_m, within_s)) = self.swap_moves_off(of_role, at)
+            && off_m > most_m
+            && self.arbiter.slot(of_role, at).phase().is_standby()
         {
-            return no!(
-                "Not swapped: the {who} in slot {name} would move the node {off_m:.2} m off its path within {within_s:.1} s (accepted: {} m); look at its configuration, or swap where the robot holds.",
-                self.config.divergence_m
-            );
+            return Err(Reason::SwapMovesOff { role, slot, off_m, within_s, most_m });
         }
-        match self.arbiter.announce(role, slot, input.header.cycle) {
-            Ok(cycle) => yes!("The {who} in slot {name} takes over in cycle {cycle}."),
-            Err(Refusal::InCharge) => yes!("The {who} in slot {name} is in charge already."),
-            Err(Refusal::UnderWay) => no!("Not swapped: another swap is under way; ask again in a second."),
-            Err(_) => no!("Not swapped: the {who} in slot {name} {}.", self.why_not(role, slot)),
+        match self.arbiter.announce(of_role, at, input.header.cycle) {
+            Ok(cycle) => Ok(Reason::Swapping { role, slot, cycle }),
+            Err(Refusal::InCharge) => Ok(Reason::InCharge { role, slot }),
+            Err(Refusal::UnderWay) => Err(Reason::SwapUnderWay),
+            Err(_) => Err(Reason::NotSwapped { slot, why: self.why_not(of_role, at) }),
         }
     }
 
-    /// How far a controller would move the node off its path until the swap to it is over, m, and within which time, s: as it differs on
-    /// average from the one in charge, half of that while the commands fade and all of it while the old one is in probation.
+    /// How far a controller would move the node off its path until the swap to it is over, m, and within which time, s.
+    /// It counts half of its mean difference from the controller in charge while the commands fade, and all of it
+    /// during the probation.
     fn swap_moves_off(&self, role: usize, slot: usize) -> Option<(f64, f64)> {
         if role != CONTROLLERS {
             return None;
@@ -445,7 +366,7 @@ impl Core {
         Some((node_m_s * (0.5 * fade_s + probation_s), fade_s + probation_s))
     }
 
-    /// Why a slot is no standby, as the rest of a sentence, and what to do.
+    /// Why a slot is not a standby.
     fn why_not(&self, role: usize, slot: usize) -> WhyNot {
         let seat = self.arbiter.slot(role, slot);
         WhyNot {
@@ -459,12 +380,11 @@ impl Core {
         }
     }
 
-    fn admit(&mut self, role: usize, slot: usize) -> Outcome {
-        let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
-        match self.arbiter.admit(role, slot) {
-            Ok(()) => yes!("The {who} in slot {name} is admitted again; it qualifies from the beginning."),
-            Err(Refusal::InCharge) => yes!("The {who} in slot {name} is in charge already."),
-            Err(_) => yes!("The {who} in slot {name} was not set aside."),
-        }
+    fn admit(&mut self, role: SlotRole, slot: Slot) -> Outcome {
+        Ok(match self.arbiter.admit(role.index(), slot.index()) {
+            Ok(()) => Reason::Admitted { role, slot },
+            Err(Refusal::InCharge) => Reason::InCharge { role, slot },
+            Err(_) => Reason::NotQuarantined { role, slot },
+        })
     }
 }

@@ -14,7 +14,7 @@ use crate::settings::CoreConfig;
 use cable_robot::motor::Motor;
 use drives::DriveStatus;
 use messages::faults::Faults;
-use messages::{CABLES, MotorAuthority, MotorInput, MotorState, UNITS};
+use messages::{CABLES, MotorAuthority, MotorInput, UNITS};
 
 /// Cycles without an answer before a unit is lost: one may be noise, two a coincidence.
 const LOST_CYCLES: u32 = 3;
@@ -406,10 +406,4 @@ fn plausible(reading: f64) -> bool {
 
 fn count(counter: &mut u32, condition: bool) {
     *counter = if condition { counter.saturating_add(1) } else { 0 };
-}
-
-/// True where lengths are known well enough to apply their limits.
-#[must_use]
-pub fn lengths_mean_something(position: u8) -> bool {
-    position != MotorState::POSITION_UNKNOWN
 }

@@ -7,8 +7,9 @@ use command::values::{Numbers, finite, numbers, point};
 use command::{Answer, Failure, Output, points};
 use commissioning::plan::PathKind;
 use config::{Point, SystemFile};
-use messages::{GotoPath, Request};
+use messages::{GotoPath, OperatorRequest, Request};
 use planner::mission::Mission;
+use robot_state::Reason;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -77,9 +78,9 @@ impl Command {
             Self::Zero(args) => zero(&join()?, args),
             Self::ConfirmPosition => ask(Request::ConfirmPosition, Party::Command),
             Self::Jog { cable, metres } => jog(&join()?, *cable, *metres),
-            Self::Goto(args) => goto(&join()?, args),
+            Self::Goto(args) => return goto(&join()?, args),
             Self::Run(args) if args.dry_run => return dry_run(domain, args),
-            Self::Run(args) => run(&join()?, args),
+            Self::Run(args) => return run(&join()?, args),
             Self::Pause => ask(Request::Pause, Party::Member),
             Self::Resume => ask(Request::Resume, Party::Command),
             Self::Speed { percent } => speed(&join()?, *percent),
@@ -191,7 +192,7 @@ fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 /// A point where the robot cannot be, a speed it does not have; refused; not answered.
 ///
 /// A single move is not refused where nothing is being recorded: it may be the way home. It is said.
-fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<String> {
+fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<Output> {
     let path = path_of(asked)?;
     let robot = robot_of(bus)?;
     let to = points::position(&robot, &asked.to)?;
@@ -202,7 +203,7 @@ fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<String> {
             "--speed is {speed}; accepted: above 0, at most this robot's {limit} m/s"
         )));
     }
-    let answer = send(bus, PLANNER, &Request::Goto { to_m: to, path, speed_m_s: asked.speed })?;
+    let answer = planned(&client::ask(bus, PLANNER, &Request::Goto { to_m: to, path, speed_m_s: asked.speed })?)?;
     // The node moves already: whatever goes wrong here, the planner has accepted.
     match client::unrecorded(bus) {
         Ok(None) => {}
@@ -253,16 +254,33 @@ impl MissionText {
     /// # Errors
     /// The run folder cannot be written.
     pub fn request(&self, bus: &Bus, continues: bool) -> Answer<Request> {
-        let hash = config::store_mission(&client::running(bus)?.run, &self.text).map_err(Failure::not_now)?;
+        self.request_in(&client::running(bus)?.run, continues)
+    }
+
+    fn request_in(&self, run: &Path, continues: bool) -> Answer<Request> {
+        let hash = config::store_mission(run, &self.text).map_err(Failure::not_now)?;
         Ok(Request::Run { mission: self.name.clone(), hash, continues })
     }
+}
+
+/// The planner's answer: its sentence, and the figures of the plan.
+fn planned(answer: &OperatorRequest) -> Answer<Output> {
+    let sentence = Failure::of(answer)?;
+    let mut value = json!({ "accepted": true, "answer": sentence });
+    if let Some(Reason::Planned { segments, length_m, duration_s, energy_j, .. }) = Reason::of(answer) {
+        value["segments"] = json!(segments);
+        value["length_m"] = json!(length_m);
+        value["duration_s"] = json!(duration_s);
+        value["energy_j"] = json!(energy_j);
+    }
+    Ok(Output::new(value, sentence))
 }
 
 /// `nims run`: reads the mission, copies it for the planner, and requests it. The planner checks and plans the copy.
 ///
 /// # Errors
 /// A mission that cannot be read or flown; refused; not answered.
-fn run(bus: &Bus, asked: &RunArgs) -> Answer<String> {
+fn run(bus: &Bus, asked: &RunArgs) -> Answer<Output> {
     let file = box_of(bus)?;
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let text = MissionText::read(&path)?;
@@ -271,7 +289,7 @@ fn run(bus: &Bus, asked: &RunArgs) -> Answer<String> {
             "the mission is not started, because nothing is being recorded ({why}): put that right, or fly it with --unrecorded"
         )));
     }
-    send(bus, PLANNER, &text.request(bus, asked.go_on)?)
+    planned(&client::ask(bus, PLANNER, &text.request(bus, asked.go_on)?)?)
 }
 
 /// `nims run --dry-run`: the answer, and its sentence.
@@ -350,6 +368,21 @@ fn standing(robot: &Robot, at: &[f64; 3]) -> Answer {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_mission_that_was_read_is_the_one_that_is_requested() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, run) = (folder.path().join("low.toml"), folder.path().join("run"));
+        let low = "name = \"low\"\n[[leg]]\nline = { to_m = [4.9, 3.0, 0.4] }\n";
+        std::fs::write(&file, low).unwrap();
+        let text = MissionText::read(&file).unwrap();
+        // The file changes after it was read, and again after the request was made.
+        std::fs::write(&file, low.replace("0.4", "1.4")).unwrap();
+        let request = text.request_in(&run, false).unwrap();
+        std::fs::write(&file, "not a mission").unwrap();
+        let Request::Run { mission, hash, continues: false } = request else { panic!("{request:?}") };
+        assert_eq!((mission.as_str(), config::read_mission(&run, &hash).unwrap().as_str()), ("low", low));
+    }
 
     #[test]
     fn a_parabola_is_asked_for_with_its_sag() {

@@ -303,9 +303,9 @@ pub(crate) fn progress(role: usize, seat: usize, slots: &MotorSlots) -> String {
     match slots.phase[seat] {
         MotorSlots::PHASE_SHADOW => {
             let unit = if role == 0 { "m/s" } else { "m" };
-            let apart = slots.apart[seat].max(0.0);
-            let (well, all) = (slots.well_cycles[seat], slots.qualify_cycles);
-            format!("{name}: {well} of {all} cycles, {apart:.3} {unit} from the one in charge")
+            let deviation = slots.deviation[seat].max(0.0);
+            let (well, all) = (slots.good_cycles[seat], slots.qualify_cycles);
+            format!("{name}: {well} of {all} cycles, {deviation:.3} {unit} from the one in charge")
         }
         MotorSlots::PHASE_SWITCHING => format!("{name}: takes over in cycle {}", slots.commit_cycle[role]),
         MotorSlots::PHASE_ACTIVE if slots.fade[role] < 1.0 => {
@@ -338,8 +338,8 @@ mod tests {
     fn progress_says_where_it_is() {
         let mut slots = MotorSlots { qualify_cycles: 100, ..MotorSlots::default() };
         slots.phase[3] = MotorSlots::PHASE_SHADOW;
-        slots.well_cycles[3] = 40;
-        slots.apart[3] = 0.002;
+        slots.good_cycles[3] = 40;
+        slots.deviation[3] = 0.002;
         assert_eq!(progress(1, 3, &slots), "shadow: 40 of 100 cycles, 0.002 m from the one in charge");
         slots.phase[3] = MotorSlots::PHASE_ACTIVE;
         slots.fade = [1.0, 0.3];

@@ -1,4 +1,4 @@
-//! Adaptive legs: a mission is flown up to one, and what comes then follows from the map that was made on the way.
+//! Adaptive legs: a mission is flown up to such a leg, and the map made until then determines the rest.
 
 use cable_robot::Vector3;
 use messages::FieldMap;
@@ -9,7 +9,7 @@ use crate::mission::{Dwell, Leg, MAX_POINTS, Mission, Polyline};
 use crate::plan::Plan;
 use crate::scan::{Adaptive, ScanError, over_patches};
 
-/// A mission up to its first adaptive leg, and from that on; the latter is none where there is no such leg.
+/// Splits a mission before its first adaptive leg; the second part is `None` without such a leg.
 pub fn split(mission: &Mission) -> (Mission, Option<Mission>) {
     let Some(at) = mission.leg.iter().position(|leg| matches!(leg, Leg::Adaptive(_))) else {
         return (mission.clone(), None);
@@ -18,7 +18,7 @@ pub fn split(mission: &Mission) -> (Mission, Option<Mission>) {
     (of(&mission.leg[..at]), Some(of(&mission.leg[at..])))
 }
 
-/// What a map says of the field, if its cells make sense. Cells that a plan led over are those with samples.
+/// Returns the known field of a valid map. Cells under the path of the plan count as sampled.
 pub fn known(map: &FieldMap, flown: &Plan) -> Option<Known> {
     let (columns, rows) = (map.columns as usize, map.rows as usize);
     let count = columns.checked_mul(rows).filter(|count| (1..=FieldMap::CELLS).contains(count))?;
@@ -43,11 +43,11 @@ pub fn known(map: &FieldMap, flown: &Plan) -> Option<Known> {
     Some(Known { spec, cells: (0..count).map(cell).collect() })
 }
 
-/// What is left of a mission that begins with an adaptive leg, with that leg made a way over the parts of its area that are worth it, for
-/// a node at `from` (m).
+/// Replaces the adaptive leg at the beginning of a mission by a path over the parts of its area that are worth a second
+/// look, for a node at `from` (m).
 ///
 /// # Errors
-/// A way of more points than a leg may have.
+/// The path has more points than a leg may have.
 pub fn resolved(left: &Mission, known: &Known, from: Vector3<f64>) -> Result<Mission, ScanError> {
     let Some(Leg::Adaptive(leg)) = left.leg.first() else { return Ok(left.clone()) };
     let way = way(leg, known, from)?;

@@ -1,30 +1,30 @@
-//! What a mission would do, without doing it.
+//! Planning of a mission without flying it.
 
 use cable_robot::Vector3;
 
 use crate::mission::Mission;
 use crate::plan::{Plan, PlanError, PlannerConfig};
 
-/// What a mission amounts to, if it may be flown.
+/// Figures of a mission that may be flown.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
-    /// Its name.
+    /// Name of the mission.
     pub mission: String,
-    /// Legs as written.
+    /// Number of legs.
     pub legs: usize,
-    /// Segments made of them, each from rest to rest.
+    /// Number of segments, each from rest to rest.
     pub segments: usize,
     /// Length of the path, m.
     pub length_m: f64,
     /// Time on the plan clock, s.
     pub duration_s: f64,
-    /// What the motors lose on the way by the robot's model of them, J; `None` where a measured table does not cover it.
+    /// Loss in the motors by their model, J; `None` where a measured table does not cover it.
     pub energy_j: Option<f64>,
-    /// Where it ends, m.
+    /// Position of the end, m.
     pub end_m: [f64; 3],
-    /// Highest tension of any line, N.
+    /// Highest tension of any cable, N.
     pub peak_tension_n: f64,
-    /// Lowest tension of any line, N.
+    /// Lowest tension of any cable, N.
     pub least_tension_n: f64,
     /// Highest speed of any cable, m/s.
     pub peak_cable_speed_m_s: f64,
@@ -33,7 +33,7 @@ pub struct Summary {
 /// Plans and checks a whole mission that would start at `start_m` (m).
 ///
 /// # Errors
-/// The same sentence with which the planner would refuse it.
+/// The error with which the planner refuses it.
 pub fn dry_run(mission: &Mission, config: &PlannerConfig, start_m: [f64; 3]) -> Result<Summary, PlanError> {
     let plan = Plan::new(mission, config, Vector3::from(start_m), 0.0, 1)?;
     let highest = |f: fn(&cable_robot::motion::Report) -> f64| plan.reports.iter().map(f).fold(0.0, f64::max);

@@ -1,57 +1,59 @@
-//! A mission being flown: which part of it is on its way to motor-io, what was flown before, and what comes at most after it.
+//! Mission being flown: the part that motor-io follows, the part before it, and an upper bound of the rest.
 
 use messages::MotorAuthority;
+use robot_state::Reason;
+use robot_state::answers::detail;
 
 use crate::inputs::Inputs;
 use crate::mission::Mission;
 use crate::plan::{Plan, PlannerConfig};
 
-/// What the legs from the next adaptive one on come to, as if all of its area were worth it.
+/// Upper bound of the legs from the next adaptive one on: its whole area.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Later {
-    /// At most, s.
+    /// Longest duration, s.
     pub time_s: f64,
-    /// What the motors lose, J; none where it cannot be told.
+    /// Loss in the motors, J; `None` where it is not known.
     pub energy_j: Option<f64>,
 }
 
 impl Later {
-    /// That of a plan of its own.
+    /// Returns the bound of a separate plan.
     pub(crate) fn of(plan: &Plan, config: &PlannerConfig) -> Self {
         Self { time_s: plan.end_s() - plan.start_s(), energy_j: plan.energy_j(config) }
     }
 
-    /// That of a whole without its first part.
+    /// Returns the bound of a whole plan without its first part.
     pub(crate) fn between(all: &Plan, first: &Plan, config: &PlannerConfig) -> Self {
         let energy_j = all.energy_j(config).zip(first.energy_j(config)).map(|(all_j, first_j)| all_j - first_j);
         Self { time_s: all.end_s() - first.end_s(), energy_j }
     }
 }
 
-/// A mission being flown.
+/// Mission being flown.
 #[derive(Debug, Clone)]
 pub(crate) struct Flight {
     pub plan: Plan,
-    /// What was flown of the mission before, s.
+    /// Duration flown in earlier parts of the mission, s.
     pub before_s: f64,
-    /// How much of the mission is done, 0 to 1, as said last. It never falls: a second look may come out longer than was reckoned, and
-    /// whoever goes on has a way back first.
+    /// Completed share of the mission, 0 to 1, as last published. It never decreases, although a second look may take
+    /// longer than its bound and a continued mission begins with the way back.
     pub share: f64,
-    /// The same part of the mission, all of it from its beginning.
+    /// The same part of the mission from its beginning.
     pub whole: Plan,
-    /// What comes then, beginning with an adaptive leg, and what that comes to; legs before this part of the mission.
+    /// Rest of the mission, beginning with an adaptive leg; its bound; number of legs before this part.
     pub left: Option<Mission>,
     pub later: Later,
     pub legs_before: u32,
-    /// At its end, waiting for a map since then.
+    /// Since when it has waited for a map at its end.
     pub waits_ns: Option<u64>,
-    /// A mission, not a single move: how far it comes is kept.
+    /// A mission whose progress is stored, not a single move.
     pub kept: bool,
     pub name: String,
     pub motion: u32,
-    /// Number of the mission, the same from its acceptance to its end.
+    /// Number of the mission, from its acceptance to its end.
     pub mission: u32,
-    /// Life and epoch of motor-io for which it was made.
+    /// Life and epoch of motor-io for which it was planned.
     pub life: u64,
     pub epoch: u32,
     pub current: usize,
@@ -89,40 +91,30 @@ impl Flight {
         }
     }
 
-    /// How long the mission has been flown at a time on the plan clock, s; after the end of this part until then.
+    /// Returns the duration flown at a time on the plan clock, s; at most until the end of this part.
     pub(crate) fn flown_s(&self, time_s: f64) -> f64 {
         let (start_s, end_s) = (self.plan.start_s(), self.plan.end_s());
         self.before_s + (time_s - start_s).clamp(0.0, end_s - start_s)
     }
 
-    /// How much of the mission is done at a time on the plan clock, 0 to 1.
+    /// Returns the completed share at a time on the plan clock, 0 to 1.
     pub(crate) fn share_at(&self, time_s: f64) -> f64 {
         let whole_s = self.flown_s(f64::INFINITY) + self.later.time_s;
         let share = if whole_s > 0.0 { self.flown_s(time_s) / whole_s } else { 1.0 };
         share.max(self.share)
     }
 
-    /// What is said to whoever asked for it.
-    pub(crate) fn sentence(&self, verb: &str, config: &PlannerConfig) -> String {
+    /// Returns the answer to its request; `continues`: it is the rest of a mission.
+    pub(crate) fn accepted(&self, continues: bool, config: &PlannerConfig) -> Reason {
         let plan = &self.plan;
-        let now_j = plan.energy_j(config);
-        let energy = now_j.map_or(String::new(), |joules| format!(", about {joules:.0} J"));
-        let then = match &self.left {
-            Some(_) => {
-                let joules = now_j.zip(self.later.energy_j);
-                let energy = joules.map_or(String::new(), |(now_j, later_j)| {
-                    format!(" and about {later_j:.0} J, {:.0} J in all", now_j + later_j)
-                });
-                format!(", then where the map is worth it: at most {:.0} s more{energy}", self.later.time_s)
-            }
-            None => String::new(),
-        };
-        format!(
-            "mission \"{}\" {verb}: {} segments, {:.2} m, {:.1} s{energy}{then}",
-            self.name,
-            plan.segments.len(),
-            plan.length_m(),
-            plan.end_s() - plan.start_s()
-        )
+        Reason::Planned {
+            continues,
+            segments: plan.segments.len(),
+            length_m: plan.length_m(),
+            duration_s: plan.end_s() - plan.start_s(),
+            energy_j: plan.energy_j(config),
+            later: self.left.as_ref().map(|_| (self.later.time_s, self.later.energy_j)),
+            mission: detail(&self.name),
+        }
     }
 }

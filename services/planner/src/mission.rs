@@ -1,4 +1,4 @@
-//! Mission files: what the operator wants flown, leg by leg.
+//! Mission files: a list of legs.
 
 use std::path::Path;
 
@@ -9,10 +9,10 @@ use thiserror::Error;
 
 use crate::scan::{Adaptive, DwellPoints, Profile, Raster, Transect};
 
-/// Most legs of a mission; more is a scan pattern that belongs into one polyline.
+/// Most legs of a mission; a longer one is a scan pattern that belongs in one polyline.
 pub const MAX_LEGS: usize = 200;
 
-/// Bytes of a mission's name: it is said in sentences.
+/// Most bytes of the name of a mission, which stands in sentences.
 const LONGEST_NAME: usize = 100;
 
 /// Most points of a polyline.
@@ -37,20 +37,20 @@ pub const MAX_POINTS: usize = 1000;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mission {
-    /// What people call it.
+    /// Name of the mission.
     pub name: String,
-    /// Cruise speed of the node for legs that name none, m/s; default: the planner's.
+    /// Cruise speed of the node for legs without a speed, m/s; default: `planner.speed_m_s` of the system file.
     pub speed_m_s: Option<f64>,
-    /// Tangential acceleration, m/s²; default: the planner's.
+    /// Tangential acceleration, m/s²; default: `planner.acceleration_m_s2` of the system file.
     pub acceleration_m_s2: Option<f64>,
-    /// What `line` and `polyline` legs become: straight lines, parabolas that lose least in the motors, or paths that also swing
-    /// sideways for it (`lateral`); default line.
+    /// Path of `line` and `polyline` legs: straight lines, parabolas with the least loss in the motors, or paths that
+    /// also swing sideways (`lateral`); default line.
     #[serde(default)]
     pub path: PathShape,
-    /// What a second costs beside the losses in the motors when a sag is chosen, W; default 0.
+    /// Cost of a second beside the losses in the motors in the choice of a sag, W; default 0.
     #[serde(default)]
     pub time_weight_w: f64,
-    /// All points count from where the mission starts, instead of from the origin; default false.
+    /// Points are relative to the start of the mission, instead of the origin; default false.
     #[serde(default)]
     pub relative: bool,
     /// The legs, flown in this order; the node comes to rest between them.
@@ -64,9 +64,9 @@ pub enum PathShape {
     /// Straight lines.
     #[default]
     Line,
-    /// Parabolas that lose least in the motors.
+    /// Parabolas with the least loss in the motors.
     Parabola,
-    /// Paths that sag and swing sideways so that they lose least in the motors; worth it with gears that lock themselves.
+    /// Paths that sag and swing sideways for the least loss in the motors; useful with self-locking gears.
     Lateral,
 }
 
@@ -82,17 +82,17 @@ pub enum Leg {
     Parabola(Parabola),
     /// A spiral that begins in its own axis.
     Spiral(Spiral),
-    /// Staying where it is.
+    /// A stay at the present position.
     Dwell(Dwell),
-    /// Lines to and fro over a rectangle.
+    /// Parallel lines over a rectangle.
     Raster(Raster),
     /// A list of points with a stay at each.
     DwellPoints(DwellPoints),
-    /// A straight line, perhaps with stays on the way.
+    /// A straight line with optional stays.
     Transect(Transect),
     /// A straight line up or down.
     Profile(Profile),
-    /// Fine lines where a map says that it is worth it.
+    /// Fine lines over the parts of an area that a map marks as worth a second look.
     Adaptive(Adaptive),
 }
 
@@ -100,7 +100,7 @@ pub enum Leg {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Line {
-    /// Where to, m.
+    /// Position of the end, m.
     pub to_m: Point,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
@@ -120,7 +120,7 @@ pub struct Polyline {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Parabola {
-    /// Where to, m.
+    /// Position of the end, m.
     pub to_m: Point,
     /// How much it sags below the straight line: µ of (25), 1/m; default: what loses least in the motors.
     pub mu_per_m: Option<f64>,
@@ -237,7 +237,7 @@ impl Mission {
         })
     }
 
-    /// The mission itself, if every value makes sense.
+    /// Returns the mission if every value is valid.
     ///
     /// # Errors
     /// One sentence: the leg, the key and what is accepted there.
@@ -489,7 +489,7 @@ profile = { at_m = [1, 1, 2], rise_m = -1.5 }
         }
     }
 
-    /// As the operator sees it: the file first, and the line of the leg that is meant, whatever stands behind it.
+    /// The sentence begins with the file and the text line of the leg, whatever follows the leg.
     #[test]
     fn a_bad_value_of_a_file_is_named_by_file_line_and_key() {
         let folder = tempfile::tempdir().unwrap();

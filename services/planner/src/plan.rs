@@ -1,4 +1,4 @@
-//! A mission made into checked segments: everything that can be refused is refused here, before anything moves.
+//! Checked segments of a mission: every refusal happens here, before anything moves.
 
 mod builder;
 
@@ -15,30 +15,30 @@ use crate::scan::ScanError;
 /// Most segments of a mission.
 pub const MAX_SEGMENTS: usize = 2000;
 
-/// A leg that ends closer than this to where it starts is already flown, m: the repeatability of the robot.
+/// A leg that ends closer than this to its start is skipped, m: the repeatability of the robot.
 const THERE_M: f64 = 0.001;
 
 /// Shortest segment, s; a shorter one is flown more slowly. A controller's horizon (0.2 s) and a lost sample of
 /// `plan/motion` (0.1 s) together must not reach beyond the next segment.
 pub const SHORTEST_S: f64 = 0.5;
 
-/// What missions are planned with.
+/// Configuration of the planner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannerConfig {
     /// The robot.
     pub robot: Robot,
-    /// How tensions are chosen, for the check.
+    /// Distribution of tensions for the check.
     pub distribution: Distribution,
-    /// Cruise speed where a mission names none, m/s.
+    /// Cruise speed for missions without a speed, m/s.
     pub speed_m_s: f64,
-    /// Tangential acceleration where a mission names none, m/s².
+    /// Tangential acceleration for missions without one, m/s².
     pub acceleration_m_s2: f64,
     /// Distance between checked points of a path, m.
     pub check_step_m: f64,
 }
 
 impl PlannerConfig {
-    /// As a system file and its robot say.
+    /// Returns the configuration of a system file and its robot.
     pub fn of(file: &SystemFile, robot: Robot) -> Self {
         Self {
             robot,
@@ -50,7 +50,7 @@ impl PlannerConfig {
     }
 }
 
-/// Why a mission is not flown.
+/// Reason for which a mission cannot be planned.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlanError {
     /// A segment breaks a limit.
@@ -68,7 +68,7 @@ pub enum PlanError {
     TooFast {
         /// The leg, from 1.
         leg: usize,
-        /// Asked for, m/s.
+        /// Requested, m/s.
         speed_m_s: f64,
         /// Allowed, m/s.
         limit_m_s: f64,
@@ -78,12 +78,12 @@ pub enum PlanError {
         "the mission asks for {asked_m_s2} m/s², above the robot's acceleration_limit_m_s2 of {limit_m_s2} m/s²; ask for less"
     )]
     TooHard {
-        /// Asked for, m/s².
+        /// Requested, m/s².
         asked_m_s2: f64,
         /// Allowed, m/s².
         limit_m_s2: f64,
     },
-    /// A path that is none.
+    /// An invalid path.
     #[error("leg {leg}: {error}")]
     Path {
         /// The leg, from 1.
@@ -91,7 +91,7 @@ pub enum PlanError {
         /// What is wrong.
         error: PathError,
     },
-    /// A profile that cannot be.
+    /// An impossible profile.
     #[error("leg {leg}: {error}")]
     Profile {
         /// The leg, from 1.
@@ -99,7 +99,7 @@ pub enum PlanError {
         /// What is wrong.
         error: ProfileError,
     },
-    /// A point of a plane on a robot in space, or one beside the plane.
+    /// A planar point for a spatial robot, or a point outside the plane of a planar one.
     #[error("leg {leg}: {why}")]
     Point {
         /// The leg, from 1.
@@ -115,7 +115,7 @@ pub enum PlanError {
         /// Why not.
         error: EnergyError,
     },
-    /// A pattern that is none.
+    /// An invalid pattern.
     #[error("leg {leg}: {error}")]
     Scan {
         /// The leg, from 1.
@@ -123,19 +123,19 @@ pub enum PlanError {
         /// What is wrong.
         error: ScanError,
     },
-    /// What was begun was planned otherwise.
+    /// The interrupted mission was planned with another configuration.
     #[error(
-        "what is left of the mission cannot be told: the robot or the planner was configured otherwise when it began; run it from the beginning"
+        "the rest of the mission is unknown: the robot or the planner was configured otherwise when it began; run it from the beginning"
     )]
     OtherPlan,
-    /// More segments than are planned at once.
+    /// More than [`MAX_SEGMENTS`] segments.
     #[error("the mission has more than {MAX_SEGMENTS} segments; split it into several missions")]
     TooLong,
-    /// Nothing to do.
+    /// The node is already at the end.
     #[error("the node is already there")]
     AlreadyThere,
-    /// The start is not a place.
-    #[error("the position of the node is not known ({x} {y} {z}); tell it where it is with nims zero --at x,y,z")]
+    /// The start is not a valid position.
+    #[error("the position of the node is not known ({x} {y} {z}); set it with nims zero --at x,y,z")]
     NoStart {
         /// As estimated.
         x: f64,
@@ -146,33 +146,34 @@ pub enum PlanError {
     },
 }
 
-/// A point on the way of a mission, wherever its flight began.
+/// Point on the path of a mission, independent of where its flight began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Mark {
-    /// Number of the segment, from 0, as the whole was planned.
+    /// Number of the segment in the plan of the whole mission, from 0.
     pub segment: usize,
-    /// How far along it: arc length, m; of a dwell the time, s.
+    /// Position on the segment: arc length, m; of a dwell the time, s.
     pub along: f64,
 }
 
-/// A mission ready to fly.
+/// Planned mission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Segments that follow each other without a gap, each from rest to rest.
     pub segments: Vec<Segment>,
     /// Leg of each segment, from 1.
     pub legs: Vec<u32>,
-    /// What each segment comes close to.
+    /// Result of the check of each segment.
     pub reports: Vec<Report>,
-    /// Where on the way each segment begins.
+    /// Point on the path of the mission at which each segment begins.
     pub marks: Vec<Mark>,
-    /// How many legs the mission has.
+    /// Number of legs of the mission.
     pub leg_count: u32,
 }
 
 impl Plan {
-    /// The point of the way that is reached at a time on the plan clock, s, and where that is, m; before the start the beginning, after the
-    /// end the end. On the way back to where a mission was broken off it is that place.
+    /// Returns the point of the path that is reached at a time on the plan clock, s, and its position, m; before the
+    /// start the beginning, after the end the end. On the way back to an interrupted mission it is the point of the
+    /// interruption.
     pub fn reached(&self, time_s: f64) -> (Mark, Vector3<f64>) {
         let number = self.segments.iter().rposition(|segment| segment.start_s <= time_s).unwrap_or(0);
         let (Some(segment), Some(mark)) = (self.segments.get(number), self.marks.get(number)) else {
@@ -189,27 +190,27 @@ impl Plan {
         (Mark { along: mark.along + s_m, ..*mark }, segment.path.point(s_m))
     }
 
-    /// When it starts on the plan clock, s.
+    /// Returns the start on the plan clock, s.
     pub fn start_s(&self) -> f64 {
         self.segments.first().map_or(0.0, |segment| segment.start_s)
     }
 
-    /// When it ends on the plan clock, s.
+    /// Returns the end on the plan clock, s.
     pub fn end_s(&self) -> f64 {
         self.segments.last().map_or(0.0, Segment::end_s)
     }
 
-    /// Where it ends, m.
+    /// Returns the position of the end, m.
     pub fn end(&self) -> Vector3<f64> {
         self.segments.last().map_or_else(Vector3::zeros, |segment| segment.path.end())
     }
 
-    /// Length of the path, m.
+    /// Returns the length of the path, m.
     pub fn length_m(&self) -> f64 {
         self.segments.iter().map(|segment| segment.path.length()).sum()
     }
 
-    /// What the motors lose on the way by the robot's model of them, J; `None` where a measured table does not cover it.
+    /// Returns the loss in the motors by their model, J; `None` where a measured table does not cover it.
     pub fn energy_j(&self, config: &PlannerConfig) -> Option<f64> {
         let cost =
             |segment: &Segment| flight::along(&config.robot, config.distribution, &segment.path, &segment.profile);

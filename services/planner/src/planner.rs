@@ -1,10 +1,12 @@
-//! The planner's state: one mission at a time, from a request to the end of its last segment.
+//! State of the planner: one mission at a time, from its request to the end of its last segment.
 
 use cable_robot::Vector3;
 use messages::{
-    Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence, put_text,
-    same_life, text_of,
+    Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, PlanStatus,
+    put_sentence, put_text, same_life, text_of,
 };
+use robot_state::Reason;
+use robot_state::answers::detail;
 use segments::segment_message;
 use thiserror::Error;
 
@@ -16,28 +18,29 @@ use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
 use crate::stopped::stopped_by;
 
-/// An estimate this many cycles behind motor-io is no longer where the node is.
+/// An estimate this many cycles behind motor-io is stale.
 const STALE_CYCLES: u64 = 20;
 
-/// What was begun is planned once more: where it was left, both plans have to agree to this, m.
+/// A continued mission is planned again: both plans agree to this at the point of the interruption, m.
 const AGREES_M: f64 = 0.001;
 
-/// A motion that is not taken up within this time is withdrawn, ns. Two controllers swapped in a row take three.
+/// A motion that motor-io does not take up within this time is withdrawn, ns. Two consecutive swaps of controllers take
+/// three seconds.
 const TAKE_UP_NS: u64 = 5_000_000_000;
 
-/// A map that has not come for this long after a leg's end will not come, ns: one a second is the rule.
+/// Longest wait for a map at the end of a leg, ns: one is usually published every second.
 const MAP_NS: u64 = 20_000_000_000;
 
-/// motor-io that has not been heard for this long is gone, ns. A shared machine stands still for up to 250 ms.
+/// Without a sample of motor-io for this time it counts as gone, ns. A shared computer may stall for 250 ms.
 const SILENT_NS: u64 = 1_000_000_000;
 
-/// Why a mission is given up that nothing has stopped.
+/// Reasons for which a mission ends without a stop of the robot.
 const NO_MAP: &str = "no map came for the adaptive leg; is the sensor-logger running, and is there a map of that name? See nims channel list";
-const OFF_START: &str = "motor-io believes that the node is elsewhere than the estimate says, so the motion was not started; see nims status, restart the estimator, and ask again";
+const OFF_START: &str = "the position of the node by motor-io differs from the estimate, so the motion was not started; see nims status, restart the estimator, and try again";
 const NOT_TAKEN_UP: &str = "the motion was not taken up within 5 s; is the controller running? See nims status";
-const REFUSED: &str = "the motion was not taken up within 5 s, because the controller's answers are no numbers or far beyond the limits; swap to another controller, then start a new motion";
+const REFUSED: &str = "the motion was not taken up within 5 s, because the controller sent NaN or commands far beyond the limits; swap to another controller, then start a new motion";
 
-/// Whether motor-io refuses what the controller in charge answers.
+/// Returns whether motor-io rejects the commands of the controller in charge.
 fn is_refused(authority: &MotorAuthority) -> bool {
     let [slot, _] = authority.in_charge;
     let verdict = authority.verdict.get(usize::from(slot));
@@ -46,35 +49,54 @@ fn is_refused(authority: &MotorAuthority) -> bool {
     })
 }
 
-/// Why a request is not carried out.
+/// Reason for which a request is refused.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
-    /// The robot is not ready.
+    /// The robot or the mission is not ready.
     #[error("{0}")]
-    NotReady(String),
-    /// The motion would break a limit, or is none.
+    NotReady(Box<Reason>),
+    /// The motion breaks a limit, or is invalid.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// A value of the mission makes no sense.
+    /// A value of the mission is invalid.
     #[error(transparent)]
     Mission(#[from] MissionError),
 }
 
 impl Refusal {
-    /// True where what was asked for cannot be done by this robot, in whatever state it is.
+    /// Returns the answer to the request; for an error its class with its own sentence.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        let error = match self {
+            Self::NotReady(reason) => return **reason,
+            Self::Mission(error) => return Reason::MissionInvalid { why: detail(error) },
+            Self::Plan(error) => error,
+        };
+        let why = detail(error);
+        match error {
+            PlanError::Refused { .. } => Reason::PlanLimit { why },
+            PlanError::TooFast { .. } => Reason::PlanTooFast { why },
+            PlanError::TooHard { .. } => Reason::PlanTooHard { why },
+            PlanError::Path { .. } => Reason::PlanPath { why },
+            PlanError::Profile { .. } => Reason::PlanProfile { why },
+            PlanError::Point { .. } => Reason::PlanPoint { why },
+            PlanError::NoPath { .. } => Reason::PlanEnergy { why },
+            PlanError::Scan { .. } => Reason::PlanPattern { why },
+            PlanError::TooLong => Reason::PlanTooLong { why },
+            PlanError::OtherPlan => Reason::PlanOther { why },
+            PlanError::AlreadyThere => Reason::AlreadyThere { why },
+            PlanError::NoStart { .. } => Reason::NoStart { why },
+        }
+    }
+
+    /// Returns whether this robot cannot carry out the request in any state.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
-        match self {
-            Self::NotReady(_) => false,
-            Self::Mission(_) => true,
-            Self::Plan(error) => {
-                !matches!(error, PlanError::AlreadyThere | PlanError::NoStart { .. } | PlanError::OtherPlan)
-            }
-        }
+        self.reason().accepted() == OperatorRequest::BAD_INPUT
     }
 }
 
-/// Missions and requests to motion segments. Pure: time and samples come with every call.
+/// Planner of missions and single moves. Pure: time and samples are arguments of every call.
 #[derive(Debug, Clone)]
 pub struct Planner {
     config: PlannerConfig,
@@ -85,13 +107,13 @@ pub struct Planner {
     beat: u64,
     refused: u32,
     status: PlanStatus,
-    /// The newest valid estimate, and the epoch of that moment.
+    /// The newest valid estimate, and the epoch in which it arrived.
     valid: Option<(NodeEstimate, u32)>,
     progress: Option<Progress>,
 }
 
 impl Planner {
-    /// A planner without a mission.
+    /// Creates a planner without a mission.
     pub fn new(config: PlannerConfig) -> Self {
         Self {
             config,
@@ -107,7 +129,7 @@ impl Planner {
         }
     }
 
-    /// Takes in how far a mission came before this planner was there.
+    /// Stores the progress of a mission of an earlier planner.
     pub fn remember(&mut self, progress: Progress) {
         if !progress.done {
             let name = &progress.mission.name;
@@ -117,16 +139,17 @@ impl Planner {
         self.progress = Some(progress);
     }
 
-    /// How far the present or the last mission has come.
+    /// Returns the progress of the present or the last mission.
     pub fn progress(&self) -> Option<&Progress> {
         self.progress.as_ref()
     }
 
-    /// Flies to a point, m, on a path of that shape; a parabola may have a given µ, 1/m, in place of the one with the least loss in the
-    /// motors. Without a speed, m/s, it is the configured one.
+    /// Plans a move to a point, m, on a path of that shape, and offers it to motor-io. A parabola may have a given µ,
+    /// 1/m, in place of the one with the least loss in the motors. The default of the speed, m/s, is the configured
+    /// one.
     ///
     /// # Errors
-    /// One sentence: why not, and what to do.
+    /// The reason of the refusal; nothing moves.
     pub fn goto(
         &mut self,
         to_m: [f64; 3],
@@ -134,7 +157,7 @@ impl Planner {
         shape: PathShape,
         mu_per_m: Option<f64>,
         seen: &Inputs<'_>,
-    ) -> Result<String, Refusal> {
+    ) -> Result<Reason, Refusal> {
         let to = to_m.into();
         let leg = if shape == PathShape::Parabola && mu_per_m.is_some() {
             Leg::Parabola(mission::Parabola { to_m: to, mu_per_m, speed_m_s })
@@ -155,39 +178,38 @@ impl Planner {
         self.answered(&mission, result)
     }
 
-    /// Plans and checks a whole mission and, if nothing is wrong, offers it to motor-io.
+    /// Plans and checks a whole mission, and offers it to motor-io.
     ///
     /// # Errors
-    /// One sentence: why not, and what to do. Nothing moves then.
-    pub fn run(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
+    /// The reason of the refusal; nothing moves.
+    pub fn run(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let result = self.try_run(mission, true, seen);
         self.answered(mission, result)
     }
 
-    /// Flies what is left of a mission that was broken off: back to where it was, and on.
+    /// Plans the rest of an interrupted mission, from the point of the interruption on, and offers it to motor-io.
     ///
     /// # Errors
-    /// One sentence: why not, and what to do. Nothing moves then.
-    pub fn go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
+    /// The reason of the refusal; nothing moves.
+    pub fn go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let result = self.try_go_on(mission, seen);
         self.answered(mission, result)
     }
 
-    /// Takes back a motion that was planned and not offered yet; the sentence that says so.
-    pub fn take_back(&mut self) -> String {
-        let sentence =
-            "not flown: whoever asked did not wait until the plan was ready; ask again, or fly a shorter mission";
+    /// Withdraws a motion that was planned and not offered yet; returns the answer.
+    pub fn take_back(&mut self) -> Reason {
+        let reason = Reason::RequesterTimedOut;
         self.flight = None;
         self.status.state = PlanStatus::STATE_REFUSED;
-        put_sentence(&mut self.status.reason, sentence);
-        sentence.to_owned()
+        put_sentence(&mut self.status.reason, &reason.sentence());
+        reason
     }
 
-    fn answered(&mut self, mission: &Mission, result: Result<String, Refusal>) -> Result<String, Refusal> {
+    fn answered(&mut self, mission: &Mission, result: Result<Reason, Refusal>) -> Result<Reason, Refusal> {
         if let Err(refusal) = &result {
             self.refused = self.refused.wrapping_add(1);
             self.status.refused = self.refused;
-            // A refusal while something flies must not hide that it flies.
+            // A refusal must not hide a mission that is being flown.
             if self.flight.is_none() {
                 self.status.state = PlanStatus::STATE_REFUSED;
                 put_text(&mut self.status.mission, &mission.name);
@@ -197,11 +219,11 @@ impl Planner {
         result
     }
 
-    fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Inputs<'_>) -> Result<String, Refusal> {
+    fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let mission = mission.clone().checked()?;
         let (authority, estimate) = self.ready(seen)?;
         let start = Vector3::from(estimate.position_m);
-        // All of it may be flown; an adaptive leg as if all of its area were worth it.
+        // The whole mission can be flown, with the whole area of each adaptive leg.
         let all = Plan::new(&mission, &self.config, start, authority.plan_time_s, self.next_id)?;
         let (first, left) = adaptive::split(&mission);
         let plan = match &left {
@@ -223,22 +245,21 @@ impl Planner {
             None => Later::default(),
         };
         let flight = Flight { later, left, ..Flight::new(mission.name, plan.clone(), plan, kept, authority, seen) };
-        Ok(self.offer(flight, "accepted"))
+        Ok(self.offer(flight, false))
     }
 
-    fn try_go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
-        let refuse = |sentence: String| Err(Refusal::NotReady(sentence));
+    fn try_go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
+        let refuse = |reason: Reason| Err(Refusal::NotReady(Box::new(reason)));
         let name = &mission.name;
+        let named = || detail(name);
         let Some(progress) = self.progress.clone().filter(|progress| progress.mission.name == *name) else {
-            return refuse(format!("mission \"{name}\" was not begun; run it without --continue"));
+            return refuse(Reason::MissionNotBegun { mission: named() });
         };
         if progress.mission != *mission {
-            return refuse(format!(
-                "mission \"{name}\" was changed since it was begun; run it from its beginning, without --continue"
-            ));
+            return refuse(Reason::MissionChanged { mission: named() });
         }
         if progress.done {
-            return refuse(format!("mission \"{name}\" is done; nothing is left of it, run it without --continue"));
+            return refuse(Reason::MissionDone { mission: named() });
         }
         let (authority, estimate) = self.ready(seen)?;
         let stage = progress.stage.as_ref().unwrap_or(mission);
@@ -253,14 +274,14 @@ impl Planner {
         let before_s = progress.flown_s + segment.start_s + in_segment_s;
         let here = Vector3::from(estimate.position_m);
         let plan = match whole.rest(stage, &self.config, mark, here, authority.plan_time_s, self.next_id) {
-            // Only the map is missing: it is waited for at rest.
+            // Only the map is missing: the robot waits for it at rest.
             Err(PlanError::AlreadyThere) if progress.left.is_some() => {
                 let stay = Leg::Dwell(mission::Dwell { duration_s: SHORTEST_S });
                 let stay = Mission { leg: vec![stay], ..mission.clone() };
                 Plan::new(&stay, &self.config, here, authority.plan_time_s, self.next_id)?
             }
             Err(PlanError::AlreadyThere) => {
-                return refuse(format!("mission \"{name}\" is done; nothing is left of it, run it without --continue"));
+                return refuse(Reason::MissionDone { mission: named() });
             }
             plan => plan?,
         };
@@ -278,11 +299,11 @@ impl Planner {
             legs_before,
             ..Flight::new(name.clone(), plan, whole, true, authority, seen)
         };
-        Ok(self.offer(flight, "goes on"))
+        Ok(self.offer(flight, true))
     }
 
-    /// Offers a motion to motor-io; the sentence that says so.
-    fn offer(&mut self, mut flight: Flight, verb: &str) -> String {
+    /// Offers a motion to motor-io; returns the answer to its request.
+    fn offer(&mut self, mut flight: Flight, continues: bool) -> Reason {
         let plan = &flight.plan;
         self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
         self.motions = self.motions.wrapping_add(1).max(1);
@@ -291,7 +312,7 @@ impl Planner {
             self.missions = self.missions.wrapping_add(1).max(1);
             flight.mission = self.missions;
         }
-        let sentence = flight.sentence(verb, &self.config);
+        let reason = flight.accepted(continues, &self.config);
         self.status = PlanStatus {
             refused: self.refused,
             legs: 0,
@@ -306,10 +327,10 @@ impl Planner {
         self.status.target_m = plan.end().into();
         put_text(&mut self.status.mission, &flight.name);
         self.flight = Some(flight);
-        sentence
+        reason
     }
 
-    /// Keeps the newest valid estimate: a single cycle without one is no reason to refuse anything.
+    /// Stores the newest valid estimate, so that a single cycle without one refuses nothing.
     fn look(&mut self, seen: &Inputs<'_>) {
         if let (Some(authority), Some(estimate)) = (seen.authority, seen.estimate)
             && estimate.valid == 1
@@ -318,66 +339,45 @@ impl Planner {
         }
     }
 
-    /// Authority and estimate, if a motion may start now.
+    /// Returns authority and estimate if a motion may start now.
     fn ready<'a>(&mut self, seen: &Inputs<'a>) -> Result<(&'a MotorAuthority, NodeEstimate), Refusal> {
         self.look(seen);
-        let refuse = |sentence: &str| Err(Refusal::NotReady(sentence.to_owned()));
-        let silent = "motor-io does not answer; start the robot with nims up";
-        let Some(authority) = seen.authority else { return refuse(silent) };
+        let refuse = |reason: Reason| Err(Refusal::NotReady(Box::new(reason)));
+        let Some(authority) = seen.authority else { return refuse(Reason::MotorIoAbsent) };
         if seen.now_ns.saturating_sub(authority.header.stamp_ns) > SILENT_NS {
-            return refuse(silent);
+            return refuse(Reason::MotorIoAbsent);
         }
         if let Some(flight) = &self.flight {
-            let name = &flight.name;
-            return Err(Refusal::NotReady(if self.status.state == PlanStatus::STATE_PAUSED {
-                format!("mission \"{name}\" is paused; resume it with nims resume, or give it up with nims stop")
-            } else {
-                format!("mission \"{name}\" is being flown; wait for its end, or give it up with nims stop")
-            }));
+            let mission = detail(&flight.name);
+            let paused = self.status.state == PlanStatus::STATE_PAUSED;
+            return refuse(if paused { Reason::MissionPaused { mission } } else { Reason::MissionRuns { mission } });
         }
         match authority.mode {
-            // Another planner's, which has ended: motor-io keeps it to go on with, and takes up no other meanwhile.
-            MotorAuthority::MODE_HOLDING if authority.motion != 0 => {
-                return refuse("a motion of a planner that has ended is still kept; give it up with nims stop");
-            }
+            // Of a planner that has ended: motor-io keeps it for a resume, and takes up no other meanwhile.
+            MotorAuthority::MODE_HOLDING if authority.motion != 0 => return refuse(Reason::ForeignMotion),
             MotorAuthority::MODE_HOLDING => {}
-            MotorAuthority::MODE_DISARMED => return refuse("the robot is disarmed; arm it with nims arm"),
-            MotorAuthority::MODE_JOGGING => return refuse("a cable is being jogged; wait until it has stopped"),
-            MotorAuthority::MODE_FAULTED => {
-                return refuse(
-                    "the robot has a fault; nims status names it, nims reset clears it once its cause is gone",
-                );
-            }
-            MotorAuthority::MODE_EMERGENCY_STOP => {
-                return refuse("the emergency stop is on; release it and nims reset");
-            }
-            _ => return refuse("the robot is moving; wait until it holds, or stop it with nims stop"),
+            MotorAuthority::MODE_DISARMED => return refuse(Reason::RobotDisarmed),
+            MotorAuthority::MODE_JOGGING => return refuse(Reason::RobotJogging),
+            MotorAuthority::MODE_FAULTED => return refuse(Reason::RobotFaulted),
+            MotorAuthority::MODE_EMERGENCY_STOP => return refuse(Reason::RobotEmergencyStop),
+            _ => return refuse(Reason::RobotMoves),
         }
         match authority.position_known {
             MotorState::POSITION_KNOWN => {}
-            MotorState::POSITION_RESTORED => {
-                return refuse(
-                    "the position is the one kept from before motor-io was started; look whether the node is where nims status says, \
-                     then nims confirm-position, or nims zero --at x,y,z",
-                );
-            }
-            _ => return refuse("the position is not known; tell where the node hangs with nims zero --at x,y,z"),
+            MotorState::POSITION_RESTORED => return refuse(Reason::PositionRestored),
+            _ => return refuse(Reason::PositionUnknown),
         }
         let fresh = |(estimate, epoch): &(NodeEstimate, u32)| {
-            // another epoch may have another idea of where the node is
+            // another epoch may have another position of the node
             *epoch == authority.epoch
                 && same_life(&estimate.header, &authority.header)
                 && estimate.header.cycle.saturating_add(STALE_CYCLES) >= authority.header.cycle
         };
-        let Some((estimate, _)) = self.valid.filter(fresh) else {
-            return refuse(
-                "the position estimate is missing or stale; see nims status for the estimator and the drives",
-            );
-        };
+        let Some((estimate, _)) = self.valid.filter(fresh) else { return refuse(Reason::NoEstimate) };
         Ok((authority, estimate))
     }
 
-    /// One pass, 10 to 20 times a second and after every request: where the mission stands.
+    /// Updates the mission and returns its samples; called 10 to 20 times a second and after every request.
     pub fn step(&mut self, seen: &Inputs<'_>) -> (PlanMotion, PlanStatus) {
         self.look(seen);
         if let Some(authority) = seen.authority {
@@ -406,12 +406,12 @@ impl Planner {
         (motion, self.status)
     }
 
-    /// The segments still planned, current first; for those who check what was planned.
+    /// Returns the remaining segments, current first.
     pub fn segments(&self) -> &[cable_robot::Segment] {
         self.flight.as_ref().map_or(&[], |flight| &flight.plan.segments[flight.current..])
     }
 
-    /// The map that the next leg of the mission waits for.
+    /// Returns the name of the map that the next leg of the mission needs.
     pub fn wants_map(&self) -> Option<&str> {
         match self.flight.as_ref()?.left.as_ref()?.leg.first()? {
             Leg::Adaptive(leg) => Some(&leg.map),
@@ -419,7 +419,7 @@ impl Planner {
         }
     }
 
-    /// At the end of the legs before an adaptive one, with a map that knows of all of them: what comes next.
+    /// Plans an adaptive leg at the end of the legs before it, once a map includes all of them.
     fn refine(&mut self, authority: &MotorAuthority, seen: &Inputs<'_>) {
         let Some((flight, since_ns)) = self.flight.as_ref().and_then(|flight| Some((flight, flight.waits_ns?))) else {
             return;
@@ -450,7 +450,7 @@ impl Planner {
                 }
                 let flight = Flight::new(name, plan.clone(), plan, true, authority, seen);
                 let flight = Flight { before_s: flown_s, share, later, left, legs_before, mission, ..flight };
-                self.offer(flight, "goes on");
+                self.offer(flight, true);
             }
             Err(error) => {
                 let done = error == PlanError::AlreadyThere;
@@ -516,7 +516,7 @@ impl Planner {
             status.state = if !flight.taken_up {
                 PlanStatus::STATE_READY
             } else if !moving {
-                // Not before it stands: a pause takes its ramp.
+                // Only at rest: a pause takes its ramp.
                 PlanStatus::STATE_PAUSED
             } else {
                 PlanStatus::STATE_RUNNING
@@ -535,7 +535,7 @@ impl Planner {
     }
 }
 
-/// The state of a mission in words.
+/// Returns the state of a mission in words.
 pub fn state_text(status: &PlanStatus) -> String {
     let word = match status.state {
         PlanStatus::STATE_READY => "is ready",

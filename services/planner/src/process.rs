@@ -1,4 +1,4 @@
-//! The process around the planner: answers requests, publishes `plan/motion` and `plan/status`.
+//! Process of the planner: answers requests, publishes `plan/motion` and `plan/status`.
 
 use bus::{Bus, Subscriber, clock::now_ns};
 use messages::{
@@ -10,13 +10,13 @@ use std::path::Path;
 use crate::progress::{Keeper, Progress};
 use crate::{Inputs, Planner, PlannerConfig, requests};
 
-/// Twenty times a second, so that a slide to the next segment is seen long before the one after it is needed.
+/// Period of the loop, ns: the next segment is published long before it is needed.
 const PERIOD_NS: u64 = 50_000_000;
 
-/// The map that the planner waits for, and the newest of it.
+/// Map that the planner waits for, with its newest sample.
 struct Map {
     name: String,
-    /// `None` where there was no room for it: the mission that waits for it ends with its own reason.
+    /// `None` where it could not be opened: the mission that waits for it ends with a reason.
     channel: Option<Subscriber<FieldMap>>,
     newest: Option<Box<FieldMap>>,
 }
@@ -37,10 +37,10 @@ impl Map {
     }
 }
 
-/// Runs until the chassis is told to end.
+/// Runs until the chassis ends.
 ///
 /// # Errors
-/// Those of the files and of the bus.
+/// Errors of the files and of the bus.
 pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = chassis.system_file()?.clone();
     // The supervisor gives each process the copy in the folder of the run.
@@ -53,7 +53,7 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         Ok(progress) => progress.into_iter().for_each(|progress| planner.remember(progress)),
         Err(error) => tracing::warn!("{error}"),
     }
-    // Without it missions are flown as well, only not continued.
+    // Without it missions are flown, but cannot be continued.
     let mut keeper = Keeper::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
     let bus = chassis.bus();
     let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
@@ -71,8 +71,7 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         chassis.wait(&mut waiter, Some(due_ns))?;
         authority = newer(authority, authorities.latest()?);
         for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
-            // The newest that arrived, whatever it claims: what may not be acted on is left out below, and displaces nothing for longer
-            // than until the next one.
+            // The newest that arrived: the rule below leaves out an invalid one, which the next one replaces.
             *newest = estimates.latest()?.or(*newest);
         }
         let estimate = blended_estimate(authority.as_ref(), [newest[0].as_ref(), newest[1].as_ref()], rule);
@@ -84,9 +83,9 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         let mut asked = false;
         while let Some(call) = server.try_next()? {
             let (request, awaited) = (&call.request, || call.is_awaited());
-            let (accepted, sentence) = requests::answer(&mut planner, request, awaited, &run, &seen);
-            tracing::info!("{sentence}");
-            call.answer(accepted, &sentence)?;
+            let reason = requests::answer(&mut planner, request, awaited, &run, &seen);
+            tracing::info!("{reason}");
+            call.answer(&reason.answer())?;
             asked = true;
         }
         if asked || now_ns() >= due_ns {

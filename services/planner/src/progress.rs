@@ -1,7 +1,7 @@
-//! How far a mission has come, and the file that keeps it while everything else ends.
+//! Progress of a mission, and the file that stores it.
 //!
-//! Written whole or not at all, a few times a second while a mission is flown, by a thread of its own: a disk that stands still delays
-//! no motion. What is lost with a power cut are the last moments, which are then flown again.
+//! A separate thread writes the file atomically a few times a second while a mission is flown, so a stalled disk delays
+//! no motion. After a power cut the last moments of the mission are flown again.
 
 use std::fs;
 use std::io;
@@ -16,51 +16,51 @@ use thiserror::Error;
 use crate::mission::Mission;
 use crate::plan::Mark;
 
-/// Least time between two writings, ns: at 0.4 m/s a tenth of a metre.
+/// Shortest time between two writes, ns: a tenth of a metre at 0.4 m/s.
 const PAUSE_NS: u64 = 250_000_000;
-/// First line of the file.
+/// First text line of the file.
 const HEAD: &str = "# How far the last mission came, for nims run MISSION --continue; written by the planner.\n";
 
-/// How far a mission has come; enough to go on with it.
+/// Progress of a mission, from which it can be continued.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Where the node was when the mission began, m.
+    /// Position of the node at the start of the mission, m.
     pub start_m: [f64; 3],
-    /// Number of the segment that is reached, from 0, as the whole was planned.
+    /// Number of the reached segment in the plan of the whole mission, from 0.
     pub segment: usize,
-    /// How far along it: arc length, m; of a dwell the time, s.
+    /// Position on the segment: arc length, m; of a dwell the time, s.
     pub along: f64,
-    /// Where that is, m.
+    /// Coordinates of that point, m.
     pub at_m: [f64; 3],
-    /// Nothing is left.
+    /// The mission is complete.
     pub done: bool,
-    /// How long the parts of the mission before the present one were flown, s.
+    /// Duration of the earlier parts of the mission, s.
     #[serde(default)]
     pub flown_s: f64,
-    /// How much of the mission is done, 0 to 1, as it was said.
+    /// Completed share of the mission, 0 to 1, as published.
     #[serde(default)]
     pub share: f64,
-    /// The mission as it was begun.
+    /// The mission that was requested.
     pub mission: Mission,
-    /// What of it is flown now, if it has adaptive legs: up to the next of them, with those before as they turned out.
+    /// With adaptive legs: the present part up to the next of them, with the earlier ones resolved.
     #[serde(default)]
     pub stage: Option<Mission>,
-    /// What comes then, beginning with an adaptive leg.
+    /// The rest after that part, beginning with an adaptive leg.
     #[serde(default)]
     pub left: Option<Mission>,
 }
 
 impl Progress {
-    /// The point of its way that is reached.
+    /// Returns the reached point of the path.
     #[must_use]
     pub fn mark(&self) -> Mark {
         Mark { segment: self.segment, along: self.along }
     }
 
-    /// Reads what `folder` keeps for the box `name`; `None` if no mission was begun.
+    /// Reads the progress of the system `name` from `folder`; `None` if no mission was begun.
     ///
     /// # Errors
-    /// The file is there and cannot be used.
+    /// The file exists and cannot be used.
     pub fn load(folder: &Path, name: &str) -> Result<Option<Self>, KeepError> {
         let path = path_of(folder, name);
         let text = match file::read_text_if_there(&path) {
@@ -74,30 +74,32 @@ impl Progress {
         Ok(Some(Self { mission, ..progress }))
     }
 
-    /// Writes it whole or not at all.
+    /// Writes the file atomically.
     fn write(&self, path: &Path) -> io::Result<()> {
         let text = toml::to_string(self).map_err(io::Error::other)?;
         file::replace(path, &format!("{HEAD}{text}"))
     }
 }
 
-/// Progress that cannot be kept or read.
+/// Progress that cannot be stored or read.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum KeepError {
-    /// It is there and cannot be used.
-    #[error("{path}: how far the last mission came cannot be read ({why}); it can only be run from its beginning")]
+    /// The file exists and cannot be used.
+    #[error("{path}: the progress of the last mission cannot be read ({why}); it can only be run from its beginning")]
     Unreadable {
         /// The file.
         path: PathBuf,
         /// Why not.
         why: String,
     },
-    /// It cannot be written.
-    #[error("{path}: how far a mission comes cannot be kept ({why}); after an interruption it begins anew")]
+    /// The file cannot be written.
+    #[error(
+        "{path}: the progress of missions cannot be stored ({why}); after an interruption a mission starts from its beginning"
+    )]
     Unwritable {
         /// The file.
         path: PathBuf,
-        /// The system's words.
+        /// Reason given by the operating system.
         why: String,
     },
 }
@@ -106,7 +108,7 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("mission-{name}.toml"))
 }
 
-/// Keeps the progress of one robot's missions.
+/// Writer of the progress of the missions of one robot.
 #[derive(Debug)]
 pub struct Keeper {
     sender: Option<SyncSender<Progress>>,
@@ -116,7 +118,7 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// Starts the thread that writes into `folder`, which is made if it is not there.
+    /// Creates `folder` and starts the thread that writes into it.
     ///
     /// # Errors
     /// The folder cannot be written.
@@ -144,7 +146,7 @@ impl Keeper {
         Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0 })
     }
 
-    /// Hands over how far the mission has come, if that has changed; what is not done yet at most four times a second. Never waits.
+    /// Queues changed progress, that of an incomplete mission at most four times a second. Never waits.
     pub fn keep(&mut self, progress: Option<&Progress>, now_ns: u64) {
         let Some(progress) = progress.filter(|progress| self.kept.as_ref() != Some(progress)) else { return };
         if !progress.done && now_ns.saturating_sub(self.kept_ns) < PAUSE_NS {
@@ -153,7 +155,7 @@ impl Keeper {
         if let Some(sender) = &self.sender {
             match sender.try_send(progress.clone()) {
                 Ok(()) => (self.kept, self.kept_ns) = (Some(progress.clone()), now_ns),
-                // Still writing the last one: the next pass tries again.
+                // The last one is still being written: the next pass tries again.
                 Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
             }
         }

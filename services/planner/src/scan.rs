@@ -1,7 +1,7 @@
-//! Patterns that visit an area, a line or some points: what a mission file says of them, and the way points that follow.
+//! Patterns over an area, a line or points: their entries in mission files, and their way points.
 //!
-//! Everything here is pure geometry in metres; whether the robot can fly it is checked where it becomes segments. A pattern is a
-//! list of [`Stop`]s, flown straight from one to the next.
+//! Pure geometry in metres; the limits of the robot are checked when segments are made. A pattern is a list of
+//! [`Stop`]s, flown straight from one to the next.
 
 use cable_robot::Vector3;
 use config::Point;
@@ -18,17 +18,17 @@ pub const MAX_STOPS: usize = 1000;
 /// Coordinates of two corners that differ by less than this are the same, m.
 const SAME_M: f64 = 1e-6;
 
-/// A rectangle in which one coordinate is the same everywhere: level, or upright along x or y.
+/// Rectangle with one constant coordinate: level, or upright along x or y.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Raster {
-    /// Where it begins, m: a corner.
+    /// Corner at which it begins, m.
     pub corner_m: Point,
     /// The opposite corner, m.
     pub opposite_m: Point,
     /// Width of the strip that one line covers, m.
     pub pitch_m: f64,
-    /// Share of that width which the next line covers once more, 0 to 0.9; default 0.
+    /// Share of that width that the next line overlaps, 0 to 0.9; default 0.
     #[serde(default)]
     pub overlap: f64,
     /// Direction of the lines; default: along the longer side.
@@ -37,29 +37,29 @@ pub struct Raster {
     pub speed_m_s: Option<f64>,
 }
 
-/// Points that are visited one after the other, with a stay at each.
+/// Points that are visited in order, with a stay at each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DwellPoints {
     /// The points, m.
     pub points_m: Vec<Point>,
-    /// How long it stays at each, s.
+    /// Duration of the stay at each, s.
     pub duration_s: f64,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
 }
 
-/// A straight line between two points, perhaps with stays on the way.
+/// Straight line between two points with optional stays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Transect {
-    /// Where it begins, m.
+    /// Start, m.
     pub from_m: Point,
-    /// Where it ends, m.
+    /// End, m.
     pub to_m: Point,
     /// Longest distance between two stays, m; default: no stays on the way.
     pub step_m: Option<f64>,
-    /// How long it stays at both ends and on the way, s; default 0.
+    /// Duration of the stays at both ends and between them, s; default 0.
     #[serde(default)]
     pub dwell_s: f64,
     /// Cruise speed, m/s.
@@ -70,20 +70,21 @@ pub struct Transect {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
-    /// Where it begins, m.
+    /// Start, m.
     pub at_m: Point,
     /// Height gained, m; negative descends.
     pub rise_m: f64,
     /// Longest distance between two stays, m; default: no stays on the way.
     pub step_m: Option<f64>,
-    /// How long it stays at both ends and on the way, s; default 0.
+    /// Duration of the stays at both ends and between them, s; default 0.
     #[serde(default)]
     pub dwell_s: f64,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
 }
 
-/// Fine lines over the parts of a level rectangle where a map says that it is worth it; a leg before it makes the map.
+/// Fine lines over the parts of a level rectangle that a map marks as worth a second look; an earlier leg makes the
+/// map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Adaptive {
@@ -95,30 +96,30 @@ pub struct Adaptive {
     pub opposite_m: Point,
     /// Distance of the fine lines, m.
     pub pitch_m: f64,
-    /// Side of the squares that the area is divided into, m; default: three times `pitch_m`. Half the pitch of the coarse raster is a good
-    /// choice.
+    /// Side of the squares that the area is divided into, m; default: three times `pitch_m`. Half the pitch of the
+    /// coarse raster is a good choice.
     pub tile_m: Option<f64>,
-    /// Share of the area that is scanned at most, 0 to 1; default 0.5.
+    /// Largest share of the area that is scanned, 0 to 1; default 0.5.
     #[serde(default = "half")]
     pub share: f64,
-    /// What changes by less than this share of the largest change is not worth its way, 0 to 1; default 0.2.
+    /// Parts with less than this share of the largest merit are not scanned, 0 to 1; default 0.2.
     #[serde(default = "fifth")]
     pub least: f64,
-    /// What makes a part worth it; default: `gradient`.
+    /// Merit of a part; default: `gradient`.
     #[serde(default)]
     pub by: By,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
 }
 
-/// What makes a part of a map worth a second look.
+/// Merit of a part of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum By {
-    /// Where the field changes from one track to the next, or along a track.
+    /// Change of the field along a track or from one track to the next.
     #[default]
     Gradient,
-    /// Where the map is least sure.
+    /// Uncertainty of the map.
     Variance,
 }
 
@@ -151,16 +152,16 @@ pub enum Axis {
     Z,
 }
 
-/// A point to go to, and how long to stay there.
+/// Point of a pattern, with the duration of the stay.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stop {
-    /// Where, m.
+    /// Position, m.
     pub at: Vector3<f64>,
-    /// For how long, s; 0: it is only passed, at rest.
+    /// Duration of the stay, s; 0: only a rest between two segments.
     pub dwell_s: f64,
 }
 
-/// A pattern that is none.
+/// Invalid pattern.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ScanError {
     /// The corners are those of a box.
@@ -176,7 +177,7 @@ pub enum ScanError {
         "along is {axis}, and the area has no extent in that direction; accepted: an axis in which the corners differ"
     )]
     Across {
-        /// The axis that was asked for.
+        /// Requested axis.
         axis: &'static str,
     },
     /// Too fine for its size.
@@ -184,13 +185,13 @@ pub enum ScanError {
         "the raster would have {lines} lines; accepted: up to {MAX_LINES}; take a larger pitch_m or several missions"
     )]
     TooFine {
-        /// As many as it would take.
+        /// Required number.
         lines: f64,
     },
     /// Too many stays.
     #[error("it would stop {stops} times; accepted: up to {MAX_STOPS}; take a larger step_m or pitch_m")]
     TooMany {
-        /// As many as it would take.
+        /// Required number.
         stops: f64,
     },
 }
@@ -204,15 +205,16 @@ impl Axis {
 }
 
 impl Raster {
-    /// Distance between neighbouring lines at most, m.
+    /// Largest distance between neighbouring lines, m.
     #[must_use]
     pub fn spacing_m(&self) -> f64 {
         self.pitch_m * (1.0 - self.overlap)
     }
 }
 
-/// Lines to and fro over the rectangle between two corners (m), evenly spaced by `spacing_m` or less: no point of the rectangle is
-/// farther than half of that from a line. It begins on the side of `corner`. A rectangle without width is one line.
+/// Returns alternating lines over the rectangle between two corners (m), evenly spaced by `spacing_m` or less: no point
+/// of the rectangle is farther than half of that from a line. It begins on the side of `corner`. A rectangle without
+/// width is one line.
 ///
 /// # Errors
 /// Corners that span no level or upright rectangle, a direction across it, or more than [`MAX_LINES`] lines.
@@ -256,11 +258,11 @@ pub fn raster(
     Ok(points)
 }
 
-/// Lines to and fro over each of the patches at a height (m), at most `spacing_m` apart, beginning at whichever end of a patch is nearer
-/// to where the last one ended; from `from` on.
+/// Returns alternating lines over each of the patches at a height (m), at most `spacing_m` apart, beginning at the end
+/// of a patch that is nearer to the end of the last one; from `from` on.
 ///
 /// # Errors
-/// A patch that would take more than [`MAX_LINES`] lines.
+/// A patch that needs more than [`MAX_LINES`] lines.
 pub fn over_patches(
     patches: &[Patch],
     height_m: f64,
@@ -283,7 +285,7 @@ pub fn over_patches(
     Ok(way)
 }
 
-/// From one point straight to another, with stays at both ends and in between at most `step_m` apart.
+/// Returns a straight path with stays at both ends and in between, at most `step_m` apart.
 ///
 /// # Errors
 /// More than [`MAX_STOPS`] stays.

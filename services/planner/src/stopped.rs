@@ -1,10 +1,11 @@
-//! Why motor-io ended a motion, in words that hold for ever: a recorded run has no `nims status` that could name the faults.
+//! Reason for which motor-io ended a motion. It names the faults themselves, because a recorded run has no `nims
+//! status`.
 
 use messages::faults::{OF_CABLES, OF_UNITS};
 use messages::{MotorAuthority, PlanStatus};
 use robot_state::sentences::named;
 
-/// Bits of motor-io's faults, and what is the case. What helps against each is said by motor-io itself.
+/// Fault bits of motor-io and their descriptions; motor-io itself publishes the cures.
 const FAULTS: [(u32, &str); 21] = [
     (
         MotorAuthority::FAULT_EMERGENCY_INPUT,
@@ -14,28 +15,28 @@ const FAULTS: [(u32, &str); 21] = [
     (MotorAuthority::FAULT_UNIT_REBOOT, "a drive unit was restarted"),
     (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low"),
     (MotorAuthority::FAULT_DRIVE_ERROR, "a drive unit reports an error"),
-    (MotorAuthority::FAULT_STALL, "a motor pushes hard and its line does not move"),
-    (MotorAuthority::FAULT_SLACK, "a line is slack or broken"),
-    (MotorAuthority::FAULT_OVER_TENSION, "a line is too tight"),
+    (MotorAuthority::FAULT_STALL, "a motor pushes hard and its cable does not move"),
+    (MotorAuthority::FAULT_SLACK, "a cable is slack or broken"),
+    (MotorAuthority::FAULT_OVER_TENSION, "a cable is too tight"),
     (MotorAuthority::FAULT_OVER_CURRENT, "a motor draws too much current"),
     (MotorAuthority::FAULT_RUNAWAY, "an encoder counts against the command"),
     (MotorAuthority::FAULT_ENCODER_JUMP, "an encoder has jumped"),
-    (MotorAuthority::FAULT_LENGTH_LIMIT, "a line has reached its length limit"),
-    (MotorAuthority::FAULT_DIVERGING, "the commands moved the node away from its set point"),
+    (MotorAuthority::FAULT_LENGTH_LIMIT, "a cable has reached its length limit"),
+    (MotorAuthority::FAULT_DIVERGING, "the commands moved the node away from its setpoint"),
     (MotorAuthority::FAULT_COMMAND_LOST, "the controller stopped answering"),
     (MotorAuthority::FAULT_ESTIMATE_LOST, "there was no valid estimate of the position"),
-    (MotorAuthority::FAULT_COMMAND_REFUSED, "the controller's commands were no numbers or far beyond the limits"),
+    (MotorAuthority::FAULT_COMMAND_REFUSED, "the controller sent NaN or commands far beyond the limits"),
     (MotorAuthority::FAULT_SUPERVISOR_LOST, "the supervisor was gone"),
     (MotorAuthority::FAULT_PLANNER_LOST, "the planner was gone"),
-    (MotorAuthority::FAULT_LONG_GAP, "the machine had no time for the drives"),
+    (MotorAuthority::FAULT_LONG_GAP, "the computer had no time for the drives"),
     (MotorAuthority::FAULT_COMPUTER, "the computer was busy with other things"),
     (MotorAuthority::FAULT_OFF_START, "the motion does not begin where the node is"),
 ];
 
-/// What may stand behind a list that is too long.
+/// Longest note behind a shortened list.
 const AND_MORE: &str = ", and 20 more";
 
-/// Why the motion has ended that motor-io does not follow any more. It has no `; `: behind one a sentence has its cure.
+/// Returns why motor-io ended the motion. The text has no `; `, which would mark a cure.
 pub(crate) fn stopped_by(authority: &MotorAuthority) -> String {
     match authority.mode {
         MotorAuthority::MODE_EMERGENCY_STOP => {
@@ -43,13 +44,13 @@ pub(crate) fn stopped_by(authority: &MotorAuthority) -> String {
         }
         MotorAuthority::MODE_FAULTED => with_faults("a fault stopped the robot", authority, u32::MAX),
         MotorAuthority::MODE_DISARMED => "the robot was disarmed or motor-io restarted".to_owned(),
-        // What was latched before need not be the cause of this stop.
+        // An earlier latched fault need not be the cause of this stop.
         _ if authority.faults != 0 => with_faults("the robot was stopped after this", authority, u32::MAX),
         _ => "the robot was stopped".to_owned(),
     }
 }
 
-/// What happened and those of the faults that count, as many as the reason of `plan/status` holds whole.
+/// Returns what happened with the selected faults, as many as fit whole into the reason of `plan/status`.
 fn with_faults(what: &str, authority: &MotorAuthority, which: u32) -> String {
     let room = PlanStatus::default().reason.len() - AND_MORE.len();
     let mut sentence = what.to_owned();
@@ -100,7 +101,7 @@ mod tests {
         let said = stopped_by(&authority);
         assert_eq!(
             said,
-            "a fault stopped the robot: a drive unit does not answer (unit 1), and a line is slack or broken (cables 2, 3)"
+            "a fault stopped the robot: a drive unit does not answer (unit 1), and a cable is slack or broken (cables 2, 3)"
         );
         authority.mode = MotorAuthority::MODE_EMERGENCY_STOP;
         assert_eq!(stopped_by(&authority), "emergency stop", "it was asked for");

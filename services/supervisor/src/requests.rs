@@ -9,7 +9,9 @@ use bus::{Server, clock};
 use client::SUPERVISOR;
 use command::{Answer, Failure};
 use config::{Role, Slot};
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest, Request};
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request};
+use robot_state::Reason;
+use robot_state::answers::detail;
 use std::path::Path;
 
 /// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine stands still for up to
@@ -29,15 +31,15 @@ impl Supervisor {
         while let Some(call) = server.try_next()? {
             let answer = match Request::decode(&call.request) {
                 Ok(request) => self.carry_out(&request),
-                Err(error) => Err(Failure::BadInput(error.to_string())),
+                Err(error) => Ok(Reason::Undecodable { why: detail(error) }),
             };
-            let (accepted, sentence) = match answer {
-                Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
-                Err(failure) => (failure.verdict(), failure.to_string()),
-            };
-            self.announcer.info(&format!("asked: {sentence}"));
+            let reason = answer.unwrap_or_else(|failure| match failure {
+                Failure::BadInput(why) => Reason::SupervisorBadInput { why: detail(why) },
+                Failure::NotNow(why) => Reason::SupervisorRefuses { why: detail(why) },
+            });
+            self.announcer.info(&format!("asked: {reason}"));
             // What could not be published is not worth a robot's supervisor.
-            if let Err(error) = call.answer(accepted, &sentence) {
+            if let Err(error) = call.answer(&reason.answer()) {
                 self.announcer.warn(&error.to_string());
             }
             self.publish_table()?;
@@ -45,7 +47,7 @@ impl Supervisor {
         Ok(())
     }
 
-    fn carry_out(&mut self, request: &Request) -> Answer<String> {
+    fn carry_out(&mut self, request: &Request) -> Answer<Reason> {
         match request {
             Request::StartProcess { name, slot, law } => {
                 let member = self.which(name, slot.map(Slot::from), law.as_deref())?;
@@ -96,9 +98,7 @@ impl Supervisor {
                 }
             }
             Request::Set { key, value } => self.set(key, value),
-            _ => Err(Failure::BadInput(
-                "the supervisor starts, ends and sets processes; send this request to another process".to_owned(),
-            )),
+            _ => Ok(Reason::OtherProcess { takes: detail("requests for processes and parameters") }),
         }
     }
 
@@ -196,7 +196,7 @@ impl Supervisor {
         })
     }
 
-    fn begin(&mut self, member: &ProcessSpec) -> Answer<String> {
+    fn begin(&mut self, member: &ProcessSpec) -> Answer<Reason> {
         let name = &member.name;
         let mut restarts = Restarts::default();
         let in_its_place = self.process_set.iter_mut().find(|child| child.member.name == *name);
@@ -216,21 +216,22 @@ impl Supervisor {
             self.publish_farewell(alias)?;
         }
         let law = member.law.as_deref().or(member.alias.as_deref());
-        Ok(format!("starting {name}{}", law.map(|law| format!(" with {law}")).unwrap_or_default()))
+        let process = law.map_or_else(|| detail(name), |law| detail(format_args!("{name} with {law}")));
+        Ok(Reason::ProcessStarts { process })
     }
 
-    pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Answer<String> {
+    pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Answer<Reason> {
         let authority = self.last_authority;
         self.is_not_succeeded(name)?;
         let Some(child) = self.process_set.find(name) else { return Err(self.unknown(name)) };
         let (name, alive) = (child.member.name.clone(), child.is_alive());
         if !alive {
             if child.again_ns.take().is_some() && then == Then::Stay {
-                return Ok(format!("{name} is not started again"));
+                return Ok(Reason::ProcessStays { process: detail(name) });
             }
             if then == Then::Forget {
                 self.forget(&name)?;
-                return Ok(format!("{name} is unplugged"));
+                return Ok(Reason::ProcessUnplugged { process: detail(name) });
             }
             return Err(Failure::NotNow(format!("{name} does not run")));
         }
@@ -253,9 +254,9 @@ impl Supervisor {
         let Some(child) = self.process_set.find(&name) else { return Err(self.unknown(&name)) };
         child.ask_to_end(then);
         Ok(match then {
-            Then::Stay => format!("ending {name}"),
-            Then::Again => format!("ending {name}, to start it again"),
-            Then::Forget => format!("ending {name}, to unplug it"),
+            Then::Stay => Reason::ProcessEnds { process: detail(name) },
+            Then::Again => Reason::ProcessRestarts { process: detail(name) },
+            Then::Forget => Reason::ProcessUnplugs { process: detail(name) },
         })
     }
 

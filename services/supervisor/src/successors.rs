@@ -10,6 +10,8 @@ use super::table::row;
 use bus::{Tap, clock};
 use command::{Answer, Failure};
 use messages::{ProcessState, put_sentence};
+use robot_state::Reason;
+use robot_state::answers::detail;
 
 /// A newcomer that has said nothing valid by then is given up, ns: a device may need many seconds to warm up, and the command that asked waits 25 s.
 const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
@@ -23,7 +25,7 @@ fn goes_on(name: &str) -> String {
 
 impl Supervisor {
     /// Starts a program in the place of one that was plugged in: beside it where that one publishes, otherwise after it has ended.
-    pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<String> {
+    pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<Reason> {
         let name = member.name.clone();
         self.is_not_succeeded(&name)?;
         let Some((tap, mut restarts)) = self.tap_of(&name)? else {
@@ -31,13 +33,13 @@ impl Supervisor {
             if let Some(child) = self.process_set.find(&name) {
                 child.member = member;
             }
-            return Ok(format!("ending {name}, to start the new one in its place"));
+            return Ok(Reason::ProcessReplaces { process: detail(name) });
         };
         restarts.again();
         let child = self.spawn(&member, restarts, true)?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.record_living();
-        Ok(format!("starting the new {name} beside the one that runs, until it has said something"))
+        Ok(Reason::ProcessSucceeds { process: detail(name) })
     }
 
     /// What a process of that name says on the channel of its name, if it does.

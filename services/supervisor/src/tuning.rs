@@ -5,6 +5,8 @@ use bus::clock;
 use command::{Answer, Failure};
 use config::{Role, SystemFile};
 use messages::newer;
+use robot_state::Reason;
+use robot_state::answers::detail;
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::Path;
@@ -20,12 +22,12 @@ const RECORD_HEAD: &str =
 
 impl Supervisor {
     /// Sets a parameter in every process of its role until the run ends.
-    pub(super) fn set(&mut self, key: &str, value: &str) -> Answer<String> {
+    pub(super) fn set(&mut self, key: &str, value: &str) -> Answer<Reason> {
         let tuned = self.settings.tuned.with(key, value).map_err(Failure::BadInput)?;
         let file = self.site.file.tuned(&self.settings.robot, &tuned).map_err(Failure::BadInput)?;
         let (was, is) = (self.settings.file.value_of(key), file.value_of(key));
         if was == is {
-            return Ok(format!("{key} is {is} already"));
+            return Ok(Reason::ParameterSet { what: detail(format_args!("{key} is {is} already")) });
         }
         let number = self.settings.sample.changes + 1;
         let (life, cycle) = self.cycle_of_change(&file)?;
@@ -53,7 +55,9 @@ impl Supervisor {
         self.settings.publish()?;
         let (role, _) = key.split_once('.').unwrap_or((key, ""));
         let was = if was.is_empty() { "not given".to_owned() } else { was };
-        Ok(format!("{key} is {is} from cycle {cycle} on (before: {was}), in every {role}, until this run ends"))
+        let end = "until this run ends";
+        let what = format_args!("{key} is {is} from cycle {cycle} on (before: {was}), in every {role}, {end}");
+        Ok(Reason::ParameterSet { what: detail(what) })
     }
 
     /// Life of motor-io and cycle from which a change applies; 0 (at once) while motor-io does not run.

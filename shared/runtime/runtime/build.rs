@@ -1,5 +1,4 @@
-//! Passes the commit to release builds. Development builds contain none, because each commit would cause a full
-//! rebuild.
+//! Records the commit in a release build. A development build records none, because each commit would rebuild everything.
 
 #[path = "stamp.rs"]
 mod stamp;
@@ -8,12 +7,17 @@ use std::path::Path;
 
 fn main() {
     let release = std::env::var("PROFILE").is_ok_and(|profile| profile == "release");
+    let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
+    let folder = Path::new(&folder);
     println!("cargo::rerun-if-env-changed=NIMS_COMMIT");
-    // This file does not exist, so a release build runs this script every time.
-    println!("cargo::rerun-if-changed={}", if release { "always" } else { "build.rs" });
+    println!("cargo::rerun-if-changed=build.rs");
+    if release {
+        for path in stamp::watched(folder) {
+            println!("cargo::rerun-if-changed={}", path.display());
+        }
+    }
     // For builds from an archive without git.
     let given = std::env::var("NIMS_COMMIT").ok().filter(|given| !given.is_empty());
-    let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
-    let found = || release.then(|| stamp::of(Path::new(&folder))).flatten();
+    let found = || release.then(|| stamp::of(folder)).flatten();
     println!("cargo::rustc-env=NIMS_STAMP={}", given.or_else(found).unwrap_or_default());
 }

@@ -42,10 +42,10 @@ fn dependencies_point_one_way() {
         ("evidence", &[]),
         ("bus", &["messages"]),
         // configuration types are made from the mathematics
-        ("config", &["messages", "cable-robot", "cable-control"]),
+        ("config", &["cable-robot"]),
         ("segments", &["messages", "cable-robot"]),
         // samples are filled by the chassis of a process
-        ("runtime", &["bus", "messages", "config"]),
+        ("runtime", &["bus", "messages", "config", "robot-state"]),
         ("robot-state", &["messages"]),
         // a failure is made from what goes wrong below
         ("command", &["bus", "runlog", "messages", "config", "cable-robot"]),
@@ -136,7 +136,7 @@ fn foreign_interfaces_are_named_in_one_place() {
 }
 
 /// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box
-/// and the names of configuration keys name a family.
+/// and the names of configuration keys know which there are.
 #[test]
 fn drive_families_are_named_in_one_place() {
     let packages = packages();
@@ -221,6 +221,44 @@ fn every_crate_has_the_workspace_lints_and_a_purpose() {
         );
         let lib = std::fs::read_to_string(package.folder.join("src/lib.rs")).unwrap();
         assert!(lib.starts_with("//! "), "{name}'s root does not say what it is for");
+    }
+}
+
+/// Whether code names a crate: as the beginning of a path, of a macro, or in `use`.
+fn names(code: &str, dependency: &str) -> bool {
+    let name = dependency.replace('-', "_");
+    let is_word = |c: char| c.is_alphanumeric() || c == '_';
+    code.match_indices(&name).any(|(at, _)| {
+        let after = &code[at + name.len()..];
+        !code[..at].ends_with(is_word) && (["::", ";", "!", " as ", " {"].iter().any(|next| after.starts_with(next)))
+    })
+}
+
+/// Each dependency costs time to build for all that link it.
+#[test]
+fn every_dependency_is_used() {
+    let text = |folders: &[PathBuf]| -> String {
+        let files =
+            folders.iter().filter(|folder| folder.is_dir()).flat_map(|folder| architecture::sources(folder).unwrap());
+        files.map(|(_, text)| text).collect()
+    };
+    for (name, package) in packages().iter().filter(|(_, package)| !package.separate) {
+        let mut folders = vec![package.folder.join("src")];
+        if name == "nims-tests" {
+            folders.push(architecture::root().join("scripts/templates"));
+        }
+        let code = text(&folders);
+        for dependency in &package.dependencies {
+            assert!(names(&code, dependency), "{name} does not use {dependency}: take it out of its Cargo.toml");
+        }
+        folders.extend(["tests", "examples", "benches"].map(|place| package.folder.join(place)));
+        let code = text(&folders);
+        for dependency in &package.dev_dependencies {
+            assert!(
+                names(&code, dependency),
+                "{name} does not use {dependency} in tests: take it out of its Cargo.toml"
+            );
+        }
     }
 }
 

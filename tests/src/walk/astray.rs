@@ -12,7 +12,7 @@ pub enum Astray {
     Factor(f64),
     /// One cable gets so much on top, m/s.
     Bias(usize, f64),
-    /// It says for good what it said first.
+    /// Repeats its first command for ever.
     Stuck(Option<[f64; SLOTS * CABLES]>),
     /// Every velocity is this.
     All(f64),

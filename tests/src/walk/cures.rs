@@ -35,7 +35,7 @@ pub enum Cure {
 }
 
 /// Words of sentences and what they say to do.
-const WORDS: [(&str, Cure); 46] = [
+const WORDS: [(&str, Cure); 48] = [
     ("reset, see", Cure::Reset),
     ("restart the one that is off", Cure::Restart),
     ("swap to another controller", Cure::OtherController),
@@ -71,6 +71,8 @@ const WORDS: [(&str, Cure); 46] = [
     ("wait for its end", Cure::Wait),
     ("when it holds", Cure::Wait),
     ("ask it again", Cure::Wait),
+    ("request it again", Cure::Wait),
+    ("then try again", Cure::Wait),
     ("nims status", Cure::Status),
     ("start one first", Cure::Up),
     ("nims up", Cure::Up),
@@ -80,7 +82,7 @@ const WORDS: [(&str, Cure); 46] = [
     ("new motion", Cure::AskOtherwise),
     ("start a new one", Cure::AskOtherwise),
     ("start new one", Cure::AskOtherwise),
-    ("jog the line taut", Cure::JogTaut),
+    ("jog the cable taut", Cure::JogTaut),
     ("move back inside", Cure::AskOtherwise),
 ];
 

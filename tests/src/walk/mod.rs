@@ -129,7 +129,7 @@ pub struct Walk {
     astray: [Option<Astray>; SLOTS],
     log: VecDeque<String>,
     /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to
-    /// be given anew.
+    /// be set again.
     powered_off: bool,
     /// What has been walked so far.
     pub tally: Tally,
@@ -228,8 +228,8 @@ impl Walk {
         self.robot.request(request);
         self.period()?;
         let answer = *self.robot.answers().first().context("a request was not answered")?;
-        let sentence = answer.sentence.to_string();
-        self.note(format!("{asked}: {} {sentence}", answer.accepted));
+        let sentence = answer.sentence().to_string();
+        self.note(format!("{asked}: {} {sentence}", answer.is_accepted()));
         Ok(Some(if answer.is_accepted() { Ok(sentence) } else { Err(self.refusal(sentence)?) }))
     }
 

@@ -16,7 +16,7 @@ const THERE_M: f64 = 0.03;
 const PATIENCE: usize = 60;
 /// A motion that comes no nearer to its end for so many cycles has none; at a tenth of its speed it may take long.
 const STANDS: usize = 3_000;
-/// A motion that rests for so many cycles waits for somebody.
+/// A motion that rests for so many cycles waits for the operator.
 const RESTING: usize = 150;
 
 impl Walk {

@@ -7,6 +7,7 @@ use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, Header, MotorCommand, NodeEstimate, ROLES, Request, SLOTS, Slot, SlotRole,
 };
 use planner::mission::{Leg, Mission, PathShape, Polyline};
+use robot_state::Reason;
 
 /// Where motions lead: inside what three and four lines reach, m.
 const LOW_M: [f64; 3] = [4.0, 2.4, 0.3];
@@ -68,14 +69,14 @@ impl Walk {
     fn planned(
         &mut self,
         what: &str,
-        answer: Option<std::result::Result<String, planner::Refusal>>,
+        answer: Option<std::result::Result<Reason, planner::Refusal>>,
     ) -> Result<Option<std::result::Result<String, String>>> {
         let Some(answer) = answer else { return Ok(None) };
         self.note(format!("{what}: {answer:?}"));
         Ok(Some(match answer {
-            Ok(sentence) => {
+            Ok(reason) => {
                 self.tally.motions += 1;
-                Ok(sentence)
+                Ok(reason.to_string())
             }
             // What the robot cannot do at all is answered with where, what and how much.
             Err(refusal) if refusal.is_bad_input() => Err(refusal.to_string()),

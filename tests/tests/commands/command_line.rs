@@ -275,7 +275,7 @@ fn check_says_what_a_watchdog_stop_and_an_unpowered_line_mean() {
     )
     .unwrap();
     let all = answer(&["check", &ideal.file("robots/lab3.toml"), "--json"])["findings"].to_string();
-    let speed: f64 = all.split("runs out at ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
+    let speed: f64 = all.split("unwinds at ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
     let expected = 1000.0 * 10.5 * 1.2 / (40.0 * 40.0);
     assert!((speed - expected).abs() < 0.2, "{expected}: {all}");
 }
@@ -499,7 +499,7 @@ mod planar {
             assert!(value["why"].as_str().unwrap().contains(says), "{value}");
         }
         for (from, to, says) in [
-            ("[8.0, 0.3]", "[8.0, 0.0, 0.3]", &["anchors_m", "number 3"][..]),
+            ("[8.0, 0.3]", "[8.0, 0.0, 0.3]", &["anchors_m", "point 3"][..]),
             ("drag_n_s2_m2 = 25.0", "drag_n_s2_m2 = -1.0", &["drag_n_s2_m2"]),
             ("[[0.0, 3.8], [8.0, 6.0]]", "[[0.0, 3.8], [8.0, 1.0, 6.0]]", &["keep_out", "outside the plane"]),
         ] {

@@ -1,5 +1,5 @@
-//! Everything that the documents name exists: paths, links, sub-commands and options of `nims`; and the code map has a
-//! line for every crate.
+//! What the documents name exists: paths, links, sub-commands and options of `nims`, and a line of the code map for
+//! every crate.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

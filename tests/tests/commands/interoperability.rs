@@ -199,7 +199,7 @@ fn every_type_of_the_table_is_read_field_by_field() {
     compare(&path, &expected);
 }
 
-/// Declares a type of somebody else's package.
+/// Declares a type of a foreign package.
 macro_rules! foreign {
     ($name:ident, $size:literal, $schema:expr) => {
         #[repr(C)]

@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-/// A site of three pulleys and nine points near their feet, as somebody would answer.
+/// A site of three pulleys and nine points near their feet, as a person would answer.
 const SITE: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 
 fn setup(folder: &Path, args: &[&str], lines: &[String]) -> Output {

@@ -17,7 +17,7 @@ const FOLLOWING: u8 = MotorAuthority::MODE_FOLLOWING;
 fn the_page_is_the_table() {
     let path = root().join("docs/faults.md");
     let is = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(is == page(), "docs/faults.md is not what the code says; write it anew: nims fault list > docs/faults.md");
+    assert!(is == page(), "docs/faults.md differs from the code; write it again: nims fault list > docs/faults.md");
 }
 
 /// What breaks in motors, lines, encoders and supply: in lockstep, on three and four lines, counted exactly.

@@ -54,7 +54,7 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         }
         println!("cut after {wait} cycles; {} cycles seen", seen.len());
 
-        // By hand, of a copy as somebody takes it home.
+        // By hand, on a copy of the folder.
         let run = robot.run();
         let home = robot.folder().join("home");
         std::fs::create_dir(&home).unwrap();
@@ -92,7 +92,7 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
             "{sentence}"
         );
         let (accepted, sentence) = robot.request("planner", &goto([5.0, 3.2, 0.5], 0.1)).unwrap();
-        assert!(!accepted && sentence.contains("confirm"), "it moves by a position that nobody confirmed: {sentence}");
+        assert!(!accepted && sentence.contains("confirm"), "it moves by an unconfirmed position: {sentence}");
         robot.ask("motor-io", Request::ConfirmPosition);
         robot.until("a confirmed position", |robot| robot.last.position_known == MotorState::POSITION_KNOWN);
     });

@@ -16,7 +16,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 messages::message! {
-    /// A type of somebody's own.
+    /// A type that this project does not define.
     pub struct Probe {
         header: Header,
         temperature_c: f64,

@@ -1,4 +1,4 @@
-//! The robot in flight, with standbys: planned swaps, and SIGKILL of whoever is in charge, at random instants. What
+//! The robot in flight, with standbys: planned swaps, and SIGKILL of the process in charge, at random instants. What
 //! happened is read from the run file.
 //!
 //! `NIMS_SWAPS=100 NIMS_RATE_HZ=100 cargo test --workspace --test live swaps::` does each a hundred times at the usual
@@ -86,7 +86,7 @@ fn swap(robot: &mut Robot, role: &str) -> u64 {
     panic!("three times no swap\n{}", robot.said());
 }
 
-/// Both roles have somebody in charge and a standby.
+/// Both roles have a process in charge and a standby.
 fn until_doubled(robot: &mut Robot) {
     robot.until("a standby in both roles", |robot| {
         let has = |role: usize, phase: u8| robot.seats.phase[SLOTS * role..][..SLOTS].contains(&phase);
@@ -136,7 +136,7 @@ struct Account {
     unanswered: u64,
     /// Periods without an answer beside some that were lost to the computer.
     frozen: u64,
-    /// Periods without an answer while the virtual drives, which nobody has disturbed, were silent, or had just taken
+    /// Periods without an answer while the undisturbed virtual drives were silent, or had just taken
     /// half as long again as usual, or motor-io itself was woken late: the machine ran neither them nor the chain.
     starved: u64,
     /// How often the slot in charge changed, per role.

@@ -148,7 +148,7 @@ fn stop_gives_the_mission_up_and_the_next_one_starts_from_there() {
 #[test]
 fn a_refused_mission_moves_nothing() {
     let mut flown = Flown { lockstep: armed("lab3") };
-    // The drives hold: their speed loops have begun anew.
+    // The drives hold: their speed loops have started again.
     flown.cycles(400);
     let mut mission = scenarios::mission("polyline").unwrap();
     let far = planner::Mission::parse("name = \"far\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 2.9] }\n").unwrap();

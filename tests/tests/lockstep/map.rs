@@ -25,7 +25,7 @@ const MISSION: &str = "name = \"scan\"\nspeed_m_s = 0.4\n[[leg]]\n\
     raster = { corner_m = [3.4, 2.1, 0.8], opposite_m = [5.6, 4.3, 0.8], pitch_m = 0.1 }\n";
 
 messages::message! {
-    /// A type of somebody's own.
+    /// A type that this project does not define.
     pub struct Soil {
         header: Header,
         moisture_percent: f64,

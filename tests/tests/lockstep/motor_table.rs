@@ -127,7 +127,7 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     assert!(rms < 0.05 && worst < 0.2, "{rms} {worst}");
     assert!(value["rms_residual_a"].as_f64().unwrap() < 0.1, "{value}");
 
-    // What a move costs is reckoned from the table: faster than was measured, nobody knows.
+    // The cost of a move comes from the table: beyond the measured speeds it is unknown.
     let fast = |robot: &Robot| {
         let (from, to) = (Vector3::new(3.5, 2.0, 1.6), Vector3::new(6.0, 2.2, 1.6));
         cable_robot::energy::flight::best_parabola(robot, cable_robot::Distribution::Unique, &from, &to, 2.0, 0.0)

@@ -115,7 +115,7 @@ fn one_bit_is_found_and_a_gap_is_not_hidden() {
     }
     let gap = replayed(&gap.finish().unwrap(), &Changes::default());
     assert_eq!(gap.different(), 0, "{gap:#?}");
-    // What comes after the gap rests on what nobody knows.
+    // After the gap the inputs are unknown.
     for (channel, equal, not) in [
         ("motor/state", 199, 201),
         ("motor/authority", 199, 200),
@@ -157,7 +157,7 @@ fn what_is_changed_is_compared_with_what_was_commanded() {
     assert_eq!(refused.exit_code(), 2);
 }
 
-/// The regression net: whoever changes a bit of what is decided is told so here.
+/// The regression net: a change of one bit of a decision fails here.
 #[test]
 fn the_golden_run_still_computes_to_the_same_bits() {
     let replayed = replayed(&golden::file(), &Changes::default());
@@ -165,7 +165,7 @@ fn the_golden_run_still_computes_to_the_same_bits() {
     assert_eq!(
         replayed.different(),
         0,
-        "what is decided has changed; if that is meant, make the golden run anew with `{renew}` and say why in the commit\n{:#?}",
+        "decisions have changed; if that is intended, record the golden run again with `{renew}` and give the reason in the commit\n{:#?}",
         replayed.channels
     );
     for tally in &replayed.channels {

@@ -63,7 +63,7 @@ fn flown_m(file: &SystemFile) -> f64 {
 }
 
 /// What a field team writes down: ranges between the true anchors, and what the robot itself says of its lines while
-/// somebody holds the node at points of the floor, zeroed where it began by anchors that are known to some centimetres.
+/// a person holds the node at points of the floor, zeroed where it began by anchors that are known to some centimetres.
 fn measurements() -> String {
     let anchors = RobotFile::load(&configs().join("robots/lab3.toml")).unwrap().robot.anchors_m.to_vec();
     let mut text = format!(

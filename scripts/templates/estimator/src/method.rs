@@ -38,7 +38,7 @@ impl CableEstimator for MyEstimator {
         let &CableSample { cycle, sampled_ns, .. } = sample;
         let Some(length_m) = sample.length_m else { return };
         let begin = std::mem::take(&mut self.begin);
-        // After a long gap, or when the lengths were set, the filter starts at rest from the reading.
+        // After a long silence, or where the lengths were set again, it begins at rest with the reading.
         let last = self.state.filter(|last| !begin && cycle.saturating_sub(last.cycle) <= BRIDGED_CYCLES);
         let passed_s = last.map_or(0.0, |last| sampled_ns.saturating_sub(last.sampled_ns) as f64 * 1e-9);
         self.state = Some(match last {
@@ -77,7 +77,7 @@ impl CableEstimator for MyEstimator {
         self.state = None;
     }
 
-    /// Called when the operator may have set the lengths.
+    /// Called where the operator may have set the lengths again.
     fn expect_anything(&mut self) {
         self.begin = true;
     }

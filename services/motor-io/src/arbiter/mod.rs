@@ -375,7 +375,7 @@ impl Arbiter {
             commit_cycle: std::array::from_fn(|role| self.roles[role].commit_cycle()),
             fade: authority.fade,
             in_charge: authority.in_charge,
-            apart: self.apart,
+            deviation: self.apart,
             qualify_cycles: self.qualify,
             ..MotorSlots::default()
         };
@@ -383,8 +383,8 @@ impl Arbiter {
             let slot = self.roles[seat / SLOTS].slot(seat % SLOTS);
             slots.phase[seat] = slot.phase() as u8;
             slots.cause[seat] = slot.cause();
-            slots.falls[seat] = slot.falls();
-            slots.well_cycles[seat] = slot.well();
+            slots.failures[seat] = slot.falls();
+            slots.good_cycles[seat] = slot.well();
         }
         slots
     }

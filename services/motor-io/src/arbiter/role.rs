@@ -76,11 +76,6 @@ pub struct Report {
     pub apart: Option<f64>,
 }
 
-impl Report {
-    /// Nothing arrived.
-    pub const SILENT: Self = Self { reply: Reply::Silent, incarnation: 0, apart: None };
-}
-
 /// Times of the state machine, cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Times {
@@ -260,9 +255,9 @@ impl Slot {
             Phase::Attached | Phase::Shadow => {
                 self.phase = Phase::Shadow;
                 self.well = 0;
-                self.cause = MotorSlots::CAUSE_APART;
+                self.cause = MotorSlots::CAUSE_DEVIATION;
             }
-            _ if self.outside > APART_CYCLES => self.fall(MotorSlots::CAUSE_APART, times),
+            _ if self.outside > APART_CYCLES => self.fall(MotorSlots::CAUSE_DEVIATION, times),
             _ => {}
         }
     }

@@ -335,7 +335,7 @@ fn a_swap_is_refused_with_its_reason() {
     table.input.command_arrived[1] = 1;
     table.cycles(200);
     assert_eq!(ask(&mut table, 1), Err(Refusal::NotQualified(Phase::Shadow)));
-    assert_eq!(table.arbiter.slot(CONTROLLERS, 1).cause(), MotorSlots::CAUSE_APART);
+    assert_eq!(table.arbiter.slot(CONTROLLERS, 1).cause(), MotorSlots::CAUSE_DEVIATION);
     // First its average deviation has to decay, then it has to answer well for the whole time.
     table.input.command[1].velocity_m_s = [0.1; 16];
     table.cycles(100);

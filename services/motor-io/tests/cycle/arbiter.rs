@@ -6,7 +6,7 @@ use crate::rig;
 
 use bytemuck::bytes_of;
 use messages::{CABLES, MotorAuthority as A, MotorInput, MotorSlots as P, SEATS, SLOTS};
-use motor_io::arbiter::{Arbiter, ArbiterInput, Chosen};
+use motor_io::{Arbiter, ArbiterInput, Chosen};
 use proptest::prelude::*;
 
 /// Answer of a process.
@@ -61,6 +61,18 @@ struct Process {
 
 const PERIOD_S: f64 = rig::PERIOD_S;
 const SEGMENT: u32 = 1;
+
+/// One cycle of the arbiter, as published.
+struct Cycle {
+    input: MotorInput,
+    chosen: Option<Chosen>,
+    authority: A,
+    slots: P,
+    /// Incarnation that answers in each seat; 0: none.
+    processes: [u32; SEATS],
+    /// Seats whose process was trusted before.
+    trusted: [bool; SEATS],
+}
 
 /// Processes around the arbiter, and an account of them that is independent of the arbiter's implementation.
 struct World {
@@ -196,115 +208,133 @@ impl World {
             starved: [false; messages::SEATS],
         };
         let chosen = self.arbiter.choose(&input, &context, |segment| segment == SEGMENT);
-        let mut now = A::default();
-        self.arbiter.describe(&mut now);
-        let slots = self.arbiter.slots(&now);
+        let mut authority = A::default();
+        self.arbiter.describe(&mut authority);
+        let slots = self.arbiter.slots(&authority);
         // An estimate of an old cycle does not show which process runs now.
-        let who = |seat: usize| match seat {
+        let processes = std::array::from_fn(|seat| match seat {
             0 | 1 => input.command[seat].incarnation,
             _ if input.estimate_cycle[seat - SLOTS] + 1 != input.header.cycle => 0,
             _ => input.estimate_incarnation[seat - SLOTS],
-        };
-        let trusted = |seat: usize| self.trusted[seat] != 0 && self.trusted[seat] == who(seat);
-
-        // One slot is in charge per role, as published.
-        for role in 0..2 {
-            let phases = &slots.phase[SLOTS * role..][..SLOTS];
-            let active: Vec<usize> = (0..SLOTS).filter(|slot| phases[*slot] == P::PHASE_ACTIVE).collect();
-            prop_assert!(active.len() <= 1, "{phases:?}");
-            prop_assert!(active.iter().all(|slot| *slot == usize::from(now.in_charge[role])));
-        }
-        // Only accepted commands are used; in flight, only those of slots that were trusted before.
-        if let Some(chosen) = &chosen {
-            let (c, e) = (chosen.controller, chosen.estimator);
-            prop_assert!(self.acceptable(&input, c, e), "cycle {}: {c} on {e}", self.cycle);
-            prop_assert_eq!(now.verdict[c], A::VERDICT_ACCEPTED);
-            for seat in [c, SLOTS + e] {
-                prop_assert!(self.slots.phase[seat] != P::PHASE_QUARANTINED || self.admitted == Some(seat));
-                prop_assert!(
-                    !self.moving || trusted(seat),
-                    "cycle {}: seat {seat} is not trusted: {:?}, {:?} {:?}, {}",
-                    self.cycle,
-                    self.trusted,
-                    self.slots.phase,
-                    slots.phase,
-                    who(seat)
-                );
-            }
-            prop_assert_eq!((usize::from(now.active_controller), usize::from(now.active_estimator)), (c, e));
-        }
-        // No cycle is lost that a trusted slot could fill.
-        if self.moving {
-            let pairs = (0..SLOTS).flat_map(|c| (0..SLOTS).map(move |e| (c, e)));
-            for (c, e) in pairs {
-                let could = trusted(c) && trusted(SLOTS + e) && self.acceptable(&input, c, e);
-                prop_assert!(!could || chosen.is_some(), "cycle {}: {c} on {e} was there", self.cycle);
-            }
-        }
-        // No bump: every command is one of four constant ones or between them, and the change is gradual.
-        if let (Some(chosen), true) = (&chosen, self.moving) {
-            let all = self.velocity.iter().flatten().copied();
-            let (low, high) =
-                all.chain([self.sent[0]]).fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
-            let step = (high - low) * PERIOD_S / rig::config().fade_s;
-            let v = chosen.velocity_m_s;
-            prop_assert!(v[0] >= low - 1e-12 && v[0] <= high + 1e-12);
-            let changed = (now.active_controller, now.active_estimator)
-                != (self.before.active_controller, self.before.active_estimator);
-            prop_assert!(
-                (v[0] - self.sent[0]).abs() <= step + 1e-12 || (!changed && self.before.fade == [1.0; 2]),
-                "from {} to {}",
-                self.sent[0],
-                v[0]
-            );
-        }
-        // Quarantine is sticky.
-        for seat in 0..SEATS {
-            let was = self.slots.phase[seat] == P::PHASE_QUARANTINED && self.admitted != Some(seat);
-            prop_assert!(!was || slots.phase[seat] == P::PHASE_QUARANTINED);
-        }
-        // A swap takes effect in the announced cycle if the new process answers, and ends.
-        if let Some((seat, commit)) = self.announced {
-            let (role, slot) = (seat / SLOTS, seat % SLOTS);
-            let in_charge = usize::from(now.in_charge[role]);
-            if self.cycle < commit {
-                prop_assert!(slots.commit_cycle[role] == commit || slots.phase[seat] != P::PHASE_SWITCHING);
-                if slots.commit_cycle[role] == 0 {
-                    self.announced = None;
-                }
-            } else {
-                prop_assert_eq!(slots.commit_cycle[role], 0);
-                let there = self.slots.phase[seat] == P::PHASE_SWITCHING && trusted(seat);
-                let good = match role {
-                    0 => chosen.is_some_and(|chosen| self.acceptable(&input, slot, chosen.estimator)),
-                    _ => chosen.is_some_and(|chosen| self.acceptable(&input, chosen.controller, slot)),
-                };
-                prop_assert!(!(there && good) || in_charge == slot, "the swap to {seat} did not take effect");
-                self.swaps += u32::from(in_charge == slot);
-                self.announced = None;
-            }
-        }
-        for (seat, waiting) in self.waiting.iter_mut().enumerate() {
-            let passing = [P::PHASE_SWITCHING, P::PHASE_PROBATION].contains(&slots.phase[seat]);
-            // Without answers there is nothing to try; probation counts only cycles with answers.
-            *waiting = if passing { *waiting + u64::from(chosen.is_some()) } else { 0 };
-            prop_assert!(*waiting <= 120, "seat {seat} stays in phase {}", slots.phase[seat]);
-        }
+        });
+        let trusted = std::array::from_fn(|seat| self.trusted[seat] != 0 && self.trusted[seat] == processes[seat]);
+        let now = Cycle { input, chosen, authority, slots, processes, trusted };
+        self.check_choice(&now)?;
+        self.check_bump(&now)?;
+        self.check_phases(&now)?;
+        self.check_swap(&now)?;
         for seat in 0..SEATS {
             // The slot in charge keeps its place during a silence without a standby.
-            let in_charge = usize::from(now.in_charge[seat / SLOTS]) == seat % SLOTS;
+            let in_charge = usize::from(authority.in_charge[seat / SLOTS]) == seat % SLOTS;
             if !is_trusted(slots.phase[seat]) {
                 self.trusted[seat] = if in_charge { self.trusted[seat] } else { 0 };
             } else if self.trusted[seat] == 0 || !self.moving {
-                let arrived = who(seat);
+                let arrived = processes[seat];
                 self.trusted[seat] = if arrived == 0 { self.trusted[seat] } else { arrived };
             }
         }
         if let Some(chosen) = &chosen {
             self.sent = chosen.velocity_m_s;
         }
-        self.record.push((input, context, chosen, now, slots));
-        (self.before, self.slots, self.admitted) = (now, slots, None);
+        self.record.push((input, context, chosen, authority, slots));
+        (self.before, self.slots, self.admitted) = (authority, slots, None);
+        Ok(())
+    }
+
+    /// Only accepted commands are used, in flight only those of slots that were trusted before; no cycle is lost that a
+    /// trusted slot could fill.
+    fn check_choice(&self, now: &Cycle) -> Result<(), TestCaseError> {
+        if let Some(chosen) = &now.chosen {
+            let (c, e) = (chosen.controller, chosen.estimator);
+            prop_assert!(self.acceptable(&now.input, c, e), "cycle {}: {c} on {e}", self.cycle);
+            prop_assert_eq!(now.authority.verdict[c], A::VERDICT_ACCEPTED);
+            for seat in [c, SLOTS + e] {
+                prop_assert!(self.slots.phase[seat] != P::PHASE_QUARANTINED || self.admitted == Some(seat));
+                prop_assert!(
+                    !self.moving || now.trusted[seat],
+                    "cycle {}: seat {seat} is not trusted: {:?}, {:?} {:?}, {}",
+                    self.cycle,
+                    self.trusted,
+                    self.slots.phase,
+                    now.slots.phase,
+                    now.processes[seat]
+                );
+            }
+            let active = (now.authority.active_controller, now.authority.active_estimator);
+            prop_assert_eq!((usize::from(active.0), usize::from(active.1)), (c, e));
+        }
+        if self.moving {
+            let pairs = (0..SLOTS).flat_map(|c| (0..SLOTS).map(move |e| (c, e)));
+            for (c, e) in pairs {
+                let could = now.trusted[c] && now.trusted[SLOTS + e] && self.acceptable(&now.input, c, e);
+                prop_assert!(!could || now.chosen.is_some(), "cycle {}: {c} on {e} was there", self.cycle);
+            }
+        }
+        Ok(())
+    }
+
+    /// Every command is one of four constant ones or between them, and the change is gradual.
+    fn check_bump(&self, now: &Cycle) -> Result<(), TestCaseError> {
+        let (Some(chosen), true) = (&now.chosen, self.moving) else { return Ok(()) };
+        let all = self.velocity.iter().flatten().copied();
+        let (low, high) =
+            all.chain([self.sent[0]]).fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
+        let step = (high - low) * PERIOD_S / rig::config().fade_s;
+        let v = chosen.velocity_m_s;
+        prop_assert!(v[0] >= low - 1e-12 && v[0] <= high + 1e-12);
+        let changed = (now.authority.active_controller, now.authority.active_estimator)
+            != (self.before.active_controller, self.before.active_estimator);
+        prop_assert!(
+            (v[0] - self.sent[0]).abs() <= step + 1e-12 || (!changed && self.before.fade == [1.0; 2]),
+            "from {} to {}",
+            self.sent[0],
+            v[0]
+        );
+        Ok(())
+    }
+
+    /// One slot is in charge per role, as published; quarantine is sticky; swap and probation end.
+    fn check_phases(&mut self, now: &Cycle) -> Result<(), TestCaseError> {
+        for role in 0..2 {
+            let phases = &now.slots.phase[SLOTS * role..][..SLOTS];
+            let active: Vec<usize> = (0..SLOTS).filter(|slot| phases[*slot] == P::PHASE_ACTIVE).collect();
+            prop_assert!(active.len() <= 1, "{phases:?}");
+            prop_assert!(active.iter().all(|slot| *slot == usize::from(now.authority.in_charge[role])));
+        }
+        for (seat, phase) in now.slots.phase.iter().enumerate() {
+            let was = self.slots.phase[seat] == P::PHASE_QUARANTINED && self.admitted != Some(seat);
+            prop_assert!(!was || *phase == P::PHASE_QUARANTINED);
+            let passing = [P::PHASE_SWITCHING, P::PHASE_PROBATION].contains(phase);
+            // Without answers there is nothing to try; probation counts only cycles with answers.
+            let waiting = &mut self.waiting[seat];
+            *waiting = if passing { *waiting + u64::from(now.chosen.is_some()) } else { 0 };
+            prop_assert!(*waiting <= 120, "seat {seat} stays in phase {phase}");
+        }
+        Ok(())
+    }
+
+    /// A swap takes effect in the announced cycle if the new process answers, and ends.
+    fn check_swap(&mut self, now: &Cycle) -> Result<(), TestCaseError> {
+        let Some((seat, commit)) = self.announced else { return Ok(()) };
+        let (role, slot) = (seat / SLOTS, seat % SLOTS);
+        let in_charge = usize::from(now.authority.in_charge[role]);
+        let announced = now.slots.commit_cycle[role];
+        if self.cycle < commit {
+            prop_assert!(announced == commit || now.slots.phase[seat] != P::PHASE_SWITCHING);
+            if announced == 0 {
+                self.announced = None;
+            }
+        } else {
+            prop_assert_eq!(announced, 0);
+            let there = self.slots.phase[seat] == P::PHASE_SWITCHING && now.trusted[seat];
+            let good = now.chosen.is_some_and(|chosen| match role {
+                0 => self.acceptable(&now.input, slot, chosen.estimator),
+                _ => self.acceptable(&now.input, chosen.controller, slot),
+            });
+            prop_assert!(!(there && good) || in_charge == slot, "the swap to {seat} did not take effect");
+            self.swaps += u32::from(in_charge == slot);
+            self.announced = None;
+        }
         Ok(())
     }
 }

@@ -3,8 +3,7 @@
 use crate::rig;
 
 use messages::{MotorAuthority as A, MotorInput, MotorState, Request, UNITS};
-use motor_io::Core;
-use motor_io::inbox::Inbox;
+use motor_io::{Core, Inbox};
 use rig::Rig;
 
 fn released(rig: &Rig) -> [bool; 3] {

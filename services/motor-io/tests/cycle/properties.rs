@@ -166,7 +166,8 @@ proptest! {
                 let verbs = now.input.request.iter().filter(|body| body.verb != 0).count();
                 prop_assert_eq!(now.answers.len(), verbs);
                 for answer in &now.answers {
-                    prop_assert!(answer.sentence.ends_with('.') && answer.sentence.len() > 5, "{}", answer.sentence);
+                    let sentence = answer.sentence();
+                    prop_assert!(sentence.ends_with('.') && sentence.len() > 5, "{sentence}");
                 }
                 record.push(now);
             }

@@ -1,4 +1,4 @@
-//! Segments of a mission, made and checked one after the other.
+//! Builder of the segments of a mission: plans and checks one after the other.
 
 use cable_robot::energy::flight;
 use cable_robot::motion::Report;
@@ -10,7 +10,7 @@ use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THER
 use crate::mission::{Leg, Mission, PathShape};
 use crate::scan::{self, Stop};
 
-/// A move from here on is long beside its start and its end, m.
+/// From this length on the acceleration at both ends of a move is negligible, m.
 const LONG_M: f64 = 2.0;
 
 /// Halvings in the search for the largest share of a sag or swing that can be flown: to one in 128.
@@ -37,8 +37,8 @@ impl Plan {
         builder.plan()
     }
 
-    /// What is left of this plan of `mission` from a point of its way on, for a node that hangs at `here` (m): straight to that point
-    /// and on, at `start_s` on the plan clock, numbered from `first_id`.
+    /// Plans the rest of this plan of `mission` from a point of its path on, for a node at `here` (m): straight to that
+    /// point and on, from `start_s` on the plan clock, numbered from `first_id`.
     ///
     /// # Errors
     /// The way back cannot be flown, or there is no such point.
@@ -57,7 +57,7 @@ impl Plan {
     }
 }
 
-/// Makes segments, one after the other.
+/// Builder of segments.
 pub(super) struct Builder<'a> {
     config: &'a PlannerConfig,
     tangential_m_s2: f64,
@@ -67,13 +67,13 @@ pub(super) struct Builder<'a> {
     at: Vector3<f64>,
     time_s: f64,
     next_id: u32,
-    /// Where on the way of the whole mission the next segment begins; its own number where none is said.
+    /// Point on the path of the whole mission at which the next segment begins; default: its own number.
     mark: Option<Mark>,
     plan: Plan,
 }
 
 impl<'a> Builder<'a> {
-    /// Begins at `start` (m), at `start_s` on the plan clock, with segments numbered from `first_id`.
+    /// Creates a builder at `start` (m), at `start_s` on the plan clock, with segments numbered from `first_id`.
     pub fn new(
         mission: &Mission,
         config: &'a PlannerConfig,
@@ -110,12 +110,12 @@ impl<'a> Builder<'a> {
         })
     }
 
-    /// What was built.
+    /// Returns the plan.
     pub fn plan(self) -> Result<Plan, PlanError> {
         if self.plan.segments.is_empty() { Err(PlanError::AlreadyThere) } else { Ok(self.plan) }
     }
 
-    /// The rest of a plan from a point of its way on, and the straight way to it.
+    /// Adds a straight segment to a point of another plan, and the rest of that plan.
     pub fn rest(&mut self, whole: &Plan, from: Mark) -> Result<(), PlanError> {
         let left = whole.segments.iter().zip(&whole.legs).enumerate().skip(from.segment);
         for (number, (segment, leg)) in left {
@@ -124,9 +124,9 @@ impl<'a> Builder<'a> {
             let rest = match segment.path {
                 Path::Dwell(_) if segment.profile.duration() - along < SHORTEST_S => None,
                 path @ Path::Dwell(_) => Some(path),
-                // What has no parts is flown once more as a whole.
+                // A segment that cannot be divided is flown again as a whole.
                 path @ Path::Lateral(_) if path.length() - along > THERE_M => Some(path),
-                // So little of a turn that it is no spiral is as good as straight.
+                // A turn that is too small for a spiral is flown straight.
                 path => path
                     .rest_from(along)
                     .or_else(|| Some(Path::line(path.point(along), path.end())))
@@ -138,7 +138,7 @@ impl<'a> Builder<'a> {
             if (path.start() - self.at).norm() >= THERE_M {
                 self.path(leg, Path::line(self.at, path.start()), None)?;
             }
-            // Also where that is not worth a way: what follows hangs together.
+            // Also where it is very short: the segments that follow must connect.
             self.at = path.start();
             self.mark = Some(Mark { segment: number, along });
             if along == 0.0 {
@@ -153,7 +153,7 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// Plans one leg, from where the last one ended.
+    /// Plans one leg from the end of the last one.
     pub fn leg(&mut self, number: usize, leg: &Leg, origin: Vector3<f64>) -> Result<(), PlanError> {
         let scan = |error| PlanError::Scan { leg: number, error };
         match leg {
@@ -195,7 +195,7 @@ impl<'a> Builder<'a> {
                 let stops: Vec<Stop> = points.into_iter().map(|at| Stop { at, dwell_s: 0.0 }).collect();
                 self.stops(number, &stops, l.speed_m_s)
             }
-            // What it will be only the map can tell: no more than all of the area.
+            // The map determines the path later; the whole area is the upper bound.
             Leg::Adaptive(l) => {
                 let [corner, opposite] = [&l.corner_m, &l.opposite_m].map(|p| self.point(number, p));
                 let points = scan::raster(origin + corner?, origin + opposite?, l.pitch_m, None).map_err(scan)?;
@@ -221,7 +221,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// To the first stop as the mission's moves are, then straight from one to the next: what is measured on the way is on a line.
+    /// Moves to the first stop on the path shape of the mission, then straight from stop to stop.
     fn stops(&mut self, number: usize, stops: &[Stop], speed_m_s: Option<f64>) -> Result<(), PlanError> {
         for (i, stop) in stops.iter().enumerate() {
             if i == 0 {
@@ -242,7 +242,7 @@ impl<'a> Builder<'a> {
         self.push(leg, Path::Dwell(self.at), profile)
     }
 
-    /// A point as this robot has it.
+    /// Returns a point in the coordinates of this robot.
     fn point(&self, leg: usize, point: &Point) -> Result<Vector3<f64>, PlanError> {
         let planar = self.config.robot.is_planar();
         point.on(planar).map(Vector3::from).map_err(|why| PlanError::Point { leg, why })
@@ -259,15 +259,15 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// The path that sags and swings so that it loses least in the motors, or as much of it as can be flown; a parabola where
-    /// that saves more.
+    /// Returns the path with the least loss in the motors that sags and swings, as far as it can be flown; a parabola
+    /// where that saves more.
     fn best_lateral(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
         let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
         let (robot, method) = (&self.config.robot, self.config.distribution);
         let best = flight::best_lateral(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
             .map_err(|error| PlanError::NoPath { leg, error })?;
         if let Some((bow, _)) = best.lateral {
-            // It is found for a constant speed; the accelerations at both ends may ask for less.
+            // It is computed for a constant speed; the accelerations at both ends may allow less.
             let swung = |share| Path::Lateral(path::Lateral::new(bow.scaled(share)));
             let share = self.share(leg, swung, speed_m_s)?;
             let cost_j = |path| self.cost_j(leg, &path, speed_m_s);
@@ -279,20 +279,20 @@ impl<'a> Builder<'a> {
         self.best_parabola(leg, to, speed_m_s)
     }
 
-    /// The parabola that loses least in the motors of all that can be flown; straight up and down a line.
+    /// Returns the parabola with the least loss in the motors that can be flown; for a vertical move a line.
     fn best_parabola(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
         let path = self.sagging(leg, to, speed_m_s)?;
         self.path(leg, path, speed_m_s)
     }
 
-    /// See [`Builder::best_parabola`].
+    /// Searches the µ of [`Builder::best_parabola`].
     fn sagging(&self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<Path, PlanError> {
         let limits = self.limits(leg, speed_m_s)?;
         let (robot, method, from, price_w) =
             (&self.config.robot, self.config.distribution, self.at, self.time_weight_w);
         let none = |error| PlanError::NoPath { leg, error };
         let shape = |mu_per_m| flight::parabola_or_line(&path::Parabola { from, to, mu_per_m });
-        // A constant speed is much less work, and right for a move that is long beside its start and its end.
+        // A constant speed is computed faster, and is accurate for a long move.
         if (to - from).norm() >= LONG_M {
             let steady =
                 flight::best_parabola(robot, method, &from, &to, limits.cruise_m_s, price_w).map_err(none)?.mu_per_m;
@@ -301,11 +301,11 @@ impl<'a> Builder<'a> {
             }
         }
         let best = flight::best_flown_parabola(robot, method, &from, &to, &limits, price_w).map_err(none)?.mu_per_m;
-        // The plan is checked at points of its own, which may lie closer.
+        // The check of the plan uses other points, which may lie closer.
         Ok(shape(best * self.share(leg, |share| shape(share * best), speed_m_s)?))
     }
 
-    /// The largest share of a path's sag or swing that can be flown, if not all of it.
+    /// Returns the largest share of the sag or swing of a path that can be flown.
     fn share(&self, leg: usize, path: impl Fn(f64) -> Path, speed_m_s: Option<f64>) -> Result<f64, PlanError> {
         let flies = |share| match self.tried(leg, path(share), speed_m_s) {
             Err(PlanError::Refused { .. }) => Ok(false),
@@ -322,14 +322,14 @@ impl<'a> Builder<'a> {
         Ok(flown)
     }
 
-    /// What a path costs as it is flown, with the price of time, J; infinite if it cannot be.
+    /// Returns the cost of a path with its time, J; infinite if it cannot be flown.
     fn cost_j(&self, leg: usize, path: &Path, speed_m_s: Option<f64>) -> f64 {
         let Ok(profile) = self.profile(leg, path, speed_m_s) else { return f64::INFINITY };
         flight::along(&self.config.robot, self.config.distribution, path, &profile)
             .map_or(f64::INFINITY, |cost| cost.energy_j + self.time_weight_w * cost.duration_s)
     }
 
-    /// The speed asked for, or the default.
+    /// Returns the requested speed, or the default.
     fn cruise_m_s(&self, leg: usize, speed_m_s: Option<f64>) -> Result<f64, PlanError> {
         let limit_m_s = self.config.robot.speed_limit_m_s();
         match speed_m_s.or(self.default_m_s) {
@@ -354,7 +354,7 @@ impl<'a> Builder<'a> {
             .map_err(|error| PlanError::Profile { leg, error })
     }
 
-    /// Whether a path can be flown from here.
+    /// Returns whether a path can be flown from the present point.
     fn tried(&self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(Segment, Report), PlanError> {
         self.checked(leg, path, self.profile(leg, &path, speed_m_s)?)
     }
@@ -391,7 +391,7 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// The same profile, slowed down evenly if it is shorter than [`SHORTEST_S`].
+/// Returns the profile, slowed down evenly if it is shorter than [`SHORTEST_S`].
 fn slowed(profile: &Profile) -> Result<Profile, ProfileError> {
     let share = profile.duration() / SHORTEST_S;
     if share >= 1.0 {

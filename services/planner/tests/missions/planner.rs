@@ -11,6 +11,7 @@ use planner::mission::{Leg, Line, Mission, Parabola, PathShape, Polyline, Spiral
 use planner::plan::{Plan, SHORTEST_S};
 use planner::{Inputs, Planner, PlannerConfig, dry_run, requests};
 use proptest::prelude::*;
+use robot_state::Reason;
 use segments::segment_of;
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -117,8 +118,8 @@ fn sound(segments: &[Segment], config: &PlannerConfig) -> Result<(), TestCaseErr
 fn a_mission_is_offered_flown_and_done() {
     let mut world = World::ready();
     let mut planner = Planner::new(config());
-    let sentence = planner.run(&three_lines(), &world.seen()).unwrap();
-    assert!(sentence.contains("3 segments"), "{sentence}");
+    let reason = planner.run(&three_lines(), &world.seen()).unwrap();
+    assert!(matches!(reason, Reason::Planned { continues: false, segments: 3, later: None, .. }), "{reason:?}");
     let (motion, status) = planner.step(&world.seen());
     assert_eq!((motion.motion, motion.epoch, status.state), (1, 6, PlanStatus::STATE_READY));
     assert_eq!(motion.current.start_s, 3.5);
@@ -238,7 +239,7 @@ fn a_mission_ends_with_its_epoch_with_a_fault_and_when_nobody_takes_it_up() {
     let cases: &[(&str, Spoil)] = &[
         ("stopped", |w| w.authority.epoch += 1),
         ("fault", |w| w.authority.mode = MotorAuthority::MODE_FAULTED),
-        ("a line is slack or broken (cable 2)", |w| {
+        ("a cable is slack or broken (cable 2)", |w| {
             w.authority.mode = MotorAuthority::MODE_FAULTED;
             w.authority.faults = MotorAuthority::FAULT_SLACK;
             w.authority.fault_cable[1] = 1;
@@ -450,21 +451,21 @@ fn requests_are_answered() {
         (unknown, OperatorRequest::BAD_INPUT, "99"),
     ] {
         let mut planner = Planner::new(config());
-        let (is, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
-        assert!(is == accepted && sentence.contains(says), "{says:?}: {is} {sentence}");
+        let reason = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
+        assert!(reason.accepted() == accepted && reason.sentence().contains(says), "{says:?}: {reason:?}");
     }
     // A copy that was changed after the request is not flown.
     let request = run(short);
     let copy = config::mission_copy(folder.path(), &request.hash);
     std::fs::write(copy, short.replace("0.4", "0.9")).unwrap();
     let mut planner = Planner::new(config());
-    let (is, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
-    assert!(is == OperatorRequest::BAD_INPUT && sentence.contains("SHA-256"), "{sentence}");
+    let reason = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
+    assert!(matches!(reason, Reason::CopyUnusable { .. }) && reason.sentence().contains("SHA-256"), "{reason:?}");
     assert_eq!(planner.step(&world.seen()).0.motion, 0);
-    // Nothing moves for somebody who did not wait for the answer.
+    // A motion whose requester has timed out is not started.
     let mut planner = Planner::new(config());
-    let (is, sentence) = requests::answer(&mut planner, &run(short), || false, folder.path(), &world.seen());
-    assert!(is == OperatorRequest::REFUSED && sentence.contains("did not wait"), "{sentence}");
+    let reason = requests::answer(&mut planner, &run(short), || false, folder.path(), &world.seen());
+    assert_eq!(reason, Reason::RequesterTimedOut);
     let (motion, status) = planner.step(&world.seen());
     assert_eq!((motion.motion, motion.current.id, status.state), (0, 0, PlanStatus::STATE_REFUSED));
     // What can be asked again later is no bad input.
@@ -472,9 +473,9 @@ fn requests_are_answered() {
     disarmed.authority.mode = MotorAuthority::MODE_DISARMED;
     let here = goto([4.8, 3.0, 0.3], None, GotoPath::Line);
     for (world, request) in [(&disarmed, run(short)), (&world, here)] {
-        let (is, sentence) =
-            requests::answer(&mut Planner::new(config()), &request, || true, folder.path(), &world.seen());
-        assert_eq!(is, OperatorRequest::REFUSED, "{sentence}");
+        let reason = requests::answer(&mut Planner::new(config()), &request, || true, folder.path(), &world.seen());
+        assert!(matches!(reason, Reason::RobotDisarmed | Reason::AlreadyThere { .. }), "{reason:?}");
+        assert_eq!(reason.accepted(), OperatorRequest::REFUSED);
     }
 }
 

@@ -1,13 +1,12 @@
 //! Scanning missions: what they come to, what is refused of them, and that a mission that was broken off goes on where it was.
 
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
-use messages::{
-    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, Request,
-};
+use messages::{FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanStatus, Request};
 use planner::mission::Mission;
 use planner::plan::Plan;
 use planner::{Inputs, Planner, PlannerConfig, Progress, dry_run, requests};
 use proptest::prelude::*;
+use robot_state::Reason;
 
 const START_M: [f64; 3] = [4.8, 3.0, 0.5];
 
@@ -197,8 +196,8 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     let run = tempfile::tempdir().unwrap();
     let hash = config::store_mission(run.path(), &toml::to_string(&scan).unwrap()).unwrap();
     let request = Request::Run { mission: "scan".to_owned(), hash, continues: true }.encode().unwrap();
-    let (accepted, sentence) = requests::answer(&mut planner, &request, || true, run.path(), &world.seen());
-    assert!(accepted == OperatorRequest::ACCEPTED && sentence.contains("goes on"), "{sentence}");
+    let reason = requests::answer(&mut planner, &request, || true, run.path(), &world.seen());
+    assert!(matches!(reason, Reason::Planned { continues: true, .. }), "{reason:?}");
     let end_s = planner.step(&world.seen()).0.end_s;
     let done = world.fly(&mut planner, end_s + 0.1);
     assert_eq!((done.state, done.progress), (PlanStatus::STATE_DONE, 1.0));
@@ -232,7 +231,7 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     let (scan, config) = (mission(ADAPTIVE), config());
     let mut world = World::at(START_M);
     let mut planner = Planner::new(config);
-    let sentence = planner.run(&scan, &world.seen()).unwrap();
+    let sentence = planner.run(&scan, &world.seen()).unwrap().sentence();
     assert!(sentence.contains("at most") && planner.wants_map() == Some("height"), "{sentence}");
     let all_j = dry_run(&scan, &config, START_M).unwrap().energy_j.unwrap();
     assert!(sentence.ends_with(&format!(", {all_j:.0} J in all")), "{sentence}");
@@ -273,7 +272,7 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     again.remember(toml::from_str(&kept).unwrap());
     let here = position(&second, until_s);
     world = World { share: world.share, ..World::at(here.into()) };
-    let sentence = again.go_on(&scan, &world.seen()).unwrap();
+    let sentence = again.go_on(&scan, &world.seen()).unwrap().sentence();
     assert!(sentence.contains("goes on") && again.wants_map().is_none(), "{sentence}");
     let (_, status) = world.step(&mut again);
     assert!((status.elapsed_s - broken.elapsed_s).abs() < 1e-6 && status.progress > 0.5, "{status:?}");

@@ -4,7 +4,7 @@
 //! A unit drives two brushed motors with encoders and closes their speed loops; up to eight units share a serial port.
 //! From the bottom up:
 //! * [`codec`]: commands, questions and answers as bytes, [`Status`] in words. No state.
-//! * [`Bus`]: the units of one port, synchronised with them or resynchronising, see [`driver`] for the rules and why.
+//! * [`Bus`]: the units of one line, in step with them or on the way back to it, see [`driver`] for the rules and why.
 //! * [`mod@unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
 //!
 //! Architecture invariants: one thread owns a port. The driver moves a motor only by command, and after a unit was lost
@@ -20,8 +20,8 @@
 //! use roboclaw::unit::{Unit, UnitBus, UnitOptions};
 //! use serial::{Pipe, Transport};
 //!
-//! // A virtual unit on a simulated port; `serial::ReopeningPort::new("/dev/serial/by-path/..", 230_400)` for a real one.
-//! let line = Pipe::new("simulated", 230_400, UnitBus::new(vec![Unit::new(UnitOptions::new(0x80))]));
+//! // A virtual unit on a simulated port; a real one: `serial::ReopeningPort::new("/dev/serial/by-path/..", 230_400)`.
+//! let port = Pipe::new("simulated", 230_400, UnitBus::new(vec![Unit::new(UnitOptions::new(0x80))]));
 //! let bound = CountBound { counts_s: 50_000.0, margin: 0.0 };
 //! let unit = UnitConfig { address: 0x80, watchdog_tenths: 3, bound };
 //! let config = BusConfig { baud: 230_400, margin_ns: WIRE_MARGIN_NS, units: vec![unit], stop_pin: None };
@@ -34,7 +34,7 @@
 //!     bus.exchange(&[[Some(command); 2]], deadline_ns, &mut answers);
 //!     assert!(answers[0].outcome.is_ok());
 //! }
-//! assert_eq!(answers[0].report.counts.value, [0, 0]); // a unit without physics has encoders that stand still
+//! assert_eq!(answers[0].report.counts.value, [0, 0]); // without physics nothing turns the encoders
 //! # Ok::<(), drives::Error>(())
 //! ```
 #![forbid(unsafe_code)]

@@ -33,11 +33,11 @@ pub trait Transport: Send {
     /// Name for the operator.
     fn name(&self) -> &Arc<str>;
 
-    /// Time of this transport's clock, ns: [`monotonic_ns`] for devices of this machine, less the time that a simulated
-    /// one left out.
+    /// Time of this transport's clock, ns: [`monotonic_ns`](crate::monotonic_ns) for devices of this machine, less the
+    /// time that a simulated one left out.
     fn now_ns(&self) -> u64;
 
-    /// Present time for stamps, ns: [`monotonic_ns`] for devices of this machine.
+    /// Present time for stamps, ns: [`monotonic_ns`](crate::monotonic_ns) for devices of this machine.
     fn stamp_ns(&self) -> u64 {
         self.now_ns()
     }

@@ -1,15 +1,15 @@
-//! The control law of section VI-B: optimal feedback to a fixed end in a fixed time, with a receding horizon.
+//! The control law of section VI-B: optimal feedback to a fixed final state in a fixed time, with a receding horizon.
 //!
-//! The error e = desired position Δ cycles ahead minus position now follows e' = e - Ts B u (17). The law minimises
-//! Σ eᵀQe + uᵀRu over Δ cycles with e = 0 at their end. Its cost-to-go is infinite at the end, so the recursion runs on
-//! its inverse W, which is 0 there: M = (W + S)⁻¹, S = Ts² B R⁻¹ Bᵀ; P = Q + M; W = P⁻¹; u = Ts R⁻¹ Bᵀ M e.
+//! The error e = desired position Δ cycles ahead minus current position obeys e' = e - Ts B u (17). The law minimises Σ
+//! eᵀQe + uᵀRu over Δ cycles with e = 0 at their end. Its cost-to-go is infinite at the end, so the recursion uses its
+//! inverse W, which is 0 there: M = (W + S)⁻¹, S = Ts² B R⁻¹ Bᵀ; P = Q + M; W = P⁻¹; u = Ts R⁻¹ Bᵀ M e.
 //!
-//! With Q = 0 and as many cables as directions it is u = J e / (Δ Ts), whatever R is.
+//! With Q = 0 and as many cables as directions, u = J e / (Δ Ts) for any R.
 //!
-//! Errors in m, velocities in m/s, the period in s; B is 3 x N, Q 3 x 3, R N x N or a number, the gain K N x 3. Weights that are none, a
-//! horizon of 0 and a B without rank are a [`LawError`].
+//! Errors in m, velocities in m/s, the period in s; B is 3 x N, Q 3 x 3, R N x N or a number, the gain K N x 3. Invalid
+//! weights, a horizon of 0 and a B of deficient rank are a [`LawError`].
 //!
-//! Beside it [`PFeedforward`], the plain law to compare with: each line for itself.
+//! For comparison, [`PFeedforward`] is a simple law that controls each cable independently.
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -17,29 +17,29 @@ use thiserror::Error;
 use cable_robot::kinematics::NodeJacobian;
 use cable_robot::{CableVec, MAX_CABLES, linalg};
 
-/// Longest horizon, cycles: ten seconds at 100 Hz. Keeps the recursion bounded.
+/// Longest horizon, cycles: ten seconds at 100 Hz. Bounds the recursion.
 pub const MAX_HORIZON: u32 = 1000;
 
-/// A gain that cannot be computed.
+/// Error of a gain that cannot be computed.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum LawError {
     /// A parameter outside its range.
     #[error("{what} is {value}; accepted: {accepted}")]
     InvalidArgument {
-        /// The parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// What is accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
-    /// B has no full rank.
+    /// B does not have full rank.
     #[error("the node cannot be moved in every direction from here: it is in the plane of the anchors or at one")]
     Singular,
 }
 
 impl LawError {
-    /// The kind as a short word for other programs: `singular` or `invalid_argument`.
+    /// Error kind for programs: `singular` or `invalid_argument`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Singular => "singular",
@@ -48,7 +48,7 @@ impl LawError {
     }
 }
 
-/// R, what a cable velocity costs; positive definite.
+/// The weight R of cable velocities; positive definite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "a box would allocate, and there is one of these per controller")]
 pub enum InputWeight {
@@ -85,7 +85,7 @@ pub struct LqGain {
 }
 
 impl LqGain {
-    /// The gain for the first of `horizon` (Δ ≥ 1) cycles of `period_s`.
+    /// Computes the gain for the first of `horizon` (Δ ≥ 1) cycles of `period_s`.
     ///
     /// `state_weight` is Q, symmetric and positive semidefinite; `input_weight` is R.
     pub fn new(
@@ -109,13 +109,13 @@ impl LqGain {
             return invalid("the smallest pivot of the state weight", -1.0, "a symmetric positive semidefinite matrix");
         }
         // G = R⁻¹ Bᵀ, N x 3.
-        let rows = weigh(node_jacobian, input_weight)?;
+        let rows = weighted_transpose(node_jacobian, input_weight)?;
         let mut s = node_jacobian.iter().zip(&rows).fold(Matrix3::zeros(), |s, (b, g)| s + linalg::outer(b, g))
             * (period_s * period_s);
         let mut state_weight = *state_weight;
         if node_jacobian.is_planar() {
-            // A direction that no cable moves would make S singular. One that nothing else depends on takes its place; the
-            // y of every row of G is 0, so that nothing of it comes back.
+            // A direction that no cable moves would make S singular. Replace it by an independent one; the y of every
+            // row of G is 0, so that it does not contribute to the result.
             s[(1, 1)] = 0.5 * (s[(0, 0)] + s[(2, 2)]);
             for k in [0, 2] {
                 (state_weight[(1, k)], state_weight[(k, 1)]) = (0.0, 0.0);
@@ -142,19 +142,19 @@ impl LqGain {
         CableVec::from_fn(self.len, |i| self.rows[i].dot(error_m))
     }
 
-    /// The rows of K, one per cable, 1/s.
+    /// Rows of K, one per cable, 1/s.
     pub fn rows(&self) -> &[Vector3<f64>] {
         &self.rows[..self.len]
     }
 }
 
-/// Highest gain of [`PFeedforward`], 1/s. Drives without any delay follow it at 10 Hz and more; what real ones bear is less.
-pub const MAX_LENGTH_GAIN: f64 = 50.0;
+pub use cable_robot::control_bounds::MAX_LENGTH_GAIN;
 
-/// Proportional feedback on lengths with the desired velocity fed forward: u = dl*/dt + g (l* - l), each cable for itself.
+/// Proportional feedback on lengths with feedforward of the desired velocity: u = dl*/dt + g (l* - l), each
+/// cable independently.
 ///
-/// Drives with a delay D and a lag τ are stable below g₀ = w √(1 + τ²w²), where w solves wD + atan(τw) = π/2, and follow
-/// without overshoot up to about 1 / (3 (D + τ)).
+/// Drives with a delay D and a lag τ are stable below g₀ = w √(1 + τ²w²), where w solves wD + atan(τw) = π/2, and have
+/// no overshoot up to about 1 / (3 (D + τ)).
 ///
 /// ```
 /// use cable_robot::CableVec;
@@ -171,7 +171,7 @@ pub struct PFeedforward {
 }
 
 impl PFeedforward {
-    /// With the gain g, 1/s.
+    /// Builds the law with the gain g, 1/s.
     ///
     /// # Errors
     /// A gain that is not finite, not above 0 or above [`MAX_LENGTH_GAIN`].
@@ -187,7 +187,8 @@ impl PFeedforward {
         self.gain_per_s
     }
 
-    /// Cable velocities, m/s, from the desired ones, m/s, and the desired and actual lengths, m; as many as the shortest has.
+    /// Cable velocities, m/s, from the desired ones, m/s, and the desired and actual lengths, m; as many as
+    /// the shortest slice.
     pub fn velocity(&self, desired_m_s: &[f64], desired_m: &[f64], actual_m: &[f64]) -> CableVec {
         let n = desired_m_s.len().min(desired_m.len()).min(actual_m.len());
         CableVec::from_fn(n, |i| desired_m_s[i] + self.gain_per_s * (desired_m[i] - actual_m[i]))
@@ -201,20 +202,20 @@ fn invalid<T>(what: &'static str, value: f64, accepted: &'static str) -> Result<
 fn is_positive_semidefinite(q: &Matrix3<f64>) -> bool {
     let scale = q.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
     let symmetric = (0..3).all(|i| (0..i).all(|j| (q[(i, j)] - q[(j, i)]).abs() <= 1e-12 * scale));
-    // Positive definite once shifted by more than rounding.
+    // Positive definite after a shift by more than rounding.
     let shifted = q + Matrix3::identity() * (1e-12 * scale);
     scale == 0.0 || symmetric && linalg::solve_spd(&shifted, &Vector3::zeros()).is_some()
 }
 
-/// Inverse of a symmetric positive definite matrix, made symmetric to the last bit. Scaled to unit size first, because
-/// Ts² makes entries small.
+/// Inverse of a symmetric positive definite matrix, exactly symmetric. The matrix is scaled to unit size first, because
+/// Ts² makes its entries small.
 fn inverse_spd(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let scale = m.trace();
     if !(scale.is_finite() && scale > 0.0) {
         return None;
     }
     let unit = m / scale;
-    // The determinant of a matrix of trace 1 is at most 1/27; this is a condition number of about 1e12.
+    // The determinant of a matrix with trace 1 is at most 1/27; this bound is a condition number of about 1e12.
     let columns = [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| linalg::solve_spd(&unit, &e));
     let [Some(x), Some(y), Some(z)] = columns else { return None };
     let inverse = Matrix3::from_columns(&[x, y, z]);
@@ -223,7 +224,7 @@ fn inverse_spd(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
 }
 
 /// R⁻¹ Bᵀ: one row per cable.
-fn weigh(b: &NodeJacobian, weight: &InputWeight) -> Result<[Vector3<f64>; MAX_CABLES], LawError> {
+fn weighted_transpose(b: &NodeJacobian, weight: &InputWeight) -> Result<[Vector3<f64>; MAX_CABLES], LawError> {
     const ACCEPTED: &str = "finite weights above 0; as a matrix symmetric and positive definite";
     let n = b.len();
     let mut rows = [Vector3::zeros(); MAX_CABLES];
@@ -251,7 +252,7 @@ fn weigh(b: &NodeJacobian, weight: &InputWeight) -> Result<[Vector3<f64>; MAX_CA
                     }
                 }
             }
-            // Cholesky, then forward and backward substitution for all three columns at once.
+            // Cholesky, then forward and backward substitution for all three columns together.
             let mut l = [[0.0; MAX_CABLES]; MAX_CABLES];
             for i in 0..n {
                 for j in 0..=i {
@@ -298,7 +299,7 @@ mod tests {
     }
 
     /// The finite-horizon problem as one linear system: unknowns u_0..u_{Δ-1} and a multiplier for e_Δ = 0, solved by
-    /// Gaussian elimination. Shares nothing with the recursion.
+    /// Gaussian elimination. Shares no code with the recursion.
     fn brute_force(
         b: &NodeJacobian,
         ts: f64,
@@ -382,7 +383,7 @@ mod tests {
 
         #[test]
         fn isotropic_closed_form(p in inside(), e in inside(), delta in 1u32..30, q in 0.01..100.0f64, r in 0.1..5.0f64) {
-            // One direction: the singular vectors of B are found by power iteration on B Bᵀ and its inverse.
+            // One direction: power iteration on B Bᵀ and its inverse finds the singular vectors of B.
             let ts = 0.05;
             let b = jacobian(false, &p).node_jacobian().unwrap();
             let bbt = b.iter().fold(Matrix3::zeros(), |s, c| s + linalg::outer(c, c));
@@ -415,7 +416,7 @@ mod tests {
         }
 
         #[test]
-        fn repeated_from_the_model_it_ends_at_zero(four in any::<bool>(), p in inside(), delta in 1u32..12, q in 0.0..20.0f64) {
+        fn repeated_application_to_the_model_ends_at_zero(four in any::<bool>(), p in inside(), delta in 1u32..12, q in 0.0..20.0f64) {
             let b = jacobian(four, &p).node_jacobian().unwrap();
             let mut e = Vector3::new(0.05, -0.02, 0.03);
             for left in (1..=delta).rev() {
@@ -426,8 +427,9 @@ mod tests {
         }
     }
 
-    /// One line whose drive has the delay and the lag of the slowest that is flown with, stepped in milliseconds, the law every ten:
-    /// the largest overshoot after a step of a length, and what is left after four seconds, as shares of the step.
+    /// One cable whose drive has the delay and the lag of the slowest supported drives, simulated in milliseconds,
+    /// with the law every ten: the largest overshoot after a step of the length, and the error after four seconds, as
+    /// shares of the step.
     fn step_response(gain_per_s: f64, delay_ms: usize, lag_s: f64) -> (f64, f64) {
         let law = PFeedforward::new(gain_per_s).unwrap();
         let (mut length, mut speed, mut sent) = (0.0, 0.0, vec![0.0; delay_ms + 1]);
@@ -446,12 +448,12 @@ mod tests {
     }
 
     #[test]
-    fn the_plain_law_is_stable_with_slow_drives_and_its_bound_is_where_it_is_said_to_be() {
+    fn proportional_feedforward_is_stable_with_slow_drives_up_to_its_documented_bound() {
         let (overshoot, left) = step_response(2.0, 60, 0.100);
         assert!(overshoot < 0.01 && left < 0.01, "{overshoot} {left}");
         let (overshoot, left) = step_response(3.0, 60, 0.100);
         assert!(overshoot < 0.05 && left < 0.01, "{overshoot} {left}");
-        // w D + atan(τ w) = π/2 with half a cycle of holding on top of the delay.
+        // w D + atan(τ w) = π/2, with half a hold cycle added to the delay.
         let (delay, lag) = (0.065, 0.100);
         let (mut low, mut high) = (0.0f64, 1000.0f64);
         for _ in 0..60 {

@@ -1,40 +1,41 @@
-//! Length and velocity of one line from its encoder and its drive's commands: a Kalman filter.
+//! Kalman filter for length and velocity of one cable, from its encoder and the commands of its drive.
 //!
-//! The state is `[l, v]`. The drive closes the gap to its command u with a time constant τ (its delay and its lag together), so
-//! that over a time t: v' = u + (v - u) e^(-t/τ), l' = l + u t + (v - u) τ (1 - e^(-t/τ)). What a first-order drive does
-//! not explain (the delay as such, other drives, stretch of the belt) is an unknown acceleration, constant over the step, with
-//! the standard deviation σ_a; a reading has the standard deviation σ_l.
+//! The state is `[l, v]`. The drive approaches its command u with a time constant τ (its delay and its lag together);
+//! over a time t: v' = u + (v - u) e^(-t/τ), l' = l + u t + (v - u) τ (1 - e^(-t/τ)). Effects outside this model (the
+//! pure delay, other drives, stretch of the belt) are an unknown acceleration, constant over the step, with the
+//! standard deviation σ_a. A reading has the standard deviation σ_l.
 //!
-//! A reading farther than [`GATE`] standard deviations from what is expected is not believed. One whose like follow is: after
-//! [`BELIEVED`] in a row the line really is there, and the filter begins anew with the last.
+//! A reading farther than [`GATE`] standard deviations from its prediction is rejected. After [`RESTART_AFTER`]
+//! rejected readings in a row the filter accepts the new length and restarts with the last of them.
 
 use thiserror::Error;
 
-/// A reading is refused beyond this many standard deviations: one good reading in two million.
+/// Number of standard deviations beyond which a reading is rejected: one correct reading in two million.
 pub const GATE: f64 = 5.0;
 
-/// So many refused readings in a row are believed.
-pub const BELIEVED: u32 = 3;
+/// Number of consecutive rejected readings after which the filter restarts.
+pub const RESTART_AFTER: u32 = 3;
 
-/// No velocity is known at the start; a line runs at walking pace, m/s.
+/// Standard deviation of the unknown initial velocity, m/s: cables move at up to walking pace.
 const START_SIGMA_M_S: f64 = 0.5;
 
-/// Steps longer than this are taken as this long, s: a second without a reading leaves nothing to filter.
+/// Longest prediction step, s; longer ones count as this. After a second without a reading the filter
+/// has lost the state.
 const LONGEST_S: f64 = 1.0;
 
-/// A parameter that is none.
+/// Error: a parameter out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error("{what} is {value}; accepted: {accepted}")]
 pub struct FilterError {
-    /// The parameter.
+    /// Name of the parameter.
     pub what: &'static str,
-    /// Its value.
+    /// Value of the parameter.
     pub value: f64,
-    /// What is accepted.
+    /// Accepted values.
     pub accepted: &'static str,
 }
 
-/// What the filter knows of drive and encoder.
+/// Model of drive and encoder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilterSettings {
     lag_s: f64,
@@ -43,10 +44,10 @@ pub struct FilterSettings {
 }
 
 impl FilterSettings {
-    /// τ, s; σ_a, m/s²; σ_l, m.
+    /// Builds the model from τ, s; σ_a, m/s²; σ_l, m.
     ///
     /// # Errors
-    /// What is not finite or out of range.
+    /// A value that is not finite or out of range.
     pub fn new(lag_s: f64, acceleration_sigma_m_s2: f64, reading_sigma_m: f64) -> Result<Self, FilterError> {
         let within = |what, value: f64, [low, high]: [f64; 2], accepted| {
             if (low..=high).contains(&value) { Ok(()) } else { Err(FilterError { what, value, accepted }) }
@@ -58,24 +59,24 @@ impl FilterSettings {
     }
 }
 
-/// What became of a reading.
+/// How the filter used a reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// It is in the estimate.
+    /// The reading was used.
     Taken,
-    /// It does not fit and was left out.
+    /// The reading does not fit and was rejected.
     Refused,
-    /// It does not fit, and the estimate was begun anew with it.
+    /// The reading does not fit, and the filter restarted with it.
     BegunAnew,
 }
 
-/// The filter of one line.
+/// The filter of one cable.
 ///
 /// ```
 /// use cable_control::length_filter::{FilterSettings, LengthFilter, Verdict};
 /// let mut filter = LengthFilter::new(FilterSettings::new(0.07, 0.5, 1e-4)?, 5.0);
 /// for cycle in 1..=100 {
-///     filter.predict(0.1, 0.01); // the drive was told 0.1 m/s for 10 ms
+///     filter.predict(0.1, 0.01); // the drive was commanded 0.1 m/s for 10 ms
 ///     filter.read(5.0 + 0.001 * f64::from(cycle));
 /// }
 /// assert!((filter.length_m() - 5.1).abs() < 1e-4 && (filter.velocity_m_s() - 0.1).abs() < 1e-3);
@@ -93,26 +94,26 @@ pub struct LengthFilter {
 }
 
 impl LengthFilter {
-    /// Begins with a reading, m, at an unknown velocity.
+    /// Starts with a reading, m, and unknown velocity.
     pub fn new(settings: FilterSettings, reading_m: f64) -> Self {
         let sigma = settings.reading_sigma_m;
         let p = [sigma * sigma, 0.0, START_SIGMA_M_S * START_SIGMA_M_S];
         Self { settings, length_m: reading_m, velocity_m_s: 0.0, p, refused: 0 }
     }
 
-    /// Begins at rest, m.
+    /// Starts with a reading, m, at rest.
     pub fn at_rest(settings: FilterSettings, reading_m: f64) -> Self {
         let sigma = settings.reading_sigma_m;
         Self { p: [sigma * sigma, 0.0, 1e-6], ..Self::new(settings, reading_m) }
     }
 
-    /// Goes on from the present state with other settings.
+    /// Continues from the present state with other settings.
     pub fn retune(&mut self, settings: FilterSettings) {
         self.settings = settings;
     }
 
-    /// Passes `seconds` on, in which the drive was commanded `command_m_s`. Times below 0 (to an instant just before the
-    /// reading) move the length back along the present velocity.
+    /// Predicts the state after `seconds` with the drive command `command_m_s`. A negative time (to an instant just
+    /// before the reading) moves the length back along the present velocity.
     pub fn predict(&mut self, command_m_s: f64, seconds: f64) {
         if !(command_m_s.is_finite() && seconds.is_finite()) {
             return;
@@ -140,7 +141,7 @@ impl LengthFilter {
         ];
     }
 
-    /// Takes a reading, m, of the present instant, or refuses it.
+    /// Updates the state with a reading, m, of the present instant, or rejects it.
     pub fn read(&mut self, reading_m: f64) -> Verdict {
         if !reading_m.is_finite() {
             return Verdict::Refused;
@@ -150,7 +151,7 @@ impl LengthFilter {
         let surprise = reading_m - self.length_m;
         if surprise * surprise > GATE * GATE * spread {
             self.refused += 1;
-            if self.refused < BELIEVED {
+            if self.refused < RESTART_AFTER {
                 return Verdict::Refused;
             }
             *self = Self::new(self.settings, reading_m);
@@ -160,7 +161,7 @@ impl LengthFilter {
         let gain = [ll / spread, lv / spread];
         self.length_m += gain[0] * surprise;
         self.velocity_m_s += gain[1] * surprise;
-        // (I - K H) P, whose off-diagonal entries are equal; 1 - K = R / S keeps the first from rounding below 0.
+        // (I - K H) P, whose off-diagonal entries are equal; 1 - K = R / S prevents the first from rounding below 0.
         let left = 1.0 - gain[0];
         self.p = [left * ll, left * lv, (vv - gain[1] * lv).max(0.0)];
         Verdict::Taken
@@ -198,7 +199,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against the textbook's matrices (Joseph's form), the transition by a series of many small Euler steps.
+        /// Comparison with textbook matrices (Joseph's form); the transition is a series of many small Euler steps.
         #[test]
         fn it_is_the_kalman_filter(steps in proptest::collection::vec((-0.4..0.4f64, 0.002..0.02f64, -3e-4..3e-4f64, any::<bool>()), 1..60)) {
             let mut filter = LengthFilter::new(settings(), 5.0);
@@ -216,7 +217,7 @@ mod tests {
                 for _ in 0..parts {
                     f = one * f;
                 }
-                // With constant u the point [u t, u] is where the deviation is 0 from.
+                // For constant u, the deviation is measured from the point [u t, u].
                 let u = Vector2::new(0.0, command);
                 x = f * (x - u) + u + Vector2::new(command * seconds, 0.0);
                 let g = Vector2::new(0.5 * seconds * seconds, seconds);
@@ -237,9 +238,9 @@ mod tests {
             }
         }
 
-        /// Whatever comes, finite in means finite out, and the covariance stays one.
+        /// For any input, finite state remains finite and the covariance remains valid.
         #[test]
-        fn nothing_makes_it_wild(steps in proptest::collection::vec((any::<f64>(), any::<f64>(), any::<f64>()), 1..50)) {
+        fn any_input_leaves_a_finite_state(steps in proptest::collection::vec((any::<f64>(), any::<f64>(), any::<f64>()), 1..50)) {
             let mut filter = LengthFilter::at_rest(settings(), 5.0);
             for (command, seconds, reading) in steps {
                 filter.predict(command.clamp(-1e3, 1e3), seconds);
@@ -251,14 +252,14 @@ mod tests {
         }
     }
 
-    /// A line that really moves with the drive's lag, read through encoder steps: the spread of the errors is what the filter says.
+    /// A cable that moves with the lag of the drive, read through encoder steps: the errors have the predicted spread.
     #[test]
-    fn its_covariance_tells_the_truth() {
+    fn its_covariance_matches_the_errors() {
         let step_m = 0.000_35;
         let settings = FilterSettings::new(0.07, 0.5, step_m / 12f64.sqrt()).unwrap();
         let mut filter = LengthFilter::new(settings, 5.0);
         let (mut l, mut v, mut ratio, mut naive, mut count) = (5.0, 0.0, 0.0, 0.0, 0);
-        // A reproducible unknown acceleration with the standard deviation that the filter is told.
+        // A reproducible unknown acceleration with the standard deviation of the settings.
         let mut seed = 12345u64;
         let mut random = || {
             let sum: f64 = (0..12)
@@ -288,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_is_left_out_and_what_persists_is_believed() {
+    fn an_outlier_is_rejected_and_a_lasting_change_restarts_the_filter() {
         let mut filter = LengthFilter::at_rest(settings(), 5.0);
         for _ in 0..100 {
             filter.predict(0.0, 0.01);

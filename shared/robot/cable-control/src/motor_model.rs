@@ -1,65 +1,65 @@
-//! How a winch follows its commands, learnt while it runs (18)-(20): v̂' = φ1 v_desired + φ2 v̂, per cable, over a
-//! sliding window.
+//! Response of a winch to its commands, identified in operation (18)-(20): v̂' = φ1 v_desired + φ2 v̂, per cable,
+//! over a sliding window.
 //!
-//! A window says nothing about φ when the robot rests or runs at a constant speed; then the last φ is held. Encoder
-//! steps make plain least squares worse than no model at all, so the fit leans on a prior (a ridge), and what it returns
-//! is clamped to what a speed-controlled winch can be.
+//! A window at rest or at constant speed contains no information about φ; then the last φ is kept. Encoder steps make
+//! plain least squares worse than no model, so the fit is regularised towards a prior (a ridge), and its result is
+//! clamped to the physical range of a speed-controlled winch.
 //!
-//! Velocities in m/s, φ without a unit, the ridge in (m/s)². Data that determine nothing are a [`FitError`]; in flight the last φ is held
-//! instead.
+//! Velocities in m/s, φ dimensionless, the ridge in (m/s)². Data that do not determine φ are a [`FitError`]; in
+//! operation the last φ is kept instead.
 
 use thiserror::Error;
 
-/// Longest window η, cycles.
-pub const MAX_WINDOW: usize = 128;
+pub use cable_robot::control_bounds::MAX_WINDOW;
 
-/// Before anything is learnt, a command is taken as carried out at once, as in the comparison of the paper's Table III.
-pub const START: [f64; 2] = [1.0, 0.0];
+/// φ before any identification: commands act immediately, as in the comparison of the paper's Table III.
+pub const INITIAL_PHI: [f64; 2] = [1.0, 0.0];
 
-/// The prior of a geared winch at ten cycles a second, from simulated winches with 30 ms delay and 40 ms lag.
+/// Prior of a geared winch at ten cycles per second, from simulated winches with 30 ms delay and 40 ms lag.
 pub const PRIOR: [f64; 2] = [0.6, 0.4];
 
-/// The ridge, (m/s)²: large against encoder steps of 0.1 mm in a window of ten cycles, small against real changes of speed.
+/// Ridge, (m/s)²: large relative to encoder steps of 0.1 mm in a window of ten cycles, small relative to
+/// real speed changes.
 pub const RIDGE: f64 = 1e-4;
 
-/// A window excites φ if its smaller eigenvalue is at least this share of the larger.
+/// Smallest ratio of the eigenvalues of a window that excites φ.
 const LEAST_EXCITATION: f64 = 1e-4;
 
 /// Mean square speed below which a window counts as standstill, (m/s)²: 2 mm/s.
 const STANDSTILL: f64 = 4e-6;
 
-/// Range of the steady gain φ1 / (1 - φ2): a drive that closes its loop on its own encoder ends at the speed it was told.
-const STEADY_GAIN: [f64; 2] = [0.85, 1.15];
+/// Range of the steady gain φ1 / (1 - φ2): a drive with its own speed loop reaches the commanded speed.
+const STEADY_GAIN_RANGE: [f64; 2] = [0.85, 1.15];
 
-/// Range of φ2: above, the model would remember for seconds; below 0 it would ring.
-const MEMORY: [f64; 2] = [0.0, 0.95];
+/// Range of φ2: above, the model would have a memory of seconds; below 0 it would oscillate.
+const PHI2_RANGE: [f64; 2] = [0.0, 0.95];
 
-/// A fit that is not determined.
+/// Why a fit is not determined.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum FitError {
-    /// Not enough rows.
+    /// Not enough samples.
     #[error("{given} samples were given, and a window of {window} needs {}", window + 2)]
     InsufficientData {
-        /// Samples given.
+        /// Number of samples given.
         given: usize,
-        /// η.
+        /// Window η, cycles.
         window: usize,
     },
-    /// Speeds do not change enough to tell φ1 from φ2.
+    /// The speeds do not change enough to distinguish φ1 from φ2.
     #[error(
-        "the speeds do not change enough to tell the two weights apart; give a ridge or a run with changes of speed"
+        "the speeds do not change enough to distinguish the two weights; give a ridge or a run with changes of speed"
     )]
     RankDeficient,
-    /// Arguments that do not fit.
+    /// Invalid arguments.
     #[error("{what}; give finite speeds, as many actual as desired, a window of 1 or more and a ridge of 0 or more")]
     InvalidArgument {
-        /// What is wrong.
+        /// Description of the problem.
         what: &'static str,
     },
 }
 
 impl FitError {
-    /// The kind as a short word for other programs: `insufficient_data`, `rank_deficient` or `invalid_argument`.
+    /// Error kind for programs: `insufficient_data`, `rank_deficient` or `invalid_argument`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::InsufficientData { .. } => "insufficient_data",
@@ -80,7 +80,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// A row of V̄: desired speed, actual speed before; of Ψ̄: actual speed.
+    /// Adds a row of V̄ (desired speed, previous actual speed) and of Ψ̄ (actual speed).
     fn add(&mut self, desired: f64, before: f64, actual: f64) {
         self.dd += desired * desired;
         self.da += desired * before;
@@ -95,7 +95,7 @@ impl Sums {
         let difference = 0.5 * (self.dd - self.aa);
         let root = (difference * difference + self.da * self.da).sqrt();
         let larger = half + root;
-        // The product is exact where the difference would cancel.
+        // The product is accurate where the difference would cancel.
         let smaller = if larger > 0.0 { ((self.dd * self.aa - self.da * self.da) / larger).max(0.0) } else { 0.0 };
         (smaller, larger)
     }
@@ -109,8 +109,9 @@ impl Sums {
     }
 }
 
-/// Φ of (20) from the last η + 1 rows of a record: `desired[n]` is the speed commanded for cycle n, `actual[n]` the speed
-/// in it, both m/s. A ridge, (m/s)², pulls towards the prior; 0 is the paper's plain least squares.
+/// Computes Φ of (20) from the last η + 1 rows of a record: `desired[n]` is the speed commanded for cycle
+/// n, `actual[n]` the speed in it, both m/s. A ridge, (m/s)², pulls towards the prior; 0 is the paper's
+/// plain least squares.
 ///
 /// ```
 /// use cable_control::motor_model::fit;
@@ -153,17 +154,17 @@ pub fn fit(
     sums.solve(ridge, prior).ok_or(FitError::RankDeficient)
 }
 
-/// The model of one cable's winch.
+/// Model of one cable's winch.
 ///
 /// ```
 /// use cable_control::motor_model::{PRIOR, PhiModel, RIDGE};
 /// let mut model = PhiModel::new(10, RIDGE, PRIOR);
-/// assert_eq!(model.predict(0.2), 0.2); // nothing learnt yet: carried out at once
+/// assert_eq!(model.predict(0.2), 0.2); // before any identification, commands act immediately
 /// model.update(0.2, 0.1);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhiModel {
-    /// Rows of the window: desired, actual before, actual.
+    /// Rows of the window: desired, previous actual, actual.
     rows: [[f64; 3]; MAX_WINDOW + 1],
     capacity: usize,
     count: usize,
@@ -176,7 +177,8 @@ pub struct PhiModel {
 }
 
 impl PhiModel {
-    /// A window of η + 1 rows (η limited to 1..=[`MAX_WINDOW`]), and a ridge, (m/s)², towards a prior.
+    /// Builds a model with a window of η + 1 rows (η limited to 1..=[`MAX_WINDOW`]) and a ridge,
+    /// (m/s)², towards a prior.
     pub fn new(eta: usize, ridge: f64, prior: [f64; 2]) -> Self {
         Self {
             rows: [[0.0; 3]; MAX_WINDOW + 1],
@@ -185,13 +187,14 @@ impl PhiModel {
             next: 0,
             ridge: if ridge.is_finite() { ridge.max(0.0) } else { RIDGE },
             prior,
-            phi: START,
+            phi: INITIAL_PHI,
             last_actual: None,
             learnt: false,
         }
     }
 
-    /// Goes on with another window, ridge and prior: φ stays until it is learnt anew, and of the rows the newest that the window holds.
+    /// Changes window, ridge and prior: φ is kept until the next fit, and the newest rows that fit into
+    /// the window remain.
     pub fn retune(&mut self, eta: usize, ridge: f64, prior: [f64; 2]) {
         let fresh = Self::new(eta, ridge, prior);
         let kept = self.count.min(fresh.capacity);
@@ -211,8 +214,8 @@ impl PhiModel {
         };
     }
 
-    /// Takes the speed that was commanded for a cycle and the speed that was measured in it, m/s, and learns. What is
-    /// not finite breaks the record: the window starts anew and φ is held.
+    /// Adds the speed that was commanded for a cycle and the speed that was measured in it, m/s, and updates φ. A value
+    /// that is not finite interrupts the record: the window restarts and φ is kept.
     pub fn update(&mut self, commanded_m_s: f64, actual_m_s: f64) {
         if !(commanded_m_s.is_finite() && actual_m_s.is_finite()) {
             self.forget_window();
@@ -225,16 +228,16 @@ impl PhiModel {
         }
         self.last_actual = Some(actual_m_s);
         if self.count == self.capacity {
-            self.learn();
+            self.refit();
         }
     }
 
-    /// After a gap in the record: the window starts anew, φ is held.
+    /// Handles a gap in the record: the window restarts and φ is kept.
     pub fn forget_window(&mut self) {
         (self.count, self.next, self.last_actual) = (0, 0, None);
     }
 
-    /// The speed expected in the coming cycle for a command (18), m/s.
+    /// Predicted speed in the next cycle for a command (18), m/s.
     pub fn predict(&self, commanded_m_s: f64) -> f64 {
         match self.last_actual {
             Some(actual) => self.phi[0] * commanded_m_s + self.phi[1] * actual,
@@ -242,7 +245,7 @@ impl PhiModel {
         }
     }
 
-    /// The length expected at the end of the coming cycle, m.
+    /// Predicted length at the end of the next cycle, m.
     pub fn predict_length(&self, length_m: f64, commanded_m_s: f64, period_s: f64) -> f64 {
         length_m + self.predict(commanded_m_s) * period_s
     }
@@ -252,13 +255,13 @@ impl PhiModel {
         self.phi
     }
 
-    /// True once a window has said something.
-    pub fn has_learnt(&self) -> bool {
+    /// True once a window has determined φ.
+    pub fn is_identified(&self) -> bool {
         self.learnt
     }
 
-    fn learn(&mut self) {
-        // Summed afresh each time: a running sum would collect rounding for hours.
+    fn refit(&mut self) {
+        // Sum over the whole window each time: a running sum would accumulate rounding errors for hours.
         let mut sums = Sums::default();
         for [desired, before, actual] in &self.rows[..self.count] {
             sums.add(*desired, *before, *actual);
@@ -268,8 +271,8 @@ impl PhiModel {
             return;
         }
         if let Some(phi) = sums.solve(self.ridge, self.prior) {
-            let memory = phi[1].clamp(MEMORY[0], MEMORY[1]);
-            let direct = phi[0].clamp(STEADY_GAIN[0] * (1.0 - memory), STEADY_GAIN[1] * (1.0 - memory));
+            let memory = phi[1].clamp(PHI2_RANGE[0], PHI2_RANGE[1]);
+            let direct = phi[0].clamp(STEADY_GAIN_RANGE[0] * (1.0 - memory), STEADY_GAIN_RANGE[1] * (1.0 - memory));
             self.phi = [direct, memory];
             self.learnt = true;
         }
@@ -282,26 +285,26 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// With another window the model learns what one learns that had it from the beginning.
+        /// After a change of window the model gives the same result as one that had this window from the beginning.
         #[test]
-        fn another_window_keeps_the_newest_rows_and_what_was_learnt(
-            // A window at rest teaches nothing, and what was learnt before stays.
+        fn another_window_keeps_the_newest_rows_and_phi(
+            // A window at rest contains no information and leaves φ unchanged.
             speeds in proptest::collection::vec((0.05..0.3f64, -0.3..0.3f64), 40..200),
             windows in (2..60usize, 2..60usize),
         ) {
-            let (mut changed, mut other) = (PhiModel::new(windows.0, RIDGE, PRIOR), PhiModel::new(windows.1, 0.01, START));
+            let (mut changed, mut other) = (PhiModel::new(windows.0, RIDGE, PRIOR), PhiModel::new(windows.1, 0.01, INITIAL_PHI));
             for (command, actual) in &speeds {
                 changed.update(*command, *actual);
                 other.update(*command, *actual);
             }
             let before = changed.phi();
-            changed.retune(windows.1, 0.01, START);
+            changed.retune(windows.1, 0.01, INITIAL_PHI);
             prop_assert_eq!(changed.phi(), before);
-            for (command, actual) in speeds.iter().take(windows.1 + 1) {
+            for (command, actual) in speeds.iter().cycle().take(windows.1 + 1) {
                 changed.update(*command, *actual);
                 other.update(*command, *actual);
             }
-            // The rows stand in another order, which is another rounding.
+            // The rows are in another order, which rounds differently.
             for (is, wanted) in changed.phi().iter().zip(other.phi()) {
                 prop_assert!((is - wanted).abs() < 1e-9, "{is} {wanted}");
             }
@@ -309,7 +312,7 @@ mod tests {
         }
     }
 
-    /// A winch with first-order lag, exactly (18), read through encoder steps.
+    /// An exact winch with first-order lag (18), read through encoder steps.
     fn run(
         model: &mut PhiModel,
         phi: [f64; 2],
@@ -360,7 +363,7 @@ mod tests {
         }
 
         #[test]
-        fn phi_stays_what_a_winch_can_be(rows in proptest::collection::vec((-1.0..1.0f64, -1.0..1.0f64), 1..200)) {
+        fn phi_stays_in_the_range_of_a_winch(rows in proptest::collection::vec((-1.0..1.0f64, -1.0..1.0f64), 1..200)) {
             let mut model = PhiModel::new(10, RIDGE, PRIOR);
             for (c, a) in rows {
                 model.update(c, a);
@@ -372,10 +375,10 @@ mod tests {
     }
 
     #[test]
-    fn standstill_and_constant_speed_hold_what_was_learnt() {
+    fn standstill_and_constant_speed_keep_phi() {
         let mut model = PhiModel::new(10, RIDGE, PRIOR);
         run(&mut model, [0.5, 0.5], std::iter::repeat_n(0.0, 50), 0.1, 1e-4);
-        assert_eq!((model.phi(), model.has_learnt()), (START, false));
+        assert_eq!((model.phi(), model.is_identified()), (INITIAL_PHI, false));
         let flat = |speed| std::iter::repeat_n(speed, 200);
         run(&mut model, [0.5, 0.5], wave(60).chain(flat(0.0)), 0.1, 1e-4);
         assert!((model.phi()[1] - 0.5).abs() < 0.15, "{:?}", model.phi());
@@ -384,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn with_coarse_encoder_steps_it_is_still_better_than_no_model() {
+    fn with_coarse_encoder_steps_it_is_better_than_no_model() {
         for (phi2, step) in [(0.3, 1e-4), (0.5, 1e-3), (0.8, 1e-3)] {
             let mut model = PhiModel::new(10, RIDGE, PRIOR);
             let (error, naive) = run(&mut model, [1.0 - phi2, phi2], wave(400), 0.1, step);
@@ -393,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_holds_phi_and_starts_the_window_anew() {
+    fn a_gap_keeps_phi_and_restarts_the_window() {
         let mut model = PhiModel::new(5, RIDGE, PRIOR);
         run(&mut model, [0.5, 0.5], wave(40), 0.1, 0.0);
         let learnt = model.phi();

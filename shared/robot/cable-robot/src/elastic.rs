@@ -84,7 +84,7 @@ pub fn realise_under(
     wrench_n: &Vector3<f64>,
     distribution: Distribution,
 ) -> Result<Realisation, TensionError> {
-    let tensions_n = tension::under(robot, position, wrench_n, distribution)?.tensions_n;
+    let tensions_n = tension::for_wrench(robot, position, wrench_n, distribution)?.tensions_n;
     let lengths_m = inverse_kinematics(robot.anchors(), position);
     Ok(Realisation { unstretched_m: unstretched(robot, &lengths_m, &tensions_n), lengths_m, tensions_n })
 }

@@ -41,6 +41,7 @@
 
 pub mod anchors;
 pub mod cables;
+pub mod control_bounds;
 pub mod elastic;
 pub mod energy;
 pub mod kinematics;

@@ -26,7 +26,7 @@ pub enum PathError {
     NotFinite {
         /// Name of the parameter.
         what: &'static str,
-        /// Value of the parameter.
+        /// Value of the quantity.
         value: f64,
     },
     /// Start and end coincide.
@@ -45,7 +45,7 @@ pub enum PathError {
     Spiral {
         /// Name of the parameter.
         what: &'static str,
-        /// Value of the parameter.
+        /// Value of the quantity.
         value: f64,
         /// Accepted values.
         accepted: &'static str,

@@ -132,43 +132,6 @@ pub struct Robot {
 /// Covariance between any two anchors, m².
 type AnchorBlocks = [[Matrix3<f64>; MAX_CABLES]; MAX_CABLES];
 
-/// Checks the routed lengths of `n` cables, m; zero where the description has none.
-fn routed_lengths(parts: &RobotParts, n: usize) -> Result<CableVec, RobotError> {
-    Ok(match &parts.routed_length_m {
-        None => CableVec::zeros(n),
-        Some(lengths) if lengths.len() != n => {
-            let problem = format!("has {} values for {n} cables", lengths.len());
-            return refuse("routed_length_m", problem, "one length per cable, in metres");
-        }
-        Some(lengths) => {
-            if let Some(i) = lengths.iter().position(|l| !(l.is_finite() && (0.0..=FARTHEST_M).contains(l))) {
-                let problem = format!("number {} is {}", i + 1, lengths[i]);
-                return refuse("routed_length_m", problem, "finite lengths of 0 or more, in metres");
-            }
-            CableVec::from_fn(n, |i| lengths[i])
-        }
-    })
-}
-
-/// Checks the length limits of `n` cables, m.
-fn length_limits(parts: &RobotParts, n: usize) -> Result<[[f64; 2]; MAX_CABLES], RobotError> {
-    let mut length_limits_m = [DEFAULT_LENGTH_LIMITS_M; MAX_CABLES];
-    if let Some(limits) = &parts.length_limits_m {
-        if limits.len() != n {
-            let problem = format!("has {} pairs for {n} cables", limits.len());
-            return refuse("length_limits_m", problem, "one [min, max] per cable, in metres");
-        }
-        for (i, [min, max]) in limits.iter().enumerate() {
-            if !(*min > 0.0 && max > min && *max <= FARTHEST_M) {
-                let problem = format!("number {} is [{min}, {max}]", i + 1);
-                return refuse("length_limits_m", problem, "[min, max] in metres with 0 < min < max <= 1e5");
-            }
-            length_limits_m[i] = [*min, *max];
-        }
-    }
-    Ok(length_limits_m)
-}
-
 impl Robot {
     /// Checks a description. The error names the key and the accepted values.
     pub fn new(parts: RobotParts) -> Result<Self, RobotError> {
@@ -196,8 +159,8 @@ impl Robot {
         if let Some(stiffness) = parts.stiffness_n {
             positive("stiffness_n", stiffness, "a finite EA above 0, in newtons, or no key for rigid cables")?;
         }
-        let routed_length_m = routed_lengths(&parts, n)?;
-        let length_limits_m = length_limits(&parts, n)?;
+        let routed_length_m = routed_lengths(parts.routed_length_m.as_deref(), n)?;
+        let length_limits_m = length_limits(parts.length_limits_m.as_deref(), n)?;
         parts.motor.check()?;
         let motor_table = match &parts.motor_table {
             None => None,
@@ -388,6 +351,38 @@ impl Robot {
     pub fn moving_wrench_n(&self, velocity_m_s: &Vector3<f64>, acceleration_m_s2: &Vector3<f64>) -> Vector3<f64> {
         self.wrench_n(acceleration_m_s2) + self.drag_n(velocity_m_s)
     }
+}
+
+fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result<CableVec, RobotError> {
+    const KEY: &str = "routed_length_m";
+    let Some(lengths) = lengths_m else { return Ok(CableVec::zeros(cables)) };
+    if lengths.len() != cables {
+        let problem = format!("has {} values for {cables} cables", lengths.len());
+        return refuse(KEY, problem, "one length per cable, in metres");
+    }
+    if let Some(i) = lengths.iter().position(|l| !(l.is_finite() && (0.0..=FARTHEST_M).contains(l))) {
+        let problem = format!("number {} is {}", i + 1, lengths[i]);
+        return refuse(KEY, problem, "finite lengths of 0 or more, in metres");
+    }
+    Ok(CableVec::from_fn(cables, |i| lengths[i]))
+}
+
+fn length_limits(limits_m: Option<&[[f64; 2]]>, cables: usize) -> Result<[[f64; 2]; MAX_CABLES], RobotError> {
+    const KEY: &str = "length_limits_m";
+    let mut length_limits_m = [DEFAULT_LENGTH_LIMITS_M; MAX_CABLES];
+    let Some(limits) = limits_m else { return Ok(length_limits_m) };
+    if limits.len() != cables {
+        let problem = format!("has {} pairs for {cables} cables", limits.len());
+        return refuse(KEY, problem, "one [min, max] per cable, in metres");
+    }
+    for (i, [min, max]) in limits.iter().enumerate() {
+        if !(*min > 0.0 && max > min && *max <= FARTHEST_M) {
+            let problem = format!("number {} is [{min}, {max}]", i + 1);
+            return refuse(KEY, problem, "[min, max] in metres with 0 < min < max <= 1e5");
+        }
+        length_limits_m[i] = [*min, *max];
+    }
+    Ok(length_limits_m)
 }
 
 fn anchor_blocks(rows: &[Vec<f64>], anchors: usize) -> Result<AnchorBlocks, RobotError> {

@@ -1,4 +1,4 @@
-//! What is wrong with the description of a robot, by key of the robot file.
+//! Errors of the description of a robot, with the key of the robot file.
 
 use thiserror::Error;
 

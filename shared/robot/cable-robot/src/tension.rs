@@ -29,11 +29,11 @@ pub fn at(
     acceleration_m_s2: &Vector3<f64>,
     method: Distribution,
 ) -> Result<Tensions, TensionError> {
-    under(robot, position, &robot.wrench_n(acceleration_m_s2), method)
+    for_wrench(robot, position, &robot.wrench_n(acceleration_m_s2), method)
 }
 
 /// Tensions of a robot at a position for any force that the cables provide together, N, within the robot's limits.
-pub fn under(
+pub fn for_wrench(
     robot: &Robot,
     position: &Vector3<f64>,
     wrench_n: &Vector3<f64>,

@@ -1,5 +1,5 @@
-//! The covariance of all anchor coordinates together, and the regions it states.
-//! A 3N x 3N matrix in m², anchor by anchor, x, y and z each; anchors and axes count from 0. Nothing here fails.
+//! The joint covariance of all anchor coordinates, and the confidence regions it defines. A 3N x 3N matrix in m²,
+//! anchor by anchor, x, y and z each; anchors and axes count from 0. Nothing here fails.
 //!
 //! ```
 //! use calibration::{Measurements, Method, Range, calibrate};
@@ -19,7 +19,7 @@
 //! };
 //! let found = calibrate(&measured, Method::Survey)?;
 //! assert_eq!((found.covariance.matrix().nrows(), found.covariance.anchor_count()), (9, 3));
-//! // The frame is fixed by the anchors themselves: the first one stands at x = y = 0, and only its height is uncertain.
+//! // The anchors define the frame: the first one is at x = y = 0, and only its height is uncertain.
 //! let [x, y, z] = found.covariance.std_m()[0];
 //! assert!(x == 0.0 && y == 0.0 && z > 0.0);
 //! assert!(found.covariance.contains_95(0, &Vector3::new(0.0, 0.0, z)));
@@ -29,23 +29,23 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// 95 % quantiles of chi-squared with 0 to 3 degrees of freedom (any table of the distribution).
+/// 95 % quantiles of chi-squared with 0 to 3 degrees of freedom (from a table of the distribution).
 const CHI2_95: [f64; 4] = [0.0, 3.841_458_821, 5.991_464_547, 7.814_727_903];
 
-/// A direction whose variance is below this share of the largest one is fixed by the gauge, not uncertain.
+/// A direction whose variance is below this share of the largest one is fixed by the gauge.
 const FIXED_SHARE: f64 = 1e-12;
 
-/// How far an anchor may be off along a direction that the gauge fixes, m: rounding.
+/// Largest error of an anchor along a direction that the gauge fixes, m: rounding.
 const FIXED_M: f64 = 1e-6;
 
-/// Covariance of x1, y1, z1, x2, y2, z2, .. in m². What the gauge fixes (x1, y1, y2) has rows of zeros.
+/// Covariance of x1, y1, z1, x2, y2, z2, .. in m². Coordinates that the gauge fixes (x1, y1, y2) have rows of zeros.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AnchorCovariance {
     matrix: DMatrix<f64>,
 }
 
 impl AnchorCovariance {
-    /// From the 3N x 3N matrix.
+    /// Wraps the 3N x 3N matrix.
     pub(super) fn new(matrix: DMatrix<f64>) -> Self {
         Self { matrix }
     }
@@ -55,13 +55,13 @@ impl AnchorCovariance {
         &self.matrix
     }
 
-    /// How many anchors.
+    /// Number of anchors.
     pub fn anchor_count(&self) -> usize {
         self.matrix.nrows() / 3
     }
 
     /// The 3 x 3 block of one anchor, counted from 0, m².
-    pub fn of(&self, anchor: usize) -> Matrix3<f64> {
+    pub fn block(&self, anchor: usize) -> Matrix3<f64> {
         self.matrix.fixed_view::<3, 3>(3 * anchor, 3 * anchor).into_owned()
     }
 
@@ -71,12 +71,12 @@ impl AnchorCovariance {
         (0..self.anchor_count()).map(|i| [root(3 * i), root(3 * i + 1), root(3 * i + 2)]).collect()
     }
 
-    /// The least certain coordinate: anchor from 0, axis from 0, standard deviation in m.
+    /// The least certain coordinate: index of the anchor, index of the axis, standard deviation in m.
     pub fn worst(&self) -> (usize, usize, f64) {
         let mut worst = (0, 0, 0.0);
         for (i, std) in self.std_m().iter().enumerate() {
             for (k, s) in std.iter().enumerate() {
-                // Written so that a NaN becomes the worst.
+                // A NaN becomes the worst.
                 if !(*s <= worst.2) {
                     worst = (i, k, *s);
                 }
@@ -85,10 +85,10 @@ impl AnchorCovariance {
         worst
     }
 
-    /// True if an anchor that is off by `error_m` lies inside its stated 95 % region: an ellipsoid, an ellipse or an
-    /// interval, by how many directions the gauge leaves free.
+    /// True if an anchor with an error of `error_m` is inside its 95 % region: an ellipsoid, an ellipse or an interval,
+    /// depending on the number of directions that the gauge leaves free.
     pub fn contains_95(&self, anchor: usize, error_m: &Vector3<f64>) -> bool {
-        let eigen = self.of(anchor).symmetric_eigen();
+        let eigen = self.block(anchor).symmetric_eigen();
         let largest = eigen.eigenvalues.max();
         let (mut distance, mut free) = (0.0, 0);
         for (k, variance) in eigen.eigenvalues.iter().enumerate() {
@@ -104,7 +104,7 @@ impl AnchorCovariance {
     }
 
     /// Squared Mahalanobis distance of the errors of all anchors together (3N of them, m), and the number of free
-    /// directions: chi-squared distributed with that many degrees of freedom if the model is true.
+    /// directions. If the model is correct, the distance is chi-squared distributed with that many degrees of freedom.
     pub fn distance_squared(&self, errors_m: &[f64]) -> (f64, usize) {
         let error = DVector::from_column_slice(errors_m);
         let eigen = self.matrix.clone().symmetric_eigen();
@@ -120,7 +120,7 @@ impl AnchorCovariance {
         result
     }
 
-    /// The same with every standard deviation multiplied by `factor`.
+    /// The same covariance with every standard deviation multiplied by `factor`.
     pub fn widened(&self, factor: f64) -> Self {
         Self { matrix: &self.matrix * (factor * factor) }
     }

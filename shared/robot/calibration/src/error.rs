@@ -1,8 +1,8 @@
-//! Why a calibration is refused.
+//! Errors of a calibration.
 //! ```
 //! use calibration::{Measurements, Method, calibrate};
 //! let refusal = calibrate(&Measurements::new(3), Method::Survey).unwrap_err();
-//! // A sentence for people, a word for programs.
+//! // A sentence for users, a kind for programs.
 //! assert!(refusal.to_string().len() > 20);
 //! assert!(["invalid_argument", "rank_deficient"].contains(&refusal.kind()));
 //! ```
@@ -10,41 +10,41 @@
 use super::{TwoPlaces, Undetermined};
 use thiserror::Error;
 
-/// What a calibration cannot answer; every message names what was wrong, where, and what to do. Anchors, cables and
-/// points are counted from 1.
+/// Why a calibration has no result. Every message says what is wrong, where, and what to do; it counts anchors, cables
+/// and points from 1.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CalibrationError {
-    /// A wrong count, a NaN, a negative length, a standard deviation that is none.
+    /// A wrong count, a value that is not finite, a negative length, or an invalid standard deviation.
     #[error("{0}")]
     InvalidArgument(String),
-    /// Ranges that form no triangle, or anchors (for the GPS method: points) that coincide or lie on one line.
+    /// Ranges that do not form a triangle, or anchors (for the GPS method: points) that coincide or lie on one line.
     #[error("{0}")]
     DegenerateGeometry(String),
-    /// Spheres that do not meet.
+    /// Spheres that do not intersect.
     #[error("{0}")]
     Unreachable(String),
-    /// Two mirror solutions and nothing to choose by.
+    /// Two mirror solutions without a criterion to select one.
     #[error("{0}")]
     Ambiguous(TwoPlaces),
     /// The measurements do not determine the anchors.
     #[error("{0}")]
     RankDeficient(Undetermined),
-    /// The best fit of the lengths puts an anchor at a negative squared height.
+    /// The best fit of the lengths gives an anchor a negative squared height.
     #[error(
         "the lengths fit best with anchor {anchor} at a squared height of {squared_height_m2:.4} m², which no anchor has: \
-         the lines are measured too short or an x, y is wrong; check the zero of line {anchor} and the ranges, or add points"
+         the lengths are measured too short or x or y is wrong; check the zero of cable {anchor} and the ranges, or add points"
     )]
     NoRealHeight {
-        /// The anchor, counted from 1.
+        /// Number of the anchor, from 1.
         anchor: usize,
-        /// The squared height, m².
+        /// Squared height, m².
         squared_height_m2: f64,
     },
 }
 
 impl CalibrationError {
-    /// The kind as a short word for other programs: `invalid_argument`, `degenerate_geometry`, `unreachable`,
-    /// `ambiguous`, `rank_deficient` or `no_real_height`.
+    /// Error kind for programs: `invalid_argument`, `degenerate_geometry`, `unreachable`, `ambiguous`, `rank_deficient`
+    /// or `no_real_height`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::InvalidArgument(_) => "invalid_argument",
@@ -69,7 +69,7 @@ pub(super) fn undetermined<T>(why: Undetermined) -> Result<T, CalibrationError> 
     Err(CalibrationError::RankDeficient(why))
 }
 
-/// A standard deviation: finite and above zero.
+/// Checks that a standard deviation is finite and above zero.
 pub(super) fn check_sigma(what: &str, sigma: f64) -> Result<(), CalibrationError> {
     if sigma.is_finite() && sigma > 0.0 {
         return Ok(());

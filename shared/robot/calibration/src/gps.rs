@@ -1,7 +1,7 @@
-//! The baseline that the paper compares with: anchors from points whose positions are known, e.g. by GPS.
+//! The baseline of the paper: anchors from points with known positions, for example from GPS.
 //!
-//! Points are 3-vectors and lengths one per point, all in m; the anchor is the upper intersection. Points on one line and lengths that do
-//! not meet are a [`CalibrationError`].
+//! Points are 3-vectors and lengths one per point, all in m; the anchor is the upper intersection. Points on one line
+//! and spheres that do not intersect are a [`CalibrationError`].
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -9,30 +9,30 @@ use super::error::{CalibrationError, degenerate, invalid, undetermined};
 use super::{TwoPlaces, Undetermined};
 use cable_robot::kinematics::{KinematicsError, LONGEST_M, trilaterate};
 
-/// Bound of the refinement; it needs about five steps.
+/// Bound of the refinement, which needs about five steps.
 const MAX_ITERATIONS: usize = 100;
 
-/// Spheres that miss each other by this share of the squared longest length touch: rounding.
+/// Spheres that miss each other by this share of the squared longest length count as touching: rounding.
 const TOUCH_SHARE: f64 = 1e-9;
 
-/// An anchor found from points, and what its covariance is made of.
+/// An anchor computed from points, with the terms of its covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GpsAnchor {
     /// The anchor, m.
     pub anchor_m: Vector3<f64>,
-    /// Measured less modelled length, one per point, m.
+    /// Measured minus modelled length, one per point, m.
     pub residuals_m: Vec<f64>,
-    /// dX/dL_j of the anchor by every length.
+    /// Derivatives dX/dL_j of the anchor with respect to every length.
     pub by_length: Vec<Vector3<f64>>,
     /// Unit vector from every point to the anchor.
     pub directions: Vec<Vector3<f64>>,
 }
 
-/// The upper one of the two places at these distances from three points, m.
+/// Computes the upper one of the two positions with these distances from three points, m.
 ///
 /// # Errors
-/// `invalid_argument`; `degenerate_geometry` for points on one line; `unreachable` where the spheres do not meet; `ambiguous` for
-/// points in a vertical plane, which leave two anchors at the same height.
+/// `invalid_argument`; `degenerate_geometry` for points on one line; `unreachable` if the spheres do not intersect;
+/// `ambiguous` for points in a vertical plane, for which both solutions have the same height.
 ///
 /// ```
 /// use calibration::gps_anchor;
@@ -42,7 +42,7 @@ pub struct GpsAnchor {
 /// ```
 pub fn gps_anchor(points_m: &[[f64; 3]; 3], lengths_m: &[f64; 3]) -> Result<[f64; 3], CalibrationError> {
     check(points_m, lengths_m)?;
-    upper(points_m.map(Vector3::from), *lengths_m, false).map(Into::into)
+    upper_intersection(points_m.map(Vector3::from), *lengths_m, false).map(Into::into)
 }
 
 fn check(points: &[[f64; 3]], lengths: &[f64]) -> Result<(), CalibrationError> {
@@ -63,8 +63,8 @@ fn check(points: &[[f64; 3]], lengths: &[f64]) -> Result<(), CalibrationError> {
     Ok(())
 }
 
-/// The upper intersection of three spheres; with `lenient`, where they miss each other, the place between them.
-fn upper(p: [Vector3<f64>; 3], l: [f64; 3], lenient: bool) -> Result<Vector3<f64>, CalibrationError> {
+/// The upper intersection of three spheres; with `lenient`, spheres that miss each other give the point between them.
+fn upper_intersection(p: [Vector3<f64>; 3], l: [f64; 3], lenient: bool) -> Result<Vector3<f64>, CalibrationError> {
     let pair = match trilaterate(p, l) {
         Ok(pair) => pair,
         Err(KinematicsError::DegenerateGeometry) => {
@@ -77,7 +77,7 @@ fn upper(p: [Vector3<f64>; 3], l: [f64; 3], lenient: bool) -> Result<Vector3<f64
     let longest = l.iter().fold(0.0, |m: f64, v| m.max(v * v));
     if pair.height_squared < -TOUCH_SHARE * longest && !lenient {
         return Err(CalibrationError::Unreachable(format!(
-            "no anchor has these distances from the points: the lines are {:.4} m too short to meet; measure them again",
+            "no anchor has these distances from the points: they are {:.4} m too short to meet; measure them again",
             (-pair.height_squared).sqrt()
         )));
     }
@@ -89,10 +89,10 @@ fn upper(p: [Vector3<f64>; 3], l: [f64; 3], lenient: bool) -> Result<Vector3<f64
     Ok(if a.z >= b.z { a } else { b })
 }
 
-/// The anchor that fits its distances from three or more known points best, the upper one where two fit.
+/// Computes the anchor whose distances from three or more known points fit best; of two equal fits, the upper one.
 ///
 /// # Errors
-/// As [`gps_anchor`], and `rank_deficient` for fewer than three points.
+/// Like [`gps_anchor`], and `rank_deficient` for fewer than three points.
 pub fn gps_anchor_least_squares(points_m: &[[f64; 3]], lengths_m: &[f64]) -> Result<GpsAnchor, CalibrationError> {
     check(points_m, lengths_m)?;
     if points_m.len() < 3 {
@@ -101,7 +101,8 @@ pub fn gps_anchor_least_squares(points_m: &[[f64; 3]], lengths_m: &[f64]) -> Res
     let points: Vec<Vector3<f64>> = points_m.iter().map(|p| Vector3::from(*p)).collect();
     let [i, j, k] = widest_triple(&points);
     let exact = points.len() == 3;
-    let start = upper([points[i], points[j], points[k]], [lengths_m[i], lengths_m[j], lengths_m[k]], !exact)?;
+    let start =
+        upper_intersection([points[i], points[j], points[k]], [lengths_m[i], lengths_m[j], lengths_m[k]], !exact)?;
     let anchor = if exact { start } else { descend(&points, lengths_m, start) };
     let mut normal = Matrix3::zeros();
     let mut directions = Vec::with_capacity(points.len());
@@ -120,8 +121,8 @@ pub fn gps_anchor_least_squares(points_m: &[[f64; 3]], lengths_m: &[f64]) -> Res
     Ok(GpsAnchor { anchor_m: anchor, residuals_m, by_length, directions })
 }
 
-/// Three points of a large triangle: the farthest from the first, the farthest from that, and the farthest from their
-/// line.
+/// Selects three points of a large triangle: the farthest from the first, the farthest from that, and the farthest from
+/// the line through both.
 fn widest_triple(p: &[Vector3<f64>]) -> [usize; 3] {
     let farthest = |from: &Vector3<f64>| {
         (0..p.len()).max_by(|a, b| (p[*a] - from).norm_squared().total_cmp(&(p[*b] - from).norm_squared())).unwrap_or(0)

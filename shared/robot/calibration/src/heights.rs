@@ -1,16 +1,17 @@
-//! Heights of the anchors from lengths to points of the reference plane: (3)-(5) in closed form, for any number of
-//! cables.
+//! Heights of the anchors from lengths to points of the reference plane: (3)-(5) in closed form, for
+//! any number of cables.
 //!
-//! With `w_i = z_i²` the squared lengths are `L_ij² = |a_i - c_j|² + w_i`. The linear least-squares estimate of a point c_j for given heights
-//! is `alpha_j + e`: alpha_j comes from the lengths alone and the shift e is common to all points and linear in w. What is
-//! left of (4) is the square of `beta_j - 2 alpha_j.e - v`, a regression with three unknowns (e, v), and a part that w
-//! meets exactly. So the minimum of (4) is found without a search, and it is the global one.
+//! With `w_i = z_i²` the squared lengths are `L_ij² = |a_i - c_j|² + w_i`. The linear least-squares estimate of a
+//! point c_j for given heights is `alpha_j + e`, where alpha_j depends only on the lengths, and the shift e is common
+//! to all points and linear in w. The remaining part of (4) is the square of `beta_j - 2 alpha_j.e - v`, a regression
+//! with three unknowns (e, v), and a part that w satisfies exactly. The minimum of (4) therefore needs no search, and
+//! it is the global one.
 //!
-//! The cost is even in every z_i, so lengths do not tell anchors above the plane from anchors below it: all are taken to
-//! be above.
+//! The cost is even in every z_i, so lengths do not distinguish anchors above the plane from anchors below it: all are
+//! assumed to be above.
 //!
-//! N anchors as [x, y], lengths as M sets of N, all in m; squared heights in m², the cost in m⁴. What the lengths do not determine is a
-//! [`CalibrationError`].
+//! N anchors as [x, y], lengths as M sets of N, all in m; squared heights in m², the cost in m⁴. Lengths that do not
+//! determine the heights are a [`CalibrationError`].
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -19,24 +20,24 @@ use super::error::{CalibrationError, invalid, undetermined};
 use super::survey::{check_anchors, flatness};
 use cable_robot::{CableVec, MAX_CABLES};
 
-/// Points whose spread across their line is below this share of the spread along it are on a line: with exact lengths
-/// rounding leaves 1e-13, and a point 10 µm beside a line of 10 m tells nothing that can be measured.
+/// Points are on one line if their spread across it is below this share of the spread along it. With exact lengths
+/// rounding leaves 1e-13; a point 10 µm beside a line of 10 m adds no measurable information.
 const COLLINEAR_SHARE: f64 = 1e-6;
 
-/// A squared height this far below zero, as a share of the squared longest line, is a zero with rounding.
+/// A negative squared height counts as zero up to this share of the squared longest length: rounding.
 const ROUNDING_SHARE: f64 = 1e-12;
 
-/// Bound of the refinement of a point; it needs about five steps.
+/// Bound of the refinement of a point, which needs about five steps.
 const MAX_POINT_ITERATIONS: usize = 30;
 
-/// Least variance across the line of the points over what noise makes of it. At four a quarter of it is noise, and the
-/// heights are off by a quarter of the tilt.
+/// Smallest ratio of the variance of the points across their line to the variance caused by noise. At four, a quarter
+/// of it is noise, and the heights have an error of a quarter of the tilt.
 const LEAST_SIGNAL: f64 = 4.0;
 
-/// No line is measured better than this by an encoder, m: a step of the encoder, and the lay of the line on its drum.
+/// Best accuracy of a length from an encoder, m: a step of the encoder, and the winding of the cable on its drum.
 const BEST_SIGMA_M: f64 = 1e-3;
 
-/// The global minimum of (4)-(5), as it comes out: squared heights may be negative.
+/// The global minimum of (4)-(5) without checks: squared heights may be negative.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClosedForm {
     /// w_i = z_i² of every anchor, m².
@@ -45,7 +46,7 @@ pub struct ClosedForm {
     pub points_xy_m: Vec<[f64; 2]>,
     /// The value of (4), m⁴.
     pub cost_m4: f64,
-    /// dw_i / dL_kj, m: a row of cables k per point j, for every anchor i.
+    /// dw_i / dL_kj, m: for every anchor i, a row of cables k per point j.
     sensitivity: Option<Vec<Vec<CableVec>>>,
 }
 
@@ -53,7 +54,7 @@ impl ClosedForm {
     /// The heights, m.
     ///
     /// # Errors
-    /// `no_real_height` where a squared height is negative.
+    /// `no_real_height` if a squared height is negative.
     pub fn heights_m(&self) -> Result<CableVec, CalibrationError> {
         let lowest = self.squared_heights_m2.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
         match lowest {
@@ -67,7 +68,7 @@ impl ClosedForm {
         self.sensitivity.as_deref().unwrap_or(&[])
     }
 
-    /// Covariance of two squared heights for independent errors of the lengths of this standard deviation, m⁴.
+    /// Covariance of two squared heights for independent errors of the lengths with this standard deviation, m⁴.
     pub(super) fn covariance(&self, i: usize, j: usize, sigma_length_m: f64) -> f64 {
         let s = self.sensitivity();
         let product: f64 =
@@ -87,7 +88,7 @@ pub struct Heights {
     pub cost_m4: f64,
 }
 
-/// Lengths by point from lengths by cable: `rows[i][j]` is cable i at point j, m.
+/// Converts lengths by cable to lengths by point: `rows[i][j]` is cable i at point j, m.
 ///
 /// # Errors
 /// `invalid_argument` for rows of different lengths or more than [`MAX_CABLES`] of them.
@@ -132,7 +133,7 @@ pub(super) fn too_few(points: usize) -> CalibrationError {
     CalibrationError::RankDeficient(Undetermined::FewPoints { points })
 }
 
-/// The minimum of (4) with what it needs to be checked by whoever calls; use [`calibrate_heights`] to have it checked.
+/// Computes the minimum of (4) with the data for checks; [`calibrate_heights`] also checks it.
 ///
 /// `anchors_xy_m` in any frame, `lengths_m` one set per point.
 ///
@@ -143,7 +144,7 @@ pub fn closed_form(anchors_xy_m: &[[f64; 2]], lengths_m: &[CableVec]) -> Result<
     solve(anchors_xy_m, lengths_m, false)
 }
 
-/// As [`closed_form`], with the derivatives of the squared heights by every length.
+/// Like [`closed_form`], with the derivatives of the squared heights with respect to every length.
 pub(super) fn closed_form_with_sensitivity(
     anchors_xy_m: &[[f64; 2]],
     lengths_m: &[CableVec],
@@ -192,7 +193,7 @@ fn solve(anchors: &[[f64; 2]], lengths: &[CableVec], with_sensitivity: bool) -> 
         let r = beta[j] - 2.0 * (a[0] * e[0] + a[1] * e[1]) - v;
         cost_m4 += n as f64 * r * r;
         if n > 3 {
-            // Q ell - Q mean(ell), by what is known of this point.
+            // Q ell - Q mean(ell), with the contribution of this point.
             let mean = beta[j] + a[0] * a[0] + a[1] * a[1];
             for i in 0..n {
                 let ([x, y], length) = (frame.xy[i], point[i]);
@@ -206,7 +207,7 @@ fn solve(anchors: &[[f64; 2]], lengths: &[CableVec], with_sensitivity: bool) -> 
     Ok(ClosedForm { squared_heights_m2, points_xy_m, cost_m4, sensitivity })
 }
 
-/// The anchors seen from their mean, and the pseudo-inverse K of their matrix.
+/// The anchors relative to their mean, and the pseudo-inverse K of their matrix.
 pub(super) struct Frame {
     n: usize,
     mean: [f64; 2],
@@ -215,7 +216,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// Of anchors that were checked: at most [`MAX_CABLES`].
+    /// Builds the frame of checked anchors: at most [`MAX_CABLES`].
     pub(super) fn new(anchors: &[[f64; 2]]) -> Self {
         let n = anchors.len();
         let mean = anchors.iter().fold([0.0; 2], |m, a| [m[0] + a[0] / n as f64, m[1] + a[1] / n as f64]);
@@ -247,7 +248,7 @@ impl Frame {
         [-0.5 * sum[0], -0.5 * sum[1]]
     }
 
-    /// Q ell: what neither the mean nor a tilt of the anchors explains; zero for three cables.
+    /// Q ell: the part that neither the mean nor a tilt of the anchors explains; zero for three cables.
     fn off_plane(&self, ell: &[f64]) -> [f64; MAX_CABLES] {
         let n = self.n;
         let mut result = [0.0; MAX_CABLES];
@@ -270,7 +271,7 @@ impl Frame {
         [c[0] + self.mean[0], c[1] + self.mean[1]]
     }
 
-    /// dw_i/dL_kj by linearising the regression about its solution.
+    /// dw_i/dL_kj, from a linearisation of the regression about its solution.
     fn sensitivity(&self, lengths: &[CableVec], alpha: &[[f64; 2]], fit: &Regression) -> Vec<Vec<CableVec>> {
         let (n, m) = (self.n, lengths.len() as f64);
         let unit: Vec<[f64; MAX_CABLES]> = (0..n)
@@ -309,7 +310,7 @@ struct Regression {
     inverse: Matrix3<f64>,
 }
 
-/// Least squares of beta on [2 alpha, 1], centred so that the intercept does not spoil the condition.
+/// Least squares of beta on [2 alpha, 1], centred so that the intercept does not degrade the condition number.
 fn regress(alpha: &[[f64; 2]], beta: &[f64]) -> Regression {
     let m = alpha.len() as f64;
     let mean = alpha.iter().fold([0.0; 2], |s, a| [s[0] + a[0] / m, s[1] + a[1] / m]);
@@ -326,7 +327,7 @@ fn regress(alpha: &[[f64; 2]], beta: &[f64]) -> Regression {
     let det = xx * yy - xy * xy;
     let e = [(yy * bx - xy * by) / det, (xx * by - xy * bx) / det];
     let v = mean_beta - 2.0 * (mean[0] * e[0] + mean[1] * e[1]);
-    // The inverse of [[S, 0], [0, m]] in the centred frame, moved back: intercept v = v' - 2 mean.e.
+    // The inverse of [[S, 0], [0, m]] in the centred frame, transformed back: intercept v = v' - 2 mean.e.
     let (ixx, ixy, iyy) = (yy / det, -xy / det, xx / det);
     let t = [2.0 * mean[0], 2.0 * mean[1]];
     let (ev_x, ev_y) = (-(ixx * t[0] + ixy * t[1]), -(ixy * t[0] + iyy * t[1]));
@@ -334,14 +335,15 @@ fn regress(alpha: &[[f64; 2]], beta: &[f64]) -> Regression {
     Regression { e, v, inverse: Matrix3::new(ixx, ixy, ev_x, ixy, iyy, ev_y, ev_x, ev_y, vv) }
 }
 
-/// Heights by (4)-(5): the global minimum, checked. `anchors_xy_m` in any frame, `lengths_m` one set per point.
+/// Computes heights by (4)-(5): the global minimum, checked. `anchors_xy_m` in any frame, `lengths_m`
+/// one set per point.
 ///
-/// Without a stated accuracy of the lengths their scatter is taken from the residuals, but not below a millimetre, and an
-/// answer is refused whose predicted standard deviation exceeds the height itself.
+/// The scatter of the lengths is estimated from the residuals, with a lower bound of a millimetre. A result whose
+/// predicted standard deviation exceeds the height itself is rejected.
 ///
 /// # Errors
-/// `invalid_argument`; `degenerate_geometry` for anchors on one line; `rank_deficient` for fewer than three points, points
-/// on one line, and nearly so; `no_real_height` where the optimum has a negative squared height.
+/// `invalid_argument`; `degenerate_geometry` for anchors on one line; `rank_deficient` for fewer than three points,
+/// points on one line or nearly so; `no_real_height` if the optimum has a negative squared height.
 ///
 /// ```
 /// use cable_robot::CableVec;
@@ -367,7 +369,7 @@ pub fn calibrate_heights(anchors_xy_m: &[[f64; 2]], lengths_m: &[CableVec]) -> R
     for i in 0..anchors_xy_m.len() {
         let w = found.squared_heights_m2[i].abs();
         let std = found.covariance(i, i, sigma).max(0.0).sqrt();
-        if is_open(found.squared_heights_m2[i], std) && is_flat(&found.points_xy_m) {
+        if is_undetermined(found.squared_heights_m2[i], std) && is_flat(&found.points_xy_m) {
             return undetermined(nearly_on_a_line(&found.points_xy_m, i, std / (2.0 * w.sqrt()), None));
         }
     }
@@ -375,7 +377,7 @@ pub fn calibrate_heights(anchors_xy_m: &[[f64; 2]], lengths_m: &[CableVec]) -> R
     Ok(Heights { heights_m, points_xy_m: found.points_xy_m, cost_m4: found.cost_m4 })
 }
 
-/// Root mean square scatter of the lengths about the model, m, with the degrees of freedom that are left; 0 if none are.
+/// Root mean square scatter of the lengths about the model, m, with the remaining degrees of freedom; 0 without any.
 fn scatter(anchors: &[[f64; 2]], lengths: &[CableVec], found: &ClosedForm) -> f64 {
     let (n, m) = (anchors.len(), lengths.len());
     let unknowns = 2 * m + n;
@@ -393,7 +395,7 @@ fn scatter(anchors: &[[f64; 2]], lengths: &[CableVec], found: &ClosedForm) -> f6
     (sum / (n * m - unknowns) as f64).sqrt()
 }
 
-/// Root mean square spread of points along and across the line that fits them best, m.
+/// Root mean square spread of points along and across their best-fitting line, m.
 pub(super) fn spread(points: &[[f64; 2]]) -> [f64; 2] {
     let m = points.len().max(1) as f64;
     let mean = points.iter().fold([0.0; 2], |s, a| [s[0] + a[0] / m, s[1] + a[1] / m]);
@@ -409,16 +411,17 @@ pub(super) fn spread(points: &[[f64; 2]]) -> [f64; 2] {
     [(half + root).max(0.0).sqrt(), (half - root).max(0.0).sqrt()]
 }
 
-/// True for a squared height that data of this accuracy leave open: the height is less certain than its own size, or
-/// negative without being significantly so.
-pub(super) fn is_open(squared_height: f64, std: f64) -> bool {
-    // std(z) = std(w) / 2z > z; three deviations below zero are no accident.
+/// True for a squared height that data of this accuracy do not determine: its standard deviation exceeds the height
+/// itself, or it is negative without being significantly so.
+pub(super) fn is_undetermined(squared_height: f64, std: f64) -> bool {
+    // std(z) = std(w) / 2z > z; three standard deviations below zero are significant.
     let bound = if squared_height >= 0.0 { 2.0 * squared_height } else { -squared_height / 3.0 };
     !(std <= bound)
 }
 
-/// Refuses points that lie on a line as far as their lengths can tell. The regression takes its own regressors, the
-/// places of the points, for exact; where noise made their distance from the line, its deviations mean nothing.
+/// Rejects points that lie on a line within the accuracy of the lengths. The regression assumes that its
+/// regressors, the positions of the points, are exact; if noise causes their distance from the line, its standard
+/// deviations are meaningless.
 pub(super) fn check_spread(
     anchors: &[[f64; 2]],
     lengths: &[CableVec],
@@ -426,7 +429,7 @@ pub(super) fn check_spread(
     sigma_length_m: f64,
 ) -> Result<(), CalibrationError> {
     let frame = Frame::new(anchors);
-    let normal = across(points);
+    let normal = normal_direction(points);
     let mut variance = 0.0;
     for point in lengths {
         for (k, l) in frame.k.iter().zip(point.iter()) {
@@ -441,8 +444,8 @@ pub(super) fn check_spread(
     undetermined(Undetermined::OnALineInNoise { across_m: spread, noise_m: variance.sqrt() })
 }
 
-/// Unit vector across the line that fits points best.
-fn across(points: &[[f64; 2]]) -> [f64; 2] {
+/// Unit vector across the best-fitting line of the points.
+fn normal_direction(points: &[[f64; 2]]) -> [f64; 2] {
     let m = points.len().max(1) as f64;
     let mean = points.iter().fold([0.0; 2], |s, a| [s[0] + a[0] / m, s[1] + a[1] / m]);
     let (mut difference, mut product) = (0.0, 0.0);
@@ -455,7 +458,7 @@ fn across(points: &[[f64; 2]]) -> [f64; 2] {
     [-libm::sin(angle), libm::cos(angle)]
 }
 
-/// True for points that lie along a line rather than all over the floor: not a threshold of accuracy, only of words.
+/// True for points along a line rather than spread over the area. Selects the wording of an error, not the result.
 pub(super) fn is_flat(points: &[[f64; 2]]) -> bool {
     let [along, across] = spread(points);
     across < 0.15 * along
@@ -466,7 +469,7 @@ pub(super) fn nearly_on_a_line(points: &[[f64; 2]], anchor: usize, std_m: f64, l
     Undetermined::NearALine { across_m, along_m, anchor: anchor + 1, std_m, limit_m }
 }
 
-/// The point of the plane that fits these lengths best in length: Gauss-Newton in two unknowns from the linear estimate.
+/// Computes the point of the plane that fits these lengths best: Gauss-Newton in two unknowns from the linear estimate.
 pub(super) fn point_in_plane(anchors: &[[f64; 3]], lengths: &CableVec, start: [f64; 2]) -> [f64; 2] {
     let mut c = start;
     for _ in 0..MAX_POINT_ITERATIONS {
@@ -491,6 +494,6 @@ pub(super) fn point_in_plane(anchors: &[[f64; 3]], lengths: &CableVec, start: [f
             return c;
         }
     }
-    // Not settled: the linear estimate is never far off.
+    // Not converged: the linear estimate is close.
     if c.iter().all(|v| v.is_finite()) { c } else { start }
 }

@@ -1,5 +1,5 @@
-//! How well points that took no part in a calibration are predicted: what a small residual does not show.
-//! Lengths in m, one set of N per point of the plane; everything that comes out in m.
+//! Prediction of points that a calibration did not use: reveals errors that small residuals hide. Lengths in m, one set
+//! of N per point of the plane; all results in m.
 //!
 //! ```
 //! use cable_robot::CableVec;
@@ -17,10 +17,10 @@
 //!     lengths_m: [[1.0, 0.5], [9.0, 0.5], [5.0, 7.0], [5.0, 3.0], [2.0, 2.0]].map(lengths).to_vec(),
 //!     ..Measurements::new(3)
 //! };
-//! // Without any error what was left out is predicted to rounding.
+//! // Without measurement errors, excluded points are predicted up to rounding.
 //! let exact = hold_out(&measured, Method::Survey)?.expect("five points are enough");
 //! assert!(exact.folds == 5 && exact.rms_m < 1e-9 && exact.position_rms_m < 1e-6);
-//! // A line whose zero is 5 cm off: seen here, when points are predicted that took no part.
+//! // A cable whose zero is wrong by 5 cm: the prediction of excluded points reveals it.
 //! let mut wrong = measured;
 //! wrong.lengths_m.iter_mut().for_each(|point| *point = CableVec::from_fn(3, |i| point[i] + [0.05, 0.0, 0.0][i]));
 //! assert!(hold_out(&wrong, Method::Survey)?.expect("five points").position_rms_m > 100.0 * exact.position_rms_m);
@@ -33,27 +33,28 @@ use super::heights::{Frame, point_in_plane};
 use super::{Calibration, CalibrationError, Measurements, Method, calibrate};
 use cable_robot::{Anchors, CableVec, kinematics};
 
-/// Most calibrations of one check. Up to so many points each is left out alone; of more, groups.
+/// Largest number of calibrations of one check. Up to this number of points, each is excluded alone;
+/// otherwise in groups.
 const MAX_FOLDS: usize = 20;
 
-/// Points that took no part, predicted.
+/// Prediction errors of excluded points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Holdout {
-    /// Root mean square of measured less predicted length, m, the x and y of each point fitted to its lengths. Compare
-    /// with [`Calibration::rms_residual_m`].
+    /// Root mean square of measured minus predicted length, m, where the x and y of each point are fitted to its
+    /// lengths. Compare with [`Calibration::rms_residual_m`].
     pub rms_m: f64,
-    /// Root mean square of the height at which forward kinematics finds these points, which is 0 on the plane, m; for
-    /// the GPS method the distance from the known position.
+    /// Root mean square of the height of these points by forward kinematics, which is 0 on the plane, m; for the GPS
+    /// method, of the distance from the known position.
     pub position_rms_m: f64,
-    /// How many calibrations were made.
+    /// Number of calibrations.
     pub folds: usize,
 }
 
-/// Calibrates without each point (of more than 20: each of 20 groups) and predicts it. None where there are too few
-/// points to leave any out.
+/// Calibrates without each point (for more than 20: without each of 20 groups) and predicts it. None if there are too
+/// few points to exclude any.
 ///
 /// # Errors
-/// What [`calibrate`] refuses with all points. A group without which the rest determines nothing is passed over.
+/// The errors of [`calibrate`] with all points. A group without which the rest determines nothing is skipped.
 pub fn hold_out(measured: &Measurements, method: Method) -> Result<Option<Holdout>, CalibrationError> {
     calibrate(measured, method)?;
     let m = measured.lengths_m.len();
@@ -77,7 +78,7 @@ pub fn hold_out(measured: &Measurements, method: Method) -> Result<Option<Holdou
             points += 1;
         }
     }
-    // One calibration in a few says little, and says it badly.
+    // With few successful calibrations the result is not reliable.
     if points < 2 || folds * 2 < groups {
         return Ok(None);
     }
@@ -88,7 +89,7 @@ pub fn hold_out(measured: &Measurements, method: Method) -> Result<Option<Holdou
     }))
 }
 
-/// Sum of squared length residuals and squared miss of the position of one point.
+/// Sum of squared length residuals and squared position error of one point.
 fn predict(found: &Calibration, measured: &CableVec, known: Option<[f64; 3]>) -> Option<(f64, f64)> {
     let corrected = measured.zip_map(&found.offsets_m, |l, o| (l - o) / found.scale);
     let anchors = Anchors::new(&found.anchors_m).ok()?;

@@ -1,13 +1,13 @@
-//! Everything at once: heights, x and y, points, the scale of the lengths and the zeros of the encoders by maximum
-//! likelihood, with a loss that outliers do not pull.
+//! Maximum likelihood estimate of heights, x and y, points, the scale of the lengths and the zeros of the encoders
+//! together, with a robust loss for outliers.
 //!
-//! Measured length of cable i at point j: `k sqrt(|a_i - c_j|² + w_i) + o_i` with k near 1 and o_i near 0. The squared height w_i is the
-//! unknown, not z_i: the model is smooth through zero, and an optimum below zero shows itself instead of sticking there.
-//! The points enter two unknowns each and are eliminated (Schur complement), so a thousand of them cost a thousand small
-//! solutions, not a large one.
+//! The measured length of cable i at point j is `k sqrt(|a_i - c_j|² + w_i) + o_i` with k near 1 and o_i near 0. The
+//! unknown is the squared height w_i, not z_i: the model is smooth through zero, and an optimum below zero is visible
+//! instead of stopping at zero. Each point adds two unknowns, which are eliminated (Schur complement), so a thousand
+//! points cost a thousand small solutions, not a large one.
 //!
-//! Lengths and heights in m, standard deviations in the unit of what they belong to, the scale without one. Data that leave something
-//! undetermined are a [`CalibrationError`].
+//! Lengths and heights in m, standard deviations in the unit of their quantity, the scale dimensionless. Data that do
+//! not determine all unknowns are a [`CalibrationError`].
 
 mod descent;
 mod input;
@@ -21,55 +21,55 @@ use super::survey::{check_anchors, check_ranges, to_gauge};
 use cable_robot::CableVec;
 pub use input::{DirectHeight, JointInput, Loss};
 
-use descent::{Layout, Problem, State, descend, inverse, open};
+use descent::{Layout, Problem, State, descend, inverse, undetermined_state};
 
-/// A length with less weight than this is an outlier that says nothing about the scatter of the others.
+/// A length with a lower weight is an outlier that does not count for the scatter of the others.
 const LEAST_WEIGHT: f64 = 0.1;
 
-/// What comes out.
+/// Result of [`calibrate_joint`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
     /// Anchors, m.
     pub anchors_m: Vec<[f64; 3]>,
     /// x and y of every point, m.
     pub points_xy_m: Vec<[f64; 2]>,
-    /// Measured over true length.
+    /// Measured divided by true length.
     pub scale: f64,
-    /// Its standard deviation; 0 if it is not estimated.
+    /// Standard deviation of the scale; 0 if it is not estimated.
     pub scale_std: f64,
     /// Measured length at true length zero, by cable, m.
     pub offsets_m: CableVec,
-    /// Their standard deviations, m; 0 if they are not estimated.
+    /// Standard deviations of the offsets, m; 0 if they are not estimated.
     pub offset_std_m: CableVec,
     /// Covariance of the anchors.
     pub covariance: AnchorCovariance,
-    /// Measured less modelled length, one set per point, m.
+    /// Measured minus modelled length, one set per point, m.
     pub residuals_m: Vec<CableVec>,
-    /// Sum over all measurements and priors of squared residuals in standard deviations, without the lengths that a robust
-    /// loss has all but dropped.
+    /// Sum over all measurements and priors of squared residuals in standard deviations, without the lengths that a
+    /// robust loss has practically excluded.
     pub chi_squared: f64,
-    /// As many measurements less the unknowns; a prior counts as a measurement. Below zero where outliers leave less than
-    /// is needed.
+    /// Number of these measurements (a prior counts as one) minus the number of unknowns. Negative if outliers leave
+    /// fewer measurements than needed.
     pub degrees_of_freedom: f64,
 }
 
-/// Estimates everything at once. Without `ranges` x and y stay as given; with them the frame becomes anchor 1 at the
+/// Estimates all unknowns together. Without `ranges` x and y stay as given; otherwise the frame has anchor 1 at the
 /// origin and anchor 2 on the x axis.
 ///
-/// Starts from the closed form, so it needs no guess; with a robust loss first by squares, then Huber's, then Cauchy's, so
-/// that the minimum found is the one near the bulk of the data.
+/// Starts from the closed form, so it needs no guess. With a robust loss, it first minimises the squared loss, then
+/// Huber's, then Cauchy's, so that the result is the minimum near most of the data.
 ///
 /// # Errors
-/// `invalid_argument`; `degenerate_geometry` for anchors on one line; `rank_deficient` for fewer than three points (unless heights
-/// are measured), points on one line, and whatever else leaves an unknown open; `no_real_height` where the optimum has a
-/// negative squared height.
+/// `invalid_argument`; `degenerate_geometry` for anchors on one line; `rank_deficient` for fewer than three points
+/// (unless heights are measured), points on one line, and other data that do not determine an unknown; `no_real_height`
+/// if the optimum has a negative squared height.
 ///
 /// ```
 /// use cable_robot::CableVec;
 /// use calibration::JointInput;
 /// use calibration::calibrate_joint;
 /// let anchors = [[0.0, 0.0], [8.0, 0.0], [4.0, 6.0]];
-/// // Lines that read 1 % too long.
+/// // Lengths that are measured 1 % too long.
 /// let lengths: Vec<_> = [[1.0, 1.0], [7.0, 1.0], [4.0, 5.0], [4.0, 3.0], [2.0, 2.0], [6.0, 2.0]]
 ///     .iter()
 ///     .map(|c: &[f64; 2]| {
@@ -105,10 +105,10 @@ pub fn calibrate_joint(input: &JointInput) -> Result<Joint, CalibrationError> {
         state = descend(&problem, state, *loss)?;
     }
     let normal = problem.linearise(&state, input.loss);
-    let inverse = normal.reduce(0.0).and_then(|r| inverse(&r.h)).ok_or_else(|| open(&state))?;
-    // Data that leave a height open rather than contradict it.
-    if (0..n).any(|i| heights::is_open(state.w[i], inverse[(i, i)].max(0.0).sqrt())) {
-        return Err(open(&state));
+    let inverse = normal.reduce(0.0).and_then(|r| inverse(&r.h)).ok_or_else(|| undetermined_state(&state))?;
+    // Distinguish a height that the data do not determine from one that they contradict.
+    if (0..n).any(|i| heights::is_undetermined(state.w[i], inverse[(i, i)].max(0.0).sqrt())) {
+        return Err(undetermined_state(&state));
     }
     if let Some((i, w)) = state.w.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, w)| **w < 0.0) {
         return Err(CalibrationError::NoRealHeight { anchor: i + 1, squared_height_m2: *w });
@@ -123,12 +123,12 @@ pub fn calibrate_joint(input: &JointInput) -> Result<Joint, CalibrationError> {
         .collect();
     let (mut chi_squared, mut equations) = (0.0, 0.0);
     for r in residuals_m.iter().flat_map(|r| r.iter()).map(|r| r / input.sigma_length_m) {
-        if input.loss.at(r).1 >= LEAST_WEIGHT {
+        if input.loss.evaluate(r).1 >= LEAST_WEIGHT {
             chi_squared += r * r;
             equations += 1.0;
         }
     }
-    problem.squares(&state, |r, _| {
+    problem.for_each_squared_term(&state, |r, _| {
         chi_squared += r * r;
         equations += 1.0;
     });
@@ -167,14 +167,14 @@ fn check(input: &JointInput) -> Result<(), CalibrationError> {
     if let Some(sigma) = input.sigma_offset_m {
         check_sigma("the standard deviation of the encoder zeros", sigma)?;
     }
-    // Heights measured directly can stand in for points.
+    // Directly measured heights can replace points.
     if input.heights.is_empty() && input.lengths_m.len() < 3 {
         return Err(heights::too_few(input.lengths_m.len()));
     }
     Ok(())
 }
 
-/// Heights from the closed form where the points determine them, else from what was measured directly.
+/// Starting heights: from the closed form if the points determine them, otherwise from the direct measurements.
 fn start(input: &JointInput, to_frame: bool) -> Result<State, CalibrationError> {
     let n = input.anchors_xy_m.len();
     let xy = if to_frame { to_gauge(input.anchors_xy_m) } else { input.anchors_xy_m.to_vec() };
@@ -184,7 +184,7 @@ fn start(input: &JointInput, to_frame: bool) -> Result<State, CalibrationError> 
                 heights::check_spread(&xy, input.lengths_m, &found.points_xy_m, input.sigma_length_m)?;
             }
             let shortest = input.lengths_m.iter().flat_map(|p| p.iter()).fold(f64::INFINITY, |a: f64, l| a.min(*l));
-            // Not below a tenth of the shortest line: outliers and zeros can throw the closed form out.
+            // Not below a tenth of the shortest length: outliers and zeros can distort the closed form.
             found.squared_heights_m2.iter().map(|w| w.max(0.01 * shortest * shortest)).collect()
         }
         Err(error @ CalibrationError::RankDeficient(_)) if input.heights.is_empty() => return Err(error),
@@ -204,7 +204,7 @@ fn start(input: &JointInput, to_frame: bool) -> Result<State, CalibrationError> 
 
 fn anchor_covariance(layout: &Layout, state: &State, inverse: &DMatrix<f64>) -> AnchorCovariance {
     let n = layout.n;
-    // Which unknown a coordinate is, and its derivative by that unknown.
+    // Index of the unknown of a coordinate, and the derivative of the coordinate with respect to it.
     let of = |k: usize| match (k / 3, k % 3) {
         (i, 2) => Some((i, 0.5 / state.w[i].sqrt())),
         (i, axis) => layout.xy(i, axis).map(|p| (p, 1.0)),

@@ -1,36 +1,36 @@
-//! Computes the anchors from measurements that a field team can make: section III of the paper, and improvements on it.
+//! Calibration of the anchors from field measurements: section III of the paper, and methods that improve on it.
 //!
-//! Offline work: unlike `cable-robot` this crate allocates. It does no I/O.
+//! Offline computations: unlike `cable-robot` this crate allocates. It does no input or output.
 //!
 //! * [`survey`]: x and y of the anchors from horizontal ranges between plumb lines, (1)-(2), for any number of anchors.
 //! * [`heights`]: heights from lengths to points of the reference plane, (4)-(5), as a linear regression: the global
 //!   minimum without a search.
-//! * [`joint`]: everything at once by maximum likelihood, with scale, encoder zeros and outliers.
-//! * [`gps`]: the baseline of the paper, anchors from points whose positions are known.
-//! * [`holdout`]: how well points that were left out are predicted.
-//! * [`placement`]: where to put the points, and the expected uncertainty, before anything is measured.
-//! * [`motor_fit`]: motor current over speed and tension, from recorded runs.
-//! * [`Measurements`] and [`calibrate`] combine these: measurements in, anchors with covariance or a refusal out.
+//! * [`joint`]: maximum likelihood estimate of all unknowns together, with scale, encoder zeros and outliers.
+//! * [`gps`]: the baseline of the paper, anchors from points with known positions.
+//! * [`holdout`]: prediction of points that a calibration did not use.
+//! * [`placement`]: positions of the points, and the accuracy to expect before measuring.
+//! * [`motor_fit`]: the motor current over speed and tension, from recorded runs.
+//! * [`Measurements`] and [`calibrate`] combine them: from measurements to anchors with covariance, or an error.
 //!
-//! # What lengths determine
-//! The positions of the points need not be measured, but there have to be three points that are not collinear,
-//! **whatever the number of cables**. Collinear points can all be shifted sideways and the squared heights changed with
-//! them (`w_i += 2 a_i.e - 2 c.e - e.e`) without changing any length; counting equations (four cables, two points) does
-//! not reveal this. Nearly collinear points determine the heights in theory only: such data are rejected by the
-//! standard deviation they predict.
+//! # Information in lengths
+//! The positions of the points need not be known, but there must be at least three points, not on one line, **whatever
+//! the number of cables**. If all points are on one line, they can be shifted sideways and the squared heights changed
+//! with them (`w_i += 2 a_i.e - 2 c.e - e.e`) without changing any length; counting equations (four cables, two points)
+//! does not reveal this. Points nearly on a line determine the heights only in theory: the predicted standard deviation
+//! rejects such data.
 //!
-//! A residual is not an accuracy: a cable that stretches by 0.3 % leaves residuals of millimetres and heights wrong by
-//! centimetres. Every answer therefore carries the covariance of every anchor.
+//! A residual is not an accuracy: a cable that stretches by 0.3 % leaves residuals of millimetres and height errors of
+//! centimetres. Therefore every result includes the covariance of every anchor.
 //!
 //! # Gauge
-//! Anchor 1 stands at the origin and anchor 2 on the positive x axis; z = 0 is the plane of the points.
+//! Anchor 1 is at the origin and anchor 2 on the positive x axis; z = 0 is the plane of the points.
 //!
 //! # Example
 //! ```
 //! use calibration::{Measurements, Method, Range, calibrate};
 //! use cable_robot::CableVec;
 //!
-//! // What would be measured with anchors at (0, 0, 3.0), (10, 0, 3.2) and (5, 8, 2.9).
+//! // Exact measurements for anchors at (0, 0, 3.0), (10, 0, 3.2) and (5, 8, 2.9).
 //! let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
 //! let range = |i: usize, j: usize| {
 //!     let (dx, dy) = (anchors[i][0] - anchors[j][0], anchors[i][1] - anchors[j][1]);
@@ -56,7 +56,7 @@
 //! }
 //! assert!(found.covariance.std_m()[2][2] < 0.02);
 //!
-//! // Two points determine nothing, with any number of cables.
+//! // Two points are not sufficient for any number of cables.
 //! let too_few = Measurements { lengths_m: measured.lengths_m[..2].to_vec(), ..measured };
 //! let refusal = calibrate(&too_few, Method::Survey).unwrap_err();
 //! assert_eq!(refusal.kind(), "rank_deficient");
@@ -64,7 +64,7 @@
 //! ```
 
 #![forbid(unsafe_code)]
-#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also refuses NaN, which `a > b` would let pass")]
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also rejects NaN, which `a > b` would accept")]
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 mod covariance;

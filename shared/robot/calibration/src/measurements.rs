@@ -1,6 +1,5 @@
-//! Measurements in, anchors with covariance out, or a refusal in plain words.
-//! Lengths and ranges in m with standard deviations in m; anchors, cables and points count from 0 here, and from 1 in what an
-//! error says. The whole way from measurements to anchors stands as an example at [`calibrate`].
+//! From measurements to anchors with covariance, or an error. Lengths and ranges in m with standard deviations in m;
+//! anchors, cables and points count from 0 here, and from 1 in error messages. [`calibrate`] has a complete example.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,51 +12,51 @@ use super::survey::{Range, Side, survey_network};
 use super::{gps, joint};
 use cable_robot::{CableVec, MAX_CABLES};
 
-/// A calibration whose least certain coordinate is worse than this is refused unless told otherwise, m: with it the
-/// node would move like somebody who does not see.
+/// Default limit of the standard deviation of every coordinate, m: beyond it the motion of the node would
+/// not be predictable.
 pub const DEFAULT_REFUSE_ABOVE_STD_M: f64 = 0.5;
 
-/// Standard deviation of a length where none is stated, m: an encoder, the lay of the line on its drum, a floor that is not
-/// quite flat.
+/// Default standard deviation of a length, m: encoder, winding of the cable on its drum, and an uneven floor.
 pub const DEFAULT_SIGMA_LENGTH_M: f64 = 0.01;
 
-/// Standard deviation of a position by GPS where none is stated, m: real-time kinematic GPS.
+/// Default standard deviation of a GPS position, m: real-time kinematic GPS.
 pub const DEFAULT_SIGMA_GPS_M: f64 = 0.02;
 
-/// Stated deviations are widened where the data scatter so much that chance would do it once in a hundred times
+/// Standard deviations are widened if the probability of the observed scatter is below one in a hundred
 /// (one-sided normal quantile).
-const IMPLAUSIBLE: f64 = 2.326;
+const IMPLAUSIBLE_QUANTILE: f64 = 2.326;
 
-/// A length that is off by so many standard deviations is named: one in 16,000 normal ones is.
-const OUTLIER: f64 = 4.0;
+/// A length whose residual exceeds this many standard deviations is reported as an outlier: one in 16,000 for a
+/// normal distribution.
+const OUTLIER_SIGMAS: f64 = 4.0;
 
-/// Step of the difference quotient by the coordinates of an anchor, m: its error is its square, relative to metres.
+/// Step of the difference quotient with respect to anchor coordinates, m: its error is its square, relative to metres.
 const STEP_M: f64 = 1e-4;
 
-/// Which way to calibrate.
+/// Calibration method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// The paper's: x and y by ranges, heights by the closed form of (4)-(5).
+    /// The method of the paper: x and y from ranges, heights from the closed form of (4)-(5).
     #[default]
     Survey,
-    /// Everything at once by maximum likelihood, with scale, encoder zeros and outliers.
+    /// Maximum likelihood estimate of all unknowns together, with scale, encoder zeros and outliers.
     Joint,
-    /// The paper's baseline: every anchor from points with known positions.
+    /// The baseline of the paper: every anchor from points with known positions.
     Gps,
 }
 
-/// What was measured. Anchors count from 0.
+/// Measurements for a calibration. Anchors count from 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurements {
-    /// How many cables.
+    /// Number of cables.
     pub cable_count: usize,
     /// Ranges between plumb lines.
     pub ranges: Vec<Range>,
-    /// By anchor, where an anchor stands that only two ranges reach; may be shorter.
+    /// Side of each anchor, for an anchor with only two ranges; may be shorter.
     pub sides: Vec<Option<Side>>,
     /// Lengths, one set per point of the reference plane, m.
     pub lengths_m: Vec<CableVec>,
-    /// Positions of the points, m; empty where they are not known. For [`Method::Gps`] one per point.
+    /// Positions of the points, m; empty if unknown. One per point for [`Method::Gps`].
     pub gps_m: Vec<[f64; 3]>,
     /// Heights measured directly.
     pub heights: Vec<DirectHeight>,
@@ -69,14 +68,14 @@ pub struct Measurements {
     pub sigma_scale: Option<f64>,
     /// For [`Method::Joint`]: standard deviation of the encoder zeros, m; None for zeros of exactly 0.
     pub sigma_offset_m: Option<f64>,
-    /// For [`Method::Joint`]: how much lengths that do not fit count.
+    /// For [`Method::Joint`]: weighting of lengths that do not fit.
     pub loss: Loss,
-    /// Refuse an answer with a coordinate less certain than this, m.
+    /// A result with a less certain coordinate is rejected, m.
     pub refuse_above_std_m: f64,
 }
 
 impl Measurements {
-    /// Nothing measured yet, with the documented defaults.
+    /// Empty measurements with the documented defaults.
     pub fn new(cable_count: usize) -> Self {
         Self {
             cable_count,
@@ -95,49 +94,49 @@ impl Measurements {
     }
 }
 
-/// A length that does not fit.
+/// A length that does not fit the calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlier {
-    /// The cable, counted from 0.
+    /// Index of the cable, from 0.
     pub cable: usize,
-    /// The point, counted from 0.
+    /// Index of the point, from 0.
     pub point: usize,
-    /// Measured less modelled, m.
+    /// Measured minus modelled length, m.
     pub residual_m: f64,
 }
 
 /// A calibrated robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
-    /// How it was found.
+    /// Method of the calibration.
     pub method: Method,
     /// Anchors, m; z is the height above the plane of the points.
     pub anchors_m: Vec<[f64; 3]>,
-    /// Their covariance, widened by `widened_by`.
+    /// Covariance of the anchors, widened by `widened_by`.
     pub covariance: AnchorCovariance,
-    /// Where the points were, m.
+    /// Positions of the points, m.
     pub points_m: Vec<[f64; 3]>,
-    /// Measured less modelled length, one set per point, m.
+    /// Measured minus modelled length, one set per point, m.
     pub residuals_m: Vec<CableVec>,
-    /// Measured over true length; 1 if it was not estimated.
+    /// Measured divided by true length; 1 if it was not estimated.
     pub scale: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the scale.
     pub scale_std: f64,
-    /// Measured length at true length zero, by cable, m; 0 if they were not estimated.
+    /// Measured length at true length zero, by cable, m; 0 if not estimated.
     pub offsets_m: CableVec,
-    /// Their standard deviations, m.
+    /// Standard deviations of the offsets, m.
     pub offset_std_m: CableVec,
-    /// Scatter of the measurements over what was stated for them; about 1 if the statement is true. None where nothing is
-    /// left over to tell.
+    /// Scatter of the measurements divided by their stated standard deviation; about 1 if that is correct. None without
+    /// redundant measurements.
     pub noise_ratio: Option<f64>,
-    /// 1, or `noise_ratio` where it is more than chance explains: the stated deviations were too small.
+    /// 1, or `noise_ratio` if it is larger than chance explains: the stated standard deviations were too small.
     pub widened_by: f64,
     /// Lengths that do not fit.
     pub outliers: Vec<Outlier>,
 }
 
 impl Calibration {
-    /// Root mean square of all residuals, m; 0 without points. Not an accuracy: see the covariance.
+    /// Root mean square of all residuals, m; 0 without points. This is not the accuracy: see the covariance.
     pub fn rms_residual_m(&self) -> f64 {
         let (sum, count) =
             self.residuals_m.iter().flat_map(|r| r.iter()).fold((0.0, 0usize), |(s, n), r| (s + r * r, n + 1));
@@ -145,11 +144,11 @@ impl Calibration {
     }
 }
 
-/// Calibrates.
+/// Calibrates the anchors from measurements.
 ///
 /// # Errors
 /// `invalid_argument`, `degenerate_geometry`, `ambiguous`, `no_real_height`, for the GPS method `unreachable`; and
-/// `rank_deficient` for whatever does not determine the anchors: too few points, points on a line, and points that
+/// `rank_deficient` if the measurements do not determine the anchors: too few points, points on a line, and points that
 /// predict a standard deviation above `refuse_above_std_m`.
 ///
 /// ```
@@ -197,7 +196,7 @@ pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration,
         Method::Joint => by_joint(measured)?,
         Method::Gps => by_gps(measured)?,
     };
-    judge(measured, &mut found, fit);
+    assess_fit(measured, &mut found, fit);
     let (anchor, axis, std) = found.covariance.worst();
     if !(std <= measured.refuse_above_std_m) {
         return undetermined(refusal(measured, &found, anchor, axis, std));
@@ -214,15 +213,15 @@ fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: us
     Undetermined::Uncertain { axis: ['x', 'y', 'z'][axis], anchor: anchor + 1, std_m: std, limit_m }
 }
 
-/// What tells how well the data agree with the model.
+/// Measures of the agreement of the data with the model.
 struct Fit {
     chi_squared: f64,
     degrees_of_freedom: f64,
     robust: bool,
 }
 
-/// Compares the scatter with what was stated, widens the covariance where chance does not explain it, names outliers.
-fn judge(measured: &Measurements, found: &mut Calibration, fit: Fit) {
+/// Compares the scatter with the stated one, widens the covariance if chance does not explain it, reports outliers.
+fn assess_fit(measured: &Measurements, found: &mut Calibration, fit: Fit) {
     let dof = fit.degrees_of_freedom;
     if dof >= 1.0 {
         let ratio = (fit.chi_squared / dof).sqrt();
@@ -230,14 +229,14 @@ fn judge(measured: &Measurements, found: &mut Calibration, fit: Fit) {
         // Wilson and Hilferty: the cube root of chi-squared over its degrees of freedom is nearly normal.
         let spread = 2.0 / (9.0 * dof);
         let normal = (libm::cbrt(fit.chi_squared / dof) - (1.0 - spread)) / spread.sqrt();
-        if normal > IMPLAUSIBLE && ratio > 1.0 {
+        if normal > IMPLAUSIBLE_QUANTILE && ratio > 1.0 {
             found.widened_by = ratio;
             found.covariance = found.covariance.widened(ratio);
             found.scale_std *= ratio;
             found.offset_std_m = found.offset_std_m.map(|s| s * ratio);
         }
     }
-    let bound = OUTLIER * measured.sigma_length_m * if fit.robust { found.widened_by } else { 1.0 };
+    let bound = OUTLIER_SIGMAS * measured.sigma_length_m * if fit.robust { found.widened_by } else { 1.0 };
     for (point, residuals) in found.residuals_m.iter().enumerate() {
         for (cable, r) in residuals.iter().enumerate().filter(|(_, r)| r.abs() > bound) {
             found.outliers.push(Outlier { cable, point, residual_m: *r });
@@ -245,7 +244,7 @@ fn judge(measured: &Measurements, found: &mut Calibration, fit: Fit) {
     }
 }
 
-fn plain(method: Method, anchors_m: Vec<[f64; 3]>, covariance: AnchorCovariance) -> Calibration {
+fn without_scale(method: Method, anchors_m: Vec<[f64; 3]>, covariance: AnchorCovariance) -> Calibration {
     let n = anchors_m.len();
     Calibration {
         method,
@@ -268,7 +267,7 @@ fn by_survey(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationE
     let survey = survey_network(n, &measured.ranges, &measured.sides)?;
     let xy = survey.anchors_xy_m;
     let all_direct = (0..n).all(|i| measured.heights.iter().any(|h| h.anchor == i));
-    // Unknowns x1, y1, z1, ..; heights come from the points, or start from nothing if all were measured directly.
+    // Unknowns x1, y1, z1, ..; heights come from the points, or start from zero if all were measured directly.
     let mut value = DVector::zeros(3 * n);
     let mut covariance = DMatrix::zeros(3 * n, 3 * n);
     for i in 0..n {
@@ -286,7 +285,7 @@ fn by_survey(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationE
                 heights::check_spread(&xy, &measured.lengths_m, &found.points_xy_m, measured.sigma_length_m)?;
             }
             let heights = found.heights_m()?;
-            spread_heights(measured, &xy, &survey.covariance, &found, &heights, &mut covariance)?;
+            add_height_covariance(measured, &xy, &survey.covariance, &found, &heights, &mut covariance)?;
             for i in 0..n {
                 value[3 * i + 2] = heights[i];
             }
@@ -316,18 +315,18 @@ fn by_survey(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationE
     let frame = Frame::new(&xy);
     let points: Vec<_> =
         measured.lengths_m.iter().map(|l| heights::point_in_plane(&anchors_m, l, frame.point(l, &w))).collect();
-    let mut found = plain(Method::Survey, anchors_m, AnchorCovariance::new(covariance));
+    let mut found = without_scale(Method::Survey, anchors_m, AnchorCovariance::new(covariance));
     found.residuals_m = residuals(&xy, &w, &points, &measured.lengths_m);
     found.points_m = points.iter().map(|c| [c[0], c[1], 0.0]).collect();
-    // Whether the data agree with the model is a question to the model, not to this estimate, whose residuals also hold
-    // what its x and y are off by.
+    // The agreement of the data has to be judged with the model, not with this estimate, whose residuals also contain
+    // the errors of its x and y.
     let fit = joint_fit(measured, &xy)
         .map(|best| Fit { chi_squared: best.chi_squared, degrees_of_freedom: best.degrees_of_freedom, robust: false })
         .unwrap_or(Fit { chi_squared: 0.0, degrees_of_freedom: 0.0, robust: false });
     Ok((found, fit))
 }
 
-/// The fit of the same unknowns by maximum likelihood, without scale and zeros.
+/// Maximum likelihood fit of the same unknowns, without scale and zeros.
 fn joint_fit(measured: &Measurements, xy: &[[f64; 2]]) -> Result<joint::Joint, CalibrationError> {
     calibrate_joint(&JointInput {
         ranges: &measured.ranges,
@@ -336,8 +335,8 @@ fn joint_fit(measured: &Measurements, xy: &[[f64; 2]]) -> Result<joint::Joint, C
     })
 }
 
-/// Rows of the heights: noise of the lengths, and the survey's through the closed form.
-fn spread_heights(
+/// Adds the height rows: noise of the lengths, and noise of the survey through the closed form.
+fn add_height_covariance(
     measured: &Measurements,
     xy: &[[f64; 2]],
     survey: &DMatrix<f64>,
@@ -364,7 +363,7 @@ fn spread_heights(
     }
     let cross = &by_xy * survey;
     let from_survey = &cross * by_xy.transpose();
-    // dz = dw / 2z; a height of zero has no finite deviation and is refused by it.
+    // dz = dw / 2z; a height of zero has an infinite standard deviation and is rejected because of it.
     let gain = |i: usize| 0.5 / heights[i];
     for i in 0..n {
         for j in 0..n {
@@ -380,7 +379,7 @@ fn spread_heights(
     Ok(())
 }
 
-/// Takes a directly measured height into account (Kalman's update).
+/// Updates the estimate with a directly measured height (Kalman update).
 fn update(value: &mut DVector<f64>, covariance: &mut DMatrix<f64>, height: &DirectHeight) {
     let k = 3 * height.anchor + 2;
     let total = covariance[(k, k)] + height.sigma_m * height.sigma_m;
@@ -415,7 +414,7 @@ fn by_joint(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationEr
         sigma_offset_m: measured.sigma_offset_m,
         loss: measured.loss,
     })?;
-    let mut found = plain(Method::Joint, joint.anchors_m, joint.covariance);
+    let mut found = without_scale(Method::Joint, joint.anchors_m, joint.covariance);
     found.points_m = joint.points_xy_m.iter().map(|c| [c[0], c[1], 0.0]).collect();
     found.residuals_m = joint.residuals_m;
     found.scale = joint.scale;
@@ -457,7 +456,8 @@ fn by_gps(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationErro
     for (i, a) in anchors.iter().enumerate() {
         for (k, b) in anchors.iter().enumerate() {
             for j in 0..m {
-                // A misplaced point moves every anchor: by its error along the line to that anchor.
+                // An error of a point's position moves every anchor by its component along the
+                // direction to that anchor.
                 let shared = place * a.directions[j].dot(&b.directions[j]) + if i == k { length } else { 0.0 };
                 let block = a.by_length[j] * b.by_length[j].transpose() * shared;
                 let mut view = covariance.fixed_view_mut::<3, 3>(3 * i, 3 * k);
@@ -468,7 +468,7 @@ fn by_gps(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationErro
     let variance = length + place;
     let chi_squared = anchors.iter().flat_map(|a| &a.residuals_m).map(|r| r * r / variance).sum();
     let anchors_m = anchors.iter().map(|a| a.anchor_m.into()).collect();
-    let mut found = plain(Method::Gps, anchors_m, AnchorCovariance::new(covariance));
+    let mut found = without_scale(Method::Gps, anchors_m, AnchorCovariance::new(covariance));
     found.points_m = measured.gps_m.clone();
     found.residuals_m = (0..m).map(|j| CableVec::from_fn(n, |i| anchors[i].residuals_m[j])).collect();
     Ok((found, Fit { chi_squared, degrees_of_freedom: (n * m.saturating_sub(3)) as f64, robust: false }))

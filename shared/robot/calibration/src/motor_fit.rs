@@ -1,9 +1,9 @@
-//! A current table from what was recorded while loads were raised and lowered.
+//! Motor current table from recordings of raising and lowering loads.
 //!
-//! Each sample is a reel-in speed, a tension and the current that was drawn. The table's currents are those that fit all samples
-//! best (least squares) when the table is read between its points, held together by a weak pull towards straight lines, so
-//! that few samples do not make it ring. A point without samples of its own is not guessed: the fit is refused, and
-//! [`covered`] makes no table that has one.
+//! Each sample has a reel-in speed, a tension and the measured current. The fit minimises the squared current error
+//! of the bilinear table over all samples, with a weak regularisation towards straight lines, so that few samples do
+//! not cause oscillations. A table point without samples is not extrapolated: [`fit`] rejects it, and [`covered`]
+//! does not select it.
 //!
 //! # Example
 //! ```
@@ -29,24 +29,25 @@ use thiserror::Error;
 
 use cable_robot::energy::table::{MAX_SPEEDS, MAX_TENSIONS, locate};
 
-/// Speeds that a table may hold in either direction, m/s: closer together where friction changes its sign.
+/// Possible speeds of a table in either direction, m/s: closer together where friction changes its sign.
 const SPEEDS_M_S: [f64; 11] = [0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8];
 
-/// Steps between the tensions of a table, N; the finest that needs few enough tensions is taken.
+/// Possible steps between the tensions of a table, N; the finest that keeps the number of tensions within
+/// the limit is used.
 const TENSION_STEPS_N: [f64; 8] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
 
-/// Samples that a point of the table needs around it.
+/// Number of samples required around each point of the table.
 pub const NEEDED: usize = 3;
 
-/// Weight of the pull towards straight lines, in samples per point.
+/// Weight of the regularisation towards straight lines, in samples per point.
 const STRAIGHTNESS: f64 = 0.02;
 
-/// What one winch drew at one time.
+/// A measurement of one winch at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// -dL/dt, m/s.
+    /// Reel-in speed -dL/dt, m/s.
     pub reel_in_m_s: f64,
-    /// Line tension, N.
+    /// Cable tension, N.
     pub tension_n: f64,
     /// Armature current, A.
     pub current_a: f64,
@@ -55,62 +56,63 @@ pub struct Sample {
 /// The currents of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
-    /// A row per speed, A.
+    /// Currents, a row per speed, A.
     pub currents_a: Vec<Vec<f64>>,
-    /// Samples inside the table.
+    /// Number of samples inside the table.
     pub samples: usize,
-    /// Root mean square of their distance from the table, A.
+    /// Root mean square difference of samples and table, A.
     pub rms_residual_a: f64,
 }
 
-/// Samples that make no table.
+/// Why samples do not determine a table.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum FitError {
-    /// None at all, or far too few.
+    /// No samples, or far too few.
     #[error(
         "there are {given} usable samples of steady motion, and a table needs hundreds; record runs that raise and lower known loads at several speeds"
     )]
     TooFew {
-        /// How many there are.
+        /// Number of samples.
         given: usize,
     },
-    /// All in one direction.
+    /// Too few samples in one direction.
     #[error(
-        "the runs hold too few samples of {missing} line at different speeds and tensions; record runs that raise and lower known loads at several speeds"
+        "the runs have too few samples of {missing} at different speeds and tensions; record runs that raise and lower known loads at several speeds"
     )]
     OneWay {
-        /// `reeling in` or `paying out`.
+        /// Missing direction: `reeling in` or `paying out`.
         missing: &'static str,
     },
-    /// One tension only.
+    /// Too small a range of tensions.
     #[error(
-        "the tensions of the runs reach from {low_n:.1} to {high_n:.1} N only; record runs with lighter and heavier loads, high up and low down"
+        "the runs only have tensions from {low_n:.1} to {high_n:.1} N; record runs with lighter and heavier loads, at large and small heights"
     )]
     OneTension {
-        /// Lowest, N.
+        /// Lowest tension, N.
         low_n: f64,
-        /// Highest, N.
+        /// Highest tension, N.
         high_n: f64,
     },
     /// A point of the table without enough samples.
     #[error(
-        "the runs hold {given} samples near {reel_in_m_s} m/s and {tension_n} N, and {NEEDED} are needed there; record a run that does this, or ask for fewer speeds or tensions"
+        "the runs have {given} samples near {reel_in_m_s} m/s and {tension_n} N, and {NEEDED} are needed there; record a run with this speed and tension, or request fewer speeds or tensions"
     )]
     Uncovered {
         /// Speed of the point, m/s.
         reel_in_m_s: f64,
-        /// Its tension, N.
+        /// Tension of the point, N.
         tension_n: f64,
-        /// Samples there.
+        /// Number of samples at the point.
         given: usize,
     },
-    /// The numbers lead nowhere.
+    /// Invalid axes of a table.
     #[error("speeds and tensions of a table rise, two or more of each, and at most {MAX_SPEEDS} and {MAX_TENSIONS}")]
     Axes,
 }
 
-/// Speeds (m/s) and tensions (N) of the largest table that the samples cover everywhere: of every range of tensions the speeds that
-/// are covered over all of it, and of those tables the one that reaches farthest, in speed in both directions times in tension.
+/// Selects speeds (m/s) and tensions (N) of the largest table that the samples cover completely. For every range of
+/// tensions it takes the speeds covered over all of it; of these tables, the one with the largest product of the ranges
+/// of speed (in both directions) and tension.
 pub fn covered(samples: &[Sample]) -> Result<(Vec<f64>, Vec<f64>), FitError> {
     let (low_n, high_n) = samples
         .iter()
@@ -150,7 +152,7 @@ pub fn covered(samples: &[Sample]) -> Result<(Vec<f64>, Vec<f64>), FitError> {
     }
 }
 
-/// The speeds that are covered at all of these tensions.
+/// Speeds that are covered at all of these tensions.
 fn covered_speeds(samples: &[Sample], mut speeds: Vec<f64>, tensions: &[f64]) -> Vec<f64> {
     while speeds.len() >= 2 {
         let counts = counts(samples, &speeds, tensions);
@@ -160,7 +162,7 @@ fn covered_speeds(samples: &[Sample], mut speeds: Vec<f64>, tensions: &[f64]) ->
             .filter(|(_, row)| row.iter().all(|count| *count >= NEEDED))
             .map(|(speed, _)| *speed)
             .collect();
-        // Without a speed, its samples are those of its neighbours: they are counted anew.
+        // Samples of a removed speed count for its neighbours: count them again.
         if kept.len() == speeds.len() {
             return speeds;
         }
@@ -169,7 +171,8 @@ fn covered_speeds(samples: &[Sample], mut speeds: Vec<f64>, tensions: &[f64]) ->
     Vec::new()
 }
 
-/// The currents that fit the samples inside a table best. Every point needs [`NEEDED`] samples that are nearer to it than to any other.
+/// Fits the currents of a table to the samples inside it. Every point needs [`NEEDED`] samples that are nearer to it
+/// than to any other.
 pub fn fit(samples: &[Sample], speeds_m_s: &[f64], tensions_n: &[f64]) -> Result<Fit, FitError> {
     let rises = |axis: &[f64], most: usize| {
         (2..=most).contains(&axis.len())
@@ -203,7 +206,7 @@ pub fn fit(samples: &[Sample], speeds_m_s: &[f64], tensions_n: &[f64]) -> Result
     for (terms, current) in &inside {
         add(terms, *current, 1.0);
     }
-    // Second differences over the uneven axes, scaled so that a bend of 1 A over neighbouring points counts as such.
+    // Second differences over the uneven axes, scaled so that a bend of 1 A over neighbouring points counts as 1 A.
     let weight = STRAIGHTNESS * inside.len() as f64 / (rows * columns) as f64;
     let mut straighten = |axis: &[f64], i: usize, at: &dyn Fn(usize) -> usize| {
         let (before, after) = (axis[i] - axis[i - 1], axis[i + 1] - axis[i]);
@@ -211,7 +214,7 @@ pub fn fit(samples: &[Sample], speeds_m_s: &[f64], tensions_n: &[f64]) -> Result
         add(&[(at(i - 1), share), (at(i), -1.0), (at(i + 1), 1.0 - share)], 0.0, weight);
     };
     for j in 0..columns {
-        // Across standstill the current does bend: there the samples alone decide.
+        // Around standstill the current does bend: there only the samples count.
         for i in (1..rows - 1).filter(|i| speeds_m_s[i - 1] >= 0.0 || speeds_m_s[i + 1] <= 0.0) {
             straighten(speeds_m_s, i, &|i| i * columns + j);
         }
@@ -233,7 +236,7 @@ pub fn fit(samples: &[Sample], speeds_m_s: &[f64], tensions_n: &[f64]) -> Result
     })
 }
 
-/// The four points around a sample with their shares; None outside the table.
+/// The four points around a sample with their weights; None outside the table.
 fn corners(sample: &Sample, speeds_m_s: &[f64], tensions_n: &[f64]) -> Option<[(usize, f64); 4]> {
     let (i, u) = locate(speeds_m_s, sample.reel_in_m_s, "speed", "m/s").ok()?;
     let (j, w) = locate(tensions_n, sample.tension_n, "tension", "N").ok()?;
@@ -246,7 +249,7 @@ fn corners(sample: &Sample, speeds_m_s: &[f64], tensions_n: &[f64]) -> Option<[(
     ])
 }
 
-/// How many samples inside the table are nearest to each of its points, row by row.
+/// Number of samples inside the table that are nearest to each of its points, row by row.
 fn counts(samples: &[Sample], speeds_m_s: &[f64], tensions_n: &[f64]) -> Vec<usize> {
     let mut counts = vec![0; speeds_m_s.len() * tensions_n.len()];
     for terms in samples.iter().filter_map(|sample| corners(sample, speeds_m_s, tensions_n)) {
@@ -264,7 +267,7 @@ mod tests {
     use cable_robot::motor::Motor;
     use proptest::prelude::*;
 
-    /// Samples all over a range, from a counter, with a current that is off by up to `noise_a`.
+    /// Quasi-random samples over a range, with a current error of up to `noise_a`.
     fn samples(count: u32, fastest: f64, tensions: [f64; 2], noise_a: f64) -> Vec<Sample> {
         let motor = Motor::default();
         // Fractions of multiples of the golden ratio and of its square cover the unit square evenly.
@@ -280,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn the_motor_comes_back_through_noise() {
+    fn a_motor_is_recovered_from_noisy_samples() {
         let motor = Motor::default();
         let given = samples(6000, 0.42, [1.5, 42.0], 0.1);
         let (speeds, tensions) = covered(&given).unwrap();
@@ -296,8 +299,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_covered_is_left_out_or_named() {
-        // Nothing heavy was reeled in fast.
+    fn uncovered_points_are_excluded_or_named() {
+        // Fast reeling in of heavy loads is missing.
         let given: Vec<Sample> = samples(6000, 0.4, [2.0, 40.0], 0.0)
             .into_iter()
             .filter(|s| s.reel_in_m_s < 0.15 || s.tension_n < 22.0)
@@ -312,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_that_say_too_little_are_refused() {
+    fn runs_with_too_few_samples_are_refused() {
         let all = samples(2000, 0.4, [2.0, 40.0], 0.0);
         let only = |keep: fn(&Sample) -> bool| covered(&all.iter().copied().filter(keep).collect::<Vec<_>>());
         assert_eq!(only(|s| s.reel_in_m_s > 0.03), Err(FitError::OneWay { missing: "paying out" }));
@@ -325,9 +328,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(16))]
 
-        /// Whatever was measured: a table that is offered can be fitted, and reads what bilinear data were made of.
+        /// For any samples: the selected table can be fitted, and reproduces bilinear data.
         #[test]
-        fn what_is_covered_can_be_fitted(count in 200u32..3000, fastest in 0.05..0.8f64, low in 0.0..20.0f64, width in 5.0..60.0f64) {
+        fn a_covered_table_can_be_fitted(count in 200u32..3000, fastest in 0.05..0.8f64, low in 0.0..20.0f64, width in 5.0..60.0f64) {
             let mut given = samples(count, fastest, [low, low + width], 0.0);
             for sample in &mut given {
                 sample.current_a = 0.3 + 2.0 * sample.reel_in_m_s + 0.05 * sample.tension_n;

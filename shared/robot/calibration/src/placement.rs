@@ -1,15 +1,15 @@
-//! Where to put the points, and how good the answer will be.
+//! Positions of the points, and the accuracy to expect from them.
 //!
-//! Points near the corners of the triangle or polygon of the anchors determine the heights two to three times better than
-//! as many points all over it: three at the corners are worth about twenty at random.
+//! Points near the corners of the polygon of the anchors determine the heights two to three times better than as many
+//! points all over it: three at the corners are equivalent to about twenty at random.
 //!
 //! Anchors and points as [x, y] in m, predicted standard deviations in m.
 
 use super::{AnchorCovariance, CalibrationError, Measurements, Method, calibrate};
 use cable_robot::CableVec;
 
-/// `count` points near the corners of the polygon of the anchors: every corner in turn, pulled towards the mean of the
-/// anchors to `reach` of its distance (0.9 keeps every line taut), later rounds a little nearer. x and y, m.
+/// Returns `count` points near the corners of the polygon of the anchors: every corner in turn, moved towards the mean
+/// of the anchors to `reach` of its distance (0.9 keeps every cable taut), later rounds a little nearer. x and y, m.
 ///
 /// ```
 /// use calibration::placement::corners;
@@ -22,7 +22,7 @@ pub fn corners(anchors_xy_m: &[[f64; 2]], count: usize, reach: f64) -> Vec<[f64;
     (0..count)
         .map(|k| {
             let round = k / n;
-            // A different place each round, so that a bump of the floor does not enter every time.
+            // A different position each round, so that a bump of the floor does not affect all of them.
             let share = reach * (1.0 - 0.05 * (round % 4) as f64);
             let a = anchors_xy_m[k % n];
             [mean[0] + share * (a[0] - mean[0]), mean[1] + share * (a[1] - mean[1])]
@@ -30,12 +30,12 @@ pub fn corners(anchors_xy_m: &[[f64; 2]], count: usize, reach: f64) -> Vec<[f64;
         .collect()
 }
 
-/// The covariance to expect from points at these places, for anchors known roughly: the calibration of exact
-/// measurements with the stated deviations. Lengths and direct heights in `plan` are replaced; its ranges keep only
-/// which anchors they join and how well.
+/// Predicts the covariance for points at these positions and roughly known anchors, by a calibration of exact
+/// measurements with the stated standard deviations. Lengths and direct heights in `plan` are replaced; of its ranges
+/// only the anchors and standard deviations are used.
 ///
 /// # Errors
-/// What [`calibrate`] refuses: then these points would not do.
+/// The errors of [`calibrate`]: then these points are not sufficient.
 pub fn predict(
     anchors_m: &[[f64; 3]],
     points_xy_m: &[[f64; 2]],

@@ -1,7 +1,7 @@
 //! x and y of the anchors from horizontal ranges between plumb lines: (1)-(2), further anchors, and networks of ranges.
 //!
-//! Ranges in m with standard deviations in m; N anchors as [x, y] in m, the first at the origin, the second on the x axis. Ranges that
-//! form no triangle, or that leave an anchor open, are a [`CalibrationError`].
+//! Ranges in m with standard deviations in m; N anchors as [x, y] in m, the first at the origin, the second on the x
+//! axis. Ranges that do not form a triangle, or do not determine an anchor, are a [`CalibrationError`].
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,20 +9,20 @@ use super::error::{CalibrationError, degenerate, invalid, undetermined};
 use super::{TwoPlaces, Undetermined};
 use cable_robot::MAX_CABLES;
 
-/// Three anchors whose triangle is flatter than this share of its longest side count as collinear; below it rounding
-/// decides on which side of the line the third one stands.
+/// Three anchors count as collinear if their triangle is flatter than this share of its longest side; below it rounding
+/// decides the side of the third one.
 const COLLINEAR_SHARE: f64 = 1e-6;
 
-/// Circles that miss each other by this share of the radii touch: rounding.
+/// Circles that miss each other by this share of the radii count as touching: rounding.
 const TOUCH_SHARE: f64 = 1e-9;
 
-/// Bound of the refinement; it needs about five steps.
+/// Bound of the refinement, which needs about five steps.
 const MAX_ITERATIONS: usize = 100;
 
-/// On which side of the line from the first to the second anchor another one stands, seen from above.
+/// Side of an anchor relative to the line from the first to the second anchor, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Side {
-    /// Left: y above 0 where the line is the x axis.
+    /// Left: y above 0 if the line is the x axis.
     #[default]
     Left,
     /// Right.
@@ -30,7 +30,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// +1 is left, -1 is right; nothing else is a side.
+    /// Converts +1 to left and -1 to right; rejects other values.
     pub fn from_sign(sign: i64) -> Result<Self, CalibrationError> {
         match sign {
             1 => Ok(Self::Left),
@@ -50,13 +50,13 @@ impl Side {
 /// A horizontal distance between the plumb lines of two anchors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// One anchor, counted from 0.
+    /// Index of one anchor, from 0.
     pub from: usize,
-    /// The other anchor, counted from 0.
+    /// Index of the other anchor, from 0.
     pub to: usize,
-    /// The distance, m.
+    /// Distance, m.
     pub m: f64,
-    /// Its standard deviation, m.
+    /// Standard deviation, m.
     pub sigma_m: f64,
 }
 
@@ -67,12 +67,12 @@ fn check_range(name: &str, m: f64) -> Result<(), CalibrationError> {
     invalid(format!("{name} is {m} m; give a finite horizontal distance in metres"))
 }
 
-/// x and y of three anchors from `ranges_m` = [D1 = P1P3, D2 = P1P2, D3 = P2P3], (1)-(2): the first at the origin, the
-/// second on the x axis, the third at the given side of it. y3 comes from Heron's formula in Kahan's order, which keeps
-/// its digits for flat triangles.
+/// Computes x and y of three anchors from `ranges_m` = [D1 = P1P3, D2 = P1P2, D3 = P2P3], (1)-(2): the first at the
+/// origin, the second on the x axis, the third at the given side of it. y3 comes from Heron's formula in Kahan's order,
+/// which is accurate for flat triangles.
 ///
 /// # Errors
-/// `invalid_argument`, or `degenerate_geometry` for ranges that form no triangle.
+/// `invalid_argument`, or `degenerate_geometry` for ranges that do not form a triangle.
 ///
 /// ```
 /// use calibration::Side;
@@ -109,7 +109,7 @@ pub fn survey_anchors(ranges_m: [f64; 3], side: Side) -> Result<[[f64; 2]; 3], C
             "ranges of {d1}, {d2} and {d3} m put the three anchors on one line; move one of them sideways"
         ));
     }
-    // (D1² + D2² - D3²) / 2 D2 of (1), without squaring what nearly cancels.
+    // (D1² + D2² - D3²) / 2 D2 of (1), without the cancellation of squares.
     let x3 = 0.5 * (d2 + (d1 - d3) * ((d1 + d3) / d2));
     Ok([[0.0, 0.0], [d2, 0.0], [x3, side.sign() * y3]])
 }
@@ -119,13 +119,13 @@ fn distance(a: &[f64; 2], b: &[f64; 2]) -> f64 {
     (dx * dx + dy * dy).sqrt()
 }
 
-/// The point at `ra` from `a` and `rb` from `b`, left or right of the line from `a` to `b`.
+/// Point at `ra` from `a` and `rb` from `b`, left or right of the line from `a` to `b`.
 fn intersect(a: &[f64; 2], b: &[f64; 2], ra: f64, rb: f64, side: Side) -> Result<[f64; 2], CalibrationError> {
     let d = distance(a, b);
     if !(d > 0.0) {
         return degenerate("two anchors coincide, so ranges from them determine no point; measure them again");
     }
-    let (meeting, across_squared) = meet(a, b, ra, rb, side);
+    let (meeting, across_squared) = intersect_circles(a, b, ra, rb, side);
     if across_squared < -TOUCH_SHARE * (ra * ra).max(rb * rb).max(d * d) {
         return degenerate(format!(
             "ranges of {ra} and {rb} m from anchors {d:.4} m apart form no triangle; measure them again"
@@ -134,9 +134,9 @@ fn intersect(a: &[f64; 2], b: &[f64; 2], ra: f64, rb: f64, side: Side) -> Result
     Ok(meeting)
 }
 
-/// Where two circles meet, and the squared distance of that place from the line of their centres; where they do not
-/// meet, a place on that line and a negative number.
-fn meet(a: &[f64; 2], b: &[f64; 2], ra: f64, rb: f64, side: Side) -> ([f64; 2], f64) {
+/// Intersection of two circles, and its squared distance from the line of their centres; if the circles do not
+/// intersect, a point on that line and a negative number.
+fn intersect_circles(a: &[f64; 2], b: &[f64; 2], ra: f64, rb: f64, side: Side) -> ([f64; 2], f64) {
     let d = distance(a, b);
     let along = 0.5 * (d + (ra - rb) * ((ra + rb) / d));
     let across_squared = (ra - along) * (ra + along);
@@ -145,7 +145,7 @@ fn meet(a: &[f64; 2], b: &[f64; 2], ra: f64, rb: f64, side: Side) -> ([f64; 2], 
     ([a[0] + along * ux - across * uy, a[1] + along * uy + across * ux], across_squared)
 }
 
-/// Spread of the points across the line that fits them best over their spread along it: 0 where they are collinear.
+/// Spread of the points across their best-fitting line divided by their spread along it: 0 if they are collinear.
 pub(super) fn flatness(anchors: &[[f64; 2]]) -> f64 {
     let n = anchors.len() as f64;
     let mean = anchors.iter().fold([0.0; 2], |m, a| [m[0] + a[0] / n, m[1] + a[1] / n]);
@@ -165,7 +165,7 @@ pub(super) fn flatness(anchors: &[[f64; 2]]) -> f64 {
     ((xx * yy - xy * xy).max(0.0) / large).sqrt() / large.sqrt()
 }
 
-/// x and y of three or more anchors, in any frame: finite, and not on one line.
+/// Checks x and y of three or more anchors, in any frame: finite, and not on one line.
 pub(super) fn check_anchors(anchors: &[[f64; 2]]) -> Result<(), CalibrationError> {
     if !(3..=MAX_CABLES).contains(&anchors.len()) {
         return invalid(format!("{} anchors are given; give x and y of 3 to {MAX_CABLES}", anchors.len()));
@@ -181,11 +181,11 @@ pub(super) fn check_anchors(anchors: &[[f64; 2]]) -> Result<(), CalibrationError
     Ok(())
 }
 
-/// x and y of one more anchor from its ranges to three anchors (least squares in range), or to the first two of them and
-/// the side of the line from the first to the second on which it stands.
+/// Computes x and y of one more anchor from its ranges to three anchors (least squares in range), or from its ranges to
+/// the first two of them and its side of the line from the first to the second.
 ///
 /// # Errors
-/// `invalid_argument`; `ambiguous` for two ranges without a side; `degenerate_geometry` for ranges that form no
+/// `invalid_argument`; `ambiguous` for two ranges without a side; `degenerate_geometry` for ranges that do not form a
 /// triangle, a range of zero, and three anchors on one line.
 pub fn fourth_anchor(
     anchors_xy_m: &[[f64; 2]; 3],
@@ -228,16 +228,16 @@ fn range_cost(known: &[([f64; 2], f64, f64)], p: &[f64; 2]) -> f64 {
         .sum()
 }
 
-/// The point that fits three or more weighted ranges (place, range, sigma) best: Gauss-Newton from every intersection of
-/// two circles, so that the better of the two sides wins.
+/// Computes the point that fits three or more weighted ranges (position, range, sigma) best: Gauss-Newton from every
+/// intersection of two circles, to find the better of the two sides.
 fn best_point(known: &[([f64; 2], f64, f64)]) -> [f64; 2] {
     let mut best = ([0.0; 2], f64::INFINITY);
     for (i, (a, ra, _)) in known.iter().enumerate() {
         for (b, rb, _) in &known[i + 1..] {
             for side in [Side::Left, Side::Right] {
-                // Circles that miss each other still give a place between them to start from.
-                let (start, _) = meet(a, b, *ra, *rb, side);
-                let found = polish(known, start);
+                // Circles that miss each other still give a starting point between them.
+                let (start, _) = intersect_circles(a, b, *ra, *rb, side);
+                let found = refine_point(known, start);
                 let cost = range_cost(known, &found);
                 if cost < best.1 {
                     best = (found, cost);
@@ -248,7 +248,7 @@ fn best_point(known: &[([f64; 2], f64, f64)]) -> [f64; 2] {
     best.0
 }
 
-fn polish(known: &[([f64; 2], f64, f64)], start: [f64; 2]) -> [f64; 2] {
+fn refine_point(known: &[([f64; 2], f64, f64)], start: [f64; 2]) -> [f64; 2] {
     let mut p = start;
     let mut damping = 1e-9;
     let mut cost = range_cost(known, &p);
@@ -288,7 +288,7 @@ fn polish(known: &[([f64; 2], f64, f64)], start: [f64; 2]) -> [f64; 2] {
     p
 }
 
-/// Position of a free coordinate among the 2N - 3 that the gauge leaves, or None if it is fixed. Axis 0 is x, 1 is y.
+/// Index of a free coordinate among the 2N - 3 that the gauge leaves, or None if it is fixed. Axis 0 is x, 1 is y.
 pub(super) fn free_index(anchor: usize, axis: usize) -> Option<usize> {
     match (anchor, axis) {
         (0, _) | (1, 1) => None,
@@ -297,7 +297,7 @@ pub(super) fn free_index(anchor: usize, axis: usize) -> Option<usize> {
     }
 }
 
-/// The same points with the first at the origin and the second on the positive x axis.
+/// The same points transformed so that the first is at the origin and the second on the positive x axis.
 pub(super) fn to_gauge(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let (o, p) = (points[0], points[1]);
     let d = distance(&o, &p);
@@ -314,7 +314,7 @@ pub(super) fn check_ranges(n: usize, ranges: &[Range]) -> Result<(), Calibration
     for r in ranges {
         let name = format!("the range between anchors {} and {}", r.from + 1, r.to + 1);
         if r.from >= n || r.to >= n {
-            return invalid(format!("{name} names an anchor that is not there: there are {n}"));
+            return invalid(format!("{name} refers to an anchor that does not exist: there are {n}"));
         }
         if r.from == r.to {
             return invalid(format!("{name} needs two different anchors"));
@@ -328,7 +328,7 @@ pub(super) fn check_ranges(n: usize, ranges: &[Range]) -> Result<(), Calibration
     Ok(())
 }
 
-/// Anchors placed by a network of ranges.
+/// Anchors computed from a network of ranges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Survey {
     /// x and y of every anchor, m.
@@ -337,17 +337,18 @@ pub struct Survey {
     pub covariance: DMatrix<f64>,
     /// Sum of squared residuals, each in standard deviations.
     pub chi_squared: f64,
-    /// Ranges beyond the ones needed.
+    /// Number of redundant ranges.
     pub degrees_of_freedom: usize,
 }
 
-/// Places any number of anchors by ranges between them: each from those already placed, then all ranges together by
-/// weighted least squares. `sides` holds one entry per anchor and is used for an anchor that only two ranges reach,
-/// relative to the line between those two, lower number first; the third anchor stands left if nothing is said.
+/// Computes the positions of any number of anchors from ranges between them: each from those already known, then
+/// all ranges together by weighted least squares. `sides` has one entry per anchor and applies to an anchor with
+/// only two ranges, relative to the line between those two anchors, lower number first; the default side of the
+/// third anchor is left.
 ///
 /// # Errors
-/// `invalid_argument`; `degenerate_geometry` where ranges form no triangle; `rank_deficient` for an anchor that too few
-/// ranges reach; `ambiguous` where a side is missing.
+/// `invalid_argument`; `degenerate_geometry` if ranges do not form a triangle; `rank_deficient` for an anchor with too
+/// few ranges; `ambiguous` if a side is missing.
 pub fn survey_network(n: usize, ranges: &[Range], sides: &[Option<Side>]) -> Result<Survey, CalibrationError> {
     if !(3..=MAX_CABLES).contains(&n) {
         return invalid(format!("{n} anchors cannot be surveyed; a robot has 3 to {MAX_CABLES}"));
@@ -399,7 +400,7 @@ pub fn survey_network(n: usize, ranges: &[Range], sides: &[Option<Side>]) -> Res
     refine(start, ranges)
 }
 
-/// The anchor not yet placed with the most ranges to placed ones; of equals the first.
+/// The unknown anchor with the most ranges to known ones; of equals the first.
 fn most_reached(placed: &[Option<[f64; 2]>], between: &impl Fn(usize, usize) -> Option<(f64, f64)>) -> Option<usize> {
     let reach = |k: usize| (0..placed.len()).filter(|i| placed[*i].is_some() && between(*i, k).is_some()).count();
     (0..placed.len()).rev().filter(|k| placed[*k].is_none()).max_by_key(|k| reach(*k))

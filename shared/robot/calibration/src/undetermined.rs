@@ -1,125 +1,125 @@
-//! What measurements leave open.
+//! Reasons why measurements do not determine the anchors.
 
 use thiserror::Error;
 
-/// Why measurements do not determine the anchors. Anchors are counted from 1.
+/// Missing information in measurements. Anchors are counted from 1.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Undetermined {
-    /// No range gives the x axis.
+    /// No range defines the x axis.
     #[error("there is no range between anchors 1 and 2, which define the x axis; measure it")]
     NoBaseline,
-    /// An anchor with less than two ranges from known places.
-    #[error(
-        "anchor {anchor} is reached by {ranges} range(s) from anchors whose place is known; measure ranges to two more"
-    )]
+    /// An anchor with fewer than two ranges from known anchors.
+    #[error("anchor {anchor} has {ranges} range(s) from anchors with known positions; measure ranges to two more")]
     FewRanges {
-        /// The anchor.
+        /// Number of the anchor.
         anchor: usize,
-        /// From known places.
+        /// Number of ranges from known anchors.
         ranges: usize,
     },
-    /// An anchor whose ranges begin on one line.
+    /// An anchor whose ranges start from anchors on one line.
     #[error("the anchors with ranges to anchor {anchor} lie on one line; measure a range from another one")]
     RangesOnALine {
-        /// The anchor.
+        /// Number of the anchor.
         anchor: usize,
     },
-    /// A network of ranges that can be bent.
-    #[error("the ranges do not hold the anchors in place; measure one between each pair")]
+    /// A network of ranges that is not rigid.
+    #[error("the ranges do not determine a rigid network; measure one between each pair of anchors")]
     LooseRanges,
-    /// One or two points where three are needed.
+    /// One or two points; three are needed.
     #[error(
         "{points} point(s) cannot determine the heights, whatever the number of cables; measure at least three that are \
          not on one line"
     )]
     FewPoints {
-        /// As many are given.
+        /// Number of points.
         points: usize,
     },
-    /// Points on one line, whatever their noise.
+    /// Points on one line, with any noise.
     #[error(
         "the points lie on one line, which leaves the heights undetermined whatever the number of cables; \
-         add points to its sides"
+         add points on both sides of it"
     )]
     OnALine,
     /// Points whose distances from one line may be noise.
     #[error(
-        "the points lie on one line as far as the lengths can tell ({across_m:.3} m to its sides, of which noise alone makes \
-         {noise_m:.3} m), which leaves the heights undetermined whatever the number of cables; add points to both sides of that line"
+        "the points lie on one line within the accuracy of the lengths ({across_m:.3} m across it, of which noise explains \
+         {noise_m:.3} m), which leaves the heights undetermined whatever the number of cables; add points on both sides of that line"
     )]
     OnALineInNoise {
-        /// Across the line, root mean square, m.
+        /// Spread across the line, root mean square, m.
         across_m: f64,
-        /// As much of it as noise makes, m.
+        /// Spread explained by noise, m.
         noise_m: f64,
     },
-    /// Points so near to one line that a height is not known well enough.
+    /// Points so near to one line that a height is not determined well enough.
     #[error(
-        "the points lie nearly on one line ({across_m:.2} m to its sides and {along_m:.2} m along it, root mean square), which \
-         leaves the height of anchor {anchor} uncertain by {std_m:.2} m; add points to both sides of that line{}", refused_above(*limit_m)
+        "the points lie nearly on one line ({across_m:.2} m across and {along_m:.2} m along it, root mean square), which \
+         leaves the height of anchor {anchor} uncertain by {std_m:.2} m; add points on both sides of that line{}", limit_clause(*limit_m)
     )]
     NearALine {
-        /// Across the line, root mean square, m.
+        /// Spread across the line, root mean square, m.
         across_m: f64,
-        /// Along it, m.
+        /// Spread along the line, m.
         along_m: f64,
-        /// The anchor.
+        /// Number of the anchor.
         anchor: usize,
-        /// Standard deviation of its height, m.
+        /// Standard deviation of the height, m.
         std_m: f64,
-        /// What is accepted, m, if that is known.
+        /// Accepted standard deviation, m, if known.
         limit_m: Option<f64>,
     },
-    /// Points near one line that leave an unknown open.
+    /// Points near one line that do not determine all unknowns.
     #[error(
-        "the points lie on one line or nearly so ({across_m:.3} m to its sides, {along_m:.3} m along it, root mean square), \
-         which leaves the anchors undetermined; add points to both sides of that line"
+        "the points lie on one line or nearly so ({across_m:.3} m across, {along_m:.3} m along it, root mean square), \
+         which leaves the anchors undetermined; add points on both sides of that line"
     )]
     OpenNearALine {
-        /// Across the line, root mean square, m.
+        /// Spread across the line, root mean square, m.
         across_m: f64,
-        /// Along it, m.
+        /// Spread along the line, m.
         along_m: f64,
     },
-    /// An unknown is left open, and not because of points on a line.
+    /// An unknown is not determined, for another reason than points on a line.
     #[error(
-        "the measurements leave an unknown open; add points, ranges between anchors or directly measured heights, or do \
+        "the measurements do not determine all unknowns; add points, ranges between anchors or directly measured heights, or do \
          not estimate scale and zeros"
     )]
     Open,
-    /// A coordinate is not known well enough.
+    /// A coordinate is not determined well enough.
     #[error(
         "these measurements leave {axis} of anchor {anchor} uncertain by {std_m:.2} m{}; spread the points \
-         to the corners below the anchors, add points, or measure more exactly", refused_above(Some(*limit_m))
+         to the corners below the anchors, add points, or measure more exactly", limit_clause(Some(*limit_m))
     )]
     Uncertain {
-        /// x, y or z.
+        /// Coordinate: x, y or z.
         axis: char,
-        /// The anchor.
+        /// Number of the anchor.
         anchor: usize,
         /// Standard deviation, m.
         std_m: f64,
-        /// What is accepted, m.
+        /// Accepted standard deviation, m.
         limit_m: f64,
     },
-    /// One or two known points where three are needed.
+    /// One or two known points; three are needed.
     #[error(
         "{points} point(s) with known positions cannot determine an anchor; measure at least three that are not on one line"
     )]
     FewKnownPoints {
-        /// As many are given.
+        /// Number of points.
         points: usize,
     },
     /// Known points in one plane with the anchor.
-    #[error("the points lie in one plane with the anchor, which leaves it open; add points beside that plane")]
+    #[error(
+        "the points and the anchor lie in one plane, so the anchor is not determined; add points outside that plane"
+    )]
     InAPlane,
-    /// Another method would have an answer.
+    /// Another method would determine the anchors.
     #[error("{0}; or use the joint method, which takes the measured heights into account")]
     WithoutHeights(Box<Undetermined>),
 }
 
 impl Undetermined {
-    /// Whether the points lie too near to one line, so that points beside it help.
+    /// True if the points lie too near to one line, so that points beside it help.
     #[must_use]
     pub fn is_line(&self) -> bool {
         match self {
@@ -130,33 +130,33 @@ impl Undetermined {
     }
 }
 
-/// Two places that fit alike. Anchors are counted from 1.
+/// Two equally good positions. Anchors are counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum TwoPlaces {
-    /// Of a fourth anchor with two ranges.
+    /// Positions of a fourth anchor with two ranges.
     #[error(
-        "two ranges leave two places for the fourth anchor; give its side of the line from anchor 1 to anchor 2, \
+        "two ranges allow two positions of the fourth anchor; give its side of the line from anchor 1 to anchor 2, \
          or a third range"
     )]
     Fourth,
-    /// Of an anchor with two ranges in a network.
+    /// Positions of an anchor with two ranges in a network.
     #[error(
-        "two ranges leave two places for anchor {anchor}; give its side of the line from anchor {from} to anchor {to} \
+        "two ranges allow two positions of anchor {anchor}; give its side of the line from anchor {from} to anchor {to} \
          (1 left, -1 right), or a third range"
     )]
     Anchor {
-        /// The anchor.
+        /// Number of the anchor.
         anchor: usize,
-        /// The line from this anchor
+        /// First anchor of the line.
         from: usize,
-        /// to that one.
+        /// Second anchor of the line.
         to: usize,
     },
-    /// On both sides of a vertical plane through the points.
-    #[error("the points lie in a vertical plane, which leaves two anchors at the same height; move one of them")]
+    /// Positions on both sides of a vertical plane through the points.
+    #[error("the points lie in a vertical plane, which allows two anchors at the same height; move one of the points")]
     VerticalPlane,
 }
 
-fn refused_above(limit_m: Option<f64>) -> String {
+fn limit_clause(limit_m: Option<f64>) -> String {
     limit_m.map_or_else(String::new, |limit| format!(" (more than {limit} m is refused)"))
 }

@@ -1,44 +1,45 @@
-//! Where a second, finer look is worth its way: the parts of a coarsely scanned map that vary most.
+//! Selection of the parts of a coarsely scanned map that deserve a second, finer scan: those that vary most.
 //!
 //! # Method
-//! Between two neighbouring cells with samples that disagree there is an edge, and it may be anywhere between them. So every cell between
-//! two tracks counts for the change from the one to the other; and what changes along a track is taken to go on to the next. The slope
-//! of a fitted map would not do: it keeps edges by not looking across them.
+//! Between two neighbouring sampled cells with different values there is an edge at an unknown position. So every
+//! cell between two tracks has the merit of the change from one to the other, and a change along a track is assumed
+//! to continue to the next track. The slope of a fitted map is not suitable, because the fit keeps edges by not
+//! averaging across them.
 //!
-//! The area is divided into square tiles, which count for the most that a cell of them counts for. Tiles are taken in the order of what
-//! they count for, until their share of the area is used up or the rest counts for too little, and neighbouring ones are joined to
-//! rectangles. A rectangle is scanned along the axis along which it changes most: an edge is found where lines cross it, and only to half a
-//! pitch where they run beside it.
+//! The area is divided into square tiles; the merit of a tile is the largest merit of its cells. Tiles are selected in
+//! the order of their merit until their share of the area is used up or the remaining merit is too small, and
+//! neighbouring ones are joined to rectangles. The scan lines of a rectangle run along the axis with the largest
+//! change: lines that cross an edge locate it well, lines parallel to it only to half a pitch.
 
 use crate::grid::{GridMap, GridSpec};
 
-/// What makes a part of the map worth a second look.
+/// Merit of a part of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Merit {
-    /// Where the field changes from one cell with samples to the next.
+    /// Change of the field between neighbouring sampled cells.
     #[default]
     Gradient,
-    /// Where the map is least sure: its standard deviation.
+    /// Standard deviation of the map.
     Variance,
 }
 
-/// What is known of the field so far.
+/// Current knowledge of the field.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Known {
-    /// Where the cells are.
+    /// Grid of the cells.
     pub spec: GridSpec,
-    /// Every cell, row by row from the lowest y; `None` where nothing is known.
+    /// Every cell, row by row from the lowest y; `None` for unknown cells.
     pub cells: Vec<Option<KnownCell>>,
 }
 
-/// What is known of a cell.
+/// Current knowledge of a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownCell {
-    /// The field at its centre.
+    /// Value of the field at the centre.
     pub value: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the value.
     pub sigma: f64,
-    /// Whether there are samples in the cell itself, and not only near it.
+    /// Whether the cell itself contains samples, not only its surroundings.
     pub sampled: bool,
 }
 
@@ -52,39 +53,40 @@ impl From<&GridMap> for Known {
     }
 }
 
-/// How patches are chosen.
+/// Options of the selection of patches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PatchOptions {
-    /// What counts.
+    /// Merit of a cell.
     pub merit: Merit,
-    /// Side of a tile, m: about the pitch of the coarse scan, as what it saw on one line may lie anywhere up to the next.
+    /// Side of a tile, m: about the pitch of the coarse scan, because a feature seen on one line may
+    /// extend to the next.
     pub tile_m: f64,
     /// Share of the area that the patches may cover, 0 to 1.
     pub share: f64,
-    /// A tile that counts for less than this share of the one that counts most is not worth its way, 0 to 1.
+    /// A tile is not selected if its merit is below this share of the largest merit, 0 to 1.
     pub least: f64,
 }
 
-/// A rectangle to be scanned once more.
+/// A rectangle to be scanned again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Patch {
     /// Lowest x and y, m.
     pub low_m: [f64; 2],
     /// Highest x and y, m.
     pub high_m: [f64; 2],
-    /// Axis along which its lines run: 0 for x, 1 for y.
+    /// Axis of the scan lines: 0 for x, 1 for y.
     pub along: usize,
 }
 
-/// A tile: what it counts for, and how much it changes along x and along y.
+/// Merit of a tile, and its changes along x and along y.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tile {
     merit: f64,
     changes: [f64; 2],
 }
 
-/// The patches of a rectangle (m) of what is known that are worth a second look, in the order in which they are best visited from `from_m`:
-/// always on to the nearest.
+/// Selects the patches of a rectangle (m) of the known map that deserve a second scan, in visiting order from `from_m`:
+/// always the nearest one next.
 #[must_use]
 pub fn patches(
     known: &Known,
@@ -113,7 +115,7 @@ pub fn patches(
         high_m: corner(right, top),
         along,
     });
-    visited(found.collect(), from_m)
+    visiting_order(found.collect(), from_m)
 }
 
 fn tiles(known: &Known, low_m: [f64; 2], size_m: [f64; 2], [columns, rows]: [usize; 2], merit: Merit) -> Vec<Tile> {
@@ -141,8 +143,8 @@ fn tiles(known: &Known, low_m: [f64; 2], size_m: [f64; 2], [columns, rows]: [usi
     tiles
 }
 
-/// By how much the field changes along x and along y from one cell with samples to the next, for both of them and for all cells between
-/// them, where an edge may be as well. What changes on one track goes on to the next track: that is for the cells between too.
+/// Change of the field along x and along y from one sampled cell to the next, for both of them and for all cells
+/// between, where the edge may be as well. Changes on one track are extended to the cells between it and the next.
 fn changes(known: &Known) -> [Vec<f64>; 2] {
     let spec = &known.spec;
     let sampled = |at: usize| known.cells[at].filter(|cell| cell.sampled).map(|cell| cell.value);
@@ -150,7 +152,7 @@ fn changes(known: &Known) -> [Vec<f64>; 2] {
     for (along, changes) in changes.iter_mut().enumerate() {
         for_neighbours(spec, along, sampled, |line, from, to| {
             let [a, b] = [from, to].map(|i| sampled(line(i)).unwrap_or(0.0));
-            // a sampled cell says for itself whether it has an edge, unless the next one has it
+            // a sampled cell only has the merit of an edge of its own, unless the next cell is sampled too
             let inside = if to == from + 1 { from..to + 1 } else { from + 1..to };
             for at in inside.map(line) {
                 changes[at] = changes[at].max((a - b).abs());
@@ -168,8 +170,8 @@ fn changes(known: &Known) -> [Vec<f64>; 2] {
     changes
 }
 
-/// Visits every two cells with samples that have none between them on their row (`along` 0) or column (1): how cells of that line are
-/// counted, and where the two are on it.
+/// Visits every pair of neighbouring sampled cells on a row (`along` 0) or column (1): the index function of that row
+/// or column, and the positions of the two on it.
 fn for_neighbours(
     spec: &GridSpec,
     along: usize,
@@ -188,8 +190,8 @@ fn for_neighbours(
     }
 }
 
-/// Joins tiles of one direction to rectangles [left, right, bottom, top] (right and top excluded): each as long as it goes along its
-/// lines, then as wide as that length goes.
+/// Joins tiles of one direction to rectangles [left, right, bottom, top] (right and top excluded): each as long as
+/// possible along its lines, then as wide as possible with that length.
 fn rectangles(mut taken: Vec<Option<usize>>, columns: usize) -> Vec<(usize, [usize; 4])> {
     let rows = taken.len() / columns;
     let mut found = Vec::new();
@@ -223,8 +225,8 @@ fn rectangles(mut taken: Vec<Option<usize>>, columns: usize) -> Vec<(usize, [usi
     found
 }
 
-/// Always on to the patch whose nearest corner is nearest.
-fn visited(mut left: Vec<Patch>, from_m: [f64; 2]) -> Vec<Patch> {
+/// Visiting order: always the patch with the nearest corner next.
+fn visiting_order(mut left: Vec<Patch>, from_m: [f64; 2]) -> Vec<Patch> {
     let mut order = Vec::with_capacity(left.len());
     let mut here = from_m;
     while !left.is_empty() {

@@ -1,30 +1,30 @@
-//! What cannot be used, in one sentence each.
+//! Errors of this crate, one sentence each.
 
 use thiserror::Error;
 
-/// A grid that cannot be made.
+/// Error of an invalid grid or option.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SurveyError {
-    /// A number is outside what makes sense for it.
-    #[error("{key} is {value}, but has to be {accepted}")]
+    /// A number is outside its accepted range.
+    #[error("{key} is {value}; accepted: {accepted}")]
     Value {
         /// Name of the field, with its unit as suffix.
         key: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What would be accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
-    /// More cells than memory is meant for.
+    /// The grid has too many cells.
     #[error(
-        "a grid of {columns} x {rows} cells is too large: at most {most} cells, so give larger cells or a smaller area"
+        "a grid of {columns} x {rows} cells is too large; accepted: at most {most} cells, with larger cells or a smaller area"
     )]
     Cells {
-        /// Cells along x.
+        /// Number of cells along x.
         columns: usize,
-        /// Cells along y.
+        /// Number of cells along y.
         rows: usize,
-        /// The most that a grid may have.
+        /// Largest number of cells.
         most: usize,
     },
 }

@@ -1,13 +1,14 @@
-//! From readings to maps: estimates a scalar field from samples taken at known places.
+//! From readings to maps: estimation of a field from many samples at known positions.
 //!
-//! [`track`] interpolates where a sensor was when its reading was taken, between two estimates of the node, with its
-//! uncertainty. [`grid`] is a regular map of a scalar in the plane with a standard deviation for every cell. It takes
-//! one sample at a time, as a live map needs it, and names the places where another sample would help most.
+//! [`track`] computes the position of a sensor at the instant of its reading, between two estimates of the node,
+//! with its uncertainty. [`grid`] is a regular map of a scalar in the plane with a standard deviation for every
+//! cell. It adds one sample at a time, as a live map requires, and [`adaptive`] selects the areas where more
+//! samples are most useful.
 //!
 //! Invariants:
 //! * No clock, no I/O, no messages: times are numbers, and the same samples in the same order give the same bits.
-//! * Adding a sample and refreshing the map allocate nothing; nor does a track.
-//! * An unknown value is `None`, never a number.
+//! * Adding a sample, refreshing the map and a track do not allocate.
+//! * Unknown values are `None`, never a special number.
 //!
 //! ```
 //! use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
@@ -19,9 +20,9 @@
 //!     map.add(&GridSample::at([x, y], 20.0 + 3.0 * x));
 //! }
 //! map.refresh();
-//! let cell = map.at([0.55, 0.55]).expect("a sample was near");
+//! let cell = map.at([0.55, 0.55]).expect("a sample is near");
 //! assert!((cell.value - 21.65).abs() < 0.01 && cell.sigma > 0.0);
-//! assert!(map.at([0.05, 0.95]).is_none(), "no sample was near");
+//! assert!(map.at([0.05, 0.95]).is_none(), "no sample is near");
 //! # Ok::<(), survey::SurveyError>(())
 //! ```
 #![forbid(unsafe_code)]

@@ -1,33 +1,34 @@
-//! Where the node was at an instant: between two estimates, and how sure that is.
+//! Position of the node at an instant between two estimates, with its uncertainty.
 
 use crate::SurveyError;
 use std::collections::VecDeque;
 
-/// An estimate of the node, as far as it matters here.
+/// An estimate of the node: the fields that a track uses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fix {
-    /// When it was true, ns.
+    /// Time of the estimate, ns.
     pub stamp_ns: u64,
-    /// Where the node was, m.
+    /// Position of the node, m.
     pub position_m: [f64; 3],
-    /// How fast it was, m/s.
+    /// Velocity of the node, m/s.
     pub velocity_m_s: [f64; 3],
     /// Covariance of the position, row by row, m².
     pub covariance_m2: [f64; 9],
-    /// How far the lengths were from fitting together, m.
+    /// Residual of the cable lengths, m.
     pub residual_m: f64,
-    /// Changes when the position was given anew: there is no way from one to the other.
+    /// Epoch of the position: it changes when the position is set, and positions of different epochs
+    /// are not interpolated.
     pub epoch: u32,
 }
 
-/// Where something was taken.
+/// Interpolated position of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// The sensor: the node and the lever, m.
+    /// Position of the sensor, m: the node plus the lever.
     pub position_m: [f64; 3],
-    /// Its covariance, row by row, m².
+    /// Covariance of the position, row by row, m².
     pub covariance_m2: [f64; 9],
-    /// How fast it was, m/s.
+    /// Velocity, m/s.
     pub velocity_m_s: [f64; 3],
 }
 
@@ -39,25 +40,25 @@ impl Place {
     }
 }
 
-/// What can be said about an instant.
+/// Result of a request for an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Placing {
-    /// Here it was.
+    /// The position at the instant.
     At(Place),
-    /// It is newer than the newest estimate: ask again.
+    /// The instant is newer than the newest estimate: try again later.
     Early,
-    /// It is older than the oldest estimate that is kept.
+    /// The instant is older than the oldest stored estimate.
     Old,
-    /// There are estimates before and after it, but too far apart, or of different epochs.
+    /// The estimates before and after the instant are too far apart, or of different epochs.
     Gap,
 }
 
-/// How instants and estimates are put together.
+/// Options of a track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackOptions {
-    /// Estimates that are kept; 1024 are ten seconds at 100 Hz.
+    /// Number of stored estimates; 1024 are ten seconds at 100 Hz.
     pub kept: usize,
-    /// Estimates that are farther apart are not interpolated between, s.
+    /// Largest interval between estimates for interpolation, s.
     pub gap_s: f64,
 }
 
@@ -69,8 +70,8 @@ impl Default for TrackOptions {
 
 /// The last estimates, in a ring of fixed size.
 ///
-/// Between two estimates the node is taken to move evenly. What that can be wrong by, a share of the change of velocity, is part of the
-/// uncertainty: at 100 Hz and 0.5 m/s² it is 6 µm.
+/// Between two estimates the node is assumed to move uniformly. The possible error, a share of the change of velocity,
+/// is part of the uncertainty: at 100 Hz and 0.5 m/s² it is 6 µm.
 #[derive(Debug, Clone)]
 pub struct Track {
     fixes: VecDeque<Fix>,
@@ -78,10 +79,10 @@ pub struct Track {
 }
 
 impl Track {
-    /// Without any estimate.
+    /// Builds an empty track.
     ///
     /// # Errors
-    /// Fewer than two estimates to be kept, or a gap that is none.
+    /// Fewer than two stored estimates, or an invalid gap.
     pub fn new(options: TrackOptions) -> Result<Self, SurveyError> {
         if options.kept < 2 {
             return Err(SurveyError::Value { key: "kept", value: options.kept as f64, accepted: "2 or more" });
@@ -92,8 +93,8 @@ impl Track {
         Ok(Self { fixes: VecDeque::with_capacity(options.kept), options })
     }
 
-    /// Takes an estimate in. One of the same instant as the newest takes its place; an older one, or one with a number that is not
-    /// finite, is left out. Says whether it was taken.
+    /// Adds an estimate. One with the time of the newest replaces it; an older one, or one with a value that is not
+    /// finite, is ignored. Returns whether it was added.
     pub fn note(&mut self, fix: &Fix) -> bool {
         let numbers = fix.position_m.iter().chain(&fix.velocity_m_s).chain(&fix.covariance_m2);
         if !numbers.chain([&fix.residual_m]).all(|number| number.is_finite()) {
@@ -120,8 +121,8 @@ impl Track {
         self.fixes.back()
     }
 
-    /// Where a sensor was at `time_ns` that hangs at `lever_m` from the node (in the site's axes, as the node does not turn), if the
-    /// instant is known to `time_sigma_s`.
+    /// Computes the position at `time_ns` of a sensor at `lever_m` from the node (in the axes of the site, because the
+    /// node does not rotate), if the standard deviation of the time is `time_sigma_s`.
     #[must_use]
     pub fn at(&self, time_ns: u64, time_sigma_s: f64, lever_m: [f64; 3]) -> Placing {
         let after = self.fixes.partition_point(|fix| fix.stamp_ns < time_ns);
@@ -142,7 +143,8 @@ impl Track {
         let residual_m = a.residual_m.max(b.residual_m);
         let mut covariance_m2: [f64; 9] = std::array::from_fn(|i| between(a.covariance_m2[i], b.covariance_m2[i]));
         for k in 0..3 {
-            // an even motion is off by a s (1 - s) t² / 2 at most, with the acceleration a = (change of velocity) / t
+            // the error of uniform motion is at most a s (1 - s) t² / 2, with the acceleration a =
+            // (change of velocity) / t
             let bend_m = 0.5 * share * (1.0 - share) * (b.velocity_m_s[k] - a.velocity_m_s[k]) * apart_s;
             covariance_m2[4 * k] += residual_m * residual_m + bend_m * bend_m;
             for other in 0..3 {

@@ -33,7 +33,7 @@ fn manifest_of(run: &Path) -> Option<Value> {
 
 /// Returns the reason for the end of a run from its manifest.
 #[must_use]
-pub fn ended_because(run: &Path) -> Option<String> {
+pub fn end_reason(run: &Path) -> Option<String> {
     manifest_of(run)?["ended_because"].as_str().map(str::to_owned)
 }
 
@@ -160,7 +160,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_run_without_an_end_says_what_is_known_of_it() {
+    fn a_run_without_an_end_is_described() {
         let manifest = json!({ "name": "demo3", "nims_version": "1" });
         let file = whole_file("run.mcap");
         let said = |file: &FileReport| {

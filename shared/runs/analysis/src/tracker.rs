@@ -60,7 +60,7 @@ impl Cycle<'_> {
 }
 
 #[derive(Default)]
-struct Row {
+struct CycleRow {
     /// Life and cycle.
     place: (u64, u64),
     authority: Option<MotorAuthority>,
@@ -82,7 +82,7 @@ struct MotionSegments {
 /// Assembles cycles. Requires every sample of a run in order, and [`Tracker::finish`] at the end.
 #[derive(Default)]
 pub struct Tracker {
-    rows: VecDeque<Row>,
+    rows: VecDeque<CycleRow>,
     motions: BTreeMap<u32, MotionSegments>,
     truth: VecDeque<TruthNode>,
     current_truth: Vec<TruthNode>,
@@ -121,7 +121,7 @@ impl Tracker {
         &mut self,
         recorded: &RecordedSample<'_>,
         each: &mut impl FnMut(&Cycle<'_>),
-        set: impl FnOnce(&mut Row, T),
+        set: impl FnOnce(&mut CycleRow, T),
     ) -> bool {
         let Some(sample) = recorded.to::<T>() else { return false };
         let (life, cycle) = (sample.header().life, sample.header().cycle);
@@ -140,7 +140,7 @@ impl Tracker {
             // A late sample of a cycle that has already been passed on.
             None if !self.rows.is_empty() => {}
             at => {
-                let mut row = Row { place, ..Row::default() };
+                let mut row = CycleRow { place, ..CycleRow::default() };
                 set(&mut row, sample);
                 self.rows.insert(at.map_or(0, |at| at + 1), row);
             }
@@ -178,7 +178,7 @@ impl Tracker {
         }
     }
 
-    fn emit(&mut self, row: &Row, each: &mut impl FnMut(&Cycle<'_>)) {
+    fn emit(&mut self, row: &CycleRow, each: &mut impl FnMut(&Cycle<'_>)) {
         let Some(authority) = &row.authority else { return };
         let next = self.rows.iter().find_map(|row| row.authority.as_ref());
         self.current_truth.clear();

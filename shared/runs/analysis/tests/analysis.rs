@@ -95,7 +95,7 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
 }
 
 #[test]
-fn a_run_in_which_nothing_moved_is_said_to_be_one() {
+fn a_run_without_motion_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let mut writer =
         RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
@@ -181,7 +181,7 @@ impl Tape {
 }
 
 #[test]
-fn what_was_not_recorded_makes_no_error_and_no_path() {
+fn unrecorded_time_adds_no_error_and_no_path() {
     let mut tape = Tape::new();
     // The first motion ends in the middle of its leg, and the next one is recorded from the middle of its leg.
     tape.motion(1, 1, 1, |at| at < 250);
@@ -223,7 +223,7 @@ fn a_gap_inside_a_leg_counts_neither_as_path_nor_as_time() {
 }
 
 #[test]
-fn a_life_that_begins_early_takes_nothing_from_the_one_before() {
+fn an_early_second_life_does_not_affect_the_first() {
     let mut tape = Tape::new();
     // The second life counts its cycles from 1 while those of the first are still waiting.
     tape.motion(1_000, 1, 1, |_| true);

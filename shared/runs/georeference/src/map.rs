@@ -67,7 +67,7 @@ impl SensorMap {
 
     /// Returns an empty map with the same settings on another grid.
     #[must_use]
-    pub fn on(&self, grid: GridMap) -> Self {
+    pub fn with_grid(&self, grid: GridMap) -> Self {
         Self { grid, heights_m2: (0.0, 0), updated: false, ..self.clone() }
     }
 

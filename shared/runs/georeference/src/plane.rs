@@ -1,16 +1,16 @@
-//! The plane that maps lie in.
+//! Planes of maps.
 
-/// Where a map lies.
+/// Plane of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Plane {
-    /// x and y.
+    /// Horizontal: x and y.
     Level,
-    /// x and z: that of a planar robot.
+    /// Vertical: x and z, for a planar robot.
     Upright,
 }
 
 impl Plane {
-    /// The coordinates of a place in it.
+    /// Projects a position onto the plane.
     #[must_use]
     pub fn of(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
         match self {
@@ -19,7 +19,7 @@ impl Plane {
         }
     }
 
-    /// Their names.
+    /// Returns the names of its coordinates.
     #[must_use]
     pub fn axes(self) -> [&'static str; 2] {
         match self {

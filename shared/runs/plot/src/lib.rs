@@ -548,7 +548,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_not_there_is_named() {
+    fn a_missing_folder_is_named() {
         let error = save(Path::new("/proc/nowhere/x"), &picture()).unwrap_err().to_string();
         assert!(error.contains("/proc/nowhere/x.svg"), "{error}");
     }

@@ -254,7 +254,7 @@ mod tests {
     use crate::Axis;
 
     #[test]
-    fn ticks_are_round_and_inside() {
+    fn ticks_are_round_and_within_the_range() {
         assert_eq!(ticks([0.0, 10.0], 5.0), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
         assert_eq!(ticks([-0.3, 0.3], 3.0), [-0.2, 0.0, 0.2]);
         assert!(ticks([1.0, 1.0], 5.0).is_empty() && ticks([f64::NAN, 1.0], 5.0).is_empty());

@@ -1,16 +1,16 @@
-//! What a replay changes.
+//! Requested changes to the recorded configuration.
 
-/// What is not as it was.
+/// Requested changes to the recorded configuration.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Changes {
-    /// Another law for every controller.
+    /// Law for all controllers.
     pub law: Option<String>,
     /// Keys of the system file or the robot file, each with its new value.
     pub set: Vec<(String, String)>,
 }
 
 impl Changes {
-    /// Whether everything is as it was.
+    /// Returns whether no change is requested.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()

@@ -190,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_read_as_in_a_file_and_bare_words_are_texts() {
+    fn values_are_parsed_as_toml_and_bare_words_as_strings() {
         let mut table: Table = "name = \"x\"\n[controller]\nhorizon_cycles = 20".parse().unwrap();
         for (key, value) in
             [("controller.horizon_cycles", "30"), ("controller.law", "preview"), ("estimator.prior", "[0.5, 0.5]")]

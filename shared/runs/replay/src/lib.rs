@@ -10,6 +10,7 @@ mod changes;
 mod channel;
 mod command_line;
 mod config;
+mod earlier;
 mod instead;
 mod parts;
 mod reported;
@@ -22,6 +23,7 @@ pub use instead::{Instead, Spread};
 use channel::{Channel, History};
 use command::{Answer, Failure};
 use config::Configuration;
+use earlier::EarlierRequests;
 use instead::Collector;
 use messages::{
     ControlStatus, Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
@@ -29,6 +31,7 @@ use messages::{
 };
 use parts::{Controllers, Estimators, MotorIo, Recent};
 use reported::ReportedParameters;
+use robot_state::Reason;
 use runlog::{RecordedSample, RunReader};
 use std::path::Path;
 
@@ -118,6 +121,7 @@ struct Replay {
     slots: Channel<MotorSlots>,
     energy: Channel<Energy>,
     request: Channel<OperatorRequest>,
+    earlier: EarlierRequests,
     estimate: [Channel<NodeEstimate>; SLOTS],
     command: [Channel<MotorCommand>; SLOTS],
     control: [Channel<ControlStatus>; SLOTS],
@@ -156,6 +160,7 @@ impl Replay {
             slots: Channel::new("motor/slots"),
             energy: Channel::new("energy"),
             request: Channel::new("operator/request"),
+            earlier: EarlierRequests::default(),
             estimate: channel_per_slot("node/estimate"),
             command: channel_per_slot("motor/command"),
             control: channel_per_slot("control/status"),
@@ -189,7 +194,8 @@ impl Replay {
         };
         match name {
             "motor/input" => {
-                if let Some(input) = self.input.read(recorded, t0_ns) {
+                if let Some(mut input) = self.input.read(recorded, t0_ns) {
+                    self.earlier.fill(recorded, &mut input);
                     self.cycles += 1;
                     let (first_ns, _) = *self.first_and_last_ns.get_or_insert((time_ns, time_ns));
                     self.first_and_last_ns = Some((first_ns, time_ns));
@@ -312,9 +318,15 @@ impl Replay {
         let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.body.verb) else {
             return;
         };
+        // Which drive is absent and why is known to the process alone.
+        let by_drives =
+            matches!(Reason::of(request), Some(Reason::NotArmedDrive { .. } | Reason::NotResetDrive { .. }));
+        if by_drives && !answer.is_accepted() {
+            return;
+        }
         let word = |accepted: bool| if accepted { "accepted" } else { "refused" };
-        let was = format!("{}: {}", word(request.accepted == 1), text_of(&request.answer));
-        let is = format!("{}: {}", word(answer.is_accepted()), answer.sentence);
+        let was = format!("{} ({}): {}", word(request.accepted == 1), request.reason, text_of(&request.answer));
+        let is = format!("{} ({}): {}", word(answer.is_accepted()), answer.reason.code(), answer.reason);
         self.request.compare_text(time_ns, request.header.cycle, "answer", &was, &is);
     }
 

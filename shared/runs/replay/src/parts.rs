@@ -128,7 +128,7 @@ impl Estimators {
         recent: &Recent,
         configuration: &Configuration,
     ) -> Result<NodeEstimate, SkipReason> {
-        let NodeEstimate { header, incarnation, method, seen_authority, .. } = *recorded;
+        let NodeEstimate { header, incarnation, method, based_on_authority, .. } = *recorded;
         let config = |parameters: Option<&str>| configuration.estimator(incarnation, method, parameters);
         let begin = || config(recent.reported.at_start(incarnation)).map(|config| Estimator::new(&config));
         let estimator = self.incarnations.part(incarnation, header.seq, begin)?;
@@ -138,7 +138,7 @@ impl Estimators {
             estimator.configure(&config);
         }
         let state = recent.states.find(header.cycle, time_ns).ok_or(INPUT);
-        let inputs = state.and_then(|state| Ok((state, received(&recent.authorities, seen_authority, time_ns)?)));
+        let inputs = state.and_then(|state| Ok((state, received(&recent.authorities, based_on_authority, time_ns)?)));
         match inputs {
             Ok((state, authority)) => Ok(estimator.step(state, authority)),
             Err(why) => Err(self.incarnations.lose(why)),
@@ -177,7 +177,7 @@ impl Controllers {
             Ok(inputs) => {
                 let (command, mut status) = controller.step(&inputs);
                 // An estimate that had no effect was not passed to the step.
-                status.seen_estimate = recorded.seen_estimate;
+                status.based_on_estimate = recorded.based_on_estimate;
                 Ok((command, status))
             }
             Err(why) => Err(self.incarnations.lose(why)),
@@ -187,7 +187,7 @@ impl Controllers {
 
 /// Returns the inputs that the controller had when it computed `recorded`.
 fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, SkipReason> {
-    let cycles = recorded.seen_estimate;
+    let cycles = recorded.based_on_estimate;
     let mut estimates = [None; SLOTS];
     for (slot, history) in recent.estimates.iter().enumerate() {
         let estimate = received(history, cycles[slot], time_ns);
@@ -197,8 +197,8 @@ fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Res
     }
     Ok(Inputs {
         estimates,
-        motion: received(&recent.motions, recorded.seen_motion, time_ns)?,
-        authority: received(&recent.authorities, recorded.seen_authority, time_ns)?,
-        state: received(&recent.states, recorded.seen_state, time_ns)?,
+        motion: received(&recent.motions, recorded.based_on_motion, time_ns)?,
+        authority: received(&recent.authorities, recorded.based_on_authority, time_ns)?,
+        state: received(&recent.states, recorded.based_on_state, time_ns)?,
     })
 }

@@ -18,6 +18,21 @@ struct Span {
     bytes: usize,
 }
 
+/// Fields that had another name in earlier builds.
+const RENAMED: [(&str, &str); 7] = [
+    ("based_on_authority", "seen_authority"),
+    ("based_on_estimate", "seen_estimate"),
+    ("based_on_motion", "seen_motion"),
+    ("based_on_state", "seen_state"),
+    ("deviation", "apart"),
+    ("failures", "falls"),
+    ("good_cycles", "well_cycles"),
+];
+
+fn earlier_name(name: &str) -> Option<&'static str> {
+    RENAMED.iter().find(|(now, _)| *now == name).map(|(_, earlier)| *earlier)
+}
+
 impl Conversion {
     /// `None` if the type is a different one, or its definition cannot be parsed. `type_name` is e.g.
     /// `nims_msgs/MotorState/1a2b3c4d`.
@@ -32,7 +47,8 @@ impl Conversion {
         }
         let (was, is) = (Schema::parse(schema).ok()?, Schema::parse(T::schema()).ok()?);
         let span = |field: &SchemaField| {
-            let old = was.field(&field.path).filter(|old| old.primitive == field.primitive)?;
+            let old = was.field(&field.path).or_else(|| was.field(earlier_name(&field.path)?));
+            let old = old.filter(|old| old.primitive == field.primitive)?;
             Some(Span { from: old.offset, to: field.offset, bytes: field.size().min(old.size()) })
         };
         Some(Self { same: false, spans: is.fields().iter().filter_map(span).collect() })
@@ -93,7 +109,7 @@ impl Span {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::MotorState;
+    use messages::{MotorSlots, MotorState};
 
     /// A definition from a build without `life` and `published_ns` in the header.
     fn before() -> String {
@@ -111,6 +127,14 @@ mod tests {
         assert!(!conversion.is_same());
         assert_eq!(conversion.apply::<MotorState>(&old), Some(state));
         assert_eq!(conversion.apply::<MotorState>(&old[..40]), None);
+    }
+
+    #[test]
+    fn a_field_that_was_renamed_is_read_by_its_earlier_name() {
+        let earlier = MotorSlots::schema().replace(" deviation\n", " apart\n").replace(" failures\n", " falls\n");
+        let conversion = Conversion::of::<MotorSlots>("nims_msgs/MotorSlots/00000000", &earlier).unwrap();
+        let slots = MotorSlots { deviation: [0.5; 4], failures: [1, 2, 3, 4], ..MotorSlots::default() };
+        assert_eq!(conversion.apply::<MotorSlots>(bytemuck::bytes_of(&slots)), Some(slots));
     }
 
     #[test]

@@ -37,8 +37,15 @@ fn serve(bus: &Bus, answer: bool) -> Result<(), BusError> {
         waiter.wait_until(None)?;
         while let Some(call) = server.try_next()? {
             if answer {
-                call.answer(messages::OperatorRequest::ACCEPTED, "done")?;
+                call.answer(&answer_of(messages::OperatorRequest::ACCEPTED, "done"))?;
             }
         }
     }
+}
+
+/// An answer without a reason of the catalogue.
+fn answer_of(accepted: u8, text: &str) -> messages::RequestAnswer {
+    let mut answer = messages::RequestAnswer { accepted, ..Default::default() };
+    messages::put_text(&mut answer.text, text);
+    answer
 }

@@ -14,7 +14,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
 use arrayvec::ArrayVec;
-use messages::{OperatorRequest, Request, put_sentence};
+use messages::{OperatorRequest, Request, RequestAnswer, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::domain::ESTOP_SOCKET;
@@ -97,15 +97,15 @@ impl Receiver {
         stops
     }
 
-    /// Answers with one sentence, as [`crate::Call::answer`] does. It is no error if the sender has ended.
-    pub fn answer(&self, stop: &Stop, accepted: u8, sentence: &str) {
+    /// Sends the answer, without the parameters of its reason. It is no error if the sender has ended.
+    pub fn answer(&self, stop: &Stop, answer: &RequestAnswer) {
         let Some(to) = &stop.from else { return };
         let mut bytes = [0_u8; ANSWER];
         bytes[..MAGIC.len()].copy_from_slice(&MAGIC);
         bytes[NUMBER].copy_from_slice(&stop.number);
-        bytes[BODY] = accepted;
-        let length = sentence.len().min(ANSWER - BODY - 1);
-        bytes[BODY + 1..][..length].copy_from_slice(&sentence.as_bytes()[..length]);
+        bytes[BODY] = answer.accepted;
+        let length = answer.text.iter().position(|byte| *byte == 0).unwrap_or(answer.text.len());
+        bytes[BODY + 1..][..length].copy_from_slice(&answer.text[..length]);
         let _ = self.socket.send_to_addr(&bytes[..BODY + 1 + length], to);
     }
 }

@@ -7,7 +7,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, MessagingPattern, PortFactory as _, ipc};
 use iceoryx2::service::builder::request_response::RequestResponseOpenOrCreateError;
 use iceoryx2::service::port_factory::{request_response, server::ServerCreateError};
-use messages::{OperatorRequest, put_sentence};
+use messages::{OperatorRequest, RequestAnswer};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::error::PlaceKind;
@@ -204,12 +204,11 @@ impl Server {
     ///
     /// # Errors
     /// [`BusError::Failed`] if they could not be published.
-    pub fn record(&mut self, request: &OperatorRequest, accepted: u8, sentence: &str) -> Result<(), BusError> {
+    pub fn record(&mut self, request: &OperatorRequest, answer: &RequestAnswer) -> Result<(), BusError> {
         let mut published = *request;
         self.log.send(&mut published)?;
-        (published.answered, published.accepted) = (1, accepted);
+        published.put_answer(answer);
         published.header.stamp_ns = now_ns();
-        put_sentence(&mut published.answer, sentence);
         self.log.send(&mut published).map(|_| ())
     }
 
@@ -227,17 +226,14 @@ impl Call<'_> {
         self.active.is_connected()
     }
 
-    /// Answers with one sentence; `accepted` is [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] or
-    /// [`OperatorRequest::BAD_INPUT`]. It is no error if the client has ended.
+    /// Sends the answer and publishes it. It is no error if the client has ended.
     ///
     /// # Errors
     /// [`BusError::Failed`] if the request or its answer could not be published; the client receives the answer anyway.
-    pub fn answer(self, accepted: u8, sentence: &str) -> Result<(), BusError> {
-        let mut answer = self.request;
-        answer.answered = 1;
-        answer.accepted = accepted;
+    pub fn answer(self, answer: &RequestAnswer) -> Result<(), BusError> {
+        let (mut answer, given) = (self.request, answer);
+        answer.put_answer(given);
         answer.header.stamp_ns = now_ns();
-        put_sentence(&mut answer.answer, sentence);
         let _ = self.active.send_copy(ShmSample(answer));
         let logged = self.log.send(&mut answer).map(|_| ());
         self.unlogged.map_or(logged, Err)

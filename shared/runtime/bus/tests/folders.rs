@@ -113,6 +113,13 @@ fn a_suspended_process_receives_a_stop_request_when_it_continues() {
     assert_eq!(call.request.body, Request::Estop.body());
     assert!(call.request.header.stamp_ns >= before, "the stamp is the time of the request");
     assert!(call.unlogged.is_none());
-    call.answer(messages::OperatorRequest::ACCEPTED, "stopped").unwrap();
+    call.answer(&answer(messages::OperatorRequest::ACCEPTED, "stopped")).unwrap();
     assert!(server.try_next().unwrap().is_none());
+}
+
+/// An answer without a reason of the catalogue.
+fn answer(accepted: u8, text: &str) -> messages::RequestAnswer {
+    let mut answer = messages::RequestAnswer { accepted, ..Default::default() };
+    messages::put_text(&mut answer.text, text);
+    answer
 }

@@ -123,8 +123,8 @@ fn a_channel_has_a_few_deep_subscribers_and_all_others_are_shallow() {
     assert_eq!(count(&mut shallow), Quality::SHALLOW);
 }
 
-/// Runs one test of this file again in a process with a /dev/shm of this size, and checks that no signal ends it. False, with a note,
-/// where this user cannot start such a process.
+/// Runs one test of this file again in a process with its own /dev/shm of this size, and checks that no signal ends it.
+/// Returns false, with a note, if this user cannot start such a process.
 fn with_shared_memory(size: &str, test: &str) -> bool {
     let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm");
     let unshare = |command: &str| {
@@ -133,7 +133,7 @@ fn with_shared_memory(size: &str, test: &str) -> bool {
         unshare
     };
     if !unshare(&mount).output().is_ok_and(|tried| tried.status.success()) {
-        eprintln!("{test} is skipped: this user cannot mount its own /dev/shm (unshare --mount --map-root-user)");
+        notes::left_out("full shared memory", "this user cannot mount a /dev/shm (unshare --mount --map-root-user)");
         return false;
     }
     let program = std::env::current_exe().unwrap();
@@ -189,9 +189,11 @@ fn without_memory_new_objects_are_rejected_and_existing_ones_still_work() {
     assert_eq!(std::iter::from_fn(|| subscriber.receive().unwrap()).count(), quality_of(STATE).buffer);
     let request = Request::Estop.encode().unwrap();
     let mut emergency = bus::estop::Receiver::open(&domain).unwrap();
+    let mut stands = messages::RequestAnswer { accepted: 1, ..Default::default() };
+    messages::put_text(&mut stands.text, "It stands.");
     let answer = std::thread::scope(|scope| {
         let asked = scope.spawn(|| bus::estop::send(&domain, &request, Duration::from_secs(20), Duration::ZERO, || ()));
-        while emergency.take().iter().map(|stop| emergency.answer(stop, 1, "It stands.")).count() == 0 {}
+        while emergency.take().iter().map(|stop| emergency.answer(stop, &stands)).count() == 0 {}
         asked.join().unwrap()
     });
     assert_eq!(messages::text_of(&answer.unwrap().answer), "It stands.");

@@ -278,7 +278,7 @@ fn requests_are_answered_and_published() {
     };
     assert_eq!(Request::decode(&call.request), Ok(Request::Jog { cable: 2, distance_m: 2.0 }));
     assert!(call.is_awaited());
-    call.answer(OperatorRequest::BAD_INPUT, "cable 2 is at its end: jog the other way").unwrap();
+    call.answer(&answer(OperatorRequest::BAD_INPUT, "cable 2 is at its end: jog the other way")).unwrap();
     assert_eq!(asking.join().unwrap(), "cable 2 is at its end: jog the other way");
     let (asked, answered) = (log.receive().unwrap().unwrap(), log.receive().unwrap().unwrap());
     assert_eq!((asked.answered, answered.answered, asked.id), (0, 1, answered.id));
@@ -302,7 +302,7 @@ fn a_missing_server_is_an_error_at_once_and_a_silent_one_after_the_timeout() {
     // The timed-out request is withdrawn, or its answer is dropped; the next request works.
     while let Some(call) = server.try_next().unwrap() {
         assert!(!call.is_awaited());
-        call.answer(OperatorRequest::ACCEPTED, "too late").unwrap();
+        call.answer(&answer(OperatorRequest::ACCEPTED, "too late")).unwrap();
     }
     drop(server);
     assert!(matches!(client.ask(&request, Duration::from_secs(60)), Err(BusError::NoServer { .. })));
@@ -423,4 +423,11 @@ fn a_tap_with_history_receives_all_stored_samples() {
     assert_eq!(numbers, (11..=history + 10).collect::<Vec<_>>());
     assert_eq!(few.receive(|raw| raw.header.seq).unwrap(), Some(history + 10));
     assert_eq!((all.lost(), few.lost()), (0, 0));
+}
+
+/// An answer without a reason of the catalogue.
+fn answer(accepted: u8, text: &str) -> messages::RequestAnswer {
+    let mut answer = messages::RequestAnswer { accepted, ..Default::default() };
+    messages::put_text(&mut answer.text, text);
+    answer
 }

@@ -6,15 +6,16 @@ use bus::{Bus, clock};
 use command::{Answer, Failure};
 use messages::{ProcessState, Request, text_of};
 
-/// How long a process may take to become ready, or to end, and for the supervisor to say so, ns: longer than the supervisor's own patience.
+/// Longest wait for a process to become ready or to end, ns: longer than the timeouts of the supervisor.
 const PATIENCE_NS: u64 = 25_000_000_000;
-/// A program without heartbeats that still runs after this time has started, ns: a wrong argument ends it sooner.
+/// A program without heartbeats that runs for this time counts as started, ns: a wrong argument ends it sooner.
 const SETTLED_NS: u64 = 300_000_000;
 
-/// Asks the supervisor and follows the table until the process is where it was asked to be; `seen` is given every row of it on the way.
+/// Sends a request to the supervisor and waits until the process table shows the change; `seen` receives every row of
+/// the process.
 ///
 /// # Errors
-/// No supervisor, refused, or it does not come about: why.
+/// No supervisor, refused, or the change failed or timed out.
 pub fn follow(bus: &Bus, asked: &Request, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
     let mut table = bus.subscriber::<ProcessState>("system/process")?;
     let mut waiter = bus.waiter(&["system/process"])?;
@@ -37,13 +38,13 @@ pub fn follow(bus: &Bus, asked: &Request, mut seen: impl FnMut(&ProcessState)) -
             }
         }
         if clock::now_ns() >= give_up {
-            return Err(Failure::NotNow(format!("{sentence}, but it does not come about; see `nims status`")));
+            return Err(Failure::NotNow(format!("{sentence}, but this timed out; see `nims status`")));
         }
         waiter.wait_until(Some(give_up))?;
     }
 }
 
-/// Whether the row is of the process that was asked for, by whichever of its names.
+/// Returns whether a row belongs to the requested process, by any of its names.
 fn is_meant(row: &ProcessState, asked: &Request) -> bool {
     let (Request::StartProcess { name, .. }
     | Request::StopProcess { name }
@@ -63,7 +64,7 @@ fn is_meant(row: &ProcessState, asked: &Request) -> bool {
     }
 }
 
-/// Whether it has come about; `None`: not yet.
+/// Returns whether the change has succeeded; `None`: not decided yet.
 fn outcome(row: &ProcessState, asked: &Request, asked_ns: u64) -> Option<bool> {
     match asked {
         Request::StopProcess { .. } => match row.state {
@@ -72,7 +73,7 @@ fn outcome(row: &ProcessState, asked: &Request, asked_ns: u64) -> Option<bool> {
         },
         Request::Unplug { .. } => (row.state == ProcessState::STATE_GONE).then_some(true),
         Request::StartProcess { .. } | Request::RestartProcess { .. } | Request::Plug { .. } => {
-            // An earlier life is not meant, nor is another process of the same role.
+            // An earlier run of the process, or another process of the same role.
             if row.started_ns < asked_ns {
                 return None;
             }
@@ -90,7 +91,7 @@ fn outcome(row: &ProcessState, asked: &Request, asked_ns: u64) -> Option<bool> {
     }
 }
 
-/// A state of the process table in a word.
+/// Returns the word for a state of the process table.
 #[must_use]
 pub fn state_name(state: u8) -> &'static str {
     match state {
@@ -130,7 +131,7 @@ mod tests {
             assert!(is_meant(&second, &start(name, Some(Slot::B))), "{name}");
             assert!(!is_meant(&second, &start(name, Some(Slot::A))), "{name}");
         }
-        // Whoever ends `controller` does not mean the one in slot b.
+        // `controller` does not name the one in slot b.
         assert!(!is_meant(&second, &Request::StopProcess { name: "controller".to_owned() }));
         assert!(is_meant(&second, &Request::StopProcess { name: "mine".to_owned() }));
     }

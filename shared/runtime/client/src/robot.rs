@@ -1,4 +1,4 @@
-//! Finding the robot that runs, and talking to it.
+//! Finding a running robot, and reading its samples.
 
 use bus::{Bus, Domain, Party};
 use command::{Answer, Failure};
@@ -9,15 +9,15 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// How long a process may take to answer a request: motor-io looks once per cycle, the planner checks a whole mission first.
+/// Longest wait for an answer: motor-io answers once per cycle, the planner checks a whole mission first.
 pub const ANSWER: Duration = Duration::from_secs(10);
-/// Where the supervisor leaves word of what it runs, in the folder of the domain.
+/// File in the folder of the domain in which the supervisor records its run.
 pub const RUNNING_FILE: &str = "running.json";
 
-/// What the supervisor of a domain runs.
+/// Run of the supervisor of a domain.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Running {
-    /// Its process id.
+    /// Process id of the supervisor.
     pub pid: u32,
     /// System file.
     pub system_file: PathBuf,
@@ -26,7 +26,7 @@ pub struct Running {
 }
 
 impl Running {
-    /// As the supervisor of this domain wrote it; `None` if there is none.
+    /// Reads the record of a domain; `None` without a run.
     #[must_use]
     pub fn of(domain: &Domain) -> Option<Self> {
         let text = std::fs::read_to_string(domain.root().join(RUNNING_FILE)).ok()?;
@@ -34,15 +34,15 @@ impl Running {
     }
 }
 
-/// Whether a folder is there that only somebody else may enter.
+/// Returns whether a folder exists that only another user may enter.
 fn is_closed(folder: &Path) -> bool {
     std::fs::read_dir(folder).is_err_and(|error| error.kind() == std::io::ErrorKind::PermissionDenied)
 }
 
-/// The domain that is meant: the one of that name, or the only one in which something runs.
+/// Returns the domain of that name, or the only one with running processes.
 ///
 /// # Errors
-/// No robot runs, several do, or the name cannot be one.
+/// No robot runs, several run, or the name is invalid.
 pub fn domain(name: Option<&str>) -> Answer<Domain> {
     if let Some(name) = name {
         let domain = Domain::existing(name)?;
@@ -62,13 +62,13 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
         (Some(last), _) => {
             running.push(last);
             let names: Vec<&str> = running.iter().map(Domain::name).collect();
-            Err(Failure::NotNow(format!("several robots run ({}): say which with --domain NAME", names.join(", "))))
+            Err(Failure::NotNow(format!("several robots run ({}): choose one with --domain NAME", names.join(", "))))
         }
         (None, _) => Err(Failure::NotNow("no robot runs here: start one with `nims up SYSTEM.toml`".to_owned())),
     }
 }
 
-/// Joins the domain that is meant, for the time of one command.
+/// Joins the domain for the duration of one command.
 ///
 /// # Errors
 /// As [`domain`].
@@ -76,7 +76,7 @@ pub fn join(name: Option<&str>) -> Answer<Bus> {
     join_as(name, Party::Command)
 }
 
-/// The same for a command that stops the robot, which has all places, or for one that only looks on.
+/// [`join`] as another party: a command that stops the robot may take every place, an observer leaves places free.
 ///
 /// # Errors
 /// As [`domain`].
@@ -93,12 +93,12 @@ pub fn ask(bus: &Bus, process: &str, request: &Request) -> Answer<OperatorReques
     Ok(bus.client(process)?.ask(&crate::requests::sample(request)?, ANSWER)?)
 }
 
-/// How long an emergency stop waits in silence.
+/// An emergency stop without an answer warns after this time.
 const UNEASY: Duration = Duration::from_secs(1);
-/// What helps where no program does.
+/// Advice where no program can stop the robot.
 const HARDWARE_STOP: &str = "use the hardware stop";
 
-/// The domain that is meant, as [`domain`] finds it; but where motor-io listens for emergency stops, nothing else is asked for.
+/// Returns the domain as [`domain`] does, but prefers one in which motor-io receives emergency stops.
 fn listening(name: Option<&str>) -> Answer<Domain> {
     let found = match name {
         Some(name) => Domain::existing(name)?.into_iter().collect(),
@@ -111,8 +111,8 @@ fn listening(name: Option<&str>) -> Answer<Domain> {
     }
 }
 
-/// Asks for an emergency stop, by a way that needs no place on the bus and no memory: speaks up when there is no answer for a second, goes on
-/// trying, and leaves the request behind for a motor-io that stands still.
+/// Sends an emergency stop, without a place on the bus and without shared memory. It warns after a second without an
+/// answer, keeps trying, and leaves the request for a suspended motor-io.
 ///
 /// # Errors
 /// motor-io does not run, or does not answer.
@@ -126,7 +126,7 @@ pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
     Failure::of(&answer.map_err(helped)?)
 }
 
-/// The newest estimate of those in charge, if there is one within `patience`.
+/// Returns the newest estimate in charge that arrives within `patience`.
 ///
 /// # Errors
 /// A channel cannot be opened.
@@ -150,10 +150,10 @@ pub fn estimate(bus: &Bus, patience: Duration) -> Answer<Option<NodeEstimate>> {
     }
 }
 
-/// The recorder says every second how it is doing; from one that has said nothing for this long nothing is heard any more, ns.
+/// The recorder publishes its status every second; after this time without one it counts as failed, ns.
 const RECORDER_NS: u64 = 2_500_000_000;
 
-/// Why nothing of this robot is being recorded; `None` while it is.
+/// Returns why nothing is being recorded; `None` while recording.
 ///
 /// # Errors
 /// The channel cannot be opened.
@@ -162,7 +162,7 @@ pub fn unrecorded(bus: &Bus) -> Answer<Option<String>> {
     let deadline = bus::clock::now_ns() + RECORDER_NS;
     let mut waiter = bus.waiter(&["recorder/status"])?;
     loop {
-        // What is kept of the past says nothing about a recorder that has hung since.
+        // A sample of the history may be older than the failure of the recorder.
         let row = rows.latest()?.filter(|row| row.header.stamp_ns + RECORDER_NS > bus::clock::now_ns());
         if let Some(row) = row {
             return Ok(unrecorded_of(&row));
@@ -174,7 +174,7 @@ pub fn unrecorded(bus: &Bus) -> Answer<Option<String>> {
     }
 }
 
-/// Why the recorder that says this records nothing.
+/// Returns why a recorder with this status records nothing.
 #[must_use]
 pub fn unrecorded_of(row: &RecorderStatus) -> Option<String> {
     let reason = messages::text_of(&row.reason);
@@ -186,7 +186,7 @@ pub fn unrecorded_of(row: &RecorderStatus) -> Option<String> {
     }
 }
 
-/// The newest sample of a channel, waiting for it at most as long as said.
+/// Returns the newest sample of a channel that arrives within `patience`.
 ///
 /// # Errors
 /// The channel cannot be opened.

@@ -6,6 +6,7 @@ use super::{
 };
 use crate::number::number;
 use crate::{DriveFamily, Problem, Slot};
+use cable_robot::control_bounds::{MAX_LENGTH_GAIN, MAX_PREVIEW, MAX_WINDOW};
 
 /// Longest name, characters: it becomes part of the path of a socket, whose length is limited.
 const NAME_MAX: usize = 16;
@@ -122,7 +123,7 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     motor_io(&file.motor_io, cables, file.rate_hz)?;
     arbiter(&file.arbiter)?;
 
-    count("estimator.eta", file.estimator.eta, 2, cable_control::motor_model::MAX_WINDOW)?;
+    count("estimator.eta", file.estimator.eta, 2, MAX_WINDOW)?;
     number("estimator.ridge", file.estimator.ridge, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
     for phi in file.estimator.prior {
         number("estimator.prior", phi, "two numbers of -2 to 2", |v| v.abs() <= 2.0)?;
@@ -138,14 +139,14 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     })?;
 
     number("controller.length_gain_per_s", file.controller.length_gain_per_s, "above 0, at most 50 per second", |v| {
-        v > 0.0 && v <= cable_control::law::MAX_LENGTH_GAIN
+        v > 0.0 && v <= MAX_LENGTH_GAIN
     })?;
     count("controller.horizon_cycles", file.controller.horizon_cycles, 1, 200)?;
     number("controller.state_weight", file.controller.state_weight, "0 to 1e9", |v| (0.0..=1e9).contains(&v))?;
     number("controller.input_weight", file.controller.input_weight, "1e-9 to 1e9", |v| (1e-9..=1e9).contains(&v))?;
     number("controller.redundant_s", file.controller.redundant_s, "0.05 to 60 s", |v| (0.05..=60.0).contains(&v))?;
     number("controller.error_limit_m", file.controller.error_limit_m, "0.01 to 5 m", |v| (0.01..=5.0).contains(&v))?;
-    count("controller.preview_cycles", file.controller.preview_cycles, 2, cable_control::preview::MAX_PREVIEW)?;
+    count("controller.preview_cycles", file.controller.preview_cycles, 2, MAX_PREVIEW)?;
     number("controller.move_penalty_s4", file.controller.move_penalty_s4, "1e-9 to 1 s⁴", |v| {
         (1e-9..=1.0).contains(&v)
     })?;

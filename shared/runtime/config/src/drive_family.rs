@@ -1,9 +1,9 @@
-//! Settings that each drive family accepts.
+//! Settings that each drive family accepts, and the time that it needs on the wire.
 
 use crate::DriveProtocol;
 use std::ops::RangeInclusive;
 
-/// Accepted settings of a drive family.
+/// Properties of a drive family that configuration depends on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveFamily {
     /// Baud rates.
@@ -16,6 +16,25 @@ pub struct DriveFamily {
     pub watchdog_s: [f64; 2],
     /// Step of watchdog times, s.
     pub watchdog_step_s: f64,
+    /// Bytes of one cycle on the wire for a unit, with answers.
+    pub unit_bytes: f64,
+    /// Exchanges of one cycle for a unit.
+    pub unit_exchanges: f64,
+    /// Bytes of the one slow reading of a cycle.
+    pub slow_bytes: f64,
+}
+
+/// Cost of an exchange besides its bytes on a native serial port, s: unit and host together.
+const TURNAROUND_S: f64 = 0.000_3;
+
+impl DriveFamily {
+    /// Time of one cycle on a native serial port with so many units, s.
+    #[must_use]
+    pub fn cycle_s(&self, units: usize, baud: u32) -> f64 {
+        let units = units as f64;
+        (units * self.unit_bytes + self.slow_bytes) * 10.0 / f64::from(baud)
+            + (units * self.unit_exchanges + 1.0) * TURNAROUND_S
+    }
 }
 
 /// The first family that there was.
@@ -26,7 +45,7 @@ impl Default for DriveProtocol {
 }
 
 impl DriveProtocol {
-    /// Accepted settings of this family.
+    /// Properties of this family.
     #[must_use]
     pub const fn family(self) -> DriveFamily {
         match self {
@@ -38,6 +57,10 @@ impl DriveProtocol {
                 // A byte of tenths; 0 switches the watchdog off.
                 watchdog_s: [0.1, 25.5],
                 watchdog_step_s: 0.1,
+                // Speeds, encoders, currents.
+                unit_bytes: 13.0 + 12.0 + 8.0,
+                unit_exchanges: 3.0,
+                slow_bytes: 8.0,
             },
         }
     }

@@ -7,40 +7,43 @@ use crate::{
     SystemConfig, TruthNode,
 };
 
-/// Quality of service of a channel. Safe overflow is always on: the oldest sample makes room, a publisher never waits.
+/// Quality of service of a channel. Safe overflow is always on: the oldest sample is overwritten, and a publisher never
+/// waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quality {
-    /// Samples that a deep subscriber (the recorder, the sensor logger) can lag behind before it loses the oldest: at least 2.5 s at the
-    /// channel's rate. All others have [`Quality::SHALLOW`] at most.
+    /// Samples that a deep subscriber (the recorder, the sensor logger) can lag behind before it loses the oldest: at
+    /// least 2.5 s at the channel's rate. All others have [`Quality::SHALLOW`] at most.
     pub buffer: usize,
-    /// Samples that are kept for a recorder that comes late, or again: over a second at the channel's rate, in which it is started again.
+    /// Samples kept for a recorder that joins late or is restarted: more than a second at the rate of the channel.
     pub history: usize,
-    /// Samples of these that any other late subscriber gets.
+    /// Samples of these that any other late subscriber receives.
     pub late: usize,
-    /// Publishers at most; 1 is a lease on the channel.
+    /// Most publishers; 1 is a lease on the channel.
     pub publishers: usize,
-    /// Subscribers at most.
+    /// Most subscribers.
     pub subscribers: usize,
-    /// Processes that may hold the channel.
+    /// Most processes that open the channel.
     pub nodes: usize,
 }
 
 impl Quality {
-    /// Samples that a subscriber can lag behind, but for a deep one: 0.3 s of the fastest chain at 100 Hz, and every row of a table.
+    /// Samples that a subscriber that is not deep can lag behind: 0.3 s at 100 Hz, and every row of a table.
     pub const SHALLOW: usize = 32;
-    /// Deep subscribers of a channel: recorder and sensor logger, the successor of one that has just died, and one that observes.
+    /// Deep subscribers of a channel: recorder, sensor logger, the successor of one that has just died, and an
+    /// observer.
     pub const DEEP_PLACES: usize = 4;
-    /// What the newest samples of one publisher take at most, bytes: 0.8 s of a 1 MB picture ten times a second. The chain stays below 2 MB.
+    /// Most bytes of the newest samples of one publisher: 0.8 s of 1 MB pictures at 10 Hz. The control chain stays
+    /// below 2 MB.
     pub const BYTES: usize = 8 << 20;
-    /// From this size on a sample that is being copied costs more than a place, bytes: the channel then has fewer subscribers.
+    /// Samples of this size and above have fewer subscribers, because each may hold a copy, bytes.
     const LARGE_BYTES: usize = 128 << 10;
     const LARGE_SUBSCRIBERS: usize = 8;
-    /// Samples that are kept at least, however large one is.
+    /// Fewest samples that are kept, whatever their size.
     const LEAST: usize = 4;
-    /// What a deep subscriber of a channel of known rate can lag behind, s.
+    /// Time that a deep subscriber of a channel of known rate can lag behind, s.
     const LAG_S: f64 = 2.5;
 
-    /// The same for samples of that size: as many as [`Quality::BYTES`] hold.
+    /// Limits the quality to as many samples of that size as fit into [`Quality::BYTES`].
     #[must_use]
     pub const fn sized(mut self, bytes: usize) -> Self {
         let fit = Self::BYTES / if bytes == 0 { 1 } else { bytes };
@@ -60,7 +63,7 @@ impl Quality {
         self
     }
 
-    /// The same for so many samples a second, where that is known: no more than the lag that is bridged.
+    /// Limits the quality to the samples of the longest lag at a known rate.
     #[must_use]
     pub fn at_rate(mut self, rate_hz: f64) -> Self {
         let lag = (rate_hz * Self::LAG_S).ceil().max(Self::LEAST as f64);
@@ -70,8 +73,8 @@ impl Quality {
         self
     }
 
-    /// Samples that a publisher's memory holds. A sample lies there once, whatever the number of subscribers that have not taken it: all
-    /// of them, and the history, wait for the newest of the same samples. To these come what each subscriber borrows, and the publisher.
+    /// Number of samples in the memory of a publisher. A sample is stored once for all subscribers and the history;
+    /// added are the samples that subscribers borrow and the publisher loans.
     #[must_use]
     pub const fn samples(&self, borrows: usize, loans: usize) -> usize {
         let kept = if self.buffer > self.history { self.buffer } else { self.history };
@@ -79,15 +82,15 @@ impl Quality {
     }
 }
 
-/// Samples beyond what is needed by count.
+/// Samples in reserve.
 const SPARE: usize = 2;
 
-/// A row of the table. A name that ends in `/*` stands for all names with that beginning.
+/// Row of the table. A pattern that ends in `/*` stands for all names with that beginning.
 #[derive(Debug, Clone, Copy)]
 pub struct Channel {
     /// e.g. `motor/state` or `system/heartbeat/*`.
     pub pattern: &'static str,
-    /// The type that travels there; `None`: any.
+    /// Type of its samples; `None`: any.
     pub type_name: Option<fn() -> &'static str>,
     /// Its schema text.
     pub schema: Option<fn() -> &'static str>,
@@ -104,19 +107,19 @@ const BURST: Quality = Quality { buffer: 256, history: 128, late: 32, publishers
 /// Sensors up to 100 Hz; a replacement may overlap its predecessor.
 const SENSOR: Quality = Quality { buffer: 256, history: 128, late: 4, publishers: 2, subscribers: 24, nodes: 48 };
 
-/// Clouds of points, pictures: large and slow.
+/// Point clouds, pictures: large and slow.
 const CLOUD: Quality = Quality { buffer: 64, history: 8, late: 1, publishers: 2, subscribers: 24, nodes: 48 };
 
-/// Maps, about once a second; large, so no more of it than is needed.
+/// Maps, about once a second; large, so few are kept.
 const MAP: Quality = Quality { buffer: 8, history: 2, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
 
-/// What is drawn, 25 times a second, and what of it changes slowly, twice a second; large, so no more of it than is needed.
+/// Visualization, 25 times a second; large, so few samples are kept.
 const VISUALIZATION: Quality = Quality { buffer: 64, history: 32, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
-/// See [`VISUALIZATION`].
+/// Slowly changing parts of the visualization, twice a second.
 const SLOW_VISUALIZATION: Quality =
     Quality { buffer: 8, history: 4, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
 
-/// What processes work with: said at the start and on a change, kept for who comes late.
+/// Configurations: published at the start and on a change, kept for late subscribers.
 const CONFIG: Quality = Quality { buffer: 4, history: 2, late: 2, publishers: 1, subscribers: 24, nodes: 48 };
 
 const fn row<T: Payload>(pattern: &'static str, quality: Quality) -> Channel {
@@ -155,7 +158,7 @@ pub const CHANNELS: &[Channel] = &[
     row::<Log>("log", BURST),
 ];
 
-/// The row a channel name belongs to, if the table has one.
+/// Returns the row of a channel name.
 #[must_use]
 pub fn channel_of(name: &str) -> Option<&'static Channel> {
     CHANNELS.iter().find(|channel| match channel.pattern.strip_suffix('*') {
@@ -164,13 +167,13 @@ pub fn channel_of(name: &str) -> Option<&'static Channel> {
     })
 }
 
-/// Quality of service for a channel name; names outside the table are treated as sensors.
+/// Returns the quality of service of a channel name; names outside the table are treated as sensors.
 #[must_use]
 pub fn quality_of(name: &str) -> Quality {
     channel_of(name).map_or(SENSOR, |channel| channel.quality)
 }
 
-/// Quality of service of a channel whose samples have that size: what every process makes it with.
+/// Returns the quality of service with which every process creates a channel of samples of that size.
 #[must_use]
 pub fn quality_for(name: &str, bytes: usize) -> Quality {
     quality_of(name).sized(bytes)

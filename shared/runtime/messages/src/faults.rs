@@ -2,7 +2,7 @@
 
 use crate::{CABLES, MotorAuthority, UNITS};
 
-/// Faults that stop the whole robot and stay until a reset.
+/// Faults that stop the whole robot until a reset.
 pub const HARD: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_UNIT_REBOOT
     | MotorAuthority::FAULT_STALL
@@ -17,7 +17,7 @@ pub const HARD: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_DIVERGING
     | MotorAuthority::FAULT_EMERGENCY_INPUT;
 
-/// Causes of a stop on the path after which the robot holds: the motion is kept, and `resume` goes on with it.
+/// Causes of a stop on the path after which the robot holds and keeps the motion for `resume`.
 pub const STOPS: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_ESTIMATE_LOST
     | MotorAuthority::FAULT_COMMAND_REFUSED
@@ -27,20 +27,20 @@ pub const STOPS: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_OFF_START
     | MotorAuthority::FAULT_COMPUTER;
 
-/// Conditions that are still there while they last, so that a reset has to wait for their end.
+/// Faults with a lasting condition: a reset waits for its end.
 pub const LASTING: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_DRIVE_ERROR
     | MotorAuthority::FAULT_SUPPLY
     | MotorAuthority::FAULT_EMERGENCY_INPUT;
 
-/// Faults of a drive unit: only with these do the units mean something that a set of faults names.
+/// Faults of a drive unit: only these use the units of a set of faults.
 pub const OF_UNITS: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_UNIT_REBOOT
     | MotorAuthority::FAULT_SUPPLY
     | MotorAuthority::FAULT_EMERGENCY_INPUT
     | MotorAuthority::FAULT_DRIVE_ERROR;
 
-/// Faults of a cable: only with these do the cables mean something that a set of faults names.
+/// Faults of a cable: only these use the cables of a set of faults.
 pub const OF_CABLES: u32 = MotorAuthority::FAULT_STALL
     | MotorAuthority::FAULT_SLACK
     | MotorAuthority::FAULT_OVER_TENSION
@@ -49,43 +49,43 @@ pub const OF_CABLES: u32 = MotorAuthority::FAULT_STALL
     | MotorAuthority::FAULT_ENCODER_JUMP
     | MotorAuthority::FAULT_LENGTH_LIMIT;
 
-/// Faults after which the drive's own loop cannot be trusted, because it closes on an encoder that does not tell the truth: this
-/// cable, and only this one, goes to duty 0.
+/// Faults after which the velocity loop of the drive cannot be trusted, because its encoder may be wrong: only this
+/// cable goes to duty 0.
 pub const RELEASING: u32 = MotorAuthority::FAULT_STALL | MotorAuthority::FAULT_RUNAWAY;
 
-/// See the module's text.
+/// Set of faults with the cables and units that they name.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Faults {
     /// Bits `MotorAuthority::FAULT_*`.
     pub bits: u32,
-    /// Cables that are named.
+    /// Named cables.
     pub cables: [bool; CABLES],
-    /// Units that are named.
+    /// Named units.
     pub units: [bool; UNITS],
     /// Cables whose drive cannot be trusted.
     pub release: [bool; CABLES],
 }
 
 impl Faults {
-    /// A fault of the whole robot.
+    /// Adds a fault of the whole robot.
     pub fn robot(&mut self, bit: u32) {
         self.bits |= bit;
     }
 
-    /// A fault of a cable (from 0).
+    /// Adds a fault of a cable (from 0).
     pub fn cable(&mut self, bit: u32, cable: usize) {
         self.bits |= bit;
         self.cables[cable] = true;
         self.release[cable] |= bit & RELEASING != 0;
     }
 
-    /// A fault of a unit (from 0).
+    /// Adds a fault of a unit (from 0).
     pub fn unit(&mut self, bit: u32, unit: usize) {
         self.bits |= bit;
         self.units[unit] = true;
     }
 
-    /// Adds what another set names.
+    /// Adds another set.
     pub fn add(&mut self, other: &Faults) {
         self.bits |= other.bits;
         for i in 0..CABLES {
@@ -97,7 +97,7 @@ impl Faults {
         }
     }
 
-    /// True if there is none.
+    /// Returns whether the set is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bits == 0

@@ -17,7 +17,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
-// the macros name this crate as whoever uses them does
+// the macros refer to this crate by its name
 extern crate self as messages;
 
 mod channels;
@@ -49,11 +49,11 @@ pub use request::{
 pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
 
-/// Cables of one robot at most; every per-cable array has this length.
+/// Most cables of one robot; every per-cable array has this length.
 pub const CABLES: usize = 8;
-/// Drive units of one robot at most (a unit drives one or two cables).
+/// Most drive units of one robot (a unit drives one or two cables).
 pub const UNITS: usize = 8;
-/// Roles with slots.
+/// Number of roles with slots.
 pub const ROLES: usize = 2;
 /// Index of the controllers in arrays per role.
 pub const CONTROLLERS: usize = 0;
@@ -63,5 +63,5 @@ pub const ESTIMATORS: usize = 1;
 pub const SEATS: usize = ROLES * SLOTS;
 /// Slots per role (controller, estimator): a and b.
 pub const SLOTS: usize = 2;
-/// Their names, as they stand in channel names.
+/// Names of the slots in channel names.
 pub const SLOT_NAMES: [&str; SLOTS] = ["a", "b"];

@@ -1,30 +1,30 @@
-//! Which samples of the control chain count: the one place where a sample's life, cycle and age are judged.
+//! Validity of samples of the control chain: the only place that judges life, cycle and age.
 //!
-//! A sample of the chain says in its header which life of motor-io and which cycle it belongs to. motor-io counts its cycles from 1 in
-//! every life, and a channel may still hold what a dead process left, or hold what a broken one invents. A consumer that acts on samples
-//! therefore asks [`standing`] and acts only on [`Standing::Live`]; one that keeps history, such as the sensor logger or an analysis,
-//! asks [`same_life`]; the recorder records everything.
+//! A sample of the chain says in its header which life of motor-io and which cycle it belongs to. motor-io counts its
+//! cycles from 1 in every life, and a channel may still hold samples of a dead or a faulty process. A consumer that
+//! acts on samples therefore calls [`standing`] and acts only on [`Standing::Live`]; one that keeps history, such as
+//! the sensor logger or an analysis, calls [`same_life`]; the recorder records everything.
 
 use crate::{ESTIMATORS, Header, Message, MotorAuthority, NodeEstimate, SLOTS};
 
-/// Cycles by which motor/authority may lag behind a sample: it is published just after motor/state, so one is ordinary, and a
-/// consumer may be woken while it is on its way.
+/// Cycles by which motor/authority may lag behind a sample: it is published just after motor/state, so one is usual,
+/// and a consumer may be woken between the two.
 pub const AUTHORITY_LAG: u64 = 3;
 
-/// How a sample of the chain stands to the newest motor/authority.
+/// Validity of a sample of the chain beside the newest motor/authority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
     /// It may be acted on.
     Live,
     /// It belongs to another life of motor-io.
     OtherLife,
-    /// It claims a cycle that cannot have been yet.
+    /// Its cycle has not begun yet.
     Ahead,
     /// It is older than its time to live.
     Expired,
 }
 
-/// How a sample stands to the newest motor/authority; both are known by their headers.
+/// Judges a sample beside the newest motor/authority, by their headers.
 #[must_use]
 pub fn standing(sample: &Header, authority: &Header, ttl_cycles: u32) -> Standing {
     match () {
@@ -35,14 +35,14 @@ pub fn standing(sample: &Header, authority: &Header, ttl_cycles: u32) -> Standin
     }
 }
 
-/// The rule for consumers of history: cycles and slots mean something only within one life.
+/// Returns whether both samples belong to one life: the rule for consumers of history.
 #[must_use]
 pub fn same_life(one: &Header, other: &Header) -> bool {
     one.life == other.life
 }
 
-/// The newer of a kept sample and one that has just arrived, by life and cycle: what a dead motor-io left may arrive after the first
-/// samples of its successor.
+/// Returns the newer of a kept and an arrived sample, by life and cycle: samples of a dead motor-io may arrive after
+/// the first of its successor.
 #[must_use]
 pub fn newer<T: Message>(kept: Option<T>, arrived: Option<T>) -> Option<T> {
     let age = |sample: &T| (sample.header().life, sample.header().cycle);
@@ -52,20 +52,21 @@ pub fn newer<T: Message>(kept: Option<T>, arrived: Option<T>) -> Option<T> {
     }
 }
 
-/// Which estimates count beside an authority.
+/// Rule by which estimates are used beside an authority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
-    /// Those that may be acted on now; see [`standing`].
+    /// Estimates that may be acted on now; see [`standing`].
     Live {
         /// Time to live of an estimate, cycles.
         ttl_cycles: u32,
     },
-    /// Those of the same life.
+    /// Estimates of the same life.
     History,
 }
 
-/// The estimate to act on: the one whose command motor-io uses; while motor-io fades from one slot to the other, both, mixed in the
-/// same proportion as the commands. `None` without an authority, or where no estimate counts; the result may be one that is not `valid`.
+/// Returns the estimate whose command motor-io uses. While motor-io fades from one slot to the other, it is the mixture
+/// of both in the proportion of the commands. `None` without an authority or a usable estimate; the result may be one
+/// that is not `valid`.
 ///
 /// `authority` is the newest one; `estimates` are the newest of each slot.
 #[must_use]
@@ -74,7 +75,7 @@ pub fn blended_estimate(
     estimates: [Option<&NodeEstimate>; SLOTS],
     rule: Rule,
 ) -> Option<NodeEstimate> {
-    // History without an authority is that of a recording that lacks it: slot a, of the latest life.
+    // A recording without an authority: slot a, of the latest life.
     let unknown = || {
         let life = estimates.iter().flatten().map(|estimate| estimate.header.life).max().unwrap_or(0);
         let header = Header { life, ..Header::default() };
@@ -92,7 +93,7 @@ pub fn blended_estimate(
     let active = usize::from(authority.active_estimator).min(SLOTS - 1);
     let share = authority.fade[ESTIMATORS];
     let fades = (0.0..1.0).contains(&share);
-    // After a fade a live consumer ignores the free slot, whatever is published there: motor-io says when it is in charge.
+    // After a fade a live consumer ignores the free slot until motor-io puts it in charge.
     let other = |estimate: &&NodeEstimate| (fades || rule == Rule::History) && counts(estimate);
     let (first, second) = (estimates[active].filter(counts), estimates[1 - active].filter(other));
     let valid = |one: &&NodeEstimate| one.valid == 1;

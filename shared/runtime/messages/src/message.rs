@@ -1,16 +1,16 @@
-//! What makes a struct a sample: the schema text made from its fields, and the name that ends in its hash.
+//! Traits and macros of samples: the schema text of a struct, and the type name that ends in its hash.
 
 use bytemuck::Pod;
 
-/// Something that can stand in a sample: a number, a fixed array, or another such struct.
+/// Type of a field: a number, a fixed array, or a struct of fields.
 pub trait Field: Pod {
-    /// The type of one element; its constants have this type.
+    /// Type of one element and of its constants.
     type Element;
     /// The ROS 2 name of one element, e.g. `float64` or `nims_msgs/Header`.
     const ROS: &'static str;
     /// Array length; `None` for a single value.
     const LENGTH: Option<usize> = None;
-    /// Adds the definitions of nested types, each once, in order of first use.
+    /// Appends the definitions of nested types, each once, in order of first use.
     fn dependencies(_into: &mut Vec<(&'static str, String)>) {}
 }
 
@@ -32,29 +32,28 @@ impl<T: Field, const N: usize> Field for [T; N] {
     }
 }
 
-/// A sample that travels on a channel.
+/// Sample of a channel.
 pub trait Message: Field + Send + Sync {
-    /// The struct's name, e.g. `MotorState`.
+    /// Name of the struct, e.g. `MotorState`.
     const NAME: &'static str;
     /// The complete ROS 2 definition, nested types included.
     fn schema() -> &'static str;
     /// `nims_msgs/NAME/hash`: what peers compare before they connect.
     fn type_name() -> &'static str;
-    /// The header every sample begins with.
+    /// The header at the beginning of the sample.
     fn header(&self) -> &Header;
-    /// The header, to be filled in before publishing.
+    /// The header, to be filled in before the sample is published.
     fn header_mut(&mut self) -> &mut Header;
 }
 
-/// 32-bit FNV-1a of a schema text, as eight hexadecimal digits in type names.
+/// 32-bit FNV-1a hash of a schema text; type names end in it, as eight hexadecimal digits.
 #[must_use]
 pub fn hash_of(schema: &str) -> u32 {
     schema.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
-/// `pkg/msg/Type`, the name of the schema in a run file, for a type name `pkg/Type/hash` (or `pkg/Type`).
-///
-/// `None` if the name has not this form.
+/// Returns `pkg/msg/Type`, the name of the schema in a run file, for a type name `pkg/Type/hash` or `pkg/Type`; `None`
+/// for other names.
 #[must_use]
 pub fn schema_name(type_name: &str) -> Option<String> {
     let mut parts = type_name.split('/');
@@ -62,7 +61,7 @@ pub fn schema_name(type_name: &str) -> Option<String> {
     (!package.is_empty() && !name.is_empty() && parts.count() <= 1).then(|| format!("{package}/msg/{name}"))
 }
 
-/// What the macros below need where they are used; nothing for anyone else.
+/// Parts that the macros below expand to; not for direct use.
 #[doc(hidden)]
 pub mod expanded {
     pub use bytemuck;
@@ -80,7 +79,7 @@ pub mod expanded {
         }
     }
 
-    /// The complete text: own lines, then every nested definition behind the separator of 80 `=`.
+    /// Returns the complete text: own lines, then every nested definition behind a separator of 80 `=`.
     #[must_use]
     pub fn complete(own: &str, dependencies: &[(&'static str, String)]) -> String {
         let mut text = own.to_owned();
@@ -91,11 +90,11 @@ pub mod expanded {
     }
 }
 
-/// Declares a struct that can stand in a sample: layout, schema lines and constants from one text.
+/// Declares a struct of fields: layout, schema lines and constants from one text.
 ///
-/// Constants stand behind the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`. Whoever uses it outside of this
-/// project depends on this crate by its name, `messages`. A struct with hidden padding does not compile: put wide fields first, or add
-/// `pad0: [u8; 6]`.
+/// Constants follow the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`. A crate that uses it
+/// depends on this crate by the name `messages`. A struct with hidden padding does not compile: put wide fields first,
+/// or add `pad0: [u8; 6]`.
 #[macro_export]
 macro_rules! layout {
     ($(#[$outer:meta])* pub struct $name:ident { $( $(#[$inner:meta])* $field:ident : $type:ty $({ $($(#[$cdoc:meta])* $constant:ident = $value:literal),* $(,)? })? ),* $(,)? }) => {
@@ -134,13 +133,14 @@ macro_rules! layout {
     };
 }
 
-/// Declares a sample: a [`layout!`](crate::layout) whose first field is `header: Header`. That is all that a new type needs.
+/// Declares a sample: a [`layout!`](crate::layout) whose first field is `header: Header`. A new type needs nothing
+/// else.
 ///
 /// ```
 /// use messages::{Header, Message};
 ///
 /// messages::message! {
-///     /// What the probe says.
+///     /// Reading of a soil probe.
 ///     pub struct Soil {
 ///         header: Header,
 ///         temperature_c: f64,
@@ -179,32 +179,32 @@ macro_rules! message {
 }
 
 layout! {
-    /// Begins every sample.
+    /// Beginning of every sample.
     pub struct Header {
-        /// The motor-io that the sample belongs to: when it began, CLOCK_MONOTONIC, ns; 0 outside the control chain. A later life is a
-        /// larger number. Cycles are compared only within a life.
+        /// Start of the motor-io that the sample belongs to, CLOCK_MONOTONIC, ns; 0 outside the control chain. A later
+        /// life is a larger number. Cycles are compared only within a life.
         life: u64,
-        /// The control cycle the sample belongs to; 0 outside the cycle.
+        /// Control cycle of the sample; 0 outside the control chain.
         cycle: u64,
-        /// Counts up by one with every sample of one publisher; a step of more than one is a loss.
+        /// Number of the sample, counted per publisher; a step of more than one is a loss.
         seq: u64,
-        /// When the content was true, CLOCK_MONOTONIC, ns.
+        /// Time at which the content was true, CLOCK_MONOTONIC, ns.
         stamp_ns: u64,
-        /// When it was published, CLOCK_MONOTONIC, ns; publishing fills it in.
+        /// Time of publication, CLOCK_MONOTONIC, ns; filled in by the publisher.
         published_ns: u64,
-        /// The oldest measurement that the content rests on, CLOCK_MONOTONIC, ns.
+        /// Time of the oldest measurement that the content is based on, CLOCK_MONOTONIC, ns.
         oldest_input_ns: u64,
     }
 }
 
 impl Header {
-    /// Of a sample outside the control cycle that was true at `stamp_ns` (CLOCK_MONOTONIC) and rests on nothing older.
+    /// Header of a sample outside the control chain that is based on nothing older than `stamp_ns` (CLOCK_MONOTONIC).
     #[must_use]
     pub fn at(stamp_ns: u64) -> Self {
         Self { stamp_ns, oldest_input_ns: stamp_ns, ..Self::default() }
     }
 
-    /// What publishing gives a sample and no step decides: its number and its time of publication.
+    /// Copies the fields that the publisher fills in: number and time of publication.
     pub fn take_over_publication(&mut self, other: &Self) {
         (self.seq, self.published_ns) = (other.seq, other.published_ns);
     }

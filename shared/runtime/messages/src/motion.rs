@@ -3,7 +3,7 @@
 use crate::CABLES;
 use crate::{Header, layout, message};
 
-/// Knots of a speed profile at most.
+/// Most knots of a speed profile.
 pub const KNOTS: usize = 32;
 
 layout! {
@@ -15,13 +15,13 @@ layout! {
         length_m: f64,
         from_m: [f64; 3],
         to_m: [f64; 3],
-        /// By kind. Parabola: [mu 1/m]. Spiral: [centre x, y, r0 m, radius growth m/rad, start angle rad, total angle rad, rise m].
-        /// Lateral: amplitudes m of three harmonics down, then three to the left.
+        /// By kind. Parabola: [mu 1/m]. Spiral: [centre x, y, r0 m, radius growth m/rad, start angle rad, total angle
+        /// rad, rise m]. Lateral: amplitudes m of three harmonics down, then three to the left.
         shape: [f64; 8],
         /// Speed profile: between knots the tangential acceleration is constant.
         knot_s_m: [f64; 32],
         knot_v_m_s: [f64; 32],
-        /// Non-zero, unique within the planner's life.
+        /// Non-zero, unique within the run of the planner.
         id: u32,
         knot_count: u32,
         kind: u8 { KIND_NONE = 0, KIND_DWELL = 1, KIND_LINE = 2, KIND_PARABOLA = 3, KIND_SPIRAL = 4, KIND_LATERAL = 5 },
@@ -30,18 +30,18 @@ layout! {
 }
 
 message! {
-    /// `plan/motion`, 10 Hz and on change: what to follow. Without a next segment the motion ends at rest.
+    /// `plan/motion`, 10 Hz and on change: current and next segment. Without a next segment the motion ends at rest.
     pub struct PlanMotion {
         header: Header,
         current: PlanSegment,
         next: PlanSegment,
-        /// The plan-clock time at which everything planned so far ends, s.
+        /// End of the motion on the plan clock, s.
         end_s: f64,
-        /// Counts motions that start from rest; 0: none.
+        /// Number of the motion, from rest to rest; 0: none.
         motion: u32,
-        /// Epoch of motor/authority for which it was made.
+        /// Epoch of motor/authority for which it was planned.
         epoch: u32,
-        /// The mission it belongs to, non-zero from a mission's acceptance to its end; 0: none.
+        /// Number of the mission, from its acceptance to its end; 0: none.
         mission: u32,
         pad0: [u8; 4],
         /// Beat of the planner: increases with every sample.
@@ -67,7 +67,7 @@ message! {
         /// As in plan/motion.
         mission_number: u32,
         pad2: [u8; 4],
-        /// One sentence: where, which cable, how much.
+        /// Why a mission was refused or ended, in one sentence.
         reason: [u8; 256],
         pad1: [u8; CABLES],
     }

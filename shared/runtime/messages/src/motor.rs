@@ -1,46 +1,48 @@
-//! The samples of the control cycle.
+//! Samples of the control cycle.
 
 use crate::{CABLES, ROLES, SEATS, SLOTS, UNITS};
 use crate::{Header, RequestBody, message};
 
 message! {
-    /// `motor/state`, each cycle: what the drives and encoders say. Cable velocities are dL/dt: positive pays line out.
+    /// `motor/state`, each cycle: readings of drives and encoders. Cable velocities are dL/dt: positive pays cable out.
     pub struct MotorState {
         header: Header,
         /// When each encoder was read, CLOCK_MONOTONIC, ns.
         sampled_ns: [u64; CABLES],
         /// Encoder counts since start, 64 bit.
         counts: [i64; CABLES],
-        /// Unstretched line paid out beyond the routed part, m.
+        /// Unstretched cable paid out beyond the routed part, m.
         length_m: [f64; CABLES],
-        /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large velocity.
+        /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large
+        /// velocity.
         velocity_m_s: [f64; CABLES],
-        /// Motor current, A; positive where it pulls the line in, as a tension does.
+        /// Motor current, A; positive where it pulls the cable in, as a tension does.
         current_a: [f64; CABLES],
-        /// Drive output, -1 to 1; positive where it pays the line out, as a velocity does.
+        /// Drive output, -1 to 1; positive where it pays the cable out, as a velocity does.
         duty: [f64; CABLES],
         /// Cable velocity sent in this cycle, m/s.
         command_m_s: [f64; CABLES],
         /// Supply voltage per unit, V.
         supply_v: [f64; UNITS],
-        /// Where motor-io believes the node is, from its own lengths, m, and how fast the command of this cycle moves it, m/s; NaN: unknown.
+        /// Position of the node computed from the lengths, m, and its velocity by the command of this cycle, m/s; NaN:
+        /// unknown.
         node_m: [f64; 3],
         node_command_m_s: [f64; 3],
         /// Bound on the node's speed in this cycle, m/s; infinite: only the cables' limits apply.
         node_bound_m_s: f64,
-        /// Distance of the node from the set point, m; NaN: there is none.
+        /// Distance of the node from the setpoint, m; NaN: no setpoint.
         setpoint_distance_m: f64,
         /// Conditions per unit, the same bits for every drive family: bit 0 emergency stop (also of a stop button on the unit's port);
         /// bits 0 to 15 and 26 to 28 are errors, at which the drive stops; the others are warnings and inputs. `DriveStatus` of the
         /// crate `drives` names each bit. Runs recorded before there were other families have the same bits.
         status: [u32; UNITS],
-        /// 1: this cable's reading is from this cycle.
+        /// 1: the reading of this cable is from this cycle.
         fresh: [u8; CABLES],
         /// 1: this unit answered in this cycle.
         unit_ok: [u8; UNITS],
         cable_count: u8,
         unit_count: u8,
-        /// How far the position can be trusted.
+        /// RESTORED: read from the file of the last life, so the node may have moved since.
         position_known: u8 { POSITION_UNKNOWN = 0, POSITION_RESTORED = 1, POSITION_KNOWN = 2 },
         pad0: [u8; 5],
     }
@@ -56,7 +58,7 @@ message! {
         velocity_m_s: [f64; 16],
         /// The epoch of motor/authority that this was computed in.
         epoch: u32,
-        /// Non-zero random number of this process's life.
+        /// Non-zero random number of the process.
         incarnation: u32,
         /// Segment of plan/motion being followed; 0: none.
         segment: u32,
@@ -65,13 +67,14 @@ message! {
         /// 1: the row is a valid answer.
         valid: [u8; SLOTS],
         pad0: [u8; 2],
-        /// Kernel's number of the thread that answers, so that motor-io can ask how long it waited for a processor; 0: unknown.
+        /// Kernel's id of the answering thread, with which motor-io reads how long it waited for a processor; 0:
+        /// unknown.
         thread: u32,
     }
 }
 
 message! {
-    /// `motor/authority`, each cycle: who may move the robot, why it does not, and how well the cycle keeps time.
+    /// `motor/authority`, each cycle: mode, faults, slots in charge, plan clock and timing.
     pub struct MotorAuthority {
         header: Header,
         /// Time on the plan clock, s; advances by rate x period with every applied cycle.
@@ -81,44 +84,46 @@ message! {
         /// The rate it ramps to.
         plan_rate_target: f64,
         period_s: f64,
-        /// Factor by which the commanded velocities were scaled to keep the limits; 1: not at all.
+        /// Factor by which the commanded velocities were scaled to keep the limits; 1: not scaled.
         scale: f64,
-        /// Periods of wall-clock time since this life began in which a mission was on, those that never ran included. They are the
-        /// sum of `steered`, `paused` and the four `lost_..`.
+        /// Periods of wall-clock time with a mission since this life began, those that never ran included: the sum of
+        /// `steered`, `paused` and the four `lost_..`.
         periods: u64,
-        /// Periods in which a fresh command, the answer to the cycle before, went to every drive.
+        /// Periods in which a fresh command, the answer to the previous cycle, reached every drive.
         steered: u64,
-        /// Periods of operators' pauses, at rest.
+        /// Periods at rest because an operator paused.
         paused: u64,
-        /// Periods without a fresh command, by cause. Computer: this program or its peers did not get the processor, by evidence from the
-        /// kernel. Drive: a unit did not answer in time. Resync: a serial port was being brought back into step. Answer: all that is left.
+        /// Periods without a fresh command, by cause. Computer: this program or its peers did not get the processor, by
+        /// evidence of the kernel. Drive: a unit did not answer in time. Resync: a serial port was being
+        /// resynchronised. Answer: all others.
         lost_computer: u64,
         lost_drive: u64,
         lost_resync: u64,
         lost_answer: u64,
-        /// Time the bus exchange took, ns.
+        /// Duration of the exchange with the drives, ns.
         bus_ns: u64,
-        /// Tick to wake-up, ns.
+        /// From the due time of the cycle to its wake-up, ns.
         wake_ns: u64,
-        /// From the oldest encoder reading that the applied command rests on to its sending, ns.
+        /// Age of the applied command when it was sent: since the oldest encoder reading it is based on, ns.
         command_age_ns: u64,
-        /// Per role (controller, estimator): how far the cross-fade to the slot in charge has come, 0 to 1; 1: there is none.
+        /// Per role (controller, estimator): progress of the cross-fade to the slot in charge, 0 to 1; 1: no
+        /// cross-fade.
         fade: [f64; ROLES],
-        /// Why the robot is faulted or was stopped; latched until reset.
+        /// Causes of a fault or a stop; latched until reset.
         faults: u32 {
             FAULT_LOST_UNIT = 1, FAULT_UNIT_REBOOT = 2, FAULT_STALL = 4, FAULT_SLACK = 8, FAULT_OVER_TENSION = 16,
             FAULT_OVER_CURRENT = 32, FAULT_RUNAWAY = 64, FAULT_ENCODER_JUMP = 128, FAULT_DRIVE_ERROR = 256,
             FAULT_COMMAND_LOST = 512, FAULT_LENGTH_LIMIT = 1024, FAULT_ESTIMATE_LOST = 2048, FAULT_SUPPLY = 4096,
             FAULT_LONG_GAP = 8192, FAULT_EMERGENCY_INPUT = 16384, FAULT_SUPERVISOR_LOST = 32768, FAULT_PLANNER_LOST = 65536,
             FAULT_COMMAND_REFUSED = 131072,
-            /// Commands moved the node away from its set point.
+            /// Commands moved the node away from its setpoint.
             FAULT_DIVERGING = 262144,
-            /// The computer did not give this program, estimator or controller the processor.
+            /// This program, the estimator or the controller did not get the processor.
             FAULT_COMPUTER = 524288,
-            /// The motion that is offered does not begin where the node is.
+            /// The offered motion does not begin at the position of the node.
             FAULT_OFF_START = 1048576,
         },
-        /// Bumped on arm, stop, fault, reset and zero; older commands are refused.
+        /// Incremented on arm, stop, fault, reset and zero; older commands are rejected.
         epoch: u32,
         /// Segment being followed; 0: none.
         segment: u32,
@@ -128,14 +133,14 @@ message! {
         /// Slots whose command and estimate are used in this cycle.
         active_controller: u8,
         active_estimator: u8,
-        /// Per role: the slot in charge. The other one's command may stand in for a cycle that it misses.
+        /// Per role: the slot in charge. The command of the other slot may replace one that it misses.
         in_charge: [u8; ROLES],
         /// Last verdict on each controller slot's command.
         verdict: [u8; SLOTS] {
             VERDICT_NONE = 0, VERDICT_ACCEPTED = 1, VERDICT_STALE = 2, VERDICT_EPOCH = 3, VERDICT_INCARNATION = 4, VERDICT_NOT_FINITE = 5,
             VERDICT_OUT_OF_LIMITS = 6, VERDICT_NO_ESTIMATE = 7, VERDICT_ABSENT = 8,
             VERDICT_SEGMENT = 9,
-            /// It belongs to another life of motor-io.
+            /// The command belongs to another life of motor-io.
             VERDICT_LIFE = 10,
         },
         /// As in motor/state.
@@ -145,43 +150,44 @@ message! {
         /// 1 for each unit that a fault names.
         fault_unit: [u8; UNITS],
         cable_count: u8,
-        /// What the present period counts as.
+        /// Class of this period.
         period: u8 {
             PERIOD_NO_MISSION = 0, PERIOD_STEERED = 1, PERIOD_PAUSED = 2, PERIOD_LOST_COMPUTER = 3, PERIOD_LOST_DRIVE = 4,
             PERIOD_LOST_RESYNC = 5, PERIOD_LOST_ANSWER = 6,
         },
         pad0: [u8; 2],
-        /// Mission that is on, as in plan/motion; 0: none.
+        /// Current mission, as in plan/motion; 0: none.
         mission: u32,
     }
 }
 
 message! {
-    /// `motor/slots`, each cycle: how far each controller and each estimator is trusted, and the way of a swap.
+    /// `motor/slots`, each cycle: trust in each controller and estimator, and the progress of a swap.
     pub struct MotorSlots {
         header: Header,
-        /// Per role (controller, estimator): the cycle in which an announced swap takes effect; 0: none is announced.
+        /// Per role (controller, estimator): the cycle in which an announced swap takes effect; 0: none.
         commit_cycle: [u64; ROLES],
         /// As in motor/authority.
         fade: [f64; ROLES],
-        /// Per role and slot (controller a, b, estimator a, b): how far it is from the slot in charge, m/s of the cable that differs
-        /// most, m of the position; negative: there is nothing to compare.
-        apart: [f64; SEATS],
-        /// Per role and slot: cycles in a row in which it answered well beside the slot in charge; `qualify_cycles` make it a standby.
-        well_cycles: [u32; SEATS],
+        /// Per role and slot (controller a, b, estimator a, b): difference from the slot in charge. Controllers: m/s of
+        /// the cable that differs most; estimators: m. Negative: nothing to compare.
+        deviation: [f64; SEATS],
+        /// Per role and slot: consecutive cycles with a good answer beside the slot in charge; `qualify_cycles` make it
+        /// a standby.
+        good_cycles: [u32; SEATS],
         qualify_cycles: u32,
-        /// Per role and slot: how far it is trusted.
+        /// Per role and slot: phase of qualification.
         phase: [u8; SEATS] {
             PHASE_EMPTY = 0, PHASE_ATTACHED = 1, PHASE_SHADOW = 2, PHASE_QUALIFIED = 3, PHASE_SWITCHING = 4, PHASE_ACTIVE = 5,
             PHASE_PROBATION = 6, PHASE_QUARANTINED = 7,
         },
-        /// Per role and slot: what last cost it its trust.
+        /// Per role and slot: cause of the last loss of trust.
         cause: [u8; SEATS] {
-            CAUSE_NONE = 0, CAUSE_ABSENT = 1, CAUSE_RESTARTED = 2, CAUSE_NOT_FINITE = 3, CAUSE_OUT_OF_LIMITS = 4, CAUSE_APART = 5,
+            CAUSE_NONE = 0, CAUSE_ABSENT = 1, CAUSE_RESTARTED = 2, CAUSE_NOT_FINITE = 3, CAUSE_OUT_OF_LIMITS = 4, CAUSE_DEVIATION = 5,
             CAUSE_NOT_VALID = 6, CAUSE_PROBATION = 7,
         },
-        /// Per role and slot: how often it lost its trust without a good while between.
-        falls: [u8; SEATS],
+        /// Per role and slot: losses of trust without a period of good answers between them.
+        failures: [u8; SEATS],
         /// As in motor/authority.
         in_charge: [u8; ROLES],
         pad0: [u8; 6],
@@ -189,7 +195,8 @@ message! {
 }
 
 message! {
-    /// `motor/input`, each cycle: everything the step of motor-io saw, so that it can be run again bit for bit.
+    /// `motor/input`, each cycle: the complete input of the step of motor-io, from which a replay computes the same
+    /// bits.
     pub struct MotorInput {
         header: Header,
         /// When this cycle was due, and when it began, ns.
@@ -197,14 +204,15 @@ message! {
         begin_ns: u64,
         /// When the bus exchange ended, ns.
         end_ns: u64,
-        /// Evidence of the computer, all cumulative: time for which this thread was ready to run and had no processor, ns; the same of
-        /// controllers a, b and estimators a, b (0: unknown); time for which any task of the machine waited for a processor, us
-        /// (0: unknown); time that the virtual motor box left out, ns.
+        /// Evidence of the computer, all cumulative: time for which this thread was ready to run and had no processor,
+        /// ns; the same of controllers a, b and estimators a, b (0: unknown); time for which any task of the computer
+        /// waited for a processor, us (0: unknown); time that the virtual motor box left out, ns.
         run_delay_ns: u64,
         chain_delay_ns: [u64; SEATS],
         pressure_us: u64,
         box_left_out_ns: u64,
-        /// The set point by which motor-io judges, at the plan time of this cycle: position, m, and velocity at rate 1, m/s.
+        /// Setpoint at the plan time of this cycle, for the checks of motor-io: position, m, and velocity at rate 1,
+        /// m/s.
         setpoint_m: [f64; 3],
         setpoint_velocity_m_s: [f64; 3],
         /// Where the offered motion starts, m.
@@ -212,19 +220,20 @@ message! {
         /// Life for which plan/motion was made, and lives of the last estimates.
         motion_life: u64,
         estimate_life: [u64; SLOTS],
-        /// Last beat seen of the supervisor and of the planner.
+        /// Last beats received of the supervisor and the planner.
         supervisor_beat: u64,
         planner_beat: u64,
-        /// Requests that arrived; verb 0: none.
+        /// Requests of this cycle; verb 0: none.
         request: [RequestBody; 4],
         request_id: [u64; 4],
-        /// When each was made, ns; 0: unknown.
+        /// When each request was made, ns; 0: unknown.
         request_stamp_ns: [u64; 4],
-        /// From plan/motion: start of its current segment, end of everything planned, end of the segments it carries.
+        /// From plan/motion, s on the plan clock: start of the current segment, end of the motion, end of the segments
+        /// it carries.
         motion_start_s: f64,
         motion_end_s: f64,
         motion_known_s: f64,
-        /// In the first cycle, if `restored` is 1: lengths and counts of the last life of this process.
+        /// In the first cycle, if `restored` is 1: lengths and counts of the last life.
         restored_m: [f64; CABLES],
         restored_counts: [i64; CABLES],
         /// Tensions of the last estimate, row 0 from node/estimate/a, row 1 from /b.
@@ -242,9 +251,9 @@ message! {
         motion: u32,
         motion_epoch: u32,
         motion_segment: u32,
-        /// In the first cycle: the epoch to begin with, so that no life of this process takes up another's motion.
+        /// In the first cycle: the first epoch, so that no life takes up the motion of another.
         first_epoch: u32,
-        /// Who made the last estimate of each slot.
+        /// Incarnation of the process that made the last estimate of each slot.
         estimate_incarnation: [u32; SLOTS],
         /// Commands that arrived for this cycle.
         command: [MotorCommand; SLOTS],
@@ -252,26 +261,26 @@ message! {
         estimate_cycle: [u64; SLOTS],
         estimate_valid: [u8; SLOTS],
         command_arrived: [u8; SLOTS],
-        /// Per unit, what the exchange gave.
+        /// Per unit: result of the exchange.
         unit: [u8; UNITS] {
             UNIT_ABSENT = 0, UNIT_OK = 1, UNIT_RESYNC = 2, UNIT_LOST = 3, UNIT_REBOOTED = 4, UNIT_LATE = 5,
-            /// It was asked, and not one byte came back in time.
+            /// No byte was received in time.
             UNIT_SILENT = 6,
         },
-        /// Per unit, which of the slowly read values are new in this cycle.
+        /// Per unit: which of the slowly read values are new in this cycle.
         slow_fresh: [u8; UNITS] { SLOW_SUPPLY = 1, SLOW_STATUS = 2, SLOW_CURRENT = 4, SLOW_DUTY = 8, SLOW_ALL = 15 },
-        /// 1: the unit was running already when this process first spoke to it, so its encoders have counted on.
+        /// 1: the unit was already running at the first exchange, so its encoders kept counting.
         unit_alive: [u8; UNITS],
         cable_count: u8,
         unit_count: u8,
         restored: u8,
-        /// 1: `setpoint_m` and `setpoint_velocity_m_s` hold; 1: `motion_start_m` holds.
+        /// 1: `setpoint_m` and `setpoint_velocity_m_s` are valid; 1: `motion_start_m` is valid.
         setpoint_known: u8,
         motion_start_known: u8,
         pad0: [u8; 7],
         /// Mission of plan/motion; 0: none.
         mission: u32,
-        /// Emergency stops that arrived in this cycle on their own way, beside the requests.
+        /// Emergency stops of this cycle, which do not arrive as requests.
         estops: u32,
     }
 }
@@ -290,13 +299,13 @@ message! {
 }
 
 impl MotorAuthority {
-    /// Periods of missions in which the node was not steered by a fresh command: all of them, less operators' pauses.
+    /// Periods of missions that were not steered, pauses excluded.
     #[must_use]
     pub fn unsteered(&self) -> u64 {
         self.periods.saturating_sub(self.steered).saturating_sub(self.paused)
     }
 
-    /// Those that the drives cost: a unit did not answer in time, or its port was being brought back into step.
+    /// Periods lost to the drives and their serial ports.
     #[must_use]
     pub fn lost_on_ports(&self) -> u64 {
         self.lost_drive.saturating_add(self.lost_resync)

@@ -1,4 +1,4 @@
-//! Where the node is, how well it follows, and what its sensors say.
+//! Estimates of the node, the status of its control, and readings of its sensors.
 
 use crate::{CABLES, Header, SLOTS, message};
 
@@ -18,11 +18,11 @@ message! {
         /// Motor model (18): v(n+1) = phi1 v_desired(n) + phi2 v(n).
         phi1: [f64; CABLES],
         phi2: [f64; CABLES],
-        /// From the elastic equilibrium; for rigid lines from (15).
+        /// From the elastic equilibrium; for rigid cables from (15), N.
         tension_n: [f64; CABLES],
         residual_m: f64,
-        /// Cycle of the motor/authority it was made with; 0: none yet. With the motor/state of its own cycle that is all it rests on.
-        seen_authority: u64,
+        /// Cycle of the motor/authority it was computed with, beside the motor/state of its own cycle; 0: none.
+        based_on_authority: u64,
         epoch: u32,
         incarnation: u32,
         slack: [u8; CABLES],
@@ -30,13 +30,13 @@ message! {
         cable_count: u8,
         method: u8 { METHOD_PHI = 1, METHOD_KALMAN = 2 },
         pad0: [u8; 1],
-        /// Kernel's number of the thread that answers; 0: unknown.
+        /// Kernel's id of the answering thread; 0: unknown.
         thread: u32,
     }
 }
 
 message! {
-    /// `control/status/a` and `/b`: how a controller fares.
+    /// `control/status/a` and `/b`: errors and saturation of a controller.
     pub struct ControlStatus {
         header: Header,
         setpoint_m: [f64; 3],
@@ -49,16 +49,16 @@ message! {
         tension_n: [f64; CABLES],
         /// Unstretched length error of the redundant mode, m.
         redundant_m: f64,
-        /// What the answer rests on: cycle of the newest estimate of each slot, of motor/authority and of motor/state, beat of
-        /// plan/motion; 0: none yet.
-        seen_estimate: [u64; SLOTS],
-        seen_authority: u64,
-        seen_state: u64,
-        seen_motion: u64,
+        /// Inputs of the answer: cycle of the newest estimate of each slot, of motor/authority and of motor/state, beat
+        /// of plan/motion; 0: none.
+        based_on_estimate: [u64; SLOTS],
+        based_on_authority: u64,
+        based_on_state: u64,
+        based_on_motion: u64,
         horizon: u32,
         segment: u32,
         incarnation: u32,
-        /// The law that answered, and the one that was chosen: preview falls back on lq-endpoint.
+        /// Law that computed the answer, and the configured one: preview falls back on lq-endpoint.
         law: u8 { LAW_LQ_ENDPOINT = 1, LAW_PREVIEW = 2, LAW_P_FEEDFORWARD = 3, LAW_OTHER = 255 },
         chosen_law: u8,
         valid: u8,
@@ -73,7 +73,7 @@ message! {
         position_m: [f64; 3],
         velocity_m_s: [f64; 3],
         tension_n: [f64; CABLES],
-        /// Unstretched line paid out beyond the routed part, m.
+        /// Unstretched cable paid out beyond the routed part, m.
         length_m: [f64; CABLES],
         current_a: [f64; CABLES],
         slack: [u8; CABLES],
@@ -85,69 +85,71 @@ message! {
 message! {
     /// `sensor/NAME`: the standard reading, for sensors that need no type of their own.
     ///
-    /// `stamp_ns` is when it arrived, `oldest_input_ns` when it was true: `latency_s` earlier. Without a new one a driver repeats the last
-    /// one as stale, with the times of then, so that silence and old values are told apart.
+    /// `stamp_ns` is the time of arrival, `oldest_input_ns` the time of the measurement, `latency_s` earlier. Without a
+    /// new reading a driver repeats the last one as stale with its old times, so that a silent driver differs from a
+    /// silent device.
     pub struct Reading {
         header: Header,
-        /// The first `count` count; NaN where the device says that it has no value.
+        /// The first `count` are valid; NaN where the device reports no value.
         value: [f64; 8],
-        /// From the event to `stamp_ns`, s, as far as it is known.
+        /// From the measurement to `stamp_ns`, s, as far as it is known.
         latency_s: f64,
-        /// Where the sensor is on the node, seen from the node's position, in the site's axes, m.
+        /// Position of the sensor relative to the node, in the axes of the site, m.
         lever_m: [f64; 3],
-        /// Since the driver began: readings that were good enough to be published, and frames that were not.
+        /// Since the start of the driver: published readings, and rejected frames.
         frames: u64,
         bad_frames: u64,
         count: u8,
-        /// Doubtful: by the device's own account, e.g. too weak a signal. Invalid: it has no value.
+        /// DOUBTFUL: reported by the device, e.g. a weak signal. INVALID: no value.
         quality: u8 { QUALITY_GOOD = 0, QUALITY_DOUBTFUL = 1, QUALITY_STALE = 2, QUALITY_INVALID = 3 },
         pad0: [u8; 6],
-        /// What is measured, and in which unit: one word for each value, separated by commas.
+        /// Quantity and unit of each value, separated by commas.
         quantity: [u8; 64],
         unit: [u8; 32],
     }
 }
 
 message! {
-    /// `sample/NAME`: a reading with the place of the sensor at the reading's own time, which is `stamp_ns`.
+    /// `sample/NAME`: a reading with the position of the sensor at the time of the measurement, `stamp_ns`.
     ///
-    /// The place is that of the node between two estimates, and the sensor's lever. Its standard deviation holds those of the estimate,
-    /// its anchors included, of its residual, and of the instant.
+    /// The position is interpolated between two estimates, plus the lever of the sensor. Its standard deviation
+    /// includes those of the estimate with its anchors, of the residual, and of the time.
     pub struct Sample {
         header: Header,
         position_m: [f64; 3],
         position_std_m: [f64; 3],
-        /// The first `count` count.
+        /// The first `count` are valid.
         value: [f64; 8],
         /// `seq` of the reading on `sensor/NAME`.
         reading_seq: u64,
         count: u8,
-        /// As in [`Reading`]; stale readings are left out.
+        /// As in [`Reading`]; stale readings are not published.
         quality: u8,
         pad0: [u8; 6],
-        /// As in [`Reading`]; of a type of its own the names of its fields, without units.
+        /// As in [`Reading`]; for a sensor with its own type the names of its fields, without units.
         quantity: [u8; 64],
         unit: [u8; 32],
     }
 }
 
 message! {
-    /// `map/NAME`: what the samples of a sensor say so far about the field it measures, over the plane.
+    /// `map/NAME`: map of the measured field over the plane, from the samples of a sensor so far.
     ///
-    /// Cells are squares, row by row from the lowest y, in a row from the lowest x; the first `columns` x `rows` count. NaN is unknown.
+    /// Cells are squares, row by row from the lowest y, in a row from the lowest x; the first `columns` x `rows` count.
+    /// NaN is unknown.
     pub struct FieldMap {
         header: Header,
         /// Corner with the lowest x and y, and side of a cell, m.
         origin_m: [f64; 2],
         cell_m: f64,
-        /// How far a sample speaks for its surroundings, m.
+        /// Radius in which a sample influences the map, m.
         reach_m: f64,
         /// Samples in the map, and those outside of it.
         samples: u64,
         outside: u64,
         columns: u32,
         rows: u32,
-        /// At the centres of the cells, and the standard deviation there.
+        /// Value at the centre of each cell, and its standard deviation.
         value: [f32; FieldMap::CELLS],
         sigma: [f32; FieldMap::CELLS],
         quantity: [u8; 64],
@@ -156,8 +158,8 @@ message! {
 }
 
 impl FieldMap {
-    /// Columns at most, and rows.
+    /// Most columns, and most rows.
     pub const SIDE: usize = 64;
-    /// Cells at most.
+    /// Most cells.
     pub const CELLS: usize = Self::SIDE * Self::SIDE;
 }

@@ -6,7 +6,8 @@ use thiserror::Error;
 use crate::{CABLES, CONTROLLERS, ESTIMATORS, Header, SLOT_NAMES, layout, message, put_text};
 
 layout! {
-    /// Verb and numbers of a request, as `operator/request` and `motor/input` carry them. Fields that a verb does not use are 0.
+    /// Verb and numbers of a request, as `operator/request` and `motor/input` carry them. Fields that a verb does not
+    /// use are 0.
     pub struct RequestBody {
         /// ZERO_AT: where the node is; GOTO: where to, m.
         position_m: [f64; 3],
@@ -499,7 +500,8 @@ impl Request {
         Self::from_parts(&request.body, &request.name, &request.text, request.hash)
     }
 
-    /// The request of a verb and numbers; its texts are empty, so nothing is allocated. For motor-io, whose requests have no texts.
+    /// The request of a verb and numbers; its texts are empty, so nothing is allocated. For motor-io, whose requests
+    /// have no texts.
     ///
     /// # Errors
     /// An unknown verb, or a choice without a meaning.

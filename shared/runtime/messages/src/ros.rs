@@ -1,14 +1,15 @@
-//! Messages that ROS 2 itself defines, so that tools draw a robot they have never heard of.
+//! Messages that ROS 2 defines, for tools that draw a robot without knowing nims.
 //!
-//! They hold texts and lists, but every sample of one type here has the same length: it is the CDR body itself, its texts and lists always
-//! as long. So it travels like any other sample, and the recorder writes it as it lies. Who makes such a body is the visualization process.
+//! They contain texts and lists, but every sample of one type here is a CDR body of the same length, with texts and
+//! lists of fixed length. It therefore travels like any other sample, and the recorder writes it unchanged. The
+//! visualization process makes these bodies.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::message::expanded::complete;
 use crate::message::hash_of;
 
-/// What may travel on a channel: a [`crate::Message`], or a message of ROS 2 as a CDR body of fixed length.
+/// Payload of a channel: a [`crate::Message`], or a message of ROS 2 as a CDR body of fixed length.
 pub trait Payload: Pod + Send + Sync {
     /// The type's name, e.g. `MotorState`.
     const NAME: &'static str;
@@ -16,9 +17,9 @@ pub trait Payload: Pod + Send + Sync {
     fn schema() -> &'static str;
     /// `package/NAME/hash`: what peers compare before they connect.
     fn type_name() -> &'static str;
-    /// Gives it its number and the time of its publication, if it has places for them.
+    /// Fills in number and time of publication, if it has fields for them.
     fn number(&mut self, _seq: u64, _published_ns: u64) {}
-    /// Its number; 0 if it has no place for one.
+    /// Number of the sample; 0 without such a field.
     fn seq(&self) -> u64 {
         0
     }
@@ -119,40 +120,40 @@ macro_rules! ros {
 }
 
 ros! {
-    /// `tf`: where the node is, as one transform from the frame `map` to the frame `node`.
+    /// `tf`: pose of the node, as one transform from the frame `map` to the frame `node`.
     TfMessage, "tf2_msgs/TFMessage", 88, "geometry_msgs/TransformStamped[] transforms\n",
     [TRANSFORM_STAMPED, HEADER, TIME, TRANSFORM, VECTOR3, QUATERNION]
 }
 ros! {
-    /// `visualization/pose`: where the node is.
+    /// `visualization/pose`: pose of the node.
     PoseStamped, "geometry_msgs/PoseStamped", 72, POSE_STAMPED.1, [HEADER, TIME, POSE, POINT, QUATERNION]
 }
 ros! {
-    /// `visualization/plan` and `visualization/track`: where the node is to go, and where it has been.
+    /// `visualization/plan` and `visualization/track`: planned path, and path flown so far.
     Path, "nav_msgs/Path", 24 + 72 * PATH_POSES, "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
     [HEADER, TIME, POSE_STAMPED, POSE, POINT, QUATERNION]
 }
 ros! {
-    /// `visualization/robot`: anchors, lines, node, and the tension of each line as text.
+    /// `visualization/robot`: anchors, cables, node, and the tension of each cable as text.
     MarkerArray, "visualization_msgs/MarkerArray", 3517, "visualization_msgs/Marker[] markers\n",
     [MARKER, HEADER, TIME, POSE, POINT, QUATERNION, VECTOR3, COLOUR, DURATION, IMAGE, UV, MESH]
 }
 ros! {
-    /// `visualization/samples/NAME`: a sensor's values where they were measured.
+    /// `visualization/samples/NAME`: values of a sensor at the positions of their measurements.
     PointCloud2, "sensor_msgs/PointCloud2", 129 + CLOUD_POINTS * CLOUD_POINT_BYTES,
     "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\nuint32 point_step\n\
      uint32 row_step\nuint8[] data\nbool is_dense\n",
     [HEADER, TIME, POINT_FIELD]
 }
 ros! {
-    /// `log`: what the processes have to say.
+    /// `log`: log events of the processes.
     Log, "rcl_interfaces/Log", 640,
     "uint8 DEBUG=10\nuint8 INFO=20\nuint8 WARN=30\nuint8 ERROR=40\nuint8 FATAL=50\nbuiltin_interfaces/Time stamp\nuint8 level\n\
      string name\nstring msg\nstring file\nstring function\nuint32 line\n",
     [TIME]
 }
 
-/// The definition of a type name, if it is one of these: it need not travel with the channel, and no reader stumbles over it.
+/// Returns the definition of a type name of this module; it does not travel with the channel.
 #[must_use]
 pub fn schema_of(type_name: &str) -> Option<&'static str> {
     fn row<T: Payload>() -> (&'static str, &'static str) {

@@ -1,11 +1,13 @@
 //! Reading a ROS 2 definition back: which number stands where in a sample of a type this build was not compiled with.
 //!
-//! The parser is strict. It accepts the subset that every reader of run files decodes alike, and it refuses what would make one of
-//! them fail or, worse, read the wrong bytes without a word:
-//! * numbers (`bool`, `int8` ... `uint64`, `float32`, `float64`), fixed arrays of them, and nested types by their two-part name;
+//! The parser is strict. It accepts the subset that every reader of run files decodes alike, and it refuses what would
+//! make one of them fail or, worse, read the wrong bytes without a word:
+//! * numbers (`bool`, `int8` ... `uint64`, `float32`, `float64`), fixed arrays of them, and nested types by their
+//!   two-part name;
 //! * integer constants, decimal, in upper case; they name the values of the next field if it has the same type;
-//! * every number at a multiple of its own size, so that the struct in memory and its CDR body are the same bytes. Hidden padding
-//!   cannot be seen in a text, but it makes the text's size differ from the sample's: compare [`Schema::size`] with the payload.
+//! * every number at a multiple of its own size, so that the struct in memory and its CDR body are the same bytes.
+//!   Hidden padding cannot be seen in a text, but it makes the text's size differ from the sample's: compare
+//!   [`Schema::size`] with the payload.
 //!
 //! ```
 //! use messages::{Message, TruthNode};

@@ -3,7 +3,7 @@
 use crate::{Header, message};
 
 message! {
-    /// `system/heartbeat/NAME`: a process is alive, and how its loop keeps time.
+    /// `system/heartbeat/NAME`: sign of life of a process, with the timing of its loop.
     pub struct Heartbeat {
         header: Header,
         /// Increases with every beat.
@@ -13,18 +13,18 @@ message! {
         busy_p50_ns: u64,
         busy_p99_ns: u64,
         busy_max_ns: u64,
-        /// Samples lost on the way to this process, over all its inputs.
+        /// Samples lost before they reached this process, over all its inputs.
         lost: u64,
         pid: u32,
         incarnation: u32,
         state: u8 { STATE_STARTING = 1, STATE_READY = 2, STATE_STOPPING = 3 },
-        /// 1: SCHED_FIFO, locked memory, chosen processor as configured.
+        /// 1: runs with SCHED_FIFO, locked memory, and the configured processor.
         realtime: u8,
         locked: u8,
         pinned: u8,
         pad0: [u8; 4],
         name: [u8; 32],
-        /// Of the program, and how it was built.
+        /// Version and build profile of the program.
         version: [u8; 32],
     }
 }
@@ -43,7 +43,7 @@ message! {
 }
 
 message! {
-    /// `system/process`: one row of the supervisor's table; every row once a second and on change.
+    /// `system/process`: one row of the process table; every row once a second and on change.
     pub struct ProcessState {
         header: Header,
         started_ns: u64,
@@ -51,19 +51,19 @@ message! {
         restarts: u32,
         exit_code: i32,
         signal: i32,
-        /// RUNNING: it runs, and never says whether it is ready. GAVE_UP: died too often to be started again. GONE: no longer in the table.
+        /// RUNNING: runs without heartbeats. GAVE_UP: died too often to be started again. GONE: removed from the table.
         state: u8 {
             STATE_STOPPED = 0, STATE_STARTING = 1, STATE_READY = 2, STATE_STOPPING = 3, STATE_DIED = 4, STATE_SILENT = 5, STATE_GAVE_UP = 6,
             STATE_RUNNING = 7, STATE_GONE = 8,
         },
-        /// Of a controller or an estimator: 1 for a, 2 for b; otherwise 0.
+        /// Slot of a controller or an estimator: 1 for a, 2 for b; otherwise 0.
         slot: u8,
         pad0: [u8; 6],
         name: [u8; 32],
         role: [u8; 32],
-        /// Its law, where it is not the configured one, or its name in the system file.
+        /// Law, where it is not the configured one, or name in the system file.
         law: [u8; 32],
-        /// One sentence on why it is in this state.
+        /// Cause of the state, in one sentence.
         reason: [u8; 192],
     }
 }
@@ -74,35 +74,36 @@ message! {
         header: Header,
         messages: u64,
         bytes: u64,
-        /// Samples missing by sequence number.
+        /// Samples missing by their sequence numbers.
         lost: u64,
         gaps: u64,
         total_messages: u64,
         total_bytes: u64,
         disk_free_bytes: u64,
-        /// Longest time between taking a sample and having it in the file's buffer, ns.
+        /// Longest time from receiving a sample to writing it into the buffer of the file, ns.
         worst_lag_ns: u64,
         state: u8 { STATE_RECORDING = 1, STATE_DISK_FULL = 2, STATE_FAILED = 3 },
         pad0: [u8; 7],
         channel: [u8; 64],
         file: [u8; 128],
-        /// One sentence: why nothing is being recorded, and what to do. Empty while it is.
+        /// Why nothing is being recorded and what to do, in one sentence; empty while recording.
         reason: [u8; 192],
     }
 }
 
 message! {
-    /// In run files, on `recorder/gap`: samples of a channel that should be between two others and are not in the file. It stands where they
-    /// are missing; the recorder writes it itself, so it does not travel in shared memory.
+    /// In run files, on `recorder/gap`: samples of a channel that are missing between two others. The recorder writes
+    /// it at that place of the file; it does not travel in shared memory.
     pub struct RecorderGap {
         header: Header,
         missing: u64,
-        /// Number of the sample before and of the one behind, and when they were published, CLOCK_MONOTONIC, ns; 0: there is none before.
+        /// Numbers of the samples before and after the gap, and their times of publication, CLOCK_MONOTONIC, ns; 0:
+        /// none before.
         last_seq: u64,
         next_seq: u64,
         last_ns: u64,
         next_ns: u64,
-        /// OVERFLOW: its buffer overflowed before the recorder took it. DISK_FULL, FAILED: there was no file to write it to.
+        /// OVERFLOW: the buffer overflowed before the recorder read it. DISK_FULL, FAILED: no file could be written.
         cause: u8 { CAUSE_OVERFLOW = 1, CAUSE_DISK_FULL = 2, CAUSE_FAILED = 3 },
         pad0: [u8; 7],
         channel: [u8; 64],

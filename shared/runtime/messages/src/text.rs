@@ -1,4 +1,4 @@
-//! Short texts in fixed arrays: UTF-8, filled up with zeros.
+//! Short texts in fixed arrays: UTF-8, padded with zeros.
 
 /// Writes as much of `text` as fits, cut at a character boundary, the rest zero.
 pub fn put_text(into: &mut [u8], text: &str) {
@@ -10,21 +10,21 @@ pub fn put_text(into: &mut [u8], text: &str) {
     into[..end].copy_from_slice(&text.as_bytes()[..end]);
 }
 
-/// What stands at the end of a sentence that was cut.
+/// Mark of the place where a sentence was shortened.
 pub const MORE: &str = " ...";
 
-/// How many bytes of a text longer than `room` bytes are whole words within them; of one long word, whole characters.
+/// Returns the number of bytes of whole words of a text within `room` bytes; of one long word, of whole characters.
 #[must_use]
 pub fn words_within(text: &str, room: usize) -> usize {
     let space = text.bytes().take(room + 1).rposition(|byte| byte == b' ' || byte == b'\n');
     space.or_else(|| (0..=room).rev().find(|end| text.is_char_boundary(*end))).unwrap_or(0)
 }
 
-/// Where a sentence of more than `room` bytes is parted: what stands before the first number and behind the second one stays, with
-/// [`MORE`] between them.
+/// Returns where a sentence of more than `room` bytes is shortened: the text before the first number and from the
+/// second one on is kept, with [`MORE`] between them.
 ///
-/// A sentence ends with its cure, behind the last `; ` or `: `. Its end therefore stays as far as it fits into two thirds of the room,
-/// and what is left out stands in the middle. Of a sentence without such a mark the beginning stays.
+/// A sentence ends with its cure, behind the last `; ` or `: `. The end is therefore kept as far as it fits into two
+/// thirds of the room. Of a sentence without such a mark the beginning is kept.
 #[must_use]
 pub fn parted(text: &str, room: usize) -> (usize, usize) {
     let most = (room * 2 / 3).min(room.saturating_sub(MORE.len()));
@@ -34,7 +34,7 @@ pub fn parted(text: &str, room: usize) -> (usize, usize) {
     (end, from)
 }
 
-/// Writes a sentence for people: whole if it fits, otherwise its beginning, [`MORE`], and its end with the cure: see [`parted`].
+/// Writes a sentence: whole if it fits, otherwise its beginning, [`MORE`], and its end with the cure; see [`parted`].
 pub fn put_sentence(into: &mut [u8], text: &str) {
     if text.len() <= into.len() || into.len() < MORE.len() {
         return put_text(into, text);
@@ -46,7 +46,7 @@ pub fn put_sentence(into: &mut [u8], text: &str) {
     into[end + MORE.len()..end + MORE.len() + rest.len()].copy_from_slice(rest);
 }
 
-/// The text up to the first zero; damaged UTF-8 is replaced, never refused.
+/// Returns the text up to the first zero; invalid UTF-8 is replaced.
 #[must_use]
 pub fn text_of(from: &[u8]) -> String {
     let end = from.iter().position(|byte| *byte == 0).unwrap_or(from.len());

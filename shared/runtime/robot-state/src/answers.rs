@@ -1,10 +1,11 @@
-//! The catalogue of answers: every reason for which a process accepts or refuses a request, with its number, its parameters and its
-//! English sentence.
+//! The catalogue of answers: every reason for which a process accepts or refuses a request, with its number, its
+//! parameters and its English sentence.
 //!
-//! A process answers with a [`Reason`]. The sample on `operator/request` carries its number, its parameters and the sentence, so that a
-//! program acts on the number and an analyst reads the sentence in the run. Numbers are never reused. Reasons of motor-io are typed
-//! throughout. Where a refusal is made from an error of a library (a plan that breaks a limit, a process that does not start), the number
-//! names the class and the text parameter `why` holds the error's own sentence.
+//! A process answers with a [`Reason`]. The sample on `operator/request` carries its number, its parameters and the
+//! sentence, so that a program acts on the number and an analyst reads the sentence in the run. Numbers are never
+//! reused. Reasons of motor-io are typed throughout. Where a refusal is made from an error of a library (a plan that
+//! breaks a limit, a process that does not start), the number names the class and the text parameter `why` holds the
+//! error's own sentence.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -17,8 +18,8 @@ use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
 /// Text parameter of a reason.
 pub type Detail = ArrayString<DETAIL_BYTES>;
 
-/// Text of a reason or of its parameter, in a fixed place: nothing is allocated. A text that does not fit loses what stands before its
-/// cure: see [`parted`].
+/// Text of a reason or of its parameter, in a fixed place: nothing is allocated. A text that does not fit loses what
+/// stands before its cure: see [`parted`].
 #[must_use]
 pub fn detail(text: impl Display) -> Detail {
     use fmt::Write;
@@ -327,8 +328,8 @@ macro_rules! answers {
                 match self { $( Self::$name { .. } => $code ),* }
             }
 
-            /// [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] (it cannot be done now) or [`OperatorRequest::BAD_INPUT`] (what
-            /// was given makes no sense here, whenever it is requested).
+            /// [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] (it cannot be done now) or
+            /// [`OperatorRequest::BAD_INPUT`] (what was given makes no sense here, whenever it is requested).
             #[must_use]
             pub fn accepted(&self) -> u8 {
                 match self { $( Self::$name { .. } => OperatorRequest::$accepted ),* }
@@ -537,8 +538,8 @@ impl Reason {
         answer
     }
 
-    /// The reason of a recorded answer; `None` for a number that this program does not know, or an unanswered request. A text parameter
-    /// longer than its field comes back shortened.
+    /// The reason of a recorded answer; `None` for a number that this program does not know, or an unanswered request.
+    /// A text parameter longer than its field comes back shortened.
     #[must_use]
     pub fn of(request: &OperatorRequest) -> Option<Self> {
         let answer = request.recorded_answer()?;

@@ -1,7 +1,7 @@
 //! The state of a robot as plain data and in sentences, for every program that shows it.
 //!
 //! Invariants:
-//! * No clock, no I/O, no bus: samples in, data and words out.
+//! * No clock, no I/O, no bus: samples in, data and sentences out.
 //! * Each mode, fault, verdict, phase, cause and answer has its sentence here and nowhere else.
 #![forbid(unsafe_code)]
 

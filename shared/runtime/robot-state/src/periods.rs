@@ -1,27 +1,27 @@
-//! Periods of missions: how many of them were not steered, and why. `docs/counters.md` has the rules.
+//! Counts of the periods of missions: steered, paused, and lost by cause. `docs/counters.md` has the rules.
 
 use messages::MotorAuthority;
 use serde::Serialize;
 
-/// Periods of missions, by what they were.
+/// Periods of missions, by class.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Periods {
-    /// A fresh command went to every drive.
+    /// A fresh command reached every drive.
     pub steered: u64,
-    /// At rest because an operator asked for it.
+    /// At rest because an operator paused.
     pub paused: u64,
     /// Lost: a program did not get the processor, by evidence from the kernel.
     pub computer: u64,
     /// Lost: a drive did not answer in time.
     pub drive: u64,
-    /// Lost: a serial port was being brought back into step.
+    /// Lost: a serial port was being resynchronised.
     pub resync: u64,
-    /// Lost: no valid command; all that is left.
+    /// Lost: no valid command, for any other reason.
     pub answer: u64,
 }
 
 impl Periods {
-    /// What motor-io has counted since its life began.
+    /// Returns the counts of motor-io since its life began.
     #[must_use]
     pub fn of(authority: &MotorAuthority) -> Self {
         Self {
@@ -34,19 +34,19 @@ impl Periods {
         }
     }
 
-    /// The number that leads: periods in which the node was not steered by a fresh command.
+    /// Returns the leading number: periods in which the node was not steered by a fresh command.
     #[must_use]
     pub fn unsteered(&self) -> u64 {
         self.causes().iter().map(|(_, count)| count).sum()
     }
 
-    /// Of so many: all of the missions, less operators' pauses.
+    /// Returns the number of all periods of missions, pauses excluded.
     #[must_use]
     pub fn all(&self) -> u64 {
         self.steered + self.unsteered()
     }
 
-    /// The causes and their counts.
+    /// Returns the causes and their counts.
     #[must_use]
     pub fn causes(&self) -> [(&'static str, u64); 4] {
         [("computer", self.computer), ("drive", self.drive), ("resync", self.resync), ("answer", self.answer)]
@@ -64,7 +64,7 @@ impl Periods {
         self.causes().map(|(cause, count)| format!("{cause} {count}")).join(", ")
     }
 
-    /// The number that leads, with those causes that there were.
+    /// Returns the leading number with the causes that occurred.
     #[must_use]
     pub fn words(&self) -> String {
         let causes = self.causes().into_iter().filter(|(_, count)| *count > 0);

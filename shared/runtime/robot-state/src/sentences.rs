@@ -1,10 +1,10 @@
-//! What happened and what to do, one sentence per mode, fault and verdict: for whoever shows the robot's state.
+//! Sentences of modes, faults, verdicts, phases and causes: what happened and what to do.
 
 use messages::faults::{Faults, OF_CABLES, OF_UNITS};
 use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, ROLES};
 use std::fmt;
 
-/// Every fault: its bit, what is the case, what to do about it.
+/// Every fault: its bit, its description, its cure.
 pub const FAULTS: [(u32, &str, &str); 21] = [
     (MotorAuthority::FAULT_LOST_UNIT, "a drive unit does not answer", "check its power and its cable, then reset"),
     (
@@ -14,19 +14,23 @@ pub const FAULTS: [(u32, &str, &str); 21] = [
     ),
     (
         MotorAuthority::FAULT_STALL,
-        "a motor pushes hard and its line does not move, so this cable was let go",
-        "free the line, check the encoder, reset, then look where the node is and confirm the position or zero",
+        "a motor pushes hard and its cable does not move, so this cable was released",
+        "free the cable, check the encoder, reset, then look where the node is and confirm the position or zero",
     ),
     (
         MotorAuthority::FAULT_SLACK,
-        "a line is slack or broken",
-        "look for what carries the node, jog the line taut or mend it, then reset",
+        "a cable is slack or broken",
+        "make sure the node is supported, jog the cable taut or repair it, then reset",
     ),
-    (MotorAuthority::FAULT_OVER_TENSION, "a line is too tight", "jog it out, check the calibration, then reset"),
-    (MotorAuthority::FAULT_OVER_CURRENT, "a motor draws too much current", "look for what blocks the line, then reset"),
+    (MotorAuthority::FAULT_OVER_TENSION, "a cable is too tight", "jog it out, check the calibration, then reset"),
+    (
+        MotorAuthority::FAULT_OVER_CURRENT,
+        "a motor draws too much current",
+        "look for what blocks the cable, then reset",
+    ),
     (
         MotorAuthority::FAULT_RUNAWAY,
-        "an encoder counts against the command, so this cable was let go",
+        "an encoder counts against the command, so this cable was released",
         "check the encoder's plug and the sign of counts_per_m, reset, then look where the node is and confirm the position or zero",
     ),
     (
@@ -40,7 +44,7 @@ pub const FAULTS: [(u32, &str, &str); 21] = [
         "the controller stopped answering, so the robot stopped and holds",
         "when nims status shows it again, resume; if it does not come back, end nims up and start it again",
     ),
-    (MotorAuthority::FAULT_LENGTH_LIMIT, "a line has reached its length limit", "reset, then move back inside"),
+    (MotorAuthority::FAULT_LENGTH_LIMIT, "a cable has reached its length limit", "reset, then move back inside"),
     (
         MotorAuthority::FAULT_ESTIMATE_LOST,
         "there is no valid estimate of the position, so the robot stopped and holds",
@@ -49,13 +53,13 @@ pub const FAULTS: [(u32, &str, &str); 21] = [
     (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low", "charge or change the battery, then reset"),
     (
         MotorAuthority::FAULT_LONG_GAP,
-        "this machine had no time for the drives, so the robot stopped where it was",
-        "look for what else runs on it; after up to a second the robot goes on by itself, after more it holds, and resume goes on",
+        "the computer had no time for the drives, so the robot stopped where it was",
+        "look for what else runs on it; after up to a second the robot continues by itself, after more it holds, and resume continues",
     ),
     (
         MotorAuthority::FAULT_EMERGENCY_INPUT,
         "the emergency stop button of a drive unit is pressed, or its wire is broken",
-        "see that nobody is in danger, release it, then reset",
+        "make sure that no one is in danger, release it, then reset",
     ),
     (
         MotorAuthority::FAULT_SUPERVISOR_LOST,
@@ -69,28 +73,28 @@ pub const FAULTS: [(u32, &str, &str); 21] = [
     ),
     (
         MotorAuthority::FAULT_COMMAND_REFUSED,
-        "the controller's commands were no numbers or far beyond the limits, so the robot stopped and holds",
+        "the controller sent NaN or commands far beyond the limits, so the robot stopped and holds",
         "look at the controller's log, swap to another controller, then resume",
     ),
     (
         MotorAuthority::FAULT_DIVERGING,
-        "the commands moved the node away from its set point",
-        "reset, see that the node is where nims status says and zero it where it is not, then swap to another controller or estimator",
+        "the commands moved the node away from its setpoint",
+        "reset, check that the node is where nims status says and zero it otherwise, then swap to another controller or estimator",
     ),
     (
         MotorAuthority::FAULT_OFF_START,
-        "the planned motion does not begin where the lines say that the node is, so it is not started",
-        "compare the estimators in nims status, restart the one that is off, then ask again",
+        "the planned motion does not begin at the position of the node by its cables, so it is not started",
+        "compare the estimators in nims status, restart the wrong one, then try again",
     ),
     (
         MotorAuthority::FAULT_COMPUTER,
         "the computer was busy with other things and did not give the robot's programs the processor in time",
-        "end what else runs on it, or permit real-time priority (`nims doctor` says how); up to a second of it the robot waits for, after \
-         more it holds, and resume goes on",
+        "end what else runs on it, or permit real-time priority (`nims doctor` says how); the robot waits for up to a second, after more it \
+         holds, and resume continues",
     ),
 ];
 
-/// One sentence per fault in `bits`: what is the case and what to do.
+/// Returns one sentence per fault in `bits`, with its cure.
 pub fn fault_sentences(bits: u32) -> impl Iterator<Item = String> {
     each_fault(bits).map(|(_, sentence)| sentence)
 }
@@ -103,7 +107,7 @@ fn each_fault(bits: u32) -> impl Iterator<Item = (u32, String)> {
     })
 }
 
-/// The sentences of a sample's faults; one of cables or of units ends with those that are named.
+/// Returns the sentences of the faults of a sample; those of cables or units end with the named ones.
 #[must_use]
 pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
     let place = |bit: u32| match bit {
@@ -114,7 +118,7 @@ pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
     each_fault(authority.faults).map(|(bit, text)| format!("{}{}.", text.trim_end_matches('.'), place(bit))).collect()
 }
 
-/// The marked ones by their numbers, in parentheses: ` (units 1, 2)`; empty without any.
+/// Returns the numbers of the marked ones in parentheses: ` (units 1, 2)`; empty without any.
 #[must_use]
 pub fn named(marks: &[u8; 8], what: &str) -> String {
     let numbers: Vec<String> =
@@ -126,10 +130,10 @@ pub fn named(marks: &[u8; 8], what: &str) -> String {
     }
 }
 
-/// So many bytes of faults stand in one answer; of more, `nims status` has the sentences.
+/// Most bytes of faults in one answer; `nims status` shows the others.
 const LISTED: usize = 360;
 
-/// What is the case, each with its cure; for use inside a sentence, without allocation.
+/// Faults with their cures, as part of a sentence; formatted without allocation.
 #[derive(Debug, Clone, Copy)]
 pub struct FaultList<'a>(pub &'a Faults);
 
@@ -158,7 +162,7 @@ impl fmt::Display for FaultList<'_> {
     }
 }
 
-/// ` on unit 1`, ` on units 1, 2`; nothing where none is named.
+/// Writes ` on unit 1`, ` on units 1, 2`, or nothing.
 fn named_in(f: &mut fmt::Formatter<'_>, what: &str, named: &[bool]) -> fmt::Result {
     let plural = if named.iter().filter(|named| **named).count() > 1 { "s" } else { "" };
     let mut separator = "";
@@ -172,7 +176,7 @@ fn named_in(f: &mut fmt::Formatter<'_>, what: &str, named: &[bool]) -> fmt::Resu
     Ok(())
 }
 
-/// The mode's name, as commands print it.
+/// Returns the name of a mode, as commands print it.
 #[must_use]
 pub fn mode_name(mode: u8) -> &'static str {
     match mode {
@@ -187,12 +191,12 @@ pub fn mode_name(mode: u8) -> &'static str {
     }
 }
 
-/// What the mode means for who stands beside the robot.
+/// Returns the meaning of a mode for a person beside the robot.
 #[must_use]
 pub fn mode_sentence(mode: u8) -> &'static str {
     match mode {
-        MotorAuthority::MODE_DISARMED => "The drives are off; arm to hold the lines.",
-        MotorAuthority::MODE_HOLDING => "The drives hold the lines, and nothing moves.",
+        MotorAuthority::MODE_DISARMED => "The drives are off; arm to hold the cables.",
+        MotorAuthority::MODE_HOLDING => "The drives hold the cables, and nothing moves.",
         MotorAuthority::MODE_JOGGING => "One cable moves slowly.",
         MotorAuthority::MODE_FOLLOWING => "The robot follows its motion.",
         MotorAuthority::MODE_STOPPING => "The robot is coming to rest.",
@@ -202,16 +206,16 @@ pub fn mode_sentence(mode: u8) -> &'static str {
     }
 }
 
-/// What a verdict on a command means.
+/// Returns the meaning of a verdict on a command.
 #[must_use]
 pub fn verdict_sentence(verdict: u8) -> &'static str {
     match verdict {
         MotorAuthority::VERDICT_NONE => "No command has ever arrived in this slot.",
-        MotorAuthority::VERDICT_ACCEPTED => "The command is good.",
+        MotorAuthority::VERDICT_ACCEPTED => "The command is accepted.",
         MotorAuthority::VERDICT_STALE => "The command answers an earlier cycle.",
         MotorAuthority::VERDICT_EPOCH => "The command was computed before the last arm, stop, fault, reset or zero.",
-        MotorAuthority::VERDICT_INCARNATION => "The controller was started again while the robot moved.",
-        MotorAuthority::VERDICT_NOT_FINITE => "The command holds something that is no number.",
+        MotorAuthority::VERDICT_INCARNATION => "The controller was restarted while the robot moved.",
+        MotorAuthority::VERDICT_NOT_FINITE => "The command contains NaN or infinity.",
         MotorAuthority::VERDICT_OUT_OF_LIMITS => "The command is far beyond the cable speed limit.",
         MotorAuthority::VERDICT_NO_ESTIMATE => "The controller has no valid estimate to answer for.",
         MotorAuthority::VERDICT_ABSENT => "No command has arrived for this cycle.",
@@ -221,10 +225,10 @@ pub fn verdict_sentence(verdict: u8) -> &'static str {
     }
 }
 
-/// Roles with slots, by their index.
+/// Names of the roles with slots, by index.
 pub const ROLE_NAMES: [&str; ROLES] = ["controller", "estimator"];
 
-/// The phase of a slot, as commands print it.
+/// Returns the name of a phase, as commands print it.
 #[must_use]
 pub fn phase_name(phase: u8) -> &'static str {
     match phase {
@@ -240,39 +244,39 @@ pub fn phase_name(phase: u8) -> &'static str {
     }
 }
 
-/// What last cost a slot its trust, as the rest of a sentence that begins with who it is; empty for nothing.
+/// Returns the cause of the last loss of trust as the predicate of a sentence; empty for none.
 #[must_use]
 pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
     match cause {
         MotorSlots::CAUSE_NONE => "",
         MotorSlots::CAUSE_ABSENT => "stopped answering",
         MotorSlots::CAUSE_RESTARTED => "was started again",
-        MotorSlots::CAUSE_NOT_FINITE => "gave something that is no number",
-        MotorSlots::CAUSE_OUT_OF_LIMITS => "asked for velocities far beyond the limit",
-        MotorSlots::CAUSE_APART if role == CONTROLLERS => "commanded something else than the one in charge",
-        MotorSlots::CAUSE_APART => "put the node somewhere else than the one in charge",
+        MotorSlots::CAUSE_NOT_FINITE => "gave NaN or infinity",
+        MotorSlots::CAUSE_OUT_OF_LIMITS => "commanded velocities far beyond the limit",
+        MotorSlots::CAUSE_DEVIATION if role == CONTROLLERS => "commanded other velocities than the one in charge",
+        MotorSlots::CAUSE_DEVIATION => "computed another position than the one in charge",
         MotorSlots::CAUSE_NOT_VALID => "answered without a valid result",
         MotorSlots::CAUSE_PROBATION => "missed a cycle just after it had taken over",
         _ => "failed in a way unknown to this program",
     }
 }
 
-/// Why a slot is no standby, and what to do: the rest of a sentence that begins with who it is.
+/// Why a slot is not a standby, and what to do; formatted as the predicate of a sentence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WhyNot {
     /// Index of the role.
     pub role: usize,
-    /// Its phase.
+    /// Phase of the slot.
     pub phase: u8,
-    /// What last cost it its trust.
+    /// Cause of its last loss of trust.
     pub cause: u8,
-    /// Of a controller: the verdict on its last command.
+    /// Controllers: the verdict on its last command.
     pub verdict: u8,
-    /// For how long it has answered well, s.
+    /// Duration of its good answers, s.
     pub well_s: f64,
-    /// For how long it has to, s.
+    /// Duration of good answers that qualifies it, s.
     pub qualify_s: f64,
-    /// Of a controller: how far it would move the node off its path, m, and within which time, s.
+    /// Controllers: how far it would move the node off its path, m, and within which time, s.
     pub moves_off: Option<(f64, f64)>,
 }
 
@@ -292,7 +296,7 @@ impl fmt::Display for WhyNot {
             }
             MotorSlots::PHASE_SHADOW if well_s == 0.0 && !failed.is_empty() => {
                 write!(f, "does not qualify: it {failed}")?;
-                if let Some((off_m, within_s)) = self.moves_off.filter(|_| cause == MotorSlots::CAUSE_APART) {
+                if let Some((off_m, within_s)) = self.moves_off.filter(|_| cause == MotorSlots::CAUSE_DEVIATION) {
                     write!(f, " and would move the node {off_m:.2} m off its path within {within_s:.1} s")?;
                 }
                 f.write_str("; look at its log and its configuration, or swap where the robot holds")
@@ -301,20 +305,20 @@ impl fmt::Display for WhyNot {
                 write!(f, "has answered well for {well_s:.1} of {qualify_s:.1} s; ask again in a second")
             }
             MotorSlots::PHASE_QUARANTINED => {
-                write!(f, "was set aside because it came and went: it {failed}; admit it again with nims swap --admit")
+                write!(f, "was quarantined after repeated failures: it {failed}; admit it again with nims swap --admit")
             }
             _ => f.write_str("is being swapped"),
         }
     }
 }
 
-/// How far the position can be trusted, and what to do.
+/// Returns the meaning of `position_known`, and what to do.
 #[must_use]
 pub fn position_sentence(position_known: u8) -> &'static str {
     match position_known {
         MotorState::POSITION_KNOWN => "The position is known.",
         MotorState::POSITION_RESTORED => {
-            "The position is the one kept from before motor-io was started: look where the node is, then confirm it (nims confirm-position) or zero (nims zero)."
+            "The position was kept from before motor-io was started: look where the node is, then confirm it (nims confirm-position) or zero (nims zero)."
         }
         _ => "The position is unknown: zero where the node is (nims zero).",
     }
@@ -341,7 +345,7 @@ mod tests {
         assert_eq!(
             faults_of(&authority),
             [
-                "A line is slack or broken: look for what carries the node, jog the line taut or mend it, then reset (cable 2)."
+                "A cable is slack or broken: make sure the node is supported, jog the cable taut or repair it, then reset (cable 2)."
             ]
         );
     }
@@ -356,7 +360,8 @@ mod tests {
         let said = faults_of(&authority);
         assert!(said[0].ends_with("(units 1, 2).") && said[1].ends_with("(cable 3)."), "{said:?}");
         assert!(said[2].ends_with("goes on."), "{said:?}");
-        // Every fault of the drives or the lines is one or the other, and none is both. That of the commands is neither.
+        // Every fault of the drives or the lines is one or the other, and none is both. That of the commands is
+        // neither.
         let of_neither = MotorAuthority::FAULT_DIVERGING;
         assert_eq!((OF_UNITS | OF_CABLES | of_neither, OF_UNITS & OF_CABLES), (messages::faults::HARD, 0));
     }

@@ -10,7 +10,9 @@ use std::rc::Rc;
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{Bus, BusError, Publisher, Server};
 use messages::schema::{Primitive, Schema};
-use messages::{Message, OperatorRequest, Request};
+use messages::{Message, Request};
+use robot_state::Reason;
+use robot_state::answers::detail;
 use tracing::{info, warn};
 
 /// Largest delay of an output, cycles: one second at 100 Hz.
@@ -59,19 +61,18 @@ impl OutputFaultInjector {
             let text = match Request::decode(&call.request) {
                 Ok(Request::Fault { text }) => text,
                 Ok(_) => {
-                    let sentence = format!("this process takes no requests except faults: {}", forms());
-                    call.answer(OperatorRequest::BAD_INPUT, &sentence)?;
+                    call.answer(&Reason::OtherProcess { takes: detail("faults") }.answer())?;
                     continue;
                 }
                 Err(error) => {
-                    call.answer(OperatorRequest::BAD_INPUT, &error.to_string())?;
+                    call.answer(&Reason::Undecodable { why: detail(error) }.answer())?;
                     continue;
                 }
             };
             let wanted = parse(&text);
             let Some((fault, for_s)) = wanted else {
-                let sentence = format!("the fault is \"{text}\"; accepted: {}", forms());
-                call.answer(OperatorRequest::BAD_INPUT, &sentence)?;
+                let why = detail(format_args!("\"{text}\" is not a fault of this process; accepted: {}", forms()));
+                call.answer(&Reason::FaultInvalid { why }.answer())?;
                 continue;
             };
             self.fault.set(fault);
@@ -80,7 +81,7 @@ impl OutputFaultInjector {
                 Some(_) => warn!("fault on request: {text}"),
                 None => info!("fault on request: {text}"),
             }
-            call.answer(OperatorRequest::ACCEPTED, &format!("done: {text}"))?;
+            call.answer(&Reason::FaultDone { fault: detail(text) }.answer())?;
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use messages::{KNOTS, PlanMotion, PlanSegment};
 
 const _: () = assert!(KNOTS == MAX_KNOTS);
 
-/// The message of a segment.
+/// Returns the message of a segment.
 #[must_use]
 pub fn segment_message(segment: &Segment) -> PlanSegment {
     let (kind, shape) = match segment.path {
@@ -47,8 +47,8 @@ pub fn segment_message(segment: &Segment) -> PlanSegment {
     message
 }
 
-/// The segment of a message; `None` if it carries none, or one that makes no sense (another process may have written
-/// anything).
+/// Returns the segment of a message; `None` if it carries none or an invalid one, because another process may have
+/// written any bytes.
 #[must_use]
 pub fn segment_of(message: &PlanSegment) -> Option<Segment> {
     if !message.from_m.iter().chain(&message.to_m).all(|value| value.is_finite()) {

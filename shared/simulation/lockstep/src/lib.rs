@@ -1,5 +1,5 @@
-//! The whole control chain against the plant, one cycle after the other, without processes and without a clock: much
-//! faster than real time, and the same bits every time.
+//! The complete control chain with the plant, cycle by cycle in one thread, without processes and without a clock: much
+//! faster than real time, with the same bits in every run.
 #![forbid(unsafe_code)]
 
 mod lives;
@@ -16,44 +16,45 @@ use messages::{
     CABLES, ControlStatus, Energy, Header, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
     NodeEstimate, PlanMotion, PlanStatus, Request, UNITS,
 };
-use motor_io::setpoint::Setpoints;
-use motor_io::{Answer, Core, CoreConfig};
+use motor_io::{Answer, Core, CoreConfig, Setpoints};
 use planner::{Mission, Planner, PlannerConfig};
 use plant::{MotorInput as DriveInput, Plant, PlantConfig};
+use robot_state::Reason;
 use segments::motion_of;
 
-/// Time from a tick until a drive unit has answered, ns: two units at 230400 baud, 37 bytes out and 39 bytes back each.
+/// Time from the start of a cycle to the answer of a drive unit, ns: two units at 230400 baud, 37 bytes out and
+/// 39 bytes back each.
 const ANSWER_NS: u64 = 2_000_000;
 
-/// The planner runs once in so many cycles.
+/// Number of cycles per step of the planner.
 const PLANNER_CYCLES: u64 = 10;
 
-/// One flight: the robot as the software believes it to be, the plant as it is, and what is flown.
+/// One flight: the robot as configured in the software, the plant, and the mission.
 #[derive(Debug, Clone)]
 pub struct Scenario {
-    /// The robot file's robot.
+    /// Robot of the robot file.
     pub robot: Robot,
-    /// The plant.
+    /// Configuration of the plant.
     pub plant: PlantConfig,
-    /// What is flown.
+    /// Mission.
     pub mission: Mission,
     /// Control period, s.
     pub period_s: f64,
     /// The control law.
     pub law: Law,
-    /// Δ of the law, cycles.
+    /// Horizon Δ of the law, cycles.
     pub horizon: u32,
-    /// How the estimator works.
+    /// Method of the estimator.
     pub method: Method,
     /// Whether estimator, controller and zeroing correct for stretch.
     pub stretch: bool,
-    /// How tensions are chosen.
+    /// Tension distribution.
     pub distribution: Distribution,
     /// Longest flight, s.
     pub longest_s: f64,
 }
 
-/// Distances over the moving cycles, m.
+/// Statistics of distances over the moving cycles, m.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Deviation {
     /// Root mean square.
@@ -62,42 +63,42 @@ pub struct Deviation {
     pub max_m: f64,
 }
 
-/// How a flight went.
+/// Results of a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flight {
     /// Cycles in which the setpoint moved.
     pub moving_cycles: u64,
     /// All cycles.
     pub cycles: u64,
-    /// Estimate against setpoint.
+    /// Estimate relative to setpoint.
     pub estimate: Deviation,
-    /// Truth against setpoint.
+    /// Truth relative to setpoint.
     pub truth: Deviation,
-    /// Truth against estimate.
+    /// Truth relative to estimate.
     pub between: Deviation,
-    /// True velocity against the estimated one, RMS, m/s.
+    /// RMS difference of true and estimated velocity, m/s.
     pub velocity_rms_m_s: f64,
-    /// True tension less chosen one, N: largest over cables and moving cycles, and RMS.
+    /// Largest difference of true and chosen tension over cables and moving cycles, N.
     pub tension_max_n: f64,
-    /// See `tension_max_n`.
+    /// RMS difference of true and chosen tension, N.
     pub tension_rms_n: f64,
-    /// Largest tension error as a share of what is allowed: 15 % of the chosen tension or 2 N, whichever is more.
+    /// Largest tension error as a share of the allowed error: 15 % of the chosen tension or 2 N, whichever is more.
     pub tension_share: f64,
     /// Lowest and highest true tension, N.
     pub tension_range_n: [f64; 2],
-    /// Cycles in which a line was slack by truth.
+    /// Cycles in which a cable was truly slack.
     pub slack_cycles: u64,
     /// Periods of the mission that were not steered by a fresh command.
     pub unsteered: u64,
     /// Largest saturation of the cable speeds.
     pub saturation: f64,
-    /// Where the truth ended, m, and the setpoint.
+    /// Final true position and setpoint, m.
     pub end_m: [[f64; 3]; 2],
     /// Last state of the planner.
     pub state: u8,
 }
 
-/// Sums up distances.
+/// Accumulates distances.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sum {
     squares: f64,
@@ -121,64 +122,64 @@ impl Sum {
     }
 }
 
-/// Everything a cycle produced, for those who look closer.
+/// All results of a cycle, for detailed checks.
 #[derive(Debug, Clone, Copy)]
 pub struct Cycle {
-    /// What motor-io decided on.
+    /// Input of the decision of motor-io.
     pub input: MotorInput,
     /// Encoders and drives.
     pub state: MotorState,
     /// Mode and plan clock.
     pub authority: MotorAuthority,
-    /// How far each slot is trusted.
+    /// Confidence in each slot.
     pub slots: MotorSlots,
-    /// Power and loss as motor-io integrates them.
+    /// Power and loss, integrated by motor-io.
     pub energy: Energy,
-    /// Estimate; with two estimators that of the slot in use.
+    /// Estimate; with two estimators, of the slot in use.
     pub estimate: NodeEstimate,
-    /// Command; with two controllers that of the slot in use.
+    /// Command; with two controllers, of the slot in use.
     pub command: MotorCommand,
-    /// That controller's account.
+    /// Status of that controller.
     pub control: ControlStatus,
-    /// What motor-io's mode and arbiter asked for, before its limits, m/s.
+    /// Commands of motor-io's mode and arbiter before its limits, m/s.
     pub asked_m_s: [f64; CABLES],
-    /// What was sent to the drives, m/s.
+    /// Commands sent to the drives, m/s.
     pub sent_m_s: [f64; CABLES],
     /// Motion.
     pub motion: PlanMotion,
-    /// The planner's account.
+    /// Status of the planner.
     pub plan: PlanStatus,
-    /// True position at the instant of the estimate, m.
+    /// True position at the time of the estimate, m.
     pub truth_m: [f64; 3],
-    /// True velocity then, m/s.
+    /// True velocity at the time of the estimate, m/s.
     pub truth_m_s: [f64; 3],
-    /// True tensions then, N.
+    /// True tensions at the time of the estimate, N.
     pub truth_n: CableVec,
 }
 
-/// The deciding parts of the processes of the control chain, fresh.
+/// The deciding parts of the processes of the control chain, in their initial state.
 pub struct Chain {
-    /// Of motor-io.
+    /// Core of motor-io.
     pub core: Core,
-    /// Of the estimator.
+    /// Core of the estimator.
     pub estimator: Estimator,
-    /// Of the controller.
+    /// Core of the controller.
     pub controller: Controller,
-    /// Of the planner.
+    /// Core of the planner.
     pub planner: Planner,
 }
 
-/// The robot as the chain takes it.
-fn believed(scenario: &Scenario) -> Robot {
+/// The robot as modelled by the chain.
+fn modelled_robot(scenario: &Scenario) -> Robot {
     if scenario.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() }
 }
 
-/// The configuration of motor-io's deciding part.
+/// Builds the configuration of motor-io's core.
 ///
 /// # Errors
-/// Encoders, units or limits that cannot be.
+/// Invalid encoders, units or limits.
 pub fn core_config(scenario: &Scenario) -> Result<CoreConfig> {
-    let robot = believed(scenario);
+    let robot = modelled_robot(scenario);
     let counts_per_m: Vec<f64> = scenario.plant.idlers.iter().map(|idler| idler.counts_per_m).collect();
     let units: Vec<Vec<usize>> =
         (0..robot.cable_count()).collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
@@ -188,9 +189,9 @@ pub fn core_config(scenario: &Scenario) -> Result<CoreConfig> {
 }
 
 impl Chain {
-    /// As the scenario says, everything else as the configuration files have it by default.
+    /// Builds the chain of a scenario; everything else has the defaults of the configuration files.
     pub fn new(scenario: &Scenario) -> Result<Self> {
-        let robot = believed(scenario);
+        let robot = modelled_robot(scenario);
         let core = core_config(scenario)?;
         let section = ControllerSection::default();
         let controller = ControllerConfig {
@@ -230,10 +231,10 @@ impl Chain {
 }
 
 impl Chain {
-    /// As a system file says, word for word what the processes would be made from.
+    /// Builds the chain of a system file, exactly as the processes do.
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// An error of the file.
     pub fn of(file: &SystemFile) -> Result<Self> {
         let robot = file.robot_file()?;
         Ok(Self {
@@ -245,12 +246,12 @@ impl Chain {
     }
 }
 
-/// What a life of motor-io begins with.
+/// Initial state of a life of motor-io.
 #[derive(Debug, Clone, Copy)]
-struct Beginning {
+struct LifeStart {
     epoch: u32,
     restored: Option<([f64; CABLES], [i64; CABLES])>,
-    /// The drives were running all the time.
+    /// Whether the drives were powered without interruption.
     alive: bool,
 }
 
@@ -265,12 +266,12 @@ pub struct Lockstep {
     planner_lives: bool,
     life: u64,
     cycle: u64,
-    beginning: Beginning,
-    /// Time since motor-io died, s.
+    beginning: LifeStart,
+    /// Time since the death of motor-io, s.
     dead_s: Option<f64>,
-    /// What the drives were told last.
+    /// Last commands of the drives.
     drives: [DriveInput; CABLES],
-    /// Count of the supervisor's beats, and whether it lives; 0 without one.
+    /// Count of the supervisor's beats, and whether it is running; 0 without a supervisor.
     supervisor: (u64, bool),
     requests: Vec<Request>,
     authority: Option<MotorAuthority>,
@@ -280,13 +281,13 @@ pub struct Lockstep {
 }
 
 impl Lockstep {
-    /// Sets everything up, the node hanging at the plant's start, disarmed, position unknown.
+    /// Creates chain and plant with the node at rest at the plant's start, disarmed and without a known position.
     pub fn new(scenario: Scenario) -> Result<Self> {
         let chain = Chain::new(&scenario)?;
         Self::with(scenario, chain)
     }
 
-    /// The same with a chain that may be made otherwise; of the scenario the plant and the period count.
+    /// Like [`Lockstep::new`] with another chain; only plant and period of the scenario are used.
     pub fn with(scenario: Scenario, chain: Chain) -> Result<Self> {
         let plant = Plant::new(scenario.plant.clone())?;
         let Chain { core, estimator, controller, planner } = chain;
@@ -300,7 +301,7 @@ impl Lockstep {
             planner_lives: true,
             life: 1,
             cycle: 0,
-            beginning: Beginning { epoch: 1, restored: None, alive: false },
+            beginning: LifeStart { epoch: 1, restored: None, alive: false },
             dead_s: None,
             drives: [DriveInput::RELEASED; CABLES],
             supervisor: (0, false),
@@ -317,12 +318,12 @@ impl Lockstep {
         &self.plant
     }
 
-    /// The plant, to break something on purpose.
+    /// The plant, to inject faults.
     pub fn plant_mut(&mut self) -> &mut Plant {
         &mut self.plant
     }
 
-    /// What a controller has to say since the last call.
+    /// Next notice of a controller since the last call.
     pub fn notice(&mut self) -> Option<Notice> {
         self.slots.controllers.iter_mut().flatten().find_map(Controller::notice)
     }
@@ -332,12 +333,12 @@ impl Lockstep {
         &self.slots
     }
 
-    /// Controllers and estimators, to start and to kill.
+    /// Controllers and estimators, to start and kill them.
     pub fn slots_mut(&mut self) -> &mut Slots {
         &mut self.slots
     }
 
-    /// The whole of it once more, to try something from here; `None` with a law of one's own.
+    /// A copy with which to try out a continuation; `None` with a custom law.
     pub fn fork(&self) -> Option<Self> {
         Some(Self {
             scenario: self.scenario.clone(),
@@ -355,8 +356,8 @@ impl Lockstep {
         self.requests.push(request);
     }
 
-    /// The planner's pass, if it lives.
-    fn plan(&mut self) {
+    /// Runs a step of the planner, if it is running.
+    fn step_planner(&mut self) {
         let seen = planner::Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
@@ -368,7 +369,7 @@ impl Lockstep {
         }
     }
 
-    /// Tells motor-io where the node is (where it really is), and arms.
+    /// Zeroes motor-io at the true position of the node, and arms.
     pub fn zero_and_arm(&mut self) -> Result<()> {
         self.cycle()?;
         let [x, y, z] = self.plant.position_m();
@@ -383,20 +384,20 @@ impl Lockstep {
         Ok(())
     }
 
-    /// Offers a mission to the planner, which publishes it at once.
-    pub fn run(&mut self, mission: &Mission) -> Result<String> {
+    /// Starts a mission in the planner, which publishes it immediately.
+    pub fn run(&mut self, mission: &Mission) -> Result<Reason> {
         let seen = planner::Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
             estimate: self.estimate.as_ref(),
             map: None,
         };
-        let sentence = self.planner.run(mission, &seen)?;
+        let reason = self.planner.run(mission, &seen)?;
         (self.motion, self.plan) = self.planner.step(&seen);
-        Ok(sentence)
+        Ok(reason)
     }
 
-    /// The planner, as it is.
+    /// The planner.
     pub fn planner(&self) -> &Planner {
         &self.planner
     }
@@ -406,9 +407,9 @@ impl Lockstep {
         self.core.answers()
     }
 
-    /// What has arrived when cycle `cycle` begins.
-    fn arrivals(&mut self, cycle: u64, tick_ns: u64) -> MotorInput {
-        let Beginning { epoch, restored, alive } = self.beginning;
+    /// Collects the input that has arrived at the beginning of `cycle`.
+    fn collect_input(&mut self, cycle: u64, tick_ns: u64) -> MotorInput {
+        let LifeStart { epoch, restored, alive } = self.beginning;
         let mut input = MotorInput { tick_ns, begin_ns: tick_ns, first_epoch: epoch, ..MotorInput::default() };
         input.header = Header { life: self.life, cycle, seq: cycle, ..Header::at(tick_ns) };
         if let Some((lengths_m, counts)) = restored {
@@ -433,19 +434,19 @@ impl Lockstep {
         input.motion_known_s = last.start_s + last.duration_s;
         self.setpoints.take(&self.motion, self.core.motion());
         self.setpoints.write(self.core.plan_time_s(), &mut input);
-        self.slots.arrive(&mut input);
+        self.slots.write_input(&mut input);
         input
     }
 
-    /// One cycle.
+    /// Runs one cycle.
     pub fn cycle(&mut self) -> Result<Cycle> {
         let n = self.plant.cable_count();
-        ensure!(self.dead_s.is_none(), "motor-io does not live");
+        ensure!(self.dead_s.is_none(), "motor-io is not running; start it first");
         self.cycle += 1;
         let cycle = self.cycle;
         let tick_ns = self.plant.time_ns();
         let period_ns = (self.scenario.period_s * 1e9).round() as u64;
-        let mut input = self.arrivals(cycle, tick_ns);
+        let mut input = self.collect_input(cycle, tick_ns);
         let sent = self.core.decide(&input);
         let asked_m_s = *self.core.asked_m_s();
         let mut inputs = [DriveInput::RELEASED; CABLES];
@@ -478,7 +479,7 @@ impl Lockstep {
         self.estimate = self.slots.blended(&authority);
         self.authority = Some(authority);
         if cycle.is_multiple_of(PLANNER_CYCLES) {
-            self.plan();
+            self.step_planner();
         }
         let (command, control) = self.slots.command(&state, &authority, &self.motion);
         let estimate = self.estimate.unwrap_or_default();
@@ -510,21 +511,21 @@ pub fn fly(scenario: Scenario) -> Result<Flight> {
     fly_with(scenario, |chain| chain)
 }
 
-/// Flies the whole scenario with a chain made from what the scenario's would be.
+/// Flies the whole scenario with a modified chain.
 pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Result<Flight> {
     let mission = scenario.mission.clone();
     let longest = (scenario.longest_s / scenario.period_s) as u64;
     let chain = change(Chain::new(&scenario)?);
     let mut lockstep = Lockstep::with(scenario, chain)?;
     lockstep.zero_and_arm()?;
-    lockstep.run(&mission).context("the planner refused the mission")?;
+    lockstep.run(&mission).context("the planner rejected the mission")?;
     let [mut estimate, mut truth, mut between, mut velocity, mut tension] = [Sum::default(); 5];
     let (mut share, mut low, mut high, mut slack, mut saturation) = (0.0f64, f64::INFINITY, 0.0f64, 0, 0.0f64);
     let mut last = None;
     for cycles in 1..=longest {
         let cycle = lockstep.cycle()?;
         let Cycle { authority, .. } = &cycle;
-        // Evaluated here anew, at the instant at which the truth was sampled.
+        // Evaluate the setpoint at the time at which the truth was sampled.
         let since_s = (cycle.state.header.stamp_ns - cycle.input.begin_ns) as f64 * 1e-9;
         let time_s = authority.plan_time_s + authority.plan_rate * since_s;
         let moving = motion_of(&cycle.motion).map(|motion| motion.setpoint(time_s));
@@ -533,18 +534,18 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
             && !setpoint.at_rest
         {
             ensure!(cycle.estimate.valid == 1, "the estimate of cycle {} is not valid", authority.header.cycle);
-            let (is, seems) = (Vector3::from(cycle.truth_m), Vector3::from(cycle.estimate.position_m));
-            estimate.add((seems - setpoint.position).norm());
-            truth.add((is - setpoint.position).norm());
-            between.add((is - seems).norm());
+            let (actual, estimated) = (Vector3::from(cycle.truth_m), Vector3::from(cycle.estimate.position_m));
+            estimate.add((estimated - setpoint.position).norm());
+            truth.add((actual - setpoint.position).norm());
+            between.add((actual - estimated).norm());
             velocity.add((Vector3::from(cycle.truth_m_s) - Vector3::from(cycle.estimate.velocity_m_s)).norm());
             saturation = saturation.max(cycle.control.saturation);
-            for (actual, chosen) in cycle.truth_n.iter().zip(&cycle.control.tension_n) {
-                let error = actual - chosen;
+            for (true_n, chosen) in cycle.truth_n.iter().zip(&cycle.control.tension_n) {
+                let error = true_n - chosen;
                 tension.add(error);
                 share = share.max(error.abs() / (0.15 * chosen).max(2.0));
-                low = low.min(*actual);
-                high = high.max(*actual);
+                low = low.min(*true_n);
+                high = high.max(*true_n);
             }
             slack += u64::from(cycle.truth_n.iter().any(|t| *t <= 0.0));
             last = Some([cycle.truth_m, setpoint.position.into()]);

@@ -1,4 +1,5 @@
-//! Lives and deaths of the processes beside controllers and estimators: motor-io, the planner, the supervisor.
+//! Starts and deaths of motor-io, the planner and the supervisor. (Controllers and estimators:
+//! [`Slots`](super::Slots).)
 
 use anyhow::Result;
 use messages::{CABLES, PlanStatus};
@@ -8,28 +9,29 @@ use plant::MotorInput as DriveInput;
 
 use super::Lockstep;
 
-/// The drives stop their motors after this time without a packet, s: the default of `watchdog_s`.
+/// Time without a packet after which the drives stop their motors, s: the default of `watchdog_s`.
 const WATCHDOG_S: f64 = 0.3;
 
 impl Lockstep {
-    /// motor-io dies after the last cycle: the drives go on by what they were told, until their watchdog stops them.
+    /// Kills motor-io after the last cycle: the drives keep their commands until their watchdog stops them.
     pub fn kill_motor_io(&mut self) {
         if self.dead_s.is_none() {
-            // What is kept on the disk is that of the last cycle.
+            // The last cycle's position is stored on disk.
             self.beginning.restored = self.core.position().or(self.beginning.restored);
             self.dead_s = Some(0.0);
             self.requests.clear();
         }
     }
 
-    /// Another life of motor-io: its cycles count from 1, and what the dead one and its peers said last is still in the channels.
+    /// Starts another life of motor-io: its cycles count from 1, and the last samples of the previous life and of its
+    /// peers are still in the channels.
     ///
-    /// `restored`: it finds where the lines were. `alive`: the drives had power all the time.
+    /// `restored`: the stored position is available. `alive`: the drives were powered without interruption.
     pub fn start_motor_io(&mut self, config: CoreConfig, restored: bool, alive: bool) {
         self.core = Core::new(config);
-        // As in the process: a later life has a larger number, however long the one before it was.
+        // As in the process: a later life has a larger number, independent of the duration of the previous one.
         self.life = self.life.saturating_add(1);
-        (self.cycle, self.setpoints) = (0, motor_io::setpoint::Setpoints::default());
+        (self.cycle, self.setpoints) = (0, motor_io::Setpoints::default());
         self.dead_s = None;
         self.beginning.epoch = self.beginning.epoch.wrapping_add(7919).max(1);
         self.beginning.alive = alive;
@@ -38,20 +40,20 @@ impl Lockstep {
         }
     }
 
-    /// motor-io lives.
+    /// Returns whether motor-io is running.
     pub fn motor_io_lives(&self) -> bool {
         self.dead_s.is_none()
     }
 
-    /// A line is not held by its drive.
+    /// Returns whether a drive does not hold its cable.
     pub fn lets_go(&self) -> bool {
         self.drives[..self.plant.cable_count()].contains(&DriveInput::RELEASED)
     }
 
-    /// A period without motor-io.
+    /// Simulates a period without motor-io.
     ///
     /// # Errors
-    /// The plant's.
+    /// An error of the plant.
     pub fn pass_without_motor_io(&mut self) -> Result<()> {
         let (n, period_s) = (self.plant.cable_count(), self.scenario.period_s);
         let dead_s = self.dead_s.unwrap_or_default() + period_s;
@@ -62,34 +64,34 @@ impl Lockstep {
         self.plant.step(period_s, &self.drives[..n])?;
         self.cycle += 1;
         if self.cycle.is_multiple_of(super::PLANNER_CYCLES) {
-            self.plan();
+            self.step_planner();
         }
         Ok(())
     }
 
-    /// The planner dies: what it published last stays in its channel.
+    /// Kills the planner: its last sample stays in its channel.
     pub fn kill_planner(&mut self) {
         self.planner_lives = false;
     }
 
-    /// Another planner in its place, without a mission, that counts everything from the beginning.
+    /// Starts another planner without a mission; all its counters start again.
     pub fn start_planner(&mut self, config: PlannerConfig) {
         (self.planner, self.planner_lives) = (Planner::new(config), true);
     }
 
-    /// The planner lives.
+    /// Returns whether the planner is running.
     pub fn planner_lives(&self) -> bool {
         self.planner_lives
     }
 
-    /// Something for the planner, which publishes what comes of it at once; `None` without a planner.
+    /// Sends a request to the planner, which publishes the result immediately; `None` without a planner.
     ///
     /// # Errors
-    /// The planner's refusal.
+    /// A rejection by the planner.
     pub fn ask_planner(
         &mut self,
-        ask: impl FnOnce(&mut Planner, &Inputs<'_>) -> Result<String, Refusal>,
-    ) -> Option<Result<String, Refusal>> {
+        ask: impl FnOnce(&mut Planner, &Inputs<'_>) -> Result<robot_state::Reason, Refusal>,
+    ) -> Option<Result<robot_state::Reason, Refusal>> {
         let seen = Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
@@ -100,26 +102,26 @@ impl Lockstep {
             return None;
         }
         let answer = ask(&mut self.planner, &seen);
-        self.plan();
+        self.step_planner();
         Some(answer)
     }
 
-    /// What the planner said last.
+    /// Last status of the planner.
     pub fn plan_status(&self) -> &PlanStatus {
         &self.plan
     }
 
-    /// From now on there is a supervisor, or not any more.
+    /// Starts or stops the supervisor.
     pub fn supervise(&mut self, lives: bool) {
         self.supervisor.1 = lives;
     }
 
-    /// The supervisor lives.
+    /// Returns whether the supervisor is running.
     pub fn supervised(&self) -> bool {
         self.supervisor.1
     }
 
-    /// The supervisor's beat of this cycle.
+    /// Returns the supervisor's beat of this cycle.
     pub(super) fn beat(&mut self) -> u64 {
         self.supervisor.0 += u64::from(self.supervisor.1);
         self.supervisor.0

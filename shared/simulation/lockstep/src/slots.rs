@@ -1,4 +1,4 @@
-//! Controllers and estimators in their slots: who lives, and what they said last.
+//! Controllers and estimators in their slots: which are running, and their last samples.
 
 use config::EstimatorSection;
 use controller::{Controller, ControllerConfig, Inputs};
@@ -8,38 +8,38 @@ use messages::{
     Rule, SLOTS, blended_estimate,
 };
 
-/// What a controller said when it was woken.
+/// Output of a controller for one estimate.
 #[derive(Debug, Clone, Copy)]
 pub struct Said {
-    /// Its slot.
+    /// Slot of the controller.
     pub slot: usize,
-    /// Its answer.
+    /// Command.
     pub command: MotorCommand,
-    /// Its account.
+    /// Status.
     pub status: ControlStatus,
 }
 
-/// Each controller is woken by each estimator.
+/// Number of controller steps per cycle: each controller runs for each estimator.
 const WAKES: usize = SLOTS * SLOTS;
 
-/// Two controllers and two estimators at most.
+/// At most two controllers and two estimators.
 pub struct Slots {
     pub(super) controllers: [Option<Controller>; SLOTS],
     estimators: [Option<Estimator>; SLOTS],
     commands: [Option<MotorCommand>; SLOTS],
     statuses: [ControlStatus; SLOTS],
-    /// What each channel holds: the last sample, also that of a process that has died since.
+    /// Content of each channel: the last sample, also of a process that has died since.
     estimates: [Option<NodeEstimate>; SLOTS],
-    /// Published in this cycle.
+    /// Whether an estimate was published in this cycle.
     new: [bool; SLOTS],
-    /// What each controller has kept of each channel.
-    heard: [[Option<NodeEstimate>; SLOTS]; SLOTS],
+    /// Last estimate of each channel that each controller has received.
+    received: [[Option<NodeEstimate>; SLOTS]; SLOTS],
     said: [Option<Said>; WAKES],
-    lives: u32,
+    starts: u32,
 }
 
 impl Slots {
-    /// One of each, in slot a.
+    /// Starts with one controller and one estimator, in slot a.
     pub(super) fn new(estimator: Estimator, controller: Controller) -> Self {
         Self {
             controllers: [Some(controller), None],
@@ -48,9 +48,9 @@ impl Slots {
             statuses: [ControlStatus::default(); SLOTS],
             estimates: [None; SLOTS],
             new: [false; SLOTS],
-            heard: [[None; SLOTS]; SLOTS],
+            received: [[None; SLOTS]; SLOTS],
             said: [None; WAKES],
-            lives: 100,
+            starts: 100,
         }
     }
 
@@ -64,29 +64,29 @@ impl Slots {
         Some(Self { controllers, estimators: self.estimators.clone(), ..*self })
     }
 
-    /// Starts a controller; who was in that slot is gone.
+    /// Starts a controller; replaces the one in that slot.
     pub fn start_controller(&mut self, slot: usize, config: &ControllerConfig) {
-        self.lives += 1;
-        self.controllers[slot] = Some(Controller::new(ControllerConfig { incarnation: self.lives, ..*config }));
+        self.starts += 1;
+        self.controllers[slot] = Some(Controller::new(ControllerConfig { incarnation: self.starts, ..*config }));
         self.commands[slot] = None;
-        // A channel gives its last sample to those that come later.
-        self.heard[slot] = self.estimates;
+        // A channel delivers its last sample to new subscribers.
+        self.received[slot] = self.estimates;
     }
 
-    /// Starts an estimator; who was in that slot is gone.
+    /// Starts an estimator; replaces the one in that slot.
     pub fn start_estimator(&mut self, slot: usize, config: &EstimatorConfig, method: Method) {
-        self.lives += 1;
-        let config = EstimatorConfig { incarnation: self.lives, method, ..*config };
+        self.starts += 1;
+        let config = EstimatorConfig { incarnation: self.starts, method, ..*config };
         self.put_estimator(slot, Estimator::new(&config));
     }
 
-    /// The same with an estimator that was made otherwise.
+    /// Starts a given estimator; replaces the one in that slot.
     pub fn put_estimator(&mut self, slot: usize, estimator: Estimator) {
         self.estimators[slot] = Some(estimator);
         self.estimates[slot] = None;
     }
 
-    /// Other parameters for the controller of a slot, from its next answer on; what it then has.
+    /// Changes the parameters of a slot's controller from its next step on; returns the parameters then in use.
     pub fn configure_controller(
         &mut self,
         slot: usize,
@@ -99,57 +99,57 @@ impl Slots {
         Some(*controller.config())
     }
 
-    /// Other parameters for the estimator of a slot, from its next estimate on.
+    /// Changes the parameters of a slot's estimator from its next estimate on.
     pub fn configure_estimator(&mut self, slot: usize, config: &EstimatorConfig) {
         if let Some(estimator) = &mut self.estimators[slot] {
             estimator.configure(config);
         }
     }
 
-    /// The process of a role in its slot lives.
+    /// Returns whether the process of a role in its slot is running.
     pub fn lives(&self, role: usize, slot: usize) -> bool {
         if role == CONTROLLERS { self.controllers[slot].is_some() } else { self.estimators[slot].is_some() }
     }
 
-    /// A program that is none of the robot's publishes an estimate.
+    /// Publishes an estimate from a program outside the control chain.
     pub fn forge_estimate(&mut self, slot: usize, estimate: NodeEstimate) {
         self.estimates[slot] = Some(estimate);
         self.new[slot] = true;
     }
 
-    /// The same with a command.
+    /// Publishes a command from a program outside the control chain.
     pub fn forge_command(&mut self, slot: usize, command: MotorCommand) {
         self.commands[slot] = Some(command);
     }
 
-    /// A controller that has gone wrong: what it has just answered becomes this.
+    /// Alters the last command of a controller, to simulate a faulty one.
     pub fn alter_command(&mut self, slot: usize, alter: impl FnOnce(&mut MotorCommand)) {
         if let Some(command) = &mut self.commands[slot] {
             alter(command);
         }
     }
 
-    /// Kills a controller or an estimator ([`CONTROLLERS`], [`messages::ESTIMATORS`]) in its slot; `unheard`: before its last answer had
-    /// left it.
-    pub fn kill(&mut self, role: usize, slot: usize, unheard: bool) {
+    /// Kills a controller or an estimator ([`CONTROLLERS`], [`messages::ESTIMATORS`]) in its slot; with `unpublished`,
+    /// before it has published its last sample.
+    pub fn kill(&mut self, role: usize, slot: usize, unpublished: bool) {
         if role == CONTROLLERS {
             self.controllers[slot] = None;
-            if unheard {
+            if unpublished {
                 self.commands[slot] = None;
             }
             return;
         }
         self.estimators[slot] = None;
-        if unheard {
+        if unpublished {
             self.estimates[slot] = None;
-            // What nobody estimated, nobody answered.
+            // Without this estimate no command is based on it.
             for command in self.commands.iter_mut().flatten() {
                 command.valid[slot] = 0;
             }
         }
     }
 
-    /// The estimate of each estimator that lives.
+    /// Estimates of the running estimators.
     pub fn estimates(&self) -> impl Iterator<Item = (usize, &NodeEstimate)> {
         let lives = self.estimators.iter().map(Option::is_some);
         self.estimates
@@ -159,13 +159,13 @@ impl Slots {
             .filter_map(|(slot, (one, lives))| Some((slot, one.as_ref().filter(|_| lives)?)))
     }
 
-    /// Everything that controllers said in the last cycle, in that order.
+    /// Outputs of all controllers in the last cycle, in order.
     pub fn said(&self) -> impl Iterator<Item = &Said> {
         self.said.iter().flatten()
     }
 
-    /// What has arrived when a cycle begins.
-    pub(super) fn arrive(&mut self, input: &mut MotorInput) {
+    /// Collects the input that has arrived at the beginning of a cycle.
+    pub(super) fn write_input(&mut self, input: &mut MotorInput) {
         for slot in 0..SLOTS {
             if let Some(command) = self.commands[slot].take() {
                 input.command[slot] = command;
@@ -182,7 +182,7 @@ impl Slots {
         }
     }
 
-    /// Every estimator that lives estimates.
+    /// Runs a step of every running estimator.
     pub(super) fn estimate(&mut self, state: &MotorState, authority: &MotorAuthority) {
         for (slot, estimator) in self.estimators.iter_mut().enumerate() {
             if let Some(estimator) = estimator {
@@ -192,13 +192,14 @@ impl Slots {
         }
     }
 
-    /// The estimate that counts.
+    /// Returns the blended estimate in use.
     pub(super) fn blended(&self, authority: &MotorAuthority) -> Option<NodeEstimate> {
         let rule = Rule::Live { ttl_cycles: EstimatorSection::default().ttl_cycles };
         blended_estimate(Some(authority), [self.estimates[0].as_ref(), self.estimates[1].as_ref()], rule)
     }
 
-    /// Every controller that lives answers, as estimates come in: first that of a, then that of b. Gives what the one in use says.
+    /// Runs every running controller for each new estimate: first that of slot a, then that of slot b. Returns the
+    /// output of the controller in use.
     pub(super) fn command(
         &mut self,
         state: &MotorState,
@@ -210,16 +211,16 @@ impl Slots {
         for wake in (0..SLOTS).filter(|wake| new[*wake]) {
             for slot in 0..SLOTS {
                 let Some(controller) = &mut self.controllers[slot] else { continue };
-                let heard = &mut self.heard[slot];
-                heard[wake] = self.estimates[wake];
+                let received = &mut self.received[slot];
+                received[wake] = self.estimates[wake];
                 let (command, status) = controller.step(&Inputs {
-                    estimates: [heard[0].as_ref(), heard[1].as_ref()],
+                    estimates: [received[0].as_ref(), received[1].as_ref()],
                     motion: Some(motion),
                     authority: Some(authority),
                     state: Some(state),
                 });
                 self.said[SLOTS * slot + wake] = Some(Said { slot, command, status });
-                // As motor-io takes it in: an answer to this cycle is not displaced by one to another.
+                // As in motor-io: a command for another cycle does not replace one for this cycle.
                 let current = |command: &MotorCommand| command.based_on_cycle == state.header.cycle;
                 if current(&command) || !self.commands[slot].as_ref().is_some_and(current) {
                     (self.commands[slot], self.statuses[slot]) = (Some(command), status);

@@ -1,4 +1,4 @@
-//! How much faster than real time the plant runs: `cargo run -p plant --example speed`.
+//! Simulation speed of the plant relative to real time: `cargo run -p plant --example speed`.
 
 use std::time::Instant;
 

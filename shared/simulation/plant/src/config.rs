@@ -1,56 +1,56 @@
-//! Everything the plant is built from, with a default and a reason for every number.
+//! Configuration of the plant, with a default and its origin for every number.
 
 use crate::drive::DriveConfig;
 use crate::drum::DrumConfig;
 use crate::error::{PlantError, check};
-use crate::line::{IdlerConfig, LineConfig};
+use crate::line::{CableConfig, IdlerConfig};
 use crate::motor::MotorConfig;
 use crate::node::NodeConfig;
 use crate::{MAX_CABLES, STANDARD_GRAVITY};
 
-/// The plant: geometry, parts and the state it starts in.
+/// Configuration of the plant: geometry, parts and initial state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlantConfig {
-    /// Where each line leaves its last pulley, m, z up; 1 to 8 of them.
+    /// Position at which each cable leaves its last pulley, m, z up; 1 to 8 of them.
     pub anchors_m: Vec<[f64; 3]>,
-    /// The node is kept in the plane y = 0, by a keel in the current or by the two banks that its lines lie between.
+    /// Whether the node is kept in the plane y = 0, by a keel in the current or by anchors on two banks.
     pub planar: bool,
-    /// Line between drum and anchor, m, one per cable; it stretches too.
+    /// Cable between drum and anchor, m, one per cable; it stretches too.
     pub routed_length_m: Vec<f64>,
     /// The node.
     pub node: NodeConfig,
-    /// The lines.
-    pub line: LineConfig,
+    /// The cables.
+    pub line: CableConfig,
     /// The idlers and their encoders, one per cable.
     pub idlers: Vec<IdlerConfig>,
     /// The drums.
     pub drum: DrumConfig,
-    /// Motors with their gears.
+    /// The motors with their gears.
     pub motor: MotorConfig,
-    /// The drives' speed loops.
+    /// The speed loops of the drives.
     pub drive: DriveConfig,
     /// Open-circuit voltage of the supply, V.
     pub supply_v: f64,
-    /// Inner resistance of the supply and its wiring, ohm; all motors share it.
+    /// Inner resistance of the supply and its wiring, ohm, common to all motors.
     pub supply_resistance_ohm: f64,
     /// Acceleration of gravity, m/s².
     pub gravity_m_s2: f64,
-    /// Where the node hangs at rest at time zero, m.
+    /// Position of the node at rest at time zero, m.
     pub start_m: [f64; 3],
-    /// Tensions at the start, N, one per cable; `None`: the least-norm ones inside `start_limits_n`.
+    /// Tensions at the start, N, one per cable; `None`: the least-norm ones within `start_limits_n`.
     pub start_tensions_n: Option<Vec<f64>>,
     /// Smallest and largest tension at the start, N.
     pub start_limits_n: [f64; 2],
-    /// Largest integration step, s; stiff lines on a light node make it finer by themselves. The fastest mode of a usual
-    /// plant (a rigid line of 3 m on a node of 1 kg) is near 250 rad/s and the speed loop runs at 300 Hz; a quarter of a
-    /// millisecond resolves both.
+    /// Largest integration step, s; stiff cables on a light node reduce it automatically. The fastest mode of a typical
+    /// plant (a rigid cable of 3 m on a node of 1 kg) is near 250 rad/s and the speed loop runs at 300 Hz; a quarter of
+    /// a millisecond resolves both.
     pub substep_s: f64,
-    /// Chooses the irregularities of the lay on the drums.
+    /// Seed of the winding irregularities of the drums.
     pub seed: u64,
 }
 
 impl PlantConfig {
-    /// A plant over `anchors_m` with the node at rest at `start_m` and defaults for all else (6 m routed per line).
+    /// A plant with these anchors, the node at rest at `start_m` and defaults for all else (6 m routed per cable).
     pub fn new(anchors_m: Vec<[f64; 3]>, start_m: [f64; 3]) -> Self {
         Self {
             routed_length_m: vec![6.0; anchors_m.len()],
@@ -58,7 +58,7 @@ impl PlantConfig {
             anchors_m,
             planar: false,
             node: NodeConfig::default(),
-            line: LineConfig::default(),
+            line: CableConfig::default(),
             drum: DrumConfig::default(),
             motor: MotorConfig::default(),
             drive: DriveConfig::default(),
@@ -81,7 +81,7 @@ impl PlantConfig {
     /// Checks every number.
     ///
     /// # Errors
-    /// The first field that is wrong, with what it should be.
+    /// The first wrong field, with its accepted values.
     pub fn validate(&self) -> Result<(), PlantError> {
         let n = self.cable_count();
         if !(1..=MAX_CABLES).contains(&n) {

@@ -1,12 +1,12 @@
-//! A motor drive: command delay and lag, and a speed loop on encoder counts.
+//! Model of a motor drive: command delay and lag, and a speed loop on encoder counts.
 //!
-//! The speed loop is the usual one of small two-channel drives: gains are numbers near one, the result is scaled by
-//! the speed at full duty, and it runs 300 times a second:
+//! The speed loop is that of typical two-channel drives: gains are numbers near one, the output is scaled by the speed
+//! at full duty, and it runs 300 times per second:
 //!
 //! `duty = (r + P e + I Σe + D Δe) / full speed`, with `e` the error in counts per second at each sample.
 //!
-//! Drive makers do not publish their scaling; with this one the common factory gains (P 1, I 0.5, D 0.25) give a
-//! well-damped loop of 100 rad/s on the default motor, so they mean about what a user expects of them.
+//! Manufacturers do not publish their scaling. With this one the common factory gains (P 1, I 0.5, D 0.25) give a
+//! well-damped loop of 100 rad/s on the default motor, so they have approximately the expected effect.
 
 use crate::error::{PlantError, check};
 
@@ -16,23 +16,23 @@ pub const LOOP_HZ: u64 = 300;
 /// Time between two samples of the speed loop, ns.
 const LOOP_PERIOD_NS: u64 = 1_000_000_000 / LOOP_HZ;
 
-/// Share of the newest sample in the averaged speed: an average over about 30 ms.
+/// Weight of the newest sample in the averaged speed: an average over about 30 ms.
 const SPEED_SMOOTHING: f64 = 0.1;
 
-/// Commands that can be on their way at once; one per control cycle of 5 ms for 2.5 s.
+/// Largest number of delayed commands; one per control cycle of 5 ms for 2.5 s.
 const IN_FLIGHT: usize = 512;
 
-/// What a drive is told to do with one motor. Positive pays out line.
+/// Command of a drive for one motor. Positive pays out cable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MotorInput {
     /// Closed loop: encoder counts per second.
     Speed(f64),
-    /// Open loop: part of the supply voltage, -1 to 1. Zero shorts the motor's leads.
+    /// Open loop: share of the supply voltage, -1 to 1. Zero shorts the motor's leads.
     Duty(f64),
 }
 
 impl MotorInput {
-    /// The motor left to itself with its leads shorted.
+    /// The motor is not driven; its leads are shorted.
     pub const RELEASED: Self = Self::Duty(0.0);
 }
 
@@ -49,15 +49,15 @@ pub struct SpeedGains {
     pub full_speed_counts_s: f64,
 }
 
-/// The drives' settings.
+/// Settings of the drives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveConfig {
-    /// Speed loop; `None`: P 1, I 0.25, D 0 and the full speed that motor, supply and encoder give. These make the
-    /// loop critically damped at 67 rad/s on the default motor.
+    /// Speed loop; `None`: P 1, I 0.25, D 0 and the full speed that results from motor, supply and encoder. These make
+    /// the loop critically damped at 67 rad/s on the default motor.
     pub gains: Option<SpeedGains>,
     /// Time from a speed command to its effect on the reference, s.
     pub delay_s: f64,
-    /// Time constant with which the reference then follows, s.
+    /// Time constant of the reference after the delay, s.
     pub lag_s: f64,
 }
 
@@ -107,7 +107,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A drive that has not been told anything: the motor is released.
+    /// A drive without any command: the motor is released.
     pub fn new(config: DriveConfig, gains: SpeedGains) -> Self {
         Self {
             gains,
@@ -130,7 +130,7 @@ impl Drive {
         }
     }
 
-    /// Takes a command at `now_ns`.
+    /// Receives a command at `now_ns`.
     pub fn command(&mut self, now_ns: u64, input: MotorInput) {
         if input == self.input {
             return;
@@ -141,7 +141,7 @@ impl Drive {
                     self.close_loop();
                 }
                 if self.queued == IN_FLIGHT {
-                    // More commands on their way than anybody sends: the oldest takes effect early.
+                    // The buffer is full: the oldest command takes effect early.
                     self.target_counts_s = self.in_flight[self.first].1;
                     self.first = (self.first + 1) % IN_FLIGHT;
                     self.queued -= 1;
@@ -159,7 +159,7 @@ impl Drive {
         self.input = input;
     }
 
-    /// Starts the loop from standstill: nothing summed up, nothing asked for yet.
+    /// Starts the loop from standstill: no integral, no reference.
     fn close_loop(&mut self) {
         self.queued = 0;
         self.target_counts_s = 0.0;
@@ -169,7 +169,8 @@ impl Drive {
         self.duty = 0.0;
     }
 
-    /// Advances to `now_ns`, `h` seconds after the last call, with `smoothing` = 1 - exp(-h / lag); samples the loop when it is due.
+    /// Advances to `now_ns`, `h` seconds after the last call, with `smoothing` = 1 - exp(-h / lag); samples
+    /// the loop when due.
     pub fn advance(&mut self, now_ns: u64, smoothing: f64, counts: i64) {
         while self.queued > 0 && self.in_flight[self.first].0 <= now_ns {
             self.target_counts_s = self.in_flight[self.first].1;
@@ -197,7 +198,7 @@ impl Drive {
         let sum = self.error_sum + error;
         let wanted =
             (self.reference_counts_s + p * error + i * sum + d * (error - self.last_error)) / full_speed_counts_s;
-        // Against wind-up: stop summing while the duty is at its end and the error pushes further.
+        // Anti-windup: do not integrate while the duty is saturated and the error has the same direction.
         if wanted.abs() <= 1.0 || wanted * error < 0.0 {
             self.error_sum = sum;
         }
@@ -205,7 +206,7 @@ impl Drive {
         self.duty = wanted.clamp(-1.0, 1.0);
     }
 
-    /// 1 - exp(-h / lag): the share of the way the reference goes in `h` seconds.
+    /// 1 - exp(-h / lag): the relative change of the reference in `h` seconds.
     pub fn smoothing(&self, h: f64) -> f64 {
         if self.lag_s > 0.0 { 1.0 - libm::exp(-h / self.lag_s) } else { 1.0 }
     }
@@ -220,12 +221,12 @@ impl Drive {
         self.gains
     }
 
-    /// Part of the supply voltage on the motor, -1 to 1; positive pays out.
+    /// Share of the supply voltage on the motor, -1 to 1; positive pays out.
     pub fn duty(&self) -> f64 {
         self.duty
     }
 
-    /// The motor's leads are shorted.
+    /// True if the motor's leads are shorted.
     pub fn released(&self) -> bool {
         self.input == MotorInput::RELEASED
     }
@@ -235,12 +236,12 @@ impl Drive {
         self.measured_counts_s
     }
 
-    /// The same, averaged over about 30 ms.
+    /// Speed averaged over about 30 ms, counts per second.
     pub fn averaged_counts_s(&self) -> f64 {
         self.averaged_counts_s
     }
 
-    /// Where the speed loop is aiming now, after delay and lag, counts per second.
+    /// Current reference of the speed loop, after delay and lag, counts per second.
     pub fn reference_counts_s(&self) -> f64 {
         self.reference_counts_s
     }

@@ -1,26 +1,26 @@
-//! A drum whose radius grows with every layer of line wound on it.
+//! A drum whose radius grows with every layer of cable wound on it.
 
 use crate::error::{PlantError, check};
 
-/// Layers the table of a drum can hold; line beyond that stays on the last one.
+/// Number of layers in the table of a drum; more cable stays on the last one.
 const LAYERS: usize = 32;
 
-/// Each layer sinks into the grooves of the one below: for round line in a hexagonal lay it rises by √3/2 = 0.87
-/// diameters.
+/// Each layer sinks into the grooves of the one below: for round cable in a hexagonal arrangement it rises by
+/// √3/2 = 0.87 diameters.
 const RISE_PER_DIAMETER: f64 = 0.87;
 
-/// The shape of the drums.
+/// Geometry of the drums.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DrumConfig {
-    /// Radius to the middle of the line on the bare drum, m.
+    /// Radius to the middle of the cable on the bare drum, m.
     pub radius_m: f64,
-    /// Diameter of the line, m.
+    /// Diameter of the cable, m.
     pub line_diameter_m: f64,
-    /// Turns side by side in one layer: a 40 mm drum with a pitch of 1.2 diameters has 117 of 0.285 mm.
+    /// Turns in one layer: a 40 mm drum with a pitch of 1.2 diameters has 117 of 0.285 mm.
     pub turns_per_layer: f64,
-    /// Line on the drum when none is paid out, m.
+    /// Cable on the drum when nothing is paid out, m.
     pub capacity_m: f64,
-    /// Irregularity of the lay as a part of the line's diameter: each turn's radius is off by up to this much.
+    /// Winding irregularity relative to the diameter of the cable: the largest radius error of each turn.
     pub lay_noise: f64,
 }
 
@@ -46,12 +46,12 @@ impl DrumConfig {
 pub struct Drum {
     config: DrumConfig,
     seed: u64,
-    /// Line wound when each layer begins, m.
+    /// Wound cable at the beginning of each layer, m.
     layer_starts_m: [f64; LAYERS],
 }
 
 impl Drum {
-    /// A drum; `seed` chooses its lay.
+    /// A drum; `seed` selects its winding irregularities.
     pub fn new(config: DrumConfig, seed: u64) -> Self {
         let mut layer_starts_m = [0.0; LAYERS];
         for layer in 1..LAYERS {
@@ -62,13 +62,13 @@ impl Drum {
         Self { config, seed, layer_starts_m }
     }
 
-    /// Ratio of the effective radius to the bare one with `paid_out_m` of line off the drum.
+    /// Ratio of the effective radius to the bare one with `paid_out_m` of cable off the drum.
     pub fn radius_ratio(&self, paid_out_m: f64) -> f64 {
         let wound_m = (self.config.capacity_m - paid_out_m).max(0.0);
         let layer = self.layer_starts_m.partition_point(|&start| start <= wound_m).saturating_sub(1);
         let turn_m = 2.0 * core::f64::consts::PI * layer_radius(&self.config, layer);
         let turns = (wound_m - self.layer_starts_m[layer]) / turn_m;
-        // The line climbs onto a new layer during its first turn; without that the speed would jump.
+        // The cable climbs onto a new layer during its first turn; otherwise the speed would jump.
         let climb = if layer == 0 { 1.0 } else { turns.min(1.0) };
         let below = layer_radius(&self.config, layer.saturating_sub(1));
         let radius = below + (layer_radius(&self.config, layer) - below) * climb;
@@ -84,7 +84,7 @@ fn layer_radius(config: &DrumConfig, layer: usize) -> f64 {
     config.radius_m + RISE_PER_DIAMETER * config.line_diameter_m * layer as f64
 }
 
-/// A number in [-1, 1] that depends on nothing but its arguments (the finaliser of splitmix64).
+/// A number in [-1, 1] that depends only on its arguments (the finaliser of splitmix64).
 fn noise(seed: u64, turn: u64) -> f64 {
     let mut z = seed.wrapping_add(turn.wrapping_mul(0x9E37_79B9_7F4A_7C15));
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

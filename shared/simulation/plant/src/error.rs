@@ -1,43 +1,43 @@
-//! What can be wrong with a plant's configuration or input.
+//! Errors of a plant's configuration or input.
 
 use thiserror::Error;
 
-/// A configuration or an input that the plant cannot work with.
+/// Invalid configuration or input of the plant.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlantError {
-    /// A number is outside what makes sense for it.
-    #[error("{key} is {value}, but has to be {accepted}")]
+    /// A number is outside its accepted range.
+    #[error("{key} is {value}; accepted: {accepted}")]
     Value {
         /// Name of the field, with its unit as suffix.
         key: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What would be accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
     /// A list has the wrong length.
-    #[error("{key} has {found} entries, but {expected} are needed: one per cable")]
+    #[error("{key} has {found} entries; accepted: {expected}, one per cable")]
     Count {
         /// Name of the field.
         key: &'static str,
-        /// Entries given.
+        /// Number of entries given.
         found: usize,
-        /// Entries needed.
+        /// Number of entries needed.
         expected: usize,
     },
     /// Too few or too many anchors.
-    #[error("{0} anchors given, but a plant has 1 to 8")]
+    #[error("anchors_m has {0} anchors; accepted: 1 to 8")]
     Anchors(usize),
-    /// The node cannot hang at rest where it was told to start.
+    /// The node cannot hang at rest at the start position.
     #[error(
         "the node cannot hang at rest at ({:.3}, {:.3}, {:.3}) m with tensions of {} to {} N: start it inside the \
          volume below the anchors or widen the tension limits",
         position_m[0], position_m[1], position_m[2], limits_n[0], limits_n[1]
     )]
     NoEquilibrium {
-        /// The start position asked for.
+        /// Start position of the configuration.
         position_m: [f64; 3],
-        /// Tension limits the solution was looked for in.
+        /// Tension limits of the configuration.
         limits_n: [f64; 2],
     },
     /// The given start tensions do not hold the node.
@@ -45,15 +45,15 @@ pub enum PlantError {
         "the given start tensions leave a force of {residual_n:.3} N on the node: leave them out to have them solved"
     )]
     Unbalanced {
-        /// Force left over, N.
+        /// Remaining force, N.
         residual_n: f64,
     },
-    /// A cable number beyond the last one.
+    /// A cable number after the last one.
     #[error("there is no cable {}; accepted: 1 to {count}", .cable.saturating_add(1))]
     NoSuchCable {
-        /// Index asked for, from 0.
+        /// Requested index, from 0.
         cable: usize,
-        /// Cables there are.
+        /// Number of cables.
         count: usize,
     },
 }

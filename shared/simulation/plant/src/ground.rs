@@ -1,11 +1,11 @@
-//! What is under and around the node, for sensors that look at it: things on the ground, and quantities that differ from place to place.
+//! Surroundings of the node for sensors: objects on the ground, and quantities that vary with position.
 
 use libm::{cos, exp, sin, tan};
 
-/// Rays of a beam besides the one in its middle.
+/// Number of rays of a beam in addition to the central one.
 const RAYS: usize = 6;
 
-/// Things that stand on level ground.
+/// Objects on level ground.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Ground {
     /// Height of the ground, m.
@@ -23,38 +23,38 @@ pub struct Cylinder {
     pub center_m: [f64; 2],
     /// Radius, m.
     pub radius_m: f64,
-    /// From the ground to its top, m.
+    /// Height of the top above the ground, m.
     pub height_m: f64,
 }
 
 /// An upright rectangular prism.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prism {
-    /// x and y of its middle, m.
+    /// x and y of its centre, m.
     pub center_m: [f64; 2],
-    /// Along its own axes, m.
+    /// Size along its own axes, m.
     pub size_m: [f64; 2],
-    /// From the site's x axis to its own, anticlockwise, rad.
+    /// Angle from the site's x axis to its own, anticlockwise, rad.
     pub angle_rad: f64,
-    /// From the ground to its top, m.
+    /// Height of the top above the ground, m.
     pub height_m: f64,
-    /// What is cut out of its top.
+    /// Cavity in its top.
     pub cavity: Option<Cavity>,
 }
 
 /// A rectangular hole in the top of a prism.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cavity {
-    /// One corner, in the prism's own axes from its middle, m.
+    /// One corner, relative to the centre in the prism's own axes, m.
     pub from_m: [f64; 2],
-    /// The opposite one, m.
+    /// The opposite corner, m.
     pub to_m: [f64; 2],
-    /// From the top down, m.
+    /// Depth below the top, m.
     pub depth_m: f64,
 }
 
 impl Ground {
-    /// Height of what is seen from above at a place, m.
+    /// Height of the visible surface at a position, m.
     #[must_use]
     pub fn height_m(&self, [x, y]: [f64; 2]) -> f64 {
         let cylinders = self.cylinders.iter().filter_map(|cylinder| cylinder.top_m([x, y]));
@@ -62,8 +62,8 @@ impl Ground {
         self.ground_m + cylinders.chain(prisms).fold(0.0, f64::max)
     }
 
-    /// What a rangefinder at `from_m` that looks straight down measures, m: the mean over a beam that is `beam_rad` wide. The beam's edge
-    /// is taken where it meets the height below its middle.
+    /// Distance measured by a downward rangefinder at `from_m`, m: the mean over a beam with the angle `beam_rad`. The
+    /// radius of the beam is evaluated at the height below its centre.
     #[must_use]
     pub fn distance_m(&self, from_m: [f64; 3], beam_rad: f64) -> f64 {
         let [x, y, z] = from_m;
@@ -71,7 +71,7 @@ impl Ground {
         if beam_rad <= 0.0 {
             return middle_m;
         }
-        // Rays at two thirds of the radius stand for the whole disc as well as a few can.
+        // Rays at two thirds of the radius approximate the mean over the disc.
         let radius_m = tan(beam_rad / 2.0) * middle_m.max(0.0) * (2.0 / 3.0);
         let ray = |at: usize| {
             let angle = at as f64 * std::f64::consts::TAU / RAYS as f64;
@@ -106,30 +106,30 @@ impl Prism {
     }
 }
 
-/// A quantity that differs from place to place, e.g. a temperature: a value, a slope, and perhaps a peak.
+/// A quantity that varies with position, for example a temperature: a value, a slope, and an optional peak.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Field {
-    /// At the origin, without the peak.
+    /// Value at the origin, without the peak.
     pub base: f64,
     /// Change per metre along x, y and z.
     pub slope_per_m: [f64; 3],
-    /// A hill of Gaussian shape.
+    /// Gaussian peak.
     pub peak: Option<Peak>,
 }
 
-/// A hill of Gaussian shape in a [`Field`].
+/// Gaussian peak of a [`Field`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
-    /// Where it is highest, m.
+    /// Position of the maximum, m.
     pub at_m: [f64; 3],
-    /// How much it adds there.
+    /// Amplitude.
     pub height: f64,
-    /// Standard deviation of its shape, m.
+    /// Standard deviation of the shape, m.
     pub radius_m: f64,
 }
 
 impl Field {
-    /// The value at a place.
+    /// Value at a position.
     #[must_use]
     pub fn value(&self, place_m: [f64; 3]) -> f64 {
         let slope: f64 = self.slope_per_m.iter().zip(place_m).map(|(slope, at)| slope * at).sum();
@@ -167,7 +167,8 @@ mod tests {
         assert_eq!(height(0.0, 0.0), 0.1);
         assert_eq!(height(1.49, 1.0), 0.5);
         assert_eq!(height(1.51, 1.0), 0.1);
-        // turned by a quarter: its length lies along y, and the cavity at +x, +y of its own is at -x, +y of the site
+        // rotated by 90 degrees: its length is along y, and the cavity at +x, +y in its own axes is
+        // at -x, +y of the site
         assert_eq!(height(3.0, 0.6), 0.7);
         assert_eq!(height(3.4, 1.0), 0.1);
         assert_eq!(height(2.8, 1.4), 0.4);

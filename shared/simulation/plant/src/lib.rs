@@ -1,9 +1,9 @@
 //! Physics of a cable-suspended robot: drives, motors, drums, idler encoders, elastic cables and the node.
 //!
-//! The plant takes the place of the hardware. Its input is what a motor drive is commanded (speed or duty), its output
-//! is what a drive can measure (encoder counts, current, supply), plus the truth that only a simulation has. Its model
-//! is deliberately different from the estimator's: delays, encoder steps, friction, drag, stretch and length lost on a
-//! slack idler are included, so that the software above has realistic errors to handle.
+//! The plant replaces the hardware. Its inputs are the commands of a motor drive (speed or duty), its outputs the
+//! measurements of a drive (encoder counts, current, supply), and the truth, which only a simulation has. Its code is
+//! deliberately independent of the estimator: it models delays, encoder steps, friction, drag, stretch and motion lost
+//! at a slack idler, so that the control software has realistic model errors.
 //!
 //! The modules, from the drive to the node:
 //!
@@ -14,14 +14,14 @@
 //! | [`drum`] | radius that grows with every layer of cable |
 //! | [`mod@line`] | elastic cable that cannot push; the idler and its encoder |
 //! | [`node`] | point mass with weight or buoyancy, drag and soft ground; in space or in a plane |
-//! | [`ground`] | what a sensor on the node measures: objects on the ground, fields that vary with the place |
-//! | [`statics`] | the tensions that hold the node at rest at the start |
+//! | [`ground`] | input of sensors on the node: objects on the ground, quantities that vary with position |
+//! | [`statics`] | tensions that hold the node at rest at the start |
 //!
 //! # Invariants
-//! * No clock, no I/O, no randomness but the configured seed: the same configuration and the same inputs give the same
-//!   bits. Trigonometric and hyperbolic functions come from `libm`.
-//! * Speeds and lengths are positive when cable is paid out; only [`motor`] uses reel-in speed.
-//! * [`Plant::step`] allocates nothing.
+//! * No clock, no input or output, no randomness except the configured seed: the same configuration and the same inputs
+//!   give the same bits. Trigonometric and hyperbolic functions come from `libm`.
+//! * Speeds and lengths are positive when cable is paid out; only [`motor`] uses the reel-in speed.
+//! * [`Plant::step`] does not allocate.
 //!
 //! # Example
 //! ```
@@ -55,7 +55,7 @@ pub use drive::{MotorInput, SpeedGains};
 pub use error::PlantError;
 pub use plant::{Fault, Plant};
 
-/// Most cables a plant can have.
+/// Largest number of cables of a plant.
 pub const MAX_CABLES: usize = 8;
 
 /// Standard acceleration of gravity, m/s² (CGPM 1901).

@@ -1,46 +1,47 @@
-//! An elastic line that cannot push, and the idler that measures it.
+//! An elastic cable that cannot push, and the idler that measures it.
 //!
-//! `U` is the unstretched line off the drum, `L` the distance from anchor to node and `L_x` the routed part between
+//! `U` is the unstretched cable off the drum, `L` the distance from anchor to node and `L_x` the routed part between
 //! drum and anchor. The tension is `EA ((L + L_x) / U - 1)` plus a little damping, and never below zero.
 //!
-//! The idler sits beside the drum and turns with the line that passes over it. While the line is taut that is all line
-//! that leaves the drum. A slack line stops the idler: what the drum pays out then gathers in a loose loop between the
-//! two, and has to be wound up (or drawn out by the node) before the idler follows the drum again. This is why a drive
-//! that closes its speed loop on the idler runs away on a broken line.
+//! The idler is next to the drum and turns with the cable that passes over it. While the cable is taut, this is all
+//! cable that leaves the drum. A slack cable stops the idler: the cable that the drum then pays out forms a loose loop
+//! between the two, which has to be wound up (or pulled out by the node) before the idler follows the drum again.
+//! Therefore a drive whose speed loop uses the idler runs away with a broken cable.
 
 use crate::error::{PlantError, check};
 
-/// What the lines are made of.
+/// Material of the cables.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LineConfig {
-    /// Axial stiffness EA, N. A braided 0.33 mm line has 4 to 8 kN; for a line to be called rigid take 100 kN.
+pub struct CableConfig {
+    /// Axial stiffness EA, N. A braided 0.33 mm cable has 4 to 8 kN; 100 kN approximates a rigid cable.
     pub stiffness_n: f64,
-    /// Kelvin-Voigt damping time (damping over stiffness), s. 2 ms damps a mode of 30 rad/s by 3 % of critical, the
-    /// loss of a braid.
+    /// Kelvin-Voigt damping time (damping over stiffness), s. 2 ms damps a mode of 30 rad/s by 3 % of critical, a
+    /// typical value of braided cable.
     pub damping_s: f64,
 }
 
-/// Stiffness that stands for a line without stretch, N: 10 N on 12 m give 1.2 mm.
+/// Stiffness that approximates a cable without stretch, N: 10 N on 12 m give 1.2 mm.
 pub const RIGID_STIFFNESS_N: f64 = 100_000.0;
 
-impl Default for LineConfig {
+impl Default for CableConfig {
     fn default() -> Self {
         Self { stiffness_n: 6000.0, damping_s: 0.002 }
     }
 }
 
-impl LineConfig {
+impl CableConfig {
     pub(crate) fn validate(&self) -> Result<(), PlantError> {
         check("stiffness_n", self.stiffness_n, "100 N to 10 MN", |x| (100.0..=1e7).contains(&x))?;
         check("damping_s", self.damping_s, "zero to 0.1 s", |x| (0.0..=0.1).contains(&x))
     }
 
-    /// Unstretched length of a line of stretched length `stretched_m` under `tension_n`, m.
+    /// Unstretched length of a cable of stretched length `stretched_m` under `tension_n`, m.
     pub fn unstretched_m(&self, stretched_m: f64, tension_n: f64) -> f64 {
         stretched_m / (1.0 + tension_n / self.stiffness_n)
     }
 
-    /// Tension of `unstretched_m` of line drawn to `stretched_m`, both changing at the given rates, N; never negative.
+    /// Tension of `unstretched_m` of cable stretched to `stretched_m`, both changing at the given rates,
+    /// N; never negative.
     pub fn tension_n(&self, stretched_m: f64, unstretched_m: f64, stretched_m_s: f64, unstretched_m_s: f64) -> f64 {
         let strain = stretched_m / unstretched_m - 1.0;
         if strain <= 0.0 {
@@ -54,9 +55,9 @@ impl LineConfig {
 /// The idler and its encoder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdlerConfig {
-    /// Encoder steps per metre of line. 4096 per turn on a wheel of 15 mm radius: 43 460.
+    /// Encoder steps per metre of cable. 4096 per turn on a wheel of 15 mm radius: 43 460.
     pub counts_per_m: f64,
-    /// Share of the line's motion that slips over the wheel unseen; 0.0001 to 0.005 on real ones.
+    /// Share of the cable's motion that slips over the wheel; 0.0001 to 0.005 for real idlers.
     pub slip: f64,
 }
 
@@ -73,23 +74,23 @@ impl IdlerConfig {
     }
 }
 
-/// The idler of one line.
+/// The idler of one cable.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Idler {
     counts_per_m: f64,
     /// Share of the motion that is not counted.
     pub(crate) slip: f64,
-    /// The encoder gives no more steps.
+    /// Whether the encoder has stopped counting.
     pub(crate) dead: bool,
-    /// Line beyond the idler, m, unstretched.
+    /// Cable that has passed the idler, m, unstretched.
     passed_m: f64,
-    /// What the wheel has turned since the start, m.
+    /// Rotation of the wheel since the start, m.
     turned_m: f64,
     offset_counts: i64,
 }
 
 impl Idler {
-    /// An idler beside a drum that has `paid_out_m` off it; the encoder starts at zero.
+    /// An idler next to a drum with `paid_out_m` paid out; the encoder starts at zero.
     pub fn new(config: IdlerConfig, paid_out_m: f64) -> Self {
         Self {
             counts_per_m: config.counts_per_m,
@@ -101,8 +102,8 @@ impl Idler {
         }
     }
 
-    /// Follows the line: `paid_out_m` is off the drum, `stretched_m` is the way from the drum to the node (m), or zero
-    /// when nothing pulls on the far end any more.
+    /// Updates the idler: `paid_out_m` is off the drum, `stretched_m` is the distance from the drum to the node along
+    /// the cable (m), or zero if nothing pulls on the far end.
     pub fn follow(&mut self, paid_out_m: f64, stretched_m: f64) {
         let passed_m = self.passed_m.max(stretched_m).min(paid_out_m);
         if !self.dead {
@@ -111,7 +112,7 @@ impl Idler {
         self.passed_m = passed_m;
     }
 
-    /// The encoder's count; it grows as line is paid out.
+    /// Encoder count; it increases as cable is paid out.
     pub fn counts(&self) -> i64 {
         (self.turned_m * self.counts_per_m).floor() as i64 + self.offset_counts
     }
@@ -121,7 +122,7 @@ impl Idler {
         self.offset_counts += counts;
     }
 
-    /// Line that lies loose between drum and idler, m.
+    /// Loose cable between drum and idler, m.
     pub fn loose_m(&self, paid_out_m: f64) -> f64 {
         paid_out_m - self.passed_m
     }
@@ -133,7 +134,7 @@ mod tests {
 
     #[test]
     fn tension_and_unstretched_length_are_inverse() {
-        let line = LineConfig::default();
+        let line = CableConfig::default();
         let unstretched = line.unstretched_m(12.0, 17.0);
         assert!((line.tension_n(12.0, unstretched, 0.0, 0.0) - 17.0).abs() < 1e-9);
         assert_eq!(line.tension_n(11.9, 12.0, 5.0, 0.0), 0.0);
@@ -145,11 +146,11 @@ mod tests {
         let mut idler = Idler::new(config, 10.0);
         idler.follow(10.5, 10.625);
         assert_eq!(idler.counts(), 512);
-        // The node no longer takes the line: it gathers between drum and idler.
+        // The node no longer takes up the cable: it collects between drum and idler.
         idler.follow(11.5, 10.625);
         assert_eq!(idler.counts(), 640);
         assert_eq!(idler.loose_m(11.5), 0.875);
-        // The node draws some of it out.
+        // The node pulls some of it out.
         idler.follow(11.5, 11.0);
         assert_eq!(idler.counts(), 1024);
         // Winding takes up the loose part first.
@@ -160,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn slip_jump_and_death_are_seen_in_the_counts() {
+    fn slip_jump_and_failure_change_the_counts() {
         let config = IdlerConfig { counts_per_m: 1000.0, slip: 0.5 };
         let mut idler = Idler::new(config, 1.0);
         idler.follow(2.0, 3.0);

@@ -1,19 +1,19 @@
-//! A brushed motor with its gear, seen from the line.
+//! A brushed motor with its gear, referred to the cable.
 //!
-//! All quantities are referred to the line at the bare drum's radius, as in the robot file: force per ampere, friction
+//! All quantities are referred to the cable at the bare drum's radius, as in the robot file: force per ampere, friction
 //! in newtons, and a reel-in speed in metres per second. In steady motion the current is
 //!
 //! `I = (T (1 + μ s) + F_c s + b v) / K_f`, `s = tanh(v / v_s)`, `v > 0` reels in,
 //!
-//! which is the inverse of what [`Motor::step`] integrates. The electrical time constants of the motors in question
-//! are below a millisecond, so the current follows the voltage at once: `I = (u - K_f v) / R`.
+//! which is the inverse of the law that [`Motor::step`] integrates. The electrical time constants of these motors are
+//! below a millisecond, so the current follows the voltage immediately: `I = (u - K_f v) / R`.
 
 use crate::error::{PlantError, check};
 
-/// Constants of a motor and its gear, referred to the line.
+/// Constants of a motor and its gear, referred to the cable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorConfig {
-    /// Line tension per ampere of an ideal gear, N/A; the back-EMF has the same number in V per m/s.
+    /// Cable tension per ampere of an ideal gear, N/A; the back-EMF has the same number in V per m/s.
     pub force_constant_n_a: f64,
     /// Armature resistance, ohm.
     pub resistance_ohm: f64,
@@ -23,12 +23,12 @@ pub struct MotorConfig {
     pub coulomb_n: f64,
     /// Viscous friction, N s/m.
     pub viscous_n_s_m: f64,
-    /// Speed at which friction has mostly built up, m/s.
+    /// Speed at which most of the friction has built up, m/s.
     pub transition_m_s: f64,
-    /// Rotor and gear inertia as a mass on the line, kg. A 24 V, 150 W motor (142 g cm²) geared to 40 N/A comes to 25 kg,
-    /// a 12 V hobby gearmotor (3e-6 kg m², 50:1, 20 mm drum) to 19 kg.
+    /// Inertia of rotor and gear as a mass at the cable, kg. For a 24 V, 150 W motor (142 g cm²) geared to 40 N/A it is
+    /// 25 kg, for a 12 V hobby gearmotor (3e-6 kg m², 50:1, 20 mm drum) 19 kg.
     pub inertia_kg: f64,
-    /// Current at which the drive limits, A.
+    /// Current limit of the drive, A.
     pub current_limit_a: f64,
 }
 
@@ -60,30 +60,30 @@ impl MotorConfig {
         check("current_limit_a", self.current_limit_a, positive, |x| x > 0.0)
     }
 
-    /// Reel-in speed a released motor (leads shorted) settles at under `tension_n`, m/s: zero where the gear locks,
-    /// negative where the line runs out.
+    /// Steady reel-in speed of a released motor (leads shorted) under `tension_n`, m/s: zero if the gear locks,
+    /// negative if the cable runs out.
     pub fn released_speed_m_s(&self, tension_n: f64) -> f64 {
         let drive_n = tension_n - (self.gear_friction * tension_n + self.coulomb_n);
         -drive_n.max(0.0) / (self.viscous_n_s_m + self.force_constant_n_a.powi(2) / self.resistance_ohm)
     }
 }
 
-/// What the bridge does with the motor's leads.
+/// State of the bridge at the motor's leads.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bridge {
     /// A voltage in the reel-in direction, V.
     Voltage(f64),
-    /// Leads shorted: the motor brakes itself by its own back-EMF.
+    /// Leads shorted: the back-EMF brakes the motor.
     Shorted,
 }
 
-/// The turning parts of one winch.
+/// The rotating parts of one winch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motor {
     config: MotorConfig,
     reel_in_m_s: f64,
     current_a: f64,
-    /// Jammed: does not turn whatever the current.
+    /// Jammed: does not turn with any current.
     pub(crate) jammed: bool,
 }
 
@@ -103,16 +103,17 @@ impl Motor {
         self.current_a
     }
 
-    /// Limits the current, A; the drive's setting, never above what [`MotorConfig::current_limit_a`] was at the start.
+    /// Sets the drive's current limit, A; never above the initial [`MotorConfig::current_limit_a`].
     pub(crate) fn set_current_limit(&mut self, limit_a: f64) {
         self.config.current_limit_a = limit_a;
     }
 
-    /// Advances by `h` seconds under `load_n`, the line tension referred to the bare drum (N).
+    /// Advances by `h` seconds under `load_n`, the cable tension referred to the bare drum (N).
     ///
-    /// Linearly implicit in speed, so that a small inertia or a steep friction law cannot make it ring. Driven, the
-    /// friction is the smooth law of the robot file. Released, it is dry friction that truly sticks: the smooth law
-    /// would let a self-locking gear creep for ever, and a measured law says nothing about standstill.
+    /// Linearly implicit in speed, so that a small inertia or a steep friction law does not cause
+    /// oscillations. A driven motor has the smooth friction law of the robot file. A released motor has dry
+    /// friction with real sticking: with the smooth law a self-locking gear would creep forever, and a
+    /// measured law does not cover standstill.
     pub fn step(&mut self, h: f64, bridge: Bridge, load_n: f64) {
         let MotorConfig { force_constant_n_a: kf, resistance_ohm: r, gear_friction, coulomb_n, viscous_n_s_m, .. } =
             self.config;

@@ -1,26 +1,26 @@
-//! The node: a point mass with weight, drag in air or water, and a soft floor under it.
+//! The node: a point mass with weight, drag in air or water, and elastic ground below it.
 
 use nalgebra::Vector3;
 
 use crate::error::{PlantError, check};
 
-/// The node and what surrounds it.
+/// The node and its surroundings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeConfig {
-    /// Mass, kg; in water with the water that moves along.
+    /// Mass, kg; in water including the added mass.
     pub mass_kg: f64,
-    /// Downward force at rest, N; `None`: mass times gravity. Zero for a node that floats.
+    /// Downward force at rest, N; `None`: mass times gravity. Zero for a floating node.
     pub net_weight_n: Option<f64>,
-    /// Drag per square of speed, N s²/m². A box of 0.17 × 0.17 m in air: ½ · 1.2 · 1.1 · 0.03 = 0.02; a body of
+    /// Drag divided by squared speed, N s²/m². A box of 0.17 × 0.17 m in air: ½ · 1.2 · 1.1 · 0.03 = 0.02; a body of
     /// 0.05 m² in water: ½ · 1000 · 1.0 · 0.05 = 25.
     pub drag_n_s2_m2: f64,
-    /// Height of the floor, m; `None`: no floor.
+    /// Height of the ground, m; `None`: no ground.
     pub ground_m: Option<f64>,
-    /// Force per depth into the floor, N/m: 12 N of weight sink 0.6 mm into 20 kN/m.
+    /// Force per depth into the ground, N/m: 12 N of weight sink 0.6 mm into 20 kN/m.
     pub ground_stiffness_n_m: f64,
-    /// Damping into the floor, N s/m.
+    /// Damping into the ground, N s/m.
     pub ground_damping_n_s_m: f64,
-    /// Friction of the node on the floor.
+    /// Friction coefficient of the node on the ground.
     pub ground_friction: f64,
 }
 
@@ -49,7 +49,7 @@ impl NodeConfig {
         check("ground_friction", self.ground_friction, "zero to two", |x| (0.0..=2.0).contains(&x))
     }
 
-    /// Force of weight, drag and floor on a node at `position_m` moving at `velocity_m_s`, N.
+    /// Force of weight, drag and ground on a node at `position_m` moving at `velocity_m_s`, N.
     pub fn force_n(&self, position_m: Vector3<f64>, velocity_m_s: Vector3<f64>, gravity_m_s2: f64) -> Vector3<f64> {
         let weight_n = self.net_weight_n.unwrap_or(self.mass_kg * gravity_m_s2);
         let drag = velocity_m_s * (-self.drag_n_s2_m2 * velocity_m_s.norm());
@@ -61,9 +61,9 @@ impl NodeConfig {
             Some(ground_m) if position_m.z < ground_m => ground_m - position_m.z,
             _ => return Vector3::zeros(),
         };
-        // The floor pushes and never pulls.
+        // The ground pushes and never pulls.
         let normal_n = (self.ground_stiffness_n_m * depth_m - self.ground_damping_n_s_m * velocity_m_s.z).max(0.0);
-        // Dry friction, rounded off below a centimetre per second so that the step size need not resolve sticking.
+        // Dry friction, smoothed below a centimetre per second so that the step size need not resolve sticking.
         let sliding = Vector3::new(velocity_m_s.x, velocity_m_s.y, 0.0);
         let friction = sliding * (-self.ground_friction * normal_n / sliding.norm().max(0.01));
         Vector3::new(0.0, 0.0, normal_n) + friction

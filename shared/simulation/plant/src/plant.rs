@@ -1,4 +1,4 @@
-//! All parts together, stepped in time.
+//! The complete plant, integrated in time.
 
 use nalgebra::Vector3;
 
@@ -13,58 +13,58 @@ use crate::statics::hanging_tensions_n;
 /// Time constant of the current measurement of a drive, s; a drive averages over several bridge periods.
 const CURRENT_FILTER_S: f64 = 0.005;
 
-/// A line shorter than this has no direction, m.
+/// The direction of a shorter cable is undefined, m.
 const SHORTEST_M: f64 = 1e-6;
 
-/// The shortest free line that the step size and the damping are made for, m.
+/// Shortest free cable for which step size and damping are designed, m.
 const SHORTEST_FREE_M: f64 = 0.3;
 
-/// Something that goes wrong, or is put right again. Cables are numbered from 0.
+/// A fault, or its end. Cables are numbered from 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
     /// The motor jams (`on`) or turns again.
     Stall {
-        /// Which cable.
+        /// Index of the cable.
         cable: usize,
-        /// Jammed, or free again.
+        /// Whether the motor is jammed.
         on: bool,
     },
-    /// A share of the line's motion slips over the idler unseen; 0 grips again.
+    /// A share of the cable's motion slips over the idler uncounted; 0 ends the fault.
     IdlerSlip {
-        /// Which cable.
+        /// Index of the cable.
         cable: usize,
-        /// Share lost, 0 to 1.
+        /// Uncounted share, 0 to 1.
         share: f64,
     },
     /// The encoder's count jumps.
     EncoderJump {
-        /// Which cable.
+        /// Index of the cable.
         cable: usize,
-        /// By how many counts.
+        /// Number of counts.
         counts: i64,
     },
     /// The encoder stops counting (`on`), or counts again.
     EncoderDead {
-        /// Which cable.
+        /// Index of the cable.
         cable: usize,
-        /// Dead, or alive again.
+        /// Whether the encoder is dead.
         on: bool,
     },
-    /// The line breaks (`on`), or is tied again with the length that is out.
+    /// The cable breaks (`on`), or is repaired with the present length.
     BrokenLine {
-        /// Which cable.
+        /// Index of the cable.
         cable: usize,
-        /// Broken, or mended.
+        /// Whether the cable is broken.
         on: bool,
     },
     /// The supply changes to this open-circuit voltage, V.
     Supply {
-        /// Volts.
+        /// Open-circuit voltage, V.
         voltage_v: f64,
     },
 }
 
-/// One winch with its line.
+/// One winch with its cable.
 #[derive(Debug, Clone, PartialEq)]
 struct Cable {
     anchor_m: Vector3<f64>,
@@ -73,9 +73,9 @@ struct Cable {
     motor: Motor,
     drum: Drum,
     idler: Idler,
-    /// Unstretched line off the drum, m.
+    /// Unstretched cable off the drum, m.
     paid_out_m: f64,
-    /// Rate of that, m/s.
+    /// Rate of `paid_out_m`, m/s.
     paid_out_m_s: f64,
     tension_n: f64,
     filtered_current_a: f64,
@@ -86,10 +86,10 @@ struct Cable {
     broken: bool,
 }
 
-/// A robot's motors, drums, lines and node.
+/// Motors, drums, cables and node of a robot.
 ///
-/// Made by [`Plant::new`], advanced by [`Plant::step`]; every other method either reads the state or breaks something
-/// on purpose. Cloning gives an independent plant in the same state.
+/// [`Plant::new`] creates a plant and [`Plant::step`] advances it; the other methods read the state or inject faults. A
+/// clone is an independent plant in the same state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plant {
     config: PlantConfig,
@@ -106,11 +106,11 @@ impl Plant {
     /// Builds the plant with the node hanging at rest at the configured start and the motors released.
     ///
     /// # Errors
-    /// What is wrong with the configuration, or that the node cannot hang there.
+    /// An invalid configuration, or a start position at which the node cannot hang.
     pub fn new(mut config: PlantConfig) -> Result<Self, PlantError> {
         config.validate()?;
-        // Stiff lines on a light node ask for finer steps: an eighth of a radian of the fastest mode there can be. Damping
-        // of such a mode stays below a tenth of critical, which is more than any line has.
+        // Stiff cables on a light node require finer steps: an eighth of a radian of the fastest possible mode. Damping
+        // of such a mode stays below a tenth of critical, which is more than any cable has.
         let fastest_rad_s = fastest_mode_rad_s(&config);
         let substep_ns = ((config.substep_s.min(0.125 / fastest_rad_s)) * 1e9) as u64;
         config.line.damping_s = config.line.damping_s.min(0.2 / fastest_rad_s);
@@ -123,19 +123,7 @@ impl Plant {
                 leg / leg.norm().max(SHORTEST_M)
             })
             .collect();
-        let wrench_n = -config.node.force_n(position_m, Vector3::zeros(), config.gravity_m_s2);
-        let no_equilibrium = PlantError::NoEquilibrium { position_m: config.start_m, limits_n: config.start_limits_n };
-        let tensions: Vec<f64> = match &config.start_tensions_n {
-            Some(given) => {
-                let held: Vector3<f64> = pulls.iter().zip(given).map(|(pull, &tension)| pull * tension).sum();
-                let residual_n = (held - wrench_n).norm();
-                if residual_n > 0.01 * (1.0 + wrench_n.norm()) {
-                    return Err(PlantError::Unbalanced { residual_n });
-                }
-                given.clone()
-            }
-            None => hanging_tensions_n(&pulls, wrench_n, config.start_limits_n).ok_or(no_equilibrium)?.to_vec(),
-        };
+        let tensions = start_tensions_n(&config, &pulls)?;
         let full_speed_m_s = config.supply_v.max(1.0) / config.motor.force_constant_n_a;
         let cables = (0..config.cable_count())
             .map(|i| {
@@ -180,10 +168,10 @@ impl Plant {
         })
     }
 
-    /// Gives each drive its command and advances by `dt_s`, in equal steps no longer than the configured one.
+    /// Applies each drive's command and advances by `dt_s`, in equal steps no longer than the configured one.
     ///
-    /// `dt_s` is taken to the nearest nanosecond. A command that equals the last one changes nothing, so calling with
-    /// small or large steps is the same but for the rounding of the integration.
+    /// `dt_s` is rounded to the nearest nanosecond. A command equal to the last one changes nothing, so small and large
+    /// steps give the same result except for rounding of the integration.
     ///
     /// # Errors
     /// A wrong number of inputs, an input that is not finite, or a time that is not between 0 and 3600 s.
@@ -214,7 +202,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Semi-implicit: forces from where things are, then speeds, then positions from the new speeds.
+    /// Semi-implicit integration: forces from the present positions, then speeds, then positions from the new speeds.
     fn substep(&mut self, h: f64, smoothing: f64) {
         let voltage_v = self.voltage_v();
         let mut force = self.config.node.force_n(self.position_m, self.velocity_m_s, self.config.gravity_m_s2);
@@ -239,7 +227,8 @@ impl Plant {
             let ratio = cable.drum.radius_ratio(cable.paid_out_m);
             cable.motor.step(h, bridge, cable.tension_n * ratio);
             cable.paid_out_m_s = -cable.motor.reel_in_m_s() * ratio;
-            // A drum that has given all its line off winds it on again the other way round; a few centimetres are kept.
+            // At least a few centimetres of cable stay off the drum. The end of the cable on an empty
+            // drum is not modelled.
             cable.paid_out_m = (cable.paid_out_m + h * cable.paid_out_m_s).max(0.05);
             let current_a = cable.motor.current_a();
             cable.filtered_current_a += (current_a - cable.filtered_current_a) * (h / (h + CURRENT_FILTER_S));
@@ -249,7 +238,7 @@ impl Plant {
             if let Bridge::Voltage(u) = bridge {
                 cable.electrical_j += h * u * current_a;
             }
-            // What the bridge takes from the supply: it steps the voltage down and the current up.
+            // Current that the bridge takes from the supply: it steps the voltage down and the current up.
             drawn_a += (-cable.drive.duty() * current_a).max(0.0);
         }
         self.supply_current_a = drawn_a;
@@ -260,7 +249,7 @@ impl Plant {
         self.position_m += self.velocity_m_s * h;
     }
 
-    /// Makes something break, or puts it right.
+    /// Starts or ends a fault.
     ///
     /// # Errors
     /// A cable that does not exist, or a value out of range.
@@ -303,7 +292,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Puts the node elsewhere with a given velocity, lines and motors untouched: a push, a gust, a hand.
+    /// Moves the node with a given velocity without changing cables and motors: a push, a gust, a hand.
     pub fn push_node(&mut self, position_m: [f64; 3], velocity_m_s: [f64; 3]) {
         self.position_m = Vector3::from(position_m);
         self.velocity_m_s = Vector3::from(velocity_m_s);
@@ -314,12 +303,12 @@ impl Plant {
         self.cables.get_mut(cable).ok_or(PlantError::NoSuchCable { cable, count })
     }
 
-    /// The speed command with which `cable` pays out `speed_m_s`.
+    /// The speed command that pays out `speed_m_s` of `cable`.
     pub fn speed_input(&self, cable: usize, speed_m_s: f64) -> MotorInput {
         MotorInput::Speed(speed_m_s * self.config.idlers[cable].counts_per_m)
     }
 
-    /// What the plant was built from.
+    /// Configuration of the plant.
     pub fn config(&self) -> &PlantConfig {
         &self.config
     }
@@ -344,12 +333,12 @@ impl Plant {
         self.velocity_m_s.into()
     }
 
-    /// True line tensions, N.
+    /// True cable tensions, N.
     pub fn tensions_n(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.tension_n).collect()
     }
 
-    /// True unstretched lengths beyond the routed part, m: what a perfect encoder would say.
+    /// True unstretched lengths beyond the routed part, m: the output of a perfect encoder.
     pub fn lengths_m(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.paid_out_m - cable.routed_m).collect()
     }
@@ -359,12 +348,12 @@ impl Plant {
         self.cables.iter().map(|cable| (self.position_m - cable.anchor_m).norm()).collect()
     }
 
-    /// Rate at which unstretched line leaves each drum, m/s.
+    /// Speed at which unstretched cable leaves each drum, m/s.
     pub fn line_speeds_m_s(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.paid_out_m_s).collect()
     }
 
-    /// Armature currents at this instant, A; positive pulls on the line.
+    /// Present armature currents, A; positive pulls on the cable.
     pub fn currents_a(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.motor.current_a()).collect()
     }
@@ -374,13 +363,14 @@ impl Plant {
         self.cables.iter().map(|cable| cable.loss_j).collect()
     }
 
-    /// The same by the current as the drives average it, J: less by what its ripple heats, which no drive reports.
+    /// Heat in the armature computed from the averaged current of the drives, J: excludes the heat of the ripple,
+    /// which no drive reports.
     pub fn averaged_losses_j(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.averaged_loss_j).collect()
     }
 
-    /// Electrical work on each motor since the start, J: the bridge's voltage times the current; what a motor gives back counts
-    /// negative.
+    /// Electrical work on each motor since the start, J: the bridge's voltage times the current; power returned by a
+    /// motor is negative.
     pub fn electrical_j(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.electrical_j).collect()
     }
@@ -390,27 +380,27 @@ impl Plant {
         self.cables[cable].tension_n
     }
 
-    /// Whether each line is slack (or broken).
+    /// Whether each cable is slack (or broken).
     pub fn slack(&self) -> Vec<bool> {
         self.cables.iter().map(|cable| cable.tension_n <= 0.0).collect()
     }
 
-    /// Encoder count of `cable`; it grows as line is paid out.
+    /// Encoder count of `cable`; it increases as cable is paid out.
     pub fn counts(&self, cable: usize) -> i64 {
         self.cables[cable].idler.counts()
     }
 
-    /// Speed of `cable` as its drive measured it over the last 1/300 s, counts per second.
+    /// Speed of `cable` measured by its drive over the last 1/300 s, counts per second.
     pub fn speed_counts_s(&self, cable: usize) -> f64 {
         self.cables[cable].drive.measured_counts_s()
     }
 
-    /// Speed of `cable` as its drive averages it over about 30 ms, counts per second.
+    /// Speed of `cable` averaged by its drive over about 30 ms, counts per second.
     pub fn averaged_speed_counts_s(&self, cable: usize) -> f64 {
         self.cables[cable].drive.averaged_counts_s()
     }
 
-    /// Current of `cable` as its drive measures it (averaged over some milliseconds), A; positive pulls on the line.
+    /// Current of `cable` measured by its drive (averaged over some milliseconds), A; positive pulls on the cable.
     pub fn measured_current_a(&self, cable: usize) -> f64 {
         self.cables[cable].filtered_current_a
     }
@@ -420,7 +410,7 @@ impl Plant {
         self.cables[cable].drive.duty()
     }
 
-    /// Where the speed loop of `cable` aims, after delay and lag, counts per second.
+    /// Reference of the speed loop of `cable`, after delay and lag, counts per second.
     pub fn reference_counts_s(&self, cable: usize) -> f64 {
         self.cables[cable].drive.reference_counts_s()
     }
@@ -430,12 +420,12 @@ impl Plant {
         self.cables[cable].drive.gains()
     }
 
-    /// Voltage at the drives, V: the supply less what its inner resistance takes.
+    /// Voltage at the drives, V: the supply minus the drop at its inner resistance.
     pub fn voltage_v(&self) -> f64 {
         (self.supply_v - self.config.supply_resistance_ohm * self.supply_current_a).max(0.0)
     }
 
-    /// Mechanical energy of node and lines, J: motion, height above zero and stretch.
+    /// Mechanical energy of node and cables, J: motion, height above zero and stretch.
     pub fn energy_j(&self) -> f64 {
         let node = &self.config.node;
         let weight_n = node.net_weight_n.unwrap_or(node.mass_kg * self.config.gravity_m_s2);
@@ -454,7 +444,24 @@ impl Plant {
     }
 }
 
-/// An upper bound on the frequency of the node on its lines, rad/s: all of them pulling one way, the shortest they get.
+/// Tensions that hold the node at rest at the start, N: the configured ones if they balance the forces, otherwise the
+/// least-norm ones.
+fn start_tensions_n(config: &PlantConfig, pulls: &[Vector3<f64>]) -> Result<Vec<f64>, PlantError> {
+    let wrench_n = -config.node.force_n(Vector3::from(config.start_m), Vector3::zeros(), config.gravity_m_s2);
+    let Some(given) = &config.start_tensions_n else {
+        let (position_m, limits_n) = (config.start_m, config.start_limits_n);
+        let tensions = hanging_tensions_n(pulls, wrench_n, limits_n);
+        return Ok(tensions.ok_or(PlantError::NoEquilibrium { position_m, limits_n })?.to_vec());
+    };
+    let held: Vector3<f64> = pulls.iter().zip(given).map(|(pull, &tension)| pull * tension).sum();
+    let residual_n = (held - wrench_n).norm();
+    if residual_n > 0.01 * (1.0 + wrench_n.norm()) {
+        return Err(PlantError::Unbalanced { residual_n });
+    }
+    Ok(given.clone())
+}
+
+/// Upper bound of the frequency of the node on its cables, rad/s: all of them in one direction, at their shortest.
 fn fastest_mode_rad_s(config: &PlantConfig) -> f64 {
     let stiffness_n_m: f64 =
         config.routed_length_m.iter().map(|routed| config.line.stiffness_n / (routed + SHORTEST_FREE_M)).sum();

@@ -1,14 +1,15 @@
-//! The tensions that hold the node at rest.
+//! Tensions that hold the node at rest.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::MAX_CABLES;
 
-/// Least-norm tensions inside `limits_n` whose pull along the unit vectors `pulls` (node to anchor) sums to `wrench_n`.
+/// Computes the least-norm tensions within `limits_n` whose sum along the unit vectors `pulls` (node to
+/// anchor) is `wrench_n`.
 ///
-/// The optimum has the form `T = clamp(Aᵀ λ)`; `λ` has three components whatever the number of cables and is found by
-/// Newton's method on the convex dual. With three cables that are not in one plane the answer is the only one there
-/// is. `None` if the wrench is out of reach. The unused tail of the result is zero.
+/// The optimum has the form `T = clamp(Aᵀ λ)`; `λ` has three components for any number of cables and results from
+/// Newton's method on the convex dual. Three cables that are not in one plane have a unique solution. `None` if no
+/// tensions within the limits give the wrench. Unused entries of the result are zero.
 pub fn hanging_tensions_n(
     pulls: &[Vector3<f64>],
     wrench_n: Vector3<f64>,
@@ -25,7 +26,7 @@ pub fn hanging_tensions_n(
         let held: Vector3<f64> = pulls.iter().zip(tensions(lambda)).map(|(pull, tension)| pull * tension).sum();
         held - wrench_n
     };
-    // The dual function whose gradient the residual is: for the line search only.
+    // The dual function, whose gradient is the residual; only for the line search.
     let dual = |lambda: Vector3<f64>| {
         let cables: f64 = pulls
             .iter()
@@ -49,7 +50,7 @@ pub fn hanging_tensions_n(
         let mut curvature = Matrix3::identity() * 1e-12;
         for pull in pulls {
             let x = pull.dot(&lambda);
-            // A cable on its limit still bends the dual a little, or Newton's step would be without bound.
+            // A cable at its limit keeps a small curvature; otherwise Newton's step would be unbounded.
             let weight = if x > limits_n[0] && x < limits_n[1] { 1.0 } else { 1e-6 };
             curvature += pull * pull.transpose() * weight;
         }
@@ -82,7 +83,7 @@ mod tests {
             let wrench = Vector3::new(0.0, 0.0, 20.0);
             let limits = [1.0, 150.0];
             let found = hanging_tensions_n(&pulls, wrench, limits);
-            // Independent: choose the last tension, solve the other three, keep the best.
+            // Independent solution: vary the last tension, solve the other three, keep the best.
             let a = Matrix3::from_columns(&[pulls[0], pulls[1], pulls[2]]).try_inverse().unwrap();
             let best = (0..=14_900)
                 .filter_map(|i| {
@@ -104,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn three_cables_have_one_answer_and_outside_there_is_none() {
+    fn three_cables_have_one_solution_and_none_outside() {
         let inside = pulls(&SQUARE[..3], [6.0, 4.0, 2.0]);
         let wrench = Vector3::new(0.0, 0.0, 12.0);
         let t = hanging_tensions_n(&inside, wrench, [0.0, 500.0]).unwrap();
@@ -117,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn one_cable_holds_what_hangs_straight_below_it() {
+    fn one_cable_holds_a_node_directly_below_it() {
         let t = hanging_tensions_n(&[Vector3::z()], Vector3::new(0.0, 0.0, 7.0), [0.0, 100.0]).unwrap();
         assert!((t[0] - 7.0).abs() < 1e-9);
     }

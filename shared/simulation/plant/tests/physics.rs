@@ -1,11 +1,11 @@
-//! The plant against what mechanics says about it.
+//! The plant compared with mechanics.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use proptest::prelude::*;
 
 use plant::drive::DriveConfig;
-use plant::line::{LineConfig, RIGID_STIFFNESS_N};
+use plant::line::{CableConfig, RIGID_STIFFNESS_N};
 use plant::motor::MotorConfig;
 use plant::{Fault, MotorInput, Plant, PlantConfig, PlantError, STANDARD_GRAVITY};
 
@@ -72,8 +72,8 @@ fn stretch_is_hookes_law_over_the_whole_line() {
 }
 
 #[test]
-fn a_plucked_node_settles_where_hookes_law_puts_it() {
-    // One line straight down with the motor jammed: after the swing the weight W stretches it to U (1 + W / EA).
+fn a_plucked_node_settles_at_the_position_of_hookes_law() {
+    // One cable straight down with a jammed motor: after the oscillation the weight W stretches it to U (1 + W / EA).
     let mut config = PlantConfig::new(vec![[0.0, 0.0, 5.0]], [0.0, 0.0, 2.0]);
     config.node.drag_n_s2_m2 = 5.0;
     config.line.damping_s = 0.02;
@@ -91,7 +91,7 @@ fn a_plucked_node_settles_where_hookes_law_puts_it() {
 #[test]
 fn a_pendulum_has_its_period() {
     let mut config = PlantConfig::new(vec![[0.0, 0.0, 5.0]], [0.0, 0.0, 3.0]);
-    config.line = LineConfig { stiffness_n: RIGID_STIFFNESS_N, damping_s: 0.0 };
+    config.line = CableConfig { stiffness_n: RIGID_STIFFNESS_N, damping_s: 0.0 };
     config.node.drag_n_s2_m2 = 0.0;
     config.routed_length_m = vec![0.0];
     let mut plant = Plant::new(config).unwrap();
@@ -116,7 +116,7 @@ fn a_pendulum_has_its_period() {
 }
 
 #[test]
-fn energy_is_kept_without_losses_and_lost_with_them() {
+fn energy_is_conserved_without_losses_and_lost_with_them() {
     let mut config = PlantConfig::new(THREE.to_vec(), [4.8, 2.9, 1.0]);
     config.line.damping_s = 0.0;
     config.node.drag_n_s2_m2 = 0.0;
@@ -180,7 +180,7 @@ fn a_floating_node_keeps_its_momentum() {
 }
 
 #[test]
-fn a_commanded_speed_comes_after_delay_and_lag() {
+fn a_commanded_speed_takes_effect_after_delay_and_lag() {
     for (delay, lag) in [(0.030, 0.040), (0.060, 0.100)] {
         let mut config = PlantConfig::new(THREE.to_vec(), [4.8, 2.9, 1.0]);
         config.drive = DriveConfig { delay_s: delay, lag_s: lag, gains: None };
@@ -188,7 +188,7 @@ fn a_commanded_speed_comes_after_delay_and_lag() {
         run(&mut plant, 1.0, &[0.0; 3]);
         let start = plant.lengths_m();
         let input = plant.speed_input(0, 0.05);
-        // Moved length of a delayed first-order response: v (t - delay - lag) long after the step.
+        // Length of a delayed first-order response: v (t - delay - lag) long after the step.
         for _ in 0..100 {
             plant.step(0.01, &[input; 3]).unwrap();
         }
@@ -196,7 +196,7 @@ fn a_commanded_speed_comes_after_delay_and_lag() {
             let behind_s = 1.0 - (now - start) / 0.05;
             assert!((behind_s - delay - lag).abs() < 0.006, "behind by {behind_s} s at {delay} + {lag}");
         }
-        // Half-way there when theory says so.
+        // The speed reaches half its final value at the theoretical time.
         let speeds = plant.line_speeds_m_s();
         assert!(speeds.iter().all(|v| (v - 0.05).abs() < 0.004), "{speeds:?}");
     }
@@ -223,7 +223,7 @@ fn the_encoder_counts_unstretched_line_and_the_current_follows_the_law() {
     run(&mut plant, 0.5, &[0.0; 3]);
     let (counts, lengths) = (plant.counts(1), plant.lengths_m()[1]);
     let counts_per_m = plant.config().idlers[1].counts_per_m;
-    // Wind all three slowly: the node rises, currents are those of reeling in.
+    // Wind up all three slowly: the node rises, currents are those of reeling in.
     let law = MotorConfig::default();
     let input = plant.speed_input(0, -0.05);
     let mut worst: f64 = 0.0;
@@ -245,7 +245,7 @@ fn the_encoder_counts_unstretched_line_and_the_current_follows_the_law() {
 }
 
 #[test]
-fn a_line_too_long_among_four_hangs_loose_and_its_idler_stops() {
+fn a_cable_too_long_among_four_is_loose_and_its_idler_stops() {
     let mut plant = four();
     run(&mut plant, 0.5, &[0.0; 4]);
     let before = plant.counts(0);
@@ -257,12 +257,12 @@ fn a_line_too_long_among_four_hangs_loose_and_its_idler_stops() {
 }
 
 #[test]
-fn a_loop_closed_on_the_idler_runs_away_on_a_broken_line() {
+fn a_speed_loop_on_the_idler_runs_away_with_a_broken_cable() {
     let mut plant = three();
     run(&mut plant, 0.5, &[0.0; 3]);
     plant.apply(Fault::BrokenLine { cable: 2, on: true }).unwrap();
     run(&mut plant, 3.0, &[0.02, 0.02, 0.02]);
-    assert_eq!(plant.duty(2), 1.0, "full speed, though 2 cm/s were asked for");
+    assert_eq!(plant.duty(2), 1.0, "full speed, although 2 cm/s were commanded");
     assert!(plant.line_speeds_m_s()[2] > 0.5);
     plant.step(0.01, &[MotorInput::RELEASED; 3]).unwrap();
     run_released(&mut plant, 1.0);
@@ -282,13 +282,13 @@ fn a_stalled_motor_shows_current_and_no_motion() {
     plant.apply(Fault::Stall { cable: 0, on: true }).unwrap();
     let before = plant.counts(0);
     run(&mut plant, 2.0, &[-0.1, 0.0, 0.0]);
-    assert!((plant.counts(0) - before).abs() <= 40, "only the stretch moves: {}", plant.counts(0) - before);
+    assert!((plant.counts(0) - before).abs() <= 40, "only the stretch changes: {}", plant.counts(0) - before);
     assert!(plant.measured_current_a(0) > 14.0, "{}", plant.measured_current_a(0));
-    assert!(plant.voltage_v() < 23.9, "and the supply feels it");
+    assert!(plant.voltage_v() < 23.9, "the supply voltage drops");
 }
 
 #[test]
-fn encoder_faults_and_a_weak_supply_are_seen_from_outside() {
+fn encoder_faults_and_a_weak_supply_change_the_measurements() {
     let mut plant = three();
     run(&mut plant, 0.5, &[0.0; 3]);
     let before = plant.counts(0);
@@ -317,13 +317,13 @@ fn the_same_inputs_give_the_same_bits() {
     let (a, b) = (fly(four()), fly(four()));
     assert_eq!(a, b);
     assert_eq!(a.position_m().map(f64::to_bits), b.position_m().map(f64::to_bits));
-    // A copy made on the way goes on the same way.
+    // A clone of an intermediate state continues identically.
     let c = fly(fly(four()).clone());
     assert_eq!(fly(a), c);
 }
 
 #[test]
-fn the_size_of_a_step_hardly_matters() {
+fn the_step_size_has_little_effect() {
     let fly = |dt: f64| {
         let mut plant = three();
         for _ in 0..(2.0f64 / dt).round() as usize {
@@ -356,10 +356,10 @@ fn bad_input_is_refused_in_one_sentence() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
 
-    /// Whatever the lines are made of and whatever the drives are told, the motion stays that of a robot: the node is where
-    /// its lines let it be, and what is paid out and wound in is what the motors can do.
+    /// With any cables and commands the motion stays physical: the node is within reach of its cables, and cable speeds
+    /// are within the range of the motors.
     #[test]
-    fn no_configuration_blows_up(
+    fn every_configuration_is_stable(
         stiffness in 500.0..1e6f64,
         mass in 0.05..20.0f64,
         routed in 0.0..10.0f64,
@@ -386,15 +386,15 @@ proptest! {
     }
 }
 
-/// In water, without weight and with every line broken, only drag is left: v = v0 / (1 + c v0 t / m).
+/// In water, without weight and with every cable broken, only drag remains: v = v0 / (1 + c v0 t / m).
 #[test]
-fn a_floating_node_that_nothing_pulls_is_slowed_by_the_water_alone_and_keeps_to_its_plane() {
+fn drag_alone_slows_a_free_floating_node_within_its_plane() {
     let corners = vec![[0.0, 0.0, 4.2], [8.0, 0.0, 4.2], [8.0, 0.0, 0.3], [0.0, 0.0, 0.3]];
     let mut config = PlantConfig::new(corners, [4.0, 0.0, 2.0]);
     (config.planar, config.node.mass_kg, config.node.net_weight_n) = (true, 6.0, Some(0.0));
     (config.node.drag_n_s2_m2, config.start_limits_n) = (25.0, [10.0, 80.0]);
     let mut plant = Plant::new(config.clone()).unwrap();
-    // Preload and nothing else: it stays where it is.
+    // Only preload acts: the node does not move.
     assert!(plant.tensions_n().iter().all(|tension| *tension >= 10.0 - 1e-6), "{:?}", plant.tensions_n());
     for _ in 0..100 {
         plant.step(0.01, &[MotorInput::Speed(0.0); 4]).unwrap();

@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_ways_find_the_same_tensions_along_most_of_the_flight() {
+    fn both_methods_agree_along_most_of_the_flight() {
         let scenario = flight::scenario(&Settings::default()).unwrap();
         let cycles = flight::fly(&scenario).unwrap();
         let poses = Poses::select(&scenario.robot, &cycles).unwrap();

@@ -252,7 +252,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn room_is_what_the_recorder_leaves_free_and_both_files() {
+    fn required_space_is_the_recorder_reserve_plus_both_files() {
         let wanted = 500_000_000 + 2 * MAX_BYTES;
         assert_eq!(room(wanted, 500_000_000), Ok(()));
         let sentence = room(wanted - 1, 500_000_000).unwrap_err();
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn speeds_are_bytes_over_all_the_time() {
+    fn speed_is_bytes_divided_by_total_time() {
         let mut times = WriteTimes::new();
         times.add(1_000_000, 3_000_000);
         times.add(2_000_000, 14_000_000);

@@ -78,7 +78,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn medians_and_tails_are_those_of_the_times() {
+    fn medians_and_tails_match_the_durations() {
         let spread = Spread::of(&timing((1..=10_000).map(|k| k * 1000)));
         assert_eq!(spread.count, 10_000);
         assert!(near(spread.median_s, 5e-3) && near(spread.p999_s, 9.99e-3), "{spread:?}");
@@ -91,7 +91,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_tail_is_never_longer_than_the_longest_and_nothing_is_nothing() {
+    fn quantiles_never_exceed_the_maximum() {
         for took in [0, 1, 7, 1023, 1_234_567, u64::MAX - 5] {
             let spread = Spread::of(&timing([took]));
             assert!(spread.median_s <= spread.p999_s && spread.p999_s <= spread.worst_s, "{spread:?}");

@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_can_be_flown_at_every_rate_that_a_box_may_have() {
+    fn the_flight_works_at_every_permitted_rate() {
         for rate_hz in [10.0, 100.0, 250.0] {
             let settings = Settings { rate_hz, ..Settings::default() };
             let cycles = fly(&scenario(&settings).unwrap()).unwrap();

@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_judged_by_their_share_and_their_tail() {
+    fn ticks_are_graded_by_share_and_tail() {
         use check::Level::{Error, Note, Warning};
         // A tenth of a period of 10 ms.
         assert_is(
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cure_of_late_ticks_is_what_was_not_done_yet() {
+    fn the_remedy_for_late_ticks_is_the_next_untried_step() {
         let refused = AchievedScheduling { refused: vec!["no".to_owned()], ..AchievedScheduling::default() };
         let cure = |scheduling| tick_finding(&tick_result(0.1, 100, 0, scheduling), 100.0).cure;
         assert!(cure(refused).contains("permit"));
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_would_do_is_one_that_a_box_may_have() {
+    fn a_sufficient_rate_is_a_permitted_one() {
         assert_eq!(sufficient_rate(0.002), Some(250));
         assert_eq!(sufficient_rate(0.001), None);
         assert_eq!(sufficient_rate(0.0049), Some(100));
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bus_and_the_chain_have_to_fit_beside_the_drives() {
+    fn bus_and_chain_leave_time_for_the_drives() {
         use check::Level::{Error, Note, Warning};
         let bus = |p999_s| round_trip::BusResult {
             sample_bytes: 700,
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_is_judged_by_speed_and_by_its_longest_wait() {
+    fn a_disk_is_graded_by_speed_and_longest_sync() {
         use check::Level::{Error, Note, Warning};
         let disk = |mb_s, sync_s, in_memory| {
             let way = disk::WriteStats { mb_s, batch: spread(0.01, 0.1, 1.0), sync: spread(0.01, 0.1, sync_s) };

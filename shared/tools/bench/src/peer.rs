@@ -28,20 +28,21 @@ pub fn serve(domain: &str) -> Answer {
     let socket = UnixDatagram::from(std::io::stdout().as_fd().try_clone_to_owned().map_err(no_socket)?);
     socket.peer_addr().map_err(no_socket)?;
     let domain = Domain::parse(domain)?;
-    let (say, said) = channel();
+    let (startup_sender, startup) = channel();
     std::thread::spawn(move || {
-        if let Err(failure) = by_bus(&domain, &say) {
-            let _ = say.send(Err(failure));
+        if let Err(failure) = by_bus(&domain, &startup_sender) {
+            let _ = startup_sender.send(Err(failure));
         }
     });
     // The other thread always sends a result unless it has panicked.
-    let begun = said.recv().unwrap_or_else(|_| Err(Failure::NotNow("the peer's bus thread ended early".to_owned())));
-    let word = match &begun {
+    let started =
+        startup.recv().unwrap_or_else(|_| Err(Failure::NotNow("the peer's bus thread ended early".to_owned())));
+    let word = match &started {
         Ok(()) => READY.to_vec(),
         Err(failure) => failure.to_string().into_bytes(),
     };
     socket.send(&word).map_err(no_socket)?;
-    begun?;
+    started?;
     std::thread::spawn(move || by_socket(&socket));
     // An error has the same effect as the end of the input.
     let _ = std::io::stdin().read(&mut [0]);
@@ -49,12 +50,12 @@ pub fn serve(domain: &str) -> Answer {
 }
 
 /// Publishes, notifies and receives as the processes of the control chain do.
-fn by_bus(domain: &Domain, say: &Sender<Answer>) -> Answer {
+fn by_bus(domain: &Domain, startup_sender: &Sender<Answer>) -> Answer {
     let bus = Bus::join(domain, COMMAND)?;
     let mut there = bus.subscriber::<MotorState>(TO_PEER)?;
     let mut back = bus.publisher::<MotorState>(FROM_PEER)?;
     let mut waiter = bus.waiter(&[TO_PEER])?;
-    let _ = say.send(Ok(()));
+    let _ = startup_sender.send(Ok(()));
     loop {
         waiter.wait_until(None)?;
         while let Some(mut sample) = there.receive()? {

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_left_of_a_domain() {
+    fn a_private_domain_is_removed_completely() {
         let place = PrivateDomain::create().unwrap();
         let (root, prefix) = (place.domain().root().to_owned(), place.domain().prefix().to_owned());
         let bus = Bus::join(place.domain(), "test").unwrap();
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_killed_ones_left_is_removed_and_the_living_are_not() {
+    fn leftovers_of_killed_benchmarks_are_removed() {
         let runs = tempfile::tempdir().unwrap();
         let living = Scratch::create(runs.path()).unwrap();
         fs::write(living.folder().join("file"), "x").unwrap();

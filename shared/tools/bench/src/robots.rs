@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_lives_in_a_domain_is_found() {
+    fn a_process_in_a_domain_is_found() {
         let domain = Domain::for_test();
         let bus = bus::Bus::join(&domain, "process").unwrap();
         // The robot of another test may run at the same time.

@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_process_gets_what_the_kernel_says() {
+    fn granted_priorities_are_read_from_the_kernel() {
         let section = RealtimeSection { priority: 10, ..RealtimeSection::default() };
         let found = given(&section);
         assert_eq!(found.iter().map(|given| given.asked).collect::<Vec<_>>(), [Some(10), Some(11), Some(12), None]);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_refused_is_said_and_not_claimed() {
+    fn refused_settings_are_reported() {
         let section = RealtimeSection { cpu: Some(100_000), ..RealtimeSection::default() };
         let (reached, _) = std::thread::spawn(move || apply(&section)).join().unwrap();
         assert_eq!((reached.fifo_priority, reached.cpu, reached.idle_latency_us), (None, None, None));
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_reached_is_all_named() {
+    fn achieved_settings_are_all_listed() {
         let reached = AchievedScheduling {
             fifo_priority: Some(50),
             cpu: Some(1),

@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_is_measured_in_less_than_twenty_seconds_unless_told_otherwise() {
+    fn all_parts_take_less_than_twenty_seconds_by_default() {
         let settings = Settings::of(&default_args()).unwrap();
         assert_eq!(settings.parts, Part::ALL.into());
         assert!(Part::ALL.into_iter().map(|part| settings.seconds_for(part)).sum::<f64>() < 20.0);
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_are_those_of_boxes() {
+    fn only_permitted_rates_are_accepted() {
         for rate in [10.0, 250.0] {
             assert!(Settings::of(&Args { rate: Some(rate), ..default_args() }).is_ok());
         }

@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_said_with_three_digits_and_a_unit_that_fits() {
+    fn durations_have_three_digits_and_a_suitable_unit() {
         for (seconds, said) in [
             (1e-9, "1 ns"),
             (0.25e-6, "250 ns"),

@@ -134,14 +134,14 @@ mod tests {
     }
 
     #[test]
-    fn more_than_half_a_period_is_late_as_motor_io_counts_it() {
+    fn more_than_half_a_period_counts_as_late() {
         let found = count(1000, &[(6000, 499, 0), (7000, 500, 0), (8000, 501, 0), (9000, 999, 0)]);
         assert_eq!((found.late, found.skipped, found.periods, found.lateness.count), (2, 0, 4, 4));
         assert_eq!(found.bad_share(), 0.5);
     }
 
     #[test]
-    fn every_period_is_a_tick_or_was_left_out() {
+    fn every_period_is_a_tick_or_skipped() {
         // A stall after the second period, and the last but one skipped.
         let found = count(10, &[(50, 1, 0), (60, 1, 0), (100, 7, 3), (120, 0, 1)]);
         assert_eq!((found.skipped, found.periods, found.late), (4, 8, 1));

@@ -1,4 +1,4 @@
-//! Times and shares in words.
+//! Formatting of durations and shares.
 
 /// Formats a duration with three digits and a suitable unit.
 #[must_use]
@@ -17,7 +17,7 @@ pub fn percent(share: f64) -> String {
     format!("{} %", digits(share * 100.0))
 }
 
-/// Three digits, or as many as stand before the point; no zeros behind it that say nothing.
+/// Formats three digits, or all digits before the decimal point, without trailing zeros.
 pub fn digits(value: f64) -> String {
     let decimals = match value {
         value if value >= 99.95 => 0,

@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_refused_in_one_sentence_that_names_the_file() {
+    fn unusable_measurements_are_rejected_with_the_file_name() {
         let line = format!("{RANGES}{}{}{}", point(1.0, 1.0), point(2.0, 1.0), point(5.0, 1.0));
         let two = format!("{RANGES}{}{}", point(1.0, 1.0), point(2.0, 3.0));
         let cases = [
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn the_calibration_file_holds_all_of_it_and_is_never_overwritten() {
+    fn the_calibration_file_is_complete_and_never_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let (measurements, out) = (folder.path().join("site.toml"), folder.path().join("calibration.toml"));
         std::fs::write(&measurements, example()).unwrap();

@@ -11,14 +11,6 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Bytes per cycle and drive unit on the bus, with replies: speeds, encoders, currents.
-const UNIT_BYTES: f64 = 13.0 + 12.0 + 8.0;
-/// Bytes per cycle and port for the slot of slow requests.
-const SLOT_BYTES: f64 = 8.0;
-/// Exchanges per cycle and drive unit.
-const UNIT_EXCHANGES: f64 = 3.0;
-/// Time that an exchange takes besides its bytes on a native serial port: drive unit and host together, s.
-const TURNAROUND_S: f64 = 0.000_3;
 /// Share of a period that the bus may take; the rest is for the control chain.
 const BUS_SHARE: f64 = 0.8;
 /// Minimum width of the anchors' layout as a share of its length: below it, lengths that are 5 mm off move the node by
@@ -424,12 +416,10 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
         1000.0 * watchdog * cable
     )));
     for (index, port) in file.motor_io.ports.iter().enumerate() {
-        let units = port.units.len() as f64;
-        let seconds = (units * UNIT_BYTES + SLOT_BYTES) * 10.0 / f64::from(port.baud)
-            + (units * UNIT_EXCHANGES + 1.0) * TURNAROUND_S;
+        let seconds = port.protocol.family().cycle_s(port.units.len(), port.baud);
         let sentence =
             format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
-        let cure = "lower rate_hz, raise baud (on the drives too), or give each unit a port of its own";
+        let cure = "lower rate_hz, raise baud (on the drives too), or connect each drive unit to a separate port";
         findings.push(if seconds > BUS_SHARE * period { error(sentence, cure) } else { note(sentence) });
         if port.path.contains("{domain}") {
             if file.motor_box.is_none() {

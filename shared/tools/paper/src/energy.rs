@@ -133,53 +133,8 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     }
     let share = mean(&lowering) / mean(&raising);
     let top = rows.iter().flatten().fold(0.0, |m: f64, i| m.max(i * i));
-    let mut cells = Vec::new();
-    let mut values = Vec::new();
-    let (cell_v, cell_t) = (0.01, 1.0);
-    let steps = |from: f64, to: f64, step: f64| {
-        let count = ((to - from) / step).round() as usize;
-        (0..count).map(move |i| from + (i as f64 + 0.5) * step)
-    };
-    for v in steps(speeds[0], fastest, cell_v) {
-        for t in steps(tensions[0], tensions[tensions.len() - 1], cell_t) {
-            cells.push([v, t]);
-            values.push(table.current_a(t, v)?.powi(2) / top);
-        }
-    }
-    let map = Chart {
-        caption: format!("I², from 0 (dark) to {} A² (bright)", fixed(top, 1)),
-        x: Axis::fixed("reel-in speed, m/s", speeds[0], fastest),
-        y: Axis::fixed("tension, N", tensions[0], tensions[tensions.len() - 1]),
-        series: vec![Series {
-            name: String::new(),
-            colour: 0,
-            style: SeriesStyle::Cells([cell_v, cell_t], values),
-            points: cells,
-        }],
-        ..Chart::default()
-    };
-    let curve = |speed: f64| -> Vec<[f64; 2]> {
-        speeds
-            .iter()
-            .position(|v| (v - speed).abs() < 1e-9)
-            .map_or(Vec::new(), |k| tensions.iter().zip(&rows[k]).map(|(t, i)| [*t, i * i]).collect())
-    };
-    let lines = Chart {
-        caption: "I² over tension".into(),
-        x: Axis::auto("tension, N"),
-        y: Axis::auto("A²"),
-        series: [
-            (fastest, 1, "raising at 0.3 m/s"),
-            (0.1, 3, "raising at 0.1 m/s"),
-            (speeds[0], 0, "lowering at 0.3 m/s"),
-        ]
-        .into_iter()
-        .map(|(speed, colour, name)| Series::line(name, colour, curve(speed)).with_style(SeriesStyle::Marked))
-        .filter(|series| !series.points.is_empty())
-        .collect(),
-        legend: Legend::UpperLeft,
-        ..Chart::default()
-    };
+    let map = loss_map(&table, &speeds, &tensions, top)?;
+    let lines = loss_lines(&speeds, &tensions, &rows);
     Ok(Section {
         key: "fig11",
         title: "Figure 11: square of the motor current over speed and tension",
@@ -211,6 +166,63 @@ pub fn fig11(effort: Effort) -> Result<Section> {
         )],
         ..Section::default()
     })
+}
+
+/// Returns the square of the current over speed and tension as a map, A².
+fn loss_map(table: &CurrentTable, speeds: &[f64], tensions: &[f64], top: f64) -> Result<Chart> {
+    let fastest = speeds[speeds.len() - 1];
+    let mut cells = Vec::new();
+    let mut values = Vec::new();
+    let (cell_v, cell_t) = (0.01, 1.0);
+    let steps = |from: f64, to: f64, step: f64| {
+        let count = ((to - from) / step).round() as usize;
+        (0..count).map(move |i| from + (i as f64 + 0.5) * step)
+    };
+    for v in steps(speeds[0], fastest, cell_v) {
+        for t in steps(tensions[0], tensions[tensions.len() - 1], cell_t) {
+            cells.push([v, t]);
+            values.push(table.current_a(t, v)?.powi(2) / top);
+        }
+    }
+    Ok(Chart {
+        caption: format!("I², from 0 (dark) to {} A² (bright)", fixed(top, 1)),
+        x: Axis::fixed("reel-in speed, m/s", speeds[0], fastest),
+        y: Axis::fixed("tension, N", tensions[0], tensions[tensions.len() - 1]),
+        series: vec![Series {
+            name: String::new(),
+            colour: 0,
+            style: SeriesStyle::Cells([cell_v, cell_t], values),
+            points: cells,
+        }],
+        ..Chart::default()
+    })
+}
+
+/// Returns the square of the current over tension at some speeds, A².
+fn loss_lines(speeds: &[f64], tensions: &[f64], rows: &[Vec<f64>]) -> Chart {
+    let fastest = speeds[speeds.len() - 1];
+    let curve = |speed: f64| -> Vec<[f64; 2]> {
+        speeds
+            .iter()
+            .position(|v| (v - speed).abs() < 1e-9)
+            .map_or(Vec::new(), |k| tensions.iter().zip(&rows[k]).map(|(t, i)| [*t, i * i]).collect())
+    };
+    Chart {
+        caption: "I² over tension".into(),
+        x: Axis::auto("tension, N"),
+        y: Axis::auto("A²"),
+        series: [
+            (fastest, 1, "raising at 0.3 m/s"),
+            (0.1, 3, "raising at 0.1 m/s"),
+            (speeds[0], 0, "lowering at 0.3 m/s"),
+        ]
+        .into_iter()
+        .map(|(speed, colour, name)| Series::line(name, colour, curve(speed)).with_style(SeriesStyle::Marked))
+        .filter(|series| !series.points.is_empty())
+        .collect(),
+        legend: Legend::UpperLeft,
+        ..Chart::default()
+    }
 }
 
 /// Parabolas compared with lines in the three-cable configuration, computed and flown.
@@ -283,33 +295,36 @@ fn track_path(track: &Track, name: &str, colour: usize, onto: fn(&Vector3<f64>) 
     track.path(name, colour, |at| at.truth, onto)
 }
 
+/// Projects the flown paths onto a plane.
+fn path_view(moves: &MoveComparison, caption: &str, y: &str, onto: fn(&Vector3<f64>) -> [f64; 2]) -> Chart {
+    let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| onto(&Vector3::from(*a))).collect();
+    let mut outline = anchors.clone();
+    outline.push(anchors[0]);
+    // The legend is in the view that has space for it.
+    let named = y == "z, m";
+    let mut series = vec![
+        Series::line(if named { "anchors" } else { "" }, BLACK, anchors).with_style(SeriesStyle::Discs(5)),
+        Series::line("", GREY, outline).with_style(SeriesStyle::Dashed),
+    ];
+    for (k, tracks) in moves.flown.iter().enumerate() {
+        let name = |text: &str| if k == 0 && named { text.to_owned() } else { String::new() };
+        series.push(track_path(&tracks[1], &name("parabolas, flown"), 0, onto));
+        series.push(track_path(&tracks[0], &name("straight lines, flown"), 1, onto));
+    }
+    Chart {
+        caption: caption.into(),
+        x: Axis::auto("x, m"),
+        y: Axis::auto(y),
+        series,
+        equal_scale: true,
+        legend: Legend::UpperLeft,
+    }
+}
+
 /// Figure 12: paths.
 pub fn fig12(effort: Effort) -> Result<Section> {
     let moves = MoveComparison::fly(effort)?;
-    let view = |caption: &str, y: &str, onto: fn(&Vector3<f64>) -> [f64; 2]| {
-        let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| onto(&Vector3::from(*a))).collect();
-        let mut outline = anchors.clone();
-        outline.push(anchors[0]);
-        // The legend is in the view that has space for it.
-        let named = y == "z, m";
-        let mut series = vec![
-            Series::line(if named { "anchors" } else { "" }, BLACK, anchors).with_style(SeriesStyle::Discs(5)),
-            Series::line("", GREY, outline).with_style(SeriesStyle::Dashed),
-        ];
-        for (k, tracks) in moves.flown.iter().enumerate() {
-            let name = |text: &str| if k == 0 && named { text.to_owned() } else { String::new() };
-            series.push(track_path(&tracks[1], &name("parabolas, flown"), 0, onto));
-            series.push(track_path(&tracks[0], &name("straight lines, flown"), 1, onto));
-        }
-        Chart {
-            caption: caption.into(),
-            x: Axis::auto("x, m"),
-            y: Axis::auto(y),
-            series,
-            equal_scale: true,
-            legend: Legend::UpperLeft,
-        }
-    };
+    let view = |caption, y, onto| path_view(&moves, caption, y, onto);
     let charts = vec![view("from above", "y, m", |p| [p.x, p.y]), view("from the side", "z, m", |p| [p.x, p.z])];
     let distance =
         |k: usize| 1e3 * rms(&moves.flown.iter().flat_map(|tracks| tracks[k].by_truth()).collect::<Vec<_>>());
@@ -441,6 +456,19 @@ pub fn fig13(effort: Effort) -> Result<Section> {
     })
 }
 
+/// Returns the height of a move and the loss of its optimal parabola as a share of the line's, with ideal motors.
+fn shares_by_height(effort: Effort) -> Result<Vec<[f64; 2]>> {
+    let rig = WinchSetup::new(&stand_in::three(), stand_in::ideal());
+    let mut regions = Vec::new();
+    for height in effort.select(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
+        let (a, b) = moves(&stand_in::TRIANGLE_PATH)[0];
+        let lift = |p: Vector3<f64>| Vector3::new(p.x, p.y, height);
+        let (line, best) = rig.line_and_best(Distribution::Unique, (lift(a), lift(b)))?;
+        regions.push([height, best.cost.energy_j / line.energy_j]);
+    }
+    Ok(regions)
+}
+
 /// Table V: savings by parabolas with three cables.
 pub fn table5(effort: Effort) -> Result<Section> {
     let mut table = Table::new(
@@ -483,23 +511,8 @@ pub fn table5(effort: Effort) -> Result<Section> {
             fixed(e / t, 3),
         ]);
     }
-    // The same triangle at other heights.
-    let rig = WinchSetup::new(&stand_in::three(), stand_in::ideal());
-    let mut regions = Vec::new();
-    for height in effort.select(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
-        let (a, b) = moves(&stand_in::TRIANGLE_PATH)[0];
-        let lift = |p: Vector3<f64>| Vector3::new(p.x, p.y, height);
-        let (line, best) = rig.line_and_best(Distribution::Unique, (lift(a), lift(b)))?;
-        regions.push([height, best.cost.energy_j / line.energy_j]);
-    }
+    let regions = shares_by_height(effort)?;
     let (top, bottom) = (regions[0][1], regions[regions.len() - 1][1]);
-    let chart = Chart {
-        caption: "energy of the optimal parabola over that of the line, ideal motors".into(),
-        x: Axis::auto("height of the move, m (anchors at 3.2 m)"),
-        y: Axis::fixed("E", 0.0, 1.0),
-        series: vec![Series::line("", 0, regions).with_style(SeriesStyle::Marked)],
-        ..Chart::default()
-    };
     Ok(Section {
         key: "table5",
         title: "Table V: energy of parabolic trajectories",
@@ -508,7 +521,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
             .into(),
         stand_in: three_words(),
         tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![chart] }],
+        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![share_chart(regions)] }],
         checks: vec![
             Check::claim(
                 ordered,
@@ -522,6 +535,16 @@ pub fn table5(effort: Effort) -> Result<Section> {
         ],
         ..Section::default()
     })
+}
+
+fn share_chart(regions: Vec<[f64; 2]>) -> Chart {
+    Chart {
+        caption: "energy of the optimal parabola over that of the line, ideal motors".into(),
+        x: Axis::auto("height of the move, m (anchors at 3.2 m)"),
+        y: Axis::fixed("E", 0.0, 1.0),
+        series: vec![Series::line("", 0, regions).with_style(SeriesStyle::Marked)],
+        ..Chart::default()
+    }
 }
 
 /// Table VIII: least norm and parabolas with four cables.

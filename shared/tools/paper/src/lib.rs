@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn the_verdict_on_the_page_is_that_of_the_numbers() {
+    fn the_verdict_on_the_page_follows_the_checks() {
         let mut section = (ENTRIES.iter().find(|entry| entry.key == "fig16").unwrap().make)(Effort::Quick).unwrap();
         assert!(page::html(&[section.clone()]).contains("class=\"verdict holds\""));
         section.checks[0].held = false;
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_is_none_is_answered_with_those_that_are() {
+    fn an_unknown_name_lists_the_known_ones() {
         let error = entries(&["fig3".to_owned(), "fig99".to_owned()]).err().unwrap();
         assert!(error.to_string().contains("fig99") && error.to_string().contains("table8"));
         assert_eq!(error.exit_code(), 2);

@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moments_are_those_of_the_distributions() {
+    fn moments_match_the_distributions() {
         let mut random = Random::new(1);
         let n = 40_000;
         let (mut sum, mut squares, mut uniform) = (0.0, 0.0, 0.0);
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_is_a_sequence() {
+    fn a_seed_determines_the_sequence() {
         let draw = |seed| (0..4).map(|_| Random::new(seed).normal().to_bits()).collect::<Vec<_>>();
         assert_eq!(draw(7), draw(7));
         assert_ne!(draw(7), draw(8));

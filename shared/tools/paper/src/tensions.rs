@@ -81,26 +81,8 @@ fn split_at_jump(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]
     points
 }
 
-/// Figure 14: sums and single tensions.
-pub fn fig14(effort: Effort) -> Result<Section> {
-    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
-    let (at, cable, step_n) = TensionProfiles::largest_step(&along.min_sum);
-    let jumps = step_n > 1.0;
-    let jump = jumps.then_some(at);
-    let smooth_n = TensionProfiles::largest_step(&along.least_norm).2;
-    let ratios: Vec<f64> = along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.sum() / lp.sum()).collect();
-    let (ratio, worst) = (mean(&ratios), ratios.iter().fold(0.0, |m: f64, r| m.max(*r)));
-    let margin = |tensions: &[CableVec]| {
-        let low = tensions.iter().flat_map(|t| t.iter()).fold(f64::INFINITY, |m: f64, t| m.min(*t));
-        let high = tensions.iter().flat_map(|t| t.iter()).fold(0.0, |m: f64, t| m.max(*t));
-        [low, high]
-    };
-    let (ln, lp) = (margin(&along.least_norm), margin(&along.min_sum));
-    let at_bound = along.min_sum.iter().filter(|t| t.iter().any(|v| *v < stand_in::LIMITS_N[0] + 1e-6)).count();
-    let at_bound = at_bound as f64 / along.min_sum.len() as f64;
-    let uneven = TensionProfiles::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
-    let (uneven_at, _, uneven_n) = TensionProfiles::largest_step(&uneven.min_sum);
-
+/// Returns charts of the sums and of the single tensions; `jump` is the point before the jump of the least sum, if any.
+fn tension_charts(along: &TensionProfiles, jump: Option<usize>) -> Vec<Chart> {
     let sums = Chart {
         caption: "sum of tensions".into(),
         x: Axis::fixed("fraction of the way", 0.0, 1.0),
@@ -128,10 +110,22 @@ pub fn fig14(effort: Effort) -> Result<Section> {
         legend: Legend::UpperRight,
         ..Chart::default()
     };
-    let mut table = Table::new("Along the parabola", &["", "least norm", "least sum"]);
-    table.row(["lowest tension, N".into(), fixed(ln[0], 2), fixed(lp[0], 2)]);
-    table.row(["highest tension, N".into(), fixed(ln[1], 2), fixed(lp[1], 2)]);
-    table.row(["largest step between adjacent points, N".into(), fixed(smooth_n, 3), fixed(step_n, 2)]);
+    vec![sums, single]
+}
+
+/// Figure 14: sums and single tensions.
+pub fn fig14(effort: Effort) -> Result<Section> {
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let (at, cable, step_n) = TensionProfiles::largest_step(&along.min_sum);
+    let jumps = step_n > 1.0;
+    let jump = jumps.then_some(at);
+    let smooth_n = TensionProfiles::largest_step(&along.least_norm).2;
+    let ratios: Vec<f64> = along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.sum() / lp.sum()).collect();
+    let (ratio, worst) = (mean(&ratios), ratios.iter().fold(0.0, |m: f64, r| m.max(*r)));
+    let (ln, lp) = (tension_range(&along.least_norm), tension_range(&along.min_sum));
+    let at_bound = share_at_lower_limit(&along.min_sum);
+    let uneven = TensionProfiles::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
+    let (uneven_at, _, uneven_n) = TensionProfiles::largest_step(&uneven.min_sum);
     Ok(Section {
         key: "fig14",
         title: "Figure 14: sum of tensions and single tensions along a parabola",
@@ -140,8 +134,13 @@ pub fn fig14(effort: Effort) -> Result<Section> {
                 and are either very low or very high; least-norm tensions lie between."
                 .into(),
         stand_in: stand_in_words(),
-        tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![sums, single] }],
+        tables: vec![fig14_table([ln, lp], [smooth_n, step_n])],
+        pictures: vec![Picture {
+            title: String::new(),
+            size: (1040, 440),
+            columns: 2,
+            charts: tension_charts(&along, jump),
+        }],
         checks: vec![
             Check::claim(
                 ratio < 1.05,
@@ -183,6 +182,28 @@ pub fn fig14(effort: Effort) -> Result<Section> {
         )],
         ratio: None,
     })
+}
+
+/// Returns the least and the greatest tension, N.
+fn tension_range(tensions: &[CableVec]) -> [f64; 2] {
+    let low = tensions.iter().flat_map(|t| t.iter()).fold(f64::INFINITY, |m: f64, t| m.min(*t));
+    let high = tensions.iter().flat_map(|t| t.iter()).fold(0.0, |m: f64, t| m.max(*t));
+    [low, high]
+}
+
+/// Returns the share of the points with a cable at its lower limit.
+fn share_at_lower_limit(tensions: &[CableVec]) -> f64 {
+    let count = tensions.iter().filter(|t| t.iter().any(|v| *v < stand_in::LIMITS_N[0] + 1e-6)).count();
+    count as f64 / tensions.len() as f64
+}
+
+/// Returns a table of the ranges and the largest steps with least norm and least sum.
+fn fig14_table([ln, lp]: [[f64; 2]; 2], [smooth_n, step_n]: [f64; 2]) -> Table {
+    let mut table = Table::new("Along the parabola", &["", "least norm", "least sum"]);
+    table.row(["lowest tension, N".into(), fixed(ln[0], 2), fixed(lp[0], 2)]);
+    table.row(["highest tension, N".into(), fixed(ln[1], 2), fixed(lp[1], 2)]);
+    table.row(["largest step between adjacent points, N".into(), fixed(smooth_n, 3), fixed(step_n, 2)]);
+    table
 }
 
 /// Figure 15: sums of squares.
@@ -262,7 +283,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
         title: "Figure 16: how least-sum tensions become discontinuous",
         claim: "Where c of (37) changes its sign, the least sum moves from one end of the feasible interval to the other, while \
                 the least norm moves by an infinitesimal amount."
-                .into(),
+            .into(),
         stand_in: stand_in_words(),
         pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![operating, slope] }],
         checks: vec![

@@ -1,4 +1,4 @@
-//! Why an operation has no answer.
+//! Error and result of an operation.
 
 use serde_json::Value;
 
@@ -17,5 +17,5 @@ impl SolveError {
     }
 }
 
-/// The result of an operation.
+/// Result of an operation.
 pub(crate) type OperationResult = Result<Value, SolveError>;

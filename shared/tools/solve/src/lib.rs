@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_request_is_answered_and_the_next_line_is_read() {
+    fn invalid_requests_are_answered_and_the_loop_continues() {
         let text = "\n[1]\n{\"id\": 1}\n{\"id\": 2, \"op\": \"guess\"}\nnonsense\n\u{fffd}\n{\"id\": [3], \"op\": \"operations\"}\n";
         let mut output = Vec::new();
         serve(text.as_bytes(), &mut output).unwrap();
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn words_that_other_languages_write_for_no_number_are_refused_where_they_stand() {
+    fn nan_and_infinity_words_are_rejected_with_their_key() {
         let line = r#"{"id": "NaN \" NaN", "op": "inverse_kinematics", "anchors_m": [[0,0,NaN],[1,0,0],[0,1,0]], "position_m": [0,0,-Infinity]}"#;
         assert_eq!(kind(line), (json!("NaN \" NaN"), "invalid_argument".to_owned()));
         assert_eq!(answer(line)["error"]["message"].as_str().map(|m| m.contains("anchors_m")), Some(true));
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_pipe_ends_the_loop_quietly() {
+    fn a_closed_output_ends_the_loop_without_error() {
         struct Closed;
         impl Write for Closed {
             fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {

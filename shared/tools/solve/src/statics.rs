@@ -8,7 +8,7 @@ use cable_robot::tension::{self, FourCables, margin};
 use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};
 use serde_json::{Value, json};
 
-/// m (a + g) of (15), N.
+/// Returns the wrench m (a + g) of (15), N.
 pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, SolveError> {
     let mass = args.not_negative("node_mass_kg")?;
     let acceleration = match args.get("acceleration_m_s2") {

@@ -84,7 +84,7 @@ impl CostFunction for Unexplained {
     }
 }
 
-/// The minimum by Nelder and Mead, the problem prepared anew, and how often the cost was computed.
+/// The minimum by Nelder and Mead, the problem prepared again, and how often the cost was computed.
 fn search(anchors: &[[f64; 3]], lengths: &[CableVec], end_m4: f64) -> Result<(Vec<f64>, u64)> {
     let start = vec![START_M; anchors.len()];
     let mut simplex = vec![start.clone()];

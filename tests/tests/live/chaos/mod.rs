@@ -24,7 +24,7 @@ use std::time::Duration;
 const PATIENCE_NS: u64 = 60_000_000_000;
 /// Whoever looks where the node is takes the robot's word for it up to this error, m.
 const TRUSTED_M: f64 = 0.03;
-/// A node that is slower than this hangs still, m/s; whoever looks where it is waits for that.
+/// A node that is slower than this hangs still, m/s; the position is only read then.
 const STILL_M_S: f64 = 0.05;
 /// So many cycles of undisturbed flight, and the robot is back.
 const WELL_CYCLES: u64 = 50;
@@ -190,7 +190,7 @@ impl Chaos {
         !self.truth.is_empty() && self.truth.iter().all(|sample| speed(sample) < STILL_M_S)
     }
 
-    /// From Holding: looks where the node is, and goes on with the mission, or begins it anew.
+    /// From Holding: looks where the node is, and resumes the mission, or starts it again.
     fn go_on(&mut self) {
         self.sleep(0.6);
         let MotorAuthority { mode, position_known, header, in_charge, .. } = self.robot.last;

@@ -62,7 +62,7 @@ pub struct Fault {
 pub enum Ending {
     /// By Ctrl-C in flight.
     Plain,
-    /// A line breaks, which nobody mends without hands.
+    /// A cable breaks, which only a person can repair.
     Break(usize),
     /// The supervisor is killed in flight.
     Supervisor,

@@ -237,7 +237,7 @@ impl Robot {
         self.ended()
     }
 
-    /// Waits for the end that somebody has asked for; its exit code.
+    /// Waits until the supervisor ends, as requested; its exit code.
     pub fn ended(&mut self) -> Option<i32> {
         let give_up = clock::now_ns() + 2 * LONG.as_nanos() as u64;
         loop {
@@ -344,7 +344,7 @@ impl Robot {
     }
 
     /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the
-    /// robot stopped for it, the move is begun anew.
+    /// robot stopped for it, the move begins again.
     pub fn fly(&mut self) {
         self.fly_at(0.12);
     }

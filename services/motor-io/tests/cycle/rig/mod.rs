@@ -4,8 +4,7 @@
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3};
 use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, Request, RequestBody, UNITS};
-use motor_io::inbox::Inbox;
-use motor_io::{Answer, Core, CoreConfig, DriveCommand, Observation};
+use motor_io::{Answer, Core, CoreConfig, DriveCommand, Inbox, Observation};
 use segments::segment_message;
 use std::collections::VecDeque;
 
@@ -172,18 +171,8 @@ impl Rig {
         self.seen().authority.faults
     }
 
-    /// One cycle, `late_ns` after it was due and `gap_ns` longer than a period after the last.
-    pub fn step_after(&mut self, gap_ns: i64, late_ns: u64) -> &Step {
-        self.cycle += 1;
-        self.now_ns = self.now_ns.saturating_add_signed((PERIOD_S * 1e9) as i64 + gap_ns);
-        if self.planner {
-            self.motion.beat += 1;
-            self.inbox.motion(&self.motion, self.core.motion());
-        }
-        if let Some(beat) = &mut self.supervisor {
-            *beat += 1;
-            self.inbox.supervisor(*beat);
-        }
+    /// Answers of the controllers and the estimator to the last cycle.
+    fn answer(&mut self) {
         for (slot, answer) in [self.controller, self.second].into_iter().enumerate() {
             let (Some(velocity), Some(last)) = (answer, &self.last) else { continue };
             let mut command = MotorCommand {
@@ -209,6 +198,21 @@ impl Rig {
             estimate.header.cycle = self.cycle - 1;
             self.inbox.estimate(0, &estimate);
         }
+    }
+
+    /// One cycle, `late_ns` after it was due and `gap_ns` longer than a period after the last.
+    pub fn step_after(&mut self, gap_ns: i64, late_ns: u64) -> &Step {
+        self.cycle += 1;
+        self.now_ns = self.now_ns.saturating_add_signed((PERIOD_S * 1e9) as i64 + gap_ns);
+        if self.planner {
+            self.motion.beat += 1;
+            self.inbox.motion(&self.motion, self.core.motion());
+        }
+        if let Some(beat) = &mut self.supervisor {
+            *beat += 1;
+            self.inbox.supervisor(*beat);
+        }
+        self.answer();
         self.inbox.judge_at(self.core.plan_time_s());
         let input = self.inbox.begin(self.cycle, self.now_ns - late_ns, self.now_ns);
         (input.chain_delay_ns, input.run_delay_ns) = (self.chain_delay_ns, self.run_delay_ns);
@@ -279,7 +283,7 @@ impl Rig {
     pub fn ask_body(&mut self, body: &RequestBody) -> (bool, String) {
         assert!(self.inbox.request(self.cycle + 100, body));
         let answer = self.step().answers[0];
-        (answer.is_accepted(), answer.sentence.to_string())
+        (answer.is_accepted(), answer.sentence().to_string())
     }
 
     pub fn demand(&mut self, request: Request) {

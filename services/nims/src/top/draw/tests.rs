@@ -123,7 +123,7 @@ fn a_swap_is_followed_and_its_failure_named() {
     second.law = ControlStatus::LAW_P_FEEDFORWARD;
     swapping.control[1] = Some(second);
     let mut slots =
-        MotorSlots { fade: [1.0; 2], well_cycles: [0, 40, 0, 0], qualify_cycles: 100, ..Default::default() };
+        MotorSlots { fade: [1.0; 2], good_cycles: [0, 40, 0, 0], qualify_cycles: 100, ..Default::default() };
     slots.phase =
         [MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_SHADOW, MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_EMPTY];
     swapping.slots = Some(slots);
@@ -190,7 +190,7 @@ fn every_fault_has_its_sentence() {
     }
     let picture = picture(&faulted, 140, 40);
     line(&picture, "FAULTED");
-    assert!(line(&picture, "A line is slack or broken").contains("(cable 2)"));
+    assert!(line(&picture, "A cable is slack or broken").contains("(cable 2)"));
     line(&picture, "The supply voltage is low");
 }
 
@@ -215,7 +215,7 @@ fn any_terminal_size_and_any_values_can_be_drawn() {
         authority.in_charge = [255; 2];
         authority.period_s = 0.0;
     }
-    odd.slots = Some(MotorSlots { phase: [255; 4], cause: [255; 4], apart: [f64::NAN; 4], ..Default::default() });
+    odd.slots = Some(MotorSlots { phase: [255; 4], cause: [255; 4], deviation: [f64::NAN; 4], ..Default::default() });
     odd.scale.length_m = 0.0;
     for width in 1..60 {
         for height in [1, 2, 3, 7, 24] {

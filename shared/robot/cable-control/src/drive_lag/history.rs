@@ -1,16 +1,16 @@
-//! What was commanded, as far back as the longest delay reaches.
+//! History of commands over the longest delay.
 
 use super::MAX_DELAY_CYCLES;
 use cable_robot::{CableVec, MAX_CABLES};
 
-/// Commands of the last cycles, m/s, by cycle number. A cycle that was not noted had the command of the one before it.
+/// Commands of the last cycles, m/s, by cycle number. A cycle without an entry has the command of the previous cycle.
 ///
 /// ```
 /// use cable_robot::CableVec;
 /// use cable_control::drive_lag::CommandHistory;
 /// let mut sent = CommandHistory::new();
 /// sent.note(7, &CableVec::repeat(3, 0.1));
-/// sent.note(9, &CableVec::repeat(3, 0.2)); // cycle 8 was skipped: the drives kept what they had
+/// sent.note(9, &CableVec::repeat(3, 0.2)); // cycle 8 was skipped: the drives kept their command
 /// assert_eq!((sent.ago(0)[0], sent.ago(1)[0], sent.ago(2)[0]), (0.2, 0.1, 0.1));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,12 +21,12 @@ pub struct CommandHistory {
 }
 
 impl CommandHistory {
-    /// Nothing was commanded yet.
+    /// An empty history: all commands are 0.
     pub fn new() -> Self {
         Self { ring: [CableVec::zeros(MAX_CABLES); MAX_DELAY_CYCLES + 2], newest: 0, kept: 0 }
     }
 
-    /// The command that was sent in a cycle, m/s. An older cycle than the newest begins anew.
+    /// Records the command sent in a cycle, m/s. A cycle older than the newest restarts the history.
     pub fn note(&mut self, cycle: u64, command_m_s: &CableVec) {
         let len = self.ring.len();
         let command =
@@ -44,12 +44,12 @@ impl CommandHistory {
         self.newest = cycle;
     }
 
-    /// The newest cycle noted.
+    /// Newest recorded cycle.
     pub fn newest(&self) -> u64 {
         self.newest
     }
 
-    /// The command of `cycles` before the newest, m/s; the oldest known, or zeros.
+    /// Command sent `cycles` before the newest, m/s; before the oldest known cycle, the oldest known command, or zeros.
     pub fn ago(&self, cycles: usize) -> CableVec {
         if self.kept == 0 {
             return CableVec::zeros(MAX_CABLES);

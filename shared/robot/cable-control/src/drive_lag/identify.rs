@@ -1,91 +1,92 @@
-//! The step test: delay and lag from a record of commands and measured velocities, by least squares.
+//! The step test: identifies delay and lag from a record of commands and measured velocities by least squares.
 
 use thiserror::Error;
 
 use super::{CycleModel, DriveLag, LagError, MAX_DELAY_S, Winch};
 use cable_robot::CableVec;
 
-/// Shortest record that [`identify`] takes, cycles.
+/// Shortest record accepted by [`identify`], cycles.
 pub const MIN_RECORD: usize = 20;
 
-/// Longest record, cycles: bounds the time that one pass takes.
+/// Longest record, cycles; bounds the duration of one pass.
 pub const MAX_RECORD: usize = 512;
 
-/// What a record has to leave unexplained without a model, RMS, m: three steps of an encoder of 10,000 counts per metre.
+/// Smallest RMS residual without a model, m, that a record must have: three steps of an encoder with
+/// 10,000 counts per metre.
 pub const LEAST_EXCITATION_M: f64 = 3e-4;
 
-/// Passes of the fit; it needs four to ten.
+/// Largest number of passes of the fit, which needs four to ten.
 const MAX_PASSES: u32 = 40;
 
-/// What [`identify`] works on: consecutive cycles. They may begin in the midst of motion if as many are ignored as it takes
-/// until what was commanded before the record has died away.
+/// Input of [`identify`]: consecutive cycles. A record may start during motion if `ignored` covers the time until the
+/// effect of earlier commands has decayed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Record<'a> {
     /// Control period, s.
     pub period_s: f64,
-    /// When in a cycle each cable is read, s after the commands were sent, 0 to a period.
+    /// Time at which each cable is read, s after the commands of the cycle were sent, 0 to a period.
     pub reading_s: CableVec,
-    /// Commands of each cycle, m/s; before the first they are taken to have been the first.
+    /// Commands of each cycle, m/s; before the first cycle the first command is assumed.
     pub commands_m_s: &'a [CableVec],
-    /// Mean velocity of each cable from the reading of the cycle before to this cycle's, m/s.
+    /// Mean velocity of each cable between the reading of the previous cycle and that of this cycle, m/s.
     pub velocities_m_s: &'a [CableVec],
-    /// Cycles at the beginning of which only the commands count; 0 for a record that begins at rest.
+    /// Number of initial cycles of which only the commands are used; 0 for a record that starts at rest.
     pub ignored: usize,
 }
 
-/// A delay and a lag, and how good they are.
+/// Identified delay and lag with their quality.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Identified {
-    /// The model.
+    /// Model.
     pub lag: DriveLag,
-    /// See the module's text: 0 perfect, 1 no better than no model.
+    /// [Misfit](crate::drive_lag): 0 is perfect, 1 no better than no model.
     pub misfit: f64,
-    /// What the model leaves unexplained of the lengths, RMS, m.
+    /// RMS residual of the lengths with the model, m.
     pub residual_m: f64,
-    /// The same without a model, RMS, m: how much there was to explain.
+    /// RMS residual of the lengths without a model, m: the excitation of the record.
     pub naive_m: f64,
 }
 
-/// A record that says nothing.
+/// Why a record does not identify a model.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum IdentifyError {
-    /// Lengths of the lists.
+    /// Lengths of the lists out of range.
     #[error(
-        "a record of {cycles} cycles with {velocities} velocities; give as many of both, {MIN_RECORD} beyond the ignored ones to {MAX_RECORD}"
+        "the record has {cycles} commands and {velocities} velocities; give the same number of both, {MIN_RECORD} after the ignored ones to {MAX_RECORD}"
     )]
     WrongCount {
-        /// Cycles with a command.
+        /// Number of cycles with a command.
         cycles: usize,
-        /// Cycles with velocities.
+        /// Number of cycles with velocities.
         velocities: usize,
     },
-    /// Numbers that are none, or cables missing.
+    /// A value that is not finite, or a wrong number of cables.
     #[error("cycle {cycle} of the record has a value that is missing or not finite; record again")]
     NotFinite {
-        /// Which, from 0.
+        /// Index of the cycle, from 0.
         cycle: usize,
     },
-    /// Period or reading out of range.
+    /// Period or reading time out of range.
     #[error(transparent)]
     Range(#[from] LagError),
-    /// Too little motion.
+    /// Not enough motion.
     #[error(
-        "the record has too little motion: delay and lag move the lengths by {naive_m:.5} m, and {LEAST_EXCITATION_M} m are needed; jog or fly from rest"
+        "the record has too little motion: delay and lag change the lengths by {naive_m:.5} m, and {LEAST_EXCITATION_M} m are needed; jog, or start a motion from rest"
     )]
     NotExcited {
-        /// RMS of what there is to explain, m.
+        /// RMS effect of delay and lag on the lengths, m.
         naive_m: f64,
     },
-    /// The fit does not settle.
+    /// The fit does not converge.
     #[error("delay and lag do not settle within {MAX_PASSES} passes; record a motion with clearer starts and stops")]
     NotConverged,
 }
 
-/// The step test: delay and lag (the same for all cables) from commands and measured velocities, by least squares on the
-/// lengths, each with its own unknown origin. A jog or the start of a motion is enough.
+/// Identifies delay and lag (the same for all cables) from commands and measured velocities by least squares on the
+/// lengths; each cable has its own unknown length offset. A jog or the start of a motion is sufficient.
 ///
-/// Velocities are summed up to lengths first: encoder steps are white in the length and ten times louder in its
-/// differences. Nothing is allocated.
+/// Velocities are integrated to lengths first, because the quantisation noise of encoders is white in the length and
+/// ten times larger in its differences. Nothing is allocated.
 ///
 /// ```
 /// use cable_robot::CableVec;
@@ -93,17 +94,24 @@ pub enum IdentifyError {
 /// let truth = DriveLag::new(0.03, 0.05)?;
 /// let (period_s, reading_s) = (0.01, 0.004);
 /// // A jog: 0.05 m/s for a second.
-/// let commands: Vec<CableVec> = (0..150).map(|k| CableVec::repeat(1, if (5..105).contains(&k) { 0.05 } else { 0.0 })).collect();
+/// let jog = |k| CableVec::repeat(1, if (5..105).contains(&k) { 0.05 } else { 0.0 });
+/// let commands: Vec<CableVec> = (0..150).map(jog).collect();
 /// let model = CycleModel::new(&truth, period_s, period_s - reading_s)?;
 /// let mut winch = Winch::default();
 /// let velocities: Vec<CableVec> = (0..150usize).map(|k| {
 ///     let command = |ago: usize| commands[k.saturating_sub(ago)][0];
-///     let next = model.step(winch, command(model.whole() + 1), command(model.whole()));
+///     let next = model.step(winch, command(model.delay_cycles() + 1), command(model.delay_cycles()));
 ///     let mean = (next.length_m - winch.length_m) / period_s;
 ///     winch = next;
 ///     CableVec::repeat(1, mean)
 /// }).collect();
-/// let record = Record { period_s, reading_s: CableVec::repeat(1, reading_s), commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 };
+/// let record = Record {
+///     period_s,
+///     reading_s: CableVec::repeat(1, reading_s),
+///     commands_m_s: &commands,
+///     velocities_m_s: &velocities,
+///     ignored: 0,
+/// };
 /// let found = identify(&record)?;
 /// assert!((found.lag.delay_s() - 0.03).abs() < 1e-4 && (found.lag.lag_s() - 0.05).abs() < 1e-4);
 /// assert!(found.misfit < 0.01);
@@ -119,7 +127,7 @@ pub fn identify(record: &Record<'_>) -> Result<Identified, IdentifyError> {
     Err(IdentifyError::NotConverged)
 }
 
-/// [`identify`] in passes, each short enough for one control cycle (about three simulations of the record).
+/// [`identify`] in passes that each fit into one control cycle (about three simulations of the record).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LagFit {
     /// Delay and lag, s.
@@ -130,7 +138,7 @@ pub struct LagFit {
     passes: u32,
 }
 
-/// Step of the numerical derivatives, s: small against any delay, large against rounding of lengths.
+/// Step of the numerical derivatives, s: small relative to any delay, large relative to the rounding of lengths.
 const PROBE_S: f64 = 1e-5;
 
 impl LagFit {
@@ -159,7 +167,7 @@ impl LagFit {
                 both += u * e;
             })?;
             naive += residuals.square();
-            // The naive length is ahead by (delay + lag) v.
+            // Without a model the length is ahead by (delay + lag) v.
             along -= both - speeds.sum * residuals.sum / speeds.count;
             square += speeds.square();
         }
@@ -173,7 +181,7 @@ impl LagFit {
         Ok(fit)
     }
 
-    /// One damped Gauss-Newton step; the result once it has settled.
+    /// Performs one damped Gauss-Newton step; returns the result after convergence.
     pub fn pass(&mut self, record: &Record<'_>) -> Result<Option<Identified>, IdentifyError> {
         self.passes += 1;
         if self.passes > MAX_PASSES {
@@ -182,23 +190,23 @@ impl LagFit {
         let [mut dd, mut dl, mut ll, mut gd, mut gl] = [0.0; 5];
         let [delay, lag] = self.at;
         let base = DriveLag { delay_s: delay, lag_s: lag };
-        // One-sided at the upper end, so that a probe is a model too.
+        // One-sided at the upper end, so that the probe is a valid model too.
         let side = |v: f64| if v + PROBE_S > MAX_DELAY_S { -PROBE_S } else { PROBE_S };
         let (hd, hl) = (side(delay), side(lag));
         for cable in 0..record.reading_s.len() {
-            let mut is = Runs::new(
+            let mut is = Simulations::new(
                 record,
                 cable,
                 &[base, DriveLag { delay_s: delay + hd, ..base }, DriveLag { lag_s: lag + hl, ..base }],
             )?;
             let mut mean = [Spread::default(); 3];
-            is.each(record, cable, |_, e| {
+            is.for_each_cycle(record, cable, |_, e| {
                 for (mean, e) in mean.iter_mut().zip(e) {
                     mean.add(*e);
                 }
             });
-            let mut is = is.again();
-            is.each(record, cable, |_, e| {
+            let mut is = is.restarted();
+            is.for_each_cycle(record, cable, |_, e| {
                 let e0 = e[0] - mean[0].mean();
                 let d = (e[1] - mean[1].mean() - e0) / hd;
                 let l = (e[2] - mean[2].mean() - e0) / hl;
@@ -214,7 +222,7 @@ impl LagFit {
         let step = if det > 1e-14 * a * b {
             [-(b * gd - dl * gl) / det, -(a * gl - dl * gd) / det]
         } else {
-            // A record that does not tell the two apart: share alike.
+            // If the record does not separate delay from lag, change both equally.
             let both = -(gd + gl) / (dd + 2.0 * dl + ll).max(f64::MIN_POSITIVE);
             [both, both]
         };
@@ -241,7 +249,7 @@ impl LagFit {
     }
 }
 
-/// Sum, sum of squares and count.
+/// Sum, sum of squares and number of values.
 #[derive(Debug, Clone, Copy, Default)]
 struct Spread {
     sum: f64,
@@ -260,18 +268,18 @@ impl Spread {
         if self.count > 0.0 { self.sum / self.count } else { 0.0 }
     }
 
-    /// Sum of squares about the mean.
+    /// Sum of squared deviations from the mean.
     fn square(&self) -> f64 {
         (self.squares - self.sum * self.mean()).max(0.0)
     }
 }
 
-/// Models of one cable run side by side through a record: measured less modelled length in each cycle.
-struct Runs<const N: usize> {
+/// Simulation of several models of one cable along a record: measured minus modelled length in each cycle.
+struct Simulations<const N: usize> {
     models: [CycleModel; N],
 }
 
-impl<const N: usize> Runs<N> {
+impl<const N: usize> Simulations<N> {
     fn new(record: &Record<'_>, cable: usize, lags: &[DriveLag; N]) -> Result<Self, LagError> {
         let early_s = record.period_s - record.reading_s[cable];
         let mut models = [CycleModel::new(&lags[0], record.period_s, early_s)?; N];
@@ -281,11 +289,11 @@ impl<const N: usize> Runs<N> {
         Ok(Self { models })
     }
 
-    fn again(&self) -> Self {
+    fn restarted(&self) -> Self {
         Self { models: self.models }
     }
 
-    fn each(&mut self, record: &Record<'_>, cable: usize, mut with: impl FnMut(usize, &[f64; N])) {
+    fn for_each_cycle(&mut self, record: &Record<'_>, cable: usize, mut with: impl FnMut(usize, &[f64; N])) {
         let commands = record.commands_m_s;
         let start = Winch { length_m: 0.0, velocity_m_s: commands[0][cable] };
         let mut winches = [start; N];
@@ -313,11 +321,11 @@ fn residual(
     lag: &DriveLag,
     mut with: impl FnMut(usize, f64),
 ) -> Result<(), LagError> {
-    Runs::new(record, cable, &[*lag])?.each(record, cable, |k, e| with(k, e[0]));
+    Simulations::new(record, cable, &[*lag])?.for_each_cycle(record, cable, |k, e| with(k, e[0]));
     Ok(())
 }
 
-/// Sum over cables of the squares of what is left about each cable's own origin, m².
+/// Sum over cables of the squared length residuals about each cable's own offset, m².
 fn cost(record: &Record<'_>, at: &[f64; 2]) -> Result<f64, LagError> {
     let lag = DriveLag { delay_s: at[0], lag_s: at[1] };
     let mut sum = 0.0;

@@ -1,21 +1,22 @@
-//! How well a model of the drives fits while the robot moves.
+//! Misfit of a drive model, measured while the robot moves.
 
 use super::{CommandHistory, CycleModel, DriveLag, MAX_DELAY_CYCLES, Winch};
 use cable_robot::MAX_CABLES;
 
-/// The same for a cycle to count for the running misfit, m: there is no offset to remove there.
+/// Smallest length residual without a model, m, for a cycle to count for the running misfit. It is larger than that of
+/// a record because no offset is removed.
 const LEAST_MOTION_M: f64 = 1e-3;
 
-/// Time over which lengths are compared, s: longer than any lag, shorter than a move.
+/// Time constant of the high-pass over lengths, s: longer than any lag, shorter than a move.
 const WASHOUT_S: f64 = 1.0;
 
-/// Time of motion that counts for the misfit, s.
+/// Time constant over which motion counts for the misfit, s.
 const MEMORY_S: f64 = 1.5;
 
-/// The misfit of a model while the robot moves.
+/// Running misfit of a model while the robot moves.
 ///
-/// Lengths of model, no model and measurement are compared after a high-pass of a second, so that neither the origin of
-/// the lengths nor a slow drift (line settling on the drum) counts.
+/// Lengths of the model, without a model, and measured are compared after a high-pass of one second, so that neither
+/// the length offset nor a slow drift (cable settling on the drum) contributes.
 ///
 /// ```
 /// use cable_robot::CableVec;
@@ -26,13 +27,13 @@ const MEMORY_S: f64 = 1.5;
 /// let (mut sent, mut winch) = (CommandHistory::new(), Winch::default());
 /// for cycle in 1..200 {
 ///     sent.note(cycle, &CableVec::repeat(1, if cycle % 80 < 40 { 0.2 } else { 0.0 }));
-///     let next = drive.step(winch, sent.ago(drive.whole() + 1)[0], sent.ago(drive.whole())[0]);
+///     let next = drive.step(winch, sent.ago(drive.delay_cycles() + 1)[0], sent.ago(drive.delay_cycles())[0]);
 ///     let moved = [next.length_m - winch.length_m];
 ///     winch = next;
 ///     right.note(&truth, 0.01, &[0.0], &moved, &sent);
 ///     off.note(&wrong, 0.01, &[0.0], &moved, &sent);
 /// }
-/// // 0 is perfect; a model that is 30 % short of delay and lag has a misfit of about 0.3.
+/// // 0 is perfect; a model with 30 % less delay and lag has a misfit of about 0.3.
 /// assert!(right.misfit().is_some_and(|misfit| misfit < 0.01));
 /// assert!(off.misfit().is_some_and(|misfit| (0.2..0.4).contains(&misfit)));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -47,7 +48,7 @@ pub struct MisfitMeter {
 }
 
 impl MisfitMeter {
-    /// Has seen nothing.
+    /// A meter without data.
     pub fn new() -> Self {
         Self {
             winch: [Winch::default(); MAX_CABLES],
@@ -58,7 +59,7 @@ impl MisfitMeter {
         }
     }
 
-    /// Begins anew for a model, in the midst of motion: the model runs through the commands that are known.
+    /// Restarts the meter for a model, possibly during motion: simulates the model along the known commands.
     pub fn begin(&mut self, lag: &DriveLag, period_s: f64, reading_s: &[f64], sent: &CommandHistory) {
         *self = Self::new();
         for (i, (winch, reading_s)) in self.winch.iter_mut().zip(reading_s).enumerate() {
@@ -67,14 +68,15 @@ impl MisfitMeter {
             let command = |ago: usize| sent.ago(ago)[i];
             winch.velocity_m_s = command(MAX_DELAY_CYCLES + 1);
             for ago in (0..MAX_DELAY_CYCLES).rev() {
-                *winch = model.step(*winch, command(ago + model.whole() + 1), command(ago + model.whole()));
+                *winch =
+                    model.step(*winch, command(ago + model.delay_cycles() + 1), command(ago + model.delay_cycles()));
             }
             winch.length_m = 0.0;
         }
     }
 
-    /// One cycle: what each cable moved by from the last reading to this one, m, taken `reading_s` after the newest
-    /// command of the history. Ranges that make no model count for nothing.
+    /// Records one cycle: the length change of each cable between the last reading and this one, m, taken `reading_s`
+    /// after the newest command of the history. Values outside the range of a model are ignored.
     pub fn note(&mut self, lag: &DriveLag, period_s: f64, reading_s: &[f64], moved_m: &[f64], sent: &CommandHistory) {
         let none = DriveLag { delay_s: 0.0, lag_s: 0.0 };
         let keep = 1.0 - (period_s / WASHOUT_S).clamp(0.0, 1.0);
@@ -86,8 +88,9 @@ impl MisfitMeter {
             let (Ok(with), Ok(without)) = (cycle(lag), cycle(&none)) else { return };
             let command = |ago: usize| sent.ago(ago)[i];
             let before = self.winch[i];
-            let after = with.step(before, command(with.whole() + 1), command(with.whole()));
-            let at_once = without.step(Winch::default(), command(without.whole() + 1), command(without.whole()));
+            let after = with.step(before, command(with.delay_cycles() + 1), command(with.delay_cycles()));
+            let at_once =
+                without.step(Winch::default(), command(without.delay_cycles() + 1), command(without.delay_cycles()));
             if !moved_m[i].is_finite() {
                 return;
             }
@@ -97,7 +100,7 @@ impl MisfitMeter {
             model += self.model[i] * self.model[i];
             naive += self.naive[i] * self.naive[i];
         }
-        // Standstill says nothing and makes nothing forgotten.
+        // Standstill contains no information and must not discard any.
         if naive >= LEAST_MOTION_M * LEAST_MOTION_M {
             let forget = 1.0 - (period_s / MEMORY_S).clamp(0.0, 1.0);
             self.model_power = forget * self.model_power + model;
@@ -105,7 +108,7 @@ impl MisfitMeter {
         }
     }
 
-    /// The misfit of the last motion; `None` as long as too little has moved (the equivalent of five cycles with 2 mm).
+    /// Misfit of the last motion; `None` until enough has moved (the equivalent of five cycles with 2 mm).
     pub fn misfit(&self) -> Option<f64> {
         let enough = 5.0 * 4.0 * LEAST_MOTION_M * LEAST_MOTION_M;
         (self.naive_power >= enough).then(|| (self.model_power / self.naive_power).sqrt())

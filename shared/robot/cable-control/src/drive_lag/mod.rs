@@ -1,14 +1,13 @@
-//! How late a winch follows: a pure delay, then a first-order lag, τ v' = u(t - delay) - v and L' = v, with u held over
-//! each control cycle. Exact steps of it, its two numbers from a record of commands and measured velocities, and a
-//! running measure of how well a model fits.
+//! Delay and lag of a winch: a pure delay, then a first-order lag, τ v' = u(t - delay) - v and L' = v, with u held over
+//! each control cycle. Provides exact time steps, identification of both numbers from a record of commands and measured
+//! velocities, and a running measure of the quality of a model.
 //!
-//! The paper's model (18) is this one at ten cycles a second, where delay and lag fall into one or two cycles. At a
-//! hundred, the delay alone is several, and a law that looks ahead has to know it.
+//! The paper's model (18) is this one at ten cycles per second, where delay and lag together take one or two cycles. At
+//! a hundred, the delay alone takes several, and a predictive law has to include it.
 //!
-//! **Misfit** is the measure used throughout: the RMS of what the model leaves unexplained of the lengths, over the RMS
-//! of what is left when commands are taken as carried out at once. For slow motion a delay and a lag together shift the
-//! lengths by (delay + lag) v, so a model whose sum is 30 % off has a misfit of about 0.3; 0 is perfect, 1 no better
-//! than no model.
+//! **Misfit** is the measure of quality: the RMS length residual of the model, divided by the RMS residual of the
+//! assumption that commands act immediately. For slow motion, delay and lag together shift the lengths by (delay + lag)
+//! v, so a model whose sum is wrong by 30 % has a misfit of about 0.3; 0 is perfect, 1 no better than no model.
 //!
 //! ```
 //! use cable_control::drive_lag::DriveLag;
@@ -27,10 +26,10 @@ pub use misfit::MisfitMeter;
 
 use thiserror::Error;
 
-/// Longest delay and longest lag, s. A winch slower than that is no drive for a robot.
+/// Longest delay and longest lag, s. Slower winches are not suitable for a robot.
 pub const MAX_DELAY_S: f64 = 0.5;
 
-/// Longest delay in cycles, the part of a cycle included.
+/// Longest delay in cycles, including a partial cycle.
 pub const MAX_DELAY_CYCLES: usize = 126;
 
 /// Delay and lag of a winch.
@@ -40,20 +39,20 @@ pub struct DriveLag {
     lag_s: f64,
 }
 
-/// A delay, a lag or a period out of range.
+/// Error: a delay, a lag or a period out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error("{what} is {value}; accepted: {accepted}")]
 pub struct LagError {
-    /// Which.
+    /// Name of the quantity.
     pub what: &'static str,
-    /// Its value.
+    /// Value of the quantity.
     pub value: f64,
-    /// What is accepted.
+    /// Accepted values.
     pub accepted: &'static str,
 }
 
 impl DriveLag {
-    /// Both in seconds, 0 to [`MAX_DELAY_S`].
+    /// Builds a model from delay and lag, each 0 to [`MAX_DELAY_S`] seconds.
     pub fn new(delay_s: f64, lag_s: f64) -> Result<Self, LagError> {
         for (what, value) in [("the delay", delay_s), ("the lag", lag_s)] {
             if !(0.0..=MAX_DELAY_S).contains(&value) {
@@ -63,38 +62,38 @@ impl DriveLag {
         Ok(Self { delay_s, lag_s })
     }
 
-    /// Time from a command to the first effect, s.
+    /// Time from a command to its first effect, s.
     pub fn delay_s(&self) -> f64 {
         self.delay_s
     }
 
-    /// Time constant with which the speed then follows, s.
+    /// Time constant of the speed after the delay, s.
     pub fn lag_s(&self) -> f64 {
         self.lag_s
     }
 
-    /// Delay and lag together: how far behind a ramp the winch runs, s.
+    /// Delay and lag together, s: the time by which the winch lags behind a ramp.
     pub fn total_s(&self) -> f64 {
         self.delay_s + self.lag_s
     }
 
-    /// Both times the same factor, inside the accepted range.
+    /// Multiplies both times by the same factor, within the accepted range.
     pub fn scaled(&self, factor: f64) -> Self {
         let scaled = |v: f64| if factor >= 0.0 { (v * factor).min(MAX_DELAY_S) } else { v };
         Self { delay_s: scaled(self.delay_s), lag_s: scaled(self.lag_s) }
     }
 }
 
-/// Line paid out, m, and its velocity, m/s.
+/// State of a winch: cable paid out, m, and its velocity, m/s.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Winch {
-    /// Length, m, from wherever it is counted.
+    /// Length, m, from any origin.
     pub length_m: f64,
     /// Velocity, m/s.
     pub velocity_m_s: f64,
 }
 
-/// A time during which the input stays, with what the lag makes of it.
+/// A time interval with constant input, with the coefficients of the lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Piece {
     /// Duration h, s.
@@ -110,7 +109,7 @@ impl Piece {
         if h <= 0.0 {
             return Self { h: 0.0, e: 1.0, c: 0.0 };
         }
-        // Below a microsecond it is no lag, and the division would overflow in the exponent.
+        // Below a microsecond the lag is negligible, and the division could overflow the exponent.
         let e = if lag_s > 1e-6 { libm::exp(-h / lag_s) } else { 0.0 };
         Self { h, e, c: lag_s * (1.0 - e) }
     }
@@ -125,8 +124,8 @@ impl Piece {
     }
 }
 
-/// One control cycle of a winch, exactly: for a part of it the command of `whole` + 1 cycles ago still acts, for the rest
-/// the one of `whole` cycles ago.
+/// Exact model of one control cycle of a winch: during the first part the command of `whole` + 1 cycles ago still acts,
+/// during the rest the one of `whole` cycles ago.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CycleModel {
     whole: usize,
@@ -135,8 +134,8 @@ pub struct CycleModel {
 }
 
 impl CycleModel {
-    /// For cycles of `period_s` that begin `early_s` (0 to a period) before their command is sent: 0 for cycles from
-    /// command to command, period less reading offset for cycles from reading to reading.
+    /// Builds the model for cycles of `period_s` that begin `early_s` (0 to a period) before their command is sent: 0
+    /// for cycles from command to command, period minus reading time for cycles from reading to reading.
     pub fn new(lag: &DriveLag, period_s: f64, early_s: f64) -> Result<Self, LagError> {
         if !(period_s > 0.0 && period_s <= 1.0) {
             return Err(LagError { what: "the period", value: period_s, accepted: "above 0, at most 1 s" });
@@ -154,12 +153,12 @@ impl CycleModel {
         Ok(Self { whole: whole as usize, before, after })
     }
 
-    /// Whole cycles of delay.
-    pub fn whole(&self) -> usize {
+    /// Number of whole cycles of delay.
+    pub fn delay_cycles(&self) -> usize {
         self.whole
     }
 
-    /// One cycle on, with the commands of `whole` + 1 and of `whole` cycles ago, m/s.
+    /// Advances by one cycle with the commands of `whole` + 1 and of `whole` cycles ago, m/s.
     pub fn step(&self, winch: Winch, older_m_s: f64, newer_m_s: f64) -> Winch {
         self.after.step(self.before.step(winch, older_m_s), newer_m_s)
     }

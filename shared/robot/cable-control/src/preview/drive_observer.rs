@@ -1,22 +1,23 @@
-//! Where the winches are and will be: the model, run with the commands that were sent and corrected by what was measured.
+//! Observer of the winches: a model driven by the commands that were sent and corrected by measured lengths.
 
 use crate::drive_lag::{CommandHistory, CycleModel, DriveLag, LagError, Piece, Winch};
 use cable_robot::{CableVec, MAX_CABLES};
 
-/// What is known of a measured length, as a standard deviation, m: half a step of a wheel with 10,000 counts per metre.
+/// Standard deviation of a measured length, m: half a step of a wheel with 10,000 counts per metre.
 const LENGTH_SIGMA_M: f64 = 5e-5;
 
-/// What the model leaves open of a velocity per second of running, m/s: a speed loop that takes 1 % of 0.2 m/s too much
-/// or too little through a start of half a second.
+/// Model error of a velocity per second of running, m/s: a speed loop with an error of 1 % of 0.2 m/s during a
+/// start of half a second.
 const VELOCITY_SIGMA: f64 = 5e-3;
 
-/// A length this far from the observer's is another length (the position was set anew), m.
-const LOST_M: f64 = 0.05;
+/// A measured length farther than this from the observed one means that the position was re-zeroed, m.
+const JUMP_M: f64 = 0.05;
 
-/// Cycles without an estimate that the observer bridges.
-const BRIDGED: u64 = 10;
+/// Number of cycles without an estimate that the observer bridges.
+const BRIDGED_CYCLES: u64 = 10;
 
-/// Model of all winches, run with the commands that were sent and corrected by measured lengths: a steady Kalman filter.
+/// Model of all winches, driven by the commands that were sent and corrected by measured lengths: a
+/// steady-state Kalman filter.
 ///
 /// ```
 /// use cable_robot::CableVec;
@@ -27,13 +28,13 @@ const BRIDGED: u64 = 10;
 /// let (mut sent, mut winch) = (CommandHistory::new(), Winch { length_m: 6.0, velocity_m_s: 0.0 });
 /// for cycle in 1..100 {
 ///     sent.note(cycle, &CableVec::repeat(1, if cycle < 50 { 0.0 } else { 0.2 }));
-///     winch = drive.step(winch, sent.ago(drive.whole() + 1)[0], sent.ago(drive.whole())[0]);
-///     // Read as the command is sent, in steps of 0.1 mm.
+///     winch = drive.step(winch, sent.ago(drive.delay_cycles() + 1)[0], sent.ago(drive.delay_cycles())[0]);
+///     // Read when the command is sent, in steps of 0.1 mm.
 ///     let read = CableVec::repeat(1, (winch.length_m * 1e4).round() * 1e-4);
 ///     observer.correct(cycle, 0.0, &read, &CableVec::repeat(1, 0.0), &sent);
 /// }
 /// assert!((observer.velocities_m_s(1)[0] - 0.2).abs() < 0.01);
-/// // The next command takes effect after three cycles of delay and the one in which it is sent.
+/// // The next command takes effect after three cycles of delay and the cycle in which it is sent.
 /// let there = observer.at_next_command(&sent)[0];
 /// assert!((there.length_m - (winch.length_m + 4.0 * 0.2 * 0.01)).abs() < 2e-4);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -45,16 +46,16 @@ pub struct DriveObserver {
     period_s: f64,
     gain: [f64; 2],
     winches: [Winch; MAX_CABLES],
-    /// The cycle at whose beginning `winches` is true.
+    /// Cycle at whose beginning `winches` is valid.
     cycle: Option<u64>,
 }
 
 impl DriveObserver {
-    /// Knows the model, not yet the lengths.
+    /// Builds an observer of unknown lengths.
     pub fn new(lag: &DriveLag, period_s: f64) -> Result<Self, LagError> {
         let model = CycleModel::new(lag, period_s, 0.0)?;
         let (l2, v2) = (LENGTH_SIGMA_M * LENGTH_SIGMA_M, VELOCITY_SIGMA * VELOCITY_SIGMA * period_s);
-        // Filter of [L, v] with L' = L + c v, v' = e v over a cycle; the covariance starts large and settles.
+        // Filter of [L, v] with L' = L + c v, v' = e v over a cycle; the covariance starts large and converges.
         let whole = Piece::new(period_s, lag.lag_s());
         let (c, e) = (whole.c, whole.e);
         let [mut ll, mut lv, mut vv] = [1.0, 0.0, 1.0];
@@ -69,8 +70,9 @@ impl DriveObserver {
         Ok(Self { lag: *lag, model, period_s, gain, winches: [Winch::default(); MAX_CABLES], cycle: None })
     }
 
-    /// Takes the lengths measured in a cycle, m, `reading_s` after its command was sent; `sent` has that command as its
-    /// newest. A cycle far from the last one, or lengths far from the observer's, begin anew with `velocities_m_s`.
+    /// Corrects the model by the lengths measured in a cycle, m, `reading_s` after its command was sent; `sent` has
+    /// that command as its newest. A cycle far from the last one, or lengths far from the observed ones, restart the
+    /// observer with `velocities_m_s`.
     pub fn correct(
         &mut self,
         cycle: u64,
@@ -81,20 +83,20 @@ impl DriveObserver {
     ) {
         let n = lengths_m.len().min(velocities_m_s.len()).min(MAX_CABLES);
         let reading_s = reading_s.clamp(0.0, self.period_s);
-        let gap = self.cycle.and_then(|at| cycle.checked_sub(at)).filter(|gap| *gap <= BRIDGED);
+        let gap = self.cycle.and_then(|at| cycle.checked_sub(at)).filter(|gap| *gap <= BRIDGED_CYCLES);
         for missed in (1..=gap.unwrap_or(0) as usize).rev() {
             self.advance(missed, sent);
         }
-        // From the beginning of the cycle to the reading, part by part.
+        // Advance from the beginning of the cycle to the reading, piece by piece.
         let lag_s = self.lag.lag_s();
         let before = Piece::new(reading_s.min(self.model.before.h), lag_s);
         let after = Piece::new(reading_s - before.h, lag_s);
-        let (older, newer) = (sent.ago(self.model.whole() + 1), sent.ago(self.model.whole()));
+        let (older, newer) = (sent.ago(self.model.delay_cycles() + 1), sent.ago(self.model.delay_cycles()));
         for i in 0..n {
             let winch = &mut self.winches[i];
             let there = after.step(before.step(*winch, older[i]), newer[i]);
             let beyond = lengths_m[i] - there.length_m;
-            if gap.is_some() && beyond.abs() <= LOST_M {
+            if gap.is_some() && beyond.abs() <= JUMP_M {
                 winch.length_m += self.gain[0] * beyond;
                 winch.velocity_m_s += self.gain[1] * beyond;
             } else {
@@ -107,21 +109,21 @@ impl DriveObserver {
         self.cycle = cycle.checked_add(1);
     }
 
-    /// One cycle on, the one that began with the command of `ago` cycles before the newest.
+    /// Advances by one cycle, the one that begins with the command sent `ago` cycles before the newest.
     fn advance(&mut self, ago: usize, sent: &CommandHistory) {
-        let d = self.model.whole() + ago;
+        let d = self.model.delay_cycles() + ago;
         let (older, newer) = (sent.ago(d + 1), sent.ago(d));
         for (i, winch) in self.winches.iter_mut().enumerate() {
             *winch = self.model.step(*winch, older[i], newer[i]);
         }
     }
 
-    /// Where the winches will be at the beginning of the cycle in which the next command takes effect: after
-    /// [`DriveObserver::correct`] with the newest reading, the whole cycles of delay on.
+    /// Predicted state at the beginning of the cycle in which the next command takes effect: after
+    /// [`DriveObserver::correct`] with the newest reading, advanced by the whole cycles of delay.
     pub fn at_next_command(&self, sent: &CommandHistory) -> [Winch; MAX_CABLES] {
         let mut ahead = *self;
-        // The command of `ago` cycles before the newest takes effect in the first of these cycles.
-        for ago in (0..self.model.whole()).rev() {
+        // The command sent `ago` cycles before the newest takes effect in the first of these cycles.
+        for ago in (0..self.model.delay_cycles()).rev() {
             let (older, newer) = (sent.ago(ago + 1), sent.ago(ago));
             for (i, winch) in ahead.winches.iter_mut().enumerate() {
                 *winch = self.model.step(*winch, older[i], newer[i]);

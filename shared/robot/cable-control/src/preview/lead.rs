@@ -1,39 +1,39 @@
-//! The commands under which winches as modelled would run along the desired lengths, and how they would run.
+//! Commands with which the modelled winches follow the desired lengths, and the resulting states.
 
 use super::{PreviewError, PreviewGain};
 use crate::drive_lag::{DriveLag, Winch};
 use cable_robot::{CableVec, MAX_CABLES};
 
-/// Move penalty of the lead, s⁴. It answers to no measurement, so it may be as quick as a control cycle lets it be: at
-/// 56 rad/s a ramp of speed that begins at 0.3 m/s² is cut by 0.3 / 56², 0.1 mm.
+/// Move penalty of the lead, s⁴. The lead does not react to measurements, so its bandwidth is limited only by the
+/// control cycle: at 56 rad/s, a ramp of speed that starts at 0.3 m/s² has an error of 0.3 / 56², 0.1 mm.
 const MOVE_PENALTY_S4: f64 = 1e-7;
 
-/// Farther than this from the desired lengths the lead begins anew on them, m: they have jumped, and bringing the winches
-/// there is the business of the feedback.
-const LOST_M: f64 = 5e-3;
+/// Distance from the desired lengths beyond which the lead restarts on them, m: the lengths have jumped, and the
+/// feedback has to bring the winches there.
+const JUMP_M: f64 = 5e-3;
 
-/// What the winches are to do in the cycle in which the next command takes effect.
+/// Reference of the winches in the cycle in which the next command takes effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Led {
-    /// Where they should be at its beginning.
+    /// Desired states at its beginning.
     pub winches: [Winch; MAX_CABLES],
-    /// The command before it, m/s.
+    /// The previous command, m/s.
     pub previous_m_s: CableVec,
-    /// The command that keeps them on the desired lengths, m/s.
+    /// Command that keeps the winches on the desired lengths, m/s.
     pub command_m_s: CableVec,
 }
 
-/// Runs the model along the desired lengths by itself, under a quick preview law.
+/// Simulates the model along the desired lengths under a fast preview law.
 ///
-/// What is known beforehand is thereby followed as closely as the drives allow, whatever the quickness of the feedback,
-/// which has to stay below what the model is good for.
+/// The known part of the motion is followed as closely as the drives allow, independent of the bandwidth of the
+/// feedback, which the accuracy of the model limits.
 ///
 /// ```
 /// use cable_robot::CableVec;
 /// use cable_control::drive_lag::DriveLag;
 /// use cable_control::preview::Lead;
 /// let mut lead = Lead::new(&DriveLag::new(0.03, 0.04)?, 0.01, 40)?;
-/// // A ramp of 0.2 m/s: its own speed is the command, and the winch runs on it.
+/// // A ramp of 0.2 m/s: its speed is the command, and the winch runs on it.
 /// let wanted = |cycle: u64| 6.0 + 0.002 * cycle as f64;
 /// for cycle in 1..100 {
 ///     let ahead: Vec<CableVec> = (1..=40).map(|j| CableVec::repeat(1, wanted(cycle + j))).collect();
@@ -45,19 +45,20 @@ pub struct Led {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lead {
     gain: PreviewGain,
-    /// The cycle of the last step and what came out.
+    /// Cycle and result of the last step.
     last: Option<(u64, Led)>,
 }
 
 impl Lead {
-    /// For a model of the winches, a control period (s) and a preview of 2 to [`super::MAX_PREVIEW`] cycles.
+    /// Builds a lead for a model of the winches, a control period (s) and a preview of 2 to
+    /// [`super::MAX_PREVIEW`] cycles.
     pub fn new(lag: &DriveLag, period_s: f64, horizon: usize) -> Result<Self, PreviewError> {
         Ok(Self { gain: PreviewGain::new(lag, period_s, horizon, MOVE_PENALTY_S4)?, last: None })
     }
 
-    /// The next cycle. `ahead_m` are the desired lengths at the end of the cycle in which the command takes effect and of
-    /// the following ones, at least two and as many as the preview is long. The same cycle again gives the same; after a
-    /// gap, or where the desired lengths have jumped, the lead begins on them.
+    /// Advances to a cycle. `ahead_m` are the desired lengths at the end of the cycle in which the command takes effect
+    /// and of the following ones, at least two and as many as the preview is long. The same cycle again returns the
+    /// same result; after a gap, or if the desired lengths have jumped, the lead restarts on them.
     pub fn step(&mut self, cycle: u64, ahead_m: &[CableVec]) -> Led {
         let (Some(first), Some(second)) = (ahead_m.first(), ahead_m.get(1)) else {
             return Led {
@@ -81,8 +82,8 @@ impl Lead {
         };
         let lost = (0..n).any(|i| {
             let there_m = winches[i].length_m + period_s * winches[i].velocity_m_s;
-            // Also true for what is not a number.
-            !((first[i] - there_m).abs() <= LOST_M)
+            // Also true for NaN.
+            !((first[i] - there_m).abs() <= JUMP_M)
         });
         if lost {
             for (i, winch) in winches.iter_mut().enumerate().take(n) {

@@ -1,24 +1,25 @@
-//! A control law that knows how late the winches are: linear-quadratic preview control of each cable's length.
+//! Linear-quadratic preview control of each cable's length with the delay and lag of the winches.
 //!
-//! The law of section VI-B takes the next command as carried out at once; with delay and lag it has to be slow to be
-//! stable. Here the winch is the model of [`crate::drive_lag`], exactly discretised, and the desired lengths of the next
-//! cycles are known. The law minimises
+//! The law of section VI-B assumes that the next command acts immediately; with delay and lag it has to be slow to be
+//! stable. Here the winch is the model of [`crate::drive_lag`], exactly discretised, and the desired lengths of the
+//! next cycles are known. The law minimises
 //!
 //! Σ (L_j - r_j)² + p (u_j - u_{j-1})² / Ts²
 //!
-//! over the horizon and the steady ramp that continues it. Commands that are on their way cannot be changed any more and
-//! only shift the start: the state is predicted over the whole cycles of delay, and what is left is a problem in
-//! [L, v, u_prev], the rest of the delay being a part of a cycle during which u_prev still acts. Its Riccati equation is
-//! solved once; then a command costs one multiplication per cycle of preview: u = -K x + Σ g_j r_j.
+//! over the horizon and the steady ramp that continues it. Commands already sent cannot be changed and only shift the
+//! start: the state is predicted over the whole cycles of delay. The remaining problem has the state [L, v, u_prev];
+//! the rest of the delay is a part of a cycle during which u_prev still acts. Its Riccati equation is solved once; then
+//! a command costs one multiplication per cycle of preview: u = -K x + Σ g_j r_j.
 //!
-//! The velocity v is not measured (one encoder step in one cycle is a large velocity): a [`DriveObserver`] runs the model with
-//! the commands that were really sent, corrected by the measured lengths.
+//! The velocity v is not measured (one encoder step in one cycle is a large velocity): a [`DriveObserver`] drives the
+//! model with the commands that were actually sent, corrected by the measured lengths.
 //!
-//! **Two speeds.** A feedback quick enough to follow a ramp of speed closely would ring with a model that is a tenth
-//! off. So what is known beforehand and what is measured are kept apart: a [`Lead`] runs the model along the desired
-//! lengths under a quick law, and the feedback, [`PreviewGain::correct`], only brings the winches to where the lead is.
+//! **Two bandwidths.** A feedback fast enough to follow a ramp of speed closely would oscillate with a model error
+//! of a tenth. Therefore the known and the measured parts are separate: a [`Lead`] simulates the model along the
+//! desired lengths under a fast law, and the feedback, [`PreviewGain::correct`], only brings the winches to the
+//! state of the lead.
 //!
-//! Lengths in m, velocities in m/s, paying out positive; times in s. The law of Section VI-B is in [`crate::law`].
+//! Lengths in m, velocities in m/s, positive pays out; times in s. The law of section VI-B is in [`crate::law`].
 
 mod drive_observer;
 mod lead;
@@ -32,30 +33,29 @@ use thiserror::Error;
 use crate::drive_lag::{CycleModel, DriveLag, LagError, Piece, Winch};
 use cable_robot::linalg;
 
-/// Longest preview, cycles.
-pub const MAX_PREVIEW: usize = 200;
+pub use cable_robot::control_bounds::MAX_PREVIEW;
 
-/// Bound of the Riccati iteration; it needs about 20 times the time that a step response takes, in cycles.
+/// Bound of the Riccati iteration, which needs about 20 times the settling time of a step response, in cycles.
 const MAX_ITERATIONS: usize = 20_000;
 
-/// A law that cannot be built.
+/// Error of a law that cannot be built.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum PreviewError {
     /// Period or delay out of range.
     #[error(transparent)]
     Range(#[from] LagError),
-    /// The horizon.
+    /// Horizon out of range.
     #[error("the preview is {0} cycles; accepted: 2 to {MAX_PREVIEW}")]
     Horizon(usize),
-    /// The move penalty.
+    /// Move penalty out of range.
     #[error("the move penalty is {0} s⁴; accepted: 1e-9 to 1")]
     MovePenalty(f64),
-    /// The iteration did not end.
+    /// The iteration did not converge.
     #[error("the gains for this delay, lag and move penalty do not settle; give a move penalty nearer to 1e-5 s⁴")]
     NotConverged,
 }
 
-/// One cycle of [L, v, u_prev]: x' = A x + B u.
+/// Model of one cycle with the state [L, v, u_prev]: x' = A x + B u.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Cycle {
     a: Matrix3<f64>,
@@ -63,7 +63,7 @@ struct Cycle {
 }
 
 impl Cycle {
-    /// What is left of the delay after its whole cycles, then the lag.
+    /// Models the part of the delay beyond its whole cycles, then the lag.
     fn new(model: &CycleModel) -> Self {
         let (Piece { h: h1, e: e1, c: c1 }, Piece { h: h2, e: e2, c: c2 }) = (model.before, model.after);
         #[rustfmt::skip]
@@ -82,7 +82,7 @@ impl Cycle {
 /// use cable_control::drive_lag::{DriveLag, Winch};
 /// use cable_control::preview::PreviewGain;
 /// let gain = PreviewGain::new(&DriveLag::new(0.03, 0.04)?, 0.01, 40, 1e-5)?;
-/// // On a ramp, and on it already: the command is the ramp's own speed.
+/// // The winch is already on the ramp: the command is the speed of the ramp.
 /// let winch = Winch { length_m: 0.0, velocity_m_s: 0.2 };
 /// let ramp: Vec<f64> = (1..=40).map(|j| 0.2 * 0.01 * f64::from(j)).collect();
 /// assert!((gain.command(winch, 0.2, ramp.iter().copied()) - 0.2).abs() < 1e-9);
@@ -101,9 +101,9 @@ pub struct PreviewGain {
 }
 
 impl PreviewGain {
-    /// For a model of the winches, a control period (s), a preview of 2 to [`MAX_PREVIEW`] cycles and a move penalty p
-    /// (s⁴: what a squared acceleration of the command costs against a squared length error). The law is about as quick
-    /// as p^(-1/4) in rad/s: 18 rad/s for 1e-5.
+    /// Computes the gains for a model of the winches, a control period (s), a preview of 2 to [`MAX_PREVIEW`] cycles
+    /// and a move penalty p (s⁴: weight of a squared acceleration of the command relative to a squared length error).
+    /// The bandwidth of the law is about p^(-1/4) in rad/s: 18 rad/s for 1e-5.
     pub fn new(lag: &DriveLag, period_s: f64, horizon: usize, move_penalty_s4: f64) -> Result<Self, PreviewError> {
         let model = CycleModel::new(lag, period_s, 0.0)?;
         if !(2..=MAX_PREVIEW).contains(&horizon) {
@@ -123,7 +123,8 @@ impl PreviewGain {
             *gain = row.x;
             row = closed * row;
         }
-        // At the end of the preview the lengths go on as they did last: x_ref = [r_H, w, w], w = (r_H - r_{H-1}) / Ts.
+        // After the end of the preview the lengths continue with their last velocity: x_ref = [r_H, w, w], w =
+        // (r_H - r_{H-1}) / Ts.
         let end = p * row;
         let ramp = (end.y + end.z) / period_s;
         ahead[horizon - 1] += end.x + ramp;
@@ -131,7 +132,7 @@ impl PreviewGain {
         Ok(Self { lag: *lag, model, period_s, state: k, ahead, horizon })
     }
 
-    /// The model it is for.
+    /// Model of the winches.
     pub fn lag(&self) -> DriveLag {
         self.lag
     }
@@ -141,9 +142,9 @@ impl PreviewGain {
         self.period_s
     }
 
-    /// Whole cycles of delay: the state has to be predicted over so many beyond the next command.
+    /// Number of whole cycles of delay: the state has to be predicted this far beyond the next command.
     pub fn delay_cycles(&self) -> usize {
-        self.model.whole()
+        self.model.delay_cycles()
     }
 
     /// Preview H, cycles.
@@ -151,26 +152,27 @@ impl PreviewGain {
         self.horizon
     }
 
-    /// K_L / (1 + K_u + K_v): how fast a small, lasting length error is brought to zero, 1/s.
+    /// K_L / (1 + K_u + K_v): decay rate of a small, lasting length error, 1/s.
     pub fn rate(&self) -> f64 {
         self.state.x / (1.0 + self.state.y + self.state.z)
     }
 
-    /// What the feedback adds to a command, m/s, for winches that are `off` from where they should be at the beginning of
-    /// the cycle in which the command takes effect, and whose command before this one is off by `previous_m_s`.
+    /// Correction that the feedback adds to a command, m/s. `off` is the deviation of a winch from its desired
+    /// state at the beginning of the cycle in which the command takes effect, `previous_m_s` the deviation of
+    /// its previous command.
     pub fn correct(&self, off: Winch, previous_m_s: f64) -> f64 {
         -self.state.dot(&Vector3::new(off.length_m, off.velocity_m_s, previous_m_s))
     }
 
-    /// The command, m/s. `winch` and `previous_m_s` (the command before this one) are those at the beginning of the cycle
-    /// in which this command takes effect, `ahead_m` the desired lengths at the ends of that cycle and the following
-    /// ones; the last one repeats on as a ramp where the iterator ends early.
+    /// Command, m/s. `winch` and `previous_m_s` (the previous command) apply at the beginning of the cycle in which
+    /// this command takes effect, `ahead_m` are the desired lengths at the ends of that cycle and the following ones;
+    /// if the iterator ends early, the last ones continue as a ramp.
     pub fn command(&self, winch: Winch, previous_m_s: f64, ahead_m: impl IntoIterator<Item = f64>) -> f64 {
         let mut u = -self.state.y * winch.velocity_m_s - self.state.z * previous_m_s;
         let mut ahead_m = ahead_m.into_iter();
         let (mut last, mut step) = (winch.length_m, 0.0);
-        // The gains of the lengths add up to K_L: only differences from the present length count, and large lengths do
-        // not drown small errors.
+        // The gains of the lengths add up to K_L. Using differences from the present length keeps small errors exact
+        // when lengths are large.
         for gain in &self.ahead[..self.horizon] {
             let next = ahead_m.next().unwrap_or(last + step);
             step = next - last;
@@ -181,7 +183,7 @@ impl PreviewGain {
     }
 }
 
-/// Steady solution: P, K and S = R + Bᵀ P B. Cost C x² + r (u - u_prev)².
+/// Steady-state solution: P, K and S = R + Bᵀ P B. Cost C x² + r (u - u_prev)².
 fn riccati(cycle: &Cycle, r: f64) -> Option<(Matrix3<f64>, Vector3<f64>, f64)> {
     let Cycle { a, b } = cycle;
     let mut q = Matrix3::zeros();

@@ -10,7 +10,7 @@ const PERIOD_S: f64 = 0.01;
 /// 10,865 counts per metre.
 const STEP_M: f64 = 1.0 / 10_865.0;
 
-/// Forward Euler in 10 µs steps, a delay line of its own: mean velocities between readings that see encoder steps.
+/// Forward Euler in 10 µs steps with a separate delay line: mean velocities between readings with encoder steps.
 fn winch(lag: [f64; 2], reading_s: f64, commands: &[f64]) -> Vec<f64> {
     const H: f64 = 1e-5;
     let per_cycle = (PERIOD_S / H).round() as usize;
@@ -45,7 +45,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn a_start_of_a_mission_tells_delay_and_lag(
+    fn the_start_of_a_mission_identifies_delay_and_lag(
         delay_s in 0.005..0.15f64, lag_s in 0.01..0.25f64, readings in [0.0..0.009f64, 0.0..0.009], share in -1.0..1.0f64,
     ) {
         let first: Vec<f64> = (0..200).map(|k| trapezoid(0.2, 0.3, 80, k)).collect();
@@ -61,7 +61,7 @@ proptest! {
     }
 
     #[test]
-    fn a_record_in_the_midst_of_motion_does(delay_s in 0.01..0.08f64, lag_s in 0.02..0.12f64, from in 30usize..80) {
+    fn a_record_during_motion_identifies_their_sum(delay_s in 0.01..0.08f64, lag_s in 0.02..0.12f64, from in 30usize..80) {
         let whole: Vec<f64> = (0..400).map(|k| trapezoid(0.2, 0.3, 60, k)).collect();
         let velocities = winch([delay_s, lag_s], 0.004, &whole);
         let (commands, velocities) = (columns(&[whole]), columns(&[velocities]));
@@ -73,7 +73,7 @@ proptest! {
     }
 
     #[test]
-    fn a_jog_of_one_cable_does(delay_s in 0.01..0.08f64, lag_s in 0.02..0.12f64) {
+    fn a_jog_of_one_cable_identifies_their_sum(delay_s in 0.01..0.08f64, lag_s in 0.02..0.12f64) {
         let jog: Vec<f64> = (0..150).map(|k| trapezoid(0.05, 0.5, 80, k)).collect();
         let still = vec![0.0; 150];
         let commands = columns(&[still.clone(), jog.clone()]);
@@ -84,7 +84,7 @@ proptest! {
     }
 
     #[test]
-    fn the_misfit_is_the_share_by_which_the_model_is_off(factor in 0.3..2.5f64, delay_s in 0.02..0.08f64, lag_s in 0.03..0.1f64) {
+    fn the_misfit_is_the_relative_error_of_the_model(factor in 0.3..2.5f64, delay_s in 0.02..0.08f64, lag_s in 0.03..0.1f64) {
         let commands: Vec<f64> = (0..400).map(|k| 0.2 * libm::sin(0.02 * k as f64)).collect();
         let velocities = winch([delay_s, lag_s], 0.004, &commands);
         let lag = DriveLag::new(delay_s, lag_s).unwrap().scaled(factor);
@@ -99,8 +99,8 @@ proptest! {
 }
 
 #[test]
-fn a_winch_that_is_no_such_model_has_a_misfit() {
-    // It hangs back and then overshoots: an oscillator of 2 Hz, hardly damped.
+fn a_winch_of_another_kind_has_a_misfit() {
+    // A lightly damped oscillator of 2 Hz: it lags and then overshoots.
     let commands: Vec<f64> = (0..300).map(|k| trapezoid(0.2, 1.0, 120, k)).collect();
     let (mut v, mut a) = (0.0f64, 0.0f64);
     let velocities: Vec<f64> = commands
@@ -128,7 +128,7 @@ fn a_winch_that_is_no_such_model_has_a_misfit() {
 }
 
 #[test]
-fn records_that_say_nothing_are_refused() {
+fn records_without_information_are_refused() {
     let record = |commands: &[CableVec], velocities: &[CableVec]| {
         let reading_s = CableVec::repeat(1, 0.004);
         identify(&Record {
@@ -150,7 +150,7 @@ fn records_that_say_nothing_are_refused() {
 }
 
 #[test]
-fn the_history_knows_gaps_and_restarts() {
+fn the_history_handles_gaps_and_restarts() {
     let mut sent = CommandHistory::new();
     assert_eq!(sent.ago(3)[0], 0.0);
     for (cycle, u) in [(10, 0.1), (11, 0.2), (14, 0.3)] {
@@ -160,7 +160,7 @@ fn the_history_knows_gaps_and_restarts() {
     assert_eq!(seen, [0.3, 0.2, 0.2, 0.2, 0.1, 0.1]);
     sent.note(2, &CableVec::repeat(1, 0.5));
     assert_eq!((sent.newest(), sent.ago(0)[0], sent.ago(5)[0]), (2, 0.5, 0.5));
-    // Slower than any gap allowed, and once around.
+    // Longer than any gap allowed, and once around the ring.
     for cycle in 1000..1400 {
         sent.note(cycle, &CableVec::repeat(1, cycle as f64));
     }
@@ -169,7 +169,7 @@ fn the_history_knows_gaps_and_restarts() {
 
 #[test]
 fn the_model_is_the_winch() {
-    // Against Euler in small steps, over cycles that begin before their command.
+    // Compared with small Euler steps, over cycles that begin before their command.
     let lag = DriveLag::new(0.037, 0.05).unwrap();
     let model = CycleModel::new(&lag, PERIOD_S, 0.006).unwrap();
     let commands: Vec<f64> = (0..300).map(|k| trapezoid(0.2, 0.5, 100, k)).collect();
@@ -177,7 +177,7 @@ fn the_model_is_the_winch() {
     let mut euler = 0.0;
     for (k, v) in winch([0.037, 0.05], 0.004, &commands).iter().enumerate() {
         let command = |ago: usize| commands[k.saturating_sub(ago)];
-        at = model.step(at, command(model.whole() + 1), command(model.whole()));
+        at = model.step(at, command(model.delay_cycles() + 1), command(model.delay_cycles()));
         euler += v * PERIOD_S;
         assert!((at.length_m - euler).abs() < 1.5 * STEP_M, "{k}: {} {euler}", at.length_m);
     }

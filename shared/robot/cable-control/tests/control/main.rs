@@ -1,4 +1,4 @@
-//! Control, held to independent solutions and its own properties; what of it and of the mathematics may run in the loop.
+//! Control compared with independent solutions and its own properties; allocations and panics in the control loop.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "../../../cable-robot/tests/mathematics/counting/mod.rs"]

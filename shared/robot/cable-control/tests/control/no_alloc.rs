@@ -1,4 +1,4 @@
-//! Nothing a control loop calls allocates: a counting allocator watches every such function.
+//! No function of the control loop allocates: a counting allocator checks each of them.
 
 use crate::counting;
 
@@ -14,7 +14,7 @@ use cable_robot::profile::ProfileLimits;
 use cable_robot::*;
 use counting::allocations;
 
-/// A planar robot with two lines below its node, which floats.
+/// A planar robot with a floating node and two cables from below.
 fn planar(n: usize, stiffness_n: Option<f64>) -> Robot {
     let points = [[0.0, 4.2], [10.0, 4.2], [10.0, 0.3], [0.0, 0.3], [5.0, 5.0]];
     Robot::new(RobotParts {
@@ -101,7 +101,7 @@ fn a_cycle_of_estimation_and_control_does_not_allocate() {
                 phi.update(scaled.velocities_m_s[0], 0.9 * scaled.velocities_m_s[0]);
                 black_box(phi.predict_length(5.0, 0.1, 0.01));
             }
-            // Refusals are values too; only their text allocates.
+            // Errors are values too; only formatting them allocates.
             black_box(equilibrium(&robot, &[f64::NAN; 8][..n], &Vector3::zeros(), None).is_err());
             black_box(segment.check(&robot, method, f64::NAN).is_err());
         });

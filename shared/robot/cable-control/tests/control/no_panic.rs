@@ -1,5 +1,4 @@
-//! Values that are no numbers, or too large or small for their place: nothing panics, and what comes back as an answer is
-//! finite.
+//! Input that is not finite, too large or too small: nothing panics, and every returned result is finite.
 
 use cable_control::law::{InputWeight, LqGain};
 use cable_control::motor_model::{PRIOR, PhiModel, RIDGE, fit};

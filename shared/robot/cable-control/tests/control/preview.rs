@@ -1,4 +1,4 @@
-//! The lag-aware law against the whole problem solved at once, and on winches as they are.
+//! The preview law compared with a solution of the whole problem at once, and on simulated winches.
 #![allow(clippy::needless_range_loop)]
 
 use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
@@ -28,8 +28,8 @@ fn solve(mut a: Vec<Vec<f64>>) -> Vec<f64> {
     x
 }
 
-/// The whole problem with its full chain of delayed commands as one least-squares system over `cycles` commands. Lengths
-/// come from simulating the winch with unit commands; shares nothing with the recursion or with the prediction.
+/// The whole problem with all delayed commands as one least-squares system over `cycles` commands. Lengths come from
+/// simulating the winch with unit commands; shares no code with the recursion or the prediction.
 fn brute_force(
     lag: &DriveLag,
     penalty: f64,
@@ -39,8 +39,8 @@ fn brute_force(
     cycles: usize,
 ) -> f64 {
     let model = CycleModel::new(lag, PERIOD_S, 0.0).unwrap();
-    let d = model.whole();
-    // past[0] is the newest command; cycle 0 is the one that the first free command belongs to.
+    let d = model.delay_cycles();
+    // past[0] is the newest command; the first free command belongs to cycle 0.
     let simulate = |winch: Winch, past: &dyn Fn(usize) -> f64, free: &dyn Fn(usize) -> f64| {
         let command = |j: i64| if j >= 0 { free(j as usize) } else { past((-j - 1) as usize) };
         let mut at = winch;
@@ -91,7 +91,7 @@ proptest! {
         let horizon = bend.len();
         let gain = PreviewGain::new(&lag, PERIOD_S, horizon, penalty).unwrap();
         let d = gain.delay_cycles();
-        // Any lengths over the preview, then a ramp.
+        // Arbitrary lengths over the preview, then a ramp.
         let mut wanted = vec![l + 0.004];
         let mut speed = 0.1;
         for a in &bend[1..] {
@@ -116,17 +116,18 @@ proptest! {
     }
 
     #[test]
-    fn a_winch_as_modelled_is_brought_onto_the_reference(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64, reading_s in 0.0..0.01f64) {
+    fn a_modelled_winch_converges_to_the_reference(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64, reading_s in 0.0..0.01f64) {
         let lag = DriveLag::new(delay_s, lag_s).unwrap();
         let (gain, mut observer) = (PreviewGain::new(&lag, PERIOD_S, 60, 1e-5).unwrap(), DriveObserver::new(&lag, PERIOD_S).unwrap());
         let worst = follow(&gain, &mut observer, &lag, reading_s, 0.003, 500);
-        // From 3 mm beside it; the reference swings by ±0.2 m once in two seconds, of which the move penalty gives up
-        // (3.1 / 18)⁴, 0.2 mm, and three times that with the slowest winches.
+        // Starts 3 mm off; the reference oscillates by ±0.2 m once in two seconds. The move penalty costs (3.1 / 18)⁴
+        // of it, 0.2 mm, and three times that with the slowest winches.
         prop_assert!(worst < 7e-4, "{worst} m");
     }
 }
 
-/// Follows a swinging reference with a winch of lag `truth` from `off_m` beside it; worst distance over the last half, m.
+/// Follows an oscillating reference with a winch of lag `truth`, starting `off_m` from it; largest error
+/// over the last half, m.
 fn follow(
     gain: &PreviewGain,
     observer: &mut DriveObserver,
@@ -139,15 +140,15 @@ fn follow(
     let model = CycleModel::new(truth, PERIOD_S, 0.0).unwrap();
     let reading = CycleModel::new(truth, PERIOD_S, PERIOD_S - reading_s).unwrap();
     let mut sent = CommandHistory::new();
-    // Two views of the same winch: at the beginnings of cycles and at the readings.
+    // Two states of the same winch: at the beginnings of cycles and at the readings.
     let mut at_tick = Winch { length_m: 6.0 + off_m, velocity_m_s: 0.0 };
     let mut at_reading = at_tick;
     let (mut u, mut worst) = (0.0, 0.0f64);
     for k in 1..=cycles {
         sent.note(k, &CableVec::repeat(1, u));
         let command = |ago: usize| sent.ago(ago)[0];
-        at_reading = reading.step(at_reading, command(reading.whole() + 1), command(reading.whole()));
-        at_tick = model.step(at_tick, command(model.whole() + 1), command(model.whole()));
+        at_reading = reading.step(at_reading, command(reading.delay_cycles() + 1), command(reading.delay_cycles()));
+        at_tick = model.step(at_tick, command(model.delay_cycles() + 1), command(model.delay_cycles()));
         let measured = CableVec::repeat(1, (at_reading.length_m * 1e4).round() * 1e-4);
         observer.correct(k, reading_s, &measured, &CableVec::repeat(1, 0.0), &sent);
         let there = observer.at_next_command(&sent)[0];
@@ -162,7 +163,7 @@ fn follow(
 }
 
 #[test]
-fn a_model_that_is_a_third_off_still_follows_and_a_better_one_follows_better() {
+fn a_better_model_follows_better_and_a_third_of_error_is_tolerated() {
     let truth = DriveLag::new(0.06, 0.1).unwrap();
     let worst = |factor: f64| {
         let lag = truth.scaled(factor);
@@ -186,8 +187,8 @@ fn trapezoid(t: f64) -> f64 {
     }
 }
 
-/// Worst distance of a winch as modelled, driven open loop by the lead alone, from a trapezoid, m.
-fn led(lag: &DriveLag) -> f64 {
+/// Largest error of a modelled winch, driven open loop by the lead alone, on a trapezoid, m.
+fn lead_error(lag: &DriveLag) -> f64 {
     let (mut lead, model) = (Lead::new(lag, PERIOD_S, 40).unwrap(), CycleModel::new(lag, PERIOD_S, 0.0).unwrap());
     let mut sent = CommandHistory::new();
     let (mut winch, mut worst) = (Winch { length_m: 6.0, velocity_m_s: 0.0 }, 0.0f64);
@@ -197,31 +198,31 @@ fn led(lag: &DriveLag) -> f64 {
         let ahead: Vec<CableVec> =
             (1..=40).map(|j| CableVec::repeat(1, trapezoid((first + j) as f64 * PERIOD_S - 1.0))).collect();
         let led = lead.step(k, &ahead);
-        assert_eq!(lead.step(k, &ahead), led, "asked twice in a cycle it does not go on");
+        assert_eq!(lead.step(k, &ahead), led, "a second step in the same cycle changes nothing");
         sent.note(k, &led.command_m_s);
-        winch = model.step(winch, sent.ago(model.whole() + 1)[0], sent.ago(model.whole())[0]);
+        winch = model.step(winch, sent.ago(model.delay_cycles() + 1)[0], sent.ago(model.delay_cycles())[0]);
         worst = worst.max((winch.length_m - trapezoid((k + 1) as f64 * PERIOD_S - 1.0)).abs());
     }
     worst
 }
 
 fn lead_cycles(lag: &DriveLag) -> u64 {
-    CycleModel::new(lag, PERIOD_S, 0.0).unwrap().whole() as u64
+    CycleModel::new(lag, PERIOD_S, 0.0).unwrap().delay_cycles() as u64
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn what_is_known_beforehand_is_followed_whatever_the_drives(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64) {
-        // 0.3 m/s² that begins at once is cut by about 0.3 / 56², 0.1 mm; a command of old would be 0.2 (delay + lag) late.
-        let worst = led(&DriveLag::new(delay_s, lag_s).unwrap());
+    fn the_lead_follows_the_reference_with_any_drives(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64) {
+        // A step to 0.3 m/s² has an error of about 0.3 / 56², 0.1 mm; without preview it would be 0.2 (delay + lag).
+        let worst = lead_error(&DriveLag::new(delay_s, lag_s).unwrap());
         prop_assert!(worst < 1.5e-4, "{worst} m");
     }
 }
 
 #[test]
-fn after_a_jump_or_a_gap_the_lead_begins_on_the_desired_lengths() {
+fn after_a_jump_or_a_gap_the_lead_restarts_on_the_desired_lengths() {
     let mut lead = Lead::new(&DriveLag::new(0.03, 0.04).unwrap(), PERIOD_S, 40).unwrap();
     let still = |at: f64| vec![CableVec::repeat(2, at); 40];
     lead.step(1, &still(6.0));
@@ -251,7 +252,7 @@ fn bad_parameters_are_refused() {
     assert!(DriveLag::new(f64::NAN, 0.0).is_err() && DriveLag::new(0.0, -0.1).is_err());
     assert_eq!(PreviewGain::new(&lag, PERIOD_S, 1, 1e-5).unwrap_err(), PreviewError::Horizon(1));
     assert_eq!(PreviewGain::new(&lag, PERIOD_S, 40, 0.0).unwrap_err(), PreviewError::MovePenalty(0.0));
-    // No period, and a delay of too many cycles: 0.5 s of 0.003 s.
+    // A period of 0, and a delay of too many cycles: 0.5 s with cycles of 0.003 s.
     let range = |lag: &DriveLag, period_s| match PreviewGain::new(lag, period_s, 40, 1e-5).unwrap_err() {
         PreviewError::Range(error) => error.value,
         other => panic!("{other}"),

@@ -1,4 +1,4 @@
-//! What a winch draws: the interface that the friction model and the measured tables share.
+//! Current of a winch motor: the interface of the friction model and of the measured tables.
 
 use thiserror::Error;
 

@@ -1,4 +1,4 @@
-//! Why the cost of a move cannot be told.
+//! Errors of the cost of a move.
 
 use thiserror::Error;
 
@@ -14,7 +14,7 @@ pub enum EnergyError {
     InvalidArgument {
         /// Name of the parameter.
         what: &'static str,
-        /// Value of the parameter.
+        /// Value of the quantity.
         value: f64,
         /// Accepted values.
         accepted: &'static str,

@@ -1,4 +1,4 @@
-//! A position from lengths, or why there is none.
+//! Result and errors of the kinematics.
 
 use nalgebra::Vector3;
 use thiserror::Error;

@@ -1,4 +1,4 @@
-//! The shapes of paths, and a point of one.
+//! Shapes of paths with a closed form, and points of a path.
 
 use nalgebra::Vector3;
 

@@ -72,7 +72,7 @@ pub enum ProfileError {
     InvalidLimit {
         /// Name of the parameter.
         what: &'static str,
-        /// Value of the parameter.
+        /// Value of the quantity.
         value: f64,
         /// Accepted values.
         accepted: &'static str,

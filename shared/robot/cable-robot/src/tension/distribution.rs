@@ -1,4 +1,4 @@
-//! The ways to distribute tension, and why there is no distribution.
+//! Names, results and errors of tension distributions.
 
 use thiserror::Error;
 
@@ -8,7 +8,7 @@ use crate::kinematics::KinematicsError;
 /// Tensions this close to a limit keep it, as a share of the larger of force and limit: rounding.
 pub(super) const TOLERANCE: f64 = 1e-10;
 
-/// Forces above this are a wrong unit or an error, N; infinity as an upper limit of tension is not a force.
+/// Forces above this are in a wrong unit or erroneous, N; only an upper tension limit may be infinite.
 pub(super) const STRONGEST_N: f64 = 1e9;
 
 /// Method that selects one of the feasible distributions.
@@ -108,7 +108,7 @@ pub enum TensionError {
     InvalidArgument {
         /// Name of the quantity.
         what: &'static str,
-        /// Value of the parameter.
+        /// Value of the quantity.
         value: f64,
         /// Accepted values.
         accepted: &'static str,

@@ -1,4 +1,4 @@
-//! Tensions from anchors and a position alone, of planar and spatial robots.
+//! Tensions at a position, from the anchors only, of planar and spatial robots.
 
 use nalgebra::Vector3;
 

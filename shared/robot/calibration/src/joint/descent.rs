@@ -1,4 +1,4 @@
-//! The unknowns of the joint estimate, its normal equations with the points eliminated, and the descent to the lowest cost.
+//! The unknowns of the joint estimate, its normal equations with eliminated points, and the minimisation.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -8,13 +8,14 @@ use crate::survey::free_index;
 use crate::{CalibrationError, Undetermined};
 use cable_robot::MAX_CABLES;
 
-/// Bound of the iteration; it needs five to ten steps, with outliers up to fifty.
+/// Bound of the iteration, which needs five to ten steps, with outliers up to fifty.
 const MAX_ITERATIONS: usize = 300;
 
-/// Converged when no unknown moves by more, m (the scale: by this share).
+/// Convergence limit for the change of every unknown, m (of the scale: relative).
 const STEP_M: f64 = 1e-12;
 
-/// The unknowns besides the points: w (N), then free x and y (2N - 3 or none), scale (1 or none), offsets (N or none).
+/// The shared unknowns (all except the points): w (N), then free x and y (2N - 3 or none), scale (1 or none),
+/// offsets (N or none).
 #[derive(Clone, Copy)]
 pub(super) struct Layout {
     pub(super) n: usize,
@@ -51,7 +52,7 @@ pub(super) struct State {
 }
 
 impl State {
-    /// Straight distance of anchor i from point j; NaN where the squared height makes it impossible.
+    /// Distance of anchor i from point j; NaN if the squared height makes it impossible.
     pub(super) fn distance(&self, i: usize, j: usize) -> f64 {
         let (dx, dy) = (self.xy[i][0] - self.points[j][0], self.xy[i][1] - self.points[j][1]);
         (dx * dx + dy * dy + self.w[i]).sqrt()
@@ -87,20 +88,20 @@ pub(super) struct Step {
 }
 
 impl Step {
-    /// The largest move of an unknown, squared heights as heights of 3 m would move.
+    /// The largest change of an unknown; squared heights count as the change of a height of 3 m.
     pub(super) fn size(&self) -> f64 {
         self.points.iter().flatten().fold(self.shared.amax(), |m, v| m.max(v.abs()))
     }
 }
 
-/// The normal equations, points kept apart.
+/// The normal equations, with the points in separate blocks.
 pub(super) struct Normal {
     pub(super) h: DMatrix<f64>,
     pub(super) g: DVector<f64>,
     pub(super) points: Vec<PointBlock>,
 }
 
-/// The shared unknowns alone, and the inverse (xx, xy, yy) of every point's own block.
+/// The normal equations of the shared unknowns, and the inverse (xx, xy, yy) of every point's block.
 pub(super) struct Reduced {
     pub(super) h: DMatrix<f64>,
     pub(super) g: DVector<f64>,
@@ -122,21 +123,22 @@ pub(super) struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Half the sum of losses; NaN where the state is impossible.
+    /// Half the sum of losses; NaN if the state is impossible.
     pub(super) fn cost(&self, s: &State, loss: Loss) -> f64 {
         let mut cost = 0.0;
         for (j, point) in self.input.lengths_m.iter().enumerate() {
             for (i, l) in point.iter().enumerate() {
                 let r = (s.scale * s.distance(i, j) + s.offsets[i] - l) / self.input.sigma_length_m;
-                cost += loss.at(r).0;
+                cost += loss.evaluate(r).0;
             }
         }
-        self.squares(s, |r, _| cost += 0.5 * r * r);
+        self.for_each_squared_term(s, |r, _| cost += 0.5 * r * r);
         cost
     }
 
-    /// Calls back with the residual and the derivatives by shared unknowns of all that counts by its square.
-    pub(super) fn squares(&self, s: &State, mut each: impl FnMut(f64, &[(usize, f64)])) {
+    /// Calls back with the residual and the derivatives with respect to shared unknowns of all terms
+    /// with a squared loss.
+    pub(super) fn for_each_squared_term(&self, s: &State, mut each: impl FnMut(f64, &[(usize, f64)])) {
         let layout = &self.layout;
         for r in self.input.ranges {
             let (a, b) = (s.xy[r.from], s.xy[r.to]);
@@ -188,10 +190,10 @@ impl Problem<'_> {
         for (j, point) in self.input.lengths_m.iter().enumerate() {
             let mut block = PointBlock { coupling: DMatrix::zeros(count, 2), xx: 0.0, xy: 0.0, yy: 0.0, g: [0.0; 2] };
             for (i, l) in point.iter().enumerate() {
-                // A point right at an anchor of height zero: any direction will do.
+                // For a point exactly at an anchor of height zero, any direction is valid.
                 let d = s.distance(i, j).max(1e-9);
                 let r = (s.scale * d + s.offsets[i] - l) / sigma;
-                let w = loss.at(r).1;
+                let w = loss.evaluate(r).1;
                 let gain = s.scale / (d * sigma);
                 let (ux, uy) = (gain * (s.xy[i][0] - s.points[j][0]), gain * (s.xy[i][1] - s.points[j][1]));
                 let mut row = [(i, 0.5 * gain); 5];
@@ -223,7 +225,7 @@ impl Problem<'_> {
             }
             points.push(block);
         }
-        self.squares(s, |r, row| {
+        self.for_each_squared_term(s, |r, row| {
             for (p, v) in row {
                 g[*p] += v * r;
                 for (q, u) in row {
@@ -236,7 +238,8 @@ impl Problem<'_> {
 }
 
 impl Normal {
-    /// Schur complement of the points, with a share of the diagonal added; None where a point or the rest has no rank.
+    /// Schur complement of the points, with a share of the diagonal added; None if a block or the rest
+    /// is rank-deficient.
     pub(super) fn reduce(&self, damping: f64) -> Option<Reduced> {
         let (mut h, mut g) = (self.h.clone(), self.g.clone());
         for k in 0..h.nrows() {
@@ -290,7 +293,7 @@ pub(super) fn descend(problem: &Problem, start: State, loss: Loss) -> Result<Sta
     let mut damping = 1e-4;
     for _ in 0..MAX_ITERATIONS {
         let normal = problem.linearise(&state, loss);
-        // More damping until the step helps or becomes too small to matter.
+        // Increase the damping until the step reduces the cost or becomes negligible.
         let mut stuck = true;
         while damping < 1e12 {
             let Some(step) = normal.step(damping) else {
@@ -300,7 +303,7 @@ pub(super) fn descend(problem: &Problem, start: State, loss: Loss) -> Result<Sta
             let size = step.size();
             let next = state.stepped(&problem.layout, &step);
             let next_cost = problem.cost(&next, loss);
-            // Close to the end the cost drowns in its own rounding; a step of nearly no damping is then trusted.
+            // Near the minimum, rounding hides the decrease of the cost: accept nearly undamped steps.
             let rounding = damping < 1e-8 && size < 1e-6;
             if next_cost <= cost || (rounding && next_cost.is_finite()) {
                 (state, cost) = (next, next_cost);
@@ -317,13 +320,13 @@ pub(super) fn descend(problem: &Problem, start: State, loss: Loss) -> Result<Sta
             damping = (damping * 10.0).max(1e-9);
         }
         if stuck {
-            return Err(open(&state));
+            return Err(undetermined_state(&state));
         }
     }
     Ok(state)
 }
 
-/// Inverse by Cholesky after scaling the diagonal to one; None where the matrix is singular to rounding.
+/// Inverse by Cholesky after scaling the diagonal to one; None if the matrix is singular up to rounding.
 pub(super) fn inverse(h: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = h.nrows();
     let mut root = [0.0; 4 * MAX_CABLES];
@@ -336,15 +339,15 @@ pub(super) fn inverse(h: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     }
     let scaled = DMatrix::from_fn(n, n, |p, q| h[(p, q)] / (root[p] * root[q]));
     let inverse = scaled.cholesky()?.inverse();
-    // The diagonal is the loss of digits by correlation: beyond this nothing is left of sixteen.
+    // The diagonal is the loss of precision by correlation: beyond this, none of sixteen digits remain.
     if inverse.diagonal().iter().any(|v| !(*v < 1e13)) {
         return None;
     }
     Some(DMatrix::from_fn(n, n, |p, q| inverse[(p, q)] / (root[p] * root[q])))
 }
 
-/// The refusal of data that leave an unknown open, with the likely reason.
-pub(super) fn open(state: &State) -> CalibrationError {
+/// Error for data that do not determine an unknown, with the likely reason.
+pub(super) fn undetermined_state(state: &State) -> CalibrationError {
     CalibrationError::RankDeficient(if heights::is_flat(&state.points) {
         let [along_m, across_m] = heights::spread(&state.points);
         Undetermined::OpenNearALine { across_m, along_m }

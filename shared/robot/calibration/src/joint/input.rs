@@ -1,31 +1,32 @@
-//! What the joint estimate is made from.
+//! Input of the joint estimate.
 
 use crate::survey::Range;
 use cable_robot::CableVec;
 
-/// Least squared height that a measured height is compared with, m²: its square root has no derivative at zero.
+/// Lower bound for the squared height that a measured height is compared with, m²: the square root has no
+/// derivative at zero.
 pub(super) const LEAST_SQUARED_HEIGHT_M2: f64 = 1e-6;
 
-/// Huber's and Cauchy's constants for 95 % efficiency with normal errors, in standard deviations (Zhang, "Parameter
+/// Constants of Huber and Cauchy for 95 % efficiency with normal errors, in standard deviations (Zhang, "Parameter
 /// estimation techniques", 1997).
 const HUBER: f64 = 1.345;
 const CAUCHY: f64 = 2.3849;
 
-/// How much a length that does not fit counts.
+/// Weighting of lengths that do not fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Loss {
-    /// By its square: best if all errors are normal.
+    /// Squared: best if all errors are normal.
     #[default]
     Squared,
-    /// By its square up to 1.345 standard deviations, linearly beyond.
+    /// Squared up to 1.345 standard deviations, linear beyond.
     Huber,
-    /// Logarithmically beyond 2.385 standard deviations: a gross outlier counts almost nothing.
+    /// Logarithmic beyond 2.385 standard deviations: gross outliers have almost no weight.
     Cauchy,
 }
 
 impl Loss {
-    /// rho(r) and the weight rho'(r) / r, for half squares: rho = r²/2 near zero. r in standard deviations.
-    pub(super) fn at(self, r: f64) -> (f64, f64) {
+    /// Computes rho(r) and the weight rho'(r) / r, with rho = r²/2 near zero. r in standard deviations.
+    pub(super) fn evaluate(self, r: f64) -> (f64, f64) {
         match self {
             Self::Squared => (0.5 * r * r, 1.0),
             Self::Huber if r.abs() <= HUBER => (0.5 * r * r, 1.0),
@@ -41,28 +42,28 @@ impl Loss {
 /// A height measured directly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DirectHeight {
-    /// The anchor, counted from 0.
+    /// Index of the anchor, from 0.
     pub anchor: usize,
-    /// Its height above the plane of the points, m.
+    /// Height above the plane of the points, m.
     pub m: f64,
     /// Standard deviation, m.
     pub sigma_m: f64,
-    /// Measured with the line itself, released until it touches the floor: then it has the scale and the zero of that
-    /// line. Otherwise by laser or tape.
+    /// Whether the height was measured with the cable itself, released until it touches the floor: then it has the
+    /// scale and the zero of that cable. Otherwise by laser or tape.
     pub by_line: bool,
 }
 
-/// What [`calibrate_joint`](super::calibrate_joint) takes.
+/// Input of [`calibrate_joint`](super::calibrate_joint).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointInput<'a> {
-    /// x and y of the anchors, m: fixed without ranges, a first guess with them.
+    /// x and y of the anchors, m: fixed without ranges, otherwise an initial guess.
     pub anchors_xy_m: &'a [[f64; 2]],
     /// Lengths, one set per point, m.
     pub lengths_m: &'a [CableVec],
     /// Standard deviation of a length, m.
     pub sigma_length_m: f64,
-    /// Ranges between plumb lines; with any of them x and y are estimated too, anchor 1 at the origin and anchor 2 on the
-    /// x axis.
+    /// Ranges between plumb lines; if there are any, x and y are estimated too, with anchor 1 at the origin and
+    /// anchor 2 on the x axis.
     pub ranges: &'a [Range],
     /// Heights measured directly.
     pub heights: &'a [DirectHeight],
@@ -70,12 +71,12 @@ pub struct JointInput<'a> {
     pub sigma_scale: Option<f64>,
     /// Standard deviation of the encoder zeros about 0, m; None for zeros of exactly 0.
     pub sigma_offset_m: Option<f64>,
-    /// The loss of the lengths. Ranges, heights and priors count by their squares.
+    /// The loss of the lengths. Ranges, heights and priors have a squared loss.
     pub loss: Loss,
 }
 
 impl<'a> JointInput<'a> {
-    /// Lengths alone: x and y fixed, no scale, no zeros, squared loss.
+    /// Input of lengths only: x and y fixed, no scale, no zeros, squared loss.
     pub fn new(anchors_xy_m: &'a [[f64; 2]], lengths_m: &'a [CableVec], sigma_length_m: f64) -> Self {
         Self {
             anchors_xy_m,

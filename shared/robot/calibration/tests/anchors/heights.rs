@@ -1,11 +1,11 @@
-//! What else a survey knows: heights measured directly, outliers, points held out, the deviations to expect.
+//! Further properties of a calibration: directly measured heights, outliers, excluded points, predicted accuracy.
 
 use calibration::{DirectHeight, Loss, Measurements, Method, Undetermined, calibrate, hold_out, placement};
 
 use super::stand_in::*;
 
 #[test]
-fn heights_measured_directly_count() {
+fn directly_measured_heights_are_used() {
     let anchors = three();
     let mut random = Random(11);
     let points = placement::corners(&flat(&anchors), 4, 0.9);
@@ -17,12 +17,12 @@ fn heights_measured_directly_count() {
         assert!(found.covariance.std_m()[1][2] < 0.003 && before > 0.006, "{before}");
         assert!((found.anchors_m[1][2] - anchors[1][2]).abs() < 0.009);
     }
-    // Both ways weigh the same information.
+    // Both methods weight the same information.
     let (survey, joint) = (calibrate(&measured, Method::Survey).unwrap(), calibrate(&measured, Method::Joint).unwrap());
     for i in 0..3 {
         assert!((survey.covariance.std_m()[i][2] / joint.covariance.std_m()[i][2] - 1.0).abs() < 0.15);
     }
-    // All heights measured: no point is needed.
+    // All heights are measured: no points are needed.
     measured.heights =
         (0..3).map(|anchor| DirectHeight { anchor, m: anchors[anchor][2], sigma_m: 0.003, by_line: false }).collect();
     measured.lengths_m.clear();
@@ -34,11 +34,11 @@ fn heights_measured_directly_count() {
         }
         assert!(hold_out(&measured, method).unwrap().is_none());
     }
-    // Points on a line, and one height that settles the tilt: only the joint method can use it.
+    // Points on a line, and one height that determines the tilt: only the joint method can use it.
     let line: Vec<[f64; 2]> = (0..6).map(|j| [2.0 + j as f64, 3.0]).collect();
     measured.heights.truncate(1);
     measured.lengths_m = line.iter().map(|c| lengths_to(&anchors, *c)).collect();
-    let why = undetermined(calibrate(&measured, Method::Survey));
+    let why = expect_undetermined(calibrate(&measured, Method::Survey));
     assert!(matches!(&why, Undetermined::WithoutHeights(_)) && why.is_line(), "{why}");
     let found = calibrate(&Measurements { sigma_length_m: 0.002, ..measured }, Method::Joint).unwrap();
     assert!((found.anchors_m[2][2] - anchors[2][2]).abs() < 0.05, "{:?}", found.anchors_m);
@@ -67,12 +67,12 @@ fn scatter_beyond_the_stated_one_widens_the_deviations_and_names_the_outlier() {
         assert!((worst.residual_m - 0.5).abs() < 0.06, "{}", worst.residual_m);
     }
     assert!((0.95..1.05).contains(&ratios), "{ratios}");
-    // One in a hundred by design; with the robust loss's own losses a few more.
+    // One in a hundred by design; a few more with a robust loss.
     assert!(alarms <= 4 && alarms_beside_an_outlier <= 8, "{alarms} {alarms_beside_an_outlier}");
 }
 
 #[test]
-fn held_out_points_are_predicted_as_well_as_the_lengths_allow() {
+fn excluded_points_are_predicted_with_the_accuracy_of_the_lengths() {
     let anchors = four();
     let mut random = Random(21);
     let points: Vec<_> = (0..15).map(|_| random.point_within(&anchors)).collect();
@@ -85,13 +85,14 @@ fn held_out_points_are_predicted_as_well_as_the_lengths_allow() {
         assert!((0.004..0.02).contains(&out.rms_m), "{}", out.rms_m);
         assert!((0.005..0.08).contains(&out.position_rms_m), "{}", out.position_rms_m);
     }
-    // A scale error hides from the residuals but hold-out cannot see it either; only the model can. Few points: none left.
+    // Neither residuals nor excluded points reveal a scale error; only the model can. With few points
+    // there is no result.
     let few = Measurements { lengths_m: measured.lengths_m[..3].to_vec(), refuse_above_std_m: 100.0, ..measured };
     assert!(hold_out(&few, Method::Survey).unwrap().is_none());
 }
 
 #[test]
-fn the_prediction_before_measuring_is_what_comes_out_after() {
+fn the_predicted_accuracy_agrees_with_the_calibration() {
     let anchors = three();
     let points = placement::corners(&flat(&anchors), 6, 0.9);
     let plan = Noise::plain(0.01, 0.003).measure(&mut Random(1), &anchors, &[]);

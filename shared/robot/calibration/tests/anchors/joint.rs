@@ -1,4 +1,4 @@
-//! The joint estimator: what it finds that the heights alone do not, and that it has found the lowest cost.
+//! The joint estimator: scale, zeros and outliers, which the heights alone do not reveal, and its optimality.
 
 use cable_robot::Vector3;
 use calibration::{
@@ -7,8 +7,8 @@ use calibration::{
 
 use super::stand_in::*;
 
-/// Mean height error of the paper's method and of the joint estimator on the same data.
-fn duel(spoil: impl Fn(&mut Random, &mut Measurements), m: usize, trials: u64) -> (f64, f64) {
+/// Mean height error of the method of the paper and of the joint estimator on the same data.
+fn compare_methods(spoil: impl Fn(&mut Random, &mut Measurements), m: usize, trials: u64) -> (f64, f64) {
     let anchors = three();
     let (mut paper, mut joint, mut count) = (0.0, 0.0, 0.0);
     for trial in 0..trials {
@@ -31,7 +31,7 @@ fn duel(spoil: impl Fn(&mut Random, &mut Measurements), m: usize, trials: u64) -
 
 #[test]
 fn the_joint_estimator_finds_scale_zeros_and_outliers() {
-    let (paper, joint) = duel(
+    let (paper, joint) = compare_methods(
         |_, measured| {
             measured.lengths_m.iter_mut().for_each(|l| *l = l.map(|v| 1.01 * v));
             measured.sigma_scale = Some(0.02);
@@ -42,7 +42,7 @@ fn the_joint_estimator_finds_scale_zeros_and_outliers() {
     println!("1 % scale, 20 points: paper {paper:.4} m, joint {joint:.4} m");
     assert!(paper > 0.08 && paper > 6.0 * joint, "{paper} {joint}");
 
-    let (paper, joint) = duel(
+    let (paper, joint) = compare_methods(
         |random, measured| {
             let zeros: Vec<f64> = (0..3).map(|_| random.normal(0.05)).collect();
             measured.lengths_m.iter_mut().for_each(|l| *l = l.zip_map(&zeros, |v, o| v + o));
@@ -61,7 +61,7 @@ fn the_joint_estimator_finds_scale_zeros_and_outliers() {
             }
         }
     };
-    let (paper, cauchy) = duel(
+    let (paper, cauchy) = compare_methods(
         |random, measured| {
             outliers(random, measured);
             measured.loss = Loss::Cauchy;
@@ -69,7 +69,7 @@ fn the_joint_estimator_finds_scale_zeros_and_outliers() {
         20,
         200,
     );
-    let (_, huber) = duel(
+    let (_, huber) = compare_methods(
         |random, measured| {
             outliers(random, measured);
             measured.loss = Loss::Huber;
@@ -83,7 +83,7 @@ fn the_joint_estimator_finds_scale_zeros_and_outliers() {
 
 #[test]
 fn exact_ranges_far_worse_than_lengths_are_refined_by_them() {
-    // Plumb lines good to 2 cm, lengths to 5 mm: lengths to many points know x and y better.
+    // Plumb lines with an accuracy of 2 cm, lengths of 5 mm: lengths to many points determine x and y better.
     let anchors = three();
     let (mut before, mut after) = (0.0, 0.0);
     for trial in 0..100 {
@@ -118,7 +118,7 @@ fn the_joint_optimum_is_stationary_and_lowest_among_neighbours() {
             ..JointInput::new(&xy, &measured.lengths_m, 0.01)
         };
         let found = calibrate_joint(&input).unwrap();
-        // The cost written out once more, over one flat vector of unknowns.
+        // An independent implementation of the cost, over one flat vector of unknowns.
         let cost = |v: &[f64]| {
             let anchor = |i: usize| [v[3 * i], v[3 * i + 1], v[3 * i + 2]];
             let rho = |r: f64| match loss {
@@ -156,7 +156,7 @@ fn the_joint_optimum_is_stationary_and_lowest_among_neighbours() {
             };
             let (up, down) = (moved(1e-5), moved(-1e-5));
             assert!(up > best && down > best, "{loss:?} unknown {k}");
-            // Central difference over curvature: how far the minimum along this axis is.
+            // Central difference over curvature: distance to the minimum along this axis.
             let off = 1e-5 * (down - up) / (2.0 * (up + down - 2.0 * best));
             assert!(off.abs() < 1e-7, "{loss:?} unknown {k}: {off}");
         }

@@ -1,4 +1,4 @@
-//! Calibration against simulated truth, an independent minimiser, the published figures and data that determine nothing.
+//! Calibration compared with simulated truth, an independent minimiser and the published figures; insufficient data.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 #![allow(clippy::needless_range_loop, reason = "anchors are compared by index")]

@@ -1,4 +1,4 @@
-//! Heights by (4)-(5): against an independent minimiser, and the published figures.
+//! Heights by (4)-(5) compared with an independent minimiser and the published figures.
 
 use cable_robot::Vector3;
 use calibration::heights::closed_form;
@@ -6,11 +6,11 @@ use calibration::{Method, calibrate, calibrate_heights, gps_anchor, placement, s
 
 use super::stand_in::*;
 
-/// Nelder and Mead's simplex on (4) with the linear point estimate, written without the closed form: heights in, cost out.
+/// Nelder-Mead simplex on (4) with the linear point estimate, written without the closed form.
 mod simplex {
     use cable_robot::CableVec;
 
-    /// (4), the points by linear least squares on differences from the mean sphere.
+    /// (4), with the points by linear least squares on differences from the mean sphere.
     pub fn cost(xy: &[[f64; 2]], lengths: &[CableVec], z: &[f64]) -> f64 {
         let n = xy.len() as f64;
         let mean = [0, 1].map(|k| xy.iter().map(|a| a[k]).sum::<f64>() / n);
@@ -131,8 +131,8 @@ fn the_closed_form_is_exact_for_any_number_of_cables_in_any_frame() {
     }
 }
 
-/// Mean over trials of the mean error of height, m, as in Fig. 3, and in space, as in Fig. 4; optima without real heights
-/// are left out.
+/// Mean over trials of the mean height error, m, as in Fig. 3, and of the position error, as in Fig. 4; optima without
+/// real heights are excluded.
 fn published(m: usize, sigma_length_m: f64, trials: u64) -> (f64, f64) {
     let anchors = three();
     let (mut height, mut space, mut count) = (0.0, 0.0, 0.0);
@@ -153,8 +153,8 @@ fn published(m: usize, sigma_length_m: f64, trials: u64) -> (f64, f64) {
 }
 
 #[test]
-fn height_errors_of_figure_3_come_out() {
-    // (points, sigma of length, mean height error) of an independent implementation with the same stand-in.
+fn height_errors_agree_with_figure_3() {
+    // (points, sigma of length, mean height error) of an independent implementation with the same configuration.
     for (m, sigma, expected) in [
         (6, 0.02, 0.038),
         (8, 0.05, 0.0668),
@@ -197,7 +197,7 @@ fn the_crossover_of_figure_4_lies_between_5_and_10_points() {
 }
 
 #[test]
-fn three_points_at_the_corners_are_worth_twenty_at_random() {
+fn three_points_at_the_corners_are_equivalent_to_twenty_at_random() {
     let anchors = three();
     let corners = placement::corners(&flat(&anchors), 3, 0.9);
     let (mut error, trials) = (0.0, 2000);

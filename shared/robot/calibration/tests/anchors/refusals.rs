@@ -1,4 +1,4 @@
-//! What cannot determine an answer is refused, in plain words.
+//! Insufficient data are refused with a plain reason.
 
 use calibration::heights::closed_form;
 use calibration::{
@@ -10,7 +10,7 @@ use super::stand_in::*;
 
 #[test]
 fn a_sideways_shift_of_points_on_a_line_changes_no_length() {
-    // Why two points are not enough for four cables, and why a line never is.
+    // The reason why two points are not enough for four cables, and a line never is.
     let (anchors, direction) = (four(), [0.6, 0.8]);
     let along = |t: f64| [2.0 + direction[0] * t, 1.0 + direction[1] * t];
     let e = [-0.3 * direction[1], 0.3 * direction[0]];
@@ -33,7 +33,7 @@ fn a_sideways_shift_of_points_on_a_line_changes_no_length() {
 }
 
 #[test]
-fn points_that_determine_nothing_are_refused_for_every_number_of_cables() {
+fn insufficient_points_are_refused_for_every_number_of_cables() {
     for n in 3..=8 {
         let anchors: Vec<[f64; 3]> = (0..n)
             .map(|i| {
@@ -48,16 +48,16 @@ fn points_that_determine_nothing_are_refused_for_every_number_of_cables() {
             let exact: Vec<_> = (0..m).map(|j| lengths_to(&anchors, line(j as f64 / 3.0 - 2.0))).collect();
             let noisy: Vec<_> = exact.iter().map(|l| l.map(|v| v + random.normal(0.005))).collect();
             for lengths in [&exact, &noisy] {
-                let why = undetermined(calibrate_heights(&xy, lengths));
+                let why = expect_undetermined(calibrate_heights(&xy, lengths));
                 assert!(if m < 3 { why == Undetermined::FewPoints { points: m } } else { why.is_line() }, "{why}");
-                refused(calibrate_joint(&JointInput::new(&xy, lengths, 0.005)), "rank_deficient");
+                expect_error(calibrate_joint(&JointInput::new(&xy, lengths, 0.005)), "rank_deficient");
                 let scaled = JointInput { sigma_scale: Some(0.01), ..JointInput::new(&xy, lengths, 0.005) };
-                refused(calibrate_joint(&scaled), "rank_deficient");
+                expect_error(calibrate_joint(&scaled), "rank_deficient");
             }
         }
-        // Two points anywhere.
+        // Two arbitrary points.
         let two: Vec<_> = [[0.0, 1.0], [2.0, -1.0]].iter().map(|c| lengths_to(&anchors, *c)).collect();
-        refused(calibrate_heights(&xy, &two), "rank_deficient");
+        expect_error(calibrate_heights(&xy, &two), "rank_deficient");
     }
 }
 
@@ -69,13 +69,14 @@ fn nearly_collinear_points_are_refused_by_their_predicted_deviation() {
     };
     for method in [Method::Survey, Method::Joint] {
         let measure = |half_width: f64| Noise::plain(0.01, 0.003).measure(&mut Random(3), &anchors, &strip(half_width));
-        let why = undetermined(calibrate(&measure(0.02), method));
+        let why = expect_undetermined(calibrate(&measure(0.02), method));
         assert!(why.is_line(), "{why}");
         let found = calibrate(&measure(3.0), method).unwrap();
         assert!(found.covariance.worst().2 < 0.05);
-        // How wide the strip has to be follows from the deviation, not from a fixed angle: better lengths need less.
+        // The required width of the strip depends on the standard deviation, not on a fixed angle:
+        // better lengths need less.
         let mut better = measure(0.08);
-        refused(calibrate(&Measurements { refuse_above_std_m: 0.2, ..better.clone() }, method), "rank_deficient");
+        expect_error(calibrate(&Measurements { refuse_above_std_m: 0.2, ..better.clone() }, method), "rank_deficient");
         better = Noise::plain(0.0005, 0.0005).measure(&mut Random(3), &anchors, &strip(0.08));
         assert!(calibrate(&Measurements { refuse_above_std_m: 0.2, ..better }, method).is_ok());
     }
@@ -86,13 +87,13 @@ fn negative_squared_heights_are_an_error_and_not_clipped() {
     let mut anchors = three();
     anchors[1][2] = 0.4;
     let points = placement::corners(&flat(&anchors), 6, 0.9);
-    // Line 2 reads 30 cm short: its anchor would have to be at an imaginary height.
+    // The length of cable 2 is measured 30 cm short: its anchor would have to be at an imaginary height.
     let lengths: Vec<_> =
         points.iter().map(|c| lengths_to(&anchors, *c).zip_map(&[0.0, -0.3, 0.0], |l, o| l + o)).collect();
-    let error = refused(calibrate_heights(&flat(&anchors), &lengths), "no_real_height");
+    let error = expect_error(calibrate_heights(&flat(&anchors), &lengths), "no_real_height");
     assert!(matches!(error, CalibrationError::NoRealHeight { anchor: 2, .. }), "{error}");
     let xy = flat(&anchors);
-    refused(calibrate_joint(&JointInput::new(&xy, &lengths, 0.01)), "no_real_height");
-    // The regression itself still says what it found.
+    expect_error(calibrate_joint(&JointInput::new(&xy, &lengths, 0.01)), "no_real_height");
+    // The regression itself still reports its result.
     assert!(closed_form(&xy, &lengths).unwrap().squared_heights_m2[1] < 0.0);
 }

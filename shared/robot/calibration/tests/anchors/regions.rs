@@ -1,11 +1,11 @@
-//! The stated regions contain the truth as often as they say.
+//! Confidence regions contain the truth as often as stated.
 
 use cable_robot::Vector3;
 use calibration::{Loss, Measurements, Method, calibrate};
 
 use super::stand_in::*;
 
-/// Share of stated 95 % regions, over all anchors, that hold the truth; and of the region of all anchors together.
+/// Share of 95 % regions that contain the truth: of single anchors, and of all anchors together.
 fn coverage(anchors: &[[f64; 3]], noise: &Noise, method: Method, loss: Loss, trials: u64) -> (f64, f64) {
     let (mut inside, mut asked, mut together) = (0, 0, 0);
     for trial in 0..trials {
@@ -58,8 +58,8 @@ fn regions_with_a_robust_loss_are_not_too_small() {
 }
 
 #[test]
-fn leaving_out_scale_and_zeros_that_are_there_is_noticed_or_at_least_overconfident() {
-    // The reason why they are in the model: without them the regions are wrong.
+fn ignoring_existing_scale_and_zeros_gives_wrong_regions() {
+    // The reason why the model contains them: without them the regions are wrong.
     let mut hit = 0;
     for trial in 0..100 {
         let mut random = Random(trial);

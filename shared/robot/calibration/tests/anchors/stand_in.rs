@@ -1,9 +1,9 @@
-//! The robots that are measured, and measurements of them with chosen errors.
+//! Simulated robots, and measurements of them with chosen errors.
 
 use cable_robot::{CableVec, Vector3};
 use calibration::{CalibrationError, Measurements, Range, Side, Undetermined, survey_anchors};
 
-/// SplitMix64 and Box-Muller: seeded, and nobody else's.
+/// SplitMix64 and Box-Muller: a seeded generator with a fixed sequence.
 pub struct Random(pub u64);
 
 impl Random {
@@ -20,7 +20,8 @@ impl Random {
         sigma * radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
 
-    /// Anywhere in the polygon of the anchors, shrunk to 0.9 about their mean: a random triangle of a fan, then a point in it.
+    /// A random point in the polygon of the anchors, shrunk to 0.9 about their mean: a random triangle of a fan,
+    /// then a point in it.
     pub fn point_within(&mut self, anchors: &[[f64; 3]]) -> [f64; 2] {
         let n = anchors.len();
         let mean = [0, 1].map(|k| anchors.iter().map(|a| a[k]).sum::<f64>() / n as f64);
@@ -37,7 +38,7 @@ impl Random {
     }
 }
 
-/// Spans of about 10 m, heights of about 3 m; a stand-in for the paper's lost Table I.
+/// Spans of about 10 m, heights of about 3 m; replaces the paper's Table I, which is lost.
 pub fn three() -> Vec<[f64; 3]> {
     let xy = survey_anchors([9.1, 9.8, 9.4], Side::Left).unwrap();
     [3.20, 3.45, 3.05].iter().zip(xy).map(|(z, [x, y])| [x, y, *z]).collect()
@@ -58,7 +59,7 @@ pub fn lengths_to(anchors: &[[f64; 3]], c: [f64; 2]) -> CableVec {
     })
 }
 
-/// What the instruments would say.
+/// Standard deviations of the simulated instruments.
 pub struct Noise {
     pub length_m: f64,
     pub range_m: f64,
@@ -100,15 +101,15 @@ impl Noise {
     }
 }
 
-/// The sentence of a refusal of this kind.
-pub fn refused(found: Result<impl std::fmt::Debug, CalibrationError>, kind: &str) -> CalibrationError {
+/// Returns the error after a check of its kind.
+pub fn expect_error(found: Result<impl std::fmt::Debug, CalibrationError>, kind: &str) -> CalibrationError {
     let error = found.unwrap_err();
     assert_eq!(error.kind(), kind, "{error}");
     error
 }
 
-/// What they leave open.
-pub fn undetermined(found: Result<impl std::fmt::Debug, CalibrationError>) -> Undetermined {
+/// Returns the reason why the measurements do not determine the anchors.
+pub fn expect_undetermined(found: Result<impl std::fmt::Debug, CalibrationError>) -> Undetermined {
     match found.unwrap_err() {
         CalibrationError::RankDeficient(why) => why,
         other => panic!("{other}"),

@@ -1,43 +1,44 @@
-//! The fit of a plane around a cell's centre, and the choice of its radius.
+//! The fit of a plane around the centre of a cell, and the selection of its radius.
 
 use super::cell::GridCell;
 use super::moments::{Moments, add};
 use super::spec::{GridOptions, GridSpec};
 use nalgebra::{Matrix3, Vector3};
 
-/// Circles that are tried at most.
-const MOST_SCALES: usize = 8;
-/// Each is wider than the one before by this.
-const WIDER: f64 = 1.5;
-/// The narrowest circle reaches the corners of the cell and a little over them, cells.
-const NARROWEST: f64 = 0.8;
-/// Half width of the confidence intervals, standard deviations. Wider ones average more noise and blur edges more; with this one both stay
-/// below what one radius for all cells makes of them (`edges_stay_..` in the tests).
+/// Largest number of radii.
+const MAX_RADII: usize = 8;
+/// Ratio of a radius to the previous one.
+const RADIUS_RATIO: f64 = 1.5;
+/// Smallest radius, cells: slightly more than the corners of the cell.
+const SMALLEST_RADIUS: f64 = 0.8;
+/// Half width of the confidence intervals, standard deviations. Wider intervals average more noise and blur edges more;
+/// with this value both errors stay below those of one radius for all cells
+/// (`edges_and_noise_have_smaller_errors_than_with_one_radius` in the tests).
 const CONFIDENCE: f64 = 1.5;
-/// Samples beyond those that the plane takes, so that a scatter is a scatter.
-const LEAST_FREEDOM: f64 = 3.0;
-/// A slope prior that weighs next to nothing beside the samples keeps the equations solvable, relative.
-const FAINT: f64 = 1e-9;
+/// Number of samples beyond those that determine the plane, so that the scatter is meaningful.
+const MIN_FREEDOM: f64 = 3.0;
+/// Relative weight of a slope prior that keeps the equations solvable without affecting the result.
+const FAINT_PRIOR: f64 = 1e-9;
 
-/// The radii that are tried, cells.
+/// Radii of the fit, cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Scales {
-    radii: [f64; MOST_SCALES],
+pub(super) struct Radii {
+    radii: [f64; MAX_RADII],
     count: usize,
     cell_m: f64,
 }
 
-impl Scales {
+impl Radii {
     pub fn new(cell_m: f64, options: &GridOptions) -> Self {
-        let narrowest = NARROWEST.max(0.5 * options.footprint_m / cell_m);
+        let narrowest = SMALLEST_RADIUS.max(0.5 * options.footprint_m / cell_m);
         let widest = (options.reach_m / cell_m).max(narrowest);
-        let mut radii = [widest; MOST_SCALES];
+        let mut radii = [widest; MAX_RADII];
         let mut count = 0;
         let mut radius = narrowest;
-        while radius < widest / WIDER.sqrt() && count < MOST_SCALES - 1 {
+        while radius < widest / RADIUS_RATIO.sqrt() && count < MAX_RADII - 1 {
             radii[count] = radius;
             count += 1;
-            radius *= WIDER;
+            radius *= RADIUS_RATIO;
         }
         Self { radii, count: count + 1, cell_m }
     }
@@ -46,21 +47,22 @@ impl Scales {
         &self.radii[..self.count]
     }
 
-    /// How many cells away a sample can matter.
+    /// Distance at which a sample can still contribute, cells.
     pub fn widest_cells(&self) -> usize {
-        // the samples of a cell may lie at the border that is nearer
+        // the samples of a cell may lie at its nearer border
         (self.radii[self.count - 1] + 1.0).ceil() as usize
     }
 }
 
-/// What a fit takes from the whole map: variance of a value of weight 1, standard deviation of a slope per cell.
+/// Properties of the whole map that a fit uses: variance of a value of weight 1, standard deviation
+/// of a slope per cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Surroundings {
     pub noise: f64,
     pub slope: f64,
 }
 
-/// Weighted sums over a circle: with the weights once, and with their squares for the noise.
+/// Weighted sums over a circle: with the weights, and with their squares for the noise.
 struct Circle {
     once: [f64; 6],
     twice: [f64; 6],
@@ -72,7 +74,7 @@ struct Circle {
 }
 
 impl Circle {
-    /// `None` without a sample in it.
+    /// Sums over a circle around a cell; `None` if it contains no sample.
     fn around(spec: &GridSpec, moments: &[Moments], at: usize, radius: f64) -> Option<Self> {
         let (column, row) = ((at % spec.columns) as isize, (at / spec.columns) as isize);
         let reach = (radius + 0.5).ceil() as isize;
@@ -110,9 +112,9 @@ impl Circle {
 struct Fit {
     value: f64,
     slope: [f64; 2],
-    /// Variance of the value from noise and from the slope that is not known.
+    /// Variance of the value from noise and from the unknown slope.
     variance: f64,
-    /// Mean square of the residuals over what noise of variance 1 would leave, and how many samples beyond the plane's own that rests on.
+    /// Mean square of the residuals relative to noise of variance 1, and its degrees of freedom.
     residual: f64,
     freedom: f64,
 }
@@ -125,8 +127,8 @@ fn fit(circle: &Circle, around: &Surroundings) -> Option<Fit> {
     let once = symmetric(circle.once);
     let twice = symmetric(circle.twice);
     let values = Vector3::from(circle.values);
-    let faint = FAINT * circle.once[0];
-    // weight of the prior in units of a sample's; where nothing varies, slopes are zero
+    let faint = FAINT_PRIOR * circle.once[0];
+    // weight of the prior relative to a sample; without variation, slopes are zero
     let prior = if around.slope > 0.0 { (around.noise / (around.slope * around.slope)).max(faint) } else { faint };
     let held = Matrix3::from_diagonal(&Vector3::new(0.0, prior, prior));
     let inverse = (once + held).cholesky()?.inverse();
@@ -146,23 +148,24 @@ fn fit(circle: &Circle, around: &Surroundings) -> Option<Fit> {
     .filter(|fit| fit.value.is_finite() && fit.variance.is_finite())
 }
 
-/// The residual of the narrowest fit around a cell that has enough samples for one, over what noise of variance 1 leaves; NaN if none has.
-pub(super) fn residual(spec: &GridSpec, scales: &Scales, moments: &[Moments], at: usize, slope: f64) -> f64 {
-    // as if there were no noise: the prior gives way to the samples
+/// The residual of the narrowest fit with enough samples around a cell, relative to noise of variance
+/// 1; NaN if none has.
+pub(super) fn residual(spec: &GridSpec, scales: &Radii, moments: &[Moments], at: usize, slope: f64) -> f64 {
+    // as if there were no noise, so that the prior does not matter
     let around = Surroundings { noise: 0.0, slope };
     let fits = scales.radii().iter().filter_map(|radius| fit(&Circle::around(spec, moments, at, *radius)?, &around));
-    fits.into_iter().find(|fit| fit.freedom >= LEAST_FREEDOM).map_or(f64::NAN, |fit| fit.residual)
+    fits.into_iter().find(|fit| fit.freedom >= MIN_FREEDOM).map_or(f64::NAN, |fit| fit.residual)
 }
 
-/// What the samples say about a cell; the value is relative to that of the sums.
+/// Estimates a cell from the samples; the value is relative to that of the sums.
 pub(super) fn cell(
     spec: &GridSpec,
-    scales: &Scales,
+    scales: &Radii,
     moments: &[Moments],
     at: usize,
     around: &Surroundings,
 ) -> Option<GridCell> {
-    let mut tried = [(0.0, 0.0); MOST_SCALES];
+    let mut tried = [(0.0, 0.0); MAX_RADII];
     let mut count = 0;
     let mut chosen = None;
     let mut common = [f64::NEG_INFINITY, f64::INFINITY];
@@ -183,10 +186,10 @@ pub(super) fn cell(
     let [gx, gy] = gradient_per_m;
     let [xx, xy, yy] = circle.places_m2.map(|sum| sum / circle.once[0]);
     let by_place = (gx * gx * xx + 2.0 * gx * gy * xy + gy * gy * yy).max(0.0);
-    // what a bend of the ground does to the value grows with the square of the radius, so two radii tell how much it is
+    // the effect of curvature on the value grows with the square of the radius, so two radii determine it
     let bend = |(narrower, value): &(f64, f64)| (value - fit.value) / (1.0 - (narrower / radius) * (narrower / radius));
     let bent = tried[..count - 1].iter().rev().take(2).map(bend).fold(0.0, |most: f64, one| most.max(one.abs()));
-    // a scatter that chance explains is noise; what is beyond it does not average out
+    // scatter within chance is noise; the excess does not average out
     let chance = around.noise * (1.0 + 2.0 * (2.0 / fit.freedom.max(1.0)).sqrt());
     let structure =
         if fit.freedom >= 1.0 { (fit.residual - chance).max(0.0) * circle.weight / circle.once[0] } else { 0.0 };

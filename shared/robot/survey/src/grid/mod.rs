@@ -1,28 +1,33 @@
-//! A map of a scalar field on a regular grid, from samples at uncertain places.
+//! A map of a scalar field on a regular grid, from samples at uncertain positions.
 //!
 //! # Method
-//! The value of a cell is that of a plane, fitted to the samples around the cell's centre by weighted least squares (local linear
-//! regression, as in Fan and Gijbels, *Local Polynomial Modelling and Its Applications*, 1996). What has to be chosen is how far around:
-//! narrow keeps edges, wide averages noise. It is chosen for each cell on its own by the intersection of confidence intervals
-//! (Goldenshluger and Nemirovski 1997; Katkovnik 1999): beginning with the narrowest circle, it is widened for as long as the intervals of
-//! all circles so far have a value in common. Over smooth ground that ends wide, beside an edge it ends before the edge.
+//! The value of a cell is that of a plane, fitted to the samples around the cell's centre by weighted least squares
+//! (local linear regression, as in Fan and Gijbels, *Local Polynomial Modelling and Its Applications*, 1996). The
+//! radius is a compromise: a small one preserves edges, a large one averages noise. It is selected for each cell by the
+//! intersection of confidence intervals (Goldenshluger and Nemirovski 1997; Katkovnik 1999): starting with the smallest
+//! circle, it grows as long as the intervals of all circles so far have a value in common. On smooth ground the result
+//! is a large circle, beside an edge a circle that ends before the edge.
 //!
-//! * A sample weighs `1 / sigma^2` of its value, times a kernel `(1 - u^2)^2` of the distance `u` over the radius.
-//! * Samples are summed up within their own cell (numbers, places, products of both up to the second order), and these sums are what
-//!   circles are put together from. So a sample costs the same in the first second and after hours, and a plane still comes out exactly.
-//! * A place where the node hovered counts as [`FULL_CELL`] samples at most against its neighbours.
-//! * Slopes that the samples do not determine (one straight track) are held by a prior: zero, give or take the standard deviation of the
-//!   values over the widest radius.
+//! * The weight of a sample is `1 / sigma^2` of its value, times a kernel `(1 - u^2)^2` of the distance `u`
+//!   over the radius.
+//! * Samples are summed within their cell (counts, positions, products of both up to second order), and
+//!   circles are composed of these sums. The cost of a sample is therefore constant over hours, and a plane is
+//!   still fitted exactly.
+//! * A position where the node hovered counts as at most [`FULL_CELL`] samples relative to its neighbours.
+//! * Slopes that the samples do not determine (one straight track) follow a prior: zero, with the standard deviation of
+//!   the values over the largest radius.
 //!
 //! # Uncertainty
-//! The variance of a cell is the sum of five:
-//! * noise of the values, through the fit. Its level is the given `sigma`; where none is given, or where residuals are larger than it in
-//!   half of the cells, what the median cell scatters;
-//! * the slope that is not known, times the distance to the samples (large between tracks and at the border of what was seen);
-//! * the bend of the ground within the circle, from how much the last widenings changed the value: that grows with the square of the radius;
-//! * scatter beyond the noise: structure that a plane does not describe, such as an edge within the circle. Averaging does not lessen it;
-//! * the uncertainty of the places, times the slope. It is not lessened by averaging either, as most of it (anchors, line lengths) is the same
-//!   for all samples of a neighbourhood.
+//! The variance of a cell is the sum of five terms:
+//! * noise of the values, through the fit. Its level is the given `sigma`; if none is given, or if residuals exceed it
+//!   in half of the cells, it is the scatter of the median cell;
+//! * the unknown slope, times the distance to the samples (large between tracks and at the border of the sampled area);
+//! * the curvature of the ground within the circle, estimated from the change of the value in the last enlargements,
+//!   which grows with the square of the radius;
+//! * scatter beyond the noise: structure that a plane does not describe, such as an edge within the circle. Averaging
+//!   does not reduce it;
+//! * the uncertainty of the positions, times the slope. Averaging does not reduce it either, because most of it
+//!   (anchors, cable lengths) is common to all samples of a neighbourhood.
 //!
 //! A cell without any sample within [`GridOptions::reach_m`] is unknown.
 
@@ -33,58 +38,58 @@ mod spec;
 
 use crate::SurveyError;
 pub use cell::{FULL_CELL, GridCell};
-use fit::{Scales, Surroundings};
+use fit::{Radii, Surroundings};
 use moments::Moments;
 pub use spec::{GridOptions, GridSample, GridSpec, MOST_CELLS};
 
-/// What the noise or the spread of the values may change by before cells without new samples are made anew, ratio.
-const STEADY: f64 = 1.2;
+/// Largest ratio by which noise or spread of the values may change before cells without new samples are updated.
+const STEADY_RATIO: f64 = 1.2;
 
-/// What became of a sample.
+/// How the map used a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Added {
-    /// It is in the map from the next [`GridMap::refresh`] on.
+    /// The sample is in the map from the next [`GridMap::refresh`] on.
     Inside,
-    /// It lies outside of the grid.
+    /// The sample lies outside the grid.
     Outside,
-    /// A number of it is not finite, or a variance is below zero.
+    /// A number of the sample is not finite, or a variance is negative.
     Unusable,
 }
 
-/// Samples taken so far.
+/// Numbers of samples so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct GridCounts {
-    /// In the map.
+    /// Samples in the map.
     pub inside: u64,
-    /// Outside of the grid.
+    /// Samples outside the grid.
     pub outside: u64,
-    /// Not usable.
+    /// Unusable samples.
     pub unusable: u64,
-    /// Time stamp of the newest one in the map, ns; 0 before the first.
+    /// Time stamp of the newest sample in the map, ns; 0 before the first.
     pub newest_ns: u64,
 }
 
-/// A map that grows by samples.
+/// A map that is updated with samples.
 #[derive(Debug, Clone)]
 pub struct GridMap {
     spec: GridSpec,
     options: GridOptions,
-    scales: Scales,
+    scales: Radii,
     moments: Vec<Moments>,
     cells: Vec<Option<GridCell>>,
-    /// Reduced residual of each cell's narrowest fit that has one; NaN without.
+    /// Reduced residual of each cell's narrowest valid fit; NaN without one.
     residuals: Vec<f64>,
     scratch: Vec<f64>,
-    /// Cells with new samples since the last refresh, and whether a cell is among them.
+    /// Cells with new samples since the last refresh, and whether each cell is among them.
     fresh: Vec<u32>,
     is_fresh: Vec<bool>,
-    /// Cells to be made anew in this refresh.
+    /// Cells to be updated in this refresh.
     due: Vec<bool>,
-    /// Values are summed up against the first one, so that a small signal on a large value keeps its digits.
+    /// Values are summed relative to the first one, to preserve the precision of a small signal on a large value.
     base: Option<f64>,
     sum: f64,
     sum_squares: f64,
-    /// Whether all samples say how uncertain their value is.
+    /// Whether all samples have a standard deviation.
     sigmas_given: bool,
     last: Surroundings,
     counts: GridCounts,
@@ -94,13 +99,13 @@ impl GridMap {
     /// An empty map.
     ///
     /// # Errors
-    /// A number of the specification or of the options that makes no sense.
+    /// A number of the specification or of the options out of range.
     pub fn new(spec: GridSpec, options: GridOptions) -> Result<Self, SurveyError> {
         spec.check()?;
         options.check()?;
         let cells = spec.cells();
         Ok(Self {
-            scales: Scales::new(spec.cell_m, &options),
+            scales: Radii::new(spec.cell_m, &options),
             spec,
             options,
             moments: vec![Moments::default(); cells],
@@ -119,11 +124,11 @@ impl GridMap {
         })
     }
 
-    /// The map of these samples, made at once.
+    /// Builds the map of these samples at once.
     ///
     /// # Errors
     /// See [`GridMap::new`].
-    pub fn of<'a>(
+    pub fn from_samples<'a>(
         spec: GridSpec,
         options: GridOptions,
         samples: impl IntoIterator<Item = &'a GridSample>,
@@ -136,7 +141,7 @@ impl GridMap {
         Ok(map)
     }
 
-    /// Takes a sample in; it shows after the next [`GridMap::refresh`]. Constant time.
+    /// Adds a sample in constant time; it becomes visible with the next [`GridMap::refresh`].
     pub fn add(&mut self, sample: &GridSample) -> Added {
         if !sample.is_usable() {
             self.counts.unusable += 1;
@@ -162,8 +167,8 @@ impl GridMap {
         Added::Inside
     }
 
-    /// Makes the cells around new samples anew, and all of them where the samples have changed what noise and spread are thought to be.
-    /// Says whether anything was new.
+    /// Updates the cells around new samples, and all cells if the samples have changed the estimates of noise and
+    /// spread. Returns whether there were new samples.
     pub fn refresh(&mut self) -> bool {
         if self.fresh.is_empty() {
             return false;
@@ -173,7 +178,7 @@ impl GridMap {
         true
     }
 
-    /// Makes every cell anew, so that the map is that of its samples alone, however often it was made anew on the way.
+    /// Updates every cell, so that the map depends only on its samples, not on the number of refreshes.
     pub fn refresh_all(&mut self) {
         self.due.fill(true);
         self.update(true);
@@ -182,7 +187,7 @@ impl GridMap {
     fn update(&mut self, all: bool) {
         self.update_residuals();
         let now = self.surroundings();
-        let steady = |now: f64, last: f64| now <= last * STEADY && now >= last / STEADY;
+        let steady = |now: f64, last: f64| now <= last * STEADY_RATIO && now >= last / STEADY_RATIO;
         let all = all || !steady(now.noise, self.last.noise) || !steady(now.slope, self.last.slope);
         if all {
             self.last = now;
@@ -202,7 +207,7 @@ impl GridMap {
         }
     }
 
-    /// Every cell that a fresh one is within reach of.
+    /// Marks every cell within reach of a cell with new samples.
     fn mark_due(&mut self) {
         let reach = self.scales.widest_cells();
         let (columns, rows) = (self.spec.columns, self.spec.rows);
@@ -235,7 +240,7 @@ impl GridMap {
         (self.sum_squares / count - mean * mean).max(0.0).sqrt()
     }
 
-    /// Of the slopes, per cell.
+    /// Standard deviation of the slopes, per cell.
     fn prior_slope(&self) -> f64 {
         self.spread() * self.spec.cell_m / self.options.reach_m
     }
@@ -249,7 +254,7 @@ impl GridMap {
             (Some(median), true) => median.max(1.0),
             (Some(median), false) => median,
             (None, true) => 1.0,
-            // too few samples to tell noise from structure: all of it could be noise
+            // too few samples to distinguish noise from structure: all of it could be noise
             (None, false) => self.spread() * self.spread(),
         };
         let least = self.options.least_sigma;
@@ -257,19 +262,19 @@ impl GridMap {
         Surroundings { noise, slope: self.prior_slope() }
     }
 
-    /// Where the cells are.
+    /// Grid of the cells.
     #[must_use]
     pub fn spec(&self) -> &GridSpec {
         &self.spec
     }
 
-    /// How the map is made.
+    /// Options of the map.
     #[must_use]
     pub fn options(&self) -> &GridOptions {
         &self.options
     }
 
-    /// Samples taken so far.
+    /// Numbers of samples so far.
     #[must_use]
     pub fn counts(&self) -> GridCounts {
         self.counts
@@ -281,7 +286,7 @@ impl GridMap {
         &self.cells
     }
 
-    /// A cell as of the last refresh; `None` if nothing is known there, or there is no such cell.
+    /// A cell as of the last refresh; `None` if it is unknown or does not exist.
     #[must_use]
     pub fn cell(&self, column: usize, row: usize) -> Option<&GridCell> {
         if column >= self.spec.columns || row >= self.spec.rows {
@@ -290,15 +295,15 @@ impl GridMap {
         self.cells[self.spec.index(column, row)].as_ref()
     }
 
-    /// The cell in which this point lies.
+    /// The cell that contains this point.
     #[must_use]
     pub fn at(&self, position_m: [f64; 2]) -> Option<&GridCell> {
         let (column, row) = self.spec.cell_at(position_m)?;
         self.cell(column, row)
     }
 
-    /// Noise of one value as of the last refresh, in the unit of the values; where the samples give a `sigma`, what they give has to be
-    /// multiplied by (1: they are believed).
+    /// Noise of one value as of the last refresh, in the unit of the values. If the samples have a `sigma`, it is the
+    /// factor for that (1: the samples agree with it).
     #[must_use]
     pub fn noise(&self) -> f64 {
         self.last.noise.sqrt()

@@ -1,4 +1,4 @@
-//! What is kept of the samples of a cell: enough for every weighted fit of a plane in which the cell counts as a whole.
+//! Sums over the samples of a cell, sufficient for every weighted fit of a plane in which the cell has a single weight.
 
 use super::cell::FULL_CELL;
 use super::spec::GridSample;
@@ -6,7 +6,7 @@ use super::spec::GridSample;
 /// Sums over samples at (x, y) in cells from the centre, with value v and weight q = 1/sigma².
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Moments {
-    /// Samples.
+    /// Number of samples.
     pub count: u32,
     /// q times 1, x, y, xx, xy, yy.
     pub design: [f64; 6],
@@ -14,7 +14,7 @@ pub(super) struct Moments {
     pub values: [f64; 3],
     /// qvv.
     pub square: f64,
-    /// q times the covariance of the place, m².
+    /// q times the covariance of the position, m².
     pub places_m2: [f64; 3],
 }
 
@@ -28,17 +28,17 @@ impl Moments {
         add(&mut self.places_m2, q, &sample.position_covariance_m2);
     }
 
-    /// The mean place of the samples, cells from the centre.
+    /// Mean position of the samples, cells from the centre.
     pub fn mean(&self) -> [f64; 2] {
         [self.design[1] / self.design[0], self.design[2] / self.design[0]]
     }
 
-    /// As much of it as counts against neighbours, 0 to 1.
+    /// Share of the samples that counts relative to neighbours, 0 to 1.
     pub fn share(&self) -> f64 {
         (FULL_CELL / f64::from(self.count)).min(1.0)
     }
 
-    /// The sums as seen from a point that lies (x, y) cells before the centre.
+    /// The sums relative to a point that lies (x, y) cells before the centre.
     pub fn shifted(&self, [x, y]: [f64; 2]) -> ([f64; 6], [f64; 3]) {
         let [n, sx, sy, sxx, sxy, syy] = self.design;
         let [v, vx, vy] = self.values;

@@ -1,25 +1,25 @@
-//! Where the cells are, how the map is made, and what it is made from.
+//! Grid, options and samples of a map.
 
 use crate::SurveyError;
 
-/// Where the cells of a grid are: squares, `columns` along x and `rows` along y.
+/// Grid of a map: square cells, `columns` along x and `rows` along y.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridSpec {
     /// The corner with the lowest x and y, m.
     pub origin_m: [f64; 2],
     /// Side of a cell, m.
     pub cell_m: f64,
-    /// Cells along x.
+    /// Number of cells along x.
     pub columns: usize,
-    /// Cells along y.
+    /// Number of cells along y.
     pub rows: usize,
 }
 
 impl GridSpec {
-    /// The smallest grid that covers a rectangle, from its low corner on.
+    /// Builds the smallest grid that covers a rectangle, starting at its low corner.
     ///
     /// # Errors
-    /// A rectangle or a cell that is none, or more cells than there may be.
+    /// An invalid rectangle or cell size, or too many cells.
     pub fn covering(low_m: [f64; 2], high_m: [f64; 2], cell_m: f64) -> Result<Self, SurveyError> {
         positive("cell_m", cell_m)?;
         let mut counts = [0; 2];
@@ -31,7 +31,7 @@ impl GridSpec {
             if !(side_m.is_finite() && side_m >= 0.0) {
                 return Err(value("side_m", side_m, "0 or above and finite"));
             }
-            // a side of a whole number of cells keeps it in spite of rounding; a saturating cast is refused below
+            // rounding does not add a cell to a side of a whole number of cells; a saturating cast is rejected below
             counts[k] = ((side_m / cell_m - 1e-9).ceil() as usize).max(1);
         }
         let spec = Self { origin_m: low_m, cell_m, columns: counts[0], rows: counts[1] };
@@ -56,20 +56,20 @@ impl GridSpec {
         self.columns * self.rows
     }
 
-    /// Where a cell stands in lists of all cells.
+    /// Index of a cell in lists of all cells.
     #[must_use]
     pub fn index(&self, column: usize, row: usize) -> usize {
         row * self.columns + column
     }
 
-    /// Its centre, m.
+    /// Centre of a cell, m.
     #[must_use]
     pub fn centre(&self, column: usize, row: usize) -> [f64; 2] {
         let along = |origin: f64, i: usize| origin + (i as f64 + 0.5) * self.cell_m;
         [along(self.origin_m[0], column), along(self.origin_m[1], row)]
     }
 
-    /// Column and row of the cell in which a point lies.
+    /// Column and row of the cell that contains a point.
     #[must_use]
     pub fn cell_at(&self, position_m: [f64; 2]) -> Option<(usize, usize)> {
         let along = |k: usize, count: usize| {
@@ -87,21 +87,21 @@ impl GridSpec {
     }
 }
 
-/// How a map is made.
+/// Options of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridOptions {
-    /// Diameter of what the sensor sees at once, m: nothing finer is looked for. 0: a point.
+    /// Diameter of the sensor's footprint, m; the map resolves nothing finer. 0 is a point.
     pub footprint_m: f64,
-    /// How far a sample speaks for its surroundings, m: at least half the distance of neighbouring tracks, if the ground between them is to
-    /// be in the map.
+    /// Distance up to which a sample contributes, m: at least half the distance of neighbouring tracks, so that the
+    /// ground between them is in the map.
     pub reach_m: f64,
-    /// For samples that do not say how uncertain they are: their noise is not believed to be less than this, in the unit of the values.
-    /// Half of what the sensor counts in is a good choice.
+    /// Lower bound of the estimated noise of samples without a standard deviation, in the unit of the values. Half the
+    /// resolution of the sensor is a good choice.
     pub least_sigma: f64,
 }
 
 impl GridOptions {
-    /// For cells of this size: a sample speaks for four cells around.
+    /// Options for cells of this size: a sample contributes up to a distance of four cells.
     #[must_use]
     pub fn for_cell(cell_m: f64) -> Self {
         Self { footprint_m: 0.0, reach_m: 4.0 * cell_m, least_sigma: 0.0 }
@@ -119,29 +119,30 @@ impl GridOptions {
 }
 
 impl Default for GridOptions {
-    /// For cells of 0.1 m.
+    /// Options for cells of 0.1 m.
     fn default() -> Self {
         Self::for_cell(0.1)
     }
 }
 
-/// One value and where it was taken.
+/// A measured value and its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridSample {
     /// x and y, m.
     pub position_m: [f64; 2],
-    /// Their covariance: xx, xy, yy, m².
+    /// Covariance of the position: xx, xy, yy, m².
     pub position_covariance_m2: [f64; 3],
-    /// What was measured, in whatever unit.
+    /// Measured value, in any unit.
     pub value: f64,
-    /// Its standard deviation in the same unit, above 0; `None`: not known, then it is estimated from the scatter of all.
+    /// Standard deviation of the value in the same unit, above 0; `None` if unknown, then it is estimated from the
+    /// scatter of all samples.
     pub value_sigma: Option<f64>,
-    /// When it was true, ns.
+    /// Time of the measurement, ns.
     pub stamp_ns: u64,
 }
 
 impl GridSample {
-    /// A value at a place that is known exactly.
+    /// A value at an exactly known position.
     #[must_use]
     pub fn at(position_m: [f64; 2], value: f64) -> Self {
         Self { position_m, position_covariance_m2: [0.0; 3], value, value_sigma: None, stamp_ns: 0 }
@@ -152,7 +153,7 @@ impl GridSample {
         self.position_m.iter().chain([&self.value, &xx, &xy, &yy]).all(|number| number.is_finite())
             && xx >= 0.0
             && yy >= 0.0
-            // its square and what it divides have to be numbers too
+            // its square and quotients with it have to be finite too
             && self.value_sigma.is_none_or(|sigma| (1e-100..1e100).contains(&sigma))
             && self.value.abs() < 1e100
     }
@@ -166,5 +167,5 @@ fn value(key: &'static str, value: f64, accepted: &'static str) -> SurveyError {
     SurveyError::Value { key, value, accepted }
 }
 
-/// Cells of one map at most.
+/// Largest number of cells of a map.
 pub const MOST_CELLS: usize = 4_000_000;

@@ -1,4 +1,4 @@
-//! Where a finer scan goes: every edge that a coarse one may have seen, and nowhere else.
+//! Patches for a finer scan: they cover every edge that a coarse scan may have seen, and nothing else.
 
 use proptest::prelude::*;
 use survey::adaptive::{Known, Merit, Patch, PatchOptions, patches};
@@ -8,7 +8,7 @@ const LOW_M: [f64; 2] = [0.0, 0.0];
 const HIGH_M: [f64; 2] = [3.0, 2.4];
 const PITCH_M: f64 = 0.3;
 
-/// A field as seen by lines along x with a pitch of 0.3 m.
+/// A field sampled on lines along x with a pitch of 0.3 m.
 fn seen(field: impl Fn([f64; 2]) -> f64) -> Known {
     let spec = GridSpec::covering(LOW_M, HIGH_M, 0.05).unwrap();
     let mut map = GridMap::new(spec, GridOptions { reach_m: PITCH_M, ..GridOptions::for_cell(0.05) }).unwrap();
@@ -37,7 +37,8 @@ fn area_m2(found: &[Patch]) -> f64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
-    /// A block that at least one line crosses: wherever its edges are between the lines, a patch is there, and none is far away.
+    /// A block that at least one line crosses: a patch covers its edges at any position between the lines,
+    /// and none is far away.
     #[test]
     fn every_edge_of_a_block_is_in_a_patch(
         x in 0.5..1.5f64, y in 0.5..1.2f64, width in 0.4..1.0f64, depth in 0.35..0.8f64, height in 0.1..0.5f64,
@@ -54,11 +55,11 @@ proptest! {
         for far in [[x - 0.4, y], [x + width + 0.4, y], [x, y - 0.5], [x, y + depth + 0.5]] {
             prop_assert!(!covered(&found, far), "{far:?}");
         }
-        // edges beside the lines are crossed by the patch's own lines
+        // the lines of the patch cross edges that are parallel to the coarse lines
         let middle = [x + 0.5 * width, y];
         let over = found.iter().find(|patch| covered(&[**patch], middle)).unwrap();
         prop_assert!(over.along == 1);
-        // patches do not overlap: together they are as large as what they cover
+        // patches do not overlap: the sum of their areas is the covered area
         let probes = (0..60).flat_map(|i| (0..48).map(move |k| [0.025 + 0.05 * f64::from(i), 0.025 + 0.05 * f64::from(k)]));
         let inside = probes.filter(|probe| covered(&found, *probe)).count() as f64 * 0.0025;
         prop_assert!((inside - area_m2(&found)).abs() < 1e-6);
@@ -78,7 +79,7 @@ proptest! {
 }
 
 #[test]
-fn a_level_field_asks_for_nothing_and_an_unsure_one_for_its_gaps() {
+fn a_level_field_has_no_patches_and_an_uncertain_one_in_its_gaps() {
     let known = seen(|_| 2.0);
     assert_eq!(patches(&known, LOW_M, HIGH_M, LOW_M, &options(1.0)), []);
     let mut unsure = known;

@@ -1,11 +1,12 @@
-//! What a map promises: planes come out exactly, edges stay, uncertainty is honest, and what nobody saw stays unknown.
+//! Properties of a map: planes are exact, edges are preserved, standard deviations match errors, unsampled
+//! cells are unknown.
 
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 use survey::SurveyError;
 use survey::grid::{Added, GridMap, GridOptions, GridSample, GridSpec};
 
-/// Uniform in 0..1 and normal numbers from a seed.
+/// Uniform and normal random numbers from a seed.
 struct Random(u64);
 
 impl Random {
@@ -23,7 +24,7 @@ fn spec(cell_m: f64) -> GridSpec {
     GridSpec::covering([0.0, 0.0], [3.0, 3.0], cell_m).unwrap()
 }
 
-/// Waves in the left half, in the right one a block 0.5 high with steep walls.
+/// Waves in the left half; in the right half a block 0.5 high with steep walls.
 fn ground(x: f64, y: f64) -> f64 {
     let block = (1.8..2.6).contains(&x) && (0.9..2.1).contains(&y);
     0.1 * (2.0 * x).sin() * (1.5 * y).cos() + if block { 0.5 } else { 0.0 }
@@ -34,7 +35,7 @@ fn edge_distance_m(x: f64, y: f64) -> f64 {
     if dx < 0.0 && dy < 0.0 { -dx.max(dy) } else { (dx.max(0.0).powi(2) + dy.max(0.0).powi(2)).sqrt() }
 }
 
-/// Back and forth along x, in lines that are `apart_m` from each other, a sample every centimetre.
+/// Samples back and forth along x, on lines with a distance of `apart_m`, one every centimetre.
 fn scan(apart_m: f64, noise: f64, seed: u64) -> Vec<GridSample> {
     let mut random = Random(seed);
     let lines = (3.0 / apart_m) as usize;
@@ -53,7 +54,8 @@ fn options(cell_m: f64, reach_m: f64) -> GridOptions {
     GridOptions { reach_m, ..GridOptions::for_cell(cell_m) }
 }
 
-/// Errors over what the map says of them, of cells that are `from_m..to_m` from an edge; and the root of the mean square of the errors.
+/// Errors divided by their standard deviation, of cells that are `from_m..to_m` from an edge; and the root
+/// mean square error.
 fn errors(map: &GridMap, from_m: f64, to_m: f64) -> (Vec<f64>, f64) {
     let (mut ratios, mut squares) = (Vec::new(), 0.0);
     for row in 0..map.spec().rows {
@@ -79,13 +81,13 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn a_plane_comes_out_as_it_is(a in -1e3..1e3_f64, b in -10.0..10.0_f64, c in -10.0..10.0_f64, seed in 1_u64..1_000_000) {
+    fn a_plane_is_reproduced_exactly(a in -1e3..1e3_f64, b in -10.0..10.0_f64, c in -10.0..10.0_f64, seed in 1_u64..1_000_000) {
         let mut random = Random(seed);
         let samples: Vec<GridSample> = (0..2500)
             .map(|_| [3.0 * random.uniform(), 3.0 * random.uniform()])
             .map(|[x, y]| GridSample::at([x, y], a + b * x + c * y))
             .collect();
-        let map = GridMap::of(spec(0.15), options(0.15, 0.5), &samples).unwrap();
+        let map = GridMap::from_samples(spec(0.15), options(0.15, 0.5), &samples).unwrap();
         let size = 1.0 + b.abs() + c.abs();
         for row in 0..20 {
             for column in 0..20 {
@@ -102,12 +104,12 @@ proptest! {
     #[test]
     fn another_unit_and_another_zero_give_the_same_map(by in 0.01..100.0_f64, plus in -1e4..1e4_f64, seed in 1_u64..1_000_000) {
         let samples = scan(0.2, 0.02, seed);
-        let map = GridMap::of(spec(0.1), options(0.1, 0.4), &samples).unwrap();
+        let map = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &samples).unwrap();
         let other: Vec<GridSample> = samples.iter().map(|s| GridSample { value: by * s.value + plus, ..*s }).collect();
-        let other = GridMap::of(spec(0.1), options(0.1, 0.4), &other).unwrap();
+        let other = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &other).unwrap();
         for (a, b) in map.cells().iter().zip(other.cells()) {
             prop_assert_eq!(a.is_some(), b.is_some());
-            // rounding may decide where two intervals just touch
+            // rounding may decide whether two intervals that just touch overlap
             if let (Some(a), Some(b)) = (a, b) && a.radius_m == b.radius_m {
                 prop_assert!((by * a.value + plus - b.value).abs() < 1e-5 * by + 1e-9);
                 prop_assert!((by * a.sigma - b.sigma).abs() < 1e-4 * by);
@@ -116,7 +118,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_no_number_is_refused_and_changes_nothing(which in 0..6_usize, bad in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(f64::NEG_INFINITY)]) {
+    fn invalid_samples_are_rejected_and_change_nothing(which in 0..6_usize, bad in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(f64::NEG_INFINITY)]) {
         let mut map = GridMap::new(spec(0.3), options(0.3, 0.5)).unwrap();
         let mut sample = GridSample { value_sigma: Some(0.1), ..GridSample::at([1.0, 1.0], 2.0) };
         match which {
@@ -134,11 +136,11 @@ proptest! {
     }
 }
 
-/// The same fit, made from the samples themselves by another solver.
+/// The same fit, computed from the samples by another solver.
 #[test]
 fn a_cell_is_the_weighted_least_squares_plane_of_its_samples() {
     let mut random = Random(7);
-    // one circle only, and cells with one sample each but for the one that is looked at
+    // only one circle, and cells with one sample each except the tested one
     let spec = GridSpec::covering([0.0, 0.0], [0.5, 0.5], 0.1).unwrap();
     let options = GridOptions { footprint_m: 0.5, reach_m: 0.25, least_sigma: 0.0 };
     let samples: Vec<GridSample> = (0..25)
@@ -148,14 +150,14 @@ fn a_cell_is_the_weighted_least_squares_plane_of_its_samples() {
             GridSample { value_sigma: Some(0.5 + random.uniform()), ..GridSample::at(place, 100.0 + random.normal()) }
         })
         .collect();
-    let map = GridMap::of(spec, options, &samples).unwrap();
+    let map = GridMap::from_samples(spec, options, &samples).unwrap();
     let centre = [0.25, 0.25];
     let (mut rows, mut values, mut count) = (Vec::new(), Vec::new(), 0);
     for sample in &samples {
         let d: [f64; 2] = std::array::from_fn(|k| sample.position_m[k] - centre[k]);
         let inside = 1.0 - (d[0] * d[0] + d[1] * d[1]) / (0.25 * 0.25);
         if inside > 0.0 {
-            // the square root of the weight
+            // square root of the weight
             let root = inside / sample.value_sigma.unwrap();
             rows.extend([root, root * d[0], root * d[1]]);
             values.push(root * sample.value);
@@ -165,7 +167,7 @@ fn a_cell_is_the_weighted_least_squares_plane_of_its_samples() {
     let plane =
         DMatrix::from_row_slice(count, 3, &rows).svd(true, true).solve(&DVector::from_vec(values), 1e-12).unwrap();
     let cell = map.at(centre).unwrap();
-    // the slope's prior pulls a little: values scatter by 1 without any slope
+    // the slope's prior has a small effect: the values scatter by 1 without any slope
     assert!((cell.value - plane[0]).abs() < 0.03, "{cell:?} {plane}");
     assert!(
         (cell.gradient_per_m[0] - plane[1]).abs() < 1.5 && (cell.gradient_per_m[1] - plane[2]).abs() < 1.5,
@@ -174,9 +176,9 @@ fn a_cell_is_the_weighted_least_squares_plane_of_its_samples() {
 }
 
 #[test]
-fn the_uncertainty_is_honest_on_smooth_ground_and_beside_edges() {
+fn standard_deviations_match_errors_on_smooth_ground_and_beside_edges() {
     for (noise, cell_m, apart_m) in [(0.005, 0.05, 0.05), (0.02, 0.05, 0.1), (0.05, 0.1, 0.1), (0.02, 0.1, 0.2)] {
-        let map = GridMap::of(spec(cell_m), options(cell_m, 4.0 * cell_m), &scan(apart_m, noise, 3)).unwrap();
+        let map = GridMap::from_samples(spec(cell_m), options(cell_m, 4.0 * cell_m), &scan(apart_m, noise, 3)).unwrap();
         let (smooth, rms) = errors(&map, 0.3, 9.0);
         let (edges, edge_rms) = errors(&map, 0.0, 2.0 * cell_m);
         let spread = (smooth.iter().map(|ratio| ratio * ratio).sum::<f64>() / smooth.len() as f64).sqrt();
@@ -197,7 +199,7 @@ fn the_uncertainty_is_honest_on_smooth_ground_and_beside_edges() {
     }
 }
 
-/// Mean over the same kernel at one radius for all cells.
+/// Mean with the same kernel and one radius for all cells.
 fn fixed_kernel(samples: &[GridSample], at: [f64; 2], radius_m: f64) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for sample in samples {
@@ -210,10 +212,10 @@ fn fixed_kernel(samples: &[GridSample], at: [f64; 2], radius_m: f64) -> f64 {
 }
 
 #[test]
-fn edges_stay_where_one_radius_for_all_blurs_them_or_keeps_the_noise() {
+fn edges_and_noise_have_smaller_errors_than_with_one_radius() {
     let (cell_m, noise) = (0.05, 0.03);
     let samples = scan(0.05, noise, 5);
-    let map = GridMap::of(spec(cell_m), options(cell_m, 0.25), &samples).unwrap();
+    let map = GridMap::from_samples(spec(cell_m), options(cell_m, 0.25), &samples).unwrap();
     let fixed = |radius_m: f64, from_m: f64, to_m: f64| {
         let (mut squares, mut count) = (0.0, 0.0);
         for row in 0..map.spec().rows {
@@ -237,7 +239,7 @@ fn edges_stay_where_one_radius_for_all_blurs_them_or_keeps_the_noise() {
 }
 
 #[test]
-fn uncertain_places_matter_where_the_ground_is_steep() {
+fn uncertain_positions_matter_on_steep_ground() {
     let place_m = 0.02;
     let mut random = Random(11);
     let samples: Vec<GridSample> = (0..4000)
@@ -248,20 +250,20 @@ fn uncertain_places_matter_where_the_ground_is_steep() {
             ..GridSample::at([x, y], 2.0 * x)
         })
         .collect();
-    let map = GridMap::of(spec(0.1), options(0.1, 0.3), &samples).unwrap();
+    let map = GridMap::from_samples(spec(0.1), options(0.1, 0.3), &samples).unwrap();
     let cell = map.at([1.55, 1.55]).unwrap();
     assert!((cell.sigma / (2.0 * place_m) - 1.0).abs() < 0.05, "{cell:?}");
 }
 
 #[test]
-fn what_nobody_saw_is_unknown_and_between_tracks_is_less_sure() {
+fn unsampled_cells_are_unknown_and_cells_between_tracks_less_certain() {
     let mut map = GridMap::new(spec(0.1), options(0.1, 0.3)).unwrap();
     for i in 0..300 {
         let x = 0.01 * f64::from(i);
         assert_eq!(map.add(&GridSample::at([x, 1.05], 5.0 + 0.5 * x + 0.01 * f64::from(i % 3))), Added::Inside);
     }
     assert_eq!(map.add(&GridSample::at([3.5, 1.0], 5.0)), Added::Outside);
-    assert!(map.at([1.0, 1.05]).is_none(), "nothing shows before it is made anew");
+    assert!(map.at([1.0, 1.05]).is_none(), "samples are visible only after a refresh");
     assert!(map.refresh() && !map.refresh());
     let sigma = |y: f64| map.at([1.55, y]).map(|cell| cell.sigma);
     assert!(
@@ -276,9 +278,9 @@ fn what_nobody_saw_is_unknown_and_between_tracks_is_less_sure() {
 }
 
 #[test]
-fn a_map_that_grows_is_in_the_end_that_of_all_its_samples() {
+fn a_growing_map_ends_as_the_map_of_all_its_samples() {
     let samples = scan(0.2, 0.02, 9);
-    let whole = GridMap::of(spec(0.1), options(0.1, 0.4), &samples).unwrap();
+    let whole = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &samples).unwrap();
     let mut growing = GridMap::new(spec(0.1), options(0.1, 0.4)).unwrap();
     for (i, sample) in samples.iter().enumerate() {
         growing.add(sample);
@@ -298,11 +300,11 @@ fn a_map_that_grows_is_in_the_end_that_of_all_its_samples() {
 }
 
 #[test]
-fn a_place_where_the_node_hovered_does_not_speak_for_its_neighbours() {
+fn a_hovering_node_does_not_dominate_the_neighbours() {
     let mut samples = scan(0.1, 0.01, 13);
-    let truth = GridMap::of(spec(0.1), options(0.1, 0.4), &samples).unwrap();
+    let truth = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &samples).unwrap();
     samples.extend((0..20_000).map(|i| GridSample::at([0.55 + 1e-6 * f64::from(i % 7), 0.55], ground(0.55, 0.55))));
-    let hovered = GridMap::of(spec(0.1), options(0.1, 0.4), &samples).unwrap();
+    let hovered = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &samples).unwrap();
     for (a, b) in truth.cells().iter().zip(hovered.cells()) {
         let (a, b) = (a.unwrap(), b.unwrap());
         assert!((a.value - b.value).abs() < 5.0 * a.sigma.max(0.01), "{a:?} {b:?}");
@@ -310,7 +312,7 @@ fn a_place_where_the_node_hovered_does_not_speak_for_its_neighbours() {
 }
 
 #[test]
-fn a_grid_that_makes_no_sense_is_refused() {
+fn an_invalid_grid_is_refused() {
     let refused = |side_m, cell_m| GridSpec::covering([0.0, 0.0], side_m, cell_m).unwrap_err();
     let wrong = |error: &SurveyError| match *error {
         SurveyError::Value { key, value, .. } => (key, value),

@@ -1,4 +1,4 @@
-//! What maps and tracks promise, and where a finer scan goes.
+//! Properties of maps, tracks and the selection of areas for a finer scan.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod adaptive;

@@ -1,4 +1,4 @@
-//! What a track promises: the place at the instant, its uncertainty, and no place where there is none.
+//! Properties of a track: the position at an instant, its uncertainty, and no position without estimates.
 
 use proptest::prelude::*;
 use survey::track::{Fix, Place, Placing, Track, TrackOptions};
@@ -18,7 +18,7 @@ fn place(placing: Placing) -> Place {
     }
 }
 
-/// On a circle of 1 m with 0.4 m/s, an estimate every 10 ms.
+/// Motion on a circle of 1 m with 0.4 m/s, an estimate every 10 ms.
 fn on_a_circle(time_s: f64) -> ([f64; 3], [f64; 3]) {
     let (sin, cos) = (0.4 * time_s).sin_cos();
     ([cos, sin, 0.5], [-0.4 * sin, 0.4 * cos, 0.0])
@@ -35,7 +35,7 @@ fn circle(seconds: u64) -> Track {
 
 proptest! {
     #[test]
-    fn between_estimates_the_place_is_right_to_what_it_says(time_ns in 0..9_980_000_000_u64, lever in prop::array::uniform3(-1.0..1.0_f64)) {
+    fn the_error_between_estimates_is_within_its_uncertainty(time_ns in 0..9_980_000_000_u64, lever in prop::array::uniform3(-1.0..1.0_f64)) {
         let place = place(circle(10).at(time_ns, 0.0, lever));
         let (truth, velocity) = on_a_circle(time_ns as f64 * 1e-9);
         for k in 0..3 {
@@ -46,7 +46,7 @@ proptest! {
     }
 
     #[test]
-    fn an_instant_that_is_not_sure_spreads_along_the_motion(sigma_s in 0.0..0.1_f64) {
+    fn an_uncertain_instant_spreads_along_the_motion(sigma_s in 0.0..0.1_f64) {
         let mut track = Track::new(TrackOptions::default()).unwrap();
         track.note(&fix(0, [0.0; 3], [0.4, 0.0, 0.0]));
         track.note(&fix(10 * MS, [0.004, 0.0, 0.0], [0.4, 0.0, 0.0]));
@@ -57,7 +57,7 @@ proptest! {
 }
 
 #[test]
-fn too_new_too_old_and_in_between() {
+fn instants_too_new_too_old_and_between() {
     let track = circle(20);
     let oldest_ns = (2000 - 1024) * 10 * MS;
     assert_eq!(track.at(19_990 * MS + 1, 0.0, [0.0; 3]), Placing::Early);
@@ -68,7 +68,7 @@ fn too_new_too_old_and_in_between() {
 }
 
 #[test]
-fn there_is_no_way_over_a_gap_or_from_one_epoch_to_the_next() {
+fn gaps_and_epochs_are_not_interpolated() {
     let mut track = circle(1);
     let (position, velocity) = on_a_circle(2.0);
     track.note(&fix(2_000 * MS, position, velocity));
@@ -79,7 +79,7 @@ fn there_is_no_way_over_a_gap_or_from_one_epoch_to_the_next() {
 }
 
 #[test]
-fn what_is_no_estimate_is_left_out_and_the_same_instant_is_replaced() {
+fn invalid_estimates_are_ignored_and_the_same_instant_is_replaced() {
     let mut track = circle(1);
     let newest = *track.newest().unwrap();
     assert!(!track.note(&Fix { stamp_ns: newest.stamp_ns - 1, ..newest }));

@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_lie_where_a_plane_has_the_value() {
+    fn contours_of_a_plane_are_exact() {
         let plane = |column: usize, row: usize| Some(column as f64 + 2.0 * row as f64);
         let lines = contours(&plane, 10, 10, 7.3);
         assert!(lines.len() > 8);
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hill_has_a_closed_line_as_long_as_a_circle() {
+    fn the_contour_of_a_cone_is_a_closed_circle() {
         let hill = |column: usize, row: usize| {
             let (x, y) = (column as f64 - 50.0, row as f64 - 50.0);
             Some((x * x + y * y).sqrt())
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_saddle_is_two_lines_and_the_unknown_has_none() {
+    fn a_saddle_has_two_lines_and_unknown_cells_have_none() {
         let saddle = |column: usize, row: usize| Some(if (column + row).is_multiple_of(2) { 1.0 } else { 0.0 });
         for level in [0.4, 0.6] {
             let lines = contours(&saddle, 2, 2, level);

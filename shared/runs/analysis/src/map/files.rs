@@ -26,7 +26,7 @@ pub(super) fn write(
     let mut written = Vec::new();
     let mut file = |name: String, text: String| -> Answer {
         let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|error| cannot(&path, &error))?;
+        std::fs::write(&path, text).map_err(|error| write_failure(&path, &error))?;
         written.push(path);
         Ok(())
     };
@@ -164,6 +164,6 @@ fn points(map: &SensorMap, samples: &[Sample]) -> String {
     text
 }
 
-pub(super) fn cannot(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+pub(super) fn write_failure(path: &Path, error: &dyn std::fmt::Display) -> Failure {
     Failure::NotNow(format!("{} cannot be written: {error}", path.display()))
 }

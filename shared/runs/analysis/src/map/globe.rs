@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_and_directions_are_those_in_space() {
+    fn distances_and_directions_match_space() {
         for latitude_deg in [-55.0, 0.0, 34.07, 60.0] {
             for azimuth_deg in [0.0, 90.0, 210.0] {
                 let site = SiteSection { latitude_deg, longitude_deg: -118.4, azimuth_deg };

@@ -8,7 +8,7 @@ mod read;
 
 pub use contour::{contours, levels};
 use globe::Globe;
-pub use read::{Origin, config_of, samples_of};
+pub use read::{Origin, logger_config, read_samples};
 
 use crate::runs::there;
 use command::values::above_zero;
@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     override_settings(&mut config, args);
     let mut measured: BTreeMap<String, SensorSamples> = BTreeMap::new();
     let mut sensors = Vec::new();
-    let track = samples_of(&args.run, &config, &mut sensors, &mut |name, origin, sample| {
+    let track = read_samples(&args.run, &config, &mut sensors, &mut |name, origin, sample| {
         if args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name) {
             let sensor = measured.entry(name.to_owned()).or_default();
             if args.recompute && origin == Origin::Recorded {
@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.run));
-    std::fs::create_dir_all(&folder).map_err(|error| files::cannot(&folder, &error))?;
+    std::fs::create_dir_all(&folder).map_err(|error| files::write_failure(&folder, &error))?;
     let (mut values, mut words) = (Vec::new(), Vec::new());
     for (name, measured) in &measured {
         match sensor_map(&config, args, name, measured) {
@@ -139,11 +139,11 @@ pub fn maps_within(
         let longest_m = (high[0] - low[0]).max(high[1] - low[1]).max(0.01);
         let spec = grid_around(&[*low, *high], Some(longest_m / cells))?.ok()?;
         let options = GridOptions { reach_m: 4.0 * spec.cell_m, ..config.options(&sensor, spec.cell_m) };
-        Some(map.on(GridMap::new(spec, options).ok()?))
+        Some(map.with_grid(GridMap::new(spec, options).ok()?))
     };
     // For each sensor, one map of recorded and one of computed samples; the choice is possible only at the end.
     let mut both: BTreeMap<String, [Option<SensorMap>; 2]> = BTreeMap::new();
-    samples_of(run, config, &mut Vec::new(), &mut |name, origin, sample| {
+    read_samples(run, config, &mut Vec::new(), &mut |name, origin, sample| {
         if !both.contains_key(name) {
             both.insert(name.to_owned(), [empty(name), empty(name)]);
         }
@@ -186,7 +186,7 @@ fn sensor_map(config: &LoggerConfig, args: &Args, name: &str, measured: &SensorS
     let options =
         GridOptions { reach_m: args.reach.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
     let grid = GridMap::new(spec, options).map_err(|error| error.to_string())?;
-    let mut map = empty.on(grid);
+    let mut map = empty.with_grid(grid);
     measured.samples.iter().for_each(|sample| map.add(sample));
     map.grid_mut().refresh_all();
     Ok(map)

@@ -1,7 +1,7 @@
 //! Reads the samples of a run: those that the sensor logger recorded, and those that the same code computes from the
 //! readings.
 
-use crate::report::robot_file_of;
+use crate::report::load_robot_file;
 use crate::runs::progress;
 use command::{Answer, Failure};
 use config::{RobotFile, SensorLoggerSection};
@@ -28,7 +28,7 @@ pub enum Origin {
 ///
 /// # Errors
 /// The run has no robot file, or a system file that cannot be used.
-pub fn config_of(run: &Path) -> Answer<LoggerConfig> {
+pub fn logger_config(run: &Path) -> Answer<LoggerConfig> {
     let (robot, section) = files_of(run)?;
     config(&robot, &section)
 }
@@ -43,7 +43,7 @@ pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
     let mut reader = RunReader::open(run)?;
     // The attachments precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
-    let Some(robot) = robot_file_of(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
+    let Some(robot) = load_robot_file(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
             "{} has no robot.toml that this program accepts, so the robot is unknown",
             run.display()
@@ -82,7 +82,7 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
 ///
 /// # Errors
 /// The run cannot be read.
-pub fn samples_of(
+pub fn read_samples(
     run: &Path,
     config: &LoggerConfig,
     sensors: &mut Vec<String>,

@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newcomer_that_is_given_up_is_no_death_of_the_one_that_works() {
+    fn a_failed_replacement_is_not_a_death_of_the_running_process() {
         let mut events = Events::default();
         let mut row = ProcessState { state: ProcessState::STATE_READY, restarts: 1, pid: 7, ..ProcessState::default() };
         messages::put_text(&mut row.name, "wind");
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn the_dead_are_known_by_their_role_and_not_by_what_they_logged_last() {
+    fn dead_processes_are_found_by_role_without_their_last_log_line() {
         let mut events = Events::default();
         let mut row = ProcessState { state: ProcessState::STATE_READY, ..ProcessState::default() };
         messages::put_text(&mut row.name, "estimator-a");
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_inside_a_sentence_keeps_what_it_names_and_leaves_its_cure() {
+    fn a_fault_clause_keeps_the_cable_and_drops_the_remedy() {
         let fault = "A cable is slack or broken: support the node, then reset (cable 2).";
         assert_eq!(fault_clause(fault), "a cable is slack or broken (cable 2)");
         let lost = "The supervisor is gone, so the robot stopped and holds: start nims up again, confirm the position, arm, and run the mission with --continue.";
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_and_its_mode_are_told_once_with_the_cable() {
+    fn a_fault_and_its_mode_are_recorded_once_with_the_cable() {
         let mut events = Events::default();
         let mut authority = MotorAuthority { mode: MotorAuthority::MODE_FOLLOWING, ..Default::default() };
         events.cycle(1.0, &authority);

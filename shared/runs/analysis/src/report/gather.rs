@@ -89,24 +89,24 @@ impl CableData {
         }
     }
 
-    /// Adds what a cycle contains about cable `i`.
-    fn add(&mut self, i: usize, time_s: f64, cycle: &Cycle<'_>) {
+    /// Adds the values of a cycle for the cable with this index.
+    fn add(&mut self, time_s: f64, cycle: &Cycle<'_>, index: usize) {
         if let Some(state) = cycle.state {
             // While the position is unknown, the values count from zero and are not lengths.
             if state.position_known != MotorState::POSITION_UNKNOWN {
-                self.length.add(time_s, state.length_m[i]);
+                self.length.add(time_s, state.length_m[index]);
             }
-            self.velocity.add(time_s, state.velocity_m_s[i]);
-            self.current.add(time_s, state.current_a[i]);
+            self.velocity.add(time_s, state.velocity_m_s[index]);
+            self.current.add(time_s, state.current_a[index]);
             if cycle.moving {
-                self.lag.add((state.command_m_s[i] - state.velocity_m_s[i]).abs());
+                self.lag.add((state.command_m_s[index] - state.velocity_m_s[index]).abs());
             }
         }
         if let Some(estimate) = cycle.estimate {
-            self.tension.add(time_s, estimate.tension_n[i]);
+            self.tension.add(time_s, estimate.tension_n[index]);
         }
         if let Some(energy) = cycle.energy {
-            (self.energy_j, self.loss_j) = (energy.energy_j[i], energy.loss_j[i]);
+            (self.energy_j, self.loss_j) = (energy.energy_j[index], energy.loss_j[index]);
         }
     }
 }
@@ -181,7 +181,7 @@ pub struct RunData {
     /// Unrecorded time before the first and after the last sample according to the supervisor, s.
     pub unrecorded_ends_s: [f64; 2],
     /// Reason for the end of the run from its manifest.
-    pub ended_because: Option<String>,
+    pub end_reason: Option<String>,
     /// Number of times that each mission was completed.
     pub missions: BTreeMap<String, u32>,
 }
@@ -191,6 +191,30 @@ impl RunData {
     #[must_use]
     pub fn unrecorded_s(&self) -> f64 {
         self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
+    }
+
+    /// Extends the last spans of mode and slots to this cycle, or starts new ones.
+    fn mode_and_slots(&mut self, time_s: f64, authority: &MotorAuthority) {
+        let same = |last: Option<&mut (f64, f64, u8)>| {
+            last.is_some_and(|(_, to_s, mode)| {
+                let same = *mode == authority.mode;
+                *to_s = time_s;
+                same
+            })
+        };
+        if !same(self.modes.last_mut()) {
+            self.modes.push((time_s, time_s, authority.mode));
+        }
+        let charge = [authority.active_controller, authority.active_estimator];
+        match self.slots.last_mut() {
+            Some((_, to_s, slots)) if *slots == charge => *to_s = time_s,
+            last => {
+                if let Some((_, to_s, _)) = last {
+                    *to_s = time_s;
+                }
+                self.slots.push((time_s, time_s, charge));
+            }
+        }
     }
 }
 
@@ -248,17 +272,6 @@ struct Collector {
     data: RunData,
 }
 
-/// Extends the last interval (begin and end, s) to this time; another value begins the next one.
-fn extend<T: PartialEq>(intervals: &mut Vec<(f64, f64, T)>, time_s: f64, value: T) {
-    if let Some((_, to_s, last)) = intervals.last_mut() {
-        *to_s = time_s;
-        if *last == value {
-            return;
-        }
-    }
-    intervals.push((time_s, time_s, value));
-}
-
 impl Collector {
     fn new() -> Answer<Self> {
         let times =
@@ -290,7 +303,7 @@ impl Collector {
             least_free_bytes: None,
             mission: None,
             unrecorded_ends_s: [0.0; 2],
-            ended_because: None,
+            end_reason: None,
             missions: BTreeMap::new(),
         };
         Ok(Self {
@@ -330,12 +343,41 @@ impl Collector {
         let authority = cycle.authority;
         let time_s = self.time_s(authority.header.stamp_ns);
         let count = usize::from(authority.cable_count).min(CABLES);
-        let data = &mut self.data;
-        while data.cables.len() < count {
-            data.cables.push(CableData::new());
+        while self.data.cables.len() < count {
+            self.data.cables.push(CableData::new());
         }
+        self.path_and_errors(time_s, cycle);
+        let data = &mut self.data;
+        for (i, cable) in data.cables.iter_mut().enumerate() {
+            cable.add(time_s, cycle, i);
+        }
+        if let Some(energy) = cycle.energy {
+            data.power[0].add(time_s, energy.power_w[..count].iter().sum());
+            data.power[1].add(time_s, energy.loss_w[..count].iter().sum());
+        }
+        for (trace, (_, count)) in data.losses.iter_mut().zip(self.count.periods().causes()) {
+            trace.add(time_s, count as f64);
+        }
+        let age_ns = cycle.segment.is_some().then_some(authority.command_age_ns);
+        for (times, ns) in data.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), age_ns]) {
+            if let Some(ns) = ns {
+                times.add(time_s, ns);
+            }
+        }
+        data.rate.add(time_s, authority.plan_rate);
+        data.mode_and_slots(time_s, authority);
+        data.events.cycle(time_s, authority);
+        data.legs.cycle(time_s, cycle);
+        if let Some(estimate) = cycle.estimate {
+            data.sensors.node_at(estimate);
+        }
+        data.authority = Some(*authority);
+    }
+
+    /// Adds the positions of a cycle, their errors, and the true tensions.
+    fn path_and_errors(&mut self, time_s: f64, cycle: &Cycle<'_>) {
         if let Some(point) = self.tally.add(cycle) {
-            data.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
+            self.data.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
             self.path.add([Some(point.setpoint), Some(point.estimate), point.truth]);
         } else if let Some(estimate) = cycle.estimate {
             self.path.add([
@@ -345,41 +387,16 @@ impl Collector {
             ]);
         }
         for truth in cycle.truth {
-            let at_s = self.mono_ns.map_or(0.0, |mono_ns| (i128::from(truth.header.stamp_ns) - mono_ns) as f64 * 1e-9);
-            for (cable, tension_n) in data.cables.iter_mut().zip(&truth.tension_n) {
+            let at_s = self.time_s(truth.header.stamp_ns);
+            for (cable, tension_n) in self.data.cables.iter_mut().zip(&truth.tension_n) {
                 cable.true_tension.add(at_s, *tension_n);
             }
             if cycle.moving
                 && let Some(target) = cycle.setpoint_at(truth.header.stamp_ns)
             {
-                data.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
+                self.data.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
             }
         }
-        for (i, cable) in data.cables.iter_mut().enumerate() {
-            cable.add(i, time_s, cycle);
-        }
-        if let Some(energy) = cycle.energy {
-            data.power[0].add(time_s, energy.power_w[..count].iter().sum());
-            data.power[1].add(time_s, energy.loss_w[..count].iter().sum());
-        }
-        for (trace, (_, count)) in data.losses.iter_mut().zip(self.count.periods().causes()) {
-            trace.add(time_s, count as f64);
-        }
-        let aged = if cycle.segment.is_some() { Some(authority.command_age_ns) } else { None };
-        for (times, ns) in data.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
-            if let Some(ns) = ns {
-                times.add(time_s, ns);
-            }
-        }
-        data.rate.add(time_s, authority.plan_rate);
-        extend(&mut data.modes, time_s, authority.mode);
-        extend(&mut data.slots, time_s, [authority.active_controller, authority.active_estimator]);
-        data.events.cycle(time_s, authority);
-        data.legs.cycle(time_s, cycle);
-        if let Some(estimate) = cycle.estimate {
-            data.sensors.node_at(estimate);
-        }
-        data.authority = Some(*authority);
     }
 
     /// Collects a sample that belongs to no cycle. Returns false for another version of a known channel's type.
@@ -470,7 +487,7 @@ impl Collector {
         data.periods = self.count.periods();
         data.analysis = self.tally.result(Vec::new(), data.periods);
         data.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
-        data.ended_because = crate::runs::ended_because(run);
+        data.end_reason = crate::runs::end_reason(run);
         data.recording = recording;
         data.robot = robot;
         data.events.close();

@@ -1,4 +1,4 @@
-//! The maps of the run as figures of the page.
+//! Charts of the sensor maps.
 
 use super::charts::{Figure, VIEW};
 use super::gather::RunData;
@@ -6,7 +6,7 @@ use crate::map;
 use georeference::SensorMap;
 use plot::{Axis, BLACK, Chart, Series, SeriesStyle};
 
-/// A figure for each map.
+/// Creates a figure for each map.
 pub fn figures(run: &RunData) -> Vec<Figure> {
     run.maps.iter().filter_map(|(name, map)| figure(name, map)).collect()
 }
@@ -29,7 +29,7 @@ fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
         [spec.origin_m[0] + (column + 0.5) * spec.cell_m, spec.origin_m[1] + (row + 0.5) * spec.cell_m]
     };
     let mut lines = Vec::new();
-    // noise alone is not worth a line
+    // No contour lines through noise.
     for level in if high - low > 4.0 * median { map::levels([low, high]) } else { Vec::new() } {
         let value = |column: usize, row: usize| map.value(column, row).map(|(value, _)| value);
         for [a, b] in map::contours(&value, spec.columns, spec.rows, level) {
@@ -41,7 +41,7 @@ fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
     let what = if quantity.is_empty() { "value" } else { quantity };
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let caption = format!(
-        "{name} as a map: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
+        "Map of {name}: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
     );
     let [x, y] = map.plane().axes().map(|axis| Axis::auto(&format!("{axis}, m")));
     Some(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }))

@@ -15,7 +15,7 @@ pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     if sensors.channels().is_empty() {
         return BTreeMap::new();
     }
-    let Ok(config) = map::config_of(run) else { return BTreeMap::new() };
+    let Ok(config) = map::logger_config(run) else { return BTreeMap::new() };
     map::maps_within(run, &config, &areas(sensors, &config), CELLS).unwrap_or_default()
 }
 

@@ -12,7 +12,7 @@ mod samples;
 mod trace;
 mod verdict;
 
-pub use robot::{robot_file_of, robot_of};
+pub use robot::{load_robot_file, robot_of};
 
 use command::{Answer, Failure, Output};
 use html::RunAssessment;
@@ -36,41 +36,19 @@ pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<Output> {
         crate::runs::there(run)?;
     }
     let path = out.map_or_else(|| place(first, runs.len() > 1), Path::to_path_buf);
-    let mut assessment = Vec::new();
+    let mut assessments = Vec::new();
     for run in runs {
-        assessment.push(judge(run)?);
+        assessments.push(judge(run)?);
     }
-    std::fs::write(&path, html::page(&assessment))
+    std::fs::write(&path, html::page(&assessments))
         .map_err(|error| Failure::NotNow(format!("the page {} cannot be written: {error}", path.display())))?;
-    let values: Vec<Value> = assessment.iter().map(value).collect();
-    let mut words: Vec<String> = assessment
+    let values: Vec<Value> = assessments.iter().map(value).collect();
+    let mut words: Vec<String> = assessments
         .iter()
         .map(|assessment| format!("{}: {}", assessment.run.name, assessment.verdict.sentence))
         .collect();
     words.push(format!("page       {}", path.display()));
     Ok(Output::new(json!({ "page": path, "runs": values }), words.join("\n")))
-}
-
-/// Size up to which the page is created automatically at the end of a run, bytes; larger runs take too long.
-const LARGE: u64 = 300_000_000;
-
-/// Creates the page of a run that has just ended, in its folder, unless the run is large.
-///
-/// # Errors
-/// The page was not created; the sentence names the command that creates it.
-pub fn after(run: &Path) -> Answer<PathBuf> {
-    let files = runlog::segments(run).map_err(Failure::not_now)?;
-    let bytes: u64 = files.iter().filter_map(|file| file.metadata().ok()).map(|file| file.len()).sum();
-    if bytes > LARGE {
-        let run = run.display();
-        return Err(Failure::NotNow(format!(
-            "the run has {:.0} MB, so its page was not created; create it with `nims report {run}`",
-            bytes as f64 * 1e-6
-        )));
-    }
-    let page = run.join(PAGE);
-    report(&[run.to_path_buf()], Some(&page))?;
-    Ok(page)
 }
 
 fn judge(run: &Path) -> Answer<RunAssessment> {

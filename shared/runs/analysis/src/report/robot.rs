@@ -10,11 +10,11 @@ const NAME: &str = "robot.toml";
 
 /// Returns the robot of a run; `None` if its file is missing or not accepted by this version.
 pub fn robot_of(run: &Path, inside: &[Attachment]) -> Option<Robot> {
-    robot_file_of(run, inside)?.robot().ok()
+    load_robot_file(run, inside)?.robot().ok()
 }
 
 /// Returns the robot file of a run.
-pub fn robot_file_of(run: &Path, inside: &[Attachment]) -> Option<RobotFile> {
+pub fn load_robot_file(run: &Path, inside: &[Attachment]) -> Option<RobotFile> {
     let folder = if run.is_dir() { run } else { run.parent()? };
     let beside = RobotFile::load(&folder.join(NAME)).ok();
     beside.or_else(|| unpacked(inside))

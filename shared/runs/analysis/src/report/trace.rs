@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_peak_is_lost_however_long_it_takes() {
+    fn peaks_survive_any_number_of_samples() {
         let mut trace = Trace::new(1.0);
         for i in 0..1_000_000_u32 {
             let peak = if i == 654_321 { 50.0 } else { 0.0 };
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silence_interrupts_the_curve_and_nonsense_is_left_out() {
+    fn a_silence_interrupts_the_curve_and_invalid_values_are_ignored() {
         let mut trace = Trace::new(1.0);
         for time_s in [0.0, 0.5, 1.0, 4.0, 4.5] {
             trace.add(time_s, time_s);
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_keeps_its_beginning_and_its_order() {
+    fn a_decimated_path_keeps_its_start_and_order() {
         let mut path = DecimatedPoints::default();
         (0..100_000).for_each(|i| path.add(i));
         assert!(path.points().len() < MAX_POINTS && path.points().len() >= MAX_POINTS / 2);

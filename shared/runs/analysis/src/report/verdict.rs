@@ -220,7 +220,7 @@ fn unfinished_mission(run: &RunData, mission: &Mission) -> (String, Grade) {
         _ => format!("was unfinished at {done:.0} %"),
     };
     let when = if run.recording.recording { "at the last write of its recorder" } else { "when the recording ended" };
-    let because = in_brackets(cause.or_else(|| run.ended_because.clone()));
+    let because = in_brackets(cause.or_else(|| run.end_reason.clone()));
     (format!("The mission \"{name}\" {state} {when}{because}"), grade)
 }
 
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mission_that_goes_no_further_says_why() {
+    fn an_unfinished_mission_has_a_cause() {
         type M = MotorAuthority;
         type P = PlanStatus;
         let run_ended = "was unfinished at 43 % when the recording ended";
@@ -427,12 +427,12 @@ mod tests {
         grade_of(&blind, &["was paused at 43 % when the recording ended (estimator-a died)"]);
         // Nothing failed: the run was ended.
         let mut ended = run(P::STATE_PAUSED, M::MODE_HOLDING);
-        ended.ended_because = Some("Ctrl-C".to_owned());
+        ended.end_reason = Some("Ctrl-C".to_owned());
         grade_of(&ended, &["when the recording ended (Ctrl-C)"]);
     }
 
     #[test]
-    fn a_mission_that_was_broken_off_names_the_fault_and_the_process() {
+    fn an_aborted_mission_names_the_fault_and_the_process() {
         type M = MotorAuthority;
         let mut faulted = run(PlanStatus::STATE_ABORTED, M::MODE_FAULTED);
         faulted.mission.as_mut().unwrap().reason = "a fault stopped the robot; nims status names it".to_owned();
@@ -441,8 +441,8 @@ mod tests {
         last.fault_cable[1] = 1;
         faulted.authority = Some(last);
         faulted.events.cycle(9.9, &last);
-        let parts =
-            ["aborted at 43 % (a line is slack or broken (cable 2))", "the robot was stopped by this fault at the end"];
+        let aborted = format!("aborted at 43 % ({} (cable 2))", clause_of(M::FAULT_SLACK));
+        let parts = [aborted.as_str(), "the robot was stopped by this fault at the end"];
         assert_eq!(grade_of(&faulted, &parts), Grade::Bad);
         let mut again = run(PlanStatus::STATE_ABORTED, M::MODE_DISARMED);
         again.mission.as_mut().unwrap().reason = "the robot was disarmed or motor-io restarted".to_owned();
@@ -452,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_is_being_recorded_is_told_as_it_is_now() {
+    fn a_run_in_progress_is_described_in_the_present_tense() {
         let mut flown = run(PlanStatus::STATE_RUNNING, MotorAuthority::MODE_FOLLOWING);
         records(&mut flown, 0);
         assert_eq!(grade_of(&flown, &["is running, 43 % complete", "nothing failed"]), Grade::Good);
@@ -472,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recovered_file_lacks_something_only_where_something_is_missing() {
+    fn a_recovered_file_is_incomplete_only_if_samples_are_missing() {
         let mut run = run(PlanStatus::STATE_DONE, MotorAuthority::MODE_HOLDING);
         let recovered = FileReport { recovered: true, ..file("run.mcap") };
         run.recording.files = vec![recovered.clone(), file("run-0002.mcap")];

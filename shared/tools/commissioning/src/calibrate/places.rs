@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_promised_is_what_points_there_give() {
+    fn predicted_accuracy_matches_points_at_the_planned_places() {
         let (value, words) = places(&ranges(), Method::Survey, 9, Some(3.1)).unwrap();
         assert!(words.lines().count() == 13 && words.contains("point 9"), "{words}");
         // Points measured at the planned places give the predicted standard deviations.
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn heights_that_nothing_tells_are_asked_for() {
+    fn undetermined_heights_require_an_argument() {
         let refusal = places(&ranges(), Method::Survey, 9, None).unwrap_err();
         assert!(refusal.to_string().contains("--height"), "{refusal}");
         assert_eq!(refusal.exit_code(), 2);

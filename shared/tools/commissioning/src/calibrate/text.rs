@@ -25,7 +25,7 @@ pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) 
         format!("usable: {worst}; points near the corners below the anchors would help most (nims calibrate --plan)")
     } else {
         format!(
-            "poor: {worst}; add points near the corners below the anchors before a mission (nims calibrate --plan says where)"
+            "poor: {worst}; add points near the corners below the anchors before a mission (nims calibrate --plan shows where)"
         )
     };
     if found.widened_by > 1.0 {

@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sound_machine_has_nothing_but_notes() {
+    fn a_sound_machine_has_only_notes() {
         let findings = judge(&sound());
         assert!(findings.iter().all(|finding| finding.level == Level::Note), "{findings:?}");
         assert!(findings.len() >= 3, "{findings:?}");
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn each_thing_that_is_wrong_is_found_and_has_a_cure() {
+    fn each_defect_has_one_finding_with_a_remedy() {
         found(Level::Error, &["/dev/shm", "mount -t tmpfs"], |machine| machine.memory.is_tmpfs = false);
         found(Level::Error, &["/dev/shm", "chmod 1777"], |machine| machine.memory.is_writable = false);
         found(Level::Error, &["64 MB left", "--shm-size"], |machine| {
@@ -391,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn domains_are_told_apart() {
+    fn domains_are_classified() {
         let domain = || DomainFacts {
             name: "demo3".to_owned(),
             folder: "/dev/shm/nims-1000-demo3".into(),
@@ -428,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_adapter_that_will_be_set_right_is_no_finding() {
+    fn a_slow_adapter_with_writable_latency_is_only_a_note() {
         let mut machine = sound();
         machine.ports[0].latency_ms = Some(16);
         machine.ports[0].latency_is_writable = true;

@@ -180,14 +180,14 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     #[test]
-    fn this_machine_can_be_looked_at() {
+    fn this_machine_can_be_probed() {
         let machine = probe(None);
         assert!(machine.memory.is_tmpfs && machine.memory.size_bytes >= machine.memory.free_bytes);
         assert!(machine.processors >= 1 && machine.unix_s > 1_700_000_000);
     }
 
     #[test]
-    fn what_lives_and_what_is_left_over_is_told_apart() {
+    fn running_and_dead_processes_are_distinguished() {
         let domain = Domain::for_test();
         let bus = bus::Bus::join(&domain, "process").unwrap();
         let found = domain_facts(&domain);
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn what_others_may_read_is_found() {
+    fn entries_open_to_others_are_found() {
         let folder = tempfile::tempdir().unwrap();
         let runs = folder.path().join("runs");
         fs::create_dir(&runs).unwrap();
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_port_is_there_or_not_and_a_device_or_not() {
+    fn ports_are_checked_for_existence_and_type() {
         let absent = serial_port(1, "/dev/there-is-none");
         assert!(!absent.exists && !absent.is_usable && absent.latency_ms.is_none());
         let file = tempfile::NamedTempFile::new().unwrap();

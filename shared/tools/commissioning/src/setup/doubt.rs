@@ -79,8 +79,8 @@ fn best_fit(measured: &Measurements) -> Option<(f64, f64)> {
     best.ok().map(|best| (best.chi_squared, best.degrees_of_freedom))
 }
 
-/// Returns the quantile of chi-squared that is exceeded with the probability of [`SIGNIFICANCE_SIGMAS`] (approximation of Wilson
-/// and Hilferty).
+/// Returns the quantile of chi-squared that is exceeded with the probability of [`SIGNIFICANCE_SIGMAS`]
+/// (approximation of Wilson and Hilferty).
 fn quantile(degrees_of_freedom: usize) -> f64 {
     let k = degrees_of_freedom as f64;
     let spread = 2.0 / (9.0 * k);

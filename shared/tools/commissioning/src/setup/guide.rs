@@ -228,9 +228,15 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
         });
     }
     match question {
-        Question::Pulleys => pulley_count(file, line),
+        Question::Pulleys => {
+            let most = cable_robot::MAX_CABLES;
+            let count =
+                whole(line, 3, most).ok_or_else(|| format!("`{}` is not a number from 3 to {most}", excerpt(line)))?;
+            file.setup.get_or_insert_default().pulleys = Some(count);
+            Ok(String::new())
+        }
         Question::Distance { from, to, needed } => distance(file, (*from, *to), *needed, line),
-        Question::Side { pulley, .. } => pulley_side(file, *pulley, line),
+        Question::Side { pulley, .. } => side(file, *pulley, line),
         Question::Height { pulley } => {
             if line.is_empty() {
                 file.setup.get_or_insert_default().unmeasured.push(*pulley);
@@ -247,7 +253,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             file.setup.get_or_insert_default().about_m = Some(numbers::length(line, numbers::HEIGHT)?);
             Ok(String::new())
         }
-        Question::Points => point_count(file, line),
+        Question::Points => number_of_points(file, line),
         Question::Lengths { .. } if done => end_early(file),
         Question::Lengths { place } => lengths(file, *place, line),
         Question::Doubt { doubtful, .. } => {
@@ -271,20 +277,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
     }
 }
 
-/// Parses a whole number within a range.
-fn whole(text: &str, least: usize, most: usize) -> Option<usize> {
-    let digits = text.len() <= 3 && !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    text.parse().ok().filter(|number| digits && (least..=most).contains(number))
-}
-
-fn pulley_count(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
-    let most = cable_robot::MAX_CABLES;
-    let count = whole(line, 3, most).ok_or_else(|| format!("`{}` is not a number from 3 to {most}", excerpt(line)))?;
-    file.setup.get_or_insert_default().pulleys = Some(count);
-    Ok(String::new())
-}
-
-fn pulley_side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String, String> {
+fn side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String, String> {
     let side = match line.to_lowercase().as_str() {
         "l" | "left" => 1,
         "r" | "right" => -1,
@@ -296,7 +289,7 @@ fn pulley_side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result
     Ok(String::new())
 }
 
-fn point_count(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
+fn number_of_points(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
     let count = if line.is_empty() { Some(POINTS) } else { whole(line, FEWEST, MOST) };
     let count = count.ok_or_else(|| {
         format!(
@@ -307,6 +300,12 @@ fn point_count(file: &mut MeasurementsFile, line: &str) -> Result<String, String
     let points = file.point.len();
     file.setup.get_or_insert_default().plan.push([points, count]);
     Ok("A step beside a place does no harm. The node must touch the floor, and all cables must be taut.".to_owned())
+}
+
+/// Parses a whole number within a range.
+fn whole(text: &str, least: usize, most: usize) -> Option<usize> {
+    let digits = text.len() <= 3 && !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    text.parse().ok().filter(|number| digits && (least..=most).contains(number))
 }
 
 fn distance(

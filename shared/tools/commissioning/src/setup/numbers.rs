@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_length_is_written_in_four_ways() {
+    fn a_length_has_four_notations() {
         for text in ["12.43", "12,43", "12.43 m", "1243 cm", " 12.43m ", "1243cm", "12,43 M", "012.430"] {
             assert_eq!(length(text, DISTANCE), Ok(12.43), "{text}");
         }
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_else_is_a_length() {
+    fn other_texts_are_not_lengths() {
         for text in [
             "",
             " ",
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn several_lengths_stand_in_one_line() {
+    fn several_lengths_fit_in_one_text_line() {
         for text in [
             "3.1 9.8 9.75",
             "3,1 9,8 9,75",

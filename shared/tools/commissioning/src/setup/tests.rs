@@ -125,7 +125,7 @@ fn day(count: usize) -> Vec<String> {
 }
 
 #[test]
-fn what_a_team_measures_is_as_good_as_the_guide_says() {
+fn the_stated_accuracy_is_honest() {
     let (mut sites, mut outside, mut squares, mut count) = (0, 0, 0.0, 0.0);
     for pulleys in [3, 4] {
         for seed in 0..60 {
@@ -152,7 +152,7 @@ fn what_a_team_measures_is_as_good_as_the_guide_says() {
 }
 
 #[test]
-fn broken_off_after_any_answer_it_ends_the_same() {
+fn interruption_after_any_answer_changes_nothing() {
     for count in [3, 4, 5] {
         let typed = day(count);
         let mut whole = Guide::default();
@@ -205,7 +205,7 @@ fn every_answer_can_be_taken_back() {
 }
 
 #[test]
-fn nonsense_is_refused_and_asked_again_at_every_question() {
+fn nonsense_is_rejected_at_every_question() {
     let mut guide = Guide::default();
     let mut lines = day(4);
     lines.push("done".to_owned());
@@ -229,7 +229,7 @@ fn nonsense_is_refused_and_asked_again_at_every_question() {
 }
 
 #[test]
-fn distances_that_make_no_triangle_are_refused_by_name() {
+fn distances_without_a_triangle_are_rejected_by_name() {
     let mut guide = Guide::default();
     for line in ["3", "9.8", "9.1"] {
         assert!(guide.answer(line).changed);
@@ -289,7 +289,7 @@ fn a_point_that_does_not_fit_is_named_and_can_be_kept() {
 }
 
 #[test]
-fn a_wrong_height_is_thought_of_when_a_point_does_not_fit() {
+fn a_wrong_height_is_suggested_when_a_point_does_not_fit() {
     let mut team = Team { share: 0.0, ..Team::new(5, 3) };
     let mut guide = Guide::default();
     while !matches!(guide.pending(), Question::Doubt { .. }) {
@@ -304,7 +304,7 @@ fn a_wrong_height_is_thought_of_when_a_point_does_not_fit() {
 }
 
 #[test]
-fn lengths_that_cannot_be_or_are_far_off_are_spoken_of() {
+fn impossible_or_unexpected_lengths_give_a_message() {
     let mut guide = Guide::default();
     for line in ["3", "9.8", "9.1", "9.4", "l", "", "", "", "3", ""] {
         assert!(guide.answer(line).changed);
@@ -317,7 +317,7 @@ fn lengths_that_cannot_be_or_are_far_off_are_spoken_of() {
 }
 
 #[test]
-fn a_file_that_the_guide_did_not_write_is_not_gone_on_with() {
+fn foreign_files_are_not_continued() {
     let cases = [
         ("[[range]]\nfrom = 1\nto = 2\nm = 9.0\n", "[setup]"),
         ("[setup]\npulleys = 9\n", "3 to 8"),
@@ -336,7 +336,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn whatever_is_typed_the_file_is_one_to_go_on_with(
+    fn any_input_leaves_a_file_that_can_be_continued(
         lines in prop::collection::vec(
             prop_oneof![
                 3 => "\\PC{0,12}",

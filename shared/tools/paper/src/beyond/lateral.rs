@@ -43,8 +43,17 @@ fn flown(ends: (Vector3<f64>, Vector3<f64>), expected: f64) -> Result<FlownMove>
     })
 }
 
-/// Paths that deviate sideways too.
-pub fn lateral(effort: Effort) -> Result<Section> {
+/// Computed savings by motor (ideal, geared) as shares of the parabola's loss, and the flown moves.
+struct Savings {
+    table: Table,
+    /// Savings with lateral deviation.
+    saved: [Vec<f64>; 2],
+    /// Savings in the vertical plane.
+    vertical: [Vec<f64>; 2],
+    moves: Vec<FlownMove>,
+}
+
+fn savings(effort: Effort) -> Result<Savings> {
     let bounds = Bounds { ground_m: Some(0.0), time_weight_w: 0.0 };
     let mut table = Table::new(
         "Best path of three harmonics down and three sideways, compared with the best parabola",
@@ -106,20 +115,26 @@ pub fn lateral(effort: Effort) -> Result<Section> {
             }
         }
     }
+    Ok(Savings { table, saved, vertical, moves })
+}
+
+/// Returns the range of shares as percentages.
+fn percent(values: &[f64]) -> String {
+    let low = values.iter().fold(f64::INFINITY, |m: f64, v| m.min(*v));
+    let high = values.iter().fold(f64::NEG_INFINITY, |m: f64, v| m.max(*v));
+    format!("{:.0} to {:.0} %", 100.0 * low, 100.0 * high)
+}
+
+/// Paths that deviate sideways too.
+pub fn lateral(effort: Effort) -> Result<Section> {
+    let savings = savings(effort)?;
     let mut flights = Table::new(
         "Flown with three cables and geared motors: loss over that of the flown parabola",
         &["move", "line", "lateral path", "lateral path, computed"],
     );
-    for (k, flown) in moves.iter().enumerate() {
+    for (k, flown) in savings.moves.iter().enumerate() {
         flights.row([(k + 1).to_string(), fixed(flown.line, 2), fixed(flown.lateral, 3), fixed(flown.expected, 3)]);
     }
-    let percent = |values: &[f64]| {
-        let low = values.iter().fold(f64::INFINITY, |m: f64, v| m.min(*v));
-        let high = values.iter().fold(f64::NEG_INFINITY, |m: f64, v| m.max(*v));
-        format!("{:.0} to {:.0} %", 100.0 * low, 100.0 * high)
-    };
-    let [ideal, geared] = &saved;
-    let flown_saving: Vec<f64> = moves.iter().map(|flown| 1.0 - flown.lateral).collect();
     Ok(Section {
         key: "lateral",
         title: "Improvement: paths that deviate sideways",
@@ -132,32 +147,41 @@ pub fn lateral(effort: Effort) -> Result<Section> {
             stand_in::THREE,
             stand_in::FOUR
         ),
-        tables: vec![table, flights],
-        checks: vec![
-            Check::claim(
-                mean(geared) > 0.1,
-                format!(
-                    "with geared motors such a path saves {} of the best parabola's loss, {:.0} % on average ({} without leaving the \
-                     vertical plane)",
-                    percent(geared),
-                    100.0 * mean(geared),
-                    percent(&vertical[1])
-                ),
-            ),
-            Check::claim(
-                mean(ideal) < 0.03,
-                format!("with ideal motors the improvement is negligible, as in the paper: {}, {:.0} % on average", percent(ideal), 100.0 * mean(ideal)),
-            ),
-            Check::claim(
-                moves.iter().all(|flown| flown.complete && flown.lateral < 1.0),
-                format!("flown, they save {} of the flown parabola's loss", percent(&flown_saving)),
-            ),
-            Check::condition(
-                geared.iter().all(|share| *share > 0.1),
-                "with geared motors it saves more than 10 % on every move".into(),
-            ),
-        ],
-        ratio: Some(format!("{} less loss with geared motors", percent(geared))),
+        tables: vec![savings.table.clone(), flights],
+        checks: checks(&savings),
+        ratio: Some(format!("{} less loss with geared motors", percent(&savings.saved[1]))),
         ..Section::default()
     })
+}
+
+fn checks(Savings { saved: [ideal, geared], vertical, moves, .. }: &Savings) -> Vec<Check> {
+    let flown_saving: Vec<f64> = moves.iter().map(|flown| 1.0 - flown.lateral).collect();
+    vec![
+        Check::claim(
+            mean(geared) > 0.1,
+            format!(
+                "with geared motors such a path saves {} of the best parabola's loss, {:.0} % on average ({} without leaving the \
+                 vertical plane)",
+                percent(geared),
+                100.0 * mean(geared),
+                percent(&vertical[1])
+            ),
+        ),
+        Check::claim(
+            mean(ideal) < 0.03,
+            format!(
+                "with ideal motors the improvement is negligible, as in the paper: {}, {:.0} % on average",
+                percent(ideal),
+                100.0 * mean(ideal)
+            ),
+        ),
+        Check::claim(
+            moves.iter().all(|flown| flown.complete && flown.lateral < 1.0),
+            format!("flown, they save {} of the flown parabola's loss", percent(&flown_saving)),
+        ),
+        Check::condition(
+            geared.iter().all(|share| *share > 0.1),
+            "with geared motors it saves more than 10 % on every move".into(),
+        ),
+    ]
 }

@@ -9,29 +9,20 @@ use anyhow::Result;
 use calibration::placement::corners;
 use plot::{Axis, Chart, Picture, Series, SeriesStyle};
 
+/// Standard deviation of a length, m.
+const SIGMA_LENGTH_M: f64 = 0.02;
+
 /// Compares points at the corners with random points.
 pub fn placement(effort: Effort) -> Result<Section> {
     let trials = effort.trials(3000);
     let counts = effort.select(&[3, 6, 9, 18, 20]);
-    let sigma = 0.02;
-    let run = |seed: u64, places: &dyn Fn(&mut Random) -> Vec<[f64; 2]>| -> Result<f64> {
-        let mut random = Random::new(seed);
-        let mut all = Vec::new();
-        for _ in 0..trials {
-            let anchors = survey(&mut random, SIGMA_RANGE_M)?;
-            let points = places(&mut random);
-            let lengths = Encoders::noisy(sigma).measure(&mut random, &points);
-            all.push(errors(&calibrate(&anchors, &lengths)?.0)[0]);
-        }
-        Ok(mean(&all))
-    };
     let mut table = Table::new("Mean error of the heights, mm", &["M", "random", "at the corners", "ratio"]);
     let mut curves = [Vec::new(), Vec::new()];
     let mut ratios = Vec::new();
     for count in &counts {
         let (count, seed) = (*count, 1000 + *count as u64);
-        let spread = run(seed, &|random| random_points(random, count))?;
-        let cornered = run(seed + 100, &|_| corners(&stand_in::three_xy(), count, 0.9))?;
+        let spread = mean_height_error(seed, trials, &|random| random_points(random, count))?;
+        let cornered = mean_height_error(seed + 100, trials, &|_| corners(&stand_in::three_xy(), count, 0.9))?;
         curves[0].push([count as f64, 1e3 * spread]);
         curves[1].push([count as f64, 1e3 * cornered]);
         if count > 3 {
@@ -83,4 +74,17 @@ pub fn placement(effort: Effort) -> Result<Section> {
         ratio: Some(ratio_range(&ratios)),
         ..Section::default()
     })
+}
+
+/// Returns the mean error of the heights over many calibrations with points at these places, m.
+fn mean_height_error(seed: u64, trials: usize, places: &dyn Fn(&mut Random) -> Vec<[f64; 2]>) -> Result<f64> {
+    let mut random = Random::new(seed);
+    let mut all = Vec::new();
+    for _ in 0..trials {
+        let anchors = survey(&mut random, SIGMA_RANGE_M)?;
+        let points = places(&mut random);
+        let lengths = Encoders::noisy(SIGMA_LENGTH_M).measure(&mut random, &points);
+        all.push(errors(&calibrate(&anchors, &lengths)?.0)[0]);
+    }
+    Ok(mean(&all))
 }

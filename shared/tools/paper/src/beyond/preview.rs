@@ -7,7 +7,7 @@ use super::{format_ratio, ratio_range};
 use anyhow::{Context, Result};
 use config::{ControlLaw, ControllerSection};
 use controller::Law;
-use plot::{Axis, Chart, Picture, SeriesStyle};
+use plot::{Axis, Chart, Picture, Series, SeriesStyle};
 
 /// Returns the lag-aware law with a given model of the drives, or with identification.
 fn preview_law(lag_s: Option<[f64; 2]>) -> Result<Law> {
@@ -64,6 +64,70 @@ impl Ratios {
     }
 }
 
+/// Errors of both laws on one mission with one kind of drives, mm by measure; NaN where the robot stopped.
+struct Comparison {
+    /// Least error of the paper's law, and its horizon.
+    paper: [(f64, u32); 2],
+    paper_track: Track,
+    identified: [f64; 2],
+    identified_track: Track,
+    /// With a model that is 10 % too long.
+    near: [f64; 2],
+    /// With a model that is twice too long.
+    double: [f64; 2],
+}
+
+impl Comparison {
+    /// Returns the error of the paper's law divided by this one; 0 if the robot stopped.
+    fn ratio(&self, measure: usize, error: f64) -> f64 {
+        if error.is_finite() { self.paper[measure].0 / error } else { 0.0 }
+    }
+
+    fn row(&self, measure: usize, mission: &str, drives: &str) -> [String; 9] {
+        let cell = |error: f64| if error.is_finite() { fixed(error, 2) } else { "stopped".into() };
+        let (error, horizon) = self.paper[measure];
+        let (identified, near, double) = (self.identified[measure], self.near[measure], self.double[measure]);
+        [
+            mission.to_owned(),
+            drives.to_owned(),
+            MEASURES[measure].0.to_owned(),
+            format!("{} ({horizon})", fixed(error, 2)),
+            cell(identified),
+            cell(near),
+            cell(double),
+            format_ratio(self.ratio(measure, identified)),
+            format_ratio(self.ratio(measure, near)),
+        ]
+    }
+}
+
+fn compare(mission: &str, drives: Drives, horizons: &[u32]) -> Result<Comparison> {
+    let mut paper = [(f64::INFINITY, 0); 2];
+    let mut best: Option<Track> = None;
+    for horizon in horizons {
+        let (errors, track) = fly(mission, drives, None, *horizon)?;
+        for (k, (best_of, error)) in paper.iter_mut().zip(errors).enumerate() {
+            if error < best_of.0 {
+                *best_of = (error, *horizon);
+                if k == 0 {
+                    best = Some(track.clone());
+                }
+            }
+        }
+    }
+    let paper_track = best.context("the paper's law completed no mission")?;
+    let horizon = paper[0].1;
+    let (identified, identified_track) = fly(mission, drives, Some(preview_law(None)?), horizon)?;
+    // The identified model includes the drives' speed loop, so it differs from the nominal delay and lag.
+    let model = identified_track.identified.context("the drives were not identified in flight")?;
+    let told = |share: f64| -> Result<[f64; 2]> {
+        let law = preview_law(Some([share * model.delay_s(), share * model.lag_s()]))?;
+        Ok(fly(mission, drives, Some(law), horizon)?.0)
+    };
+    let (near, double) = (told(1.1)?, told(2.0)?);
+    Ok(Comparison { paper, paper_track, identified, identified_track, near, double })
+}
+
 /// Lag-aware preview control.
 pub fn preview(effort: Effort) -> Result<Section> {
     let horizons = effort.select(&[12, 15, 18, 21, 25, 30, 36, 42, 50]);
@@ -90,62 +154,23 @@ pub fn preview(effort: Effort) -> Result<Section> {
     let mut traces = Vec::new();
     for (name, mission) in missions {
         for drives in drives {
-            let mut paper = [(f64::INFINITY, 0); 2];
-            let mut best: Option<Track> = None;
-            for horizon in &horizons {
-                let (errors, track) = fly(mission, *drives, None, *horizon)?;
-                for (k, (best_of, error)) in paper.iter_mut().zip(errors).enumerate() {
-                    if error < best_of.0 {
-                        *best_of = (error, *horizon);
-                        if k == 0 {
-                            best = Some(track.clone());
-                        }
-                    }
-                }
-            }
-            let paper_track = best.context("the paper's law completed no mission")?;
-            let horizon = paper[0].1;
-            let (identified, track) = fly(mission, *drives, Some(preview_law(None)?), horizon)?;
-            // The identified model includes the drives' speed loop, so it differs from the nominal delay and lag.
-            let model = track.identified.context("the drives were not identified in flight")?;
-            let told = |share: f64| -> Result<[f64; 2]> {
-                let law = preview_law(Some([share * model.delay_s(), share * model.lag_s()]))?;
-                Ok(fly(mission, *drives, Some(law), horizon)?.0)
-            };
-            let (near, double) = (told(1.1)?, told(2.0)?);
+            let found = compare(mission, *drives, &horizons)?;
             if traces.is_empty() {
                 let off = |at: &TrackPoint| 1e3 * at.by_lengths.norm();
-                traces =
-                    vec![paper_track.over_time("lq-endpoint", 1, off), track.over_time("preview, identified", 0, off)];
+                traces = vec![
+                    found.paper_track.over_time("lq-endpoint", 1, off),
+                    found.identified_track.over_time("preview, identified", 0, off),
+                ];
             }
-            for (k, (measure, _)) in MEASURES.iter().enumerate() {
-                let ratio = |error: f64| if error.is_finite() { paper[k].0 / error } else { 0.0 };
-                let of = if *drives == DRIVES[0] { &mut ratios[k].quick } else { &mut ratios[k].slow };
-                of.push(ratio(identified[k]));
-                ratios[k].near.push(ratio(near[k]));
-                ratios[k].double.push(ratio(double[k]));
-                let cell = |error: f64| if error.is_finite() { fixed(error, 2) } else { "stopped".into() };
-                table.row([
-                    (*name).into(),
-                    drives.name.into(),
-                    (*measure).into(),
-                    format!("{} ({})", fixed(paper[k].0, 2), paper[k].1),
-                    cell(identified[k]),
-                    cell(near[k]),
-                    cell(double[k]),
-                    format_ratio(ratio(identified[k])),
-                    format_ratio(ratio(near[k])),
-                ]);
+            for (k, ratios) in ratios.iter_mut().enumerate() {
+                let of = if *drives == DRIVES[0] { &mut ratios.quick } else { &mut ratios.slow };
+                of.push(found.ratio(k, found.identified[k]));
+                ratios.near.push(found.ratio(k, found.near[k]));
+                ratios.double.push(found.ratio(k, found.double[k]));
+                table.row(found.row(k, name, drives.name));
             }
         }
     }
-    let chart = Chart {
-        caption: format!("distance from the setpoint (measured lengths) on straight lines, {}", drives[0].name),
-        x: Axis::auto("time, s"),
-        y: Axis::auto("mm"),
-        series: traces.into_iter().map(|series| series.with_style(SeriesStyle::Line(1))).collect(),
-        ..Chart::default()
-    };
     let [by_lengths, by_truth] = &ratios;
     let all = |ratios: &Ratios| ratios.identified().copied().collect::<Vec<f64>>();
     Ok(Section {
@@ -161,7 +186,7 @@ pub fn preview(effort: Effort) -> Result<Section> {
             stand_in::THREE
         ),
         tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (900, 400), columns: 1, charts: vec![chart] }],
+        pictures: vec![Picture { title: String::new(), size: (900, 400), columns: 1, charts: vec![error_chart(traces, drives[0].name)] }],
         checks: checks(by_lengths, by_truth),
         remarks: vec![
             "The remaining error by measured lengths is about the effect of one encoder step (0.09 mm) on the node's position. The \
@@ -170,6 +195,16 @@ pub fn preview(effort: Effort) -> Result<Section> {
         ],
         ratio: Some(format!("{} by measured lengths, {} by truth", ratio_range(&all(by_lengths)), ratio_range(&all(by_truth)))),
     })
+}
+
+fn error_chart(traces: Vec<Series>, drives: &str) -> Chart {
+    Chart {
+        caption: format!("distance from the setpoint (measured lengths) on straight lines, {}", drives),
+        x: Axis::auto("time, s"),
+        y: Axis::auto("mm"),
+        series: traces.into_iter().map(|series| series.with_style(SeriesStyle::Line(1))).collect(),
+        ..Chart::default()
+    }
 }
 
 fn checks(by_lengths: &Ratios, by_truth: &Ratios) -> Vec<Check> {

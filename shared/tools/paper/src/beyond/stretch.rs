@@ -72,20 +72,6 @@ pub fn stretch(effort: Effort) -> Result<Section> {
     let (low, high) = (curves[0][0][1], curves[0][curves[0].len() - 1][1]);
     let removed = 1.0 - left_mm / all_mm;
     let least = shares.iter().fold(f64::INFINITY, |m: f64, s| m.min(*s));
-    let names = ["rigid cables assumed", "compensated", "compensated, assumed 20 % too stiff"];
-    let chart = Chart {
-        caption: "deflection of the node".into(),
-        x: Axis::auto("height after the climb, m"),
-        y: Axis::auto("mm too low"),
-        series: curves
-            .into_iter()
-            .zip(names)
-            .zip([1, 0, 3])
-            .map(|((points, name), colour)| Series::line(name, colour, points).with_style(SeriesStyle::Marked))
-            .collect(),
-        legend: Legend::UpperLeft,
-        ..Chart::default()
-    };
     Ok(Section {
         key: "stretch",
         title: "Improvement: compensation of cable stretch",
@@ -98,23 +84,53 @@ pub fn stretch(effort: Effort) -> Result<Section> {
             stand_in::THREE
         ),
         tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![chart] }],
-        checks: vec![
-            Check::claim(
-                high > 3.0 * low,
-                format!("without compensation the node hangs {low:.0} mm too low at {} m and {high:.0} mm at {} m", heights[0], heights[heights.len() - 1]),
-            ),
-            Check::claim(exact < 0.2, format!("with the correct stiffness, at most {:.0} % of the deflection remains", 100.0 * exact)),
-            Check::claim(
-                removed > 0.8,
-                format!(
-                    "with an assumed stiffness 20 % too high, {:.0} % of the total deflection is removed, and at least {:.0} %",
-                    100.0 * removed,
-                    100.0 * least
-                ),
-            ),
-        ],
+        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![chart(curves)] }],
+        checks: checks(heights, [low, high], exact, removed, least),
         ratio: Some(format!("{:.0} % of the deflection removed with an assumed stiffness 20 % too high", 100.0 * removed)),
         ..Section::default()
     })
+}
+
+fn chart(curves: [Vec<[f64; 2]>; 3]) -> Chart {
+    let names = ["rigid cables assumed", "compensated", "compensated, assumed 20 % too stiff"];
+    Chart {
+        caption: "deflection of the node".into(),
+        x: Axis::auto("height after the climb, m"),
+        y: Axis::auto("mm too low"),
+        series: curves
+            .into_iter()
+            .zip(names)
+            .zip([1, 0, 3])
+            .map(|((points, name), colour)| Series::line(name, colour, points).with_style(SeriesStyle::Marked))
+            .collect(),
+        legend: Legend::UpperLeft,
+        ..Chart::default()
+    }
+}
+
+/// Checks the deflection at the lowest and the highest position, mm, the greatest remaining share with the correct
+/// stiffness, and the total and the least share removed with the wrong one.
+fn checks(heights: &[f64], [low, high]: [f64; 2], exact: f64, removed: f64, least: f64) -> Vec<Check> {
+    vec![
+        Check::claim(
+            high > 3.0 * low,
+            format!(
+                "without compensation the node hangs {low:.0} mm too low at {} m and {high:.0} mm at {} m",
+                heights[0],
+                heights[heights.len() - 1]
+            ),
+        ),
+        Check::claim(
+            exact < 0.2,
+            format!("with the correct stiffness, at most {:.0} % of the deflection remains", 100.0 * exact),
+        ),
+        Check::claim(
+            removed > 0.8,
+            format!(
+                "with an assumed stiffness 20 % too high, {:.0} % of the total deflection is removed, and at least {:.0} %",
+                100.0 * removed,
+                100.0 * least
+            ),
+        ),
+    ]
 }

@@ -53,28 +53,7 @@ pub fn fig5(effort: Effort) -> Result<Section> {
     let subsets = effort.trials(100).max(20);
     let runs = effort.trials(40).min(40);
     let counts: Vec<usize> = (3..POINTS).collect();
-    let mut curves = Vec::new();
-    let mut tilt = Vec::new();
-    for run in 0..runs {
-        let experiment = Experiment::new(500 + run as u64, Encoders::noisy(SIGMA_LENGTH_M))?;
-        let mut random = Random::new(550 + run as u64);
-        let mut curve = Vec::new();
-        for count in &counts {
-            let (mut norms, mut errors_z) = (Vec::new(), Vec::new());
-            for _ in 0..subsets {
-                let chosen = subset(&mut random, &experiment.lengths, *count);
-                // A collinear subset is rejected; the paper's search would have returned an arbitrary result.
-                let Ok((found, _)) = calibrate(&experiment.anchors_xy, &chosen) else { continue };
-                norms.push((0..3).map(|i| found[i][2] * found[i][2]).sum::<f64>().sqrt());
-                errors_z.push(rms(&[0, 1, 2].map(|i| found[i][2] - stand_in::HEIGHTS_M[i])));
-            }
-            curve.push(deviation(&norms));
-            if *count == 9 {
-                tilt.push(rms(&errors_z));
-            }
-        }
-        curves.push(curve);
-    }
+    let (curves, tilt) = convergence(runs, subsets, &counts)?;
     let worst: Vec<f64> = (0..counts.len()).map(|k| curves.iter().map(|curve| curve[k]).fold(0.0, f64::max)).collect();
     let first_below = |curve: &[f64]| {
         let last_above = curve.iter().rposition(|sigma| *sigma >= 0.01);
@@ -138,6 +117,34 @@ pub fn fig5(effort: Effort) -> Result<Section> {
     })
 }
 
+/// Returns, for each experiment, the standard deviation of the norm of the heights by number of points, and the root mean
+/// square error of the heights with nine points, m.
+fn convergence(runs: usize, subsets: usize, counts: &[usize]) -> Result<(Vec<Vec<f64>>, Vec<f64>)> {
+    let mut curves = Vec::new();
+    let mut tilt = Vec::new();
+    for run in 0..runs {
+        let experiment = Experiment::new(500 + run as u64, Encoders::noisy(SIGMA_LENGTH_M))?;
+        let mut random = Random::new(550 + run as u64);
+        let mut curve = Vec::new();
+        for count in counts {
+            let (mut norms, mut errors_z) = (Vec::new(), Vec::new());
+            for _ in 0..subsets {
+                let chosen = subset(&mut random, &experiment.lengths, *count);
+                // A collinear subset is rejected; the paper's search would have returned an arbitrary result.
+                let Ok((found, _)) = calibrate(&experiment.anchors_xy, &chosen) else { continue };
+                norms.push((0..3).map(|i| found[i][2] * found[i][2]).sum::<f64>().sqrt());
+                errors_z.push(rms(&[0, 1, 2].map(|i| found[i][2] - stand_in::HEIGHTS_M[i])));
+            }
+            curve.push(deviation(&norms));
+            if *count == 9 {
+                tilt.push(rms(&errors_z));
+            }
+        }
+        curves.push(curve);
+    }
+    Ok((curves, tilt))
+}
+
 /// Returns `count` distinct random points.
 fn subset(random: &mut Random, all: &[CableVec], count: usize) -> Vec<CableVec> {
     let mut left: Vec<usize> = (0..all.len()).collect();
@@ -170,21 +177,6 @@ pub fn fig6(effort: Effort) -> Result<Section> {
     let [offset, spread, error, _] = residuals_and_errors(610, runs, |_| Encoders::noisy(SIGMA_LENGTH_M))?;
     let stretched = Encoders { scale: 1.003, ..Encoders::noisy(SIGMA_LENGTH_M) };
     let [_, stretched_spread, stretched_error, _] = residuals_and_errors(620, runs, |_| stretched)?;
-    let width = 2.5;
-    let bins: Vec<[f64; 2]> = (-8..=8)
-        .map(|bin| {
-            let middle = width * f64::from(bin);
-            let inside = heights.iter().filter(|z| (1e3 * **z - middle).abs() <= 0.5 * width).count();
-            [middle, inside as f64]
-        })
-        .collect();
-    let chart = Chart {
-        caption: "heights of the 43 points after calibration".into(),
-        x: Axis::auto("mm"),
-        y: Axis::auto("points"),
-        series: vec![Series::line("", 0, bins).with_style(SeriesStyle::Bars(0.9 * width))],
-        ..Chart::default()
-    };
     let mut table = Table::new(
         "Heights of the points, and error of the anchors' heights, mm",
         &["errors of the lengths", "mean", "standard deviation", "rms error of the anchors"],
@@ -207,7 +199,7 @@ pub fn fig6(effort: Effort) -> Result<Section> {
             experiment_words("a standard deviation of 5.5 mm")
         ),
         tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (760, 380), columns: 1, charts: vec![chart] }],
+        pictures: vec![Picture { title: String::new(), size: (760, 380), columns: 1, charts: vec![histogram(&heights)] }],
         checks: vec![
             Check::claim(
                 offset < 100e-6,
@@ -234,6 +226,24 @@ pub fn fig6(effort: Effort) -> Result<Section> {
         ],
         ..Section::default()
     })
+}
+
+fn histogram(heights: &[f64]) -> Chart {
+    let width = 2.5;
+    let bins: Vec<[f64; 2]> = (-8..=8)
+        .map(|bin| {
+            let middle = width * f64::from(bin);
+            let inside = heights.iter().filter(|z| (1e3 * **z - middle).abs() <= 0.5 * width).count();
+            [middle, inside as f64]
+        })
+        .collect();
+    Chart {
+        caption: "heights of the 43 points after calibration".into(),
+        x: Axis::auto("mm"),
+        y: Axis::auto("points"),
+        series: vec![Series::line("", 0, bins).with_style(SeriesStyle::Bars(0.9 * width))],
+        ..Chart::default()
+    }
 }
 
 /// Table II: comparison of the heights with a direct measurement.

@@ -167,52 +167,17 @@ pub fn fig4(effort: Effort) -> Result<Section> {
     };
     let at_08 = baseline(480, 0.8)?;
     let at_05 = baseline(490, 0.5)?;
-    /// Returns the least number of points with which the method is better than the baseline.
-    fn crossover(counts: &[usize], ours: impl Fn(usize) -> f64, theirs: f64) -> Option<usize> {
-        counts.iter().enumerate().find(|(i, _)| ours(*i) < theirs).map(|(_, count)| *count)
-    }
-    let show = |found: Option<usize>| found.map_or("none".to_owned(), |count| count.to_string());
     let mut table = Table::new("Mean position error of an anchor, m", &["sigma_L, m", "known points"]);
     table.head.extend(counts.iter().map(|count| format!("M = {count}")));
     for (k, sigma) in sigmas.iter().enumerate() {
         let row = ours.iter().map(|row| fixed(row[k].mean_3d, 4));
         table.row([fixed(*sigma, 2), fixed(at_08[k][1], 4)].into_iter().chain(row));
     }
-    let mut where_ = Table::new(
-        "Least number of points that is better than the known points",
-        &["sigma_L, m", "positions, known points at 0.8", "positions, known points at 0.5", "heights only, at 0.8"],
-    );
-    let mut crossovers = Vec::new();
-    for (k, sigma) in sigmas.iter().enumerate() {
-        let main = crossover(&counts, |i| ours[i][k].mean_3d, at_08[k][1]);
-        let near = crossover(&counts, |i| ours[i][k].mean_3d, at_05[k][1]);
-        let heights = crossover(&counts, |i| ours[i][k].mean_z, at_08[k][0]);
-        where_.row([fixed(*sigma, 2), show(main), show(near), show(heights)]);
-        crossovers.push((main, heights));
-    }
+    let (crossover_table, crossovers) = crossovers(&counts, &sigmas, &ours, &at_08, &at_05);
     let within = crossovers.iter().all(|(main, _)| main.is_some_and(|count| (5..=10).contains(&count)));
     let by_height = crossovers.iter().all(|(_, heights)| heights.is_some_and(|count| (5..=10).contains(&count)));
-    let shown = effort.select(&[5, 6, 10, 20]);
-    let mut series: Vec<Series> = shown
-        .iter()
-        .filter_map(|count| counts.iter().position(|c| c == count))
-        .enumerate()
-        .map(|(colour, i)| {
-            let points = (0..sigmas.len()).map(|k| [sigmas[k], ours[i][k].mean_3d]).collect();
-            Series::line(&format!("M = {}", counts[i]), colour, points).with_style(SeriesStyle::Marked)
-        })
-        .collect();
-    let known = (0..sigmas.len()).map(|k| [sigmas[k], at_08[k][1]]).collect();
-    series.push(Series::line("three known points", GREY, known).with_style(SeriesStyle::Dashed));
-    let chart = Chart {
-        caption: "mean error of anchor positions".into(),
-        x: Axis::auto("σ_L, m"),
-        y: Axis::auto("m"),
-        series,
-        legend: plot::Legend::UpperLeft,
-        ..Chart::default()
-    };
-    let list: Vec<String> = crossovers.iter().map(|(main, _)| show(*main)).collect();
+    let chart = accuracy_chart(&effort.select(&[5, 6, 10, 20]), &counts, &sigmas, &ours, &at_08);
+    let list: Vec<String> = crossovers.iter().map(|(main, _)| count_or_none(*main)).collect();
     Ok(Section {
         key: "fig4",
         title: "Figure 4: comparison with calibration by three known points",
@@ -224,7 +189,7 @@ pub fn fig4(effort: Effort) -> Result<Section> {
              calibrations per value.",
             stand_in_words()
         ),
-        tables: vec![table, where_],
+        tables: vec![table, crossover_table],
         pictures: vec![Picture { title: String::new(), size: (820, 480), columns: 1, charts: vec![chart] }],
         checks: vec![
             Check::claim(
@@ -241,4 +206,68 @@ pub fn fig4(effort: Effort) -> Result<Section> {
         remarks: vec!["The positions of the known points matter as much: the closer together they are, the worse is the baseline.".into()],
         ..Section::default()
     })
+}
+
+/// Plots the position errors of the method with some numbers of points, and of the baseline.
+fn accuracy_chart(
+    shown: &[usize],
+    counts: &[usize],
+    sigmas: &[f64],
+    ours: &[Vec<TrialStatistics>],
+    at_08: &[[f64; 2]],
+) -> Chart {
+    let mut series: Vec<Series> = shown
+        .iter()
+        .filter_map(|count| counts.iter().position(|c| c == count))
+        .enumerate()
+        .map(|(colour, i)| {
+            let points = (0..sigmas.len()).map(|k| [sigmas[k], ours[i][k].mean_3d]).collect();
+            Series::line(&format!("M = {}", counts[i]), colour, points).with_style(SeriesStyle::Marked)
+        })
+        .collect();
+    let known = (0..sigmas.len()).map(|k| [sigmas[k], at_08[k][1]]).collect();
+    series.push(Series::line("three known points", GREY, known).with_style(SeriesStyle::Dashed));
+    Chart {
+        caption: "mean error of anchor positions".into(),
+        x: Axis::auto("σ_L, m"),
+        y: Axis::auto("m"),
+        series,
+        legend: plot::Legend::UpperLeft,
+        ..Chart::default()
+    }
+}
+
+/// Returns the least number of points with which the method is better than the baseline.
+fn crossover(counts: &[usize], ours: impl Fn(usize) -> f64, theirs: f64) -> Option<usize> {
+    counts.iter().enumerate().find(|(i, _)| ours(*i) < theirs).map(|(_, count)| *count)
+}
+
+fn count_or_none(found: Option<usize>) -> String {
+    found.map_or("none".to_owned(), |count| count.to_string())
+}
+
+/// Least numbers of points that are better than the baseline, by position and by height.
+type Crossover = (Option<usize>, Option<usize>);
+
+/// Returns the crossovers by noise as a table and as numbers; the baselines have mean errors of heights and positions.
+fn crossovers(
+    counts: &[usize],
+    sigmas: &[f64],
+    ours: &[Vec<TrialStatistics>],
+    at_08: &[[f64; 2]],
+    at_05: &[[f64; 2]],
+) -> (Table, Vec<Crossover>) {
+    let mut table = Table::new(
+        "Least number of points that is better than the known points",
+        &["sigma_L, m", "positions, known points at 0.8", "positions, known points at 0.5", "heights only, at 0.8"],
+    );
+    let mut found = Vec::new();
+    for (k, sigma) in sigmas.iter().enumerate() {
+        let main = crossover(counts, |i| ours[i][k].mean_3d, at_08[k][1]);
+        let near = crossover(counts, |i| ours[i][k].mean_3d, at_05[k][1]);
+        let heights = crossover(counts, |i| ours[i][k].mean_z, at_08[k][0]);
+        table.row([fixed(*sigma, 2), count_or_none(main), count_or_none(near), count_or_none(heights)]);
+        found.push((main, heights));
+    }
+    (table, found)
 }

@@ -47,7 +47,40 @@ pub fn fig10(effort: Effort) -> Result<Section> {
         ("adaptive", PATCH_M, &adaptive),
     ];
     let errors = flown.map(|(_, _, scan)| MapErrors::of(&scan.map, &ground, band_m));
-    let [_, _, by_fine, by_rows, by_adaptive] = errors;
+    Ok(Section {
+        key: "fig10",
+        title: "Figure 10: multiscale topographical mapping",
+        claim: "A rangefinder that looks down maps cylinders and rectangular prisms, one with a rectangular cavity at a corner, some of \
+                them partly outside of the span; the plot resembles the idealised one."
+            .into(),
+        stand_in: stand_in_words(),
+        tables: vec![error_table(&flown, &errors)],
+        pictures: vec![maps(&area, &ground, &fine, &adaptive), rmse_by_length(&flown, &errors, &adaptive)],
+        checks: checks(&fine, &rows, &adaptive, &errors, band_m),
+        remarks: remarks(&fine, &adaptive),
+        ..Section::default()
+    })
+}
+
+fn stand_in_words() -> String {
+    format!(
+        "Closed-loop scans of the control chain against the plant: {}, a node of 2 kg at a height of {} m and {} m/s, drives with \
+         30 ms delay and 40 ms lag, 50 cycles per second. The rangefinder has {} mm of noise, a beam of {} degrees, a reading every \
+         {} ms that arrives {} ms later with a scatter of {} ms, and gets its position from the estimates around its own time. Cells of {} m. The ground is \
+         configs/ground/fig10.toml.",
+        stand_in::THREE,
+        scan::HEIGHT_M,
+        scan::SPEED_M_S,
+        1e3 * scan::NOISE_M,
+        scan::BEAM_DEG,
+        1e3 * scan::READING_S,
+        1e3 * scan::LATENCY_S[0],
+        1e3 * scan::LATENCY_S[1],
+        scan::CELL_M
+    )
+}
+
+fn error_table(flown: &[(&str, f64, &Scan)], errors: &[MapErrors]) -> Table {
     let mut table = Table::new(
         "Error of the heights",
         &[
@@ -61,7 +94,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
             "within 3 sigma, %",
         ],
     );
-    for ((name, pitch_m, scan), error) in flown.iter().zip(&errors) {
+    for ((name, pitch_m, scan), error) in flown.iter().zip(errors) {
         table.row([
             (*name).to_owned(),
             fixed(*pitch_m, 2),
@@ -73,12 +106,18 @@ pub fn fig10(effort: Effort) -> Result<Section> {
             fixed(100.0 * error.within, 1),
         ]);
     }
+    table
+}
+
+/// Checks the claims; the errors are in the order of the flown scans.
+fn checks(fine: &Scan, rows: &Scan, adaptive: &Scan, errors: &[MapErrors; 5], band_m: f64) -> Vec<Check> {
+    let [_, _, by_fine, by_rows, by_adaptive] = errors;
     // The adaptive scan is as good as the uniform one from this point on.
     let reached =
         adaptive.rmse_by_length.iter().rposition(|[_, rmse_m]| *rmse_m > by_fine.all_m).map_or(0, |last| last + 1);
     let reached_m = adaptive.rmse_by_length.get(reached).map_or(f64::INFINITY, |[length_m, _]| *length_m);
     let share = reached_m / fine.length_m;
-    let checks = vec![
+    vec![
         Check::claim(
             by_fine.away_m <= 0.010 && by_fine.near < 0.25,
             format!(
@@ -124,47 +163,24 @@ pub fn fig10(effort: Effort) -> Result<Section> {
                 1e3 * by_rows.all_m
             ),
         ),
-    ];
-    Ok(Section {
-        key: "fig10",
-        title: "Figure 10: multiscale topographical mapping",
-        claim: "A rangefinder that looks down maps cylinders and rectangular prisms, one with a rectangular cavity at a corner, some of \
-                them partly outside of the span; the plot resembles the idealised one."
-            .into(),
-        stand_in: format!(
-            "Closed-loop scans of the control chain against the plant: {}, a node of 2 kg at a height of {} m and {} m/s, drives with \
-             30 ms delay and 40 ms lag, 50 cycles a second. The rangefinder has {} mm of noise, a beam of {} degrees, a reading every \
-             {} ms that arrives {} ms later with a scatter of {} ms, and gets its position from the estimates around its own time. Cells of {} m. The ground is \
-             configs/ground/fig10.toml.",
-            stand_in::THREE,
-            scan::HEIGHT_M,
-            scan::SPEED_M_S,
-            1e3 * scan::NOISE_M,
-            scan::BEAM_DEG,
-            1e3 * scan::READING_S,
-            1e3 * scan::LATENCY_S[0],
-            1e3 * scan::LATENCY_S[1],
-            scan::CELL_M
+    ]
+}
+
+fn remarks(fine: &Scan, adaptive: &Scan) -> Vec<String> {
+    vec![
+        format!(
+            "The adaptive scan begins with the coarse raster and then flies {} rectangles in which the map changes between adjacent tracks, \
+             with lines across the change. All scans are evaluated over all cells of the same area; an unknown cell \
+             counts as ground. An object smaller than the pitch of the coarse raster may lie between its lines and is then \
+             not detected, and the accuracy of a raster at edges depends on the positions of its lines.",
+            adaptive.patches.len()
         ),
-        tables: vec![table],
-        pictures: vec![maps(&area, &ground, &fine, &adaptive), rmse_by_length(&flown, &errors, &adaptive)],
-        checks,
-        remarks: vec![
-            format!(
-                "The adaptive scan begins with the coarse raster and then flies {} rectangles in which the map changes between adjacent tracks, \
-                 with lines across the change. All scans are evaluated over all cells of the same area; an unknown cell \
-                 counts as ground. An object smaller than the pitch of the coarse raster may lie between its lines and is then \
-                 not detected, and the accuracy of a raster at edges depends on the positions of its lines.",
-                adaptive.patches.len()
-            ),
-            format!(
-                "The path is shorter, but the time is not: {:.0} s compared with {:.0} s, because the node rests at both ends of every line, and the lines \
-                 of the rectangles are short.",
-                adaptive.duration_s, fine.duration_s
-            ),
-        ],
-        ..Section::default()
-    })
+        format!(
+            "The path is shorter, but the time is not: {:.0} s compared with {:.0} s, because the node rests at both ends of every line, and the lines \
+             of the rectangles are short.",
+            adaptive.duration_s, fine.duration_s
+        ),
+    ]
 }
 
 /// Creates a chart of cells coloured by values from 0 to 1.
