@@ -15,7 +15,8 @@
 //! fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
 //!     let mut estimator = Estimator::default(); // from chassis.system_file()?
 //!     let mut states = chassis.bus().subscriber::<MotorState>("motor/state")?;
-//!     let mut estimates = chassis.bus().publisher::<NodeEstimate>(&format!("node/estimate/{}", chassis.slot().name()))?;
+//!     let channel = format!("node/estimate/{}", chassis.slot().name());
+//!     let mut estimates = chassis.bus().publisher::<NodeEstimate>(&channel)?;
 //!     let mut waiter = chassis.waiter(&["motor/state"])?;
 //!     chassis.ready()?;
 //!     while chassis.running() {

@@ -100,7 +100,7 @@ fn everything_that_matters_is_on_one_screen() {
             ("mission", "survey, leg 2 of 5, 43 %, 12 s left"),
             ("12345 at 100 Hz", "2 of 5002 periods not steered (answer 2); bus 3.4 ms"),
             ("recording", "2.5 MB, 7 lost, 40.0 GB left"),
-            ("controller a", "preview        The command is good."),
+            ("controller a", "preview        The command is accepted."),
             ("estimator  a", "IN CHARGE lengths agree"),
             ("recorder  ", "ready"),
             ("motor-io  ", "SILENT"),
