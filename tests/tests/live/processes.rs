@@ -334,7 +334,7 @@ fn a_recorder_whose_file_cannot_grow_says_so_and_begins_another_while_the_robot_
         assert_eq!(robot.named & messages::faults::HARD, 0, "the robot has not noticed: faults {:#x}", robot.named);
         assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
         let log = std::fs::read_to_string(robot.run().join("log/recorder.txt")).unwrap();
-        assert!(log.contains("trying another file in 5 s"), "{log}");
+        assert!(log.contains("next file in 5 s"), "{log}");
         assert_eq!(robot.down(Signal::INT), Some(1), "a part of the run is lost: {}", robot.said());
         assert_eq!(robot.answer()["unrecorded"].as_array().map(Vec::len), Some(1), "{}", robot.answer());
         assert!(robot.said().contains("NOTHING IS BEING RECORDED"), "{}", robot.said());
