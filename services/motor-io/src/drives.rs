@@ -76,8 +76,8 @@ impl Drives {
     /// Starts to look for the ports; returns at once. `{domain}` in a path stands for `domain_root`.
     ///
     /// # Errors
-    /// A configuration that the drive family does not have, or a family that lacks what the robot needs. A port that is not there is
-    /// not an error, see [`Drives::lost`].
+    /// A configuration that the drive family does not have, or a family that lacks what the robot needs. A port that is
+    /// not there is not an error, see [`Drives::lost`].
     pub fn open(system_file: &SystemFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
         let sections = &system_file.motor_io.ports;
         let mut place = [(0, 0); CABLES];

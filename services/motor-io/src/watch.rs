@@ -258,14 +258,7 @@ impl Watch {
             let driven = situation.energised && !situation.released[i];
             // Without a reading of this cycle the counters stay.
             if fresh[i] {
-                self.smooth_m_s[i] += (v - self.smooth_m_s[i]) * config.period_s / (SMOOTHED_S + config.period_s);
-                let still = v.abs() < STALL_SHARE * sent.abs();
-                let pushing = self.duty[i].abs() > config.stall_duty;
-                let stalled = driven && sent.abs() > STALL_COMMAND_M_S && still && pushing;
-                // The encoder is read in every cycle, the duty is known from its last reading.
-                self.stalled[i].advance((new_duty || !stalled).then_some(stalled));
-                let [low, high] = situation.excused_m_s[i];
-                count(&mut self.runaway[i], driven && !(low..=high).contains(&v));
+                self.motion(config, i, v, situation, new_duty);
             }
             if self.stalled[i].over(config.stall_cycles) {
                 found.cable(MotorAuthority::FAULT_STALL, i);
@@ -310,6 +303,20 @@ impl Watch {
                 found.cable(MotorAuthority::FAULT_OVER_TENSION, i);
             }
         }
+    }
+
+    /// Compares the measured velocity of a cable, m/s, with its command: stall and runaway.
+    fn motion(&mut self, config: &CoreConfig, i: usize, v: f64, situation: &Situation, new_duty: bool) {
+        let sent = situation.sent_m_s[i];
+        let driven = situation.energised && !situation.released[i];
+        self.smooth_m_s[i] += (v - self.smooth_m_s[i]) * config.period_s / (SMOOTHED_S + config.period_s);
+        let still = v.abs() < STALL_SHARE * sent.abs();
+        let pushing = self.duty[i].abs() > config.stall_duty;
+        let stalled = driven && sent.abs() > STALL_COMMAND_M_S && still && pushing;
+        // The encoder is read in every cycle, the duty is known from its last reading.
+        self.stalled[i].advance((new_duty || !stalled).then_some(stalled));
+        let [low, high] = situation.excused_m_s[i];
+        count(&mut self.runaway[i], driven && !(low..=high).contains(&v));
     }
 
     /// Clears persisting conditions after a reset.

@@ -1,8 +1,8 @@
 //! Turns missions and requests into checked motion segments.
 //!
 //! [`mission`] reads a mission file, [`plan`] makes segments of it and checks each against the robot's limits,
-//! [`Planner`] tracks the one mission that is flown, [`progress`] stores on disk how far it came, [`dry_run()`] predicts
-//! a mission without flying it. [`scan`] makes way points of patterns over an area.
+//! [`Planner`] tracks the one mission that is flown, [`progress`] stores on disk how far it came, [`dry_run()`]
+//! predicts a mission without flying it. [`scan`] makes way points of patterns over an area.
 //!
 //! Invariants:
 //! * A mission is checked as a whole before its first segment is published: a rejected mission moves nothing.

@@ -261,63 +261,59 @@ impl Mission {
             self.range(nowhere(), "acceleration_m_s2", a, 1e-3, 100.0, "0.001 to 100 m/s²")?;
         }
         self.range(nowhere(), "time_weight_w", self.time_weight_w, 0.0, 1e6, "0 to 1e6 W")?;
-        for (i, leg) in self.leg.iter().enumerate() {
-            let here = || Some(i + 1);
-            match leg {
-                Leg::Line(l) => {
-                    self.point(here(), "to_m", &l.to_m)?;
-                    self.speed(here(), l.speed_m_s)?;
+        self.leg.iter().enumerate().try_for_each(|(i, leg)| self.check_leg(i, leg))
+    }
+
+    /// Checks the leg at index `i`.
+    fn check_leg(&self, i: usize, leg: &Leg) -> Result<(), MissionError> {
+        let here = || Some(i + 1);
+        match leg {
+            Leg::Line(l) => {
+                self.point(here(), "to_m", &l.to_m)?;
+                self.speed(here(), l.speed_m_s)?;
+            }
+            Leg::Polyline(l) => {
+                self.points(here(), &l.points_m)?;
+                self.speed(here(), l.speed_m_s)?;
+            }
+            Leg::Parabola(l) => {
+                self.point(here(), "to_m", &l.to_m)?;
+                if let Some(mu) = l.mu_per_m {
+                    self.range(here(), "mu_per_m", mu, -10.0, 10.0, "-10 to 10 per metre")?;
                 }
-                Leg::Polyline(l) => {
-                    self.points(here(), &l.points_m)?;
-                    self.speed(here(), l.speed_m_s)?;
-                }
-                Leg::Parabola(l) => {
-                    self.point(here(), "to_m", &l.to_m)?;
-                    if let Some(mu) = l.mu_per_m {
-                        self.range(here(), "mu_per_m", mu, -10.0, 10.0, "-10 to 10 per metre")?;
-                    }
-                    self.speed(here(), l.speed_m_s)?;
-                }
-                Leg::Spiral(l) => {
-                    self.range(here(), "rise_m", l.rise_m, -1000.0, 1000.0, "-1000 to 1000 m")?;
-                    self.range(here(), "radius_m", l.radius_m, 0.01, 1000.0, "0.01 to 1000 m")?;
-                    self.range(
-                        here(),
-                        "turns",
-                        l.turns.abs(),
-                        0.01,
-                        1000.0,
-                        "0.01 to 1000, or negative for clockwise",
-                    )?;
-                    self.speed(here(), l.speed_m_s)?;
-                }
-                Leg::Dwell(l) => self.stay(here(), "duration_s", l.duration_s)?,
-                Leg::Raster(l) => {
-                    self.point(here(), "corner_m", &l.corner_m)?;
-                    self.point(here(), "opposite_m", &l.opposite_m)?;
-                    self.range(here(), "pitch_m", l.pitch_m, 1e-3, 1000.0, "0.001 to 1000 m")?;
-                    self.range(here(), "overlap", l.overlap, 0.0, 0.9, "0 to 0.9, a share of pitch_m")?;
-                    self.speed(here(), l.speed_m_s)?;
-                }
-                Leg::Adaptive(l) => self.adaptive(i, l)?,
-                Leg::DwellPoints(l) => {
-                    self.points(here(), &l.points_m)?;
-                    self.stay(here(), "duration_s", l.duration_s)?;
-                    self.speed(here(), l.speed_m_s)?;
-                }
-                Leg::Transect(l) => {
-                    self.point(here(), "from_m", &l.from_m)?;
-                    self.point(here(), "to_m", &l.to_m)?;
-                    self.steps(here(), l.step_m, l.dwell_s)?;
-                    self.speed(here(), l.speed_m_s)?;
-                }
-                Leg::Profile(l) => {
-                    self.point(here(), "at_m", &l.at_m)?;
-                    self.range(here(), "rise_m", l.rise_m, -1000.0, 1000.0, "-1000 to 1000 m")?;
-                    self.steps(here(), l.step_m, l.dwell_s)?;
-                    self.speed(here(), l.speed_m_s)?;
-                }
+                self.speed(here(), l.speed_m_s)?;
+            }
+            Leg::Spiral(l) => {
+                self.range(here(), "rise_m", l.rise_m, -1000.0, 1000.0, "-1000 to 1000 m")?;
+                self.range(here(), "radius_m", l.radius_m, 0.01, 1000.0, "0.01 to 1000 m")?;
+                self.range(here(), "turns", l.turns.abs(), 0.01, 1000.0, "0.01 to 1000, or negative for clockwise")?;
+                self.speed(here(), l.speed_m_s)?;
+            }
+            Leg::Dwell(l) => self.stay(here(), "duration_s", l.duration_s)?,
+            Leg::Raster(l) => {
+                self.point(here(), "corner_m", &l.corner_m)?;
+                self.point(here(), "opposite_m", &l.opposite_m)?;
+                self.range(here(), "pitch_m", l.pitch_m, 1e-3, 1000.0, "0.001 to 1000 m")?;
+                self.range(here(), "overlap", l.overlap, 0.0, 0.9, "0 to 0.9, a share of pitch_m")?;
+                self.speed(here(), l.speed_m_s)?;
+            }
+            Leg::Adaptive(l) => self.adaptive(i, l)?,
+            Leg::DwellPoints(l) => {
+                self.points(here(), &l.points_m)?;
+                self.stay(here(), "duration_s", l.duration_s)?;
+                self.speed(here(), l.speed_m_s)?;
+            }
+            Leg::Transect(l) => {
+                self.point(here(), "from_m", &l.from_m)?;
+                self.point(here(), "to_m", &l.to_m)?;
+                self.steps(here(), l.step_m, l.dwell_s)?;
+                self.speed(here(), l.speed_m_s)?;
+            }
+            Leg::Profile(l) => {
+                self.point(here(), "at_m", &l.at_m)?;
+                self.range(here(), "rise_m", l.rise_m, -1000.0, 1000.0, "-1000 to 1000 m")?;
+                self.steps(here(), l.step_m, l.dwell_s)?;
+                self.speed(here(), l.speed_m_s)?;
             }
         }
         Ok(())

@@ -85,8 +85,8 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts a process and tells it its domain and its name; what it says goes to a file of the run folder, and its last words are kept. Gives a sentence too if the system does
-    /// not permit its priority or its processor.
+    /// Starts a process and tells it its domain and its name; what it says goes to a file of the run folder, and its
+    /// last words are kept. Gives a sentence too if the system does not permit its priority or its processor.
     ///
     /// # Errors
     /// The program cannot be started.

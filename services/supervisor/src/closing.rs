@@ -110,8 +110,8 @@ impl Supervisor {
         self.announcer.warn("the robot did not come to rest in time; the processes end now, and the drives hold");
     }
 
-    /// Sends the request through the client that was opened at the start, which also reaches a restarted motor-io; if that
-    /// fails, through a new one.
+    /// Sends the request through the client that was opened at the start, which also reaches a restarted motor-io; if
+    /// that fails, through a new one.
     fn ask_to_stop(&mut self, stop: &OperatorRequest) -> Result<OperatorRequest, BusError> {
         let asked = self.stopper.as_mut().map(|client| client.ask(stop, ANSWER));
         match asked {

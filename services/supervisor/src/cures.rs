@@ -1,4 +1,5 @@
-//! What the loss of a process means, and what helps: the same words on the terminal, in the process table and in the report.
+//! What the loss of a process means, and what helps: the same words on the terminal, in the process table and in the
+//! report.
 
 use config::Role;
 
@@ -28,9 +29,11 @@ pub fn consequence(role: Role, watchdog_s: f64) -> String {
     }
 }
 
-/// What helps against the loss of that process; `None` where there is nothing to do. `replaced`: another one does its work.
+/// What helps against the loss of that process; `None` where there is nothing to do. `replaced`: another one does its
+/// work.
 ///
-/// All of it can be done while `nims up` runs, which refuses a second one; only the virtual drives begin again with the robot.
+/// All of it can be done while `nims up` runs, which refuses a second one; only the virtual drives begin again with the
+/// robot.
 #[must_use]
 pub fn cure(name: &str, role: Role, fate: LossState, replaced: bool) -> Option<String> {
     let first = match (role, fate) {

@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 const SILENT_NS: u64 = 2_000_000_000;
 /// A process that has been silent for this long is looked at more closely, ns.
 const SUSPECT_NS: u64 = 500_000_000;
-/// A process that was seen blocked in the kernel within this time still waits for its disk, ns: between two blocks it may sleep for a moment.
+/// A process that was seen blocked in the kernel within this time still waits for its disk, ns: between two blocks it
+/// may sleep for a moment.
 const BLOCKED_NS: u64 = 500_000_000;
 /// Longer than this between two looks, and it is this program, with the rest of the machine, that stood still, ns.
 const LOOKED_NS: u64 = 250_000_000;
@@ -35,8 +36,8 @@ struct HeartbeatRecord {
 struct SilenceAnalysis {
     /// When it began, and how the process had been scheduled until then.
     began: Option<(u64, Scheduled)>,
-    /// How it was scheduled at the last look, and for how long it has been seen waiting for a processor since: the kernel counts a wait when
-    /// it is over.
+    /// How it was scheduled at the last look, and for how long it has been seen waiting for a processor since: the
+    /// kernel counts a wait when it is over.
     seen: Option<(u64, Scheduled)>,
     pending_ns: u64,
     /// When it was last seen blocked in the kernel.
@@ -52,7 +53,8 @@ enum SilenceCause {
     Blocked,
 }
 
-/// A clock that runs only while this program does: what passes while the whole machine stands still is nobody's silence.
+/// A clock that runs only while this program does: what passes while the whole machine stands still is nobody's
+/// silence.
 #[derive(Debug, Default)]
 struct AwakeClock {
     ns: u64,
@@ -162,9 +164,10 @@ impl HeartbeatRecord {
 }
 
 impl SilenceAnalysis {
-    /// A process that is or was just blocked in the kernel waits for its disk. The machine had no time for one that, since it began to be
-    /// suspect, waited for a processor for more than half of the time. One that was stopped, or waits for something that never comes, does
-    /// not, not even in the moment in which it goes on, and one that runs in a circle has its processor.
+    /// A process that is or was just blocked in the kernel waits for its disk. The machine had no time for one that,
+    /// since it began to be suspect, waited for a processor for more than half of the time. One that was stopped, or
+    /// waits for something that never comes, does not, not even in the moment in which it goes on, and one that runs in
+    /// a circle has its processor.
     fn classify(&mut self, awake_ns: u64, state: Option<State>, now: Option<Scheduled>) -> Option<SilenceCause> {
         if state == Some(State::Blocked) {
             self.blocked_ns = Some(awake_ns);

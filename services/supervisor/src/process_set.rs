@@ -83,8 +83,8 @@ impl ProcessSet {
         self.children.iter().find(stands_in).filter(|_| member.role.has_slots())
     }
 
-    /// Ends all processes; calls `while_waiting` every few milliseconds, and `killed` with the name of each process that
-    /// had to be killed.
+    /// Ends all processes; calls `while_waiting` every few milliseconds, and `killed` with the name of each process
+    /// that had to be killed.
     pub fn end(&mut self, mut while_waiting: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
         self.children.extend(self.successors.drain(..).map(|successor| successor.child));
         for role in ORDER {

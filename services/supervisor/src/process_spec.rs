@@ -122,7 +122,8 @@ impl Site {
         self.file.process.iter().find(|process| process.name == name)
     }
 
-    /// The process that an entry of the system file describes; `slot` overrides the slot of a controller or an estimator.
+    /// The process that an entry of the system file describes; `slot` overrides the slot of a controller or an
+    /// estimator.
     ///
     /// # Errors
     /// The program does not exist.

@@ -34,7 +34,8 @@ pub struct Args {
     /// Mission that will be flown, to be kept with the run.
     #[arg(long, hide = true)]
     pub mission: Option<PathBuf>,
-    /// Started by another program: end when standard input ends, for the reason that it gives, and report a failure on stdout.
+    /// Started by another program: end when standard input ends, for the reason that it gives, and report a failure on
+    /// stdout.
     #[arg(long, hide = true)]
     pub parent: bool,
 }

@@ -1,4 +1,5 @@
-//! Whether the run is being recorded. That nothing is, is said at once, and once more at the end: what is not recorded is lost.
+//! Whether the run is being recorded. That nothing is, is said at once, and once more at the end: what is not recorded
+//! is lost.
 
 use bus::{Bus, Subscriber};
 use command::Answer;
@@ -116,7 +117,8 @@ impl Ledger {
         Some(RecordingEvent::Stopped(format!("NOTHING IS BEING RECORDED: {why}")))
     }
 
-    /// How many more samples that channel has lost than at its last row; none where that is already told as a time without a recording.
+    /// How many more samples that channel has lost than at its last row; none where that is already told as a time
+    /// without a recording.
     fn count(&mut self, seq: u64, channel: String, lost: u64, now_ns: u64) -> u64 {
         // A recorder that was started again numbers its rows, and counts, anew.
         if std::mem::replace(&mut self.seq, seq) >= seq {

@@ -1,4 +1,5 @@
-//! What the operator asks of the supervisor while the robot runs: answered at once; what comes of it shows in the process table.
+//! What the operator asks of the supervisor while the robot runs: answered at once; what comes of it shows in the
+//! process table.
 
 use super::Supervisor;
 use super::child::{Child, Then};
@@ -14,8 +15,8 @@ use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::Path;
 
-/// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine stands still for up to
-/// 250 ms.
+/// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine
+/// stands still for up to 250 ms.
 const SILENT_NS: u64 = 1_000_000_000;
 
 impl Supervisor {

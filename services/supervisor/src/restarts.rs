@@ -8,8 +8,8 @@ const PAUSE_MAX_NS: u64 = 30_000_000_000;
 pub struct Policy {
     /// Whether it is restarted.
     pub again: bool,
-    /// First pause before a restart, ns; each further pause is twice as long, so that a recurring fault does not load the
-    /// machine.
+    /// First pause before a restart, ns; each further pause is twice as long, so that a recurring fault does not load
+    /// the machine.
     pub pause_ns: u64,
     /// Most restarts in a row.
     pub limit: u32,

@@ -46,8 +46,8 @@ impl ProcessIdentity {
     }
 }
 
-/// Field 22 of /proc/PID/stat. The name in field 2 may contain blanks and parentheses, so counting starts after the last
-/// parenthesis.
+/// Field 22 of /proc/PID/stat. The name in field 2 may contain blanks and parentheses, so counting starts after the
+/// last parenthesis.
 fn start_ticks(pid: u32) -> Option<u64> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     let mut fields = stat.rsplit_once(')')?.1.split_whitespace();

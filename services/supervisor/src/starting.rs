@@ -163,7 +163,8 @@ impl Supervisor {
         })
     }
 
-    /// Begins to close what earlier runs left open. What shared memory knows of the last one is gone after a power cut, so it is only a hint.
+    /// Begins to close what earlier runs left open. What shared memory knows of the last one is gone after a power cut,
+    /// so it is only a hint.
     fn recover_unfinished_runs(&mut self, earlier: Option<Running>) {
         let present = self.folder.path().to_path_buf();
         let mut folders = vec![self.site.file.runs.clone()];

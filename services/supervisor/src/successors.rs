@@ -1,5 +1,5 @@
-//! `nims plug --replace`: the new program runs beside the one before until it has said its first valid sample, and only then has the name.
-//! One that ends before, or says nothing, costs no sample of the one that works.
+//! `nims plug --replace`: the new program runs beside the one before until it has said its first valid sample, and only
+//! then has the name. One that ends before, or says nothing, costs no sample of the one that works.
 
 use super::Supervisor;
 use super::child::Then;
@@ -13,7 +13,8 @@ use messages::{ProcessState, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
 
-/// A newcomer that has said nothing valid by then is given up, ns: a device may need many seconds to warm up, and the command that asked waits 25 s.
+/// A newcomer that has said nothing valid by then is given up, ns: a device may need many seconds to warm up, and the
+/// command that asked waits 25 s.
 const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
 
 const GOES_ON: &str = "the one before goes on";
@@ -24,7 +25,8 @@ fn goes_on(name: &str) -> String {
 }
 
 impl Supervisor {
-    /// Starts a program in the place of one that was plugged in: beside it where that one publishes, otherwise after it has ended.
+    /// Starts a program in the place of one that was plugged in: beside it where that one publishes, otherwise after it
+    /// has ended.
     pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<Reason> {
         let name = member.name.clone();
         self.is_not_succeeded(&name)?;
@@ -68,7 +70,8 @@ impl Supervisor {
         )))
     }
 
-    /// A successor that has published a valid sample gets the name; one that has ended, or is silent for too long, does not.
+    /// A successor that has published a valid sample gets the name; one that has ended, or is silent for too long, does
+    /// not.
     pub(super) fn poll_successors(&mut self) -> Answer {
         let now = clock::now_ns();
         let mut successors = std::mem::take(&mut self.process_set.successors);
@@ -129,14 +132,16 @@ impl Supervisor {
         successor.given_up = true;
         self.announcer.warn(&format!("the new {} {why}", successor.child.member.name));
         let mut row = row(&successor.child, false);
-        // Nobody of that name has died: the row is for the command that asked, and the one that works has the last word.
+        // Nobody of that name has died: the row is for the command that asked, and the one that works has the last
+        // word.
         row.state = ProcessState::STATE_STOPPED;
         put_sentence(&mut row.reason, why);
         self.send_row(&mut row)?;
         self.publish_table()
     }
 
-    /// The process of that name has ended, on whatever way: its successor, if it has one, takes its place. Whether it has.
+    /// The process of that name has ended, on whatever way: its successor, if it has one, takes its place. Whether it
+    /// has.
     pub(super) fn succeed(&mut self, name: &str) -> bool {
         let waits = |successor: &Successor| successor.child.member.name == name && !successor.given_up;
         let Some(at) = self.process_set.successors.iter().position(waits) else { return false };

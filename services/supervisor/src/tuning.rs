@@ -11,7 +11,8 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::Path;
 
-/// Least time from the announcement of a change to its effect, s: processes receive it one cycle after the announcement.
+/// Least time from the announcement of a change to its effect, s: processes receive it one cycle after the
+/// announcement.
 const LEAD_S: f64 = 0.1;
 
 /// Record of the changes in the run folder.

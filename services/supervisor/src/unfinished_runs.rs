@@ -1,5 +1,5 @@
-//! Run files that no recorder closed, because it was killed or the power went: found in all runs beside the present one, whatever shared
-//! memory still knows of them, and closed beside the supervisor's own loop.
+//! Run files that no recorder closed, because it was killed or the power went: found in all runs beside the present
+//! one, whatever shared memory still knows of them, and closed beside the supervisor's own loop.
 
 use runlog::{PART_ENDING, RunError};
 use std::collections::BTreeSet;
@@ -28,7 +28,8 @@ pub struct UnfinishedRuns {
 }
 
 impl UnfinishedRuns {
-    /// Begins with every run in these folders, and with these runs, but not with the `present` one, whose recorder looks after itself.
+    /// Begins with every run in these folders, and with these runs, but not with the `present` one, whose recorder
+    /// looks after itself.
     ///
     /// # Errors
     /// The system has no thread for it.

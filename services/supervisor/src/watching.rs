@@ -1,4 +1,5 @@
-//! One round of the supervisor: its own beat, the processes and their heartbeats, what is asked, and what is to be started again.
+//! One round of the supervisor: its own beat, the processes and their heartbeats, what is asked, and what is to be
+//! started again.
 
 use super::Supervisor;
 use super::child::Then;
@@ -142,7 +143,8 @@ impl Supervisor {
             match said {
                 RecordingEvent::Stopped(sentence) => {
                     self.announcer.error(&sentence);
-                    // The recorder waits a second before it begins the next file: what that begins with is there by then.
+                    // The recorder waits a second before it begins the next file: what that begins with is there by
+                    // then.
                     self.restore_folder();
                 }
                 RecordingEvent::Resumed(sentence) => {

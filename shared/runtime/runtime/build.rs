@@ -1,4 +1,5 @@
-//! Records the commit in a release build. A development build records none, because each commit would rebuild everything.
+//! Records the commit in a release build. A development build records none, because each commit would rebuild
+//! everything.
 
 #[path = "stamp.rs"]
 mod stamp;

@@ -42,7 +42,7 @@ fn dependencies_point_one_way() {
         ("evidence", &[]),
         ("bus", &["messages"]),
         // configuration types are made from the mathematics
-        ("config", &["cable-robot"]),
+        ("config", &["messages", "cable-robot"]),
         ("segments", &["messages", "cable-robot"]),
         // samples are filled by the chassis of a process
         ("runtime", &["bus", "messages", "config", "robot-state"]),
@@ -262,6 +262,15 @@ fn every_dependency_is_used() {
     }
 }
 
+/// Whether a line has these characters, and not as a part of a longer word.
+fn has_word(line: &str, word: &str) -> bool {
+    let is_word = |c: char| c.is_alphanumeric() || c == '_';
+    line.match_indices(word).any(|(at, _)| {
+        let after = &line[at + word.len()..];
+        !line[..at].ends_with(is_word) && !after.starts_with(is_word)
+    })
+}
+
 #[test]
 fn the_mathematics_does_no_io_and_reads_no_clock() {
     let packages = packages();
@@ -278,8 +287,8 @@ fn the_mathematics_does_no_io_and_reads_no_clock() {
             "SystemTime",
             "Instant",
         ] {
-            let code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
-            assert!(code.into_iter().all(|line| !line.contains(banned)), "{} names {banned}", path.display());
+            let mut code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+            assert!(!code.any(|line| has_word(line, banned)), "{} names {banned}", path.display());
         }
     }
 }

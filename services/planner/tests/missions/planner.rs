@@ -281,8 +281,8 @@ fn a_parabola_that_loses_least_sags_below_the_line_and_a_vertical_one_is_a_line(
     assert!(error.to_string().contains("parabola"), "{error}");
 }
 
-/// Also where a line would be slack at the sag that a constant speed asks for, which knows nothing of the start and the end:
-/// no parabola of a fine scan over all that can be flown costs less than the one that is flown.
+/// Also where a line would be slack at the sag that a constant speed asks for, which knows nothing of the start and the
+/// end: no parabola of a fine scan over all that can be flown costs less than the one that is flown.
 #[test]
 fn the_parabola_that_is_flown_is_the_best_that_can_be() {
     let (start, end) = (Vector3::new(3.0, 2.0, 2.0), Vector3::new(6.0, 2.5, 2.0));
@@ -316,7 +316,8 @@ fn the_parabola_that_is_flown_is_the_best_that_can_be() {
     }
 }
 
-/// With its accelerations a lateral path costs less than the parabola, which costs less than the line; what is sent is what was checked.
+/// With its accelerations a lateral path costs less than the parabola, which costs less than the line; what is sent is
+/// what was checked.
 #[test]
 fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
     let config = config();
@@ -388,7 +389,8 @@ fn a_dry_run_says_what_the_mission_comes_to() {
     assert!(summary.peak_cable_speed_m_s <= 0.2);
 }
 
-/// The limit of the lines is the robot file's own, not that of the node: where it is lower, the plan is refused, and not slowed in flight.
+/// The limit of the lines is the robot file's own, not that of the node: where it is lower, the plan is refused, and
+/// not slowed in flight.
 #[test]
 fn a_line_faster_than_its_limit_is_refused_with_place_line_and_amount() {
     // Straight to the first anchor: its line runs as fast as the node.

@@ -1,4 +1,5 @@
-//! Scanning missions: what they come to, what is refused of them, and that a mission that was broken off goes on where it was.
+//! Scanning missions: what they come to, what is refused of them, and that a mission that was broken off goes on where
+//! it was.
 
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanStatus, Request};
@@ -300,7 +301,8 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
-    /// Broken off twice anywhere, by whatever, and found elsewhere: what is flown then is what was left, no more and no less.
+    /// Broken off twice anywhere, by whatever, and found elsewhere: what is flown then is what was left, no more and no
+    /// less.
     #[test]
     fn what_is_flown_after_an_interruption_is_what_was_left(
         first in 0.0..1.0f64,
@@ -332,12 +334,14 @@ proptest! {
             }
             let rest = planner.segments().to_vec();
             let here = Vector3::from(world.estimate.position_m);
-            // From where it is there is a way back, but not for less than a millimetre; what is left may be less than that, too.
+            // From where it is there is a way back, but not for less than a millimetre; what is left may be less than
+            // that, too.
             let off_m = (rest[0].path.start() - here).norm();
             let back = usize::from(away > 0.0 && off_m < 1e-9);
             prop_assert!(off_m < 0.001 && (back == 1 || away < 0.002), "begins {off_m} m off");
             let done = planner.progress().unwrap().at_m;
-            // The way back goes to where it was, unless what is left there is shorter than a millimetre or a stay too short to fly.
+            // The way back goes to where it was, unless what is left there is shorter than a millimetre or a stay too
+            // short to fly.
             let begins = rest[back].path.start();
             prop_assert!((begins - Vector3::from(done)).norm() < 0.002, "{begins:?} {done:?}");
             let (now_m, now_s) = (measured_m(&rest[back..]), dwelt_s(&rest));

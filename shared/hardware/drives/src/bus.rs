@@ -4,10 +4,7 @@ use std::sync::Arc;
 
 use serial::PortClock;
 
-use crate::{Counters, Error, StopInput, UnitAnswer, UnitInfo};
-
-/// Most motors of one unit.
-pub const AXES: usize = 2;
+use crate::{AXES, Counters, Error, StopInput, UnitAnswer, UnitInfo};
 
 /// Command for one motor. Positive is the direction in which its count rises.
 #[derive(Debug, Clone, Copy, PartialEq)]

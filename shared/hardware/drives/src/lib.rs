@@ -35,9 +35,9 @@ mod fleet;
 mod report;
 mod status;
 
-pub use bus::{AXES, Capabilities, Command, DriveBus, UnitCommand};
+pub use bus::{Capabilities, Command, DriveBus, UnitCommand};
 pub use counts::CountBound;
 pub use error::{Asked, Error, Misfit, Said, said};
 pub use fleet::{Fleet, FleetCommand, FleetReply, MAX_FLEET, PortReport};
-pub use report::{Counters, Firmware, StopInput, Timed, UnitAnswer, UnitInfo, UnitReport};
+pub use report::{AXES, Counters, Firmware, StopInput, Timed, UnitAnswer, UnitInfo, UnitReport};
 pub use status::DriveStatus;

@@ -2,7 +2,10 @@
 
 use arrayvec::ArrayString;
 
-use crate::{AXES, DriveStatus, Error};
+use crate::{DriveStatus, Error};
+
+/// Most motors of one unit.
+pub const AXES: usize = 2;
 
 /// A value with the time at which it was requested: it was true then or a little later. Time 0: never read.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

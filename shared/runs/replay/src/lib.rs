@@ -132,6 +132,15 @@ struct Replay {
     first_and_last_ns: Option<(u64, u64)>,
 }
 
+/// Splits a channel's name into the name without its slot, and the index of the slot; 0 for a channel without slots.
+fn name_and_slot(channel: &str) -> (&str, usize) {
+    match channel.rsplit_once('/') {
+        Some((name, slot)) if slot == SLOT_NAMES[0] => (name, 0),
+        Some((name, slot)) if slot == SLOT_NAMES[1] => (name, 1),
+        _ => (channel, 0),
+    }
+}
+
 fn channel_per_slot<T: messages::Message>(beginning: &str) -> [Channel<T>; SLOTS] {
     SLOT_NAMES.map(|slot| Channel::new(&format!("{beginning}/{slot}")))
 }
@@ -187,11 +196,7 @@ impl Replay {
 
     /// Decodes a sample and stores it until it is compared or used as an input.
     fn store(&mut self, recorded: &RecordedSample<'_>, time_ns: u64, t0_ns: u64) {
-        let (name, slot) = match recorded.channel.name.rsplit_once('/') {
-            Some((name, slot)) if slot == SLOT_NAMES[0] => (name, 0),
-            Some((name, slot)) if slot == SLOT_NAMES[1] => (name, 1),
-            _ => (recorded.channel.name.as_str(), 0),
-        };
+        let (name, slot) = name_and_slot(&recorded.channel.name);
         match name {
             "motor/input" => {
                 if let Some(mut input) = self.input.read(recorded, t0_ns) {

@@ -60,7 +60,8 @@ impl Party {
             .unwrap_or_default()
     }
 
-    /// Whether so many ports of these names are within what this kind may have; a member is only bound by the limit itself.
+    /// Whether so many ports of these names are within what this kind may have; a member is only bound by the limit
+    /// itself.
     pub(crate) fn within(self, names: &[PortName], limit: usize, coming: usize) -> bool {
         let taken = names.iter().filter(|name| Self::from_port_name(name) <= self).count();
         self == Self::Member || taken + coming <= self.ceiling(limit)

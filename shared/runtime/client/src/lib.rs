@@ -11,8 +11,8 @@ mod requests;
 mod robot;
 
 pub use process_table::{follow, state_name};
-pub use requests::{MOTOR_IO, PLANNER, SUPERVISOR, box_of, robot_of, running, sample, send};
+pub use requests::{MOTOR_IO, PLANNER, SUPERVISOR, box_of, robot_of, running, send};
 pub use robot::{
-    ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, unrecorded,
+    ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, sample, unrecorded,
     unrecorded_of,
 };

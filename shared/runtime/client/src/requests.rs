@@ -5,7 +5,7 @@ use bus::Bus;
 use cable_robot::Robot;
 use command::{Answer, Failure};
 use config::{RESOLVED, SystemFile};
-use messages::{OperatorRequest, Request};
+use messages::Request;
 
 /// Process that moves the robot.
 pub const MOTOR_IO: &str = "motor-io";
@@ -13,14 +13,6 @@ pub const MOTOR_IO: &str = "motor-io";
 pub const PLANNER: &str = "planner";
 /// Process that starts and ends the others; the name under which the supervisor joins the domain.
 pub const SUPERVISOR: &str = "nims";
-
-/// The sample that carries a request of a command.
-///
-/// # Errors
-/// A text that a request cannot hold.
-pub fn sample(request: &Request) -> Answer<OperatorRequest> {
-    Ok(OperatorRequest { origin: OperatorRequest::ORIGIN_COMMAND, ..request.encode()? })
-}
 
 /// Sends a request and turns a refusal into a failure.
 ///

@@ -90,7 +90,7 @@ pub fn join_as(name: Option<&str>, party: Party) -> Answer<Bus> {
 /// # Errors
 /// A text that a request cannot hold; the process does not run, or does not answer.
 pub fn ask(bus: &Bus, process: &str, request: &Request) -> Answer<OperatorRequest> {
-    Ok(bus.client(process)?.ask(&crate::requests::sample(request)?, ANSWER)?)
+    Ok(bus.client(process)?.ask(&sample(request)?, ANSWER)?)
 }
 
 /// An emergency stop without an answer warns after this time.
@@ -203,4 +203,12 @@ pub fn newest<T: Message>(bus: &Bus, channel: &str, patience: Duration) -> Answe
         }
         waiter.wait_until(Some(deadline))?;
     }
+}
+
+/// The sample that carries a request of a command.
+///
+/// # Errors
+/// A text that a request cannot hold.
+pub fn sample(request: &Request) -> Answer<OperatorRequest> {
+    Ok(OperatorRequest { origin: OperatorRequest::ORIGIN_COMMAND, ..request.encode()? })
 }

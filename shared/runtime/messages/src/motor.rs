@@ -32,9 +32,10 @@ message! {
         node_bound_m_s: f64,
         /// Distance of the node from the setpoint, m; NaN: no setpoint.
         setpoint_distance_m: f64,
-        /// Conditions per unit, the same bits for every drive family: bit 0 emergency stop (also of a stop button on the unit's port);
-        /// bits 0 to 15 and 26 to 28 are errors, at which the drive stops; the others are warnings and inputs. `DriveStatus` of the
-        /// crate `drives` names each bit. Runs recorded before there were other families have the same bits.
+        /// Conditions per unit, the same bits for every drive family: bit 0 emergency stop (also of a stop button on
+        /// the unit's port); bits 0 to 15 and 26 to 28 are errors, at which the drive stops; the others are warnings
+        /// and inputs. `DriveStatus` of the crate `drives` names each bit. Runs recorded before there were other
+        /// families have the same bits.
         status: [u32; UNITS],
         /// 1: the reading of this cable is from this cycle.
         fresh: [u8; CABLES],

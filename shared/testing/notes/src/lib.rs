@@ -1,7 +1,8 @@
-//! Notes of a test run: checks that this machine cannot make, and tests that were repeated because the machine stood still.
+//! Notes of a test run: checks that this machine cannot make, and tests that were repeated because the machine stood
+//! still.
 //!
-//! Each test is a process of its own and its output is only shown when it fails. So a note goes to a file that all of them share, and
-//! `scripts/test` prints the file at its end. Without the file a note goes to standard error only.
+//! Each test is a process of its own and its output is only shown when it fails. So a note goes to a file that all of
+//! them share, and `scripts/test` prints the file at its end. Without the file a note goes to standard error only.
 #![forbid(unsafe_code)]
 
 use std::fmt::Display;

@@ -9,8 +9,8 @@ use std::path::Path;
 /// Set to `1`, the file is written, and not compared.
 pub const RENEW: &str = "NIMS_RENEW";
 
-/// Compares what was said with `tests/sentences.txt` in `folder`, which is the `CARGO_MANIFEST_DIR` of the test: one line for each sentence,
-/// a name and what is said, in the order given.
+/// Compares what was said with `tests/sentences.txt` in `folder`, which is the `CARGO_MANIFEST_DIR` of the test: one
+/// line for each sentence, a name and what is said, in the order given.
 ///
 /// # Panics
 /// The file says something else: with every line that differs, and how to renew it.
@@ -34,7 +34,8 @@ pub fn compare<N: Display, S: Display>(folder: &str, said: impl IntoIterator<Ite
     );
 }
 
-/// The lines that are gone (`-`) and those that are new (`+`), in the order of the text; where only the order has changed, it says so.
+/// The lines that are gone (`-`) and those that are new (`+`), in the order of the text; where only the order has
+/// changed, it says so.
 fn difference(before: &str, after: &str) -> String {
     let mut counts: BTreeMap<&str, i64> = BTreeMap::new();
     before.lines().for_each(|line| *counts.entry(line).or_default() += 1);

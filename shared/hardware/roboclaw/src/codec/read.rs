@@ -4,7 +4,7 @@ use std::fmt;
 
 use drives::Asked;
 
-use super::{Fields, MAX_VERSION, Pid, with_reply_crc};
+use super::fields::{Fields, MAX_VERSION, Pid, with_reply_crc};
 use crate::crc::Crc;
 use crate::packet::Packet;
 use crate::status::{Status, StatusWidth};

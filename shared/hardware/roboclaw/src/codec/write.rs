@@ -2,7 +2,7 @@
 
 use drives::Asked;
 
-use super::{Fields, Motor, Pid, SAVE_KEY, by_motor};
+use super::fields::{Fields, Motor, Pid, by_motor};
 use crate::crc::crc16;
 use crate::packet::Packet;
 
@@ -163,3 +163,6 @@ impl Write {
         Asked { words, code: Some(self.code().into()) }
     }
 }
+
+/// Key that [`Write::Save`] carries, so that noise does not wear out the memory.
+pub const SAVE_KEY: u32 = 0xE22E_AB7A;

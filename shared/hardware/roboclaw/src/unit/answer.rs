@@ -219,6 +219,24 @@ impl Unit {
                 let moves = [position(&mut fields)?, position(&mut fields)?];
                 self.add_both(moves, fields.u8()?)?;
             }
+            119..=124 => self.go_to_counts(code, &mut fields)?,
+            // Percent of a range that this unit does not have.
+            125..=127 => {}
+            80 => {
+                if fields.u32()? != SAVE_KEY {
+                    return None;
+                }
+                self.settings = super::Settings::new(self.options.watchdog_tenths);
+                self.registers = Registers::new();
+            }
+            _ => return None,
+        }
+        Some(())
+    }
+
+    /// Executes the moves to absolute counts, with the default speed or with a given one.
+    fn go_to_counts(&mut self, code: u8, fields: &mut Fields<'_>) -> Option<()> {
+        match code {
             119 | 120 => {
                 let made = self.go_to(usize::from(code - 119), None, fields.i32()?);
                 self.add(usize::from(code - 119), made, fields.u8()?)?;
@@ -237,15 +255,6 @@ impl Unit {
                 let mut one = |motor| Some(self.go_to(motor, Some(fields.u32()?), fields.i32()?));
                 let moves = [one(0)?, one(1)?];
                 self.add_both(moves, fields.u8()?)?;
-            }
-            // Percent of a range that this unit does not have.
-            125..=127 => {}
-            80 => {
-                if fields.u32()? != SAVE_KEY {
-                    return None;
-                }
-                self.settings = super::Settings::new(self.options.watchdog_tenths);
-                self.registers = Registers::new();
             }
             _ => return None,
         }

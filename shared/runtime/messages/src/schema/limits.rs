@@ -1,6 +1,7 @@
 //! Limits of a definition.
 
-/// Fields of one sample at most, after nested types are laid out; more than any sample has, little enough to be kept in memory.
+/// Fields of one sample at most, after nested types are laid out; more than any sample has, little enough to be kept in
+/// memory.
 pub(super) const FIELDS: usize = 65_536;
 
 /// Bytes of one sample at most.

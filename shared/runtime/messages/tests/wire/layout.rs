@@ -2,7 +2,8 @@
 
 use messages::*;
 
-/// Size and alignment by CDR rules (each primitive at a multiple of its size) from the schema text alone, constants skipped.
+/// Size and alignment by CDR rules (each primitive at a multiple of its size) from the schema text alone, constants
+/// skipped.
 fn cdr_size(own: &str, all: &str, start: usize) -> usize {
     let mut offset = start;
     for line in own.lines().filter(|line| !line.contains('=')) {
@@ -38,7 +39,8 @@ fn check<T: Message>() {
     let own = text.split(&"=".repeat(80)).next().unwrap();
     assert_eq!(cdr_size(own, text, 0), size_of::<T>(), "{}", T::NAME);
     assert_eq!(size_of::<T>() % 8, 0, "{}: an array of it must not need padding", T::NAME);
-    // Longer texts go on in services of their own, which costs every process that opens the channel: two types are worth it.
+    // Longer texts go on in services of their own, which costs every process that opens the channel: two types are
+    // worth it.
     let room = if ["MotorAuthority", "MotorInput"].contains(&T::NAME) { 2 * 1750 } else { 1750 };
     assert!(text.len() <= room, "{}: schema text of {} bytes does not fit a channel's attributes", T::NAME, text.len());
     assert!(text.is_ascii());

@@ -169,7 +169,8 @@ fn definitions_are_split_with_their_names() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// No text, however broken, makes the parser panic; neither does decoding bytes of any length with what it accepted.
+    /// No text, however broken, makes the parser panic; neither does decoding bytes of any length with what it
+    /// accepted.
     #[test]
     fn no_text_is_a_panic(text in "(uint8|float64|int16|t/In|=|MSG: t/In|[a-z]{1,3}|[A-Z]=?[0-9]{0,3}|\\[[0-9]{1,2}\\]|\n| |#){0,40}", bytes in proptest::collection::vec(any::<u8>(), 0..64)) {
         if let Ok(schema) = Schema::parse(&text) {

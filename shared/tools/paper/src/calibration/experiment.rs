@@ -117,8 +117,8 @@ pub fn fig5(effort: Effort) -> Result<Section> {
     })
 }
 
-/// Returns, for each experiment, the standard deviation of the norm of the heights by number of points, and the root mean
-/// square error of the heights with nine points, m.
+/// Returns, for each experiment, the standard deviation of the norm of the heights by number of points, and the root
+/// mean square error of the heights with nine points, m.
 fn convergence(runs: usize, subsets: usize, counts: &[usize]) -> Result<(Vec<Vec<f64>>, Vec<f64>)> {
     let mut curves = Vec::new();
     let mut tilt = Vec::new();
