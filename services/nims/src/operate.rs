@@ -1,4 +1,4 @@
-//! Requests to the running robot: each is answered by one sentence.
+//! Requests to the running robot; the answer to each is one sentence.
 
 use bus::{Bus, Party};
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
@@ -14,32 +14,32 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What moves the robot, and what brings it to rest.
+/// Commands that move the robot or bring it to rest.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Take the robot from Disarmed to Holding.
+    /// Switch the motors on: from Disarmed to Holding.
     Arm,
-    /// Release the motors of a robot at rest: the node sinks.
+    /// Switch the motors off at rest; the node sinks.
     Disarm,
     /// Slow down on the path and hold, keeping the motion.
     Hold,
     /// Slow down on the path and hold, dropping the motion.
     Stop,
-    /// Stop the motors at once; `reset` afterwards.
+    /// Stop the motors at once; needs `reset` afterwards.
     Estop,
-    /// Leave a fault or an emergency stop, once its cause is gone.
+    /// Leave a fault or an emergency stop after its cause is removed.
     Reset,
-    /// Say where the node is now.
+    /// Set the position of the node.
     Zero(ZeroArgs),
-    /// After a restart: the position from before is still right.
+    /// Confirm, after a restart, that the position from before is still correct.
     ConfirmPosition,
-    /// Pay out one line slowly (negative: reel in).
+    /// Pay out one cable slowly (negative: reel in).
     #[command(allow_negative_numbers = true)]
     Jog {
-        /// Which line, from 1.
+        /// Number of the cable, from 1.
         #[arg(value_parser = clap::value_parser!(u8).range(1..=8))]
         cable: u8,
-        /// How far, m; positive pays out.
+        /// Length, m; positive pays out.
         #[arg(value_parser = finite, allow_negative_numbers = true)]
         metres: f64,
     },
@@ -49,9 +49,9 @@ pub enum Command {
     Run(RunArgs),
     /// Slow down on the path, keeping the mission.
     Pause,
-    /// Go on after pause or hold.
+    /// Continue after pause or hold.
     Resume,
-    /// Slow a mission down, or back to full speed.
+    /// Set the speed of a mission.
     Speed {
         /// Percent of the planned speed, 5 to 100.
         #[arg(value_parser = finite, allow_negative_numbers = true)]
@@ -60,13 +60,13 @@ pub enum Command {
 }
 
 impl Command {
-    /// Asks motor-io or the planner.
+    /// Sends the request to motor-io or the planner.
     ///
     /// # Errors
-    /// Bad input; refused, with the reason; not answered.
+    /// The input is wrong, or the request is refused (with the reason) or not answered.
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let join = || client::join(domain);
-        // What brings the robot to rest may take the places that other commands leave.
+        // Commands that bring the robot to rest may use the places reserved for members.
         let ask = |request: Request, party: Party| send(&client::join_as(domain, party)?, MOTOR_IO, &request);
         let sentence = match self {
             Self::Arm => ask(Request::Arm, Party::Command),
@@ -89,14 +89,14 @@ impl Command {
     }
 }
 
-/// `nims zero`: one of the two.
+/// `nims zero`: one of the two arguments.
 #[derive(Debug, clap::Args)]
 #[group(required = true, multiple = false)]
 pub struct ZeroArgs {
-    /// The node is here, m.
+    /// Position of the node, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub at: Option<Point>,
-    /// These lengths of line are paid out, m.
+    /// Lengths of the cables from pulley to node, m.
     #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
     pub lengths: Option<Numbers>,
 }
@@ -104,13 +104,13 @@ pub struct ZeroArgs {
 /// `nims goto`.
 #[derive(Debug, clap::Args)]
 pub struct GotoArgs {
-    /// Where to, m.
+    /// Target, m.
     #[arg(value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub to: Point,
-    /// Along which path.
+    /// Shape of the path.
     #[arg(long, value_enum, default_value = "line")]
     pub path: PathKind,
-    /// How much a parabola sags, 1/m, above 0; default: what loses least in the motors.
+    /// Sag of a parabola, 1/m, above 0; default: the sag with the smallest energy loss in the motors.
     #[arg(long, value_name = "PER_M", value_parser = finite, allow_negative_numbers = true)]
     pub mu: Option<f64>,
     /// Cruise speed, m/s; default: the planner's.
@@ -121,21 +121,21 @@ pub struct GotoArgs {
 /// `nims run`.
 #[derive(Debug, clap::Args)]
 pub struct RunArgs {
-    /// Mission file, or the name of one in the box's missions folder.
+    /// Mission file, or the name of one in the missions folder of the system.
     pub mission: PathBuf,
-    /// Check the whole mission and say how long it takes, without moving.
+    /// Check the whole mission and print its duration, without moving.
     #[arg(long)]
     pub dry_run: bool,
-    /// Fly what is left of it after it was broken off, by whatever.
+    /// Fly the rest of an aborted mission.
     #[arg(long = "continue", conflicts_with = "dry_run")]
     pub go_on: bool,
-    /// Fly it although nothing is being recorded.
+    /// Fly the mission although nothing is being recorded.
     #[arg(long, conflicts_with = "dry_run")]
     pub unrecorded: bool,
-    /// For a dry run without a running robot: its robot or system file.
+    /// System file for a dry run without a running robot.
     #[arg(long, requires = "dry_run")]
     pub config: Option<PathBuf>,
-    /// For a dry run: where the mission begins, m; default: where the node is.
+    /// Start of the mission for a dry run, m; default: the position of the node.
     #[arg(long, requires = "dry_run", value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub from: Option<Point>,
 }
@@ -143,7 +143,7 @@ pub struct RunArgs {
 /// `nims zero`.
 ///
 /// # Errors
-/// The position or the lengths make no sense for this robot; refused; not answered.
+/// The position or the lengths are impossible for this robot, or the request is refused or not answered.
 fn zero(bus: &Bus, asked: &ZeroArgs) -> Answer<String> {
     let robot = robot_of(bus)?;
     let request = match (&asked.at, &asked.lengths) {
@@ -164,7 +164,7 @@ fn zero(bus: &Bus, asked: &ZeroArgs) -> Answer<String> {
 /// `nims jog`.
 ///
 /// # Errors
-/// No such cable; refused; not answered.
+/// There is no such cable, or the request is refused or not answered.
 fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
     let cables = robot_of(bus)?.cable_count();
     if usize::from(cable) > cables {
@@ -176,7 +176,7 @@ fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
 /// `nims speed`.
 ///
 /// # Errors
-/// Out of range; refused; not answered.
+/// The speed is out of range, or the request is refused or not answered.
 fn speed(bus: &Bus, percent: f64) -> Answer<String> {
     if !(5.0..=100.0).contains(&percent) {
         return Err(Failure::BadInput(format!(
@@ -189,9 +189,9 @@ fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 /// `nims goto`.
 ///
 /// # Errors
-/// A point where the robot cannot be, a speed it does not have; refused; not answered.
+/// The node cannot hang at the target, the speed is out of range, or the request is refused or not answered.
 ///
-/// A single move is not refused where nothing is being recorded: it may be the way home. It is said.
+/// Without a recording, a single move is allowed with a warning, because it may bring the node home.
 fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<Output> {
     let path = path_of(asked)?;
     let robot = robot_of(bus)?;
@@ -204,16 +204,16 @@ fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<Output> {
         )));
     }
     let answer = planned(&client::ask(bus, PLANNER, &Request::Goto { to_m: to, path, speed_m_s: asked.speed })?)?;
-    // The node moves already: whatever goes wrong here, the planner has accepted.
+    // The planner has accepted and the node moves, so a failure here is only a warning.
     match client::unrecorded(bus) {
         Ok(None) => {}
         Ok(Some(why)) => eprintln!("nims: warning: nothing is being recorded ({why})"),
-        Err(failure) => eprintln!("nims: warning: it is not known whether this is being recorded ({failure})"),
+        Err(failure) => eprintln!("nims: warning: cannot find out whether this is being recorded ({failure})"),
     }
     Ok(answer)
 }
 
-/// Path of a move.
+/// Returns the path of a move.
 fn path_of(asked: &GotoArgs) -> Answer<GotoPath> {
     match (asked.path, asked.mu) {
         (PathKind::Line, None) => Ok(GotoPath::Line),
@@ -224,7 +224,7 @@ fn path_of(asked: &GotoArgs) -> Answer<GotoPath> {
         (PathKind::Parabola, None) => Ok(GotoPath::Parabola { mu_per_m: None }),
         (PathKind::Lateral, None) => Ok(GotoPath::Lateral),
         (PathKind::Line | PathKind::Lateral, Some(_)) => {
-            Err(Failure::BadInput("--mu is for a parabola; add --path parabola, or leave it out".to_owned()))
+            Err(Failure::BadInput("--mu is for a parabola; add --path parabola, or omit --mu".to_owned()))
         }
     }
 }
@@ -279,23 +279,23 @@ fn planned(answer: &OperatorRequest) -> Answer<Output> {
 /// `nims run`: reads the mission, copies it for the planner, and requests it. The planner checks and plans the copy.
 ///
 /// # Errors
-/// A mission that cannot be read or flown; refused; not answered.
+/// The mission cannot be read or flown, or the request is refused or not answered.
 fn run(bus: &Bus, asked: &RunArgs) -> Answer<Output> {
     let file = box_of(bus)?;
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let text = MissionText::read(&path)?;
     if let Some(why) = client::unrecorded(bus)?.filter(|_| !asked.unrecorded) {
         return Err(Failure::NotNow(format!(
-            "the mission is not started, because nothing is being recorded ({why}): put that right, or fly it with --unrecorded"
+            "the mission is not started, because nothing is being recorded ({why}): solve this, or fly with --unrecorded"
         )));
     }
     planned(&client::ask(bus, PLANNER, &text.request(bus, asked.go_on)?)?)
 }
 
-/// `nims run --dry-run`: the answer, and its sentence.
+/// `nims run --dry-run`.
 ///
 /// # Errors
-/// A configuration or mission that cannot be read, or no starting point.
+/// The configuration or the mission cannot be read, or there is no starting point.
 fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
     let (file, here) = match &asked.config {
         Some(config) => (SystemFile::load(config).map_err(Failure::bad)?, None),
@@ -312,7 +312,7 @@ fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
         (None, Some(from), _) => from,
         (None, None, Some(virtual_box)) => virtual_box.start_m.position_m,
         (None, None, None) => {
-            return Err(Failure::BadInput("say where the mission begins with --from X,Y,Z".to_owned()));
+            return Err(Failure::BadInput("the start of the mission is unknown; give it with --from X,Y,Z".to_owned()));
         }
     };
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
@@ -331,7 +331,7 @@ fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
     })
 }
 
-/// A mission by path, or by name in the box's folder of missions.
+/// Returns the path of a mission file given by path, or by name in the missions folder of the system.
 ///
 /// # Errors
 /// There is no such file.
@@ -349,13 +349,13 @@ pub fn mission_path(asked: &Path, missions: Option<&Path>) -> Answer<PathBuf> {
     std::path::absolute(found).map_err(Failure::bad)
 }
 
-/// Where the node is, if it is known.
+/// Returns the position of the node, if known.
 fn present(bus: &Bus) -> Answer<Option<[f64; 3]>> {
     let estimate = client::estimate(bus, Duration::from_millis(500))?;
     Ok(estimate.filter(|estimate| estimate.valid == 1).map(|estimate| estimate.position_m))
 }
 
-/// Whether the node can hang at rest at this point; whether it can also get there is for the planner to say.
+/// Checks that the node can hang at rest at this point. The planner checks whether it can get there.
 fn standing(robot: &Robot, at: &[f64; 3]) -> Answer {
     let cannot = |why: String| Failure::BadInput(format!("the node cannot hang there: {why}"));
     let path = cable_robot::Path::Dwell(Vector3::from(*at));
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn a_parabola_is_asked_for_with_its_sag() {
+    fn a_parabola_is_requested_with_its_sag() {
         let goto = |path, mu| path_of(&GotoArgs { to: [1.0, 2.0, 3.0].into(), speed: None, path, mu });
         assert_eq!(goto(PathKind::Line, None), Ok(GotoPath::Line));
         assert_eq!(goto(PathKind::Parabola, Some(0.1)), Ok(GotoPath::Parabola { mu_per_m: Some(0.1) }));

@@ -1,8 +1,8 @@
-//! `nims swap`: another controller or estimator takes over while the robot moves.
+//! `nims swap`: replaces the controller or estimator in charge while the robot moves.
 //!
-//! The new one is started in the slot that is not in charge, qualifies beside the one in charge, and takes over in a
-//! cycle that motor-io announces; the old one stays for a second, in case the new one fails, and is then ended, unless
-//! the box keeps a standby.
+//! The new process is started in the slot that is not in charge, qualifies while the other one is in charge, and takes
+//! over in a cycle that motor-io announces. The old process runs for another second, in case the new one fails, and is
+//! then ended, unless the system has a standby.
 
 use crate::processes;
 use bus::{Bus, Subscriber, Waiter, clock};
@@ -17,9 +17,9 @@ use std::collections::BTreeMap;
 /// Roles that have two slots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum SlottedRole {
-    /// Position and motion to velocities.
+    /// The controller: position and motion to cable velocities.
     Controller,
-    /// Lengths to position.
+    /// The estimator: cable lengths to position.
     Estimator,
 }
 
@@ -37,59 +37,60 @@ impl SlottedRole {
 /// `nims swap`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Whose.
+    /// Role to swap.
     #[arg(value_enum)]
     pub role: SlottedRole,
-    /// Law or method, or the name of a `[[process]]` of that role; it is started in the free slot. Default: the standby
-    /// that runs there.
+    /// Law or method, or the name of a `[[process]]` of the role, to start in the free slot. Default: the standby that
+    /// runs there.
     pub name: Option<String>,
-    /// Slot of the new one. Default: the one that is not in charge.
+    /// Slot of the new process. Default: the one that is not in charge.
     #[arg(long, value_enum)]
     pub slot: Option<config::Slot>,
-    /// Keep the old one running, as a standby.
+    /// Keep the old process running, as a standby.
     #[arg(long)]
     pub keep: bool,
-    /// Only admit again a slot that was set aside because it came and went.
+    /// Only re-admit a slot that was quarantined after repeated failures.
     #[arg(long, conflicts_with_all = ["name", "keep"])]
     pub admit: bool,
 }
 
-/// Lets another controller or estimator take over.
+/// Swaps the controller or estimator in charge, or re-admits a slot.
 ///
 /// # Errors
-/// Refused, with the reason, or it does not come about.
+/// The request is refused, with the reason, or the swap fails.
 pub fn run(domain: Option<&str>, args: &Args) -> Answer<Output> {
     let bus = client::join(domain)?;
     if args.admit { admit(&bus, args) } else { swap(&bus, args) }
 }
 
-/// As configured, instead of a law.
+/// Name that selects the configured law.
 const DEFAULT: &str = "default";
-/// A new one has this long to qualify, s; it takes one where all is well.
+/// Longest time for the new process to qualify, s; normally one second.
 const QUALIFY_S: f64 = 20.0;
-/// Every row of the process table comes once a second.
+/// Longest time to wait for a row of the process table, s; each is published once a second.
 const TABLE_S: f64 = 1.5;
-/// From the announcement to the end of the probation, s: a little more than one where all is well.
+/// Longest time from the announcement to the end of the probation, s; normally little more than one second.
 const SWAP_S: f64 = 10.0;
 
-/// Swaps, telling on stderr how it goes if somebody looks; the answer as JSON and as a sentence.
+/// Swaps, and prints the progress on stderr if that is a terminal.
 ///
 /// # Errors
-/// It could not be started, did not qualify, was refused, or failed just after it had taken over; each with the reason.
+/// The new process could not be started, did not qualify, was refused, or failed just after it had taken over; each
+/// with the reason.
 fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
-    let mut robot = Robot::of(bus, asked)?;
+    let mut robot = Robot::observe(bus, asked)?;
     let lead = robot.lead()?;
     let slot = asked.slot.map_or(1 - lead, Slot::index);
     if slot == lead {
         return Err(Failure::BadInput(format!(
-            "the {} in slot {} is in charge: the new one needs the other slot",
-            robot.who(),
+            "the {} in slot {} is in charge: use the other slot for the new one",
+            robot.role_name(),
             name_of(slot).name()
         )));
     }
     let (new, old) = (robot.role.process_name(name_of(slot)), robot.role.process_name(name_of(lead)));
     if let Some(law) = asked.name.as_deref().filter(|law| *law != DEFAULT) {
-        // Before anything is ended to make room for it.
+        // Check the law before a process is ended to free the slot.
         client::box_of(bus)?.process_for(robot.role, law).map_err(Failure::BadInput)?;
     }
     if let Some(law) = &asked.name {
@@ -100,12 +101,12 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
             slot: Some(name_of(slot).into()),
             law: (law != DEFAULT).then(|| law.clone()),
         };
-        robot.tell(&processes::send_and_follow(bus, &start)?.words);
+        robot.print_progress(&processes::send_and_follow(bus, &start)?.words);
     }
     let outcome = robot.qualify(slot, &new).and_then(|()| robot.take_over(slot));
     if let Err(failure) = outcome {
         if asked.name.is_some() && !asked.keep {
-            // What does not fly is not left behind; the reason why counts more than whether this succeeds.
+            // End the new process. Report the reason of the failed swap even if this fails.
             let _ = robot.end(&new);
         }
         return Err(failure);
@@ -126,7 +127,7 @@ fn name_of(slot: usize) -> Slot {
     if slot == 0 { Slot::A } else { Slot::B }
 }
 
-/// What a swap looks at.
+/// The state of the robot during a swap.
 struct Robot<'a> {
     bus: &'a Bus,
     index: usize,
@@ -136,12 +137,12 @@ struct Robot<'a> {
     table: BTreeMap<String, ProcessState>,
     waiter: Waiter,
     newest: Option<MotorSlots>,
-    aloud: bool,
-    said: String,
+    prints_progress: bool,
+    last_printed: String,
 }
 
 impl<'a> Robot<'a> {
-    fn of(bus: &'a Bus, asked: &Args) -> Answer<Self> {
+    fn observe(bus: &'a Bus, asked: &Args) -> Answer<Self> {
         let role = match asked.role {
             SlottedRole::Controller => Role::Controller,
             SlottedRole::Estimator => Role::Estimator,
@@ -155,25 +156,25 @@ impl<'a> Robot<'a> {
             table: BTreeMap::new(),
             waiter: bus.waiter(&["motor/slots"])?,
             newest: None,
-            aloud: std::io::IsTerminal::is_terminal(&std::io::stderr()),
-            said: String::new(),
+            prints_progress: std::io::IsTerminal::is_terminal(&std::io::stderr()),
+            last_printed: String::new(),
         })
     }
 
-    fn who(&self) -> &'static str {
+    fn role_name(&self) -> &'static str {
         sentences::ROLE_NAMES[self.index]
     }
 
-    /// To a terminal only, and nothing twice.
-    fn tell(&mut self, text: &str) {
-        if self.aloud && self.said != text {
-            self.said = text.to_owned();
+    /// Prints a text that differs from the last one, if stderr is a terminal.
+    fn print_progress(&mut self, text: &str) {
+        if self.prints_progress && self.last_printed != text {
+            self.last_printed = text.to_owned();
             eprintln!("nims: {text}");
         }
     }
 
-    /// Waits for the next samples; the newest account of motor-io.
-    fn look(&mut self) -> Answer<Option<MotorSlots>> {
+    /// Waits for the next samples, and returns the newest of motor-io.
+    fn poll(&mut self) -> Answer<Option<MotorSlots>> {
         self.waiter.wait_until(Some(clock::now_ns() + clock::SECOND_NS / 10))?;
         while let Some(row) = self.processes.receive()? {
             self.table.insert(text_of(&row.name), row);
@@ -182,7 +183,7 @@ impl<'a> Robot<'a> {
         Ok(self.newest)
     }
 
-    /// Looks until `done` says so; `None` after `seconds`.
+    /// Polls until `done` returns a result; `None` after `seconds`.
     fn until<T>(
         &mut self,
         seconds: f64,
@@ -190,7 +191,7 @@ impl<'a> Robot<'a> {
     ) -> Answer<Option<T>> {
         let give_up = clock::now_ns() + (seconds * 1e9) as u64;
         while clock::now_ns() < give_up {
-            if let Some(slots) = self.look()?
+            if let Some(slots) = self.poll()?
                 && let Some(found) = done(self, &slots)?
             {
                 return Ok(Some(found));
@@ -203,7 +204,7 @@ impl<'a> Robot<'a> {
     fn lead(&mut self) -> Answer<usize> {
         let role = self.index;
         self.until(1.0, |_, slots| Ok(Some(usize::from(slots.in_charge[role]).min(SLOTS - 1))))?
-            .ok_or_else(|| Failure::NotNow("motor-io says nothing, so nothing can be swapped".to_owned()))
+            .ok_or_else(|| Failure::NotNow("no message from motor-io; a swap needs it, see nims status".to_owned()))
     }
 
     fn state_of(&self, process: &str) -> Option<u8> {
@@ -223,11 +224,11 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        self.tell(&processes::send_and_follow(self.bus, &Request::StopProcess { name })?.words);
+        self.print_progress(&processes::send_and_follow(self.bus, &Request::StopProcess { name })?.words);
         Ok(())
     }
 
-    /// The operator wants this slot tried, whatever it did before.
+    /// Admits a slot regardless of its former failures.
     fn admit(&mut self, slot: usize) -> Answer {
         let request = Request::Admit { role: SlotRole::ALL[self.index], slot: name_of(slot).into() };
         client::send(self.bus, MOTOR_IO, &request).map(|_| ())
@@ -235,76 +236,76 @@ impl<'a> Robot<'a> {
 
     /// Waits until the slot holds a standby.
     fn qualify(&mut self, slot: usize, process: &str) -> Answer {
-        let seat = SLOTS * self.index + slot;
+        let index = SLOTS * self.index + slot;
         let process = process.to_owned();
-        let there = self.until(TABLE_S, |robot, slots| {
-            Ok((robot.runs(&process) || slots.phase[seat] != MotorSlots::PHASE_EMPTY).then_some(()))
+        let occupied = self.until(TABLE_S, |robot, slots| {
+            Ok((robot.runs(&process) || slots.phase[index] != MotorSlots::PHASE_EMPTY).then_some(()))
         })?;
-        if there.is_none() {
-            let who = self.who();
-            return Err(Failure::NotNow(format!("no {who} runs in that slot; start one with nims swap {who} LAW")));
+        if occupied.is_none() {
+            let role = self.role_name();
+            return Err(Failure::NotNow(format!("no {role} runs in that slot; start one with nims swap {role} LAW")));
         }
-        let found = self.until(QUALIFY_S, |robot, slots| {
-            robot.tell(&progress(robot.index, seat, slots));
+        let qualified = self.until(QUALIFY_S, |robot, slots| {
+            robot.print_progress(&progress(robot.index, index, slots));
             if robot.state_of(&process) == Some(ProcessState::STATE_GAVE_UP) {
-                return Err(Failure::NotNow(format!("{process} does not run: look at its log")));
+                return Err(Failure::NotNow(format!("{process} does not run: see its log")));
             }
-            Ok(match slots.phase[seat] {
+            Ok(match slots.phase[index] {
                 MotorSlots::PHASE_QUALIFIED | MotorSlots::PHASE_QUARANTINED => Some(()),
                 _ => None,
             })
         })?;
-        if found.is_none() {
-            self.tell("it does not qualify");
+        if qualified.is_none() {
+            self.print_progress("the new process does not qualify");
         }
-        // motor-io knows best why not, and says so when it is asked to swap.
+        // The answer of motor-io to the request to swap contains the reason.
         Ok(())
     }
 
-    /// Swaps, and sees it through the probation.
+    /// Requests the swap, and waits until the end of the probation.
     fn take_over(&mut self, slot: usize) -> Answer {
-        let (role, seat) = (self.index, SLOTS * self.index + slot);
+        let (role, index) = (self.index, SLOTS * self.index + slot);
         let request = Request::Swap { role: SlotRole::ALL[role], slot: name_of(slot).into() };
         let answer = client::send(self.bus, MOTOR_IO, &request)?;
-        self.tell(&answer);
-        // What was said before the request does not count.
-        let asked_in = self.newest.map_or(0, |slots| slots.header.cycle) + 2;
-        let beside = SLOTS * role + (1 - slot);
+        self.print_progress(&answer);
+        // Ignore samples from before the request.
+        let requested_in = self.newest.map_or(0, |slots| slots.header.cycle) + 2;
+        let other = SLOTS * role + (1 - slot);
         let done = self.until(SWAP_S, |robot, slots| {
-            if slots.header.cycle <= asked_in {
+            if slots.header.cycle <= requested_in {
                 return Ok(None);
             }
-            robot.tell(&progress(role, seat, slots));
+            robot.print_progress(&progress(role, index, slots));
             let in_charge = usize::from(slots.in_charge[role]) == slot;
             if !in_charge && slots.commit_cycle[role] == 0 {
-                let cause = sentences::cause_phrase(role, slots.cause[seat]);
-                let why = if cause.is_empty() { "was not there in the announced cycle" } else { cause };
+                let cause = sentences::cause_phrase(role, slots.cause[index]);
+                let why = if cause.is_empty() { "had no output in the announced cycle" } else { cause };
                 return Err(Failure::NotNow(format!(
-                    "not swapped: the new {} {why}, and the old one goes on",
-                    robot.who()
+                    "not swapped: the new {} {why}; the old one stays in charge",
+                    robot.role_name()
                 )));
             }
-            let over = slots.phase[beside] != MotorSlots::PHASE_PROBATION && slots.fade[role] >= 1.0;
+            let over = slots.phase[other] != MotorSlots::PHASE_PROBATION && slots.fade[role] >= 1.0;
             Ok((in_charge && over).then_some(()))
         })?;
-        done.ok_or_else(|| Failure::NotNow("the swap does not come to its end; look at nims status".to_owned()))
+        done.ok_or_else(|| Failure::NotNow("the swap timed out; see nims status".to_owned()))
     }
 
-    /// Whether the box wants a standby for this role.
+    /// Returns whether the system file has a standby for this role.
     fn keeps_standby(&self) -> Answer<bool> {
         let file = client::box_of(self.bus)?;
         Ok(file.process.iter().any(|section| section.role == self.role && section.standby))
     }
 }
 
-/// How far a slot has come, in words.
-pub(crate) fn progress(role: usize, seat: usize, slots: &MotorSlots) -> String {
-    let name = sentences::phase_name(slots.phase[seat]);
-    match slots.phase[seat] {
+/// Returns the phase of a slot with its progress, in words.
+pub(crate) fn progress(role: usize, index: usize, slots: &MotorSlots) -> String {
+    let name = sentences::phase_name(slots.phase[index]);
+    match slots.phase[index] {
         MotorSlots::PHASE_SHADOW => {
             let unit = if role == 0 { "m/s" } else { "m" };
-            let deviation = slots.deviation[seat].max(0.0);
-            let (well, all) = (slots.good_cycles[seat], slots.qualify_cycles);
+            let deviation = slots.deviation[index].max(0.0);
+            let (well, all) = (slots.good_cycles[index], slots.qualify_cycles);
             format!("{name}: {well} of {all} cycles, {deviation:.3} {unit} from the one in charge")
         }
         MotorSlots::PHASE_SWITCHING => format!("{name}: takes over in cycle {}", slots.commit_cycle[role]),
@@ -315,12 +316,12 @@ pub(crate) fn progress(role: usize, seat: usize, slots: &MotorSlots) -> String {
     }
 }
 
-/// Admits a slot that was set aside: `nims swap ROLE --admit`.
+/// Re-admits a quarantined slot: `nims swap ROLE --admit`.
 ///
 /// # Errors
 /// motor-io does not answer.
 fn admit(bus: &Bus, asked: &Args) -> Answer<Output> {
-    let mut robot = Robot::of(bus, asked)?;
+    let mut robot = Robot::observe(bus, asked)?;
     let slot = match asked.slot {
         Some(slot) => slot.index(),
         None => 1 - robot.lead()?,
@@ -335,7 +336,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn progress_says_where_it_is() {
+    fn the_progress_of_a_slot_is_described() {
         let mut slots = MotorSlots { qualify_cycles: 100, ..MotorSlots::default() };
         slots.phase[3] = MotorSlots::PHASE_SHADOW;
         slots.good_cycles[3] = 40;

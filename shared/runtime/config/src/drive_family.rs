@@ -37,7 +37,7 @@ impl DriveFamily {
     }
 }
 
-/// The first family that there was.
+/// The default is the family that was supported first.
 impl Default for DriveProtocol {
     fn default() -> Self {
         DriveProtocol::Roboclaw
