@@ -1,4 +1,6 @@
 //! Lines of comments and documentation have at most 120 columns, as code has by `rustfmt.toml`.
+// `clippy.toml` permits `unwrap` in test functions only, and this file has a helper.
+#![allow(clippy::unwrap_used)]
 
 use architecture::root;
 use std::path::{Path, PathBuf};
