@@ -1,5 +1,8 @@
 //! No two files of a crate import each other, directly or in a ring.
 
+// `clippy.toml` permits `unwrap` in test functions only, and this file has helpers.
+#![allow(clippy::unwrap_used)]
+
 use architecture::modules::{Modules, rings};
 use architecture::{packages, root};
 use std::path::{Path, PathBuf};

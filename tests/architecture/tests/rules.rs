@@ -1,5 +1,8 @@
 //! The rules of the workspace that a compiler does not check: who may depend on whom, and what each crate promises.
 
+// `clippy.toml` permits `unwrap` in test functions only, and this file has helpers.
+#![allow(clippy::unwrap_used)]
+
 use architecture::Package;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! The oldest Rust that the project promises is the same in every place.
 
-// `clippy.toml` permits `unwrap` in test functions only, and this file has a helper.
+// `clippy.toml` permits `unwrap` in test functions only, and this file has helpers.
 #![allow(clippy::unwrap_used)]
 
 use architecture::{packages, root};
