@@ -16,7 +16,7 @@ SIZES = {"uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4
 def fields(definition):
     """Name, offset and bytes of every field, nested ones by path; samples have no padding."""
     parts = re.split("={80}\nMSG: (.*)\n", definition)
-    nested = dict(zip(parts[1::2], parts[2::2]))
+    nested = dict(zip(parts[1::2], parts[2::2], strict=True))
     found = []
 
     def walk(text, path, offset):
@@ -59,10 +59,10 @@ for topic in sorted(old):
     assert len(one) == len(other), f"{topic}: {len(one)} and {len(other)} samples"
     common = [name for name in before if name in after and not name.split(".")[-1].startswith("pad")]
     # The head of a sample in the file: 4 bytes of CDR.
-    off = [name for a, b in zip(one, other) for name in common
+    off = [name for a, b in zip(one, other, strict=True) for name in common
            if a[4 + before[name][0]:][: before[name][1]] != b[4 + after[name][0]:][: after[name][1]]]
     total, different = total + len(one), different + len(off)
-    left_out = sorted((before.keys() ^ after.keys()))
+    left_out = sorted(before.keys() ^ after.keys())
     note = f", not in both: {', '.join(left_out[:6])}{' ..' if len(left_out) > 6 else ''}" if left_out else ""
     print(f"{topic:20} {len(one):6} samples, {len(common):4} fields each, {len(off)} differences{note}")
 print(f"{total} samples compared, {different} differences")
