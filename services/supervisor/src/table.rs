@@ -1,4 +1,4 @@
-//! The process table: one row per process on `system/process`, all of them once a second and on change.
+//! The process table: one row per process on `system/process`, published every second and on change.
 
 use super::Supervisor;
 use super::child::Child;
@@ -9,7 +9,7 @@ use config::{ProcessSection, Role, Slot};
 use messages::{ProcessState, put_sentence, put_text};
 use std::os::unix::process::ExitStatusExt;
 
-/// The whole table is published this often, ns.
+/// Period of the table, ns.
 const TABLE_NS: u64 = 1_000_000_000;
 
 impl Supervisor {
@@ -48,7 +48,7 @@ impl Supervisor {
     }
 }
 
-/// `replaced`: another process does its work.
+/// The row of a process; `replaced`: a standby has taken over its work.
 pub(super) fn row(child: &Child, replaced: bool) -> ProcessState {
     let member = &child.member;
     let mut row = ProcessState {
@@ -86,7 +86,7 @@ fn slot_number(slot: Option<Slot>) -> u8 {
     slot.map_or(0, |slot| 1 + slot.index() as u8)
 }
 
-/// Why it is in the state that it is in, and what helps; that it is silent, the state says itself.
+/// Reason for the state of a process, and the remedy; the state itself already shows that it is silent.
 fn reason(child: &Child, replaced: bool) -> String {
     match (child.exit, child.asked) {
         (Some(exit), Some(_)) if exit.success() => "ended as asked".to_owned(),
