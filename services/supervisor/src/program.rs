@@ -151,7 +151,7 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
             let reason = reason.lock().unwrap_or_else(PoisonError::into_inner).take();
             reason.unwrap_or_else(|| command::SIGNAL.to_owned())
         }
-        Ok(()) => "the time was over".to_owned(),
+        Ok(()) => "the time given by --for is over".to_owned(),
     };
     // Also after a failure, so that no process outlives its supervisor.
     let ending = supervisor.end(&because);

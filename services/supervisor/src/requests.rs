@@ -159,7 +159,7 @@ impl Supervisor {
             }
             if law.is_some() {
                 return Err(Failure::BadInput(format!(
-                    "the process \"{name}\" of the system file has its own law; leave out the other"
+                    "the process \"{name}\" of the system file has its own law; leave out the law of the request"
                 )));
             }
             let slot = match slot.or(section.slot) {
@@ -174,7 +174,7 @@ impl Supervisor {
         }
         match Role::STANDARD.iter().find(|(standard, _)| *standard == name) {
             Some((_, Role::MotorBox)) if self.site.file.motor_box.is_none() => {
-                Err(Failure::BadInput("this box has real drives, and no virtual motor box".to_owned()))
+                Err(Failure::BadInput("this system has real drives and no virtual motor box".to_owned()))
             }
             Some((_, role)) => self.site.of_role(*role, None),
             None => Err(self.unknown(name)),
@@ -188,7 +188,7 @@ impl Supervisor {
         };
         [Slot::A, Slot::B].into_iter().find(|slot| !taken(self, *slot)).ok_or_else(|| {
             Failure::NotNow(format!(
-                "both slots of the role {0} are taken: stop the one that does not fly first, with `nims stop-process {1}` or `nims stop-process {2}`",
+                "both slots of the role {0} are taken: first stop the one that is not in charge, with `nims stop-process {1}` or `nims stop-process {2}`",
                 role.name(),
                 role.process_name(Slot::A),
                 role.process_name(Slot::B)
@@ -247,9 +247,7 @@ impl Supervisor {
                 true => format!(", or swap it for another with `nims swap {}`", member.role.name()),
                 false => String::new(),
             };
-            return Err(Failure::NotNow(format!(
-                "the robot moves, and it is {name} that moves it: hold first with `nims hold`{or}"
-            )));
+            return Err(Failure::NotNow(format!("the robot moves and needs {name}: hold first with `nims hold`{or}")));
         }
         let Some(child) = self.process_set.find(&name) else { return Err(self.unknown(&name)) };
         child.ask_to_end(then);
@@ -273,7 +271,7 @@ fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Ans
     if slot.is_none() && law.is_none() {
         return Ok(());
     }
-    Err(Failure::BadInput(format!("{name} has no slot and no law; only controllers and estimators have")))
+    Err(Failure::BadInput(format!("{name} has no slot and no law; only controllers and estimators have them")))
 }
 
 /// Whether the status of motor-io is recent enough that the drives may still move.

@@ -94,7 +94,7 @@ impl Supervisor {
             supervisor.announcer.warn(&warning);
         }
         if !orphans.is_empty() {
-            supervisor.announcer.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
+            supervisor.announcer.warn(&format!("ended processes of an earlier supervisor: {}", orphans.join(", ")));
         }
         if let Err(failure) = supervisor.bring_up(members) {
             supervisor.close("a process did not come up");
@@ -171,7 +171,7 @@ impl Supervisor {
         let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
         match UnfinishedRuns::recover(folders, runs, present) {
             Ok(unfinished_runs) => self.unfinished_runs = unfinished_runs,
-            Err(error) => self.announcer.error(&format!("earlier runs were not looked through: {error}")),
+            Err(error) => self.announcer.error(&format!("earlier runs could not be recovered: {error}")),
         }
     }
 
@@ -314,7 +314,7 @@ impl Supervisor {
                 back.join(", ")
             )),
             Ok(back) => self.announcer.warn(&format!(
-                "{} in the run folder was changed while the robot runs and is as it was again: an edit is for the next run",
+                "{} in the run folder was changed while the robot runs and has been restored; edit the original for the next run",
                 back.join(", ")
             )),
             Err((path, error)) => self.announcer.warn(&format!("{} cannot be written: {error}", path.display())),
@@ -339,7 +339,7 @@ fn ports_are_there(file: &SystemFile) -> Answer {
             }
         } else if !Path::new(&port.path).exists() {
             return Err(Failure::BadInput(format!(
-                "port {number}: there is no device {}; plug the drives in (stable names stand in /dev/serial/by-id)",
+                "port {number}: there is no device {}; plug in the drives (/dev/serial/by-id has stable names)",
                 port.path
             )));
         }

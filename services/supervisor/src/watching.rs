@@ -69,10 +69,10 @@ impl Supervisor {
                 }
                 Change::Silent(name, seconds) => self.handle_hang(name, *seconds),
                 Change::Starved(name, seconds) => self.announcer.warn(&format!(
-                    "{name} has shown no sign of life for {seconds} s, because the machine has no time for it: look for what else runs here"
+                    "{name} has shown no sign of life for {seconds} s, because it gets no processor time: look for other programs that load this machine"
                 )),
                 Change::Blocked(name, seconds) => self.announcer.warn(&format!(
-                    "{name} has shown no sign of life for {seconds} s, because it waits for its disk: it is left alone, and goes on when the disk answers; look at the disk and at what else writes to it"
+                    "{name} has shown no sign of life for {seconds} s, because it waits for its disk: it is not killed and continues when the disk answers; check the disk and what else writes to it"
                 )),
                 Change::Back(name) => self.announcer.warn(&format!("{name} is back")),
             }
@@ -95,7 +95,7 @@ impl Supervisor {
         let sentence =
             format!("{name} has shown no sign of life for {seconds} s, because it was stopped or hangs: {means}");
         if member.role == Role::Recorder {
-            self.recording.record_failure(&format!("the recorder gave no sign of life for {seconds} s"));
+            self.recording.record_failure(&format!("the recorder sent no heartbeat for {seconds} s"));
         }
         self.announcer.error(&sentence);
     }
@@ -175,7 +175,7 @@ impl Supervisor {
                 ended.push(child.member.name.clone());
             }
             if child.kill_if_overdue(now) {
-                self.announcer.warn(&format!("{} does not end by itself and is killed", child.member.name));
+                self.announcer.warn(&format!("{} did not end in time and is killed", child.member.name));
             }
             let starting = child.member.sends_heartbeats && child.ready_ns.is_none() && child.exit.is_none();
             if starting && !child.overdue && child.asked.is_none() && now >= child.started_ns + READY_NS {
@@ -200,7 +200,7 @@ impl Supervisor {
             self.publish_table()?;
         }
         if let Some(why) = self.cleanup.poll(now) {
-            self.announcer.warn(&format!("what a dead process left is not removed yet: {why}"));
+            self.announcer.warn(&format!("the remains of a dead process in shared memory are not removed yet: {why}"));
         }
         for (member, restarts) in due {
             self.start_again(&member, restarts)?;
@@ -218,7 +218,7 @@ impl Supervisor {
         let how = child.ending();
         match asked {
             Some((_, then)) => {
-                self.announcer.info(&format!("{name} {how}, as it was asked to"));
+                self.announcer.info(&format!("{name} {how}, as requested"));
                 match then {
                     Then::Stay => {}
                     Then::Again => {
@@ -243,7 +243,7 @@ impl Supervisor {
                     }
                     Verdict::GaveUp => {
                         child.gave_up = true;
-                        ("; it has died too often to be started again by itself".to_owned(), LossState::Dead)
+                        ("; it died too often to be restarted automatically".to_owned(), LossState::Dead)
                     }
                 };
                 if died {
