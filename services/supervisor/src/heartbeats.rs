@@ -251,10 +251,10 @@ mod tests {
             let now = Scheduled { ran_ns: 7 + ran_ns, waited_ns: 5 + waited_ns, runnable: true };
             now.starved_since(&before, pending_ns, PASSED_NS)
         };
-        assert!(!now(0, 0, 0), "stopped, or asleep");
-        assert!(!now(PASSED_NS, 0, 0), "it runs in a circle");
-        assert!(now(0, 0, PASSED_NS), "it waits and has not run at all");
-        assert!(now(PASSED_NS / 6, PASSED_NS / 2 + 1, 0), "one of many that want to run");
+        assert!(!now(0, 0, 0), "stopped or asleep");
+        assert!(!now(PASSED_NS, 0, 0), "endless loop");
+        assert!(now(0, 0, PASSED_NS), "waits without running");
+        assert!(now(PASSED_NS / 6, PASSED_NS / 2 + 1, 0), "one of many runnable processes");
     }
 
     #[test]
@@ -272,7 +272,7 @@ mod tests {
         for ms in (500..2050).step_by(50) {
             judged = starved.classify(ms * 1_000_000, Some(State::Runnable), Some(at(7, true)));
         }
-        assert_eq!(judged, Some(SilenceCause::Starved), "it was runnable all the time, and never ran");
+        assert_eq!(judged, Some(SilenceCause::Starved), "runnable all the time without running");
     }
 
     #[test]
@@ -282,8 +282,8 @@ mod tests {
         let mut judge = |ms: u64, state| silence.classify(ms * 1_000_000, Some(state), Some(asleep));
         assert_eq!(judge(1000, State::Asleep), None);
         assert_eq!(judge(1050, State::Blocked), Some(SilenceCause::Blocked));
-        assert_eq!(judge(1100, State::Asleep), Some(SilenceCause::Blocked), "asleep for a moment between two blocks");
-        assert_eq!(judge(1600, State::Asleep), None, "the disk has answered, and it still says nothing");
+        assert_eq!(judge(1100, State::Asleep), Some(SilenceCause::Blocked), "briefly asleep between two disk accesses");
+        assert_eq!(judge(1600, State::Asleep), None, "still silent after the disk has answered");
         assert_eq!(judge(1650, State::Blocked), Some(SilenceCause::Blocked));
         assert_eq!(judge(2500, State::Stopped), None);
         let mut unknown = SilenceAnalysis::default();

@@ -229,19 +229,19 @@ mod tests {
             ledger.lose(more, at_ns)
         };
         assert_eq!(rows(1, [0, 0]), None);
-        assert_eq!(rows(2, [3, 0]), None, "not every channel has told of it");
+        assert_eq!(rows(2, [3, 0]), None, "rows of some channels are missing");
         assert_eq!(rows(3, [4, 1]), None);
         assert!(
             matches!(rows(4, [4, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("6 samples are missing in the run file so far"))
         );
-        assert_eq!(rows(5, [4, 2]), None, "nothing more");
+        assert_eq!(rows(5, [4, 2]), None, "no further loss");
         assert_eq!(rows(21, [5, 2]), None);
         assert!(
             matches!(rows(23, [0, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("7 samples are")),
-            "in all"
+            "total count"
         );
         assert_eq!((ledger.lost, ledger.all), (7, 7));
-        assert_eq!(ledger.count(1, "b".to_owned(), 1, 40 * SECOND_NS), 1, "of another recorder");
+        assert_eq!(ledger.count(1, "b".to_owned(), 1, 40 * SECOND_NS), 1, "restarted recorder");
         assert_eq!(ledger.count(2, "b".to_owned(), 1, 41 * SECOND_NS), 0);
         assert!(ledger.missing("").starts_with("at least 8 samples are missing in the run file: "));
     }
@@ -253,7 +253,7 @@ mod tests {
         assert!(ledger.record(full, "", 1).is_some());
         assert_eq!(ledger.count(1, "a".to_owned(), 7, 1), 0);
         assert!(ledger.record(well, "", 2).is_some());
-        assert_eq!(ledger.count(2, "a".to_owned(), 9, 2), 0, "until the recording went on");
+        assert_eq!(ledger.count(2, "a".to_owned(), 9, 2), 0, "losses during the gap");
         assert_eq!(ledger.count(3, "a".to_owned(), 10, 2 + RESUMED_NS), 1);
     }
 }

@@ -302,7 +302,7 @@ mod tests {
         authority.header.stamp_ns = 5 * SILENT_NS;
         assert!(is_present(&authority, 0.3, 6 * SILENT_NS));
         assert!(!is_present(&authority, 0.3, 7 * SILENT_NS));
-        assert!(is_present(&authority, 2.0, 7 * SILENT_NS), "the drives still move");
+        assert!(is_present(&authority, 2.0, 7 * SILENT_NS), "the drives may still move");
     }
 
     #[test]
