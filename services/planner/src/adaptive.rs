@@ -52,7 +52,7 @@ pub fn resolved(left: &Mission, known: &Known, from: Vector3<f64>) -> Result<Mis
     let Some(Leg::Adaptive(leg)) = left.leg.first() else { return Ok(left.clone()) };
     let way = way(leg, known, from)?;
     let first = if way.is_empty() {
-        // nothing is worth a second look
+        // no part is worth a second look
         Leg::Dwell(Dwell { duration_s: 0.0 })
     } else {
         let points_m = way.iter().map(|at| <[f64; 3]>::from(*at).into()).collect();

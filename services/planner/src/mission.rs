@@ -12,7 +12,7 @@ use crate::scan::{Adaptive, DwellPoints, Profile, Raster, Transect};
 /// Most legs of a mission; a longer one is a scan pattern that belongs in one polyline.
 pub const MAX_LEGS: usize = 200;
 
-/// Most bytes of the name of a mission, which stands in sentences.
+/// Longest name of a mission, bytes: sentences contain it.
 const LONGEST_NAME: usize = 100;
 
 /// Most points of a polyline.
@@ -122,7 +122,7 @@ pub struct Polyline {
 pub struct Parabola {
     /// Position of the end, m.
     pub to_m: Point,
-    /// How much it sags below the straight line: µ of (25), 1/m; default: what loses least in the motors.
+    /// Sag below the straight line: µ of (25), 1/m; default: the value with the least loss in the motors.
     pub mu_per_m: Option<f64>,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
@@ -156,28 +156,28 @@ pub enum MissionError {
     /// The file cannot be read.
     #[error("mission file {path} cannot be read: {why}; give the path of a TOML file")]
     Unreadable {
-        /// As given.
+        /// Path as given.
         path: String,
-        /// What the system said.
+        /// Error of the operating system.
         why: String,
     },
-    /// It is not a mission.
+    /// The file is not a mission.
     #[error("{0}")]
     Malformed(String),
-    /// It is one, but a value makes no sense.
+    /// A value is outside its accepted range.
     #[error("{place}mission \"{mission}\"{}: {key} is {value}; accepted: {accepted}", of_leg(*.leg))]
     Value {
         /// `file, line 3: `, as far as it is known.
         place: String,
-        /// Its name.
+        /// Name of the mission.
         mission: String,
-        /// From 1; `None`: of the mission itself.
+        /// Number of the leg, from 1; `None`: a key of the mission itself.
         leg: Option<usize>,
         /// The key.
         key: &'static str,
         /// Its value.
         value: String,
-        /// What is accepted.
+        /// Accepted values.
         accepted: &'static str,
     },
 }

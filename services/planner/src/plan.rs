@@ -58,9 +58,9 @@ pub enum PlanError {
     Refused {
         /// The leg, from 1.
         leg: usize,
-        /// ` from [..] to [..]`.
+        /// Ends of the segment: ` from [..] to [..]`.
         segment: String,
-        /// Where, what and how much.
+        /// Place, limit and excess.
         refusal: Refusal,
     },
     /// A speed above the robot's limit.
@@ -68,9 +68,9 @@ pub enum PlanError {
     TooFast {
         /// The leg, from 1.
         leg: usize,
-        /// Requested, m/s.
+        /// Requested speed, m/s.
         speed_m_s: f64,
-        /// Allowed, m/s.
+        /// Allowed speed, m/s.
         limit_m_s: f64,
     },
     /// An acceleration above the robot's limit.
@@ -78,9 +78,9 @@ pub enum PlanError {
         "the mission asks for {asked_m_s2} m/s², above the robot's acceleration_limit_m_s2 of {limit_m_s2} m/s²; ask for less"
     )]
     TooHard {
-        /// Requested, m/s².
+        /// Requested acceleration, m/s².
         asked_m_s2: f64,
-        /// Allowed, m/s².
+        /// Allowed acceleration, m/s².
         limit_m_s2: f64,
     },
     /// An invalid path.
@@ -88,7 +88,7 @@ pub enum PlanError {
     Path {
         /// The leg, from 1.
         leg: usize,
-        /// What is wrong.
+        /// Cause.
         error: PathError,
     },
     /// An impossible profile.
@@ -96,7 +96,7 @@ pub enum PlanError {
     Profile {
         /// The leg, from 1.
         leg: usize,
-        /// What is wrong.
+        /// Cause.
         error: ProfileError,
     },
     /// A planar point for a spatial robot, or a point outside the plane of a planar one.
@@ -104,7 +104,7 @@ pub enum PlanError {
     Point {
         /// The leg, from 1.
         leg: usize,
-        /// What is wrong.
+        /// Cause.
         why: String,
     },
     /// No path that saves energy can be flown.
@@ -112,7 +112,7 @@ pub enum PlanError {
     NoPath {
         /// The leg, from 1.
         leg: usize,
-        /// Why not.
+        /// Cause.
         error: EnergyError,
     },
     /// An invalid pattern.
@@ -120,7 +120,7 @@ pub enum PlanError {
     Scan {
         /// The leg, from 1.
         leg: usize,
-        /// What is wrong.
+        /// Cause.
         error: ScanError,
     },
     /// The interrupted mission was planned with another configuration.

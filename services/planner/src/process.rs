@@ -16,7 +16,7 @@ const PERIOD_NS: u64 = 50_000_000;
 /// Map that the planner waits for, with its newest sample.
 struct Map {
     name: String,
-    /// `None` where it could not be opened: the mission that waits for it ends with a reason.
+    /// `None` if it could not be opened: the mission that waits for it ends with a reason.
     channel: Option<Subscriber<FieldMap>>,
     newest: Option<Box<FieldMap>>,
 }

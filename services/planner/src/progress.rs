@@ -89,7 +89,7 @@ pub enum KeepError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// Reason.
         why: String,
     },
     /// The file cannot be written.

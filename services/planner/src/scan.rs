@@ -164,7 +164,7 @@ pub struct Stop {
 /// Invalid pattern.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ScanError {
-    /// The corners are those of a box.
+    /// All three coordinates of the corners differ.
     #[error(
         "corner_m and opposite_m differ in x, y and z; a raster is level, or upright along x or y: make one of the coordinates the same"
     )]
@@ -172,7 +172,7 @@ pub enum ScanError {
     /// The corners are one point.
     #[error("corner_m and opposite_m are the same point; give two corners of the area")]
     NoArea,
-    /// Lines across the area's plane.
+    /// The requested direction leaves the plane of the area.
     #[error(
         "along is {axis}, and the area has no extent in that direction; accepted: an axis in which the corners differ"
     )]
@@ -180,7 +180,7 @@ pub enum ScanError {
         /// Requested axis.
         axis: &'static str,
     },
-    /// Too fine for its size.
+    /// The pitch needs too many lines.
     #[error(
         "the raster would have {lines} lines; accepted: up to {MAX_LINES}; take a larger pitch_m or several missions"
     )]

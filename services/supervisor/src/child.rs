@@ -85,8 +85,8 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts a process and tells it its domain and its name; what it says goes to a file of the run folder, and its
-    /// last words are kept. Gives a sentence too if the system does not permit its priority or its processor.
+    /// Starts a process with its domain and name. Its output goes to a file in the run folder, and its last lines are
+    /// kept. Also returns a warning if the system does not permit its priority or its processor.
     ///
     /// # Errors
     /// The program cannot be started.
@@ -185,7 +185,7 @@ impl Child {
     }
 
     fn collect_last_diagnostic(&mut self) -> Option<String> {
-        // The reader may not have read the last line yet; a grandchild may hold the pipe open for ever.
+        // The reader may not have read the last line yet; a grandchild may hold the pipe open indefinitely.
         let give_up = clock::now_ns() + 20_000_000;
         while self.reader.as_ref().is_some_and(|reader| !reader.is_finished()) && clock::now_ns() < give_up {
             clock::sleep_until(clock::now_ns() + 1_000_000);

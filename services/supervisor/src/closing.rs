@@ -143,7 +143,7 @@ impl Supervisor {
         let _ = self.poll_recording();
         self.check_recorder_exit();
         let _ = self.publish_table();
-        // The run folder may have been removed in the last moment.
+        // The run folder may have been removed since the last poll.
         self.restore_folder();
         for trouble in self.archive.finish() {
             self.announcer.warn(&trouble);

@@ -1,22 +1,21 @@
-//! What the loss of a process means, and what helps: the same words on the terminal, in the process table and in the
-//! report.
+//! Consequence and remedy of the loss of a process. Terminal, process table and report use the same sentences.
 
 use config::Role;
 
-/// What has become of a process that is lost.
+/// State of a lost process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LossState {
-    /// It has ended, and stays so.
+    /// It has ended and is not restarted.
     Dead,
-    /// It has ended, and is started again by itself.
+    /// It has ended and is restarted automatically.
     Restarts,
-    /// It hangs, and is left to itself.
+    /// It hangs and is not ended.
     Hangs,
-    /// It hangs, and is ended so that it is started again by itself.
+    /// It hangs and is killed, so that it is restarted.
     Terminated,
 }
 
-/// What happens when a process of this role is lost, for the operator.
+/// Returns the consequence for the robot when a process of this role is lost, as a clause for the operator.
 #[must_use]
 pub fn consequence(role: Role, watchdog_s: f64) -> String {
     match role {
@@ -29,11 +28,11 @@ pub fn consequence(role: Role, watchdog_s: f64) -> String {
     }
 }
 
-/// What helps against the loss of that process; `None` where there is nothing to do. `replaced`: another one does its
-/// work.
+/// Returns the operator's remedy for the loss of that process; `None` if no action is needed. `replaced`: a standby has
+/// taken over.
 ///
-/// All of it can be done while `nims up` runs, which refuses a second one; only the virtual drives begin again with the
-/// robot.
+/// Every remedy works while `nims up` runs, because a second `nims up` is refused. The exception is the virtual motor
+/// box, which restarts only with the robot.
 #[must_use]
 pub fn cure(name: &str, role: Role, fate: LossState, replaced: bool) -> Option<String> {
     let first = match (role, fate) {

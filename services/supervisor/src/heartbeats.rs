@@ -1,4 +1,4 @@
-//! The heartbeats of the processes: who is ready, and who is silent.
+//! Heartbeats of the processes: which are ready, and which are silent.
 
 use super::process_set::ProcessSet;
 use bus::{Bus, Subscriber, clock};
@@ -9,15 +9,15 @@ use std::collections::BTreeMap;
 
 /// Heartbeats come five times a second; a process without one for this long hangs, ns.
 const SILENT_NS: u64 = 2_000_000_000;
-/// A process that has been silent for this long is looked at more closely, ns.
+/// Silence after which the scheduling of a process is examined, ns.
 const SUSPECT_NS: u64 = 500_000_000;
-/// A process that was seen blocked in the kernel within this time still waits for its disk, ns: between two blocks it
-/// may sleep for a moment.
+/// A process that was blocked in the kernel within this time counts as waiting for its disk, ns: it may sleep briefly
+/// between two disk accesses.
 const BLOCKED_NS: u64 = 500_000_000;
-/// Longer than this between two looks, and it is this program, with the rest of the machine, that stood still, ns.
+/// Longest time between two polls that counts as silence, ns. Beyond it, this program or the machine stood still.
 const LOOKED_NS: u64 = 250_000_000;
 
-/// Heartbeats by the name of their process.
+/// Last heartbeat of each process, by name.
 #[derive(Default)]
 pub struct Heartbeats {
     records: BTreeMap<String, HeartbeatRecord>,
@@ -26,35 +26,34 @@ pub struct Heartbeats {
 
 struct HeartbeatRecord {
     subscriber: Subscriber<Heartbeat>,
-    /// The last one: when, on the clock of [`AwakeClock`], and of which process.
+    /// Time of the last heartbeat, on the [`AwakeClock`], and its process id.
     last: Option<(u64, u32)>,
     silence: SilenceAnalysis,
 }
 
-/// What is known of a process since it began to be suspect, on the clock of [`AwakeClock`].
+/// Scheduling of a process since its silence exceeded [`SUSPECT_NS`]; times are on the [`AwakeClock`].
 #[derive(Debug, Default)]
 struct SilenceAnalysis {
-    /// When it began, and how the process had been scheduled until then.
+    /// Start of the analysis, and the scheduling until then.
     began: Option<(u64, Scheduled)>,
-    /// How it was scheduled at the last look, and for how long it has been seen waiting for a processor since: the
-    /// kernel counts a wait when it is over.
+    /// Scheduling at the last poll.
     seen: Option<(u64, Scheduled)>,
+    /// Length of the present wait for a processor: the kernel counts a wait only when it is over.
     pending_ns: u64,
-    /// When it was last seen blocked in the kernel.
+    /// Time at which it was last blocked in the kernel.
     blocked_ns: Option<u64>,
 }
 
-/// Why a process is silent that does not hang.
+/// Why a process is silent although it does not hang.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SilenceCause {
-    /// The machine has no time for it.
+    /// It gets no processor time.
     Starved,
-    /// It is blocked in the kernel: its disk does not answer. Not even a kill would end it.
+    /// It is blocked in the kernel, because its disk does not answer; even SIGKILL would not end it.
     Blocked,
 }
 
-/// A clock that runs only while this program does: what passes while the whole machine stands still is nobody's
-/// silence.
+/// A clock that runs only while this program runs, so that a standstill of the machine does not count as silence.
 #[derive(Debug, Default)]
 struct AwakeClock {
     ns: u64,
@@ -69,23 +68,23 @@ impl AwakeClock {
     }
 }
 
-/// What has changed.
+/// Change in the state of a process, by name; times in s.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Change {
-    /// A process has said for the first time that it is ready.
+    /// The first heartbeat in state ready has arrived.
     Ready(String),
-    /// It has shown no sign of life for so many seconds, though the machine had time for it.
+    /// No heartbeat for this time, although it had processor time: it hangs.
     Silent(String, u64),
-    /// It has shown none, because the machine had no time for it.
+    /// No heartbeat for this time, because it got no processor time.
     Starved(String, u64),
-    /// It has shown none, because it waits for its disk.
+    /// No heartbeat for this time, because it waits for its disk.
     Blocked(String, u64),
-    /// It shows signs of life again.
+    /// Heartbeats arrive again.
     Back(String),
 }
 
 impl Heartbeats {
-    /// Listens to a process that is about to be started.
+    /// Subscribes to the heartbeats of a process that is about to be started.
     ///
     /// # Errors
     /// Shared memory fails.
@@ -100,12 +99,12 @@ impl Heartbeats {
         Ok(())
     }
 
-    /// Listens to it no longer.
+    /// Drops the subscription.
     pub fn forget(&mut self, name: &str) {
         self.records.remove(name);
     }
 
-    /// Takes in what has come, and says what has changed.
+    /// Receives the heartbeats and returns the changes.
     ///
     /// # Errors
     /// Shared memory fails.
@@ -116,7 +115,7 @@ impl Heartbeats {
         for child in process_set.iter_mut() {
             let Some(record) = self.records.get_mut(&child.member.name) else { continue };
             while let Some(beat) = record.subscriber.receive()? {
-                // An earlier life, or a stranger of that name, says nothing about this one.
+                // A heartbeat of an earlier incarnation, or of a foreign process of that name.
                 if beat.pid != child.pid {
                     continue;
                 }
@@ -153,7 +152,7 @@ impl Heartbeats {
 }
 
 impl HeartbeatRecord {
-    /// Why the process is silent, if it does not hang.
+    /// Returns why the process is silent; `None` if it hangs or is not silent.
     fn cause(&mut self, pid: u32, silent_ns: u64, awake_ns: u64) -> Option<SilenceCause> {
         if silent_ns < SUSPECT_NS {
             self.silence = SilenceAnalysis::default();
@@ -164,10 +163,11 @@ impl HeartbeatRecord {
 }
 
 impl SilenceAnalysis {
-    /// A process that is or was just blocked in the kernel waits for its disk. The machine had no time for one that,
-    /// since it began to be suspect, waited for a processor for more than half of the time. One that was stopped, or
-    /// waits for something that never comes, does not, not even in the moment in which it goes on, and one that runs in
-    /// a circle has its processor.
+    /// Returns the cause of the silence; `None` if the process hangs.
+    ///
+    /// A process that is or was just blocked in the kernel waits for its disk. It is starved if it waited for a
+    /// processor for more than half of the time since the analysis began. A stopped or deadlocked process does not wait
+    /// for a processor, even when it continues, and a process in an endless loop has one.
     fn classify(&mut self, awake_ns: u64, state: Option<State>, now: Option<Scheduled>) -> Option<SilenceCause> {
         if state == Some(State::Blocked) {
             self.blocked_ns = Some(awake_ns);
@@ -185,38 +185,40 @@ impl SilenceAnalysis {
     }
 }
 
-/// What the process does; `None` where the kernel does not say.
+/// Returns the kernel's state of the process; `None` if it cannot be read.
 fn state_of(pid: u32) -> Option<State> {
     evidence::Thread::of(pid).ok().map(|thread| thread.state())
 }
 
-/// How the kernel has scheduled a process.
+/// Scheduling of a process, as the kernel counts it.
 #[derive(Debug, Clone, Copy)]
 struct Scheduled {
+    /// Time on a processor.
     ran_ns: u64,
-    /// Without the time that it waits at present.
+    /// Time of completed waits for a processor.
     waited_ns: u64,
-    /// It runs, or waits for a processor.
+    /// It runs or waits for a processor.
     runnable: bool,
 }
 
 impl Scheduled {
-    /// `None` where the kernel does not say.
+    /// Reads the present scheduling; `None` if it cannot be read.
     fn now(pid: u32) -> Option<Self> {
         let schedstat = std::fs::read_to_string(format!("/proc/{pid}/schedstat")).ok()?;
         let mut fields = schedstat.split_whitespace().map(str::parse::<u64>);
         let (ran_ns, waited_ns) = (fields.next()?.ok()?, fields.next()?.ok()?);
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-        // Behind the name in parentheses, which may hold anything.
+        // The name in parentheses may contain any character, so the state is read after the last parenthesis.
         let runnable = stat.rsplit_once(')')?.1.trim_start().starts_with('R');
         Some(Self { ran_ns, waited_ns, runnable })
     }
 
-    /// Whether it wanted to run from this look to the next one and did not.
+    /// Whether it waited for a processor all the time between these two polls.
     fn waits_until(&self, next: &Self) -> bool {
         self.runnable && next.runnable && (self.ran_ns, self.waited_ns) == (next.ran_ns, next.waited_ns)
     }
 
+    /// Whether it waited for a processor for more than half of the time that passed since `before`.
     fn starved_since(&self, before: &Self, pending_ns: u64, passed_ns: u64) -> bool {
         let waited_ns = self.waited_ns.saturating_sub(before.waited_ns).saturating_add(pending_ns);
         waited_ns.saturating_mul(2) > passed_ns
@@ -249,10 +251,10 @@ mod tests {
             let now = Scheduled { ran_ns: 7 + ran_ns, waited_ns: 5 + waited_ns, runnable: true };
             now.starved_since(&before, pending_ns, PASSED_NS)
         };
-        assert!(!now(0, 0, 0), "stopped, or asleep");
-        assert!(!now(PASSED_NS, 0, 0), "it runs in a circle");
-        assert!(now(0, 0, PASSED_NS), "it waits and has not run at all");
-        assert!(now(PASSED_NS / 6, PASSED_NS / 2 + 1, 0), "one of many that want to run");
+        assert!(!now(0, 0, 0), "stopped or asleep");
+        assert!(!now(PASSED_NS, 0, 0), "endless loop");
+        assert!(now(0, 0, PASSED_NS), "waits without running");
+        assert!(now(PASSED_NS / 6, PASSED_NS / 2 + 1, 0), "one of many runnable processes");
     }
 
     #[test]
@@ -270,7 +272,7 @@ mod tests {
         for ms in (500..2050).step_by(50) {
             judged = starved.classify(ms * 1_000_000, Some(State::Runnable), Some(at(7, true)));
         }
-        assert_eq!(judged, Some(SilenceCause::Starved), "it was runnable all the time, and never ran");
+        assert_eq!(judged, Some(SilenceCause::Starved), "runnable all the time without running");
     }
 
     #[test]
@@ -280,8 +282,8 @@ mod tests {
         let mut judge = |ms: u64, state| silence.classify(ms * 1_000_000, Some(state), Some(asleep));
         assert_eq!(judge(1000, State::Asleep), None);
         assert_eq!(judge(1050, State::Blocked), Some(SilenceCause::Blocked));
-        assert_eq!(judge(1100, State::Asleep), Some(SilenceCause::Blocked), "asleep for a moment between two blocks");
-        assert_eq!(judge(1600, State::Asleep), None, "the disk has answered, and it still says nothing");
+        assert_eq!(judge(1100, State::Asleep), Some(SilenceCause::Blocked), "briefly asleep between two disk accesses");
+        assert_eq!(judge(1600, State::Asleep), None, "still silent after the disk has answered");
         assert_eq!(judge(1650, State::Blocked), Some(SilenceCause::Blocked));
         assert_eq!(judge(2500, State::Stopped), None);
         let mut unknown = SilenceAnalysis::default();

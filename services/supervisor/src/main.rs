@@ -10,7 +10,7 @@ use supervisor::Args;
 struct Cli {
     #[command(flatten)]
     args: Args,
-    /// The robot's domain: the name of its system, or the path of a folder; default: as the system file says.
+    /// The robot's domain: the name of its system, or the path of a folder; default: the name in the system file.
     #[arg(long, value_name = "NAME")]
     domain: Option<String>,
     /// Print one JSON object on stdout.

@@ -180,7 +180,7 @@ mod tests {
                 process_set.insert(started(folder.path(), &member));
                 wait_for(|| folder.path().join(format!("{name}.up")).exists());
             }
-            panic!("something goes wrong in the supervisor");
+            panic!("failure in the supervisor");
         });
         assert!(panicked.is_err());
         assert_eq!(std::fs::read_to_string(&order).unwrap(), "planner\nmotor-io\nrecorder\n");

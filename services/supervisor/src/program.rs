@@ -15,12 +15,12 @@ use std::time::Duration;
 
 /// The page of a run, which `nims report` makes.
 const PAGE: &str = "report.html";
-/// A page of a longer run takes its time, bytes: it is made when it is asked for.
+/// Largest run whose page is made automatically, bytes: the page of a larger run takes too long.
 const LARGE: u64 = 300_000_000;
-/// How often a program that was started by another looks whether it is to end.
+/// Polling period for the end of standard input, if another program started this one.
 const POLL: Duration = Duration::from_millis(100);
 
-/// The arguments.
+/// Command-line arguments of `nims up`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// System file.
@@ -28,19 +28,19 @@ pub struct Args {
     /// Stop after this many seconds.
     #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
-    /// Run folder; default: a new one in the box's runs folder.
+    /// Run folder; default: a new one in the system's runs folder.
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
-    /// Mission that will be flown, to be kept with the run.
+    /// Mission that will be flown; a copy is stored in the run folder.
     #[arg(long, hide = true)]
     pub mission: Option<PathBuf>,
-    /// Started by another program: end when standard input ends, for the reason that it gives, and report a failure on
+    /// Started by another program: end at the end of standard input, whose text is the reason, and report a failure on
     /// stdout.
     #[arg(long, hide = true)]
     pub parent: bool,
 }
 
-/// Starts the robot, watches it until it is asked to end, and ends it.
+/// Starts the robot, watches it until its end is requested, and ends it.
 ///
 /// # Errors
 /// It did not come up, or the supervisor itself failed.
@@ -52,7 +52,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
     let run = &ending.run;
     let mode = ending.mode.map_or("unknown", mode_name);
     let mut words = vec![format!("the robot is left in mode {mode}; {}", ending.place())];
-    // A mission that did not come to its end leaves a question, and the page answers it.
+    // The page shows why a mission was not completed.
     let page = ending.unfinished.as_ref().map(|_| page(run));
     words.extend(ending.unfinished.clone());
     match &page {
@@ -75,12 +75,12 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
     Ok(output.failing(failure))
 }
 
-/// A failure, as a parent reads it.
+/// The failure as JSON, for the parent program.
 fn failed(failure: &Failure) -> Value {
     json!({ "failed": failure.to_string(), "bad_input": matches!(failure, Failure::BadInput(_)) })
 }
 
-/// Whether every process accepts its part of the system file: what only they check shows before anything is started.
+/// Lets every process check its part of the system file, so that errors appear before any process is started.
 fn accepted(config: &Path) -> Answer {
     let nims = std::env::current_exe().map_err(Failure::not_now)?.with_file_name("nims");
     if !nims.is_file() {
@@ -95,7 +95,7 @@ fn accepted(config: &Path) -> Answer {
     Err(Failure::BadInput(sentence.trim().trim_start_matches("nims: ").to_owned()))
 }
 
-/// Has the page of a run made, by the command beside this program.
+/// Makes the page of a run with the `nims` beside this program; the error says how to make it by hand.
 fn page(run: &Path) -> Result<PathBuf, String> {
     let cure = || format!("`nims report {}` makes its page", run.display());
     let nims = std::env::current_exe().map_err(|_| cure())?.with_file_name("nims");
@@ -113,10 +113,10 @@ fn page(run: &Path) -> Result<PathBuf, String> {
     if made.is_ok_and(|status| status.success()) && page.is_file() { Ok(page) } else { Err(cure()) }
 }
 
-/// How the run ended, and what went wrong in the supervisor itself.
+/// Starts, watches and ends the robot; returns how the run ended and the supervisor's own failure.
 ///
 /// # Errors
-/// It did not come up.
+/// A process did not come up.
 fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
     let wanted = StartOptions {
         system_path: &asked.config,
@@ -151,14 +151,14 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
             let reason = reason.lock().unwrap_or_else(PoisonError::into_inner).take();
             reason.unwrap_or_else(|| command::SIGNAL.to_owned())
         }
-        Ok(()) => "the time was over".to_owned(),
+        Ok(()) => "the time given by --for is over".to_owned(),
     };
-    // Whatever went wrong here, no process is left without its supervisor.
+    // Also after a failure, so that no process outlives its supervisor.
     let ending = supervisor.end(&because);
     Ok((ending, watched))
 }
 
-/// Reads standard input to its end on a thread of its own, and asks for the end then. What stands there is the reason.
+/// Reads standard input on its own thread and requests the end of the run when it ends; its text is the reason.
 fn parent_reason(stop: &StopFlag) -> Arc<Mutex<Option<String>>> {
     let reason = Arc::new(Mutex::new(None));
     let (told, stop) = (Arc::clone(&reason), Arc::clone(stop));

@@ -1,5 +1,5 @@
-//! Whether the run is being recorded. That nothing is, is said at once, and once more at the end: what is not recorded
-//! is lost.
+//! Whether the run is being recorded. A gap is reported at once, and again at the end of the run: samples that are not
+//! recorded are lost.
 
 use bus::{Bus, Subscriber};
 use command::Answer;
@@ -7,32 +7,32 @@ use messages::{RecorderStatus, text_of};
 use runlog::RunError;
 use std::collections::BTreeMap;
 
-/// What is lost within this time after the last loss belongs to the same spell, ns.
+/// Losses at most this far apart are reported as one, ns.
 const SPELL_NS: u64 = 10_000_000_000;
-/// The rows of all channels come within this time, ns: before that a loss is not counted whole.
+/// Time within which the rows of all channels arrive, ns: until then the count of a loss is incomplete.
 const ROUND_NS: u64 = 1_500_000_000;
-/// Rows of the first moments after a stop still count what was lost during it, ns: each channel has one a second.
+/// Time after a gap in which rows still count its losses, ns: each channel has one row per second.
 const RESUMED_NS: u64 = 2_000_000_000;
 
-/// What is to be said.
+/// Event to report, with its sentence.
 #[derive(Debug, PartialEq, Eq)]
 pub enum RecordingEvent {
     /// Nothing is being recorded.
     Stopped(String),
-    /// It goes on.
+    /// Recording has resumed.
     Resumed(String),
-    /// The run is being recorded, and samples are missing in it.
+    /// The run is being recorded, but samples are missing.
     Lost(String),
 }
 
-/// Follows the recorder's own account.
+/// Follows `recorder/status`.
 pub struct Recording {
     status: Subscriber<RecorderStatus>,
     ledger: Ledger,
 }
 
 impl Recording {
-    /// Of the recorder of that domain.
+    /// Subscribes to the recorder of that domain.
     ///
     /// # Errors
     /// Shared memory fails.
@@ -40,7 +40,7 @@ impl Recording {
         Ok(Self { status: bus.subscriber("recorder/status")?, ledger: Ledger::default() })
     }
 
-    /// Takes in what the recorder says.
+    /// Receives the recorder's status and returns the events to report.
     ///
     /// # Errors
     /// Shared memory fails.
@@ -54,12 +54,12 @@ impl Recording {
         Ok(said)
     }
 
-    /// The recorder itself is in trouble.
+    /// Adds a failure of the recorder process itself.
     pub fn record_failure(&mut self, why: &str) {
         self.ledger.add_trouble(why);
     }
 
-    /// Why, each time, a part of the run was not recorded.
+    /// Reasons for the gaps in the recording.
     #[must_use]
     pub fn troubles(&self) -> Vec<String> {
         let lost = (self.ledger.lost > 0).then(|| self.ledger.missing(""));
@@ -67,24 +67,24 @@ impl Recording {
     }
 }
 
-/// What was not recorded, and why.
+/// Gaps and losses, with their reasons.
 #[derive(Debug, Default)]
 struct Ledger {
-    /// Since when nothing is, ns, and the reasons so far.
+    /// Start of the present gap, ns, and its reasons so far.
     since_ns: Option<u64>,
     reasons: Vec<String>,
-    /// Since when something is again, ns.
+    /// End of the last gap, ns.
     resumed_ns: Option<u64>,
-    /// Number of the last row.
+    /// Sequence number of the last row.
     seq: u64,
-    /// The most that each channel had lost so far; a name that had several types has a row of each.
+    /// Largest count of lost samples of each channel; a name with several types has a row for each type.
     counted: BTreeMap<String, u64>,
-    /// A recorder that was started again does not know what was lost between the two.
+    /// The recorder was restarted, so the losses in between are unknown.
     restarted: bool,
-    /// Samples lost, by the recorder's own count, and those of them that were lost while the run was recorded.
+    /// Lost samples by the recorder's count: all of them, and those lost outside gaps.
     all: u64,
     lost: u64,
-    /// When the last ones were, and when they are to be said, ns.
+    /// Time of the last loss, and time at which it is reported, ns.
     lost_ns: Option<u64>,
     due_ns: Option<u64>,
     troubles: Vec<String>,
@@ -96,7 +96,7 @@ impl Ledger {
             let since_ns = self.since_ns.take()?;
             self.resumed_ns = Some(now_ns);
             let reasons = std::mem::take(&mut self.reasons);
-            // What had not come to the disk before is lost too.
+            // Samples that had not reached the disk before the gap are lost too.
             let lost = format!("at least {:.1} s", now_ns.saturating_sub(since_ns) as f64 * 1e-9);
             return Some(RecordingEvent::Resumed(if reasons.iter().any(|reason| reason.contains(RunError::REMOVED)) {
                 format!(
@@ -108,7 +108,7 @@ impl Ledger {
         }
         self.since_ns.get_or_insert(now_ns);
         let why = if reason.is_empty() { "the recorder cannot write" } else { reason };
-        // A reason that comes later may be the true one.
+        // A later, different reason may be the actual cause, so it is reported too.
         if self.reasons.iter().any(|known| known == why) {
             return None;
         }
@@ -117,10 +117,9 @@ impl Ledger {
         Some(RecordingEvent::Stopped(format!("NOTHING IS BEING RECORDED: {why}")))
     }
 
-    /// How many more samples that channel has lost than at its last row; none where that is already told as a time
-    /// without a recording.
+    /// Returns the samples that a channel has lost since its last row; 0 in a gap, which is reported as a duration.
     fn count(&mut self, seq: u64, channel: String, lost: u64, now_ns: u64) -> u64 {
-        // A recorder that was started again numbers its rows, and counts, anew.
+        // A restarted recorder restarts its row numbers and its counts.
         if std::mem::replace(&mut self.seq, seq) >= seq {
             self.counted.clear();
             self.restarted = true;
@@ -134,7 +133,7 @@ impl Ledger {
         if told { 0 } else { more }
     }
 
-    /// Samples were lost although the run is recorded: said once per spell, when every channel has told of it.
+    /// Adds losses outside gaps; reports them once per spell, after the rows of all channels have arrived.
     fn lose(&mut self, lost: u64, now_ns: u64) -> Option<RecordingEvent> {
         if lost > 0 {
             self.lost = self.lost.saturating_add(lost);
@@ -147,7 +146,7 @@ impl Ledger {
         Some(RecordingEvent::Lost(self.missing(" so far")))
     }
 
-    /// How many samples are missing, by the same count as in the run file.
+    /// Sentence with the number of missing samples, as the run file counts them.
     fn missing(&self, so_far: &str) -> String {
         let samples = if self.all == 1 { "sample is" } else { "samples are" };
         let least = if self.restarted { "at least " } else { "" };
@@ -155,7 +154,7 @@ impl Ledger {
     }
 
     fn add_trouble(&mut self, why: &str) {
-        // A disk that fills again and again is one trouble.
+        // A recurring reason, such as a full disk, is listed once.
         if !self.troubles.iter().any(|known| known == why) {
             self.troubles.push(why.to_owned());
         }
@@ -198,7 +197,7 @@ mod tests {
             matches!(&said, Some(RecordingEvent::Resumed(said)) if said.contains("what the removed files held")),
             "{said:?}"
         );
-        // The next time has reasons of its own.
+        // The next gap starts with an empty list of reasons.
         assert!(ledger.record(failed, "Permission denied", 3).is_some());
         let said = ledger.record(well, "", 4);
         assert!(matches!(&said, Some(RecordingEvent::Resumed(said)) if !said.contains("removed")), "{said:?}");
@@ -230,19 +229,19 @@ mod tests {
             ledger.lose(more, at_ns)
         };
         assert_eq!(rows(1, [0, 0]), None);
-        assert_eq!(rows(2, [3, 0]), None, "not every channel has told of it");
+        assert_eq!(rows(2, [3, 0]), None, "rows of some channels are missing");
         assert_eq!(rows(3, [4, 1]), None);
         assert!(
             matches!(rows(4, [4, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("6 samples are missing in the run file so far"))
         );
-        assert_eq!(rows(5, [4, 2]), None, "nothing more");
+        assert_eq!(rows(5, [4, 2]), None, "no further loss");
         assert_eq!(rows(21, [5, 2]), None);
         assert!(
             matches!(rows(23, [0, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("7 samples are")),
-            "in all"
+            "total count"
         );
         assert_eq!((ledger.lost, ledger.all), (7, 7));
-        assert_eq!(ledger.count(1, "b".to_owned(), 1, 40 * SECOND_NS), 1, "of another recorder");
+        assert_eq!(ledger.count(1, "b".to_owned(), 1, 40 * SECOND_NS), 1, "restarted recorder");
         assert_eq!(ledger.count(2, "b".to_owned(), 1, 41 * SECOND_NS), 0);
         assert!(ledger.missing("").starts_with("at least 8 samples are missing in the run file: "));
     }
@@ -254,7 +253,7 @@ mod tests {
         assert!(ledger.record(full, "", 1).is_some());
         assert_eq!(ledger.count(1, "a".to_owned(), 7, 1), 0);
         assert!(ledger.record(well, "", 2).is_some());
-        assert_eq!(ledger.count(2, "a".to_owned(), 9, 2), 0, "until the recording went on");
+        assert_eq!(ledger.count(2, "a".to_owned(), 9, 2), 0, "losses during the gap");
         assert_eq!(ledger.count(3, "a".to_owned(), 10, 2 + RESUMED_NS), 1);
     }
 }

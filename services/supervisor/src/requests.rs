@@ -1,5 +1,4 @@
-//! What the operator asks of the supervisor while the robot runs: answered at once; what comes of it shows in the
-//! process table.
+//! Requests to the supervisor while the robot runs. They are answered at once; the process table shows the outcome.
 
 use super::Supervisor;
 use super::child::{Child, Then};
@@ -15,12 +14,12 @@ use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::Path;
 
-/// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine
-/// stands still for up to 250 ms.
+/// Silence of motor-io beyond the drives' watchdog after which nothing moves, ns: a shared machine can stand still for
+/// 250 ms.
 const SILENT_NS: u64 = 1_000_000_000;
 
 impl Supervisor {
-    /// Answers what has been asked since the last time.
+    /// Answers the requests that arrived since the last call.
     pub(super) fn serve(&mut self) -> Answer {
         let Some(mut server) = self.server.take() else { return Ok(()) };
         let served = self.serve_from(&mut server);
@@ -39,7 +38,7 @@ impl Supervisor {
                 Failure::NotNow(why) => Reason::SupervisorRefuses { why: detail(why) },
             });
             self.announcer.info(&format!("asked: {reason}"));
-            // What could not be published is not worth a robot's supervisor.
+            // An answer that cannot be sent must not stop the supervisor.
             if let Err(error) = call.answer(&reason.answer()) {
                 self.announcer.warn(&error.to_string());
             }
@@ -72,7 +71,7 @@ impl Supervisor {
                     .process_set
                     .find(name)
                     .is_some_and(|child| child.member.role == Role::Other && child.is_alive());
-                // One of the system file, which was unplugged because its device has room for one.
+                // A process of the system file that was unplugged, because its device accepts only one program.
                 let is_asleep = !self.process_set.find(name).is_some_and(Child::is_alive)
                     && self.site.section(name).is_some_and(|section| section.role == Role::Other);
                 if self.is_taken(name) && !(*replace && (runs || is_asleep)) {
@@ -103,7 +102,7 @@ impl Supervisor {
         }
     }
 
-    /// A plugged program reads copies of the files that its command names, as every process does.
+    /// Replaces the configuration files in the command of a plugged program by the run's copies.
     fn copy_files_of(&self, member: &mut ProcessSpec) {
         let folder = member.folder.clone().unwrap_or_default();
         for argument in &mut member.args {
@@ -117,7 +116,7 @@ impl Supervisor {
         }
     }
 
-    /// Whether a process that is plugged in may not have that name.
+    /// Whether the name is not available for a plugged process.
     fn is_taken(&mut self, name: &str) -> bool {
         let standard = Role::STANDARD.iter().any(|(_, role)| {
             role.process_name(Slot::A) == name || role.has_slots() && role.process_name(Slot::B) == name
@@ -126,7 +125,7 @@ impl Supervisor {
         name == SUPERVISOR || standard || alive || self.site.section(name).is_some()
     }
 
-    /// Which process is meant, and how it is started.
+    /// Finds the process that a request names, and how to start it.
     fn which(&mut self, name: &str, slot: Option<Slot>, law: Option<&str>) -> Answer<ProcessSpec> {
         let slotted = Role::STANDARD.iter().map(|(_, role)| *role).filter(|role| role.has_slots()).find_map(|role| {
             if role.process_name(Slot::B) == name {
@@ -160,7 +159,7 @@ impl Supervisor {
             }
             if law.is_some() {
                 return Err(Failure::BadInput(format!(
-                    "the process \"{name}\" of the system file has its own law; leave out the other"
+                    "the process \"{name}\" of the system file has its own law; leave out the law of the request"
                 )));
             }
             let slot = match slot.or(section.slot) {
@@ -175,21 +174,21 @@ impl Supervisor {
         }
         match Role::STANDARD.iter().find(|(standard, _)| *standard == name) {
             Some((_, Role::MotorBox)) if self.site.file.motor_box.is_none() => {
-                Err(Failure::BadInput("this box has real drives, and no virtual motor box".to_owned()))
+                Err(Failure::BadInput("this system has real drives and no virtual motor box".to_owned()))
             }
             Some((_, role)) => self.site.of_role(*role, None),
             None => Err(self.unknown(name)),
         }
     }
 
-    /// The first slot of a role in which nothing lives.
+    /// The first slot of a role without a running process.
     fn free_slot(&mut self, role: Role) -> Answer<Slot> {
         let taken = |supervisor: &mut Self, slot| {
             supervisor.process_set.find(&role.process_name(slot)).is_some_and(Child::is_alive)
         };
         [Slot::A, Slot::B].into_iter().find(|slot| !taken(self, *slot)).ok_or_else(|| {
             Failure::NotNow(format!(
-                "both slots of the role {0} are taken: stop the one that does not fly first, with `nims stop-process {1}` or `nims stop-process {2}`",
+                "both slots of the role {0} are taken: first stop the one that is not in charge, with `nims stop-process {1}` or `nims stop-process {2}`",
                 role.name(),
                 role.process_name(Slot::A),
                 role.process_name(Slot::B)
@@ -213,7 +212,7 @@ impl Supervisor {
         }
         self.launch(member, restarts)?;
         if let Some(alias) = &member.alias {
-            // From now on it stands in the table under the name of its slot.
+            // From now on the table lists it under the name of its slot.
             self.publish_farewell(alias)?;
         }
         let law = member.law.as_deref().or(member.alias.as_deref());
@@ -240,7 +239,7 @@ impl Supervisor {
             return Err(Failure::NotNow(format!("{name} is ending already")));
         }
         let (member, hangs) = (child.member.clone(), child.hangs);
-        // What a motor-io that hangs said last is no longer so: the drives have stopped the motors by themselves.
+        // The last status of a hung motor-io is outdated: the watchdog of the drives has stopped the motors.
         let watchdog_s = self.site.file.motor_io.watchdog_s;
         let present = authority.filter(|authority| !hangs || is_present(authority, watchdog_s, clock::now_ns()));
         if present.is_some_and(|authority| flies(&member, &authority)) {
@@ -248,9 +247,7 @@ impl Supervisor {
                 true => format!(", or swap it for another with `nims swap {}`", member.role.name()),
                 false => String::new(),
             };
-            return Err(Failure::NotNow(format!(
-                "the robot moves, and it is {name} that moves it: hold first with `nims hold`{or}"
-            )));
+            return Err(Failure::NotNow(format!("the robot moves and needs {name}: hold first with `nims hold`{or}")));
         }
         let Some(child) = self.process_set.find(&name) else { return Err(self.unknown(&name)) };
         child.ask_to_end(then);
@@ -274,15 +271,15 @@ fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Ans
     if slot.is_none() && law.is_none() {
         return Ok(());
     }
-    Err(Failure::BadInput(format!("{name} has no slot and no law; only controllers and estimators have")))
+    Err(Failure::BadInput(format!("{name} has no slot and no law; only controllers and estimators have them")))
 }
 
-/// Whether motor-io has said so recently enough for the drives to move still.
+/// Whether the status of motor-io is recent enough that the drives may still move.
 fn is_present(authority: &MotorAuthority, watchdog_s: f64, now_ns: u64) -> bool {
     now_ns.saturating_sub(authority.header.stamp_ns) < (watchdog_s * 1e9) as u64 + SILENT_NS
 }
 
-/// Whether the robot moves, and would stop without that process.
+/// Whether the robot moves and would stop without that process.
 fn flies(member: &ProcessSpec, authority: &MotorAuthority) -> bool {
     let active = |slot: u8| member.slot.is_some_and(|own| own.index() == usize::from(slot));
     moves(authority)
@@ -305,7 +302,7 @@ mod tests {
         authority.header.stamp_ns = 5 * SILENT_NS;
         assert!(is_present(&authority, 0.3, 6 * SILENT_NS));
         assert!(!is_present(&authority, 0.3, 7 * SILENT_NS));
-        assert!(is_present(&authority, 2.0, 7 * SILENT_NS), "the drives still move");
+        assert!(is_present(&authority, 2.0, 7 * SILENT_NS), "the drives may still move");
     }
 
     #[test]

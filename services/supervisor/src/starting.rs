@@ -1,4 +1,4 @@
-//! From a system file to running processes, each started when those it needs are ready.
+//! Starts the processes of a system file, each when the processes that it needs are ready.
 
 use super::announcer::Announcer;
 use super::archive::Archive;
@@ -26,18 +26,18 @@ use messages::{Heartbeat, put_text};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A process that has not said that it is ready by then never will, ns. Drives may need to be found and asked first.
+/// Longest time from the start of a process to its readiness, ns. motor-io may have to find and query the drives first.
 pub(super) const READY_NS: u64 = 20_000_000_000;
-/// Who is waited for is named after this time, ns.
+/// Time after which a warning names the processes that are not ready yet, ns.
 const WAIT_WARNING_NS: u64 = 3_000_000_000;
-/// Shared memory that has to be free for a process to be started: motor-io, which says most, takes 3 MB.
+/// Free shared memory that the start of a process requires: motor-io, which publishes most, takes 3 MB.
 const PROCESS_BYTES: usize = 3 << 20;
-/// The same for one that is plugged in, whose samples may be large; it refuses by itself what does not fit.
+/// As [`PROCESS_BYTES`], for a plugged process: its samples may be large. It rejects by itself what does not fit.
 const SENSOR_BYTES: usize = 6 << 20;
-/// How often the starting processes are looked at, ns: it adds up to the time until the robot is up.
+/// Polling period during the start, ns: it adds to the time until the robot is up.
 const POLL_NS: u64 = 2_000_000;
 
-/// The site of a run by the run's own copy of the configuration.
+/// Loads the site of a run from the run's copy of the configuration.
 fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain: &Domain) -> Answer<Site> {
     let config = folder.resolved();
     let file = SystemFile::load(&config).map_err(Failure::not_now)?;
@@ -58,14 +58,14 @@ fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain
 }
 
 impl Supervisor {
-    /// Cleans the domain up, makes the run folder and starts every process, each when those that it needs are ready.
+    /// Cleans up the domain, creates the run folder, and starts every process when those that it needs are ready.
     ///
     /// # Errors
-    /// The domain is taken, or a process does not come up; what was started is stopped again.
+    /// The domain is taken, or a process does not come up; the processes that were started are stopped again.
     pub fn start(wanted: &StartOptions<'_>, stop: StopFlag) -> Answer<Self> {
-        // Runs, position and shared memory, also of the processes that are started.
+        // Applies to runs, position and shared memory, also those of the started processes.
         bus::make_private();
-        // Before there is anything of the robot that wants to run.
+        // Measured before the robot's own processes load the machine.
         let busy = Busy::look();
         let system_path = std::path::absolute(wanted.system_path).map_err(Failure::bad)?;
         let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
@@ -76,7 +76,7 @@ impl Supervisor {
         let orphans = stale_processes::end(&domain)?;
         domain.sweep()?;
         let folder = RunFolder::make(&file, &system_path, wanted.run, wanted.mission)?;
-        // Recorder, visualization and viewer turn stamps into calendar time, all by this.
+        // Recorder, visualization and viewer convert stamps to calendar time with this pair.
         let clock = runlog::RunClock::now();
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
         let run = folder.path().to_path_buf();
@@ -94,7 +94,7 @@ impl Supervisor {
             supervisor.announcer.warn(&warning);
         }
         if !orphans.is_empty() {
-            supervisor.announcer.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
+            supervisor.announcer.warn(&format!("ended processes of an earlier supervisor: {}", orphans.join(", ")));
         }
         if let Err(failure) = supervisor.bring_up(members) {
             supervisor.close("a process did not come up");
@@ -105,7 +105,7 @@ impl Supervisor {
                 Failure::NotNow(_) => Failure::NotNow(in_run),
             });
         }
-        // Without it the end of the run tries once more.
+        // If this fails, the end of the run tries again.
         supervisor.stopper = supervisor.bus.client(client::MOTOR_IO).ok();
         supervisor.beat.state = Heartbeat::STATE_READY;
         supervisor.record_processes();
@@ -163,8 +163,7 @@ impl Supervisor {
         })
     }
 
-    /// Begins to close what earlier runs left open. What shared memory knows of the last one is gone after a power cut,
-    /// so it is only a hint.
+    /// Starts to close the run files that earlier runs left open. `earlier` is only a hint: a power cut erases it.
     fn recover_unfinished_runs(&mut self, earlier: Option<Running>) {
         let present = self.folder.path().to_path_buf();
         let mut folders = vec![self.site.file.runs.clone()];
@@ -172,11 +171,11 @@ impl Supervisor {
         let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
         match UnfinishedRuns::recover(folders, runs, present) {
             Ok(unfinished_runs) => self.unfinished_runs = unfinished_runs,
-            Err(error) => self.announcer.error(&format!("earlier runs were not looked through: {error}")),
+            Err(error) => self.announcer.error(&format!("earlier runs could not be recovered: {error}")),
         }
     }
 
-    /// Starts all of them and waits until they are ready.
+    /// Starts all processes and waits until they are ready.
     fn bring_up(&mut self, mut waiting: Vec<ProcessSpec>) -> Answer {
         let mut named = clock::now_ns() + WAIT_WARNING_NS;
         loop {
@@ -231,7 +230,7 @@ impl Supervisor {
         }
     }
 
-    /// Whether everyone it needs, among those who were started, is ready.
+    /// Whether all started processes of the roles that it needs are ready.
     fn is_ready_for(&self, member: &ProcessSpec) -> bool {
         let needs = member.waits_for();
         self.process_set
@@ -240,7 +239,7 @@ impl Supervisor {
             .all(|child| child.ready_ns.is_some())
     }
 
-    /// Starts one process, which takes the place of an earlier life.
+    /// Starts one process, which replaces an earlier incarnation.
     pub(super) fn launch(&mut self, member: &ProcessSpec, restarts: Restarts) -> Answer {
         let child = self.spawn(member, restarts, false)?;
         self.process_set.insert(child);
@@ -248,12 +247,12 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Starts one process; one that succeeds another of its name finds that one alive.
+    /// Starts one process. `succeeds`: another process of its name still runs.
     pub(super) fn spawn(&mut self, member: &ProcessSpec, restarts: Restarts, succeeds: bool) -> Answer<Child> {
         let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
         self.bus.room_for(bytes, &member.name)?;
         self.heartbeats.listen(&self.bus, &member.name)?;
-        // A folder that somebody removed is no reason to leave the robot without a process.
+        // A removed run folder must not prevent the start of a process.
         let _ = std::fs::create_dir_all(self.folder.path().join("log"));
         self.restore_copies();
         let started = self.settings.configured(member, &self.site.config);
@@ -264,7 +263,7 @@ impl Supervisor {
             log: &self.folder.log(&member.name),
         };
         let (mut child, warning) = Child::start(&started, with, restarts)?;
-        // What it is started with the next time depends on what is set until then.
+        // Keeps the original arguments: its next start includes the parameters that are set until then.
         child.member = member.clone();
         self.archive_files_of(&started);
         if let Some(warning) = warning {
@@ -273,7 +272,7 @@ impl Supervisor {
         Ok(child)
     }
 
-    /// Writes down who lives, for the run folder and for the next supervisor.
+    /// Records the running processes, for the run folder and for the next supervisor.
     pub(super) fn record_living(&mut self) {
         if self.beat.state == Heartbeat::STATE_READY {
             self.record_processes();
@@ -283,26 +282,26 @@ impl Supervisor {
             .filter(|child| child.exit.is_none())
             .filter_map(|child| ProcessIdentity::now(&child.member.name, child.pid))
             .collect();
-        // They run all the same, and the next supervisor finds them among the living.
+        // Not fatal: the processes run, and the next supervisor also finds them in the domain.
         if let Err(failure) = stale_processes::record(&self.domain, &started) {
             self.announcer.warn(&failure.to_string());
         }
     }
 
-    /// Makes a run folder again that was removed, with all that the supervisor still knows of the run.
+    /// Restores a removed run folder with everything that the supervisor still holds of the run.
     pub(super) fn restore_folder(&mut self) {
         if self.folder.is_gone() {
             self.restore_copies();
         }
     }
 
-    /// The copies of the configuration are what they were, whatever was done to them while_waiting.
+    /// Restores copies of the configuration that were changed or removed, and warns.
     pub(super) fn restore_copies(&mut self) {
         let run = self.folder.path().to_path_buf();
         let gone = self.folder.is_gone();
         let back = self.folder.copies().restore(&run);
         if gone && back.is_ok() {
-            // The manifest comes last: with it the folder is whole again.
+            // The manifest is last: its presence marks a complete folder.
             self.archive.restore();
             let (path, text) = self.folder.manifest();
             self.archive.write(path, text);
@@ -315,7 +314,7 @@ impl Supervisor {
                 back.join(", ")
             )),
             Ok(back) => self.announcer.warn(&format!(
-                "{} in the run folder was changed while the robot runs and is as it was again: an edit is for the next run",
+                "{} in the run folder was changed while the robot runs and has been restored; edit the original for the next run",
                 back.join(", ")
             )),
             Err((path, error)) => self.announcer.warn(&format!("{} cannot be written: {error}", path.display())),
@@ -323,12 +322,12 @@ impl Supervisor {
     }
 }
 
-/// Whether it needs a role of which a process is not even started.
+/// Whether it needs a role of which a process is not started yet.
 fn needs_one_of(member: &ProcessSpec, waiting: &[ProcessSpec]) -> bool {
     waiting.iter().any(|other| member.waits_for().contains(&other.role))
 }
 
-/// Every configured device exists; the virtual box makes its own.
+/// Checks that every configured device exists; the virtual motor box creates its own.
 fn ports_are_there(file: &SystemFile) -> Answer {
     for (index, port) in file.motor_io.ports.iter().enumerate() {
         let number = index + 1;
@@ -340,7 +339,7 @@ fn ports_are_there(file: &SystemFile) -> Answer {
             }
         } else if !Path::new(&port.path).exists() {
             return Err(Failure::BadInput(format!(
-                "port {number}: there is no device {}; plug the drives in (stable names stand in /dev/serial/by-id)",
+                "port {number}: there is no device {}; plug in the drives (/dev/serial/by-id has stable names)",
                 port.path
             )));
         }
@@ -348,7 +347,7 @@ fn ports_are_there(file: &SystemFile) -> Answer {
     Ok(())
 }
 
-/// A number that tells this life of a process from its earlier ones; never 0.
+/// Number that distinguishes this incarnation of the supervisor from earlier ones; never 0.
 fn incarnation() -> u32 {
     (clock::unix_ns() as u32 ^ std::process::id().rotate_left(16)).max(1)
 }

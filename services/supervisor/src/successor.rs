@@ -1,4 +1,4 @@
-//! A process that is to take the place of another.
+//! A process that will replace another of the same name.
 
 use super::child::Child;
 use bus::{Bus, Raw, Tap};
@@ -8,17 +8,17 @@ use messages::ros::Payload;
 use rustix::process::{Pid, getpgid};
 use std::collections::BTreeSet;
 
-/// A process that will have the name of another one.
+/// A process that takes over the name of another once it has published a valid sample.
 #[derive(Debug)]
 pub struct Successor {
-    /// The newcomer.
+    /// The new process.
     pub child: Child,
     pub(super) tap: Tap,
     pub(super) given_up: bool,
 }
 
 impl Successor {
-    /// Whether it has published a valid sample since the last look.
+    /// Whether it has published a valid sample since the last poll.
     pub(super) fn has_published(&mut self, bus: &Bus) -> Answer<bool> {
         let (has_header, is_reading) = (self.tap.has_header(), self.tap.info().type_name == Reading::type_name());
         let mut publishers = BTreeSet::new();
@@ -36,7 +36,7 @@ impl Successor {
     }
 }
 
-/// Whether a sample says something: one without a stamp was only made, and a reading may say that it is none.
+/// Whether a sample is valid: it has a stamp, and a reading is neither stale nor invalid.
 fn is_valid(raw: &Raw<'_>, has_header: bool, is_reading: bool) -> bool {
     let reading = raw.bytes.get(..size_of::<Reading>()).filter(|_| is_reading);
     let says_nothing = reading
@@ -45,7 +45,7 @@ fn is_valid(raw: &Raw<'_>, has_header: bool, is_reading: bool) -> bool {
     !says_nothing && (!has_header || raw.header.stamp_ns > 0)
 }
 
-/// Whether a process belongs to what was started as that child: every one has a process group of its own.
+/// Whether a process belongs to that child: each child has its own process group.
 pub(super) fn is_of(pid: u32, child: &Child) -> bool {
     let group = Pid::from_raw(pid.cast_signed()).and_then(|pid| getpgid(Some(pid)).ok());
     group.is_some_and(|group| group.as_raw_nonzero().get().unsigned_abs() == child.pid)

@@ -1,5 +1,5 @@
-//! `nims plug --replace`: the new program runs beside the one before until it has said its first valid sample, and only
-//! then has the name. One that ends before, or says nothing, costs no sample of the one that works.
+//! `nims plug --replace`: the new program runs beside the previous one and takes over the name with its first valid
+//! sample. If it ends or stays silent, the previous program continues without losing a sample.
 
 use super::Supervisor;
 use super::child::Then;
@@ -13,20 +13,19 @@ use messages::{ProcessState, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
 
-/// A newcomer that has said nothing valid by then is given up, ns: a device may need many seconds to warm up, and the
-/// command that asked waits 25 s.
+/// Longest wait for the first valid sample of a new program, ns: a device may need many seconds to warm up, and the
+/// requesting command waits 25 s.
 const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
 
 const GOES_ON: &str = "the one before goes on";
 
-/// What to do about a newcomer that does not say why it fails.
+/// Remedy for a new program that does not state why it fails.
 fn goes_on(name: &str) -> String {
     format!("{GOES_ON}; if both need one device, `nims unplug {name}` first")
 }
 
 impl Supervisor {
-    /// Starts a program in the place of one that was plugged in: beside it where that one publishes, otherwise after it
-    /// has ended.
+    /// Starts a program that replaces a plugged one: beside it if that one publishes, otherwise after it has ended.
     pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<Reason> {
         let name = member.name.clone();
         self.is_not_succeeded(&name)?;
@@ -44,7 +43,7 @@ impl Supervisor {
         Ok(Reason::ProcessSucceeds { process: detail(name) })
     }
 
-    /// What a process of that name says on the channel of its name, if it does.
+    /// Tap on the sensor channel of that process, and its restart counts; `None` if it publishes nothing there.
     fn tap_of(&mut self, name: &str) -> Answer<Option<(Tap, Restarts)>> {
         let channel = format!("sensor/{name}");
         let Some(child) = self.process_set.find(name) else { return Ok(None) };
@@ -58,7 +57,7 @@ impl Supervisor {
         Ok(if publishes { Some((self.bus.tap(&channel)?, child.restarts)) } else { None })
     }
 
-    /// One that is being replaced is left alone until that is over.
+    /// Rejects a request for a process that is being replaced.
     pub(super) fn is_not_succeeded(&self, name: &str) -> Answer {
         let waits = self.process_set.successors.iter().any(|successor| successor.child.member.name == name);
         if !waits {
@@ -70,8 +69,8 @@ impl Supervisor {
         )))
     }
 
-    /// A successor that has published a valid sample gets the name; one that has ended, or is silent for too long, does
-    /// not.
+    /// Gives the name to a successor that has published a valid sample; gives up one that has ended or is silent too
+    /// long.
     pub(super) fn poll_successors(&mut self) -> Answer {
         let now = clock::now_ns();
         let mut successors = std::mem::take(&mut self.process_set.successors);
@@ -97,7 +96,7 @@ impl Supervisor {
         if !successor.child.is_alive() {
             if !successor.given_up {
                 let ending = successor.child.ending();
-                // Its own words come last, because they say what to do.
+                // Its own diagnostic comes last, because it states what to do.
                 let why = match successor.child.last_diagnostic() {
                     Some(words) => format!("{ending} ({GOES_ON}): {words}"),
                     None => format!("{ending}; {}", goes_on(&name)),
@@ -127,21 +126,19 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Says on `system/process` and on the terminal why the newcomer does not get the name.
+    /// Gives up a new process and reports the reason on `system/process` and on the terminal.
     fn give_up(&mut self, successor: &mut Successor, why: &str) -> Answer {
         successor.given_up = true;
         self.announcer.warn(&format!("the new {} {why}", successor.child.member.name));
         let mut row = row(&successor.child, false);
-        // Nobody of that name has died: the row is for the command that asked, and the one that works has the last
-        // word.
+        // The row informs the requesting command; the following table shows the previous process, which still runs.
         row.state = ProcessState::STATE_STOPPED;
         put_sentence(&mut row.reason, why);
         self.send_row(&mut row)?;
         self.publish_table()
     }
 
-    /// The process of that name has ended, on whatever way: its successor, if it has one, takes its place. Whether it
-    /// has.
+    /// Puts the successor in the place of a process that has ended; false if it has no successor.
     pub(super) fn succeed(&mut self, name: &str) -> bool {
         let waits = |successor: &Successor| successor.child.member.name == name && !successor.given_up;
         let Some(at) = self.process_set.successors.iter().position(waits) else { return false };

@@ -1,4 +1,4 @@
-//! The process table: one row per process on `system/process`, all of them once a second and on change.
+//! The process table: one row per process on `system/process`, published every second and on change.
 
 use super::Supervisor;
 use super::child::Child;
@@ -9,7 +9,7 @@ use config::{ProcessSection, Role, Slot};
 use messages::{ProcessState, put_sentence, put_text};
 use std::os::unix::process::ExitStatusExt;
 
-/// The whole table is published this often, ns.
+/// Period of the table, ns.
 const TABLE_NS: u64 = 1_000_000_000;
 
 impl Supervisor {
@@ -48,7 +48,7 @@ impl Supervisor {
     }
 }
 
-/// `replaced`: another process does its work.
+/// The row of a process; `replaced`: a standby has taken over its work.
 pub(super) fn row(child: &Child, replaced: bool) -> ProcessState {
     let member = &child.member;
     let mut row = ProcessState {
@@ -86,27 +86,27 @@ fn slot_number(slot: Option<Slot>) -> u8 {
     slot.map_or(0, |slot| 1 + slot.index() as u8)
 }
 
-/// Why it is in the state that it is in, and what helps; that it is silent, the state says itself.
+/// Reason for the state of a process, and the remedy; the state itself already shows that it is silent.
 fn reason(child: &Child, replaced: bool) -> String {
     match (child.exit, child.asked) {
-        (Some(exit), Some(_)) if exit.success() => "ended as asked".to_owned(),
+        (Some(exit), Some(_)) if exit.success() => "ended on request".to_owned(),
         (Some(exit), _) => {
             let words = child.last_diagnostic().filter(|_| !exit.success()).map(|words| format!(": {words}"));
             let again = child
                 .again_ns
                 .map(|at| format!("; starting again in {:.1} s", at.saturating_sub(clock::now_ns()) as f64 * 1e-9));
-            let why = if child.gave_up { "; too often to start it again" } else { "" };
+            let why = if child.gave_up { "; it died too often to be restarted" } else { "" };
             format!("{}{why}{}{}", child.ending(), again.unwrap_or_default(), words.unwrap_or_default())
         }
-        (None, Some(_)) => "asked to end".to_owned(),
+        (None, Some(_)) => "is ending on request".to_owned(),
         (None, None) if child.hangs => {
             let member = &child.member;
             let fate = if member.restart.again { LossState::Terminated } else { LossState::Hangs };
             let cure = cure(&member.name, member.role, fate, replaced);
-            cure.unwrap_or_else(|| "it was stopped or hangs".to_owned())
+            cure.unwrap_or_else(|| "it was stopped or it hangs".to_owned())
         }
         (None, None) if child.blocked => "it waits for its disk".to_owned(),
-        (None, None) if child.silent => "the machine has no time for it".to_owned(),
+        (None, None) if child.silent => "it gets no processor time".to_owned(),
         (None, None) if child.overdue => "does not become ready; see its log in the run folder".to_owned(),
         (None, None) if child.member.role == Role::Other && child.ready_ns.is_none() => {
             "sends no heartbeat, so only its end will be noticed".to_owned()

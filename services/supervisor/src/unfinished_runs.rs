@@ -1,5 +1,5 @@
-//! Run files that no recorder closed, because it was killed or the power went: found in all runs beside the present
-//! one, whatever shared memory still knows of them, and closed beside the supervisor's own loop.
+//! Recovers run files that were not closed, because their recorder was killed or the power failed. They are searched in
+//! all runs beside the present one, independently of shared memory, and closed on a separate thread.
 
 use runlog::{PART_ENDING, RunError};
 use std::collections::BTreeSet;
@@ -8,35 +8,34 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant, SystemTime};
 
-/// A file that somebody wrote to a moment ago may be one that is just being made, and not locked yet.
+/// Age below which a file is not touched yet: a recorder may just have created it without locking it.
 const FRESH: Duration = Duration::from_secs(1);
 
-/// What became of a file.
+/// Progress of the recovery of a file, as a sentence.
 pub enum RecoveryEvent {
-    /// It is being recovered.
+    /// Its recovery has started.
     Started(String),
-    /// It is whole again.
+    /// It is complete.
     Recovered(String),
-    /// It is not.
+    /// It could not be recovered.
     Failed(String),
 }
 
-/// Recovers what was left.
+/// Recovery of unfinished runs on its own thread.
 #[derive(Default)]
 pub struct UnfinishedRuns {
     news: Option<Receiver<RecoveryEvent>>,
 }
 
 impl UnfinishedRuns {
-    /// Begins with every run in these folders, and with these runs, but not with the `present` one, whose recorder
-    /// looks after itself.
+    /// Starts the recovery of every run in `folders` and of `runs`, except the `present` one, whose recorder runs.
     ///
     /// # Errors
-    /// The system has no thread for it.
+    /// No thread can be started.
     pub fn recover(folders: Vec<PathBuf>, runs: Vec<PathBuf>, present: PathBuf) -> std::io::Result<Self> {
         let (say, news) = channel();
         std::thread::Builder::new().name("recover".to_owned()).spawn(move || {
-            // On Linux this is the thread's own niceness: the robot goes first.
+            // On Linux niceness is per thread: the robot's processes take precedence.
             let _ = rustix::process::nice(10);
             for part in left_in(&folders, &runs, &present) {
                 recover_one(&part, &say);
@@ -45,12 +44,12 @@ impl UnfinishedRuns {
         Ok(Self { news: Some(news) })
     }
 
-    /// What has come of it since the last time.
+    /// Events since the last call.
     pub fn news(&mut self) -> Vec<RecoveryEvent> {
         self.news.as_ref().map(|news| news.try_iter().collect()).unwrap_or_default()
     }
 
-    /// Waits for the rest, at most as long as said: what is not done by then is done by the next start.
+    /// Waits for the remaining events, at most for `patience`: the next start recovers the rest.
     pub fn finish(&mut self, patience: Duration) -> Vec<RecoveryEvent> {
         let (give_up, mut heard) = (Instant::now() + patience, Vec::new());
         let Some(news) = self.news.take() else { return heard };
@@ -64,19 +63,19 @@ impl UnfinishedRuns {
 fn recover_one(part: &Path, say: &Sender<RecoveryEvent>) {
     let fresh = |part: &Path| {
         let written = fs::metadata(part).and_then(|file| file.modified()).ok();
-        // A clock that was set back makes nothing fresh.
+        // After a clock step backwards, a file from the future does not count as fresh.
         written.and_then(|at| SystemTime::now().duration_since(at).ok()).is_some_and(|age| age < FRESH)
     };
     while fresh(part) {
         std::thread::sleep(FRESH);
     }
     let tell = |news| {
-        // The run may have ended meanwhile.
+        // The supervisor may have ended meanwhile.
         let _ = say.send(news);
     };
     let mut initial = false;
     let result = runlog::recover(part, &mut |done, all| {
-        // Of a small one, the end is news enough.
+        // A small file completes in one step; its start is not reported.
         if done < all && !std::mem::replace(&mut initial, true) {
             tell(RecoveryEvent::Started(format!(
                 "recovering {} ({:.0} MB), which was not closed",
@@ -91,9 +90,9 @@ fn recover_one(part: &Path, say: &Sender<RecoveryEvent>) {
             part.display(),
             recovery.messages
         ))),
-        // A recorder is still there.
+        // A recorder is still writing to it.
         Err(RunError::Busy { .. }) => {}
-        // Somebody else was faster.
+        // Another process has recovered it.
         Err(_) if !part.exists() => {}
         Err(error) => tell(RecoveryEvent::Failed(format!(
             "{} could not be recovered: {error}; try again with `nims recover {}`",
@@ -132,7 +131,7 @@ mod tests {
     use messages::{Message, TruthNode};
     use runlog::{ChannelSpec, RunClock, RunWriter};
 
-    /// A file as a power cut leaves it, or (given back) with its recorder alive.
+    /// A file as a power cut leaves it; while the returned writer lives, its recorder still runs.
     fn unfinished(run: &Path) -> RunWriter {
         fs::create_dir_all(run).unwrap();
         let mut writer = RunWriter::create(&run.join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();

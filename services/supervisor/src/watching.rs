@@ -1,5 +1,4 @@
-//! One round of the supervisor: its own beat, the processes and their heartbeats, what is asked, and what is to be
-//! started again.
+//! One cycle of the supervisor: its heartbeat, the processes and their heartbeats, requests, and restarts.
 
 use super::Supervisor;
 use super::child::Then;
@@ -17,15 +16,15 @@ use evidence::busy;
 use messages::{Heartbeat, OperatorRequest, Request};
 use std::time::Duration;
 
-/// How often the processes and their heartbeats are looked at, ns.
+/// Polling period of the processes and their heartbeats, ns.
 const POLL_NS: u64 = 50_000_000;
-/// The supervisor's own beat, ns: motor-io takes two seconds without one for its death.
+/// Period of the supervisor's heartbeat, ns: motor-io treats it as dead after two seconds without one.
 const BEAT_NS: u64 = 200_000_000;
-/// Pause before what failed for want of memory, processes or files is tried again, ns.
+/// Pause before a start that failed for lack of memory, processes or files is repeated, ns.
 const RETRY_NS: u64 = 2_000_000_000;
 
 impl Supervisor {
-    /// Looks after the processes for this long, or until someone wants it to end.
+    /// Supervises the processes for this time, or until the end is requested.
     ///
     /// # Errors
     /// Shared memory fails.
@@ -42,7 +41,7 @@ impl Supervisor {
         }
     }
 
-    /// One round, without what is asked.
+    /// One cycle without requests.
     pub(super) fn poll(&mut self) -> Answer {
         self.poll_heartbeats()?;
         self.poll_children()?;
@@ -70,10 +69,10 @@ impl Supervisor {
                 }
                 Change::Silent(name, seconds) => self.handle_hang(name, *seconds),
                 Change::Starved(name, seconds) => self.announcer.warn(&format!(
-                    "{name} has shown no sign of life for {seconds} s, because the machine has no time for it: look for what else runs here"
+                    "{name} has shown no sign of life for {seconds} s, because it gets no processor time: look for other programs that load this machine"
                 )),
                 Change::Blocked(name, seconds) => self.announcer.warn(&format!(
-                    "{name} has shown no sign of life for {seconds} s, because it waits for its disk: it is left alone, and goes on when the disk answers; look at the disk and at what else writes to it"
+                    "{name} has shown no sign of life for {seconds} s, because it waits for its disk: it is not killed and continues when the disk answers; check the disk and what else writes to it"
                 )),
                 Change::Back(name) => self.announcer.warn(&format!("{name} is back")),
             }
@@ -85,7 +84,7 @@ impl Supervisor {
         if changes.is_empty() { Ok(()) } else { self.publish_table() }
     }
 
-    /// A process that hangs is as one that died: where it is started again, it is ended for that.
+    /// Reports a process that hangs, and kills it if its policy restarts it.
     fn handle_hang(&mut self, name: &str, seconds: u64) {
         let Some(child) = self.process_set.find(name) else { return };
         let (member, again) = (child.member.clone(), child.member.restart.again);
@@ -96,12 +95,12 @@ impl Supervisor {
         let sentence =
             format!("{name} has shown no sign of life for {seconds} s, because it was stopped or hangs: {means}");
         if member.role == Role::Recorder {
-            self.recording.record_failure(&format!("the recorder gave no sign of life for {seconds} s"));
+            self.recording.record_failure(&format!("the recorder sent no heartbeat for {seconds} s"));
         }
         self.announcer.error(&sentence);
     }
 
-    /// Says when the computer has no time for the robot, and when it has again.
+    /// Reports when the computer becomes too busy for the robot, and when it recovers.
     fn poll_computer_load(&mut self) {
         match self.busy.look(clock::now_ns()) {
             Some(busy::Change::Busy(share)) => {
@@ -116,7 +115,7 @@ impl Supervisor {
         }
     }
 
-    /// What belongs into this run folder, and what becomes of earlier ones.
+    /// Updates the run folder, and reports the recovery of earlier runs.
     fn poll_run_files(&mut self) -> Answer {
         while let Some(request) = self.requests.receive()? {
             if (request.answered, request.accepted) == (1, OperatorRequest::ACCEPTED)
@@ -137,14 +136,14 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Says what is not being recorded.
+    /// Reports gaps and losses of the recording.
     pub(super) fn poll_recording(&mut self) -> Answer {
         for said in self.recording.poll(clock::now_ns())? {
             match said {
                 RecordingEvent::Stopped(sentence) => {
                     self.announcer.error(&sentence);
-                    // The recorder waits a second before it begins the next file: what that begins with is there by
-                    // then.
+                    // The recorder waits a second before it begins the next file; until then the files that it attaches
+                    // are restored.
                     self.restore_folder();
                 }
                 RecordingEvent::Resumed(sentence) => {
@@ -157,7 +156,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Says what has become of earlier runs.
+    /// Reports the recovery of earlier runs.
     pub(super) fn report_recovery(&mut self, news: Vec<RecoveryEvent>) {
         for news in news {
             match news {
@@ -176,7 +175,7 @@ impl Supervisor {
                 ended.push(child.member.name.clone());
             }
             if child.kill_if_overdue(now) {
-                self.announcer.warn(&format!("{} does not end by itself and is killed", child.member.name));
+                self.announcer.warn(&format!("{} did not end in time and is killed", child.member.name));
             }
             let starting = child.member.sends_heartbeats && child.ready_ns.is_none() && child.exit.is_none();
             if starting && !child.overdue && child.asked.is_none() && now >= child.started_ns + READY_NS {
@@ -201,7 +200,7 @@ impl Supervisor {
             self.publish_table()?;
         }
         if let Some(why) = self.cleanup.poll(now) {
-            self.announcer.warn(&format!("what a dead process left is not removed yet: {why}"));
+            self.announcer.warn(&format!("the remains of a dead process in shared memory are not removed yet: {why}"));
         }
         for (member, restarts) in due {
             self.start_again(&member, restarts)?;
@@ -209,7 +208,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Says how a process ended, and decides what follows.
+    /// Reports how a process ended, and decides what follows.
     fn has_ended(&mut self, name: &str) -> Answer {
         if self.succeed(name) {
             return Ok(());
@@ -219,7 +218,7 @@ impl Supervisor {
         let how = child.ending();
         match asked {
             Some((_, then)) => {
-                self.announcer.info(&format!("{name} {how}, as it was asked to"));
+                self.announcer.info(&format!("{name} {how}, as requested"));
                 match then {
                     Then::Stay => {}
                     Then::Again => {
@@ -231,7 +230,7 @@ impl Supervisor {
             }
             None => {
                 let died = child.has_died();
-                // One that hung has not ended by what it said last.
+                // The last diagnostic of a hung process does not explain its end.
                 let words = child.last_diagnostic().filter(|_| !child.hung).map(|words| format!(" ({words})"));
                 let words = words.unwrap_or_default();
                 let well_ns = child.ready_ns.map_or(0, |ready_ns| clock::now_ns().saturating_sub(ready_ns));
@@ -244,7 +243,7 @@ impl Supervisor {
                     }
                     Verdict::GaveUp => {
                         child.gave_up = true;
-                        ("; it has died too often to be started again by itself".to_owned(), LossState::Dead)
+                        ("; it died too often to be restarted automatically".to_owned(), LossState::Dead)
                     }
                 };
                 if died {
@@ -269,7 +268,7 @@ impl Supervisor {
     fn start_again(&mut self, member: &ProcessSpec, mut restarts: Restarts) -> Answer {
         restarts.again();
         self.announcer.warn(&format!("starting {} again", member.name));
-        // A machine without room for one more process is no reason to leave the others alone.
+        // A failed restart must not stop the supervision of the other processes.
         if let Err(failure) = self.launch(member, restarts) {
             self.announcer.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
             if let Some(child) = self.process_set.find(&member.name).filter(|child| child.exit.is_some()) {
@@ -279,7 +278,7 @@ impl Supervisor {
         self.publish_table()
     }
 
-    /// What the loss of that process means now, what comes `next` by itself, and what helps.
+    /// Consequence of the loss of that process, the automatic action `next`, and the remedy.
     fn consequence_of(&self, member: &ProcessSpec, fate: LossState, next: &str) -> String {
         let other = self.process_set.standby_of(member);
         let means = match other {
@@ -292,7 +291,7 @@ impl Supervisor {
         }
     }
 
-    /// Publishes the supervisor's own beat if it is due.
+    /// Publishes the supervisor's heartbeat if it is due.
     pub(super) fn heartbeat_if_due(&mut self) -> Answer {
         let now = clock::now_ns();
         if now >= self.last_beat_ns + BEAT_NS {

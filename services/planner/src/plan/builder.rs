@@ -21,7 +21,7 @@ impl Plan {
     /// numbered from `first_id`.
     ///
     /// # Errors
-    /// The first thing that is wrong: where, which cable, how much.
+    /// The first violated limit: where, which cable, by how much.
     pub fn new(
         mission: &Mission,
         config: &PlannerConfig,
@@ -138,7 +138,7 @@ impl<'a> Builder<'a> {
             if (path.start() - self.at).norm() >= THERE_M {
                 self.path(leg, Path::line(self.at, path.start()), None)?;
             }
-            // Also where it is very short: the segments that follow must connect.
+            // Also if it is very short: the following segments must connect.
             self.at = path.start();
             self.mark = Some(Mark { segment: number, along });
             if along == 0.0 {
@@ -285,7 +285,7 @@ impl<'a> Builder<'a> {
         self.path(leg, path, speed_m_s)
     }
 
-    /// Searches the µ of [`Builder::best_parabola`].
+    /// Searches the sag µ of [`Builder::best_parabola`], 1/m.
     fn sagging(&self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<Path, PlanError> {
         let limits = self.limits(leg, speed_m_s)?;
         let (robot, method, from, price_w) =
@@ -354,7 +354,7 @@ impl<'a> Builder<'a> {
             .map_err(|error| PlanError::Profile { leg, error })
     }
 
-    /// Returns whether a path can be flown from the present point.
+    /// Plans and checks a path from the present point, without adding it.
     fn tried(&self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(Segment, Report), PlanError> {
         self.checked(leg, path, self.profile(leg, &path, speed_m_s)?)
     }

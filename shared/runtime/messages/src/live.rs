@@ -1,6 +1,6 @@
 //! Validity of samples of the control chain: the only place that judges life, cycle and age.
 //!
-//! A sample of the chain says in its header which life of motor-io and which cycle it belongs to. motor-io counts its
+//! The header of a sample of the chain names the life of motor-io and the cycle that it belongs to. motor-io counts its
 //! cycles from 1 in every life, and a channel may still hold samples of a dead or a faulty process. A consumer that
 //! acts on samples therefore calls [`standing`] and acts only on [`Standing::Live`]; one that keeps history, such as
 //! the sensor logger or an analysis, calls [`same_life`]; the recorder records everything.

@@ -102,10 +102,10 @@ macro_rules! layout {
         #[repr(C)]
         #[derive(Debug, Clone, Copy, PartialEq, $crate::expanded::bytemuck::Pod, $crate::expanded::bytemuck::Zeroable)]
         #[bytemuck(crate = "::messages::expanded::bytemuck")]
-        #[allow(missing_docs)] // the name and its unit suffix say it; a comment stands where they do not
+        #[allow(missing_docs)] // name and unit suffix are the documentation; other fields have a comment
         pub struct $name { $( $(#[$inner])* pub $field: $type ),* }
 
-        #[allow(missing_docs)] // choices of a field: the names say it
+        #[allow(missing_docs)] // choices of a field: the names are the documentation
         impl $name {
             $( $( $( $(#[$cdoc])* pub const $constant: <$type as $crate::Field>::Element = $value; )* )? )*
 

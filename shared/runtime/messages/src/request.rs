@@ -164,9 +164,9 @@ impl SlotRole {
 /// One of the two slots of a role.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slot {
-    /// The first.
+    /// Slot a.
     A,
-    /// The second.
+    /// Slot b.
     B,
 }
 
@@ -228,21 +228,21 @@ pub enum Request {
     Reset,
     /// motor-io: the node is at this position.
     ZeroAt {
-        /// m.
+        /// Position of the node, m.
         position_m: [f64; 3],
     },
     /// motor-io: the cables have these lengths.
     ZeroLengths {
-        /// One per cable, m.
+        /// Length of each cable, m.
         lengths_m: ArrayVec<f64, CABLES>,
     },
     /// motor-io: the restored position holds.
     ConfirmPosition,
     /// motor-io: moves one cable slowly.
     Jog {
-        /// From 1.
+        /// Number of the cable, from 1.
         cable: u8,
-        /// m; positive pays out.
+        /// Length to move, m; positive pays out.
         distance_m: f64,
     },
     /// motor-io: as [`Request::Hold`].
@@ -251,7 +251,7 @@ pub enum Request {
     Resume,
     /// motor-io: sets the rate of the plan clock.
     Speed {
-        /// 0 to 1.
+        /// Rate, 0 to 1.
         rate: f64,
     },
     /// motor-io: puts a slot in charge.
@@ -270,7 +270,7 @@ pub enum Request {
     },
     /// planner: moves the node to a point.
     Goto {
-        /// m.
+        /// Target of the node, m.
         to_m: [f64; 3],
         /// Shape of the path.
         path: GotoPath,
@@ -293,7 +293,7 @@ pub enum Request {
     },
     /// supervisor: starts a role, a process of the table, or a `[[process]]` of the system file.
     StartProcess {
-        /// Which.
+        /// Name of the process.
         name: String,
         /// For a controller or an estimator: the slot; `None`: the first free one.
         slot: Option<Slot>,
@@ -302,12 +302,12 @@ pub enum Request {
     },
     /// supervisor: ends a process.
     StopProcess {
-        /// Which.
+        /// Name of the process.
         name: String,
     },
     /// supervisor: ends a process if it runs, and starts it.
     RestartProcess {
-        /// Which.
+        /// Name of the process.
         name: String,
     },
     /// supervisor: starts a program that is not in the system file.
@@ -323,14 +323,14 @@ pub enum Request {
     },
     /// supervisor: ends a plugged process and removes it from the table.
     Unplug {
-        /// Which.
+        /// Name of the process.
         name: String,
     },
     /// supervisor: sets a parameter of every process of a role, until the run ends.
     Set {
         /// Key in the system file.
         key: String,
-        /// As TOML.
+        /// New value as TOML.
         value: String,
     },
 }
@@ -341,11 +341,11 @@ pub enum EncodeError {
     /// A text is longer than its field.
     #[error("{what} has {bytes} bytes, and a request holds {room}; shorten it, or put a long command into a script")]
     TooLong {
-        /// Which text.
+        /// Description of the text.
         what: &'static str,
-        /// Its length.
+        /// Length of the text, bytes.
         bytes: usize,
-        /// Length of the field.
+        /// Length of the field, bytes.
         room: usize,
     },
     /// A text contains a character that separates texts.
@@ -369,7 +369,7 @@ pub enum DecodeError {
         verb: u8,
         /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// Value of the field.
         value: u8,
     },
     /// A text is not UTF-8.

@@ -1,7 +1,7 @@
-//! Reading a ROS 2 definition back: which number stands where in a sample of a type this build was not compiled with.
+//! Parser of ROS 2 definitions: finds the numbers in samples of types that this build does not contain.
 //!
-//! The parser is strict. It accepts the subset that every reader of run files decodes alike, and it refuses what would
-//! make one of them fail or, worse, read the wrong bytes without a word:
+//! The parser is strict. It accepts only the subset that every reader of run files decodes alike. It rejects text that
+//! would make a reader fail or silently read the wrong bytes:
 //! * numbers (`bool`, `int8` ... `uint64`, `float32`, `float64`), fixed arrays of them, and nested types by their
 //!   two-part name;
 //! * integer constants, decimal, in upper case; they name the values of the next field if it has the same type;
@@ -27,7 +27,7 @@ pub use flaw::{Flaw, SchemaError};
 
 use limits::{BYTES, DEPTH, FIELDS, SEPARATOR_LENGTH};
 
-/// A kind of number.
+/// Number type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[allow(missing_docs)] // the names say it
 pub enum Primitive {
@@ -77,7 +77,7 @@ impl Primitive {
         }
     }
 
-    /// Bytes; also its alignment.
+    /// Size, bytes; also the alignment.
     #[must_use]
     pub const fn size(self) -> usize {
         match self {
@@ -124,7 +124,7 @@ pub struct SchemaField {
 }
 
 impl SchemaField {
-    /// Bytes it takes.
+    /// Size, bytes.
     #[must_use]
     pub fn size(&self) -> usize {
         self.primitive.size() * self.count.unwrap_or(1)
@@ -273,10 +273,10 @@ pub enum Number {
 }
 
 impl Number {
-    /// The number that stands at the beginning of `bytes`, little endian.
+    /// Reads the number at the beginning of `bytes`, little endian.
     ///
     /// # Panics
-    /// There are fewer bytes than the number has.
+    /// `bytes` is shorter than the number.
     #[must_use]
     pub fn read(primitive: Primitive, bytes: &[u8]) -> Self {
         let mut wide = [0_u8; 8];
@@ -294,7 +294,7 @@ impl Number {
         }
     }
 
-    /// The nearest `f64`; exact but for integers beyond 2^53.
+    /// The nearest `f64`; exact except for integers beyond 2^53.
     #[must_use]
     pub fn as_f64(self) -> f64 {
         match self {
@@ -317,9 +317,9 @@ impl fmt::Display for Number {
     }
 }
 
-/// The names and the own lines of the definitions in a complete text; the first has the name `""`.
+/// Splits a complete text into the names and lines of its definitions; the first has the name `""`.
 ///
-/// This splits only; it is for whoever has to compare or rename nested types.
+/// It does not validate them. Use it to compare or rename nested types.
 #[must_use]
 pub fn split(text: &str) -> Vec<(&str, &str)> {
     let separator = "=".repeat(SEPARATOR_LENGTH);
@@ -349,7 +349,7 @@ fn is_snake(name: &str) -> bool {
         && !name.ends_with('_')
 }
 
-/// As field names these stop the readers that make Python attributes of them.
+/// Rejected as field names, because some readers turn fields into Python attributes.
 const PYTHON_KEYWORDS: [&str; 32] = [
     "and", "as", "assert", "async", "await", "break", "class", "continue", "def", "del", "elif", "else", "except",
     "finally", "for", "from", "global", "if", "import", "in", "is", "lambda", "nonlocal", "not", "or", "pass", "raise",

@@ -1,9 +1,9 @@
-//! Life signs, the log, the process table, and the state of the recording.
+//! Heartbeats, the log, the process table, and the state of the recording.
 
 use crate::{Header, message};
 
 message! {
-    /// `system/heartbeat/NAME`: sign of life of a process, with the timing of its loop.
+    /// `system/heartbeat/NAME`: heartbeat of a process, with the timing of its loop.
     pub struct Heartbeat {
         header: Header,
         /// Increases with every beat.
@@ -51,7 +51,7 @@ message! {
         restarts: u32,
         exit_code: i32,
         signal: i32,
-        /// RUNNING: runs without heartbeats. GAVE_UP: died too often to be started again. GONE: removed from the table.
+        /// RUNNING: runs without heartbeats. GAVE_UP: died too often to be restarted. GONE: removed from the table.
         state: u8 {
             STATE_STOPPED = 0, STATE_STARTING = 1, STATE_READY = 2, STATE_STOPPING = 3, STATE_DIED = 4, STATE_SILENT = 5, STATE_GAVE_UP = 6,
             STATE_RUNNING = 7, STATE_GONE = 8,

@@ -82,7 +82,7 @@ mod tests {
                 "the disk is full: make ...; ask again",
             ),
             ("ab cd ef gh ij kl mn: do this", 22, "ab cd ef ...: do this"),
-            // A cure that takes more than its share is as any other words.
+            // A cure that exceeds its share is shortened like any other text.
             ("short; a cure that is longer than all of the room here", 20, "short; a cure ..."),
         ] {
             let mut field = vec![b'x'; room];

@@ -1,14 +1,13 @@
 //! Limits of a definition.
 
-/// Fields of one sample at most, after nested types are laid out; more than any sample has, little enough to be kept in
-/// memory.
+/// Most fields of one sample, after nested types are laid out: more than any sample has, few enough to fit in memory.
 pub(super) const FIELDS: usize = 65_536;
 
-/// Bytes of one sample at most.
+/// Largest sample, bytes.
 pub(super) const BYTES: usize = 1 << 30;
 
-/// Types within types at most.
+/// Deepest nesting of types.
 pub(super) const DEPTH: usize = 16;
 
-/// Between the definitions.
+/// Length of the separator between definitions, characters.
 pub(super) const SEPARATOR_LENGTH: usize = 80;
