@@ -95,7 +95,7 @@ note_ignored_tests() {
     done < <(git grep '#\[ignore = ' -- '*.rs')
 }
 
-# Prints the notes; false where more live tests were repeated than permitted.
+# Prints the notes, with a warning where more live tests were repeated than a quiet machine needs.
 show_notes() {
     local kind count permitted=3
     for kind in "left out" "repeated"; do
@@ -105,8 +105,7 @@ show_notes() {
         sed -n "s/^$kind\t\([^\t]*\)\t/    \1: /p" "$NIMS_TEST_NOTES" | sort -u >&2
     done
     if [ "${count:-0}" -gt "$permitted" ]; then
-        say "$count live tests were repeated; at most $permitted may be: see above what the machine did meanwhile"
-        return 1
+        say "WARNING: $count live tests were repeated; a quiet machine needs at most $permitted: see above what the machine did meanwhile"
     fi
 }
 
@@ -145,13 +144,18 @@ check_links() {
     RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --workspace --document-private-items
 }
 
-# The oldest toolchain that is promised, `rust-version`, compiles everything.
+# The oldest toolchain that is promised, `rust-version`, compiles everything; with NIMS_OLDEST=1, because it takes some
+# minutes. Without it, clippy's lint incompatible_msrv finds what the standard library of that toolchain lacks.
 check_oldest_toolchain() {
     local oldest
     oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    if [ -z "${NIMS_OLDEST:-}" ]; then
+        leave_out "a build with the oldest toolchain, $oldest" "NIMS_OLDEST=1 scripts/test"
+        return
+    fi
     if ! cargo "+$oldest" --version >/dev/null 2>&1 &&
         ! rustup toolchain install "$oldest" --profile minimal --no-self-update >/dev/null 2>&1; then
-        leave_out "the oldest toolchain, $oldest" "it is not here and rustup cannot install it"
+        leave_out "a build with the oldest toolchain, $oldest" "it is not here and rustup cannot install it"
         return
     fi
     cargo "+$oldest" check --quiet --workspace --lib --bins --target-dir "${CARGO_TARGET_DIR:-target}/oldest"

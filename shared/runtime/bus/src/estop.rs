@@ -44,7 +44,7 @@ pub struct Receiver {
 /// An emergency stop that has arrived.
 #[derive(Debug)]
 pub struct Stop {
-    /// The sender's request; always a [`Request::Estop`](messages::Request::Estop).
+    /// The sender's request; always a [`messages::Request::Estop`].
     pub request: OperatorRequest,
     number: [u8; 8],
     from: Option<SocketAddr>,
