@@ -1,11 +1,11 @@
-//! Lines of comments and documentation have at most 120 columns, as code has by `rustfmt.toml`.
+//! Lines of comments and documentation have at most 120 columns, the limit that `rustfmt.toml` sets for code.
 
 use architecture::root;
 use std::path::{Path, PathBuf};
 
 const COLUMNS: usize = 120;
 
-/// Files below a folder that have comments, except what is built or fetched.
+/// Files below a folder that have comments, except build outputs and downloads.
 fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
