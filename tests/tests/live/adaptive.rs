@@ -149,7 +149,7 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
         // two tracks with different values.
         assert!(missed_m < 0.5 * FINE_M + 0.02, "{missed_m}");
         assert!(farthest_m < 1.25 * COARSE_M, "{farthest_m}");
-        // and enough of the rest could have been flown in vain
+        // and there are places far from an edge that the fine lines could have covered
         assert!(from_edge_m(LOW_M) > 2.0 * COARSE_M && from_edge_m(HIGH_M) > 1.5 * COARSE_M);
     });
 }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// A second of control cycles.
 const SECOND: u64 = 100;
-/// Lengths that differ by less count as equal: half an encoder step of 0.1 mm, with a margin.
+/// Tolerance for equal lengths, m: a multiple of an encoder's step of 0.1 mm.
 const SAME_M: f64 = 0.002;
 
 fn cycles_in(run: &Path) -> BTreeSet<u64> {
