@@ -1,5 +1,5 @@
-//! Prints how exactly three and four lines follow the spiral and the piecewise-linear path, with and without correction
-//! for stretch. `HORIZON=20` (say) sets the law's horizon in cycles for all flights.
+//! Prints how exactly robots with three and four cables follow the spiral and the piecewise-linear path, with and
+//! without correction for stretch. For example, `HORIZON=20` sets the law's horizon in cycles for all flights.
 
 use nims_tests::{lockstep, scenarios};
 

@@ -1,6 +1,6 @@
-//! Flies the golden run again and writes it over the one in `tests/golden`, which the test `replay` computes again. To
-//! be done after a change that is meant to change what estimator, controller, arbiter or safety machine decide; say in
-//! the commit why they do.
+//! Flies the golden run again and overwrites the one in `tests/golden`, which the test `replay` recomputes. Use it
+//! after an intended change of what estimator, controller, arbiter or safety machine decide, and give the reason in the
+//! commit.
 
 use nims_tests::golden;
 

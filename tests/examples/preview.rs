@@ -1,5 +1,5 @@
 //! Prints how the preview law follows, as ratios to the paper's law in the same run: with delay and lag identified in
-//! flight, known exactly, 10 %, 30 % and a factor of 2 off, the last with and without the fallback.
+//! flight, known exactly, and off by 10 %, by 30 % and by a factor of 2, the last with and without the fallback.
 //! `CASES=1` flies only the first case.
 
 use nims_tests::{laws, scenarios};

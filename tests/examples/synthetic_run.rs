@@ -1,6 +1,6 @@
 //! Writes a run of any length as the recorder would, from lockstep flights: `synthetic_run FILE.mcap [SECONDS] [BOX]
-//! [MISSION]`. For measuring what reads runs: an hour takes minutes to fly, and `nims report` has to be done with it in
-//! seconds.
+//! [MISSION]`. It provides input for timing programs that read runs: an hour takes minutes to fly, and `nims report`
+//! must read it within seconds.
 
 use nims_tests::recorded::record;
 use nims_tests::scenarios::Case;

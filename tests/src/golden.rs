@@ -7,25 +7,25 @@ use anyhow::Result;
 use crate::record;
 use crate::scenarios::Case;
 
-/// Records it again, after a change that is meant to alter decisions.
+/// The command that records it again, after an intended change of decisions.
 pub const RENEW: &str = "cargo run --example golden";
-/// Five seconds.
+/// Cycles of the flight: five seconds.
 const CYCLES: u64 = 250;
 
-/// The folder with the file and the configuration that it is flown with.
+/// The folder with the run file and its configuration.
 pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("golden")
 }
 
-/// The file.
+/// The run file.
 pub fn file() -> PathBuf {
     folder().join("run.mcap")
 }
 
-/// Flies it into another file.
+/// Flies the golden run and writes it into another file.
 ///
 /// # Errors
-/// What is wrong with the flight.
+/// If the flight fails.
 pub fn fly(path: &Path) -> Result<PathBuf> {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     record::fly(path, &folder().join("system.toml"), &case, CYCLES)

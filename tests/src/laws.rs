@@ -1,4 +1,4 @@
-//! The preview law against the paper's law, on the same flights.
+//! The preview law compared with the paper's law, on the same flights.
 
 use anyhow::{Context, Result};
 use cable_control::drive_lag::DriveLag;
@@ -8,14 +8,14 @@ use controller::Law;
 use crate::lockstep::{self, Flight, Lockstep};
 use crate::scenarios::Case;
 
-/// What the preview law knows of the drives.
+/// The drive model that the preview law gets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Knowledge {
-    /// Heads its column.
+    /// Heading of its column.
     pub name: &'static str,
-    /// Delay and lag as a multiple of the true ones; `None`: nothing, it identifies them in flight.
+    /// Delay and lag as a multiple of the true ones; `None`: identified in flight.
     pub factor: Option<f64>,
-    /// Whether it falls back.
+    /// Whether the fallback is enabled.
     pub fallback: bool,
 }
 
@@ -36,7 +36,7 @@ pub fn all() -> Vec<Knowledge> {
     ]
 }
 
-/// Heads the rows of [`Comparison::row`].
+/// Headings of the rows of [`Comparison::row`].
 pub const HEADING: &str = "\
 |       |          | motor, ms | as identified, ms | lq-endpoint | lq-endpoint rms / preview rms (truth against setpoint), above 1: preview is better |
 | robot | mission  | delay/lag | delay/lag         | rms, mm     | identified, exact, -10 %, +10 %, -30 %, +30 %, half, double; half and double without fallback |
@@ -45,16 +45,17 @@ pub const HEADING: &str = "\
 /// One case flown with both laws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// With the paper's law.
+    /// Result with the paper's law.
     pub paper: Flight,
-    /// What a step test says about the drives.
+    /// Delay and lag of the drives by a step test.
     pub truth: DriveLag,
-    /// With the preview law; `None`: the robot stopped itself on the way.
+    /// Result with the preview law; `None` if the robot stopped itself on the way.
     pub preview: Vec<Option<Flight>>,
 }
 
 impl Comparison {
-    /// RMS of the paper's law over that of the preview law, truth against setpoint; 0 where the flight was stopped.
+    /// RMS error of the paper's law divided by that of the preview law, truth against setpoint; 0 if the flight was
+    /// stopped.
     pub fn ratio(&self, index: usize) -> f64 {
         match self.preview.get(index) {
             Some(Some(flight)) => self.paper.truth.rms_m / flight.truth.rms_m,
@@ -62,7 +63,7 @@ impl Comparison {
         }
     }
 
-    /// As a line of text.
+    /// The comparison as a text line.
     pub fn row(&self, case: &Case) -> String {
         let ratios: Vec<String> = (0..self.preview.len()).map(|i| format!("{:5.2}", self.ratio(i))).collect();
         format!(
@@ -79,10 +80,10 @@ impl Comparison {
     }
 }
 
-/// The drives as the preview law itself identifies them at the start of the mission.
+/// The drives as the preview law identifies them at the start of the mission.
 ///
 /// # Errors
-/// Nothing identified within five seconds.
+/// If nothing is identified within five seconds.
 pub fn identified(case: &Case) -> Result<DriveLag> {
     let mut scenario = case.scenario(true)?;
     scenario.law = law(None, true)?;
@@ -99,15 +100,15 @@ pub fn identified(case: &Case) -> Result<DriveLag> {
     anyhow::bail!("no model of the drives within five seconds of flight")
 }
 
-/// The preview law with a model or without, falling back or not.
+/// The preview law with or without a model, and with or without the fallback.
 ///
 /// # Errors
-/// A model out of range.
+/// If the model is out of range.
 pub fn law(model: Option<DriveLag>, fallback: bool) -> Result<Law> {
     let section = ControllerSection {
         law: ControlLaw::Preview,
         drive_lag_s: model.map(|model| [model.delay_s(), model.lag_s()]),
-        // What is told is to be judged, not what is found out.
+        // The test judges the given model, not the identified one.
         identify: model.is_none(),
         misfit_limit: if fallback { ControllerSection::default().misfit_limit } else { f64::INFINITY },
         ..ControllerSection::default()
@@ -118,7 +119,7 @@ pub fn law(model: Option<DriveLag>, fallback: bool) -> Result<Law> {
 /// Flies a case with the paper's law and with the preview law.
 ///
 /// # Errors
-/// A flight with the paper's law that fails.
+/// If a flight with the paper's law fails.
 pub fn compare(case: &Case, knowledge: &[Knowledge]) -> Result<Comparison> {
     let paper = lockstep::fly(case.scenario(true)?).context("with lq-endpoint")?;
     let truth = identified(case)?;

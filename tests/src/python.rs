@@ -1,11 +1,11 @@
-//! The Python that has what the tests compare against.
+//! The Python interpreter with the packages that the tests compare with.
 
 use std::path::{Path, PathBuf};
 
-/// The one in `NIMS_PYTHON`, or that of `.venv`.
+/// The interpreter in `NIMS_PYTHON`, or that of `.venv`.
 ///
 /// # Panics
-/// There is none.
+/// If there is no such interpreter.
 #[must_use]
 pub fn python() -> PathBuf {
     let own = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../.venv/bin/python");

@@ -1,4 +1,4 @@
-//! Flights in lockstep, written into a run file as the recorder would write them.
+//! Flights in lockstep, written into a run file in the format of the recorder.
 
 use std::collections::HashMap;
 use std::fs;
@@ -14,12 +14,12 @@ use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunWriter};
 use crate::lockstep::{Chain, Cycle, Lockstep, Slots};
 use crate::scenarios::Case;
 
-/// motor-io publishes `energy` once in so many cycles.
+/// Cycles between two samples of `energy`, as in motor-io.
 const ENERGY_CYCLES: u64 = 10;
-/// When every such flight is said to have been flown, UNIX time, ns: the same bytes every time.
+/// Start time of every such flight, UNIX time, ns; fixed, so that the file always has the same bytes.
 const BEGAN_UNIX_NS: u64 = 1_767_225_600_000_000_000;
 
-/// A run file in the making.
+/// A run file that is being written.
 pub struct Tape {
     writer: RunWriter,
     channels: HashMap<String, (ChannelId, u64)>,
@@ -30,7 +30,7 @@ impl Tape {
     /// Begins a file with the system file at `system_path` and its robot file inside.
     ///
     /// # Errors
-    /// What is wrong with the files.
+    /// If the files are wrong.
     pub fn new(path: &Path, system_path: &Path) -> Result<Self> {
         let robot = SystemFile::load(system_path)?.robot;
         let attachment = |name: &str, path: &Path| -> Result<Attachment> {
@@ -45,7 +45,7 @@ impl Tape {
     /// Numbers a sample and writes it.
     ///
     /// # Errors
-    /// Those of writing.
+    /// If writing fails.
     pub fn write<T: Message>(&mut self, channel: &str, mut sample: T) -> Result<()> {
         if !self.channels.contains_key(channel) {
             let id = self.writer.add_channel(&ChannelSpec::of::<T>(channel))?;
@@ -58,17 +58,17 @@ impl Tape {
         Ok(self.writer.write(*id, *seq, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample))?)
     }
 
-    /// A sample that was published and not recorded.
+    /// Counts a sample that was published and not recorded.
     pub fn miss(&mut self, channel: &str) {
         if let Some((_, seq)) = self.channels.get_mut(channel) {
             *seq += 1;
         }
     }
 
-    /// Everything that a cycle produced.
+    /// Writes everything that a cycle produced.
     ///
     /// # Errors
-    /// Those of writing.
+    /// If writing fails.
     pub fn cycle(&mut self, cycle: &Cycle, slots: &Slots) -> Result<()> {
         self.write("motor/input", cycle.input)?;
         self.write("motor/state", cycle.state)?;
@@ -94,17 +94,17 @@ impl Tape {
     /// Closes the file.
     ///
     /// # Errors
-    /// Those of writing.
+    /// If writing fails.
     pub fn finish(self) -> Result<PathBuf> {
         Ok(self.writer.finish(&Default::default())?)
     }
 }
 
-/// A flight with all that happens in one: zeroing, arming, moving, a swap of the controllers, a pause, the death of the
+/// A flight with all kinds of events: zeroing, arming, moving, a swap of the controllers, a pause, the death of the
 /// estimator in charge, a stop.
 ///
 /// # Errors
-/// What is wrong with the files, or with the flight.
+/// If the files are wrong, or the flight fails.
 pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<PathBuf> {
     let file = SystemFile::load(system_path)?;
     let mut scenario = case.scenario(true)?;
@@ -146,11 +146,11 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
     tape.finish()
 }
 
-/// A copy of a system file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with
-/// other words in it, such as `("controller", "law", "preview")`.
+/// A copy of a system file of `configs/systems` (`name`, without its extension) and of its robot file in `folder`, with
+/// replaced values, such as `("controller", "law", "preview")`.
 ///
 /// # Errors
-/// What is wrong with the files.
+/// If the files are wrong.
 pub fn box_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Result<PathBuf> {
     let path = format!("{}/../configs/systems/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     let file = SystemFile::load(Path::new(&path))?;

@@ -1,4 +1,4 @@
-//! Runs of any length with all that a report shows: missions in lockstep, their truth, a sensor.
+//! Runs of any length with everything that a report shows: missions in lockstep, their truth, a sensor.
 
 use anyhow::Result;
 use messages::{PlanStatus, Reading, Request, TruthNode, put_text};
@@ -8,16 +8,16 @@ use crate::lockstep::{Cycle, Lockstep};
 use crate::record::Tape;
 use crate::scenarios::Case;
 
-/// A sensor measures, and the planner says how far it is, once in so many cycles.
+/// Cycles between two readings of the sensor, and between two progress samples of the planner.
 const SLOW_CYCLES: u64 = 10;
 /// Cycles at rest before the mission is flown again.
 const REST_CYCLES: u64 = 50;
 
-/// Flies the mission again and again for so many seconds and writes what there is to be recorded. `truth`: as the
-/// virtual box does.
+/// Flies the mission repeatedly for so many seconds and writes everything that is recorded. `truth`: with the truth
+/// that the virtual motor box publishes.
 ///
 /// # Errors
-/// What went wrong.
+/// If a file is wrong, the flight fails, or writing fails.
 pub fn record(path: &Path, system_path: &Path, case: &Case, seconds: f64, truth: bool) -> Result<()> {
     let scenario = case.scenario(true)?;
     let mission = scenario.mission.clone();

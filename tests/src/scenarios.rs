@@ -1,4 +1,4 @@
-//! The flights that the accuracy of the robot is judged by.
+//! The flights on which the accuracy of the robot is judged.
 
 use anyhow::Result;
 use cable_robot::Robot;
@@ -14,21 +14,21 @@ use crate::lockstep::{Flight, Scenario};
 /// Where the node hangs at the start, m.
 pub const START_M: [f64; 3] = [4.8, 3.0, 0.3];
 
-/// Encoder counts per metre of line: a wheel of 15 mm radius with 1024 counts per turn.
+/// Encoder counts per metre of cable: an idler of 15 mm radius with 1024 counts per turn.
 pub const COUNTS_PER_M: f64 = 10_865.0;
 
 /// One flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
-    /// Robot file in `configs/robots`, without its ending.
+    /// Robot file in `configs/robots`, without its extension.
     pub robot: &'static str,
-    /// Mission file in `configs/missions`, without its ending.
+    /// Mission file in `configs/missions`, without its extension.
     pub mission: &'static str,
     /// Delay and lag of the drives, s.
     pub motor_s: [f64; 2],
 }
 
-/// Three and four lines, spiral and polyline, quick and slow motors.
+/// Three and four cables, spiral and polyline, quick and slow motors.
 pub fn all() -> Vec<Case> {
     let mut cases = Vec::new();
     for robot in ["lab3", "lab4"] {
@@ -44,7 +44,7 @@ pub fn all() -> Vec<Case> {
 /// The robot of a robot file in `configs/robots`.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// If the file is wrong.
 pub fn robot(name: &str) -> Result<Robot> {
     let path = format!("{}/../configs/robots/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     Ok(RobotFile::load(std::path::Path::new(&path))?.robot()?)
@@ -53,7 +53,7 @@ pub fn robot(name: &str) -> Result<Robot> {
 /// A mission of `configs/missions`.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// If the file is wrong.
 pub fn mission(name: &str) -> Result<Mission> {
     let path = format!("{}/../configs/missions/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     Ok(Mission::read(std::path::Path::new(&path))?)
@@ -63,7 +63,7 @@ impl Case {
     /// The flight, with or without correction for stretch.
     ///
     /// # Errors
-    /// What is wrong with the files.
+    /// If the files are wrong.
     pub fn scenario(&self, stretch: bool) -> Result<Scenario> {
         let robot = robot(self.robot)?;
         let anchors = robot.anchors().iter().map(|a| (*a).into()).collect();
@@ -89,10 +89,10 @@ impl Case {
     }
 }
 
-/// NIMS-AQ: box and mission as they come with the project.
+/// NIMS-AQ: system file and mission as distributed with the project.
 ///
 /// # Errors
-/// What is wrong with the files.
+/// If the files are wrong.
 pub fn planar() -> Result<Scenario> {
     let configs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
     let file = SystemFile::load(&configs.join("systems/aq4.toml"))?;
@@ -112,13 +112,13 @@ pub fn planar() -> Result<Scenario> {
     })
 }
 
-/// Heads the rows of [`row`].
+/// Headings of the rows of [`row`].
 pub const HEADING: &str = "\
 |       |          | motor, ms |            | estimate - setpoint, mm | truth - setpoint, mm | truth - chosen tension, N |           |       |        |
 | robot | mission  | delay/lag | correction | rms / max               | rms / max            | rms / max                 | tension N | slack | unsteered |
 |-------|----------|-----------|------------|-------------------------|----------------------|---------------------------|-----------|-------|--------|";
 
-/// One flight as a line of text.
+/// One flight as a text line.
 pub fn row(case: &Case, stretch: bool, flight: &Flight) -> String {
     let mm = |d: crate::lockstep::Deviation| format!("{:5.2} / {:5.2}", d.rms_m * 1e3, d.max_m * 1e3);
     format!(

@@ -1,5 +1,5 @@
-//! Swaps and deaths at instants of a mission: the flight is forked at each, and what happens is compared with what must
-//! hold.
+//! Swaps and deaths at instants of a mission: the flight is forked at each instant, and the result is compared with the
+//! required bounds.
 
 use anyhow::{Context, Result, ensure};
 use cable_control::law::PFeedforward;
@@ -16,9 +16,9 @@ use crate::scenarios::Case;
 /// What happens at an instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Blow {
-    /// A swap of the controllers is asked for.
+    /// A swap of the controllers is requested.
     SwapControllers,
-    /// A swap of the estimators is asked for.
+    /// A swap of the estimators is requested.
     SwapEstimators,
     /// The controller in charge dies.
     KillController,
@@ -26,37 +26,37 @@ pub enum Blow {
     KillEstimator,
 }
 
-/// All of them.
+/// All kinds of events.
 pub const BLOWS: [Blow; 4] = [Blow::SwapControllers, Blow::SwapEstimators, Blow::KillController, Blow::KillEstimator];
 
-/// Cycles that are watched after a blow: announcement, fade and a little more.
+/// Cycles that are checked after an event: announcement, fade and a margin.
 const WATCHED: u64 = 45;
 
-/// What came of it.
+/// Result of all instants of a mission.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Tally {
     /// Instants tried.
     pub instants: u64,
     /// Periods that were not steered by a fresh command.
     pub unsteered: u64,
-    /// Blows after which the other slot was not in charge, or the robot did not go on.
+    /// Events after which the other slot was not in charge, or the robot did not go on.
     pub failed: u64,
-    /// How much more a cable's velocity changed within a cycle than it does in the undisturbed flight, as a share of
-    /// the robot's acceleration limit x period; of what the arbiter chose, before motor-io's own limits.
+    /// How much more a cable's velocity changed within a cycle than in the undisturbed flight, as a share of the
+    /// robot's acceleration limit x period; of the arbiter's choice, before motor-io's limits.
     pub step_share: f64,
-    /// Largest change in a cycle, with what the undisturbed flight changes, and of that flight alone; in the same
-    /// measure.
+    /// Largest change in a cycle, the undisturbed flight's change included, and that of the undisturbed flight alone;
+    /// in the same unit.
     pub whole_share: [f64; 2],
-    /// Cycles in which motor-io's limits changed what was asked for, and in which they do so in the undisturbed flight.
+    /// Cycles in which motor-io's limits changed the command, and the same for the undisturbed flight.
     pub limited: [u64; 2],
-    /// How far the velocities sent came from those of the undisturbed flight, m/s.
+    /// Largest difference of the sent velocities from those of the undisturbed flight, m/s.
     pub beside_m_s: f64,
 }
 
-/// A mission in which everything is there twice, and the slots b are standbys.
+/// A mission with two of every process, where slots b are standbys.
 ///
 /// # Errors
-/// A configuration or a mission that cannot be.
+/// If the configuration or the mission is invalid.
 pub fn doubled(case: &Case, law: Option<Law>) -> Result<Lockstep> {
     let scenario = case.scenario(true)?;
     let Chain { controller, .. } = Chain::new(&scenario)?;
@@ -83,10 +83,10 @@ pub fn doubled(case: &Case, law: Option<Law>) -> Result<Lockstep> {
     Ok(lockstep)
 }
 
-/// Flies on to the end, and strikes every blow in a fork of the flight at `instants` instants, evenly spread over it.
+/// Flies to the end, and applies every event in a fork of the flight at `instants` instants, evenly spread over it.
 ///
 /// # Errors
-/// The flight itself does not go as it must.
+/// If the undisturbed flight fails.
 pub fn try_all(mut lockstep: Lockstep, instants: u64, acceleration_step_m_s: f64) -> Result<[Tally; 4]> {
     let flight = undisturbed(lockstep.fork().context("this law cannot be forked")?)?;
     let following = |cycle: &Cycle| cycle.authority.mode == MotorAuthority::MODE_FOLLOWING;

@@ -1,4 +1,4 @@
-//! Nobody else moves it: what a robot makes is its user's alone.
+//! File permissions: only its user can access what a robot creates, and move the robot.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -12,10 +12,10 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// A user that is not this one.
+/// A user other than the present one.
 const STRANGER: &str = "65533";
 
-/// The folder and everything in it; where a link leads to counts instead of the link.
+/// The folder and everything in it; a link counts as the target that it leads to.
 fn all_below(folder: &Path, into: &mut Vec<PathBuf>) {
     into.push(folder.to_owned());
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -40,7 +40,7 @@ fn stranger(program: &Path, args: &[&str]) -> Output {
 
 #[test]
 fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
-    // Whatever the user's own habits are.
+    // With the most permissive umask.
     let habit = rustix::process::umask(rustix::fs::Mode::empty());
     let mut robot = Robot::up("");
     rustix::process::umask(habit);
@@ -62,7 +62,7 @@ fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
         memory.len()
     );
     assert_eq!(open(&memory), [""; 0]);
-    // What this test itself has made in the folder, it has made with the habit of its user; there the folder protects.
+    // The test itself created files in the folder with its user's umask; there the folder protects them.
     let own = std::process::id().to_string();
     shared.retain(|path| path == &root || !path.is_dir() && !path.to_string_lossy().contains(&own));
     assert_eq!(open(&shared), [""; 0]);
@@ -78,7 +78,7 @@ fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
     if !rustix::process::geteuid().is_root() {
         return notes::left_out("what another user can do to the robot", "only root can act as another user");
     }
-    // Where the programs can be read by everybody, a stranger has them too.
+    // If everybody may read the programs, an unprivileged user can run them.
     let copy = tempfile::tempdir().unwrap();
     fs::set_permissions(copy.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
     let nims = copy.path().join("nims");

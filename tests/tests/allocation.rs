@@ -1,10 +1,10 @@
-//! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is
-//! for `replay`.
+//! Fresh deciding parts that receive a recorded flight again allocate nothing. `replay` checks that they compute the
+//! same bits.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]
 mod counting;
-/// The template for a method of estimation of one's own.
+/// The template for a custom estimation method.
 #[path = "../../scripts/templates/estimator/src/method.rs"]
 mod method;
 
@@ -19,7 +19,7 @@ use nims_tests::scenarios::{self, Case};
 use planner::mission::PathShape;
 use std::hint::black_box;
 
-/// A flight with all that happens in one: zeroing, arming, moving, a pause, going on, a stop.
+/// A flight with all kinds of events: zeroing, arming, moving, a pause, resuming, a stop.
 fn flight(robot: &'static str, shape: PathShape, law: Option<Law>, method: &str) -> (Chain, Vec<Cycle>) {
     let mut scenario = match robot {
         "aq4" => scenarios::planar().unwrap(),

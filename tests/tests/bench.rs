@@ -1,5 +1,5 @@
-//! `nims bench`: every figure is there, the counts add up, and nothing is left of it, however it ends. What the figures
-//! are is for people.
+//! `nims bench`: every figure is present, the counts add up, and nothing is left behind, however it ends. The values of
+//! the figures are not asserted.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -13,10 +13,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 const SHARED_MEMORY: &str = "/dev/shm";
-/// Looks until something has to be so, ten milliseconds apart: a machine may stand still meanwhile.
+/// Polls a condition every ten milliseconds; the limit allows for a machine that stands still.
 const LOOKS: usize = 12_000;
 
-/// Each removes what killed ones have left, also another test's.
+/// A benchmark removes the remains of killed ones, also those of another test.
 static ONE_BENCH: Mutex<()> = Mutex::new(());
 
 fn alone() -> MutexGuard<'static, ()> {
@@ -30,13 +30,13 @@ fn nims(args: &[&str]) -> Child {
     piped.unwrap()
 }
 
-/// `nims bench`; other tests' robots may run on this machine.
+/// Runs `nims bench`; robots of other tests may run on this machine.
 fn bench(runs: &Path, args: &[&str]) -> Child {
     let runs = runs.to_str().unwrap();
     nims(&[&["bench", "--beside", "--runs", runs], args].concat())
 }
 
-/// Its end: exit code, standard output, standard error; and nothing is left.
+/// Its end: exit code, standard output, standard error; checks that nothing is left behind.
 fn ended(child: Child, runs: &Path) -> (Option<i32>, String, String) {
     let pid = child.id();
     let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
@@ -48,10 +48,10 @@ fn memory_of(pid: u32) -> PathBuf {
     Path::new(SHARED_MEMORY).join(format!("nimsbench-{}-{pid}", getuid().as_raw()))
 }
 
-/// What there is of a benchmark in shared memory and on the disk.
+/// Remains of a benchmark in shared memory and on the disk.
 fn left(pid: u32, runs: &Path) -> Vec<PathBuf> {
     let root = memory_of(pid);
-    // as `bus` makes it
+    // the format that `bus` creates
     let prefix = format!("nims{:08x}_", messages::hash_of(root.to_str().unwrap()));
     let inside = |folder: &Path| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>();
     let mut left = inside(Path::new(SHARED_MEMORY));
@@ -74,7 +74,7 @@ fn signal(pid: u32, signal: Signal) {
     kill_process(Pid::from_raw(pid.cast_signed()).unwrap(), signal).unwrap();
 }
 
-/// The other process of a benchmark, if it lives: its parent is field 4 of /proc/PID/stat, its state field 3.
+/// The second process of a benchmark, if it runs: its parent is field 4 of /proc/PID/stat, its state field 3.
 fn peer_of(parent: u32) -> Option<u32> {
     let numbers = fs::read_dir("/proc").unwrap().flatten();
     let mut numbers = numbers.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
@@ -85,7 +85,7 @@ fn peer_of(parent: u32) -> Option<u32> {
     })
 }
 
-/// Until both processes of a benchmark speak with each other over the bus.
+/// Waits until both processes of a benchmark communicate over the bus.
 fn until_both_speak(child: &Child) -> u32 {
     let mut peer = None;
     until("the other process", || {
@@ -180,7 +180,7 @@ fn only_what_is_asked_for_is_measured_for_the_box_that_is_named() {
     let at = |word: &str| out.find(word).unwrap_or_else(|| panic!("no {word:?} in {out}"));
     assert!(at("as motor-io waits") < at("a cycle of the control chain"), "{out}");
     at("200 Hz");
-    // What that box asks for may be permitted or not: each process is said with what it gets.
+    // The requested scheduling may or may not be permitted: the report names each process with what it got.
     at("priorities granted by the kernel: motor-io");
     assert!(!out.contains("bus:") && !out.contains("disk:"), "{out}");
 }

@@ -1,4 +1,4 @@
-//! The virtual motor box speaks to a client that this project did not write: the drive maker's own, unmodified.
+//! Conformance of the virtual motor box with the drive maker's unmodified client.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
-/// Ends the box whatever becomes of the test.
+/// A motor box process that ends with the test.
 struct Ended(Child);
 
 impl Drop for Ended {
@@ -28,8 +28,8 @@ fn program(name: &str) -> PathBuf {
     program
 }
 
-/// Tries, where this computer had no time for the box: the box leaves such time out, and a client goes by its own
-/// clock.
+/// Attempts, in case this computer had no time for the motor box: the box leaves such time out, but a client uses the
+/// wall clock.
 const TRIES: usize = 4;
 
 #[test]
@@ -45,9 +45,9 @@ fn the_drive_makers_client_is_content() {
     }
 }
 
-/// A talk of which the client complained.
+/// An exchange about which the client reported errors.
 struct Talked {
-    /// The box left time out.
+    /// The motor box left time out.
     starved: bool,
     said: String,
 }

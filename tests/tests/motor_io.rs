@@ -1,4 +1,4 @@
-//! The process motor-io against virtual drive units on a pseudo-terminal: what only the real thing shows.
+//! The process motor-io against virtual drive units on a pseudo-terminal: properties that only the real process shows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Longest wait for anything: the machine may stand still for a quarter of a second now and then.
+/// Longest wait for any event: the machine may stand still for a quarter of a second now and then.
 const LONG: Duration = Duration::from_secs(20);
 
 fn binary(name: &str) -> PathBuf {
@@ -17,7 +17,7 @@ fn binary(name: &str) -> PathBuf {
     path.join(name)
 }
 
-/// A box of one port with two units, its files, its domain.
+/// A system with one port and two units, its files, its domain.
 struct Place {
     domain: TestDomain,
     folder: tempfile::TempDir,
@@ -62,7 +62,7 @@ impl Place {
     }
 }
 
-/// A child that does not outlive its test.
+/// A child process that ends with its test.
 struct Running(Child);
 
 impl Running {
@@ -126,14 +126,14 @@ impl Eyes {
         assert!(accepted, "{sentence}");
     }
 
-    /// Breaks something in the motor box, or puts it right.
+    /// Injects a fault into the motor box, or ends it.
     fn fault(&mut self, text: &str) {
         let request = Request::Fault { text: text.to_owned() }.encode().unwrap();
         let answer = self.bus.client("motor-box").unwrap().ask(&request, LONG).unwrap();
         assert_eq!(answer.accepted, 1, "{}", text_of(&answer.answer));
     }
 
-    /// Asks the planner, until it has seen enough to say yes.
+    /// Repeats a request to the planner until it is accepted.
     fn go(&mut self, to: [f64; 3]) {
         let request = Request::Goto { to_m: to, path: GotoPath::Line, speed_m_s: None }.encode().unwrap();
         let give_up = Instant::now() + LONG;
@@ -150,7 +150,7 @@ impl Eyes {
         }
     }
 
-    /// Resets, as soon as the cause is gone.
+    /// Resets as soon as the cause has ended.
     fn reset(&mut self) {
         let give_up = Instant::now() + LONG;
         loop {
@@ -205,7 +205,7 @@ fn after_sigkill_the_position_is_from_before_and_nothing_is_armed() {
     eyes.demand(Request::Jog { cable: 1, distance_m: -0.04 });
     eyes.until("the jog", |_, authority| authority.mode == MotorAuthority::MODE_JOGGING);
     let (before, _) = eyes.until("the end of the jog", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
-    // Kept at most twice a second.
+    // Stored at most twice a second.
     std::thread::sleep(Duration::from_millis(700));
     io.kill();
 
@@ -215,7 +215,7 @@ fn after_sigkill_the_position_is_from_before_and_nothing_is_armed() {
         eyes.until("the restored position", |state, _| state.position_known == MotorState::POSITION_RESTORED);
     assert_eq!((authority.mode, authority.faults), (MotorAuthority::MODE_DISARMED, 0));
     for cable in 0..3 {
-        // The unit went on counting, and an unpowered line may creep.
+        // The unit went on counting, and an unpowered cable may creep.
         assert!((state.length_m[cable] - before.length_m[cable]).abs() < 0.05, "{}", state.length_m[cable]);
     }
     eyes.demand(Request::ConfirmPosition);
@@ -233,9 +233,9 @@ fn a_box_that_dies_is_a_fault_and_its_return_moves_nothing() {
     eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
     box_process.kill();
     let (_, authority) = eyes.until("the fault", |_, authority| authority.mode == MotorAuthority::MODE_FAULTED);
-    // A hiccup of this machine at that moment is named too.
+    // A delay of this machine at that moment is named too.
     assert_eq!(authority.faults & messages::faults::HARD, MotorAuthority::FAULT_LOST_UNIT);
-    // The refusal names the port, and what comes from it.
+    // The refusal names the port, and the consequence.
     let (accepted, sentence) = eyes.ask(Request::Reset);
     assert!(!accepted && sentence.contains("/drive0: "), "{sentence}");
     let _box = place.start("motor-box");
@@ -262,7 +262,7 @@ fn a_plug_pulled_and_put_back_while_holding_costs_no_position() {
     let (before, _) = eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
     eyes.fault("unplug 1");
     let (_, authority) = eyes.until("the fault", |_, authority| authority.mode == MotorAuthority::MODE_FAULTED);
-    // A busy computer may coincide.
+    // A delay of a busy computer may coincide.
     assert_eq!(authority.faults & !MotorAuthority::FAULT_COMPUTER, MotorAuthority::FAULT_LOST_UNIT);
     eyes.fault("plug 1");
     eyes.up();

@@ -1,5 +1,4 @@
-//! `nims new-sensor`: what it writes runs as it is; the one in Python is recorded by a recorder that was there before
-//! it.
+//! `nims new-sensor`: its output runs unmodified; a recorder that was started earlier records the sensor in Python.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -41,7 +40,7 @@ fn until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// `nims new-sensor` in that folder: whether it was done, and what it said.
+/// Runs `nims new-sensor` in that folder; returns its success and its output.
 fn new_sensor(folder: &Path, args: &[&str]) -> (bool, String) {
     let nims = std::env::current_exe().unwrap().parent().unwrap().join("../nims");
     let output = Command::new(nims).arg("new-sensor").args(args).current_dir(folder).output().unwrap();
@@ -111,7 +110,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
         )
     };
     let count = || bus.tap("sensor/example").ok();
-    // One life, and a second one: a sensor that is replaced goes on on the same channel.
+    // One life, and a second one: a replaced sensor continues on the same channel.
     for _ in 0..2 {
         let mut sensor = start();
         let mut heard = 0;
@@ -135,7 +134,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
         report.channels.iter().find(|channel| channel.name == "sensor/example").expect("the channel is recorded");
     assert_eq!(channel.schema, "nims_msgs/msg/Example");
     assert!(channel.messages >= 10, "{}", channel.messages);
-    // By a foreign reader: its own names, and in both lives every sample from within the first second on.
+    // An independent reader sees its names, and in both lives every sample from within the first second on.
     let script = "import sys\nfrom mcap.reader import make_reader\nfrom mcap_ros2.decoder import DecoderFactory\n\
         r = make_reader(open(sys.argv[1], 'rb'), decoder_factories=[DecoderFactory()])\n\
         for _, _, _, m in r.iter_decoded_messages(topics=['/sensor/example']): print(m.header.seq, round(10 * m.value_v), list(m.samples)[3])";
@@ -166,7 +165,7 @@ fn definitions_from_python_are_ours() {
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     let (type_name, rest) = said.split_once('\n').unwrap();
     let (definition, refusals) = rest.split_at(rest.find("refused").unwrap());
-    // Parsed by what the recorder validates plug-ins with.
+    // Parsed with the parser that the recorder uses to validate plug-ins.
     let schema = messages::schema::Schema::parse(definition).unwrap();
     assert_eq!(schema.size(), 48 + 64 + 8 + 2 + 6);
     assert!(schema.has_header());

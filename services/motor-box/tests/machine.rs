@@ -101,7 +101,7 @@ fn what_the_driver_asks_for_is_what_the_cables_do() {
         assert!((truth_m - 0.03 * sign).abs() < 0.001, "cable {cable} moved by {truth_m} m");
         assert!((truth_m - seen_m).abs() < 3.0 / COUNTS_PER_M, "cable {cable}: {truth_m} m, seen {seen_m} m");
     }
-    // Holding pulls: against the count of the first two.
+    // Holding causes a current: against the count of the first two.
     let report = &rig.answers[0].report;
     assert!(report.currents_a.value.iter().all(|&current| current < -0.05), "{:?}", report.currents_a);
     assert!((report.supply_v.value - 24.0).abs() < 0.5 && report.temperature_c.value > 20.0);

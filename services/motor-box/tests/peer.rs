@@ -1,4 +1,4 @@
-//! Whose stalls the box takes for its own: those of a living program that wants a processor, and nobody else's.
+//! The virtual motor box leaves out stalls of its peer: only those of a living program that wants a processor.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -22,9 +22,9 @@ const BOUND: CountBound = CountBound { counts_s: 15_000.0, margin: 0.0 };
 const ANCHORS: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 const SPEED_M_S: f64 = 0.02;
 const WATCHDOG_NS: u64 = 300_000_000;
-/// Tells this program that it is the peer, and where the port is.
+/// Tells this program that it is the peer, and names the port.
 const PEER: &str = "NIMS_TEST_PEER";
-/// Tells the peer to close its port after so many milliseconds, and to go on working.
+/// Tells the peer to close its port after so many milliseconds, and to continue working.
 const CLOSE: &str = "NIMS_TEST_CLOSE";
 
 fn motor_box(link: &Path) -> MotorBox {
@@ -45,7 +45,7 @@ fn motor_box(link: &Path) -> MotorBox {
     MotorBox::new(&config).unwrap()
 }
 
-/// Ends the process whatever becomes of the test.
+/// A process that ends with the test.
 struct Ended(Child);
 
 impl Ended {
@@ -65,7 +65,7 @@ impl Drop for Ended {
     }
 }
 
-/// This test program once more, as the program that drives the box; started by `prefix`, if there is one.
+/// This test program again, as the program that drives the motor box; started by `prefix`, if given.
 fn peer(prefix: &[&str], link: &Path, close_ms: Option<u64>) -> Ended {
     let own = std::env::current_exe().unwrap();
     let mut command = match prefix.split_first() {
@@ -96,7 +96,7 @@ fn the_program_that_drives() {
     let (began, mut moving) = (Instant::now(), None);
     while close_ms.is_none_or(|ms| moving.is_none_or(|since: Instant| since.elapsed() < Duration::from_millis(ms))) {
         let deadline_ns = bus.transport().now_ns() + 10_000_000;
-        // Units move only once they were told to stand still.
+        // Units move only after a command to stand still.
         let speed = if moving.is_some() { Drive::Speed(counts) } else { Drive::HOLD };
         bus.cycle(&[[speed; 2]; 2], deadline_ns, &mut answers);
         if moving.is_none() && answers.iter().all(|answer| answer.outcome.is_ok()) {
@@ -113,7 +113,7 @@ fn the_program_that_drives() {
     }
 }
 
-/// Lives for so long, ns of the box's time; how far the first line ran, m.
+/// Runs for so long, ns of the box's time; returns how far the first cable ran, m.
 fn live(motor_box: &mut MotorBox, box_ns: u64) -> f64 {
     let (until_ns, before_m) = (motor_box.machine().now_ns() + box_ns, length_m(motor_box));
     let give_up = Instant::now() + Duration::from_secs(120);
@@ -128,7 +128,7 @@ fn length_m(motor_box: &MotorBox) -> f64 {
     motor_box.machine().plant().lengths_m().into_iter().next().unwrap()
 }
 
-/// Lives until the lines run.
+/// Runs until the cables move.
 fn until_it_moves(motor_box: &mut MotorBox) {
     let give_up = Instant::now() + Duration::from_secs(60);
     while live(motor_box, 100_000_000) < 0.05 * SPEED_M_S {
@@ -136,7 +136,7 @@ fn until_it_moves(motor_box: &mut MotorBox) {
     }
 }
 
-/// The units' watchdogs have a bound on how far a line runs without a program: their time, and the drives' own lag.
+/// Bound by the units' watchdogs on how far a cable runs without a program: their time, and the drives' lag.
 fn stops(motor_box: &mut MotorBox) {
     let ran_m = live(motor_box, 2_000_000_000);
     assert!(ran_m < 2.0 * SPEED_M_S * WATCHDOG_NS as f64 * 1e-9, "ran on for {ran_m} m");
@@ -188,7 +188,7 @@ fn a_closed_port_stops_nothing_however_busy_its_program_is() {
     assert_eq!(motor_box.kept().program_ns, before.program_ns);
 }
 
-/// A program that nearly never gets the processor drives on without any watchdog: the box waits for it.
+/// A program that rarely gets the processor drives without any watchdog reaction: the motor box waits for it.
 #[test]
 fn a_starved_program_is_waited_for() {
     let folder = tempfile::tempdir().unwrap();
@@ -201,10 +201,10 @@ fn a_starved_program_is_waited_for() {
     {
         return notes::left_out("the box waits for a starved program", "chrt or taskset is missing or not permitted");
     }
-    // A thread of the class that runs only when nothing else wants to, on one processor ..
+    // A thread of the class that runs only on an idle processor, on one processor ..
     let _peer = peer(&["chrt", "--idle", "0", "taskset", "-c", "0"], &link, None);
     until_it_moves(&mut motor_box);
-    // .. with another that always does. It gets some tenths of a percent of the processor, so what it drives is short.
+    // .. with another that never sleeps. It gets some tenths of a percent of the processor, so its motion is short.
     let _busy = Ended::start(Command::new("taskset").args(["-c", "0", "sh", "-c", "while :; do :; done"]));
     let before = motor_box.kept();
     let began_ns = motor_box.machine().now_ns();

@@ -1,4 +1,4 @@
-//! The box as a process of its own: on the bus, and on its ports.
+//! The virtual motor box as a process: on the bus, and on its ports.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -11,7 +11,7 @@ use messages::{OperatorRequest, Request, TruthNode, text_of};
 use motor_box::FaultRequest;
 use serial::{Port, Transport};
 
-/// Ends the process whatever becomes of the test.
+/// A process that ends with the test.
 struct Ended(Child);
 
 impl Drop for Ended {
@@ -22,7 +22,7 @@ impl Drop for Ended {
 }
 
 impl Ended {
-    /// Asks it to end and returns its exit code.
+    /// Requests its end and returns its exit code.
     fn terminate(&mut self) -> Option<i32> {
         let pid = rustix::process::Pid::from_raw(self.0.id().try_into().unwrap()).unwrap();
         rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
@@ -119,7 +119,7 @@ fn one_program_after_another_finds_its_port_answering() {
     wait_for("the port", || link.exists());
     for _ in 0..2 {
         let mut port = Port::open(&std::sync::Arc::from(link.to_str().unwrap()), 230_400).unwrap();
-        // 80 5a: status; all is well.
+        // 80 5a: status, without an error.
         port.write_all(&[0x80, 0x5A], port.now_ns() + 1_000_000_000).unwrap();
         let mut answer = [0; 6];
         let n = port.fill(&mut answer, port.now_ns() + 1_000_000_000).unwrap();

@@ -51,7 +51,7 @@ impl Modules {
     /// Reads a target from its root file, such as `src/lib.rs`.
     ///
     /// # Errors
-    /// Where a file cannot be read or is not Rust.
+    /// If a file cannot be read or is not Rust.
     pub fn read(root: &Path) -> io::Result<Self> {
         let mut all = Self::default();
         let folder = root.parent().unwrap_or(root).to_path_buf();
@@ -113,9 +113,9 @@ impl Modules {
         found
     }
 
-    /// The file that defines what a path in a module names; none for foreign paths and for modules themselves, whose
+    /// The file that defines what a path in a module names; `None` for foreign paths and for modules themselves, whose
     /// items are counted where they are named.
-    /// `followed` holds what has been followed already: names can import each other in a circle.
+    /// `followed` holds the paths followed so far, because names can import each other in a circle.
     fn file_of(&self, at: &ModulePath, path: &[String], followed: &mut Followed) -> Option<PathBuf> {
         // A name that is imported from below itself, as in `use a::b::a` of a foreign crate `a`, makes the path longer
         // each time.
@@ -146,7 +146,7 @@ impl Modules {
         None
     }
 
-    /// The module where a path begins, and the names after it; none where it begins in another crate.
+    /// The module where a path begins, and the names after it; `None` if it begins in another crate.
     fn start<'a>(&self, at: &ModulePath, path: &'a [String]) -> Option<(ModulePath, &'a [String])> {
         let (first, mut rest) = path.split_first()?;
         match first.as_str() {
@@ -260,7 +260,7 @@ impl Reader {
                 TokenTree::Ident(_) => {
                     let after_dot = i > 0 && is_punct(&tokens[i - 1], '.');
                     let (path, next) = path_at(&tokens, i);
-                    // A single word in small letters is mostly a variable; the functions of a glob are called.
+                    // A single lowercase word is usually a variable; the functions of a glob are called.
                     let called = matches!(tokens.get(next), Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Parenthesis);
                     let variable = path.len() == 1 && path[0].starts_with(|c: char| c.is_lowercase()) && !called;
                     if !after_dot && !variable {
@@ -314,10 +314,10 @@ impl Reader {
     }
 }
 
-/// Keywords before the name of what they define.
+/// Keywords before the name of an item.
 const DEFINES: [&str; 9] = ["fn", "struct", "enum", "trait", "type", "const", "static", "union", "mut"];
 
-/// What the attributes before an item say about it.
+/// Whether attributes mark the item after them as a test or as exported.
 #[derive(Default)]
 struct Attributes {
     test: bool,
@@ -336,7 +336,7 @@ impl Attributes {
     }
 }
 
-/// Where the item that begins here is over: after its `;`, or after its braces.
+/// Index after the item that begins here: after its `;` or its braces.
 fn end_of_item(tokens: &[TokenTree], from: usize) -> usize {
     let over = |token: &TokenTree| {
         is_punct(token, ';') || matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace)
@@ -347,7 +347,7 @@ fn end_of_item(tokens: &[TokenTree], from: usize) -> usize {
         .map_or(tokens.len(), |i| i + 1)
 }
 
-/// The path that begins here, as `a::b::c`, and where it is over.
+/// The path that begins here, as `a::b::c`, and the index after it.
 fn path_at(tokens: &[TokenTree], from: usize) -> (Vec<String>, usize) {
     let mut path = vec![tokens[from].to_string()];
     let mut i = from + 1;

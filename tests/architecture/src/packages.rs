@@ -1,4 +1,4 @@
-//! The crates of the project, read from their manifests: the user who runs the tests needs no toolchain.
+//! The crates of the project, read from their manifests, so that the user who runs the tests needs no toolchain.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -15,7 +15,7 @@ pub struct Package {
     pub dependencies: BTreeSet<String>,
     /// Names of its development dependencies.
     pub dev_dependencies: BTreeSet<String>,
-    /// Whether it has a workspace of its own.
+    /// Whether it has a separate workspace.
     pub separate: bool,
 }
 
@@ -26,10 +26,10 @@ pub fn root() -> PathBuf {
     own.ancestors().nth(2).unwrap_or(own).to_path_buf()
 }
 
-/// Every crate of the project by name, including those with a workspace of their own.
+/// Every crate of the project by name, including those in a separate workspace.
 ///
 /// # Errors
-/// Where a manifest cannot be read, or has dependencies of one platform, which these rules would miss.
+/// If a manifest cannot be read, or has platform-specific dependencies, which these rules would miss.
 pub fn packages() -> io::Result<BTreeMap<String, Package>> {
     let mut folders = vec![root().join("tests"), root().join("tests/architecture"), root().join("tests/benchmarks")];
     folders.extend(folders_in(&root().join("services"))?);
@@ -60,7 +60,7 @@ fn package(folder: PathBuf) -> io::Result<(String, Package)> {
     Ok((name, Package { folder, place, dependencies, dev_dependencies: names("dev-dependencies"), separate }))
 }
 
-/// Whether the edition comes from a workspace: separate workspaces give their own.
+/// Whether the edition comes from a workspace; separate workspaces set theirs.
 fn manifest_inherits(manifest: &toml::Table) -> bool {
     manifest.get("package").and_then(|package| package.get("edition")).is_some_and(toml::Value::is_table)
 }
@@ -80,7 +80,7 @@ fn folders_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
 /// The Rust files below a folder with their text, sorted by path.
 ///
 /// # Errors
-/// Where a folder or a file cannot be read.
+/// If a folder or a file cannot be read.
 pub fn sources(folder: &Path) -> io::Result<Vec<(PathBuf, String)>> {
     let mut files = Vec::new();
     let mut folders = vec![folder.to_path_buf()];

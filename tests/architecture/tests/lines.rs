@@ -1,4 +1,5 @@
-//! Lines of comments and documentation have at most 120 columns, as code has by `rustfmt.toml`.
+//! Lines of comments and documentation have at most 120 columns, the limit that `rustfmt.toml` sets for code.
+
 // `clippy.toml` permits `unwrap` in test functions only, and this file has a helper.
 #![allow(clippy::unwrap_used)]
 
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 const COLUMNS: usize = 120;
 
-/// Files below a folder that have comments, except what is built or fetched.
+/// Files below a folder that have comments, except build outputs and downloads.
 fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();

@@ -46,7 +46,7 @@ fn no_two_files_of_a_crate_import_each_other() {
     assert!(found.is_empty(), "files import each other:\n{}", found.join("\n"));
 }
 
-/// A crate of these files below the folder for temporary files of this test.
+/// A crate of these files in a subfolder of this test's temporary folder.
 fn rings_of(name: &str, files: &[(&str, &str)]) -> Vec<Vec<String>> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
     for (path, text) in files {

@@ -1,4 +1,4 @@
-//! The rules of the workspace that a compiler does not check: who may depend on whom, and what each crate promises.
+//! The workspace rules that a compiler does not check: which crate may depend on which, and what each crate promises.
 
 // `clippy.toml` permits `unwrap` in test functions only, and this file has helpers.
 #![allow(clippy::unwrap_used)]
@@ -36,7 +36,7 @@ fn dependencies_point_one_way() {
         ("sentences", &[]),
         ("notes", &[]),
         ("architecture", &[]),
-        // a driver is made over the transport of `serial`
+        // a driver uses the transport of `serial`
         ("serial", &["cable-robot", "evidence"]),
         // what every drive family has in common
         ("drives", &["serial"]),
@@ -44,13 +44,13 @@ fn dependencies_point_one_way() {
         ("messages", &[]),
         ("evidence", &[]),
         ("bus", &["messages"]),
-        // configuration types are made from the mathematics
+        // configuration types use the mathematics
         ("config", &["messages", "cable-robot"]),
         ("segments", &["messages", "cable-robot"]),
-        // samples are filled by the chassis of a process
+        // the runtime of a process fills in samples
         ("runtime", &["bus", "messages", "config", "robot-state"]),
         ("robot-state", &["messages"]),
-        // a failure is made from what goes wrong below
+        // an error wraps the errors of the layers below
         ("command", &["bus", "runlog", "messages", "config", "cable-robot"]),
         ("client", &["bus", "messages", "config", "cable-robot", "command"]),
         ("runlog", &["messages"]),
@@ -80,7 +80,7 @@ fn dependencies_point_one_way() {
     for (name, package) in &packages {
         let ours = ours(package);
         match package.place.as_str() {
-            // These run the services' own steps, and read all that these read.
+            // These run the steps of the services and read everything that the services read.
             _ if LINKS_SERVICES.contains(&name.as_str()) => {}
             "shared" => {
                 let allowed = may
@@ -139,7 +139,7 @@ fn foreign_interfaces_are_named_in_one_place() {
 }
 
 /// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box
-/// and the names of configuration keys know which there are.
+/// and the names of configuration keys list the families.
 #[test]
 fn drive_families_are_named_in_one_place() {
     let packages = packages();
@@ -227,7 +227,7 @@ fn every_crate_has_the_workspace_lints_and_a_purpose() {
     }
 }
 
-/// Whether code names a crate: as the beginning of a path, of a macro, or in `use`.
+/// Whether code names a crate: at the beginning of a path or of a macro, or in `use`.
 fn names(code: &str, dependency: &str) -> bool {
     let name = dependency.replace('-', "_");
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
@@ -237,7 +237,7 @@ fn names(code: &str, dependency: &str) -> bool {
     })
 }
 
-/// Each dependency costs time to build for all that link it.
+/// Each dependency adds build time for every crate that links it.
 #[test]
 fn every_dependency_is_used() {
     let text = |folders: &[PathBuf]| -> String {
@@ -265,7 +265,7 @@ fn every_dependency_is_used() {
     }
 }
 
-/// Whether a line has these characters, and not as a part of a longer word.
+/// Whether a line contains this word, not as a part of a longer one.
 fn has_word(line: &str, word: &str) -> bool {
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
     line.match_indices(word).any(|(at, _)| {
@@ -296,7 +296,7 @@ fn the_mathematics_does_no_io_and_reads_no_clock() {
     }
 }
 
-/// What IEEE 754 does not fix is the system's own, and not the same bits on every machine: `libm`'s functions are.
+/// Functions that IEEE 754 does not fix differ between machines; those of `libm` do not.
 #[test]
 fn what_decides_takes_its_functions_from_libm() {
     let packages = packages();

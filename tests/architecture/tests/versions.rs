@@ -5,7 +5,7 @@
 
 use architecture::{packages, root};
 
-/// The value of a key in a file: what stands in quotes after `key =`.
+/// The value of a key in a file: the quoted text after `key =`.
 fn rust_version(manifest: &std::path::Path) -> Option<String> {
     let text = std::fs::read_to_string(manifest).unwrap();
     let line = text.lines().find(|line| line.starts_with("rust-version = "))?;

@@ -1,4 +1,4 @@
-//! The table at the end of the benchmarks: medians as criterion stored them, and ratios of two of them.
+//! The table at the end of the benchmarks: medians as stored by criterion, and ratios of two of them.
 //!
 //! The benchmarks are in `benches/ratios`; `scripts/bench` runs them. Nothing here asserts a time: the table marks a
 //! ratio that misses its goal.
@@ -12,14 +12,14 @@ use anyhow::{Context, Result};
 /// A benchmark by its group and its name.
 pub type Name = [&'static str; 2];
 
-/// One line of the table.
+/// One row of the table.
 #[derive(Debug, Clone)]
 struct Row {
     what: String,
     name: Name,
-    /// How many of the thing one run of the benchmark does.
+    /// Number of operations in one run of the benchmark.
     per_run: f64,
-    /// What it is compared with, how many of that a run does, and the least ratio that is the goal.
+    /// The benchmark to compare with, its operations per run, and the minimum ratio that is the goal.
     beside: Option<(Name, f64, Option<f64>)>,
     remark: String,
 }
@@ -32,31 +32,32 @@ pub struct Report {
 }
 
 impl Report {
-    /// For benchmarks whose results criterion keeps in `folder`.
+    /// Rows for benchmarks whose results criterion stores in `folder`.
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_owned(), rows: Vec::new() }
     }
 
-    /// A benchmark by itself, of which one run does `per_run` things.
+    /// Adds a single benchmark, of which one run does `per_run` operations.
     pub fn alone(&mut self, what: &str, name: Name, per_run: usize) {
         self.rows.push(Row { what: what.into(), name, per_run: per_run as f64, beside: None, remark: String::new() });
     }
 
-    /// A benchmark with the one it is compared with, both doing `per_run` things in a run, and the goal for the ratio.
+    /// Adds a benchmark and the one to compare it with, both with `per_run` operations per run, and the goal for the
+    /// ratio.
     pub fn pair(&mut self, what: &str, name: Name, beside: Name, per_run: usize, goal: Option<f64>) {
         let per_run = per_run as f64;
         let beside = Some((beside, per_run, goal));
         self.rows.push(Row { what: what.into(), name, per_run, beside, remark: String::new() });
     }
 
-    /// A remark on the last row.
+    /// Adds a remark to the last row.
     pub fn remark(&mut self, text: impl Into<String>) {
         if let Some(row) = self.rows.last_mut() {
             row.remark = text.into();
         }
     }
 
-    /// Median of one thing, ns; `None` where the benchmark was not run.
+    /// Median of one operation, ns; `None` if the benchmark was not run.
     fn median_ns(&self, [group, name]: Name, per_run: f64) -> Result<Option<f64>> {
         let path = self.folder.join(group).join(name).join("new/estimates.json");
         if !path.is_file() {

@@ -1,27 +1,25 @@
-//! Controllers that have gone wrong: they answer every cycle in time, as a sound one does, and with the wrong
-//! velocities.
+//! Faulty controllers: they answer every cycle in time, as a sound one does, but with wrong velocities.
 
 use super::random::Random;
 use messages::{CABLES, MotorCommand, SLOTS};
 
-/// What became of a controller.
+/// Kind of fault of a controller.
 #[derive(Debug, Clone, Copy)]
 pub enum Astray {
-    /// Its velocities are multiplied: by less than 0 it leads away, by 0 it does nothing, by more than 1 it does too
-    /// much.
+    /// Its velocities are multiplied: a factor below 0 leads away, 0 stops, above 1 overshoots.
     Factor(f64),
-    /// One cable gets so much on top, m/s.
+    /// One cable gets this additional velocity, m/s.
     Bias(usize, f64),
     /// Repeats its first command for ever.
     Stuck(Option<[f64; SLOTS * CABLES]>),
-    /// Every velocity is this.
+    /// Every velocity is this value.
     All(f64),
 }
 
 impl Astray {
-    /// One of them. More cables than dimensions (`redundant`) are never moved against each other: that ends in a
-    /// stalled motor or a slack line, and the way back is to loosen the lines by hand. A law that is too sharp for them
-    /// sets their spring going.
+    /// A random fault. With more cables than dimensions (`redundant`), cables are never moved against each other: that
+    /// ends in a stalled motor or a slack cable, and the recovery requires loosening the cables by hand. A law with too
+    /// high a gain excites their elasticity.
     pub(super) fn by_chance(random: &mut Random, redundant: bool) -> Self {
         match random.below(if redundant { 3 } else { 5 }) {
             0 => Self::Factor(random.of(&[-3.0, -1.0, -0.3, 0.0, if redundant { 0.5 } else { 2.0 }])),
@@ -32,7 +30,7 @@ impl Astray {
         }
     }
 
-    /// What it says instead.
+    /// The velocities that it sends instead.
     pub(super) fn alter(&mut self, command: &mut MotorCommand) {
         let velocity_m_s = &mut command.velocity_m_s;
         match self {

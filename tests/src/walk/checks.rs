@@ -1,4 +1,4 @@
-//! What has to hold after each cycle, by the truth.
+//! Invariants after each cycle, by the truth.
 
 use crate::lockstep::Cycle;
 use cable_robot::Vector3;
@@ -6,27 +6,27 @@ use messages::MotorAuthority;
 use segments::motion_of;
 use std::collections::VecDeque;
 
-/// A line with less tension holds nothing, N.
+/// A cable with less tension counts as slack, N.
 const SLACK_N: f64 = 0.5;
-/// Longer than the node takes to swing there and back on its lines, s: what is not seen in this time is no swing.
+/// Longer than one swing of the node on its cables, s; motion not seen within this time is no swing.
 const SWING_S: f64 = 0.6;
 
-/// So long after a controller has gone wrong the node swings more, s.
+/// Time after a controller fault in which the node swings more, s.
 const SHAKEN_S: f64 = 15.0;
-/// So long the next controller needs to bring it back, s.
+/// Time that the next controller needs to bring the node back, s.
 const LED_AWAY_S: f64 = 1.0;
 
 /// Bounds on the node while the robot is in a mode; speed in m/s, acceleration in m/s².
 ///
-/// They are those of a node that hung still. One that still swings on its lines when it is told to move, because it was
+/// They hold for a node that hung still. A node that still swings on its cables when it is told to move, because it was
 /// stopped at once before, is bounded by the sum of both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {
     /// Largest speed.
     pub speed_m_s: f64,
-    /// Largest change of the velocity per time, over a cycle.
+    /// Largest change of velocity per time, over a cycle.
     pub acceleration_m_s2: f64,
-    /// How far the node goes from where a mode that ends its motion found it, m.
+    /// Largest distance of the node from its position when the mode ended its motion, m.
     pub travel_m: f64,
 }
 
@@ -35,16 +35,16 @@ pub struct Bound {
 pub struct Bounds {
     /// See `MotorAuthority::MODE_*`.
     pub of_mode: [Bound; 7],
-    /// How far the node may be from the set point while it follows, m.
+    /// Largest distance of the node from the setpoint while it follows, m.
     pub from_setpoint_m: f64,
-    /// How much farther it gets with a controller that leads it away, before motor-io stops it, m.
+    /// Additional distance with a controller that leads it away, before motor-io stops it, m.
     pub led_away_m: f64,
-    /// Time after which drives that hear nothing stop by themselves, s.
+    /// Time without commands after which the drives stop by themselves, s.
     pub watchdog_s: f64,
-    /// Time in which the node comes to rest after the last command, s; and how fast it may still be then, m/s.
+    /// Time in which the node comes to rest after the last command, s; and its largest speed afterwards, m/s.
     pub rest: (f64, f64),
-    /// Factor on the bounds of all modes after a controller has gone wrong, and how fast the node still swings at rest
-    /// then, m/s.
+    /// Factor on the bounds of all modes after a controller fault, and the largest speed of the node at rest
+    /// afterwards, m/s.
     pub shaken: (f64, f64),
 }
 
@@ -55,19 +55,19 @@ pub struct Inputs {
     pub speed_m_s: [f64; 7],
     /// Acceleration, m/s².
     pub acceleration_m_s2: [f64; 7],
-    /// Distance to the set point while following, m.
+    /// Distance to the setpoint while following, m.
     pub from_setpoint_m: f64,
-    /// The same with a controller that had gone wrong, m.
+    /// The same with a faulty controller, m.
     pub led_away_m: f64,
-    /// Way from where a mode that ended its motion found it, m.
+    /// Distance from the position where a mode ended the motion, m.
     pub travel_m: [f64; 7],
-    /// Way since motor-io died, m.
+    /// Distance since motor-io died, m.
     pub alone_m: f64,
-    /// Speed where it should be at rest, m/s.
+    /// Speed where the node should be at rest, m/s.
     pub resting_m_s: f64,
-    /// By how much a node that swung already was faster than the bound of its mode, m/s.
+    /// Speed above the bound of the mode of a node that already swung, m/s.
     pub swing_m_s: f64,
-    /// The same of its acceleration, m/s².
+    /// The same for its acceleration, m/s².
     pub swing_m_s2: f64,
 }
 
@@ -77,13 +77,13 @@ pub struct Checks {
     bounds: Bounds,
     period_s: f64,
     before: Option<(Vector3<f64>, u8)>,
-    /// Distance to the set point in the cycle before, m.
+    /// Distance to the setpoint in the cycle before, m.
     off_m: Option<f64>,
-    /// Where the node was when its motion was ended.
+    /// Position of the node when its motion was ended.
     halted: Option<Vector3<f64>>,
-    /// Time since something was commanded, s.
+    /// Time since the last command, s.
     resting_s: f64,
-    /// Time since a controller in use had gone wrong, s.
+    /// Time since a controller in use became faulty, s.
     sound_s: f64,
     swing: Swing,
     /// Largest values so far.
@@ -91,19 +91,19 @@ pub struct Checks {
 }
 
 impl Checks {
-    /// Nothing seen yet.
+    /// Creates a check without samples.
     pub fn new(bounds: Bounds, period_s: f64) -> Self {
         let (resting_s, sound_s, swing, seen) = (0.0, f64::INFINITY, Swing::default(), Inputs::default());
         Self { bounds, period_s, before: None, off_m: None, halted: None, resting_s, sound_s, swing, seen }
     }
 
-    /// A new life of motor-io: what follows is not compared with what was.
+    /// Starts a new life of motor-io: later cycles are not compared with earlier ones.
     pub fn begin(&mut self) {
         (self.before, self.off_m, self.halted, self.resting_s) = (None, None, None, 0.0);
     }
 
-    /// motor-io is away, and the drives' watchdog stops the node: what is wrong. What follows is not compared with what
-    /// was.
+    /// Checks a period without motor-io, in which the drives' watchdog stops the node; returns what is wrong. Later
+    /// cycles are not compared with earlier ones.
     pub fn without_motor_io(&mut self, truth_m: [f64; 3], truth_m_s: [f64; 3], held: bool) -> Option<String> {
         if self.before.is_some() {
             self.begin();
@@ -115,15 +115,15 @@ impl Checks {
         let (speed_m_s, travel_m) = (Vector3::from(truth_m_s).norm(), (here - from).norm());
         self.resting_s += self.period_s;
         self.swing.at_rest(self.period_s, speed_m_s, 0.0);
-        // From then on the lines are let go, and the node sinks as fast as unpowered motors turn.
+        // From then on the cables are released, and the node sinks as fast as unpowered motors turn.
         let driven = held && self.resting_s <= self.bounds.watchdog_s;
         self.seen.alone_m = if driven { self.seen.alone_m.max(travel_m) } else { self.seen.alone_m };
         (speed_m_s > bound.speed_m_s || driven && travel_m > bound.travel_m)
             .then(|| format!("without motor-io the node moves at {speed_m_s:.3} m/s and has gone {travel_m:.3} m"))
     }
 
-    /// What is wrong in this cycle. `held`: every line is held by its drive; `astray`: the controller in use has gone
-    /// wrong.
+    /// Returns what is wrong in this cycle. `held`: every cable is held by its drive; `astray`: the controller in use
+    /// is faulty.
     pub fn cycle(&mut self, cycle: &Cycle, held: bool, astray: bool) -> Option<String> {
         let mode = usize::from(cycle.authority.mode).min(6);
         let velocity = Vector3::from(cycle.truth_m_s);
@@ -133,10 +133,10 @@ impl Checks {
             None => (mode, velocity),
         };
         let acceleration_m_s2 = (velocity - before).norm() / self.period_s;
-        // What a mode does to the node shows a drive's delay later: the wider of both bounds holds.
+        // A mode affects the node one drive delay later, so the wider of both bounds holds.
         let (one, other) = (self.bounds.of_mode[mode], self.bounds.of_mode[was]);
         let commanded = cycle.sent_m_s.iter().any(|v| *v != 0.0);
-        // A node that hangs from fewer lines than it should swings as a pendulum does.
+        // A node that hangs from fewer cables than it should swings as a pendulum.
         let swings = cycle.truth_n.iter().any(|tension_n| *tension_n < SLACK_N);
         self.resting_s = if commanded || !held || swings { 0.0 } else { self.resting_s + self.period_s };
         let seen = &mut self.seen;
@@ -152,7 +152,7 @@ impl Checks {
         let harder_m_s2 = acceleration_m_s2 - factor * one.acceleration_m_s2.max(other.acceleration_m_s2);
         seen.swing_m_s = seen.swing_m_s.max(faster_m_s);
         seen.swing_m_s2 = seen.swing_m_s2.max(harder_m_s2);
-        // What swings while nothing is commanded is judged below.
+        // Swinging without commands is judged below.
         let (swing_m_s, swing_m_s2) = if commanded { self.swing.largest() } else { (0.0, 0.0) };
         if faster_m_s > swing_m_s {
             return Some(format!(
@@ -204,7 +204,7 @@ impl Checks {
     }
 }
 
-/// How much the node swung on its lines while nothing was commanded, for the last time that it was so.
+/// How much the node swung on its cables in the last period without commands.
 #[derive(Debug, Clone, Default)]
 struct Swing {
     /// Speeds, m/s, and accelerations, m/s², of the last [`SWING_S`].
@@ -212,7 +212,7 @@ struct Swing {
 }
 
 impl Swing {
-    /// A period in which nothing is commanded.
+    /// Adds a period without a command.
     fn at_rest(&mut self, period_s: f64, speed_m_s: f64, acceleration_m_s2: f64) {
         self.last.push_back((speed_m_s, acceleration_m_s2));
         if self.last.len() as f64 * period_s > SWING_S {

@@ -1,5 +1,4 @@
-//! What a sentence says to do: each refusal and each reason for the end of a mission has to name something that can be
-//! done.
+//! Cures named by sentences: each refusal and each reason for the end of a mission must name an action.
 
 /// What an operator can do about a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,27 +13,27 @@ pub enum Cure {
     Resume,
     /// `nims confirm-position`.
     Confirm,
-    /// `nims zero`, where the node really is.
+    /// `nims zero`, at the true position of the node.
     Zero,
     /// `nims swap --admit`.
     Admit,
-    /// A second passes.
+    /// Wait for a second.
     Wait,
-    /// Processes that `nims status` does not show are started, and its faults are read.
+    /// Start the processes that `nims status` does not show, and read its faults.
     Status,
-    /// Everything that is missing is started.
+    /// Start everything that is missing.
     Up,
-    /// A new motion, or the same request otherwise: what was asked for cannot be.
+    /// Request another motion, or phrase the request differently: this one is impossible.
     AskOtherwise,
-    /// The estimator in charge is started again.
+    /// Restart the estimator in charge.
     Restart,
-    /// Another controller takes over, `nims swap controller`.
+    /// Let another controller take over, `nims swap controller`.
     OtherController,
-    /// The line that is named is jogged taut.
+    /// Jog the named cable taut.
     JogTaut,
 }
 
-/// Words of sentences and what they say to do.
+/// Words of sentences, and the cure that each means.
 const WORDS: [(&str, Cure); 48] = [
     ("reset, see", Cure::Reset),
     ("restart the one that is off", Cure::Restart),
@@ -86,7 +85,7 @@ const WORDS: [(&str, Cure); 48] = [
     ("move back inside", Cure::AskOtherwise),
 ];
 
-/// What this sentence says to do, each thing once.
+/// The cures that this sentence names, without duplicates.
 pub fn cures(sentence: &str) -> Vec<Cure> {
     let mut found = Vec::new();
     for (words, cure) in WORDS {
@@ -97,7 +96,7 @@ pub fn cures(sentence: &str) -> Vec<Cure> {
     found
 }
 
-/// Sentences that end a matter: what was asked for is the case already, or cannot be said otherwise.
+/// Sentences without a cure: the request is already fulfilled, or cannot be expressed differently.
 pub fn is_settled(sentence: &str) -> bool {
     ["already there", "There is no paused motion", "there is no paused motion"]
         .iter()

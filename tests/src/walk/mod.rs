@@ -1,5 +1,5 @@
-//! A walk by chance: operator commands, deaths and lives of processes, and motions, in lockstep, with what has to hold
-//! checked after each cycle; and the way back to a finished motion by doing only what refusals say.
+//! A random walk in lockstep: operator commands, deaths and lives of processes, and motions, with invariants checked
+//! after each cycle; and the recovery of a motion only by the cures that refusals name.
 
 mod astray;
 pub mod checks;
@@ -25,38 +25,38 @@ use checks::{Bounds, Checks};
 use cures::{cures, is_settled};
 use random::Random;
 
-/// So many of the last steps are told when something is wrong.
+/// Number of last steps that a failure lists.
 const TOLD: usize = 60;
-/// Steps between two times that the robot is brought back.
+/// Steps between two recoveries of the robot.
 const EPISODE: u64 = 20;
 
-/// What came of walks.
+/// Result of walks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Tally {
     /// Steps: commands, deaths, lives, forged samples, waits.
     pub steps: u64,
     /// Cycles that were checked.
     pub cycles: u64,
-    /// Refusals, each with its cure.
+    /// Refusals; each names its cure.
     pub refusals: u64,
-    /// Times that the robot was brought back to a finished motion.
+    /// Times that the robot was recovered to a finished motion.
     pub returns: u64,
-    /// Cures that were carried out for that.
+    /// Cures that were applied for that.
     pub cures: u64,
-    /// Lives of motor-io that were begun.
+    /// Lives of motor-io that began.
     pub lives: u64,
     /// Samples that were forged.
     pub forged: u64,
-    /// Controllers that went astray.
+    /// Controllers that became faulty.
     pub astray: u64,
-    /// Motions that were begun.
+    /// Motions that began.
     pub motions: u64,
     /// Largest values.
     pub seen: checks::Inputs,
 }
 
 impl Tally {
-    /// Both together.
+    /// Adds the results of another walk.
     pub fn add(&mut self, other: &Self) {
         self.steps += other.steps;
         self.cycles += other.cycles;
@@ -82,7 +82,7 @@ impl Tally {
     }
 }
 
-/// What processes are made from.
+/// Configuration from which processes are created.
 struct Parts {
     core: CoreConfig,
     controller: ControllerConfig,
@@ -118,28 +118,28 @@ impl Parts {
     }
 }
 
-/// One walk.
+/// State of one walk.
 pub struct Walk {
     robot: Lockstep,
     parts: Parts,
     random: Random,
     checks: Checks,
     last: Option<Cycle>,
-    /// Controllers that have gone wrong, by slot.
+    /// Faulty controllers, by slot.
     astray: [Option<Astray>; SLOTS],
     log: VecDeque<String>,
-    /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to
-    /// be set again.
+    /// Whether the drives were without power: the counts then miss the motion of the cables, so the position must be
+    /// set again.
     powered_off: bool,
-    /// What has been walked so far.
+    /// Result so far.
     pub tally: Tally,
 }
 
 impl Walk {
-    /// With the robot armed, at a known position.
+    /// Starts with the robot armed, at a known position.
     ///
     /// # Errors
-    /// A scenario that cannot be.
+    /// If the scenario is invalid.
     pub fn new(case: &Case, seed: u64, bounds: Bounds) -> Result<Self> {
         let scenario = case.scenario(true)?;
         let checks = Checks::new(bounds, scenario.period_s);
@@ -152,10 +152,10 @@ impl Walk {
         Ok(Self { robot, parts, random, checks, last, astray, log, powered_off: false, tally })
     }
 
-    /// So many steps, with a way back now and then and at the end.
+    /// Does so many steps, with a recovery now and then and at the end.
     ///
     /// # Errors
-    /// What does not hold, with the last steps.
+    /// If an invariant does not hold, with the last steps.
     pub fn walk(&mut self, steps: u64) -> Result<()> {
         for step in 1..=steps {
             self.step().and_then(|()| self.come_back(step % EPISODE == 0 || step == steps))?;
@@ -163,7 +163,7 @@ impl Walk {
         Ok(())
     }
 
-    /// The last steps, for a failure.
+    /// The last steps, for the failure message.
     pub fn story(&self) -> String {
         let mut story = self.log.iter().map(String::as_str).collect::<Vec<_>>().join("\n");
         if let Some(Cycle { authority, slots, motion, estimate, .. }) = &self.last {
@@ -189,7 +189,7 @@ impl Walk {
         self.log.push_back(format!("cycle {} mode {} faults {:#x}: {text}", at.0, at.1, at.2));
     }
 
-    /// One period, checked.
+    /// Runs and checks one period.
     fn period(&mut self) -> Result<()> {
         self.tally.cycles += 1;
         if !self.robot.motor_io_lives() {
@@ -219,7 +219,7 @@ impl Walk {
         (0..count).try_for_each(|_| self.period())
     }
 
-    /// A request to motor-io and its sentence: accepted or refused. `None` without motor-io.
+    /// A request to motor-io and its answer: accepted or refused. `None` without motor-io.
     fn ask(&mut self, request: Request) -> Result<Option<std::result::Result<String, String>>> {
         if !self.robot.motor_io_lives() {
             return Ok(None);
@@ -233,7 +233,7 @@ impl Walk {
         Ok(Some(if answer.is_accepted() { Ok(sentence) } else { Err(self.refusal(sentence)?) }))
     }
 
-    /// A refusal has to say what to do.
+    /// A refusal must name a cure.
     fn refusal(&mut self, sentence: String) -> Result<String> {
         self.tally.refusals += 1;
         if cures(&sentence).is_empty() && !is_settled(&sentence) {
@@ -242,7 +242,7 @@ impl Walk {
         Ok(sentence)
     }
 
-    /// Zeroes where the node is, at rest.
+    /// Zeroes at the position of the node, at rest.
     fn zero(&mut self) -> Result<Option<std::result::Result<String, String>>> {
         for _ in 0..300 {
             let speed_m_s = cable_robot::Vector3::from(self.robot.plant().velocity_m_s()).norm();

@@ -1,4 +1,4 @@
-//! The way back: a motion is asked for, and what a refusal says is done, until the motion is finished.
+//! Recovery: requests a motion and applies the cures that refusals name, until the motion is finished.
 
 use super::Walk;
 use super::cures::{Cure, cures, is_settled};
@@ -8,22 +8,22 @@ use messages::{CONTROLLERS, ESTIMATORS, PlanStatus, Request, SLOTS, Slot, SlotRo
 use planner::mission::PathShape;
 use robot_state::sentences::faults_of;
 
-/// Where the node is brought back to, m.
+/// Target position of a recovery, m.
 const HOME_M: [f64; 3] = [4.8, 3.0, 0.6];
-/// So near is there, m: stretch and drums are not known better.
+/// Tolerance of the target, m; stretch and drum radii are not known better.
 const THERE_M: f64 = 0.03;
-/// So many cures, and the robot is taken for lost.
+/// Cures after which a recovery counts as failed.
 const PATIENCE: usize = 60;
-/// A motion that comes no nearer to its end for so many cycles has none; at a tenth of its speed it may take long.
+/// Cycles without progress after which a motion counts as failed; at a tenth of its speed it may take long.
 const STANDS: usize = 3_000;
-/// A motion that rests for so many cycles waits for the operator.
+/// Cycles at rest after which a motion waits for the operator.
 const RESTING: usize = 150;
 
 impl Walk {
-    /// Brings the robot back to a finished motion by what refusals say.
+    /// Recovers the robot to a finished motion by the cures that refusals name.
     pub(super) fn recover(&mut self) -> Result<()> {
         let goal = HOME_M.map(|x| x + self.random.between(-0.1, 0.1));
-        // A law that is wrong in every cycle is replaced before anything else is tried.
+        // A law that is wrong in every cycle is replaced before other cures are tried.
         for slot in 0..SLOTS {
             if self.astray[slot].is_some() && self.robot.slots().lives(CONTROLLERS, slot) {
                 self.begin(CONTROLLERS, slot);
@@ -53,7 +53,7 @@ impl Walk {
         Ok(())
     }
 
-    /// `None` at the end of the motion; else what is said about it: why it was given up, or for what it waits.
+    /// `None` at the end of the motion; else the reason why it was aborted, or for which it waits.
     fn await_end(&mut self) -> Result<Option<String>> {
         let (mut resting, mut standing, mut progress) = (0, 0, f64::NAN);
         while standing < STANDS {
@@ -85,12 +85,12 @@ impl Walk {
         bail!("a motion does not end: state {}, {:.1} s left, plan rate {rate}", status.state, status.time_left_s)
     }
 
-    /// What `nims status` says of faults.
+    /// Faults as `nims status` shows them.
     fn faults(&self) -> String {
         self.last.map_or(String::new(), |last| faults_of(&last.authority).join(" "))
     }
 
-    /// Does one of the things that a sentence names.
+    /// Applies one of the cures that a sentence names.
     fn cure(&mut self, sentence: &str) -> Result<()> {
         let named = cures(sentence);
         ensure!(!named.is_empty(), "nothing is named that could be done: {sentence}");
@@ -109,7 +109,7 @@ impl Walk {
                 _ => Ok(()),
             },
             Cure::Confirm if !self.powered_off => self.told(Request::ConfirmPosition),
-            // Who looks sees that the node is elsewhere.
+            // An operator who looks sees that the node is elsewhere.
             Cure::Confirm | Cure::Zero => match self.zero()? {
                 Some(_) => Ok(()),
                 None => self.start_what_is_missing(),
@@ -127,7 +127,7 @@ impl Walk {
             Cure::Status => {
                 self.up();
                 self.periods(150)?;
-                // Then what status says of faults, if it says something else than to look at status.
+                // Then the cures of the faults in status, unless they only refer to status again.
                 let named: Vec<Cure> = cures(&self.faults()).into_iter().filter(|cure| *cure != Cure::Status).collect();
                 if named.is_empty() { Ok(()) } else { self.carry_out(self.random.clone().of(&named)) }
             }
@@ -163,12 +163,12 @@ impl Walk {
         }
     }
 
-    /// A request without an answer: `nims` says that motor-io does not run, and to start it.
+    /// A request without an answer: `nims` reports that motor-io is not running and says how to start it.
     fn start_what_is_missing(&mut self) -> Result<()> {
         self.carry_out(Cure::Up)
     }
 
-    /// Starts what is missing, as `nims up` and `nims start` do; where it was.
+    /// Starts the missing processes in their slots, as `nims up` and `nims start` do.
     fn up(&mut self) {
         self.robot.supervise(true);
         if !self.robot.planner_lives() {

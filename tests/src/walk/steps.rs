@@ -1,4 +1,4 @@
-//! The steps of a walk: what an operator may ask for, and what may become of processes.
+//! Steps of a walk: operator requests, and events of processes.
 
 use super::Walk;
 use super::astray::Astray;
@@ -9,13 +9,13 @@ use messages::{
 use planner::mission::{Leg, Mission, PathShape, Polyline};
 use robot_state::Reason;
 
-/// Where motions lead: inside what three and four lines reach, m.
+/// Targets of motions, inside the reach of three and four cables, m.
 const LOW_M: [f64; 3] = [4.0, 2.4, 0.3];
 const HIGH_M: [f64; 3] = [5.8, 3.9, 1.1];
 
-#[allow(clippy::result_large_err)] // the planner's own refusals, passed on
+#[allow(clippy::result_large_err)] // the planner's refusals, passed on unchanged
 impl Walk {
-    /// One step, and some cycles after it.
+    /// Does one step, and runs some cycles after it.
     pub(super) fn step(&mut self) -> Result<()> {
         self.tally.steps += 1;
         match self.random.below(100) {
@@ -54,7 +54,7 @@ impl Walk {
         self.goto(to, speed_m_s, shape, mu).map(|_| ())
     }
 
-    /// Asks the planner; `None` without one.
+    /// Sends a request to the planner; `None` without a planner.
     pub(super) fn goto(
         &mut self,
         to: [f64; 3],
@@ -78,7 +78,7 @@ impl Walk {
                 self.tally.motions += 1;
                 Ok(reason.to_string())
             }
-            // What the robot cannot do at all is answered with where, what and how much.
+            // A refusal of an impossible request names where, what and how much.
             Err(refusal) if refusal.is_bad_input() => Err(refusal.to_string()),
             Err(refusal) => Err(self.refusal(refusal.to_string())?),
         }))
@@ -127,7 +127,7 @@ impl Walk {
         self.begin(role, slot);
     }
 
-    /// A process of a role begins in a slot; the one that was there is gone.
+    /// Starts a process of a role in a slot, in place of an earlier one.
     pub(super) fn begin(&mut self, role: usize, slot: usize) {
         if role == CONTROLLERS {
             let law = self.random.below(self.parts.laws.len());
@@ -143,7 +143,7 @@ impl Walk {
         }
     }
 
-    /// The controller in a slot goes wrong, and stays so until it is started again.
+    /// Makes the controller in a slot faulty until its restart.
     fn lead_astray(&mut self) {
         let slot = self.random.below(SLOTS);
         if !self.robot.slots().lives(CONTROLLERS, slot) {
@@ -181,7 +181,7 @@ impl Walk {
         self.begin_motor_io();
     }
 
-    /// A new life of motor-io, with or without a stored position, with or without drives that had power.
+    /// Starts a new life of motor-io, with or without a stored position, and with or without drives that had power.
     pub(super) fn begin_motor_io(&mut self) {
         let (restored, alive) = (!self.random.once_in(4), !self.random.once_in(4));
         self.powered_off |= !alive;
@@ -192,7 +192,7 @@ impl Walk {
         self.note(format!("motor-io begins, restored {restored}, alive {alive}"));
     }
 
-    /// A sample of no process of the robot's, on a slot that is free.
+    /// Publishes a sample from outside the robot's processes, on a free slot.
     fn forge(&mut self) {
         let Some(last) = self.last else { return };
         let (role, slot) = (self.random.below(ROLES), self.random.below(SLOTS));

@@ -1,4 +1,4 @@
-//! What the operator types: bad input is answered by one clear sentence and moves nothing; the tools answer in JSON.
+//! The operator's commands: bad input is rejected with one clear sentence and moves nothing; the tools answer in JSON.
 
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ fn refused(args: &[&str], code: i32, words: &[&str]) {
 const ROBOT: &str = "configs/robots/lab3.toml";
 const SYSTEM: &str = "configs/systems/demo3.toml";
 
-/// A folder with the project's configuration in it, one line of one file changed.
+/// A folder with the project's configuration, in which one line of one file is changed.
 struct Changed {
     folder: tempfile::TempDir,
 }
@@ -148,7 +148,7 @@ fn bad_missions_are_refused_before_anything_starts() {
         refused(&["demo", &changed.file("systems/demo3.toml"), "--mission", &mission, "--run", &run], 2, words);
         assert!(!Path::new(&run).exists(), "{to:?} made a run folder");
     }
-    // The lines' own limit, below what the mission asks of them.
+    // The limit of the cables, below what the mission requires.
     let changed = changed("robots/lab3.toml", "# cable_speed_limit_m_s = 0.8 ", "cable_speed_limit_m_s = 0.1 ");
     let (mission, run) = (changed.file("missions/spiral.toml"), changed.file("run"));
     let words = ["leg", "cable", "cable_speed_limit_m_s is 0.100 m/s"];
@@ -266,7 +266,7 @@ fn check_says_what_a_watchdog_stop_and_an_unpowered_line_mean() {
     assert!(all.contains("120 mm"), "{all}");
     assert!(all.contains("sinking speed 0 mm/s"), "{all}");
 
-    // Without friction the load drives the motor against its own braking: v = T R / Kf^2.
+    // Without friction the load drives the motor against its braking torque: v = T R / Kf^2.
     let ideal = changed("robots/lab3.toml", "gear_friction = 0.85 ", "gear_friction = 0.0 ");
     let text = std::fs::read_to_string(ideal.file("robots/lab3.toml")).unwrap();
     std::fs::write(
@@ -306,7 +306,7 @@ fn a_dry_run_needs_no_robot() {
 }
 
 mod tools {
-    //! Against numbers that are worked out here, from the definitions alone.
+    //! Compares with numbers that are computed here from the definitions.
 
     use super::*;
 
@@ -403,7 +403,7 @@ mod tools {
 }
 
 mod planar {
-    //! A robot in a plane whose node floats: points have two coordinates, for this one 8 x 4 m of them.
+    //! A planar robot whose node floats: points have two coordinates, here in an area of 8 x 4 m.
 
     use super::*;
 
@@ -427,7 +427,7 @@ mod planar {
         let text = lengths.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
         let back = numbers(&aq("fk", &["--lengths", &text])["position_m"]);
         assert!(back.len() == 2 && (back[0] - 2.5).abs() < 1e-9 && (back[1] - 3.0).abs() < 1e-9, "{back:?}");
-        // With a zero in the middle it is the same point; with anything else it is none.
+        // With a zero in the middle it is the same point; any other value is invalid.
         assert_eq!(aq("ik", &["--at", "2.5,0,3.0"])["lengths_m"], json!(lengths));
         refused(&[&["ik"], &AQ[..], &["--at", "2.5,0.1,3.0"]].concat(), 2, &["outside the plane", "x and z"]);
         refused(&["ik", "--config", ROBOT, "--at", "2.5,3.0"], 2, &["moves in space", "x, y and z"]);
@@ -475,8 +475,8 @@ mod planar {
         let folder = tempfile::tempdir().unwrap();
         let png = folder.path().join("plane.png");
         let found = aq("workspace", &["--step", "0.2", "--png", png.to_str().unwrap()]);
-        // Below the surface and above the bed all of 8 x 3.6 m could be reached; near the banks the lines hold it no
-        // more.
+        // Below the surface and above the bed all of 8 x 3.6 m could be reached, but near the banks the cables do not
+        // hold the node.
         let area = found["feasible_area_m2"].as_f64().unwrap();
         assert!(area > 15.0 && area < 8.0 * 3.6, "{found}");
         assert_eq!(found["safest_position_m"].as_array().unwrap().len(), 2);

@@ -1,5 +1,5 @@
-//! What the documents name exists: paths, links, sub-commands and options of `nims`, and a line of the code map for
-//! every crate.
+//! Everything that the documents name exists: paths, links, sub-commands and options of `nims`, and a line of the code
+//! map for every crate.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
 }
 
-/// Every document that describes the present tree, with its text. The changelog also names what is gone.
+/// Every document that describes the present tree, with its text. The changelog also names what was removed.
 fn documents() -> Vec<(PathBuf, String)> {
     let mut paths = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"].map(|name| root().join(name)).to_vec();
     let pages = std::fs::read_dir(root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
@@ -25,7 +25,7 @@ fn code(text: &str) -> Vec<String> {
         if number % 2 == 1 {
             found.extend(block.lines().skip(1).map(str::to_owned));
         } else {
-            // Spans may go over the end of a line, never of a paragraph.
+            // A span may continue on the next line, but not in the next paragraph.
             for paragraph in block.split("\n\n") {
                 found.extend(paragraph.split('`').skip(1).step_by(2).map(|span| span.replace('\n', " ")));
             }
@@ -64,7 +64,7 @@ fn every_path_and_link_exists() {
         for word in code(&text).iter().flat_map(|span| span.split_whitespace()) {
             let word = word.trim_matches(|one: char| "\"'(),;:[]".contains(one));
             let ours = ["services/", "shared/", "configs/", "scripts/", "tests/", "docs/"];
-            // Capitals, braces and stars stand for names of the reader's own.
+            // Capitals, braces and stars stand for names that the reader chooses.
             let pattern = word.contains(['{', '*', '<']) || word.split('/').any(|part| part.starts_with("NAME"));
             if ours.iter().any(|folder| word.starts_with(folder)) && !pattern && !root().join(word).exists() {
                 wrong.push(format!("{name}: path {word}"));

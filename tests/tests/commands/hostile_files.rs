@@ -1,4 +1,4 @@
-//! Files and numbers that no robot has: refused at once, in one sentence, whatever command is given them.
+//! Invalid files and numbers: every command rejects them at once, in one sentence.
 
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A command that has not answered by then waits for something that never comes, or takes in something without end.
-/// Those meant here answer within milliseconds; this is for a machine that stands still.
+/// Time after which a command counts as hung or as reading without end. The commands here answer within milliseconds;
+/// the margin allows for a machine that stands still.
 const GIVE_UP: Duration = Duration::from_secs(60);
 /// Bytes of the sparse table.
 const LARGE: u64 = 3 << 30;
@@ -43,7 +43,7 @@ fn refused(args: &[&str], words: &[&str]) {
     refused_by("nims", args, words);
 }
 
-/// The same of another program.
+/// The same for another program.
 fn refused_by(program: &str, args: &[&str], words: &[&str]) {
     let output = output(program, args);
     let err = String::from_utf8_lossy(&output.stderr);
@@ -56,7 +56,7 @@ fn refused_by(program: &str, args: &[&str], words: &[&str]) {
     }
 }
 
-/// A folder with a pipe, a device, a socketless folder and a table of gigabytes in it.
+/// A folder with a pipe, a device, a folder without a socket and a table of gigabytes.
 fn hostile() -> (tempfile::TempDir, Vec<(String, &'static str)>) {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
@@ -89,7 +89,7 @@ fn what_is_no_small_file_is_refused_by_every_command_that_reads_one() {
         refused(&["up", file], words);
         refused(&["doctor", file], words);
     }
-    // a mission has to be a file before it is looked for by its name
+    // a mission name with a path must be a file
     refused(&["run", "--dry-run", "--config", "configs/systems/demo3.toml", &files[3].0], &["3072 MB"]);
 }
 
@@ -126,7 +126,7 @@ fn what_is_no_run_is_bad_input() {
         refused(&[command, &files[0].0], &["pipe.toml", "regular file"]);
         refused(&[command, "no/such/run"], &["no/such/run"]);
     }
-    // nor is a folder with a pipe under the name of a run file one
+    // nor is a folder with a pipe that is named like a run file
     fs::rename(&files[0].0, folder.path().join("run.mcap")).unwrap();
     refused(&["info", folder.path().to_str().unwrap()], &["run.mcap", "regular file"]);
 }

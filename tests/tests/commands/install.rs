@@ -1,4 +1,4 @@
-//! `scripts/install` into a folder: what it puts where, upgrade, roll-back, removal, and the quota of the runs.
+//! `scripts/install` into a folder: the installed files, upgrade, roll-back, removal, and the quota of the runs.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -17,7 +17,7 @@ fn workspace() -> Vec<String> {
     programs.map(|folder| folder.file_name().unwrap().to_str().unwrap().to_owned()).collect()
 }
 
-/// A folder with programs that say `word`.
+/// A folder with programs that print `word`.
 fn programs(folder: &Path, word: &str) -> PathBuf {
     let folder = folder.join(word);
     fs::create_dir(&folder).unwrap();
@@ -38,7 +38,7 @@ fn said(output: &Output) -> String {
 }
 
 fn current_says(root: &Path) -> String {
-    // The link of a control box is absolute; below a folder only its last part means something.
+    // The link of a control box is absolute; below a test folder only its last part is meaningful.
     let version = fs::read_link(root.join("opt/nims/current")).unwrap();
     fs::read_to_string(root.join("opt/nims").join(version).join("bin/nims")).unwrap()
 }
@@ -60,7 +60,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     let output = install(&root, &["--roll-back"]);
     assert!(!output.status.success() && said(&output).contains("no earlier version"), "{}", said(&output));
 
-    // An earlier version by another name, as an upgrade finds it; what the operator changed stays.
+    // An earlier version under another name, as an upgrade finds it; the operator's changes are kept.
     let current = fs::read_link(root.join("opt/nims/current")).unwrap();
     fs::rename(root.join("opt/nims").join(&current), root.join("opt/nims/0.0.1")).unwrap();
     fs::remove_file(root.join("opt/nims/current")).unwrap();
@@ -117,7 +117,7 @@ fn the_service_manager_accepts_the_units() {
         ("nims-runs.timer", "nims-runs.timer"),
     ] {
         let text = fs::read_to_string(root.join("etc/systemd/system").join(unit)).unwrap();
-        // The programs lie below the folder, and the log's socket belongs to a systemd that runs.
+        // The programs are below the folder, and the log's socket belongs to a running systemd.
         let text = text.replace("/opt/nims/current/bin", bin.to_str().unwrap()).replace("LogNamespace=nims\n", "");
         fs::write(units.join(name), text).unwrap();
     }
@@ -134,7 +134,7 @@ fn the_service_manager_accepts_the_units() {
         let ours: Vec<&str> = complaints.lines().filter(|line| line.contains("nims")).collect();
         assert!(ours.is_empty(), "{ours:?}");
     }
-    // It would say so if something were wrong.
+    // It would report an error.
     fs::write(units.join("nims-wrong.service"), "[Service]\nExecStart=/nowhere/nims\nRestart=perhaps\n").unwrap();
     assert!(verify("nims-wrong.service").contains("nims-wrong"), "systemd-analyze accepts everything");
 }
@@ -145,7 +145,7 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     let runs = folder.path();
     let make = |name: &str, file: &str| {
         fs::create_dir(runs.join(name)).unwrap();
-        // sparse would not count
+        // a sparse file would not count
         fs::write(runs.join(name).join(file), vec![1u8; 300_000]).unwrap();
     };
     make("2026-01-01T00-00-00Z-lab", "run.mcap");
@@ -155,7 +155,7 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     make("0-notes", "notes.txt");
     let script = fs::read_to_string(project().join("configs/host/nims-runs-quota")).unwrap();
     let tried = runs.join("quota");
-    // Gigabytes are too large for a test: here a unit is 100 kB.
+    // Gigabytes are too large for a test, so here a unit is 100 kB.
     assert!(script.contains("most * 1000000"));
     fs::write(&tried, script.replace("most * 1000000", "most * 100")).unwrap();
     let keep = |most: &str| Command::new("sh").arg(&tried).arg(runs).arg(most).output().unwrap();

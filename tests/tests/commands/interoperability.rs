@@ -1,5 +1,4 @@
-//! Readers that this project did not write get every field of a run file, exactly: from a file written directly, and
-//! from a live recording.
+//! Independent readers get every field of a run file exactly: from a file written directly, and from a live recording.
 
 use nims_tests::python;
 use std::collections::BTreeMap;
@@ -19,9 +18,9 @@ use messages::{
 use runlog::{ChannelSpec, RunClock, RunWriter, info};
 use serde_json::{Value, json};
 
-/// Set where there is no JavaScript: its readers are left out then.
+/// Set if there is no JavaScript: its readers are then left out.
 const WITHOUT_NODE: &str = "NIMS_WITHOUT_NODE";
-/// The program `rerun`, whose checker then judges the files too.
+/// The program `rerun`; if it is set, its checker verifies the files too.
 const RERUN: &str = "NIMS_RERUN";
 
 /// A generator of test data that needs no crate (xorshift64).
@@ -40,7 +39,7 @@ impl Random {
         for byte in bytemuck::bytes_of_mut(&mut sample) {
             *byte = self.next() as u8;
         }
-        // a signalling NaN turns into a quiet one wherever a reader widens it to its own kind of number
+        // a signalling NaN becomes a quiet one in a reader that widens it to its number type
         let schema = Schema::parse(T::schema()).ok();
         let fields = schema.iter().flat_map(|schema| schema.fields());
         for field in fields.filter(|field| field.primitive == Primitive::Float32) {
@@ -57,7 +56,7 @@ impl Random {
     }
 }
 
-/// What was published: per topic the type and the value of every field.
+/// The published samples: per topic the type and the value of every field.
 #[derive(Default)]
 struct Expected(BTreeMap<String, Value>);
 
@@ -88,14 +87,14 @@ impl Expected {
         known["samples"].as_array_mut().unwrap().push(entry);
     }
 
-    /// Adds fields by hand, so that not only the parser of definitions says where they stand.
+    /// Adds fields by hand, so that their positions are also checked independently of the parser of definitions.
     fn spot(&mut self, channel: &str, spots: Vec<Value>) {
         let samples = self.0.get_mut(&format!("/{channel}")).unwrap()["samples"].as_array_mut().unwrap();
         samples.last_mut().unwrap()["fields"].as_array_mut().unwrap().extend(spots);
     }
 }
 
-/// Lets the foreign readers compare.
+/// Runs the independent readers and compares.
 fn compare(run: &Path, expected: &Expected) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let python = python();
@@ -105,7 +104,7 @@ fn compare(run: &Path, expected: &Expected) {
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(said.lines().filter(|line| line.ends_with("fields equal")).count(), 3, "{said}");
-    // The readers of Foxglove and Lichtblick; scripts/test gets them, and says so aloud where there is no JavaScript.
+    // The readers of Foxglove and Lichtblick; scripts/test installs them, and reports it if there is no JavaScript.
     if std::env::var_os(WITHOUT_NODE).is_none() {
         assert!(
             root.join("node/node_modules").exists(),
@@ -118,7 +117,7 @@ fn compare(run: &Path, expected: &Expected) {
     } else {
         notes::left_out("run files as JavaScript reads them", format_args!("{WITHOUT_NODE} is set"));
     }
-    // `pip install rerun-sdk` downloads 170 MB, so its checker of the format runs only where it is installed.
+    // `pip install rerun-sdk` downloads 170 MB, so its checker of the format runs only if it is installed.
     if let Some(rerun) = std::env::var_os(RERUN) {
         let output = Command::new(rerun).args(["mcap", "check"]).arg(run).output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout);
@@ -128,7 +127,7 @@ fn compare(run: &Path, expected: &Expected) {
     } else {
         notes::left_out("run files by the checker of rerun", format_args!("{RERUN} does not name the program rerun"));
     }
-    // Our own reader for analysts, which takes samples out by the index instead of decoding them.
+    // The project's reader for analysts, which extracts samples by the index instead of decoding them.
     let output = Command::new(&python).arg(root.join("python/check_reader.py")).arg(run).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
@@ -241,7 +240,7 @@ foreign!(
 );
 foreign!(Broken, 8, "nims_msgs/Header header\nstring name\n");
 
-/// Ends the process whatever happens to the test.
+/// A process that is killed when the test ends.
 struct Recording(Child);
 
 impl Drop for Recording {
@@ -259,7 +258,7 @@ fn until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// A publisher takes its samples along when it goes, so it stays until everything is recorded.
+/// The history of a publisher ends with it, so it stays until everything is recorded.
 #[must_use]
 fn send<T: Message>(
     bus: &Bus,
@@ -278,7 +277,7 @@ fn send<T: Message>(
     publisher
 }
 
-/// A late subscriber gets its history when the publisher does something next.
+/// A late subscriber gets the history at the publisher's next action.
 fn heard<T: Message>(bus: &Bus, publisher: &mut bus::Publisher<T>) {
     until("the recorder listens", || bus.ports(publisher.channel()).is_ok_and(|(_, subscribers)| subscribers > 0));
     publisher.update_connections();

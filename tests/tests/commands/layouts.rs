@@ -8,7 +8,7 @@ fn layout(name: &str) -> String {
     std::fs::read_to_string(format!("{}/../configs/layouts/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap()
 }
 
-/// Whether a topic has a field, with an index that it can have.
+/// Whether a topic has a field, with an index in its range.
 fn check(topic: &str, field: &str) {
     let name = topic.strip_prefix('/').unwrap();
     let channel = channel_of(name).unwrap_or_else(|| panic!("there is no channel {name}"));

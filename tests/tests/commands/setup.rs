@@ -1,11 +1,11 @@
-//! `nims setup` as it is started: from a pipe, broken off and gone on with, and what comes of it.
+//! `nims setup` as a process: with input from a pipe, interrupted and continued, and its result.
 
 use serde_json::Value;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-/// A site of three pulleys and nine points near their feet, as a person would answer.
+/// Answers for a site of three pulleys and nine points near their feet.
 const SITE: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 
 fn setup(folder: &Path, args: &[&str], lines: &[String]) -> Output {
@@ -21,7 +21,7 @@ fn setup(folder: &Path, args: &[&str], lines: &[String]) -> Output {
         .spawn()
         .unwrap();
     let mut typed = child.stdin.take().unwrap();
-    // Who refuses at once does not read.
+    // A program that rejects its arguments does not read the input.
     let _ = typed.write_all(lines.iter().map(|line| format!("{line}\n")).collect::<String>().as_bytes());
     drop(typed);
     child.wait_with_output().unwrap()
@@ -66,12 +66,12 @@ fn a_site_is_calibrated_from_a_pipe() {
     for words in ["How many pulleys", "plumb lines of pulleys 1 and 2", "Point 9 of 9", "known to", "good: "] {
         assert!(asked.contains(words), "{words}: {asked}");
     }
-    // The same numbers and words as `nims calibrate`, of the same file.
+    // The same numbers and words as those of `nims calibrate` for the same file.
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
     let again = Command::new(program).args(["calibrate", "site.toml"]).current_dir(folder.path()).output().unwrap();
     assert_eq!(serde_json::from_slice::<Value>(&again.stdout).unwrap(), value);
     assert!(asked.contains(&text(&again.stderr)), "{}\n{asked}", text(&again.stderr));
-    // What was written is what a robot file can name, and the next one does not take its place.
+    // A robot file can name the written file, and the next run does not overwrite it.
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let written: toml::Table = toml::from_str(&read("site-calibration.toml")).unwrap();
     assert_eq!(written["covariance_m2"].as_array().unwrap().len(), 9);
@@ -101,7 +101,7 @@ fn broken_off_anywhere_nothing_is_lost() {
     }
     let read = |folder: &Path| std::fs::read_to_string(folder.join("site.toml")).unwrap();
     assert_eq!(read(folder.path()), read(whole.path()));
-    // Nothing else is left behind.
+    // No other files are left.
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     let quit = setup(folder.path(), &[], &["quit".to_owned()]);
     assert_eq!(quit.status.code(), Some(1));
@@ -127,7 +127,7 @@ fn what_cannot_be_begun_or_gone_on_with_is_refused_before_any_question() {
     let refused = setup(folder.path(), &[], &[]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(text(&refused.stderr).contains("folder"), "{}", text(&refused.stderr));
-    // Without an answer there is nothing to keep.
+    // Without an answer there is nothing to store.
     std::fs::remove_dir(folder.path().join("site.toml")).unwrap();
     let nothing = setup(folder.path(), &[], &[]);
     assert_eq!(nothing.status.code(), Some(1));
@@ -152,7 +152,7 @@ fn the_transcript_in_the_documentation_is_what_comes() {
     let came = text(&done.stderr) + &text(&done.stdout);
     let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
     let mut rest = words(&came);
-    // Two points stand for what is left out.
+    // Two dots mark what is left out.
     for part in shown.split("\n..\n").map(words) {
         let Some(at) = rest.find(&part) else { panic!("this does not come:\n{part}\nbut this does:\n{came}") };
         rest.drain(..at + part.len());

@@ -1,7 +1,7 @@
-//! `nims solve` against numpy, which shares no code with it, and `nims plan` and `nims workspace` against what is known
-//! of them.
+//! `nims solve` compared with numpy, which shares no code with it; `nims plan` and `nims workspace` compared with known
+//! results.
 //!
-//! `NIMS_SOLVE_ROUNDS=600 cargo test --workspace --test commands -- solve:: --nocapture` draws ten times as many cases.
+//! `NIMS_SOLVE_ROUNDS=600 cargo test --workspace --test commands -- solve:: --nocapture` runs ten times as many cases.
 
 use nims_tests::python;
 use serde_json::Value;
@@ -55,14 +55,14 @@ fn a_planned_parabola_costs_less_than_the_line_and_the_line_is_what_it_says() {
     assert_eq!(best["line_energy_j"], line["energy_j"]);
     let power = best["energy_j"].as_f64().unwrap() / best["duration_s"].as_f64().unwrap();
     assert!((best["mean_power_w"].as_f64().unwrap() / power - 1.0).abs() < 1e-12);
-    // At the same sag it is the same; a price on time shortens it.
+    // At the same sag the result is the same; a price on time shortens the time.
     let mu = best["mu_per_m"].to_string();
     let again = plan(LAB4, &[&ends[..], &["--mu", &mu]].concat());
     let share = again["energy_j"].as_f64().unwrap() / best["energy_j"].as_f64().unwrap();
     assert!((share - 1.0).abs() < 1e-12, "{share}");
     let fast = plan(LAB4, &[&ends[..], &["--path", "parabola", "--time-weight", "5"]].concat());
     assert!(fast["duration_s"].as_f64() < best["duration_s"].as_f64());
-    // With geared motors a path that swings sideways costs less still.
+    // With geared motors a path that swings sideways costs even less.
     let lateral = plan(LAB4, &[&ends[..], &["--path", "lateral"]].concat());
     assert!(lateral["energy_j"].as_f64() < best["energy_j"].as_f64(), "{lateral} {best}");
     assert!(lateral["side_m"][0].as_f64().unwrap().abs() > 0.1, "{lateral}");

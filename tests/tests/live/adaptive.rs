@@ -1,14 +1,14 @@
-//! An adaptive leg as it is flown: sensor, sensor logger and planner are processes of a robot, and what the live map
-//! shows decides what is flown next. Told from the run file and the truth.
+//! An adaptive leg in flight: sensor, sensor logger and planner are processes of a robot, and the live map decides what
+//! is flown next. Checked by the run file and the truth.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
 use messages::{FieldMap, MotorAuthority, PlanMotion, PlanStatus, Request, TruthNode};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-/// Level ground, and on it a block whose corner lies within the area.
+/// Level ground with a block whose corner lies within the area.
 const GROUND: &str = "[[prism]]\ncenter_m = [5.33, 3.4]\nsize_m = [1.0, 1.0]\nheight_m = 0.3\n";
-/// Where its sides stand within the area, m: x of the one along y, y of the one along x.
+/// Positions of its sides within the area, m: x of the one along y, y of the one along x.
 const EDGE_M: [f64; 2] = [4.83, 2.9];
 const LOW_M: [f64; 2] = [4.4, 2.6];
 const HIGH_M: [f64; 2] = [5.2, 3.4];
@@ -26,7 +26,7 @@ adaptive = { map = "rangefinder", corner_m = [4.4, 2.6, 0.7], opposite_m = [5.2,
 line = { to_m = [4.8, 3.0, 0.3] }
 "#;
 
-/// Behind what stands in [motor_box] of the system file.
+/// Text after the section [motor_box] of the system file.
 const DEVICES: &str = r#"
 ground = "../ground/corner.toml"
 
@@ -57,15 +57,15 @@ looks_down = true
 const RANGEFINDER: &str =
     "port = \"{domain}/rangefinder\"\nlatency_s = 0.01\nstale_s = 0.5\n[tfmini]\nresolution_m = 0.001\n";
 
-/// Faults that only say that the machine did not let the control chain run.
+/// Faults that only mean that the machine delayed the control chain.
 const STARVED: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_ESTIMATE_LOST
     | MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_COMPUTER;
-/// Three minutes; the flight takes one.
+/// Longest duration: three minutes; the flight takes one.
 const MOST_CYCLES: u64 = 18_000;
 
-/// How far a place is from where the ground has a step, m.
+/// Distance of a place from the nearest step of the ground, m.
 fn from_edge_m([x, y]: [f64; 2]) -> f64 {
     let beside = |value: f64, from: f64| (from - value).max(0.0);
     let upright = (x - EDGE_M[0]).hypot(beside(y, EDGE_M[1]));
@@ -125,7 +125,7 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
             .map(|(_, motion)| motion)
             .filter(|motion| motion.motion != 0 && leg.get(&motion.header.cycle) == Some(&2))
             .collect();
-        // its first segment is the way from the end of the coarse raster
+        // its first segment leads from the end of the coarse raster
         let first = second.first().expect("a second look").current.id;
         let lines = second.iter().filter(|motion| motion.current.id != first);
         let stamps: Vec<u64> = lines.map(|motion| motion.header.stamp_ns).collect();
@@ -135,7 +135,7 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
         let farthest_m = fine.iter().map(|at| from_edge_m(*at)).fold(0.0, f64::max);
         let nearest_m =
             |to: [f64; 2]| fine.iter().map(|at| (at[0] - to[0]).hypot(at[1] - to[1])).fold(f64::INFINITY, f64::min);
-        // At the rim of the area only one track tells what is there.
+        // At the edge of the area only one track measures.
         let rim_m = 0.5 * COARSE_M;
         let on = |step: u32, from: f64, to: f64| from + (to - rim_m - from) * f64::from(step) / 10.0;
         let up = (0..=10).map(|step| [EDGE_M[0], on(step, EDGE_M[1], HIGH_M[1])]);
@@ -145,11 +145,11 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
             "{} places of the fine lines, at most {farthest_m:.3} m from an edge; no part of an edge farther than {missed_m:.3} m from them",
             fine.len()
         );
-        // Half a pitch, and what lies between two looks at the truth; between two tracks that disagree an edge may be
-        // anywhere.
+        // Tolerance: half a pitch, and the distance between two samples of the truth; an edge may be anywhere between
+        // two tracks with different values.
         assert!(missed_m < 0.5 * FINE_M + 0.02, "{missed_m}");
         assert!(farthest_m < 1.25 * COARSE_M, "{farthest_m}");
-        // and there was enough elsewhere to be flown in vain
+        // and there are places far from an edge that the fine lines could have covered
         assert!(from_edge_m(LOW_M) > 2.0 * COARSE_M && from_edge_m(HIGH_M) > 1.5 * COARSE_M);
     });
 }

@@ -1,5 +1,5 @@
-//! What is injected against what motor-io names as the cause, and a reader of the run file that this program does not
-//! know, which has to come to the same numbers over two lives of motor-io.
+//! Compares the injected causes with those that motor-io publishes, and checks that an independent reader of the run
+//! file computes the same numbers over two lives of motor-io.
 
 use crate::robot::{Robot, root, steadily};
 use analysis::counters::Count;
@@ -14,9 +14,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long a process is stopped.
+/// Time for which a process is stopped.
 const STOPPED: Duration = Duration::from_millis(500);
-/// Most of the periods of that time; the rest is how long it takes to stop a process and to find out.
+/// Least share of the periods of that time; the rest is the time to stop a process and to detect it.
 const MOST: u64 = 30;
 /// Busy threads beside the robot, and for how long.
 const BUSY: usize = 8;
@@ -34,7 +34,8 @@ fn mission_under_way(robot: &mut Robot) {
     going_on(robot);
 }
 
-/// Until the robot follows its motion again at full rate; where it holds for what was done to it, it is told to go on.
+/// Waits until the robot follows its motion at full rate again; if it holds because of the disturbance, requests a
+/// resume.
 fn going_on(robot: &mut Robot) {
     for _ in 0..50 {
         robot.for_cycles(30);
@@ -48,7 +49,7 @@ fn going_on(robot: &mut Robot) {
     panic!("it does not go on: mode {}, faults {:#x}\n{}", robot.last.mode, robot.last.faults, robot.said());
 }
 
-/// Does something to a robot in flight; the periods until it flies again.
+/// Disturbs a robot in flight; returns the periods until it flies again.
 fn row(robot: &mut Robot, injected: &str, inject: impl FnOnce(&mut Robot)) -> Periods {
     robot.look();
     let before = Periods::of(&robot.last);
@@ -76,7 +77,7 @@ fn stopped(robot: &mut Robot, process: &str) {
     robot.signal(process, Signal::CONT);
 }
 
-/// Threads that want every processor that the robot has.
+/// Threads that load every processor of the robot.
 fn busy() {
     let ended = Arc::new(AtomicBool::new(false));
     let permitted = sched_getaffinity(None).unwrap();
@@ -127,9 +128,9 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
             robot.until("it holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         });
         assert!(late.answer > 0, "{late:?}");
-        // A row of lost periods keeps the cause of its first one. Where the computer happens to be short of time in
-        // just that period, the row says nothing about drives, and the drive is silenced again. An answer that was
-        // under way is cut short: that is a resynchronisation.
+        // A series of lost periods keeps the cause of its first one. If the computer is short of time in exactly that
+        // period, the series does not name the drives, and the drive is silenced again. An answer that was under way is
+        // cut short, which is a resynchronisation.
         let silenced = (0..3).any(|_| {
             let silent = row(&mut robot, "a drive that is silent for 0.2 s", |robot| robot.fault("silence 1 for 0.2"));
             assert!(silent.drive + silent.resync + silent.computer >= 10, "{silent:?}");
@@ -143,7 +144,7 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
         assert!(noise.drive + noise.resync > 0, "{noise:?}");
         row(&mut robot, &format!("{BUSY} busy loops for 3 s"), |_| busy());
 
-        // Another life: the time in which there was none belongs to the mission that it broke off.
+        // Another life: the time without motor-io belongs to the mission that it interrupted.
         let first_life = Periods::of(&robot.last);
         robot.signal("motor-io", Signal::KILL);
         std::thread::sleep(Duration::from_millis(700));
@@ -158,8 +159,7 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
     });
 }
 
-/// The periods of a robot's run that has ended, which a reader that this program does not know has to count alike; and
-/// motor-io's lives.
+/// The periods of a robot's finished run, which an independent reader must count alike, and motor-io's lives.
 pub fn counted_alike(robot: &Robot) -> (Periods, u64) {
     let (ours, theirs) = (counted(robot), foreign(robot));
     println!("{}: {}", ours.leading(), ours.by_cause());

@@ -1,5 +1,5 @@
-//! The processes of a running robot: started, ended, restarted, plugged in and unplugged by the operator, and what
-//! their states say.
+//! The processes of a running robot: started, ended, restarted, plugged in and unplugged by the operator, and their
+//! states.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
 use rustix::process::Signal;
@@ -9,7 +9,7 @@ fn pid(robot: &Robot, name: &str) -> u32 {
     robot.pid_in_table(name).unwrap_or(0)
 }
 
-/// Who is on the bus beside this test.
+/// Programs on the bus other than this test.
 fn others(robot: &Robot) -> Vec<String> {
     robot.domain.alive().into_iter().map(|node| node.name).filter(|name| name != "observer").collect()
 }
@@ -32,7 +32,7 @@ fn ready(more: &str) -> Robot {
 #[test]
 fn processes_come_and_go_while_the_robot_runs() {
     let mut up = ready("");
-    // A run that is cut off says with which programs it flew: this much stands there from the beginning.
+    // A run that is cut off still names its programs, because the manifest is written at the start.
     let manifest = std::fs::read_to_string(up.run().join("manifest.json")).unwrap();
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
     let processes = manifest["processes"].as_array().unwrap();
@@ -50,13 +50,13 @@ fn processes_come_and_go_while_the_robot_runs() {
     assert!(!lives(second));
     assert_eq!(up.refused(&["stop-process", "controller-b"], &["does not run"]), Some(1));
 
-    // An ended one comes back under the same name, with another id.
+    // An ended one returns under the same name, with another id.
     let planner = pid(&up, "planner");
     up.told(&["restart", "planner"]);
     assert!(pid(&up, "planner") != planner && !lives(planner));
     assert_eq!(up.state("planner"), "ready");
 
-    // Programs that the system file does not know.
+    // Programs that are not in the system file.
     std::fs::write(up.folder().join("sensor.sh"), "echo $1 > plugged; exec sleep 1000\n").unwrap();
     up.told(&["plug", "wind", "--", "sh", "sensor.sh", "{name}/{domain}"]);
     assert_eq!(up.state("wind"), "running", "it sends no heartbeat, so it is not called ready");
@@ -75,7 +75,7 @@ fn processes_come_and_go_while_the_robot_runs() {
     assert_eq!(up.state("wind"), "no row");
     assert!(!lives(wind));
     assert_eq!(up.down(Signal::INT), Some(0), "nothing has died: {}", up.said());
-    // What was plugged in can be read in the run, and in its file.
+    // The run and its file name what was plugged in.
     let kept = up.run().join("processes/1-wind-sensor.sh");
     assert!(std::fs::read_to_string(&kept).unwrap().contains("sleep 1000"));
     let attachments = runlog::info(&up.run()).unwrap().attachments;
@@ -125,12 +125,12 @@ fn a_standby_is_kept_and_a_dead_one_is_started_again() {
         up.until_said("it is started again", |up| up.state(name) == "ready" && pid(up, name) != before);
     }
     assert!(up.said().contains("controller was ended by signal 9: controller-b goes on"), "{}", up.said());
-    // By the name that it has in the system file too.
+    // By its name in the system file too.
     up.told(&["restart", "second"]);
     up.told(&["start", "spare"]);
     assert_eq!(up.state("estimator-b"), "ready");
     assert_eq!(up.state("spare"), "no row", "it runs under the name of its slot");
-    // What keeps dying is given up.
+    // A process that keeps dying is not restarted.
     up.until_said("flaky is given up", |up| up.state("flaky") == "DIED for good");
     assert_eq!(up.said().matches("flaky ended with exit code 7").count(), 3, "{}", up.said());
     assert_eq!(up.down(Signal::INT), Some(1));

@@ -1,5 +1,4 @@
-//! An emergency stop gets through where nothing else does: every place taken, every byte of shared memory and of the
-//! disk too.
+//! An emergency stop works when every slot and every byte of shared memory and of the disk is taken.
 
 use crate::robot::{GOAL, Robot, START, goto};
 use bus::{Bus, Client, Party, Subscriber, Tap, Waiter};
@@ -9,14 +8,14 @@ use std::cell::RefCell;
 use std::fs::File;
 use std::process::Command;
 
-/// Set in a process that has a /dev/shm and a disk of its own.
+/// Set in a process with a separate /dev/shm and disk.
 const OWN: &str = "NIMS_TEST_OWN_SHARED_MEMORY";
 const TEST: &str = "emergency::an_emergency_stop_gets_through_where_nothing_else_does";
-/// How often; more with this variable.
+/// Number of stops; this variable sets a larger one.
 const ROUNDS: &str = "NIMS_TEST_ROUNDS";
-/// Cycles from the one in which the stop arrived to the first in which nothing moves any more.
+/// Cycles from the arrival of the stop to the first in which nothing moves any more.
 const CYCLES: u64 = 5;
-/// Room for a second or two of the robot's run, which the recorder uses to the last megabyte.
+/// Space for a second or two of the robot's run, which the recorder uses to the last megabyte.
 const DISK: &str = "64m";
 const RECORDER: &str = "[recorder]\nmin_free_bytes = 1000000\n";
 const CROWDED: [&str; 9] = [
@@ -31,7 +30,7 @@ const CROWDED: [&str; 9] = [
     "operator/request",
 ];
 
-/// Takes every place that there is, as processes of the robot could.
+/// Takes every free slot, as processes of the robot could.
 struct Crowd {
     _taps: Vec<Tap>,
     _clients: Vec<Client>,
@@ -46,7 +45,7 @@ impl Crowd {
         let (mut taps, mut clients, mut waiters) = (Vec::new(), Vec::new(), Vec::new());
         let mut next = members.iter().cycle();
         let mut any = || next.next().unwrap();
-        // each until there is no place left
+        // each until no slot is free
         for name in CROWDED {
             taps.extend(std::iter::from_fn(|| any().tap(name).ok()));
         }
@@ -92,7 +91,7 @@ fn stop_in_a_crowd() {
     let mut inputs = robot.bus.deep_subscriber::<MotorInput>("motor/input").unwrap();
     let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
     robot.arm();
-    // What the test itself needs is open before the crowd comes.
+    // The test opens what it needs before all slots are taken.
     robot.request("planner", &Request::Arm);
     let crowd = Crowd::gather(&robot);
     let fillers = ["/dev/shm".as_ref(), robot.folder()].map(|place| File::create(place.join("filler")).unwrap());
@@ -100,12 +99,12 @@ fn stop_in_a_crowd() {
     let before = robot.nims(&["status"]);
     assert!(!before.status.success(), "it is full");
     robot.until("the disk is full", |_| {
-        // The recorder needs no room to say so.
+        // The recorder needs no disk space to report it.
         recorder.borrow_mut().latest().unwrap().is_some_and(|status| status.state == RecorderStatus::STATE_DISK_FULL)
     });
     let mut slowest = 0;
     for round in 0..rounds {
-        // To the farther one of two places, wherever the last stop left the node.
+        // To the farther of two places, wherever the last stop left the node.
         let to_m = farther(&robot);
         robot.ask("planner", goto(to_m, 0.12));
         robot.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
@@ -126,13 +125,13 @@ fn farther(robot: &Robot) -> [f64; 3] {
     if away(&GOAL) > away(&START) { GOAL } else { START }
 }
 
-/// `nims estop`; cycles from the one in which it arrived to the first with a zero command that stays.
+/// Runs `nims estop`; returns the cycles from its arrival to the first zero command that stays.
 fn stop_once(robot: &Robot, inputs: &mut Subscriber<MotorInput>, states: &mut Subscriber<MotorState>) -> u64 {
     while inputs.receive().unwrap().is_some() {}
     while states.receive().unwrap().is_some() {}
     let said = robot.nims(&["estop"]);
     assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
-    // The answer came after the cycle; the samples of the next ones follow.
+    // The answer was published after the cycle; the samples of the next ones follow.
     std::thread::sleep(std::time::Duration::from_millis(200));
     let arrived = std::iter::from_fn(|| inputs.receive().unwrap()).find(|input| input.estops > 0);
     let arrived = arrived.expect("it stands in motor/input").header.cycle;
@@ -144,7 +143,7 @@ fn stop_once(robot: &Robot, inputs: &mut Subscriber<MotorInput>, states: &mut Su
     last.max().map_or(0, |cycle| cycle + 1 - arrived)
 }
 
-/// Takes what is left where the file lies.
+/// Fills the file system of this file.
 fn fill(file: &File) {
     let room = fstatvfs(file).unwrap();
     let _ = fallocate(file, FallocateFlags::empty(), file.metadata().unwrap().len(), room.f_bavail * room.f_frsize);

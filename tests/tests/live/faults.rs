@@ -1,5 +1,4 @@
-//! Faults on request: each is found out within the cycles, and followed by the mode, that the table in `docs/faults.md`
-//! says.
+//! Injected faults: each is detected within the cycles, and followed by the mode, of the table in `docs/faults.md`.
 
 use crate::robot::{Robot, program, root, steadily};
 use messages::{MotorAuthority, Request};
@@ -20,7 +19,7 @@ fn the_page_is_the_table() {
     assert!(is == page(), "docs/faults.md differs from the code; write it again: nims fault list > docs/faults.md");
 }
 
-/// What breaks in motors, lines, encoders and supply: in lockstep, on three and four lines, counted exactly.
+/// Faults of motors, cables, encoders and supply: in lockstep, on three and four cables, with exact counts.
 #[test]
 fn what_breaks_in_the_plant_is_found_within_the_cycles_that_the_table_says() {
     for robot in ["lab3", "lab4"] {
@@ -56,8 +55,8 @@ fn what_breaks_in_the_plant_is_found_within_the_cycles_that_the_table_says() {
     }
 }
 
-/// A broken line: the node comes down, the other lines hang loose, and their encoders show nothing of what their drums
-/// do. They do nothing.
+/// A broken cable: the node comes down, the other cables hang loose, and their encoders show nothing of the motion of
+/// their drums. The drums stand still.
 #[test]
 fn no_drum_creeps_on_under_a_slack_line() {
     for cable in 0..3 {
@@ -78,8 +77,8 @@ fn no_drum_creeps_on_under_a_slack_line() {
     }
 }
 
-/// Breaks something in flight, and sees within how many cycles it is named; false where that took longer because the
-/// robot waited for the computer, and said so.
+/// Breaks something in flight, and checks within how many cycles it is named; false if that took longer because the
+/// robot waited for the computer and reported so.
 fn found_after(robot: &mut Robot, row: &Row, breaks: impl FnOnce(&mut Robot)) -> bool {
     robot.look();
     assert_eq!((robot.last.mode, robot.last.faults), (FOLLOWING, 0), "{}", row.example);
@@ -97,7 +96,7 @@ fn found_after(robot: &mut Robot, row: &Row, breaks: impl FnOnce(&mut Robot)) ->
     in_time
 }
 
-/// Breaks what a process says, in flight, and puts it right again; false if the robot has stopped for something else.
+/// Alters what a process publishes, in flight, and restores it; false if the robot has stopped for another reason.
 fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
     robot.look();
     assert_eq!((robot.last.mode, robot.last.faults), (FOLLOWING, 0), "{}", row.example);
@@ -116,13 +115,13 @@ fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
     faults & row.bits != 0
 }
 
-/// The motion goes on, and no fault is named any more.
+/// Waits until the motion goes on and no fault is named any more.
 fn resume(robot: &mut Robot) {
     robot.ask("motor-io", Request::Resume);
     robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
 }
 
-/// Tries it so often at most.
+/// Repeats an attempt at most so many times.
 fn in_one_of(tries: usize, row: &Row, mut found: impl FnMut() -> bool) {
     assert!((0..tries).any(|_| found()), "{}: {tries} times another fault, or too late", row.example);
 }
@@ -131,7 +130,7 @@ fn row(kind: &str, of: &str) -> &'static Row {
     ROWS.iter().find(|row| row.kind() == kind && row.example.contains(of)).unwrap()
 }
 
-/// What breaks on the wire, and what becomes of processes: one robot after the other fault, in real time.
+/// Faults on the wire and of processes: one robot after the other fault, in real time.
 #[test]
 fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_table_says() {
     steadily(|| {
@@ -167,8 +166,8 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
             robot.reset();
         }
 
-        // The button of a unit: an emergency stop that no reset ends while it is pressed, and nothing moves when it is
-        // released.
+        // The button of a unit: an emergency stop that no reset ends while it is pressed; when it is released, nothing
+        // moves.
         let pressed = row("estop", "");
         robot.fly();
         assert!(found_after(&mut robot, pressed, |robot| robot.fault(pressed.example)));
@@ -196,8 +195,8 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
         for process in ["controller", "estimator"] {
             for kind in ["slow", "nan", "frozen"] {
                 let row = row(kind, process);
-                // Where the machine lets another process wait just then, the robot stops for that one, rightly: then
-                // once more.
+                // If the machine delays another process in that moment, the robot rightly stops for that one; then it
+                // is repeated.
                 in_one_of(10, row, || found_in(&mut robot, row, process, kind));
             }
         }
@@ -219,8 +218,8 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
     });
 }
 
-/// The command itself: refusals before anything is asked, faults that pass by themselves, processes that stand still
-/// for a while.
+/// The command itself: refusals before any request, faults that end by themselves, and processes that stand still for a
+/// while.
 #[test]
 fn the_command_breaks_things_and_puts_them_right_again() {
     let nims = |domain: &str, args: &[&str]| {

@@ -1,5 +1,5 @@
-//! What flew is what is written: the run's own copy of the configuration, what each process says it works with, and
-//! `nims set`.
+//! The recorded configuration is the one that flew: the run's copy of the configuration, the parameters that each
+//! process publishes, and `nims set`.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
 use messages::{MotorAuthority, Request, SystemConfig, text_of};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 const TWO_CONTROLLERS: &str = "\n[controller]\nlaw = \"p-feedforward\"\n\n[[process]]\nname = \"second\"\nrole = \"controller\"\nstandby = true\n\
     [[process]]\nname = \"first\"\nrole = \"controller\"\nrestart = true\n";
 
-/// The newest word of a process on what it works with.
+/// The newest sample of a process with its parameters.
 fn config_of(robot: &Robot, process: &str) -> Option<SystemConfig> {
     let mut said = robot.bus.subscriber::<SystemConfig>(&format!("system/config/{process}")).unwrap();
     let give_up = bus::clock::now_ns() + 500_000_000;
@@ -67,7 +67,8 @@ fn what_is_set_in_flight_holds_in_every_slot_and_after_a_restart_and_replays() {
             assert!(said.changes == 1 && said.from_seq > 1 && said.from_cycle >= announced, "{said:?}");
             *incarnation = said.incarnation;
         }
-        // The one in charge dies; the standby goes on, and what comes in its place begins with what was set.
+        // The process in charge dies; the standby takes over, and the restarted one begins with the parameters that
+        // were set.
         robot.signal("controller", Signal::KILL);
         robot.until_said("another controller", |robot| {
             config_of(robot, "controller").is_some_and(|said| said.incarnation != first[0])
@@ -92,7 +93,7 @@ fn what_is_set_in_flight_holds_in_every_slot_and_after_a_restart_and_replays() {
     });
 }
 
-/// A sensor behind a port that is not there, so that nothing but its file counts.
+/// A sensor on a missing port, so that only its file matters.
 const SENSOR: &str = "\n[[process]]\nname = \"wind\"\ncommand = [\"sensor\", \"../sensors/wind.toml\"]\n";
 
 #[test]
@@ -151,7 +152,7 @@ fn every_process_says_what_it_works_with() {
             ("motor-box", "seed = 1"),
             ("nims", ""),
         ] {
-            // The hash follows once the program has been read.
+            // The hash follows once the program file has been read.
             robot.until_said("the hash of its program", |robot| {
                 config_of(robot, process).is_some_and(|said| !text_of(&said.program_sha256).is_empty())
             });
@@ -169,7 +170,7 @@ fn every_process_says_what_it_works_with() {
     });
 }
 
-/// The table of the help is that of the page.
+/// The table in the help is the same as that of the page.
 #[test]
 fn the_page_has_the_table_of_the_help() {
     let page = std::fs::read_to_string(crate::robot::root().join("docs/tuning.md")).unwrap();

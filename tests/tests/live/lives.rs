@@ -1,5 +1,5 @@
-//! Lives of motor-io on a robot as it is run: what a dead estimator, a dead motor-io or a stranger left in a channel
-//! moves nothing, and stops nothing.
+//! Lives of motor-io on a running robot: samples that a dead estimator, a dead motor-io or a foreign process left in a
+//! channel move nothing and stop nothing.
 
 use crate::robot::{Robot, samples_of, steadily};
 use messages::{
@@ -9,14 +9,14 @@ use rustix::process::Signal;
 use std::cell::RefCell;
 use std::path::Path;
 
-/// Of the robot file, m/s, and by how much the node may exceed it: it swings on its lines.
+/// Limit of the robot file, m/s, and by how much the node may exceed it because it swings on its cables.
 const SPEED_LIMIT_M_S: f64 = 0.4;
 const MARGIN: f64 = 1.1;
-/// How far from the line that it is told to fly the node may be, m.
+/// Largest distance of the node from the commanded straight line, m.
 const NEAR_M: f64 = 0.03;
 const LOGGER: &str = "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sensor-logger\", \"--system\", \"{system}\"]\nrestart = true\n";
 
-/// To a height over the start, to the end of the move.
+/// Moves to a height above the start, until the end of the move.
 fn fly_to(robot: &mut Robot, z: f64) {
     let before = robot.last.motion;
     robot.ask("planner", Request::Goto { to_m: [4.8, 3.0, z], path: GotoPath::Line, speed_m_s: None });
@@ -26,7 +26,7 @@ fn fly_to(robot: &mut Robot, z: f64) {
     });
 }
 
-/// motor-io dies in its hold, and comes back.
+/// motor-io dies while the robot holds, and restarts.
 fn another_life(robot: &mut Robot) {
     let life = robot.last.header.life;
     robot.told(&["fault", "kill", "motor-io"]);
@@ -37,7 +37,7 @@ fn another_life(robot: &mut Robot) {
     robot.told(&["confirm-position"]);
 }
 
-/// By truth: down from there to there, near the line, and not faster than the robot may.
+/// By truth: down between the two heights, near the straight line, and within the speed limit.
 fn goes_down(run: &Path, begun_ns: u64, from_z: f64, to_z: f64) {
     let truth: Vec<TruthNode> = samples_of(run, "truth/node");
     let flown: Vec<&TruthNode> = truth.iter().filter(|sample| sample.header.stamp_ns > begun_ns).collect();
@@ -84,7 +84,7 @@ fn controllers_that_outlive_motor_io_follow_the_next_one_at_once() {
     steadily(|| a_dead_estimator_is_not_believed(false));
 }
 
-/// Cycles that a stranger may claim.
+/// Cycle numbers that a foreign process may claim.
 const FORGED: [u64; 3] = [1 << 63, u64::MAX, 0];
 
 #[test]
@@ -115,8 +115,7 @@ fn a_stranger_on_the_free_slot_does_nothing_to_the_robot_in_flight() {
         robot.arrive();
         assert_eq!((robot.named, robot.last.in_charge), (0, begun.in_charge));
         assert_ne!(robot.seats.phase[SLOTS * ESTIMATORS + 1], MotorSlots::PHASE_QUALIFIED);
-        // Whoever comes into that slot afterwards is heard: what was forged does not stand in the way of a later, true
-        // sample.
+        // The next process in that slot is accepted: forged samples do not block a later, valid sample.
         robot.told(&["swap", "estimator", "kalman"]);
         robot.fly();
         robot.arrive();

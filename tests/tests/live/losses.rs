@@ -1,12 +1,12 @@
-//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that
-//! hangs is replaced.
+//! Losses of the recording: they are reported at once, missions are not started, and `nims up` exits with 1. A hung
+//! process is replaced.
 
 use crate::robot::{Robot, THREE_LINES, copy_configs, program, root, steadily};
 use messages::{MotorAuthority, Request};
 use rustix::process::Signal;
 use std::process::Command;
 
-/// A standby beside the controller, which is started again when it dies.
+/// A standby beside the controller, which is restarted when it dies.
 const STANDBY: &str =
     "\n[[process]]\nname = \"spare\"\nrole = \"controller\"\nslot = \"b\"\nstandby = true\nrestart = true\n";
 
@@ -14,7 +14,7 @@ fn restarts(robot: &Robot, process: &str) -> u64 {
     robot.row(process).and_then(|row| row["restarts"].as_u64()).unwrap_or(0)
 }
 
-/// Names of what stands in a folder.
+/// Names of the entries of a folder.
 fn names_of(folder: &std::path::Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
@@ -23,7 +23,7 @@ fn names_of(folder: &std::path::Path) -> Vec<String> {
 #[test]
 fn without_room_nothing_is_recorded_and_no_mission_begins() {
     steadily(|| {
-        // More than any disk has.
+        // More space than any disk has.
         let mut robot = Robot::up("\n[recorder]\nmin_free_bytes = 1000000000000000\n");
         robot.until_said("it is said", |robot| robot.said().contains("NOTHING IS BEING RECORDED: the disk is full"));
         robot.arm();
@@ -33,7 +33,7 @@ fn without_room_nothing_is_recorded_and_no_mission_begins() {
         assert_eq!(robot.refused(&["run", mission], &words), Some(1));
         let status = robot.status();
         assert!(status["recorder"]["state"].as_str().unwrap().contains("the disk is full"), "{status}");
-        // The way home is never barred, but it is said that it leaves no trace.
+        // The way home is always allowed, but the answer says that it is not recorded.
         let home = robot.nims(&["goto", "5.0,3.2,0.5"]);
         assert!(home.status.success() && String::from_utf8_lossy(&home.stderr).contains("nothing is being recorded"));
         robot.ask("motor-io", Request::Stop);
@@ -61,13 +61,13 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         let said = robot.said();
         assert!(said.contains("what the removed files held is not in the run"), "{said}");
         assert!(said.contains("is made again, with") && !said.contains("started a new file"), "{said}");
-        // The configuration stands there again, and the new file begins with it.
+        // The configuration is in the folder again, and the new file begins with it.
         before.retain(|name| name.ends_with(".toml") || name == "manifest.json");
         robot.until_said("it stands there again", |robot| {
             let now = names_of(&robot.run());
             before.iter().all(|name| now.contains(name))
         });
-        // A process that is started now finds a folder for its words.
+        // A process that starts now finds a folder for its log.
         robot.told(&["restart", "planner"]);
         assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
         let report = runlog::info(&robot.run()).unwrap();

@@ -1,4 +1,4 @@
-//! Robots as they are run, with their processes, in real time; one at a time.
+//! Running robots with their processes, in real time; one at a time.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

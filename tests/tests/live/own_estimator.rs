@@ -1,12 +1,12 @@
-//! A method of estimation of one's own, in its own program, is swapped in while the robot moves: the template, compiled
-//! beside the others.
+//! A custom estimator in a separate program takes over while the robot moves: the template, compiled with the other
+//! programs.
 
 use crate::robot::{Robot, steadily};
 use estimator::METHOD_OTHER;
 use messages::{ESTIMATORS, NodeEstimate, SystemConfig, text_of};
 use rustix::process::Signal;
 
-/// How far the node swings on its lines after a stop, m.
+/// Amplitude with which the node swings on its cables after a stop, m.
 const SWING_M: f64 = 0.01;
 
 const OWN: &str =
@@ -24,9 +24,9 @@ fn a_method_of_ones_own_is_swapped_in_in_flight() {
         robot.for_cycles(5);
         let estimate = estimates.latest().unwrap().unwrap();
         assert_eq!((estimate.method, estimate.valid), (METHOD_OTHER, 1));
-        // Its parameters, its constants, and which program it is.
+        // Its parameters, its constants, and the program.
         let mut configs = robot.bus.subscriber::<SystemConfig>("system/config/estimator-b").unwrap();
-        // The hash follows once the program has been read.
+        // The hash follows once the program file has been read.
         let mut said = None;
         while said.as_ref().is_none_or(|said: &SystemConfig| text_of(&said.program_sha256).is_empty()) {
             robot.for_cycles(20);
@@ -53,7 +53,7 @@ fn a_method_of_ones_own_is_swapped_in_in_flight() {
         let processes = manifest["processes"].as_array().unwrap();
         let entry = processes.iter().find(|process| process["name"] == "estimator-b").unwrap();
         assert_eq!(entry["version"].as_str(), Some(version.as_str()));
-        // What it computed, nims cannot compute again; everything else it can.
+        // nims cannot recompute its samples, but it recomputes all others.
         let replayed = replay::run(&robot.run(), &replay::Changes::default(), &mut |_| {}).unwrap();
         assert_eq!(replayed.different(), 0, "{:#?}", replayed.channels);
     });

@@ -1,9 +1,9 @@
-//! A law of one's own, in its own program, flies by configuration alone: the template, compiled beside the others.
+//! A custom law in a separate program flies by configuration alone: the template, compiled with the other programs.
 
 use crate::robot::{Robot, steadily};
 use messages::{ControlStatus, SystemConfig, text_of};
 
-/// How far the node swings on its lines after a stop, m.
+/// Amplitude with which the node swings on its cables after a stop, m.
 const SWING_M: f64 = 0.01;
 
 #[test]
@@ -15,9 +15,9 @@ fn a_law_of_ones_own_flies_by_configuration_alone() {
         robot.fly();
         let status = statuses.latest().unwrap().unwrap();
         assert_eq!((status.law, status.valid), (ControlStatus::LAW_OTHER, 1));
-        // What flew is in the run, also of a law that nims does not know.
+        // The run stores what flew, also for a law unknown to nims.
         let mut configs = robot.bus.subscriber::<SystemConfig>("system/config/controller").unwrap();
-        // The hash follows once the program has been read.
+        // The hash follows once the program file has been read.
         let mut said = None;
         while said.as_ref().is_none_or(|said: &SystemConfig| text_of(&said.program_sha256).is_empty()) {
             robot.for_cycles(50);

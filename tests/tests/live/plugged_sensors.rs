@@ -1,5 +1,5 @@
-//! Sensors of one's own on the robot in flight: plugged in, replaced, killed and started again, in Rust and in Python,
-//! from the templates as they are. What it cost is read from the run file.
+//! Custom sensors on the robot in flight: plugged in, replaced, killed and restarted, in Rust and in Python, from the
+//! unmodified templates. The cost is read from the run file.
 //!
 //! `NIMS_REPLACEMENTS=50 cargo test --workspace --test live plugged_sensors::` replaces them fifty times.
 
@@ -10,7 +10,7 @@ use rustix::process::Signal;
 use std::path::Path;
 
 messages::message! {
-    /// The message of both templates: one type, in whichever language it is declared.
+    /// The message of both templates: the same type in both languages.
     pub struct Example {
         header: Header,
         value_v: f64,
@@ -18,18 +18,17 @@ messages::message! {
     }
 }
 
-/// A second controller and a second estimator: a machine that holds one of them up for a moment has another that
-/// answers.
+/// A second controller and a second estimator, which answer if the machine delays the first ones for a moment.
 const STANDBYS: &str = "\n[[process]]\nname = \"controller-b\"\nrole = \"controller\"\nstandby = true\n\
     \n[[process]]\nname = \"estimator-b\"\nrole = \"estimator\"\nstandby = true\n";
-/// Cycles of quiet flight before the first sensor comes and after the last one went.
+/// Cycles of quiet flight before the first sensor starts and after the last one ends.
 const QUIET_CYCLES: u64 = 300;
-/// How often the templates read their device, 1/s.
+/// Rate at which the templates read their device, 1/s.
 const RATE_HZ: u64 = 10;
 /// Cycles between a period lost to the computer and a command that is missing because of it.
 const FROZEN_CYCLES: u64 = 5;
 
-/// To and fro for a quarter of an hour.
+/// A motion to and fro for a quarter of an hour.
 fn fly_for_long(robot: &mut Robot) {
     let mut mission = "name = \"to and fro\"\nspeed_m_s = 0.15\n".to_owned();
     for _ in 0..40 {
@@ -38,7 +37,7 @@ fn fly_for_long(robot: &mut Robot) {
     }
     std::fs::write(robot.folder().join("fro.toml"), mission).unwrap();
     robot.arm();
-    // A cycle without readings has no estimate, and then the planner has nowhere to begin.
+    // A cycle without readings has no estimate, and then the planner has no starting point.
     robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     for _ in 0..50 {
         if robot.nims(&["run", "./fro.toml"]).status.success() {
@@ -49,8 +48,7 @@ fn fly_for_long(robot: &mut Robot) {
     robot.until("the mission has begun", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
 }
 
-/// The template in Python with what it needs (`sensor.py`), and one with another field under the same name
-/// (`other.py`).
+/// The template in Python with its files (`sensor.py`), and a copy with another field under the same name (`other.py`).
 fn copy_templates(robot: &Robot) {
     for file in ["templates/sensor.py", "python/nims_bus.py"] {
         let from = root().join("scripts").join(file);
@@ -60,7 +58,7 @@ fn copy_templates(robot: &Robot) {
     std::fs::write(robot.folder().join("other.py"), text.replace("value_v", "value_a")).unwrap();
 }
 
-/// Periods without an answer between `first` and `last` beside which the computer was not short of time.
+/// Periods without an answer between `first` and `last` without a nearby shortage of computing time.
 fn unanswered(run: &Path, first: u64, last: u64) -> u64 {
     let mut samples = samples_of::<MotorAuthority>(run, "motor/authority");
     samples.retain(|sample| (first..=last).contains(&sample.header.cycle));
@@ -74,14 +72,14 @@ fn unanswered(run: &Path, first: u64, last: u64) -> u64 {
         .count() as u64
 }
 
-/// Whether every life of a sensor is in the run file: nothing missing behind its first sample, and that within a second
-/// of its beginning. Two lives may overlap, as those of a program and of its successor do: the number of a sample tells
-/// which one said it.
+/// Checks that every life of a sensor is in the run file: no gap after its first sample, which is from within the first
+/// second. Two lives may overlap, as those of a program and its successor do: the number of a sample shows which one
+/// published it.
 fn lives(run: &Path, channel: &str) -> u64 {
     let samples = runlog::read_channel::<Example>(run, channel).unwrap();
     let (mut lives, mut last) = (0, Vec::new());
     for (_, Example { header, value_v, samples }) in samples {
-        // The value is the number of the sample, from 0: a new life begins again.
+        // The value is the number of the sample, from 0: a new life restarts it.
         let count = header.seq - 1;
         match last.iter_mut().rev().take(2).find(|last| **last + 1 == header.seq) {
             Some(last) => *last = header.seq,
@@ -109,7 +107,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         robot.until("quiet flight", |robot| robot.last.header.cycle > begun + QUIET_CYCLES);
         let first = robot.last.header.cycle;
 
-        // Both appear under their own names, with their own fields, and nothing else is started again.
+        // Both appear under their names, with their fields, and no other process is restarted.
         robot.told(&["plug", "soil", "--", "my-sensor"]);
         robot.told(&["plug", "leaf", "--", &path(&python), "sensor.py"]);
         for name in ["soil", "leaf"] {
@@ -133,7 +131,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
                     robot.signal("soil", Signal::KILL);
                     robot
                         .until("its end is known", |robot| robot.domain.alive().iter().all(|node| node.name != "soil"));
-                    // In another language, under the same name and of the same type.
+                    // In the other language, under the same name and with the same type.
                     robot.told(&["plug", "soil", "--replace", "--", &path(&python), "sensor.py"]);
                 }
                 _ => {
@@ -149,11 +147,11 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
             }
             robot.until("the next cycle", |robot| robot.last.header.cycle > now);
             if robot.last.mode != MotorAuthority::MODE_FOLLOWING {
-                // Whether that was the machine's doing is seen below.
+                // Whether the machine caused that is checked below.
                 robot.ask("motor-io", Request::Resume);
             }
         }
-        // Whoever is in the control cycle holds no channel of a sensor, so that none can hold it up.
+        // No process of the control cycle has a sensor's channel open, so that no sensor can delay it.
         for channel in robot.bus.channels().unwrap().iter().filter(|channel| channel.name.starts_with("sensor/")) {
             let holders: Vec<&str> = channel.holders.iter().map(|node| node.name.as_str()).collect();
             let own = channel.name.trim_start_matches("sensor/");
@@ -163,7 +161,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
                 channel.name
             );
         }
-        // Other fields under the old name: refused, with what to do; under a new one they are welcome.
+        // Other fields under the old name are rejected, with what to do; under a new name they are accepted.
         let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py"]);
         let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success() && sentence.contains("a changed type needs a new name"), "{sentence}");
@@ -182,7 +180,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
             unanswered(&run, first, last),
         );
         println!("periods without an answer: {disturbed} of {}; {quiet} in quiet flight", last - first);
-        // A machine that misses cycles with nothing new on it is too busy to say anything about sensors.
+        // A machine that misses cycles without a new sensor is too busy for a statement about sensors.
         assert!(disturbed == 0 || quiet > 0, "{disturbed} periods without an answer, and none in quiet flight");
         assert_eq!(lives(&run, "sensor/soil"), rounds + 1);
         assert_eq!(lives(&run, "sensor/leaf"), 1);
@@ -193,7 +191,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
             report.channels.iter().find(|channel| channel.name == format!("sensor/{name}")).unwrap().schema.clone()
         };
         assert_eq!((schema("soil"), schema("leaf")), ("nims_msgs/msg/Example".into(), "nims_msgs/msg/Example".into()));
-        // Two types of one name in one file are told apart.
+        // Two types with one name in one file are distinguished.
         assert!(schema("leaf-2").starts_with("nims_msgs/msg/ExampleX"), "{}", schema("leaf-2"));
         let states = runlog::read_channel::<MotorState>(&run, "motor/state").unwrap();
         println!("{rounds} replacements ({killed} by SIGKILL) in {} cycles", states.len());
@@ -211,8 +209,8 @@ fn a_successor_that_does_not_speak_costs_nothing() {
         robot.told(&["channel", "echo", "sensor/soil", "-n", "1"]);
         let before = robot.pid_in_table("soil").unwrap();
 
-        // One that ends, one of another type, and one that never says anything: why is said, and the one before speaks
-        // on.
+        // One that ends, one of another type, and one that never publishes: the reason is reported, and the previous
+        // one keeps publishing.
         for (command, why) in [
             (vec!["sh", "-c", "echo the cable is off >&2; exit 3"], "the cable is off"),
             (vec![python, "other.py"], "a changed type needs a new name"),
@@ -227,7 +225,7 @@ fn a_successor_that_does_not_speak_costs_nothing() {
             assert_eq!((robot.pid_in_table("soil"), robot.state("soil").as_str()), (Some(before), "ready"), "{why}");
         }
 
-        // One that speaks has the name from then on, and the one before spoke until it did.
+        // One that publishes has the name from then on; the previous one published until then.
         robot.told(&["plug", "soil", "--replace", "--", python, "sensor.py"]);
         assert_ne!(robot.pid_in_table("soil"), Some(before));
         let said = robot.said();

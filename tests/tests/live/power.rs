@@ -1,5 +1,5 @@
-//! The power goes in the middle of a mission, and the disk fills: what is lost is known and small, and the robot is not
-//! deceived.
+//! The power fails during a mission, and the disk fills: the loss is known and small, and the robot starts with a
+//! correct state.
 
 use crate::robot::{GOAL, Robot, START, goto, program, steadily};
 use messages::{MotorAuthority, MotorState, RecorderStatus, Request};
@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// A second of control cycles.
 const SECOND: u64 = 100;
-/// Half a turn of an encoder's 0.1 mm, times some: the same length.
+/// Tolerance for equal lengths, m: a multiple of an encoder's step of 0.1 mm.
 const SAME_M: f64 = 0.002;
 
 fn cycles_in(run: &Path) -> BTreeSet<u64> {
@@ -19,7 +19,7 @@ fn cycles_in(run: &Path) -> BTreeSet<u64> {
     samples.iter().map(|(_, sample)| sample.header.cycle).collect()
 }
 
-/// Up to the last second, the run file has every cycle that was seen on the bus.
+/// Up to the last second, the run file has every cycle that was published on the bus.
 fn is_whole(run: &Path, seen: &[MotorState]) {
     let recorded = cycles_in(run);
     let (first, last) = (seen[0].header.cycle, seen.last().unwrap().header.cycle);
@@ -42,7 +42,7 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
         robot.arm();
         robot.fly();
-        // Any instant of a second and a half.
+        // A random instant within a second and a half.
         let wait = u64::from(bus::clock::unix_ns() as u32) % (SECOND * 3 / 2);
         let until = robot.last.header.cycle + wait;
         robot.until("the instant", |robot| robot.last.header.cycle >= until);
@@ -64,11 +64,11 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         assert!(recovered.status.success(), "{}", String::from_utf8_lossy(&recovered.stderr));
         is_whole(&home, &seen);
 
-        // A power cut takes all that stands in memory, so also who ran where.
+        // A power cut erases shared memory, including the list of processes.
         robot.forget();
-        // By the next start, which also says where the robot believes to be, and that this is a belief.
+        // By the next start, which also reports where the robot is believed to be, and that this is unconfirmed.
         robot.up_again("");
-        // The old ports went with the old processes.
+        // The old ports ended with the old processes.
         let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
         let cycle = robot.last.header.cycle + 5;
         robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
@@ -103,7 +103,7 @@ fn a_disk_that_fills_in_flight_ends_the_recording_aloud_and_not_the_mission() {
     steadily(|| {
         let place = tempfile::tempdir().unwrap();
         let free = runlog::free_bytes(place.path()).unwrap();
-        // The disk is full when this much is gone; other programs of the machine use less in these seconds.
+        // The disk is full after so many more bytes; other programs of the machine use less in these seconds.
         let room = (free / 4).min(200_000_000);
         let mut robot = Robot::up(&format!("\n[recorder]\nmin_free_bytes = {}\n", free - room));
         let mut states = robot.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
@@ -153,7 +153,7 @@ fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_don
         robot.look();
         let there = robot.seen.position_m;
         let before = robot.distance_m(START);
-        // The virtual box hangs the node where its file says: where it was left.
+        // The virtual motor box starts the node at the position in its file: the last position.
         robot.change_box(|text| text.replace("start_m = [4.8, 3.0, 0.3]", &format!("start_m = {there:?}")));
         robot.up_again("");
         robot.ask("motor-io", Request::Arm);
@@ -165,9 +165,9 @@ fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_don
         });
         robot.arrive();
         assert!(robot.distance_m(START) < 0.02, "{} m from the end", robot.distance_m(START));
-        // Done is done.
+        // Completed legs stay completed.
         robot.refused(&["run", "over", "--continue"], &[]);
-        // What was flown stands in the run, whatever becomes of the file that said so.
+        // The run has what was flown, even if the progress file is lost.
         std::fs::remove_file(&file).unwrap();
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
         assert_eq!(std::fs::read_to_string(robot.run().join("missions/1-over.toml")).unwrap(), mission);

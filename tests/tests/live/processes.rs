@@ -1,6 +1,6 @@
-//! The robot as it is run: `nims up` on the virtual motor box, missions, and the death of each process.
+//! The running robot: `nims up` on the virtual motor box, missions, and the death of each process.
 //!
-//! `NIMS_DRIFT_S=60` lets the robot that has lost its controller hang for so long, s.
+//! `NIMS_DRIFT_S=60` sets for how long the robot without a controller hangs, s.
 
 use crate::robot::{FOUR_LINES, GOAL, Robot, THREE_LINES, program, steadily};
 use bus::clock;
@@ -14,19 +14,19 @@ use std::time::Duration;
 /// The drives' watchdog in the system file, s, and the speed of the moves below, m/s.
 const WATCHDOG_S: f64 = 0.3;
 const SPEED_M_S: f64 = 0.2;
-/// Ten steps of the encoder: less than that in 0.3 s is holding.
+/// Ten steps of the encoder: less motion than that in 0.3 s is holding.
 const STILL_M: f64 = 0.001;
-/// How far the node swings on its lines after a stop.
+/// Amplitude with which the node swings on its cables after a stop.
 const SWING_M: f64 = 0.01;
-/// Of the robot file, m/s², and the control period of the system file, s.
+/// Acceleration limit of the robot file, m/s², and the control period of the system file, s.
 const ACCELERATION_M_S2: f64 = 0.5;
 const PERIOD_S: f64 = 0.01;
-/// A stop is commanded in so many cycles from the first one without a command.
+/// A stop is commanded within so many cycles of the first one without a command.
 const STOP_CYCLES: u64 = 3;
-/// So many more where the computer had no time for the robot in one of them.
+/// Additional cycles if the computer had no time for the robot in one of them.
 const HICCUP_CYCLES: u64 = 8;
 
-/// Up on that box, armed, and under way.
+/// Started with that system file, armed, and in motion.
 fn in_flight(file: &'static str, more: &str) -> Robot {
     let mut robot = Robot::up_with(file, more, |_| ());
     robot.arm();
@@ -39,7 +39,7 @@ fn taut(robot: &Robot) -> bool {
     cables >= 3 && robot.seen.tension_n[..cables].iter().all(|tension| *tension > 1.0)
 }
 
-/// Waits until no drum turns. The node itself swings on the elastic lines by a millimetre or so for some seconds more.
+/// Waits until no drum turns. The node itself swings on the elastic cables by a millimetre or so for some seconds more.
 fn until_still(robot: &mut Robot) {
     for _ in 0..40 {
         let before = robot.seen.length_m;
@@ -65,7 +65,7 @@ fn files_are_closed(run: &Path) {
     assert!(report.channels.iter().any(|channel| channel.name == "motor/state" && channel.messages > 100), "{report}");
 }
 
-/// The same domain comes up again and ends by itself.
+/// Starts the same domain again; it ends by itself.
 fn next_start_is_clean(robot: &Robot) {
     let again = robot.folder().join("again");
     let output = Command::new(program())
@@ -78,8 +78,8 @@ fn next_start_is_clean(robot: &Robot) {
     assert!(again.join("run.mcap").is_file());
 }
 
-/// What the run file says of the time after the controller or the estimator was killed without a standby: a commanded
-/// stop in so many cycles, a travel of what that takes, no drift, taut lines.
+/// Checks by the run file the time after the controller or the estimator was killed without a standby: a commanded stop
+/// within so many cycles, no longer travel than that takes, no drift, taut cables.
 fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
     let after = |stamp_ns: u64| stamp_ns > killed_ns;
     let cycles: Vec<MotorAuthority> =
@@ -88,13 +88,13 @@ fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
     let (before, cycles) = (cycles[begin - 1], &cycles[begin..]);
     let first = cycles.iter().position(|cycle| cycle.unsteered() > before.unsteered()).unwrap();
     let stop = cycles.iter().position(|cycle| cycle.mode != MotorAuthority::MODE_FOLLOWING).unwrap();
-    // The cycle that was under way, and the one whose command was there already.
+    // The cycle that was under way, and the one whose command had already arrived.
     assert!(first <= 2, "{first} cycles until one is without an answer");
-    // Where the drives gave no readings in the cycle before, there was nothing to answer to.
+    // If the drives gave no readings in the cycle before, there was nothing to answer to.
     let until = |index: usize| if index == 0 { before.lost_on_ports() } else { cycles[index - 1].lost_on_ports() };
     let unread = until(stop) - until(first);
     let missing = cycles[stop].header.cycle - cycles[first].header.cycle + 1 - unread;
-    // Beside a hiccup of the computer, which is named then, it is waited for a little.
+    // During a delay of the computer, which is then named, the robot waits briefly.
     let hiccup = cycles[..=stop].iter().any(|cycle| cycle.faults & MotorAuthority::FAULT_COMPUTER != 0);
     let allowed = if hiccup { STOP_CYCLES + HICCUP_CYCLES } else { STOP_CYCLES };
     assert!(missing <= allowed, "the stop is commanded in cycle {missing} without a command");
@@ -105,7 +105,7 @@ fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
     let start = earlier.last().unwrap();
     let speed = start.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
     let still_ns = cycles[stop].header.stamp_ns + 1_500_000_000;
-    // Where motor-io itself stood still, the drives went on for that long.
+    // If motor-io itself stood still, the drives kept moving for that long.
     let frozen_s: f64 = cycles[..stop + 50]
         .windows(2)
         .map(|two| (two[1].header.stamp_ns - two[0].header.stamp_ns) as f64 * 1e-9 - 1.5 * PERIOD_S)
@@ -119,7 +119,7 @@ fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
         .fold(0.0, |most: f64, sample| most.max(far(&start.position_m, &sample.position_m)));
     assert!(travel <= bound, "{travel} m, allowed {bound} m at {speed} m/s");
 
-    // The node swings on its lines, so its mean place over a second is what may drift.
+    // The node swings on its cables, so the drift is that of its mean position over a second.
     let held: Vec<_> = later.iter().filter(|sample| sample.header.stamp_ns > still_ns).collect();
     let mean = |some: &[&TruthNode]| {
         [0, 1, 2].map(|i| some.iter().map(|sample| sample.position_m[i]).sum::<f64>() / some.len() as f64)
@@ -149,12 +149,12 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
         let file = robot.system_file();
         let pid = robot.supervisor_pid().to_string();
         assert_eq!(robot.refused(&["up", file.to_str().unwrap()], &[&pid]), Some(2));
-        // Nothing moves before it is armed, and it says why.
+        // Nothing moves before it is armed, and the refusal gives the reason.
         assert_eq!(robot.refused(&["goto", "5.0,3.2,0.5"], &[]), Some(1));
 
         robot.arm();
         robot.fly_at(SPEED_M_S);
-        // A place where the node cannot be is bad input, whatever the robot does.
+        // A position outside the workspace is bad input in any mode.
         assert_eq!(robot.refused(&["goto", "5.0,3.2,9.5"], &[]), Some(2));
         robot.arrive();
         robot.for_cycles(30);
@@ -177,7 +177,7 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
         let answer = robot.answer();
         assert_eq!(answer["mode"], "holding", "{answer}\n{}", robot.said());
         files_are_closed(&robot.run());
-        // The last thing in the file is a robot that holds on taut lines.
+        // The file ends with a robot that holds on taut cables.
         let truth = runlog::read_channel::<TruthNode>(&robot.run(), "truth/node").unwrap();
         let (earlier, last) = (truth[truth.len() - 10].1, truth.last().unwrap().1);
         let still = earlier.length_m.iter().zip(last.length_m).all(|(a, b)| (a - b).abs() < STILL_M);
@@ -195,7 +195,7 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
         robot.arrive();
         robot.for_cycles(100);
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
-        // The virtual box hangs the node where its file says, so let that be where it was left.
+        // The virtual motor box starts the node at the position in its file, so the file gets the last position.
         robot.change_box(|text| {
             assert!(text.contains("start_m = [4.8, 3.0, 0.3]"));
             text.replace("start_m = [4.8, 3.0, 0.3]", "start_m = [5.4, 3.6, 0.7]")
@@ -208,7 +208,7 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
         robot.told(&["confirm-position"]);
         let mut found = Vec::new();
         robot.until_said("a position", |robot| robot.status()["position_m"].is_array());
-        // In a cycle without readings there is none.
+        // A cycle without readings has no estimate.
         while found.is_empty() {
             let status = robot.status();
             found.extend(status["position_m"].as_array().into_iter().flatten().filter_map(Value::as_f64));
@@ -307,7 +307,7 @@ fn an_emergency_stop_waits_aloud_for_a_motor_io_that_stands_still() {
 
 #[test]
 fn a_recorder_whose_file_cannot_grow_says_so_and_begins_another_while_the_robot_flies_on() {
-    // A limit on the size of files stands in for a disk that is full; the shell ignores its signal for the recorder.
+    // A limit on the file size simulates a full disk; the shell ignores its signal for the recorder.
     let recorder = program().with_file_name("recorder");
     let more = format!(
         "\n[[process]]\nname = \"recorder\"\nrole = \"recorder\"\ncommand = ['/bin/sh', '-c', 'trap \"\" XFSZ; exec \"$0\" \"$@\"', '{}']\n",
@@ -387,14 +387,14 @@ fn without_motor_io_the_drives_stop_the_motors() {
         robot.look();
         let travel = robot.distance_m(place);
         println!("travel after the kill: {:.1} mm", 1e3 * travel);
-        // The gears of this robot hold an unpowered line, so nothing sinks afterwards.
+        // The gears of this robot hold an unpowered cable, so nothing sinks afterwards.
         assert!(travel < WATCHDOG_S * SPEED_M_S + 0.01, "{travel} m");
         until_still(&mut robot);
         assert!(taut(&robot), "{:?}", robot.seen);
         robot.until_said("the loss is said", |robot| robot.said().contains("motor-io was ended by signal 9"));
         let said = robot.said();
         let loss = said.lines().find(|line| line.contains("motor-io was ended by signal 9")).unwrap();
-        // What helps while `nims up` runs, which refuses a second one; what it said of its work is no cause.
+        // The cure while `nims up` runs, which rejects a second one; its log is no cause.
         assert!(loss.contains("`nims restart motor-io` starts it again") && !loss.contains("(INFO"), "{loss}");
         let status = robot.status();
         assert_ne!(status["mission"]["state"], "running", "{status}");
@@ -442,7 +442,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
         let run_out = |i: usize| (robot.seen.length_m[i] - before.length_m[i]) / seconds;
         let fastest_m_s = (0..3).map(run_out).fold(0.0, f64::max);
         println!("a cable unwinds at {:.1} mm/s; check says {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
-        // Check says it for the middle of the volume, where the lines are steeper.
+        // `nims check` reports it for the middle of the volume, where the cables are steeper.
         assert!((0.5..1.5).contains(&(fastest_m_s / announced_m_s)), "{fastest_m_s} of {announced_m_s} m/s");
         assert!(taut(&robot), "{:?}", robot.seen);
     });
@@ -490,7 +490,7 @@ fn without_its_supervisor_the_robot_stops_and_the_next_one_cleans_up() {
             let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
             assert!(state.is_empty() || state.contains(") Z"), "process {pid} is still there: {state}");
         }
-        // The orphaned recorder was asked to end in good order.
+        // The orphaned recorder received the request to end.
         files_are_closed(&robot.run());
     });
 }

@@ -1,8 +1,8 @@
 //! The sensor logger as a process, beside the recorder: every reading of sensors that come and go becomes a sample with
-//! the right place, and a map; on a robot of the virtual box it is one process of the table like the others.
+//! the right position, and a map. On a robot with the virtual motor box it is a normal process of the table.
 //!
-//! `NIMS_SENSORS=100 NIMS_SENSOR_S=60 cargo test --workspace --test live -- every_reading --nocapture` is the same with
-//! a load.
+//! `NIMS_SENSORS=100 NIMS_SENSOR_S=60 cargo test --workspace --test live -- every_reading --nocapture` runs the same
+//! under load.
 
 use crate::robot::{Robot, program, root};
 use bus::clock::{Pacer, now_ns};
@@ -26,11 +26,11 @@ messages::message! {
 
 /// Estimates and readings per second.
 const PASS_NS: u64 = 10_000_000;
-/// How late each reading is, ns.
+/// Delay of each reading, ns.
 const LATENCY_NS: u64 = 45_000_000;
-/// Passes at the end in which only estimates come, for the readings that wait.
+/// Passes at the end with estimates only, for the readings that wait.
 const AFTER: u64 = 30;
-/// Where and how fast the node goes in the tests without a robot.
+/// Position and velocity of the node in the tests without a robot.
 const FROM_M: [f64; 3] = [4.0, 3.0, 0.8];
 const SPEED_M_S: f64 = 0.05;
 
@@ -77,7 +77,7 @@ impl Drop for Running {
     }
 }
 
-/// Where the node is at an instant, since `begun_ns`.
+/// Position of the node at an instant, since `begun_ns`.
 fn place(begun_ns: u64, time_ns: u64) -> [f64; 3] {
     let time_s = (i128::from(time_ns) - i128::from(begun_ns)) as f64 * 1e-9;
     // to and fro, so that it stays over the map
@@ -103,7 +103,7 @@ fn estimate(begun_ns: u64, cycle: u64, stamp_ns: u64) -> NodeEstimate {
 fn reading(begun_ns: u64, now: u64) -> Reading {
     let mut reading = Reading { count: 1, lever_m: [0.0, 0.0, -0.1], ..Reading::default() };
     reading.header = Header { oldest_input_ns: now - LATENCY_NS, ..Header::at(now) };
-    // what it measures is where it is
+    // it measures its position
     reading.value[0] = place(begun_ns, now - LATENCY_NS)[0];
     put_text(&mut reading.quantity, "place");
     put_text(&mut reading.unit, "m");
@@ -135,15 +135,15 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     let mut pacer = Pacer::new(PASS_NS);
     for pass in 0..passes + AFTER {
         pacer.next();
-        // the time that the samples name goes evenly, whatever the machine does: a true gap between two estimates would
-        // be one
+        // the times in the samples advance evenly, even if the machine stands still: a real gap between two estimates
+        // would count as a gap
         let now = begun_ns + pass * PASS_NS;
         estimates.send(&mut estimate(begun_ns, pass + 1, now)).unwrap();
-        // estimates first, so that every reading lies between two
+        // estimates first, so that every reading is between two
         if !(20..passes).contains(&pass) {
             continue;
         }
-        // the first one goes half-way, and a sensor with a type of its own comes
+        // the first sensor ends half-way, and one with another type starts
         if pass == passes / 2 {
             ports.remove(0);
             probe = Some(bus.publisher("sensor/probe").unwrap());
@@ -201,7 +201,7 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     known_cells_show_x(map);
 }
 
-/// A map of a sensor that measures where it is along x.
+/// A map of a sensor that measures its position along x.
 fn known_cells_show_x(map: &FieldMap) {
     let mut known = 0;
     for row in 0..map.rows as usize {
@@ -219,7 +219,7 @@ fn known_cells_show_x(map: &FieldMap) {
     assert!(known >= 3, "{known} cells");
 }
 
-/// How the system file names the logger.
+/// Name of the logger in the system file.
 const PROCESS: &str = "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sensor-logger\", \"--system\", \"{system}\"]\nrestart = true\n";
 
 fn samples_in(run: &Path) -> Vec<Sample> {
@@ -248,7 +248,7 @@ fn on_a_robot_it_is_a_process_like_the_others() {
         last.get() > 5
     });
     robot.until("a map", |_| maps.borrow_mut().receive().unwrap().is_some_and(|map| map.samples > 0));
-    // it dies, comes back, and goes on
+    // it dies, restarts, and goes on
     robot.signal("sensor-logger", Signal::KILL);
     note();
     let died = last.get();
@@ -256,12 +256,12 @@ fn on_a_robot_it_is_a_process_like_the_others() {
         note();
         last.get() > died + 20
     });
-    // what died on the way is said at the end, as a failure
+    // the exit code reports a process that died on the way, as a failure
     assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
     let samples = samples_in(&robot.run());
     assert!(samples.len() > 20);
     for sample in &samples {
-        // at rest, where it was told that it is
+        // at rest, at the position that it was zeroed at
         assert!((sample.position_m[0] - 4.8).abs() < 0.01 && (sample.position_m[1] - 3.0).abs() < 0.01, "{sample:?}");
         assert!(sample.position_std_m.iter().all(|std_m| (1e-4..0.05).contains(std_m)), "{:?}", sample.position_std_m);
     }

@@ -1,5 +1,5 @@
-//! The sensors on serial ports, on simulated devices of the virtual motor box: what they say is the truth at the time
-//! that they say, and noise, silence and a pulled plug end nothing.
+//! The sensors on serial ports, on simulated devices of the virtual motor box: their values are the truth at their time
+//! stamps, and noise, silence and a pulled plug end nothing.
 
 use crate::robot::{Robot, THREE_LINES, root, steadily};
 use bus::{Subscriber, clock};
@@ -7,7 +7,7 @@ use config::GroundFile;
 use messages::{MotorAuthority, Reading, TruthNode, text_of};
 use std::time::Duration;
 
-/// Behind what stands in [motor_box] of the system file. Ports count from the drives' own: 2, 3 and 4.
+/// Text after the section [motor_box] of the system file. Ports are numbered after those of the drives: 2, 3 and 4.
 const DEVICES: &str = r#"
 ground = "../ground/fig10.toml"
 
@@ -59,13 +59,13 @@ fn rangefinder() -> String {
     text.replace("# lever_m = [0.0, 0.0, 0.0]", "lever_m = [0.1, 0.0, -0.05]")
 }
 
-/// Where the sensor truly was within a few hundredths of a second of `at_ns`.
+/// True position of the sensor within a few hundredths of a second of `at_ns`.
 fn places(truths: &[TruthNode], at_ns: u64, lever_m: [f64; 3]) -> impl Iterator<Item = [f64; 3]> {
     let near = move |truth: &&TruthNode| truth.header.stamp_ns.abs_diff(at_ns) <= 30_000_000;
     truths.iter().filter(near).map(move |truth| std::array::from_fn(|axis| truth.position_m[axis] + lever_m[axis]))
 }
 
-/// The share of good readings that agree with what `truly` is there, and their number.
+/// The share of good readings that agree with `truly` there, and their number.
 fn share(readings: &[Reading], truths: &[TruthNode], within: f64, truly: impl Fn([f64; 3]) -> f64) -> (f64, usize) {
     let good: Vec<&Reading> = readings.iter().filter(|reading| reading.quality == Reading::QUALITY_GOOD).collect();
     let agrees = |reading: &&&Reading| {
@@ -106,7 +106,7 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
         // One move over the edge of a prism, up and through the peak.
         let mut nodes = robot.bus.subscriber::<TruthNode>("truth/node").unwrap();
         robot.fly();
-        // A channel keeps a third of a second for this test: what was said before has no truth to be compared with.
+        // A channel keeps a third of a second for this test; earlier samples have no truth to compare with.
         for readings in [&mut range, &mut wind, &mut co2] {
             readings.latest().unwrap();
         }
@@ -124,10 +124,10 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
         }
         let ground =
             motor_box::settings::ground_of(&GroundFile::load(&root().join("configs/ground/fig10.toml")).unwrap());
-        // A centimetre is what it counts in; where this machine stood still, a stamp is late.
+        // It counts in centimetres; if this machine stood still, a stamp is late.
         let ranges = share(&said[0], &truths, 0.01, |place| ground.distance_m(place, 0.0));
         let winds = share(&said[1], &truths, 0.01, |[x, _, z]| 2.0 + 0.1 * x + z);
-        // The probe was asked 0.5 s late by its file, and has not: this is what a wrong latency does.
+        // By its file the probe is read 0.5 s late, but it is not: the error shows the effect of a wrong latency.
         let peak = |place: [f64; 3]| {
             let square: f64 = place.iter().zip([5.2, 3.4, 0.5]).map(|(at, top)| (at - top) * (at - top)).sum();
             400.0 + 100.0 * (-square / 0.5).exp()
@@ -142,12 +142,12 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
         }
         assert_eq!((range.lost(), wind.lost(), co2.lost()), passed_by);
 
-        // Noise on the wire is counted, and hardly ever believed: the sum of a frame is all that this device has
-        // against it.
+        // Noise on the wire is counted, and hardly ever accepted: the checksum of a frame is the only protection of
+        // this device.
         let before = wait_for(&mut range, "a distance", |_| true).bad_frames;
         robot.fault("noise 2 0.02 for 1");
         wait_for(&mut range, "bad frames", |reading| reading.bad_frames > before);
-        // Silence is marked, with the last value; so is a pulled plug, and it is found again.
+        // Silence is marked, with the last value; so is a pulled plug, and the device is found again.
         let good = |reading: &Reading| reading.quality == Reading::QUALITY_GOOD;
         for (fault, repair, port) in [
             ("silence 3", "silence 3 off", &mut wind),

@@ -1,5 +1,5 @@
-//! The robot in flight, with standbys: planned swaps, and SIGKILL of the process in charge, at random instants. What
-//! happened is read from the run file.
+//! The robot in flight, with standbys: planned swaps, and SIGKILL of the process in charge, at random instants. The
+//! results are read from the run file.
 //!
 //! `NIMS_SWAPS=100 NIMS_RATE_HZ=100 cargo test --workspace --test live swaps::` does each a hundred times at the usual
 //! rate.
@@ -17,8 +17,8 @@ use std::path::Path;
 use std::time::Duration;
 
 const ROLES: [&str; 2] = ["controller", "estimator"];
-/// Everything twice: a second controller with another law, a second estimator with another method; and standbys that
-/// are believed sooner and started again at once, so that a second is enough for a death and what follows it.
+/// Two of each: a second controller with another law, a second estimator with another method; and standbys that qualify
+/// sooner and restart at once, so that a second is enough for a death and its consequences.
 fn standbys() -> String {
     let mut text = "[arbiter]\nqualify_s = 0.2\nprobation_s = 0.2\nquarantine_falls = 100\n".to_owned();
     let seats = [
@@ -39,13 +39,13 @@ fn box_and_its_rate() -> (&'static str, &'static str) {
     if rate_hz() > 100.0 { ("fast3", "rate_hz = 200.0") } else { (THREE_LINES, "rate_hz = 100.0") }
 }
 
-/// A processor that ten processes share with the start of an eleventh may let one wait for milliseconds: at half the
-/// usual rate that explains no missing answer. `NIMS_RATE_HZ=100` on a machine with nothing else to do.
+/// A processor shared by ten processes and a starting eleventh may delay one for milliseconds. At half the usual rate
+/// that does not explain a missing answer; use `NIMS_RATE_HZ=100` on an otherwise idle machine.
 fn rate_hz() -> f64 {
     std::env::var("NIMS_RATE_HZ").map_or(50.0, |rate| rate.parse().unwrap())
 }
 
-/// Up and on a mission to and fro, long enough not to end in the middle of something.
+/// Started and on a mission to and fro that is long enough not to end during a test.
 fn in_flight(more: &str) -> Robot {
     let (file, rate) = box_and_its_rate();
     let mut robot = Robot::up_with(file, more, |configs| {
@@ -60,16 +60,16 @@ fn in_flight(more: &str) -> Robot {
         std::fs::write(&path, text.replacen(rate, &format!("rate_hz = {:.1}", rate_hz()), 1)).unwrap();
     });
     robot.arm();
-    // A cycle without readings has no estimate, and then the planner has nowhere to begin.
+    // A cycle without readings has no estimate, and then the planner has no starting point.
     robot.until_said("the mission is accepted", |robot| robot.nims(&["run", "fro"]).status.success());
     robot.until("the mission has begun", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
     robot
 }
 
-/// A standby that is late in the very cycle that was announced does not get the place, and one that is late just after
-/// it does not keep it, rightly; then once more.
+/// A standby that is late in the announced cycle rightly does not take over, and one that is late just after it rightly
+/// loses the place; then it is repeated.
 ///
-/// How often the place changed hands.
+/// Returns how often the place changed hands.
 fn swap(robot: &mut Robot, role: &str) -> u64 {
     let mut changes = 1;
     for _ in 0..3 {
@@ -86,7 +86,7 @@ fn swap(robot: &mut Robot, role: &str) -> u64 {
     panic!("three times no swap\n{}", robot.said());
 }
 
-/// Both roles have a process in charge and a standby.
+/// Whether both roles have a process in charge and a standby.
 fn until_doubled(robot: &mut Robot) {
     robot.until("a standby in both roles", |robot| {
         let has = |role: usize, phase: u8| robot.seats.phase[SLOTS * role..][..SLOTS].contains(&phase);
@@ -101,7 +101,7 @@ fn lead(robot: &Robot, role: usize) -> usize {
     usize::from(robot.seats.in_charge[role])
 }
 
-/// Whoever is in charge of the role.
+/// The slot in charge of the role.
 fn leader(robot: &Robot, role: usize) -> String {
     match SLOT_NAMES[lead(robot, role)] {
         "a" => ROLES[role].to_owned(),
@@ -109,8 +109,8 @@ fn leader(robot: &Robot, role: usize) -> String {
     }
 }
 
-/// Ends the robot and computes its run again: every bit of every decision is as recorded. A process that was killed may
-/// have left a last sample without the one that says what it was made from.
+/// Ends the robot and computes its run again: every bit of every decision is as recorded. A killed process may have
+/// left a last sample without the one that names its inputs.
 fn end_and_replay(robot: &mut Robot, kills: u64) {
     robot.down(Signal::INT);
     let replayed = replay::run(&robot.run(), &replay::Changes::default(), &mut |_| {}).unwrap();
@@ -126,34 +126,33 @@ fn end_and_replay(robot: &mut Robot, kills: u64) {
 /// before or after it.
 const FROZEN_CYCLES: u64 = 5;
 
-/// A timer that wakes a process so long after its time is a machine that has just run something else, s; usual are 0.1
-/// ms.
+/// A timer that wakes a process this late shows that the machine ran another program meanwhile, s; 0.1 ms is usual.
 const WOKEN_LATE_S: f64 = 0.001;
 
 #[derive(Debug, Default, PartialEq)]
 struct Account {
-    /// Periods without an answer that nothing else explains.
+    /// Periods without an answer and without another explanation.
     unanswered: u64,
-    /// Periods without an answer beside some that were lost to the computer.
+    /// Periods without an answer near periods that were lost to the computer.
     frozen: u64,
-    /// Periods without an answer while the undisturbed virtual drives were silent, or had just taken
-    /// half as long again as usual, or motor-io itself was woken late: the machine ran neither them nor the chain.
+    /// Periods without an answer while the undisturbed virtual drives were silent, or had just taken half as long again
+    /// as usual, or motor-io itself was woken late: the machine ran neither them nor the chain.
     starved: u64,
-    /// How often the slot in charge changed, per role.
+    /// Number of changes of the slot in charge, per role.
     changes: [u64; 2],
     stops: u64,
-    /// Cycles in which motor-io's limiter held a change of velocity back.
+    /// Cycles in which motor-io's limiter reduced a change of velocity.
     limited: u64,
-    /// Cycles in which a cable's velocity changed by more than acceleration limit x period beyond what the answers do
-    /// by themselves.
+    /// Cycles in which a cable's velocity changed by more than acceleration limit x period beyond the change of the
+    /// answers themselves.
     steps_beyond: u64,
 }
 
-/// The acceleration limit of the robot file, m/s², and how much wider motor-io's limiter is.
+/// The acceleration limit of the robot file, m/s², and the factor of motor-io's limiter.
 const ACCELERATION_M_S2: f64 = 0.5;
 const LIMITER: f64 = 4.0;
 
-/// What the run file says of the time from `first` on.
+/// Result of the run file from the time `first` on.
 fn account(run: &Path, first: u64, last: u64) -> Account {
     let mut samples = samples_of::<MotorAuthority>(run, "motor/authority");
     samples.retain(|sample| (first..=last).contains(&sample.header.cycle));
@@ -197,7 +196,7 @@ fn account(run: &Path, first: u64, last: u64) -> Account {
         }
         account.stops += u64::from(now.mode != MotorAuthority::MODE_FOLLOWING);
     }
-    // Where no answer came in time the next one catches up.
+    // If no answer came in time the next one catches up.
     let undisturbed = |cycle: u64| {
         let unanswered = grows(|sample| sample.lost_answer);
         !late
@@ -228,11 +227,11 @@ fn account(run: &Path, first: u64, last: u64) -> Account {
     account
 }
 
-/// So long after a change in who is in charge the estimate is looked at apart, cycles of a quarter of a second at 100
-/// Hz: the fade.
+/// Cycles after a change of the slot in charge for which the estimate is judged separately, the quarter of a second of
+/// the fade at 100 Hz.
 const SWITCH_CYCLES: u64 = 25;
 
-/// Prints how far the estimate in charge was from the truth, at the switches and elsewhere.
+/// Prints the error of the estimate in charge against the truth, at the switches and elsewhere.
 fn print_truth(run: &Path, first: u64, last: u64) {
     let truth: Vec<TruthNode> = samples_of(run, "truth/node");
     let estimates = SLOT_NAMES.map(|slot| -> HashMap<u64, NodeEstimate> {
@@ -263,7 +262,7 @@ fn print_truth(run: &Path, first: u64, last: u64) {
     );
 }
 
-/// What the controllers answered, by the cycle it was for.
+/// Answers of the controllers, by their cycle.
 struct Answers(Vec<HashMap<u64, MotorCommand>>);
 
 impl Answers {
@@ -275,8 +274,7 @@ impl Answers {
         Self(SLOT_NAMES.iter().map(by_cycle).collect())
     }
 
-    /// How much the answers that were there in a cycle and in the one before changed by themselves, m/s; the most of
-    /// all.
+    /// Largest change of the answers themselves between one cycle and the next, m/s, over all slots with both.
     fn own_step_m_s(&self, cycle: u64, cable: usize) -> f64 {
         let rows = self.0.iter().flat_map(|slot| {
             let two = slot.get(&cycle).zip(slot.get(&(cycle - 1)));
@@ -297,7 +295,7 @@ fn swaps_and_deaths_at_random_instants_cost_no_cycle() {
         let mut robot = in_flight(&standbys());
         until_doubled(&mut robot);
         let first = robot.last.header.cycle;
-        // Knuth's multiplier; the instants are to be irregular, not unpredictable.
+        // Knuth's multiplier; the instants must be irregular, not unpredictable.
         let mut random = 20u64;
         let mut pause = || {
             random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -309,11 +307,11 @@ fn swaps_and_deaths_at_random_instants_cost_no_cycle() {
             let role = (round % 2) as usize;
             let before = lead(&robot, role);
             pause();
-            // Without a name: the standby that is there takes over, and the old one becomes the standby.
+            // Without a name: the present standby takes over, and the old one becomes the standby.
             changes[role] += swap(&mut robot, ROLES[role]);
             robot.until("the standby is in charge", |robot| lead(robot, role) == 1 - before);
 
-            // Both that are in charge die, at instants that have nothing to do with each other.
+            // Both that are in charge die, at independent instants.
             until_doubled(&mut robot);
             let before = [CONTROLLERS, ESTIMATORS].map(|role| lead(&robot, role));
             let names = [CONTROLLERS, ESTIMATORS].map(|role| leader(&robot, role));
@@ -344,7 +342,7 @@ fn another_law_is_started_and_takes_over_in_flight() {
     steadily(|| {
         let mut robot = in_flight("");
         for role in ROLES {
-            // Nothing is started for it, and nothing ended.
+            // The swap starts and ends no process.
             let before = robot.seats.phase;
             let code = robot.refused(&["swap", role, "no-such-law"], &["no-such-law", "accepted"]);
             assert_eq!((code, robot.seats.phase), (Some(2), before), "{role}");

@@ -1,5 +1,4 @@
-//! A run drawn in three dimensions: readers that this project did not write find every line, pose and point where it
-//! belongs.
+//! A run drawn in three dimensions: independent readers find every cable, pose and point at its position.
 
 use messages::ros::TfMessage;
 use messages::{LogEvent, Message, NodeEstimate, Reading, Request, put_text};
@@ -12,7 +11,7 @@ use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What a process says in the run.
+/// Content of a process's log in the run.
 const SAID: &str = "the line \u{e4} is taut";
 
 /// The lockstep run, and a log event in a second file of it.
@@ -80,12 +79,12 @@ fn a_run_is_drawn_and_read_field_by_field() {
     };
     let checked = said("python/check_visualization.py", &[&file]);
     assert_eq!(checked.lines().filter(|line| line.ends_with("as expected")).count(), 2, "{checked}");
-    // our own reader for analysts, texts and lists included
+    // the project's reader for analysts, including texts and lists
     let reader = said("python/check_reader.py", &[]);
     assert!(reader.contains(" samples on 7 channels agree"), "{reader}");
 }
 
-/// Anything is waited for so often, 10 ms each.
+/// Largest number of polls, 10 ms apart.
 const LOOKS: usize = 2000;
 
 #[test]
@@ -101,7 +100,7 @@ fn a_living_robot_is_drawn_too() {
         transforms.latest().unwrap()
     };
     let TfMessage(body) = (0..LOOKS).find_map(|_| look()).expect("nothing is drawn");
-    // behind the count, the header and the child's name
+    // after the count, the header and the child's name
     for (axis, start_m) in start_m.iter().enumerate() {
         let at = 32 + 8 * axis;
         let drawn_m = f64::from_le_bytes(body[at..at + 8].try_into().unwrap());
@@ -116,7 +115,7 @@ fn a_living_robot_is_drawn_too() {
         let known = messages::channel_of(name).unwrap();
         assert_eq!(info.schema.as_deref(), known.schema.map(|schema| schema()), "{name}");
     }
-    // The time of what is drawn is that of the run file, to the nanosecond: both go by the one clock of the run.
+    // The time of a drawing is that of the run file, to the nanosecond: both use the clock of the run.
     let number = |at: usize| u64::from(u32::from_le_bytes(body[at..at + 4].try_into().unwrap()));
     let drawn_ns = 1_000_000_000 * number(4) + number(8);
     assert_eq!(robot.down(rustix::process::Signal::INT), Some(0), "{}", robot.said());

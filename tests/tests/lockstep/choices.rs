@@ -1,5 +1,4 @@
-//! What can be chosen and swapped: the plain law, the Kalman filter, a law and a method of estimation of one's own;
-//! against the plant.
+//! Choices and swaps: the plain law, the Kalman filter, a custom law and a custom estimation method, against the plant.
 
 use crate::law;
 use crate::method::MyEstimator;
@@ -21,7 +20,7 @@ fn method(name: &str) -> Method {
     Method::of(&EstimatorSection { method: name.parse().unwrap(), ..EstimatorSection::default() }).unwrap()
 }
 
-/// What holds for every flight.
+/// Checks what holds for every flight.
 fn flown(what: &str, case: &Case, flight: &Flight, [rms_m, max_m]: [f64; 2]) {
     println!(
         "{what:13} {} {:4.0}/{:3.0} ms: truth - setpoint {:.2} / {:.2} mm, truth - estimate {:.2} mm, {:.2} mm/s, tensions within {:.0} %",
@@ -47,14 +46,14 @@ fn the_plain_law_flies_with_quick_and_slow_drives() {
             let case = Case { robot, mission, motor_s };
             let mut scenario = case.scenario(true).unwrap();
             scenario.law = law("p-feedforward");
-            // It knows nothing of delays: where the speed changes it is late by them.
+            // It has no model of delays, so it lags where the speed changes.
             flown("p-feedforward", &case, &fly(scenario).unwrap(), [0.010, 0.025]);
         }
     }
 }
 
-/// The same flights with both methods: the filter knows the velocity better, and the position as well, within three per
-/// cent.
+/// The same flights with both methods: the filter estimates the velocity better, and the position as well, within three
+/// per cent.
 #[test]
 fn the_filter_knows_the_velocity_better_and_the_position_as_well() {
     for (robot, mission, motor_s) in [("lab3", "spiral", SLOW), ("lab4", "polyline", QUICK)] {
@@ -83,7 +82,7 @@ fn the_template_of_a_law_flies() {
     flown("the template", &case, &fly_with(scenario, own).unwrap(), [0.010, 0.020]);
 }
 
-/// The template of a method of estimation, in the place of the configured one.
+/// The template of an estimation method, in place of the configured one.
 fn own_estimator(configured: &Estimator) -> Estimator {
     Estimator::with_method(configured.config(), Box::new(MyEstimator::default()))
 }
@@ -97,7 +96,7 @@ fn the_template_of_an_estimator_flies() {
     }
 }
 
-/// It computes in the shadow of the standard one, qualifies, and takes over while the node moves.
+/// It computes in standby beside the standard one, qualifies, and takes over while the node moves.
 #[test]
 fn the_template_of_an_estimator_is_swapped_in_in_flight() {
     let scenario = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
@@ -125,7 +124,7 @@ fn the_template_of_an_estimator_is_swapped_in_in_flight() {
     assert!(last.control.error_norm_m < 0.01, "{} m", last.control.error_norm_m);
 }
 
-/// A copy of a flight with a method of one's own computes the same bits.
+/// A copy of a flight with a custom method computes the same bits.
 #[test]
 fn a_method_of_ones_own_is_copied_with_what_it_knows() {
     let scenario = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();

@@ -1,5 +1,5 @@
-//! Paths that save energy, flown by the whole control chain against the plant: as exactly as lines, and at less loss by
-//! the plant's own account, which the `energy` channel agrees with.
+//! Energy-saving paths, flown by the whole control chain against the plant: as exactly as straight lines, and with less
+//! loss by the plant's balance, with which the `energy` channel agrees.
 
 use cable_robot::Vector3;
 use messages::{MotorAuthority, PlanSegment, PlanStatus};
@@ -8,7 +8,7 @@ use nims_tests::scenarios::Case;
 use planner::Mission;
 use segments::motion_of;
 
-/// Where the moves start and end, m: in the upper region, where lines carry much.
+/// Start and end of the moves, m: in the upper region, where the cables carry much.
 const FROM_M: [f64; 3] = [3.3, 1.6, 2.2];
 const TO_M: [f64; 3] = [6.6, 1.9, 2.2];
 
@@ -107,10 +107,10 @@ fn parabolas_and_lateral_paths_are_flown_as_exactly_as_lines_and_lose_less() {
     }
     for (name, flown) in [("line", &line), ("parabola", &parabola), ("lateral", &lateral)] {
         assert!(flown.off_m[0] <= 0.010 && flown.off_m[1] <= 0.020, "{name}: {:?}", flown.off_m);
-        // Of what the drives' averages say motor-io loses nothing by summing a hundred times a second.
+        // motor-io sums the drives' averages a hundred times a second without loss.
         assert!((flown.metered_loss_j / flown.averaged_loss_j - 1.0).abs() < 0.02, "{name}");
-        // Ripple heats besides, which no drive reports: the same power whatever the path, because it comes from the
-        // encoder's steps.
+        // Ripple adds heat that no drive reports: the same power on every path, because it comes from the encoder's
+        // steps.
         let ripple_j = flown.loss_j - flown.averaged_loss_j;
         assert!((0.3..1.2).contains(&(ripple_j / flown.duration_s)), "{name}: {ripple_j} J");
         assert!((flown.metered_j / (flown.electrical_j - ripple_j) - 1.0).abs() < 0.03, "{name}");
@@ -120,7 +120,7 @@ fn parabolas_and_lateral_paths_are_flown_as_exactly_as_lines_and_lose_less() {
         [line.kind, parabola.kind, lateral.kind],
         [PlanSegment::KIND_LINE, PlanSegment::KIND_PARABOLA, PlanSegment::KIND_LATERAL]
     );
-    // By truth, ripple included, which costs a slower path more.
+    // By truth, which includes ripple; a slower path has more of it.
     assert!(parabola.loss_j < 0.8 * line.loss_j, "{} of {} J", parabola.loss_j, line.loss_j);
     assert!(lateral.loss_j < 0.95 * parabola.loss_j, "{} of {} J", lateral.loss_j, parabola.loss_j);
     assert!(lateral.averaged_loss_j < 0.85 * parabola.averaged_loss_j, "{} J", lateral.averaged_loss_j);

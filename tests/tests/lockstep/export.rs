@@ -1,5 +1,5 @@
-//! Exported tables (CSV, NumPy, Parquet) hold what the run files hold, checked with independent software, for a run of
-//! several files with types that this project does not define.
+//! Exported tables (CSV, NumPy, Parquet) hold the content of the run files, checked with independent software, for a
+//! run of several files with types that this project does not define.
 
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;
@@ -77,7 +77,7 @@ fn run(folder: &Path) {
             estimate.position_m = [f64::NAN, f64::NEG_INFINITY, -0.0];
         });
         writing.put::<TruthNode>("truth/node", seq, |_| {});
-        // a type of someone else, and one whose definition is refused: plain bytes
+        // a foreign type, and one whose definition is rejected: plain bytes
         for (name, type_name, schema) in [
             ("sensor/wind", "lab/Wind/1", "int16[4] gust\nfloat32 speed_m_s\nint8 sign\nuint8[3] raw\n"),
             ("sensor/odd", "lab/Odd/1", "string name\n"),

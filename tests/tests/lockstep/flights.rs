@@ -1,4 +1,4 @@
-//! The whole control chain against the plant: how exactly the node follows, and what it takes to be stopped.
+//! The whole control chain against the plant: tracking accuracy, and the conditions that stop the robot.
 
 use cable_robot::Vector3;
 use messages::{MotorAuthority, PlanStatus, Request};
@@ -47,7 +47,7 @@ fn four_lines_follow_the_polyline_with_the_chosen_tensions() {
     flights("lab4", "polyline");
 }
 
-/// What the correction is for: without it the estimate still follows, the node does not.
+/// The effect of the correction: without it the estimate still follows, but the node does not.
 #[test]
 fn without_correction_for_stretch_the_node_is_centimetres_off() {
     for robot in ["lab3", "lab4"] {
@@ -89,7 +89,7 @@ impl Flown {
         Self { lockstep }
     }
 
-    /// So many cycles; gives the last one, and the largest distance of the truth from the setpoint on the way.
+    /// Runs so many cycles; returns the last one, and the largest distance of the truth from the setpoint on the way.
     fn cycles(&mut self, count: u64) -> (Cycle, f64) {
         let mut worst: f64 = 0.0;
         let mut last = self.lockstep.cycle().unwrap();
@@ -184,8 +184,8 @@ fn before_it_is_armed_or_zeroed_no_mission_is_taken() {
     assert!(refusal(&mut lockstep).contains("nims zero"));
 }
 
-/// A line that breaks ends the motion, not the robot: the others hold. Whichever line it is, and whether it is reeled
-/// in or paid out, within a second the robot knows that it is a line that carries nothing.
+/// A cable that breaks ends the motion, not the robot: the others hold. Whichever cable it is, and whether it is reeled
+/// in or paid out, the robot detects a cable without load within a second.
 #[test]
 fn a_broken_line_is_found_and_stops_the_robot() {
     for (robot, cable, after) in

@@ -1,4 +1,4 @@
-//! Where a reading was taken: the real estimator's estimates, a sensor that is late, and the truth of the plant.
+//! The position of a reading: the real estimator's estimates, a sensor with latency, and the truth of the plant.
 
 use config::SensorLoggerSection;
 use georeference::{Decoder, Logger, LoggerConfig, complaint};
@@ -8,7 +8,7 @@ use nims_tests::scenarios::Case;
 use planner::Mission;
 
 const LATENCY_NS: u64 = 100_000_000;
-/// No multiple of the control period.
+/// Not a multiple of the control period.
 const PERIOD_NS: u64 = 13_700_000;
 const SPEED_M_S: f64 = 0.4;
 const MISSION: &str = "name = \"there and back\"\nspeed_m_s = 0.4\n\
@@ -24,7 +24,7 @@ struct Moment {
     valid: bool,
 }
 
-/// Cubic between two moments: what the plant did there, to the micrometre.
+/// Cubic interpolation between two moments: reproduces the plant to the micrometre.
 fn between(a: &Moment, b: &Moment, time_ns: u64) -> [f64; 3] {
     let length_s = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9;
     let s = (time_ns - a.stamp_ns) as f64 * 1e-9 / length_s;
@@ -38,13 +38,13 @@ fn between(a: &Moment, b: &Moment, time_ns: u64) -> [f64; 3] {
 }
 
 struct Flown {
-    /// Samples of the sensor whose latency is known, and of the same one without.
+    /// Samples of the sensor whose latency is configured, and of the same one without.
     samples: [Vec<Sample>; 2],
     moments: Vec<Moment>,
     readings: u64,
 }
 
-/// Flies, and reads a sensor that says where it truly is, a tenth of a second late.
+/// Flies, and reads a sensor that reports its true position, a tenth of a second late.
 fn fly() -> Flown {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     let mut scenario = case.scenario(true).unwrap();
@@ -122,7 +122,7 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 fn a_late_reading_has_the_place_of_its_own_instant() {
     let flown = fly();
     let [known, unknown] = &flown.samples;
-    // all but those that are still under way have come
+    // all but those that are still under way have arrived
     assert!(known.len() as u64 + 9 > flown.readings, "{} of {}", known.len(), flown.readings);
     assert!(known.windows(2).all(|two| two[1].reading_seq == two[0].reading_seq + 1));
     let fast = |time_ns: u64| {
@@ -146,7 +146,7 @@ fn a_late_reading_has_the_place_of_its_own_instant() {
     assert!(with.len() > 300);
     assert!(rms(&with) < rms(&own) + 0.002, "{} {}", rms(&with), rms(&own));
     assert!((0.03..0.05).contains(&rms(&without)), "{}", rms(&without));
-    // the error along each axis against what the sample says of it
+    // the error along each axis compared with the standard deviation in the sample
     let ratios: Vec<f64> =
         known.iter().flat_map(|s| (0..3).map(|k| (s.position_m[k] - s.value[k]) / s.position_std_m[k])).collect();
     println!("errors are {:.2} of their standard deviations", rms(&ratios));

@@ -1,4 +1,4 @@
-//! The preview law against the paper's law on the same flights, against the plant.
+//! The preview law compared with the paper's law on the same flights, against the plant.
 
 use cable_robot::Vector3;
 use controller::Notice;
@@ -14,8 +14,8 @@ fn columns(names: &[&str]) -> Vec<Knowledge> {
     laws::all().into_iter().filter(|known| names.contains(&known.name)).collect()
 }
 
-/// At least `exact` times better when it knows the drives, better when it finds them out on the way, and never worse
-/// than 1.2 times when it is told something wrong and may fall back.
+/// At least `exact` times better with the true drive model, better with an identified one, and never worse than 1.2
+/// times with a wrong model and the fallback.
 fn better(case: &Case, exact: f64) {
     let names = ["identified", "exact", "half", "double"];
     let found = compare(case, &columns(&names)).unwrap();
@@ -45,7 +45,7 @@ fn four_lines_polyline_with_slow_motors() {
     better(&Case { robot: "lab4", mission: "polyline", motor_s: SLOW }, 3.0);
 }
 
-/// The drives change in flight, the law changes with them and back, and no command jumps by more than ordinary ones do.
+/// The drives change in flight, the law adapts to them and back, and no command jumps by more than ordinary ones do.
 #[test]
 fn it_falls_back_in_flight_without_a_bump() {
     let case = Case { robot: "lab3", mission: "spiral", motor_s: QUICK };
@@ -76,6 +76,6 @@ fn it_falls_back_in_flight_without_a_bump() {
         }
     }
     assert!(fell_back && seen[0] > 1000 && seen[1] > 5, "{seen:?}");
-    // 1 m/s² is what the drives are limited to anyway; encoder steps alone make 5 mm/s of it.
+    // The drives are limited to 1 m/s² anyway; encoder steps alone cause 5 mm/s of it.
     assert!(steepest < 0.02 && worst < 0.02, "{steepest} m/s in a cycle, {worst} m");
 }

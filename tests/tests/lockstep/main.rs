@@ -7,12 +7,12 @@ mod energy;
 mod export;
 mod flights;
 mod georeference;
-/// The template for a law of one's own.
+/// The template for a custom law.
 #[path = "../../../scripts/templates/law/src/law.rs"]
 mod law;
 mod laws;
 mod map;
-/// The template for a method of estimation of one's own.
+/// The template for a custom estimation method.
 #[path = "../../../scripts/templates/estimator/src/method.rs"]
 mod method;
 mod motor_table;

@@ -1,5 +1,5 @@
-//! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor
-//! logger ran in flight or not, and readable by software of others.
+//! From a flight over known ground to its map: the error is below the map's standard deviations, whether the sensor
+//! logger ran in flight or not, and independent software can read the map.
 
 use analysis::map::{Args, run as map};
 use command::Output;
@@ -17,9 +17,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 const LATENCY_NS: u64 = 50_000_000;
-/// Of a reading, m.
+/// Noise of a reading, m.
 const NOISE_M: f64 = 0.005;
-/// Readings come with every so manyth cycle.
+/// Cycles between two readings.
 const EVERY: u64 = 2;
 const MISSION: &str = "name = \"scan\"\nspeed_m_s = 0.4\n[[leg]]\n\
     raster = { corner_m = [3.4, 2.1, 0.8], opposite_m = [5.6, 4.3, 0.8], pitch_m = 0.1 }\n";
@@ -44,8 +44,8 @@ fn moisture(x: f64, y: f64) -> f64 {
     20.0 + 5.0 * (1.2 * x).sin() + 3.0 * y
 }
 
-/// Flies a raster over the ground with a rangefinder that looks down and a probe, into a run file; with `sample/*` if
-/// `logged`.
+/// Flies a raster over the ground with a rangefinder that looks down and a probe, and writes a run file; with
+/// `sample/*` if `logged`.
 fn fly(path: &Path, logged: bool) {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     let mut scenario = case.scenario(true).unwrap();
@@ -136,7 +136,7 @@ fn cells(folder: &Path, sensor: &str) -> Vec<[f64; 4]> {
 #[test]
 fn ground_that_was_flown_over_is_on_the_map() {
     let folder = tempfile::tempdir().unwrap();
-    // NIMS_KEEP: a folder that the pictures stay in
+    // NIMS_KEEP: a folder in which the pictures are kept
     let out = std::env::var_os("NIMS_KEEP").map_or_else(|| folder.path().join("map"), PathBuf::from);
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();
@@ -226,7 +226,7 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
     let near = a.iter().zip(&b).filter(|(a, b)| a[..2] == b[..2] && (a[2] - b[2]).abs() < 2.0 * a[3]).count();
     assert!(near * 100 >= a.len() * 99, "{near} of {}", a.len());
 
-    // all sensors, of whatever type, if none is named
+    // all sensors of any type if none is named
     let all = Args { sensor: Vec::new(), looks_down: false, out: None, ..asked(&run, &recorded) };
     let Output { value, .. } = map(&all).unwrap();
     let names: Vec<&str> = value["maps"].as_array().unwrap().iter().filter_map(|map| map["sensor"].as_str()).collect();

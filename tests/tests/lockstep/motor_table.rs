@@ -1,5 +1,4 @@
-//! `nims motor-table` from runs of raising and lowering known loads against the plant, held against the plant's own
-//! motors.
+//! `nims motor-table` from runs that raise and lower known loads against the plant, compared with the plant's motors.
 
 use analysis::motor_table::Args;
 use cable_robot::motor::Motor;
@@ -13,8 +12,8 @@ use planner::Mission;
 use runlog::{ChannelSpec, RunClock, RunWriter};
 use std::path::Path;
 
-/// Up and down in two places and across, at five speeds: the slowest for a hand's breadth at several heights, with
-/// quick ways between.
+/// Up and down in two places and across, at five speeds: the slowest over a hand's breadth at several heights, with
+/// quick moves between.
 fn mission() -> Mission {
     let mut text = "name = \"hoist\"\n".to_owned();
     let mut leg = |points: &str, speed: f64| {
@@ -38,7 +37,7 @@ fn mission() -> Mission {
     Mission::parse(&text).unwrap()
 }
 
-/// Flies the mission with a load of this mass and records what a run file would hold.
+/// Flies the mission with a load of this mass and records the content of a run file.
 fn record(mass_kg: f64, mission: &Mission, run: &Path) {
     let mut scenario = Case { robot: "lab3", mission: "demo", motor_s: [0.030, 0.040] }.scenario(true).unwrap();
     let parts = RobotParts {
@@ -99,7 +98,7 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     let command::Output { value, words, .. } = analysis::motor_table::run(&asked).unwrap();
     println!("{words}");
 
-    // As a robot file reads it.
+    // In the form that a robot file contains.
     let text = std::fs::read_to_string("../configs/robots/lab3.toml").unwrap();
     let robot_file = folder.path().join("robot.toml");
     std::fs::write(&robot_file, text.replace("[motor] ", "[motor]\ntable = \"winch.toml\" ")).unwrap();
@@ -109,8 +108,8 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     assert!(speeds[0] <= -0.15 && speeds[speeds.len() - 1] >= 0.15, "{speeds:?}");
     assert!(tensions[tensions.len() - 1] - tensions[0] >= 15.0, "{tensions:?}");
 
-    // Everywhere inside, also between its points. The plant's drums grow with the line on them, by which its lines pull
-    // up to a few percent harder on the motors than the bare drums of the model.
+    // Everywhere inside, also between its points. The plant's drums grow with the cable on them, so its cables load the
+    // motors up to a few percent more than the bare drums of the model.
     let motor = Motor::default();
     let (mut squares, mut worst, mut count) = (0.0, 0.0f64, 0);
     for i in 0..=40 {
@@ -127,7 +126,7 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     assert!(rms < 0.05 && worst < 0.2, "{rms} {worst}");
     assert!(value["rms_residual_a"].as_f64().unwrap() < 0.1, "{value}");
 
-    // The cost of a move comes from the table: beyond the measured speeds it is unknown.
+    // The cost of a move comes from the table: outside the measured speeds it is unknown.
     let fast = |robot: &Robot| {
         let (from, to) = (Vector3::new(3.5, 2.0, 1.6), Vector3::new(6.0, 2.2, 1.6));
         cable_robot::energy::flight::best_parabola(robot, cable_robot::Distribution::Unique, &from, &to, 2.0, 0.0)
@@ -135,7 +134,7 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     assert!(fast(&scenarios::robot("lab3").unwrap()).is_ok());
     assert_eq!(fast(&robot).unwrap_err().kind(), "out_of_range");
 
-    // Never over a file that is there; and what is not covered is said.
+    // An existing file is never overwritten, and uncovered ranges are reported.
     assert_eq!(analysis::motor_table::run(&asked).unwrap_err().exit_code(), 2);
     let far = Args { out: folder.path().join("far.toml"), tensions: Some(Numbers(vec![5.0, 20.0, 110.0])), ..asked };
     let failure = analysis::motor_table::run(&far).unwrap_err();

@@ -1,11 +1,11 @@
-//! NIMS-AQ: a planar robot of four lines whose node floats. What holds it is the preload alone, so the two redundant
-//! modes of its lines have to be controlled as well as its position.
+//! NIMS-AQ: a planar robot of four cables whose node floats. Only the preload holds it, so the two redundant modes of
+//! its cables are controlled as well as its position.
 
 use cable_robot::Vector3;
 use messages::{MotorAuthority, PlanStatus, Request};
 use nims_tests::lockstep::{Flight, Lockstep, Scenario, fly};
 
-/// The box and the mission as they come with the project.
+/// System file and mission as distributed with the project.
 fn scenario() -> Scenario {
     let scenario = nims_tests::scenarios::planar().unwrap();
     let robot = &scenario.robot;
@@ -57,7 +57,7 @@ fn slower_drives_and_lines_that_are_softer_than_believed_do_not_lose_the_preload
     assert!(flight.truth.rms_m <= 0.010, "{flight:?}");
 }
 
-/// With nothing but preload, lines that are let go would let go of the node.
+/// Only the preload holds the node, so released cables would release it.
 #[test]
 fn a_pause_and_a_stop_keep_the_lines_taut() {
     let scenario = scenario();
@@ -81,8 +81,7 @@ fn a_pause_and_a_stop_keep_the_lines_taut() {
             assert!(last.truth_n.iter().all(|tension| *tension > 5.0), "{:?}", last.truth_n);
             let speed_m_s = (Vector3::from(last.truth_m) - before).norm() / 0.01;
             assert!(speed_m_s < 0.25, "{speed_m_s} m/s");
-            // Between the legs of the mission it comes to rest, so it is not the last speed that tells whether it goes
-            // on.
+            // It comes to rest between the legs of the mission, so the last speed does not show whether it goes on.
             fastest_m_s = if cycle < 900 { 0.0 } else { speed_m_s.max(fastest_m_s) };
             if cycle == 1099 {
                 assert_eq!(last.authority.mode, mode);

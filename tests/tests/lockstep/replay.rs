@@ -1,4 +1,4 @@
-//! What was recorded, computed again: the same bits, and every difference found and named.
+//! Recomputes recorded runs: the same bits, and every difference found and named.
 
 use config::SystemFile;
 use messages::Request;
@@ -136,7 +136,7 @@ fn what_is_changed_is_compared_with_what_was_commanded() {
     let set = |key: &str, value: &str| Changes { set: vec![(key.to_owned(), value.to_owned())], ..Changes::default() };
     let instead = |changes: &Changes| replayed(&path, changes).instead.unwrap();
 
-    // Nothing new: nothing differs.
+    // Without a change nothing differs.
     let same = instead(&set("controller.horizon_cycles", "20"));
     assert!(same.cycles > 200, "{same:?}");
     assert!(same.command_m_s.iter().chain(&same.sent_m_s).all(|spread| spread.max == 0.0), "{same:?}");

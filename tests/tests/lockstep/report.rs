@@ -1,4 +1,4 @@
-//! `nims report` of runs that are made here, so that what it has to say is known.
+//! `nims report` of runs that are generated here, so that the correct content is known.
 
 use analysis::accuracy::analyse;
 use analysis::report::report;
@@ -18,7 +18,7 @@ fn run(folder: &Path, name: &str, robot: &'static str, boxed: &str, truth: bool)
     run
 }
 
-/// A page that needs nothing else, with nothing drawn that is no number.
+/// A self-contained page that draws no invalid number.
 fn sound(page: &str) {
     for foreign in ["http:", "https:", "<script", "src=", "url(", "@import"] {
         assert!(!page.contains(foreign), "the page names {foreign}");
@@ -43,7 +43,7 @@ fn one_run_several_and_a_torn_one() {
     sound(&page);
     assert!(page.len() < 2_000_000, "{} bytes", page.len());
     let one = &value["runs"][0];
-    // as the demonstration's report has it
+    // as in the demonstration's report
     let analysis = serde_json::to_value(analyse(&three).unwrap()).unwrap();
     assert_eq!(one["analysis"], analysis);
     assert!(one["analysis"]["truth"]["rms_m"].as_f64().unwrap() < 0.01);
@@ -54,7 +54,7 @@ fn one_run_several_and_a_torn_one() {
     let first = &legs[0];
     let (flown, planned) = (first["duration_s"].as_f64().unwrap(), first["planned_s"].as_f64().unwrap());
     assert!(flown >= planned && flown < planned + 1.0, "{flown} s where {planned} s were planned");
-    // A straight line costs by the model what a straight line costs, and about that by the currents.
+    // A straight line costs the reference value by the model, and about the same by the currents.
     let (reckoned, straight) = (first["reckoned_j"].as_f64().unwrap(), first["straight_j"].as_f64().unwrap());
     assert!((reckoned / straight - 1.0).abs() < 0.02, "{reckoned} J, {straight} J");
     let lost = first["loss_j"].as_f64().unwrap();

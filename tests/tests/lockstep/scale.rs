@@ -1,5 +1,5 @@
-//! What a calibration says of the encoders reaches the robot: one whose encoders count 1 % off, calibrated by its own
-//! lengths, flies true afterwards.
+//! An encoder calibration takes effect on the robot: one whose encoders count 1 % off, calibrated by its own lengths,
+//! flies true afterwards.
 
 use config::{RobotFile, SystemFile};
 use messages::PlanStatus;
@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
-/// What the system file believes: the robot's own lengths read 1 % too long.
+/// Counts per metre in the system file: the robot's lengths read 1 % too long.
 const BELIEVED: f64 = COUNTS_PER_M / 1.01;
 const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.03, 0.04] };
 
@@ -21,7 +21,7 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
-/// A robot and a system file in `folder` with these encoders, and `anchors` as the robot file says them.
+/// A robot and a system file in `folder` with these encoders, and with `anchors` in the robot file.
 fn files(folder: &Path, anchors: Option<&str>) -> SystemFile {
     let robot = std::fs::read_to_string(configs().join("robots/lab3.toml")).unwrap();
     let (from, to) = (robot.find("anchors_m = [").unwrap(), robot.find("tension_limits_n").unwrap());
@@ -39,8 +39,8 @@ fn files(folder: &Path, anchors: Option<&str>) -> SystemFile {
     SystemFile::load(&folder.join("system.toml")).unwrap()
 }
 
-/// Flies the mission with what the files make of a robot whose encoders give [`COUNTS_PER_M`]; the mean distance
-/// between where the estimate puts the node and where it is, in flight, m.
+/// Flies the mission with the files and a robot whose encoders give [`COUNTS_PER_M`]; returns the mean distance between
+/// the estimate and the true position of the node in flight, m.
 fn flown_m(file: &SystemFile) -> f64 {
     let scenario = CASE.scenario(true).unwrap();
     let mission = scenario.mission.clone();
@@ -62,8 +62,8 @@ fn flown_m(file: &SystemFile) -> f64 {
     panic!("the mission does not end");
 }
 
-/// What a field team writes down: ranges between the true anchors, and what the robot itself says of its lines while
-/// a person holds the node at points of the floor, zeroed where it began by anchors that are known to some centimetres.
+/// A field team's notes: ranges between the true anchors, and the robot's cable lengths while a person holds the node
+/// at points of the floor, zeroed at the start with anchors that are known to some centimetres.
 fn measurements() -> String {
     let anchors = RobotFile::load(&configs().join("robots/lab3.toml")).unwrap().robot.anchors_m.to_vec();
     let mut text = format!(
@@ -113,7 +113,7 @@ fn a_robot_with_encoders_that_are_off_flies_true_after_a_calibration_by_its_own_
     assert!(said.contains("measured by the robot") && said.contains("times the true ones"), "{said}");
 }
 
-/// What the operator's command answers.
+/// Output of the operator's command.
 fn nims(args: &[&str]) -> String {
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
     let output = Command::new(program).args(args).output().unwrap();

@@ -1,5 +1,5 @@
 //! A swap, the death of the controller in charge and the death of the estimator in charge, at instants spread over
-//! whole missions: no period goes unsteered, and no cable's velocity changes faster than it may.
+//! whole missions: every period is steered, and no cable's velocity changes faster than allowed.
 //!
 //! `NIMS_INSTANTS=10000 cargo test -p nims-tests --test lockstep -- takeover:: --nocapture` tries ten thousand
 //! instants.
@@ -7,7 +7,7 @@
 use nims_tests::scenarios::Case;
 use nims_tests::takeover::{BLOWS, Tally, doubled, try_all};
 
-/// Laws that are swapped with the paper's, robots, missions, drives.
+/// Laws that are swapped with the paper's law, robots, missions, drives.
 fn cases() -> [(Case, Option<controller::Law>); 4] {
     let preview =
         nims_tests::laws::law(Some(cable_control::drive_lag::DriveLag::new(0.030, 0.040).unwrap()), true).unwrap();
@@ -27,8 +27,7 @@ fn every_period_is_steered_and_no_velocity_jumps() {
     for (case, law) in &cases {
         let scenario = case.scenario(true).unwrap();
         let core = nims_tests::lockstep::core_config(&scenario).unwrap();
-        // The robot file's own limit, which the plan keeps; not the wider one of motor-io's limiter, behind which no
-        // step could be seen.
+        // The robot file's limit, which the plan keeps; the wider one of motor-io's limiter would hide a step.
         let step = scenario.robot.acceleration_limit_m_s2() * core.period_s;
         let tallies = try_all(doubled(case, *law).unwrap(), each, step).unwrap();
         for (blow, tally) in BLOWS.iter().zip(tallies) {

@@ -1,4 +1,4 @@
-//! Parameters that are set in flight, in lockstep: without a step, and the same bits again in a replay.
+//! Parameters that are set in flight, in lockstep: no step in the commands, and the same bits in a replay.
 
 use config::{SystemFile, Tuned};
 use controller::ControllerConfig;
@@ -88,7 +88,7 @@ fn a_change_of_the_controllers_parameters_is_no_step_of_the_command() {
         let flight = flight(folder.path(), name, robot, &[("controller", "law", law)]);
         let [faded, bare] = steps(&flight, key, value);
         println!("{law} {key} = {value}: a step of {:.3} mm/s, without a fade of {:.3} mm/s", 1e3 * faded, 1e3 * bare);
-        // Of the 25 cycles of the fade the first takes its share.
+        // The first of the 25 cycles of the fade takes its share.
         assert!(faded <= 0.05 * bare, "{law} {key}: {faded} m/s, without a fade {bare} m/s");
     }
 }
@@ -129,12 +129,12 @@ fn a_change_of_the_estimators_parameters_is_no_step_of_the_estimate() {
             assert_eq!((a.valid, b.valid), (1, 1));
             *apart_m = a.position_m.iter().zip(&b.position_m).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         }
-        // A newcomer may be 20 mm beside the one in charge when it takes over; this is an encoder step.
+        // A standby may be 20 mm beside the one in charge when it takes over; this is an encoder step.
         assert!(apart_m[0] < 2e-4 && apart_m[1] < 2e-4, "{method} {key}: {apart_m:?} m");
     }
 }
 
-/// What a process says that it works with.
+/// Parameters that a process publishes.
 fn said(file: &SystemFile, section: &str, incarnation: u32, from_seq: u64, stamp_ns: u64) -> SystemConfig {
     let mut said = SystemConfig { incarnation, from_seq, ..SystemConfig::default() };
     said.header.stamp_ns = stamp_ns;
@@ -188,7 +188,7 @@ fn a_run_in_which_parameters_were_set_replays_bit_for_bit() {
             replayed.channels.iter().all(|tally| tally.equal == tally.recorded && tally.equal > 0),
             "{replayed:#?}"
         );
-        // And it would not, were the change not in the run.
+        // Without the change in the run, the replay would differ.
         let (key, _) = changes[0];
         let as_begun = Changes { set: vec![(key.to_owned(), file.value_of(key))], ..Changes::default() };
         let instead = run(&path, &as_begun, &mut |_| {}).unwrap().instead.unwrap();

@@ -1,9 +1,9 @@
 //! A random walk: operator commands, lives and deaths of processes, motions. After each cycle the node's speed and
-//! acceleration are within the bound of the mode by truth, it does not go away from the set point, every refusal names
-//! its cure, and doing what refusals say always brings the robot back to a finished motion.
+//! acceleration are within the bound of the mode by truth, the node stays near the setpoint, every refusal names its
+//! cure, and these cures always bring the robot back to a finished motion.
 //!
-//! `NIMS_WALKS=2000 cargo test -p nims-tests --test lockstep -- walk:: --nocapture` walks farther; `NIMS_SEED=17` walks
-//! one again.
+//! `NIMS_WALKS=2000 cargo test -p nims-tests --test lockstep -- walk:: --nocapture` does more walks; `NIMS_SEED=17`
+//! repeats one.
 
 use messages::MotorAuthority;
 use nims_tests::lockstep::core_config;
@@ -15,21 +15,21 @@ use std::time::Instant;
 
 const STEPS: u64 = 200;
 
-/// What the lines' spring and the drives' loops add to the commanded acceleration, which motor-io bounds: measured up
-/// to 2.3 times.
+/// Factor by which the elasticity of the cables and the drives' loops increase the commanded acceleration, which
+/// motor-io bounds: measured up to 2.3 times.
 const SPRING: f64 = 2.5;
-/// A node that sinks because its drives are off is caught by drives that hold at once, m/s².
+/// Acceleration of a node that sinks with its drives off and is caught by drives that hold at once, m/s².
 const CAUGHT_M_S2: f64 = 10.0;
-/// How far the node swings on its lines after its drives have stopped at once, m.
+/// Amplitude with which the node swings on its cables after its drives have stopped at once, m.
 const SWING_M: f64 = 0.02;
-/// A second after the last command the node only swings on its lines, m/s: one that was stopped at once, or caught
-/// while it sank, does so for many seconds, measured up to 0.238 m/s.
+/// Speed of the node on its cables a second after the last command, m/s: one that was stopped at once, or caught while
+/// it sank, swings for many seconds, measured up to 0.238 m/s.
 const REST: (f64, f64) = (1.0, 0.25);
-/// A law that overshoots sets the lines' spring going with every command, within what motor-io lets pass: measured up
-/// to 1.23 times the bound of the speed, and 0.39 m/s at rest afterwards.
+/// A law that overshoots excites the cables with every command, within motor-io's limits: measured up to 1.23 times the
+/// bound of the speed, and 0.39 m/s at rest afterwards.
 const SHAKEN: (f64, f64) = (1.4, 0.45);
 
-/// What motor-io states, by its configuration: the table in ARCHITECTURE.md.
+/// Bounds of motor-io by its configuration: the table in ARCHITECTURE.md.
 fn bounds(case: &Case) -> Bounds {
     let core = core_config(&case.scenario(true).unwrap()).unwrap();
     let [delay_s, lag_s] = case.motor_s;
@@ -39,14 +39,13 @@ fn bounds(case: &Case) -> Bounds {
     for mode in [MotorAuthority::MODE_JOGGING, MotorAuthority::MODE_FOLLOWING, MotorAuthority::MODE_STOPPING] {
         of_mode[usize::from(mode)] = of(SPRING * core.node_acceleration_m_s2, f64::INFINITY);
     }
-    // A command that is on its way, the drive's delay and its lag, at the highest speed; then the node swings on its
-    // lines.
+    // A command under way, the drive's delay and its lag, at the highest speed; then the node swings on its cables.
     let at_once_m = speed_m_s * (2.0 * core.period_s + delay_s + lag_s) + SWING_M;
     of_mode[usize::from(MotorAuthority::MODE_EMERGENCY_STOP)].travel_m = at_once_m;
-    // A drive that does not hear motor-io any more goes on until its own watchdog.
+    // A drive without commands from motor-io continues until its watchdog acts.
     of_mode[usize::from(MotorAuthority::MODE_FAULTED)].travel_m = at_once_m + speed_m_s * core.watchdog_s;
-    // For as long as motor-io waits, and until the drives have stopped; commands may differ from the set point's
-    // velocity by so much.
+    // While motor-io waits, and until the drives have stopped; commands may differ from the setpoint's velocity by this
+    // much.
     let led_away_m = core.correction_limit_m_s * (core.divergence_s + 2.0 * core.period_s + delay_s + lag_s) + SWING_M;
     let (from_setpoint_m, watchdog_s) = (core.divergence_m, core.watchdog_s);
     Bounds { of_mode, from_setpoint_m, led_away_m, watchdog_s, rest: REST, shaken: SHAKEN }
@@ -58,7 +57,7 @@ fn case(seed: u64) -> Case {
     Case { robot, mission: "polyline", motor_s }
 }
 
-/// One walk; what does not hold, with the last steps.
+/// Does one walk; the error names what does not hold, with the last steps.
 fn walk(seed: u64, steps: u64, tally: &mut Tally) -> Result<(), String> {
     let mut walk = Walk::new(&case(seed), seed, bounds(&case(seed))).unwrap();
     let outcome = catch_unwind(AssertUnwindSafe(|| walk.walk(steps)));

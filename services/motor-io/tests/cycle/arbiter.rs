@@ -52,7 +52,7 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// A process in a seat.
+/// A process in a slot.
 #[derive(Debug, Clone, Copy, Default)]
 struct Process {
     incarnation: u32,
@@ -68,9 +68,9 @@ struct Cycle {
     chosen: Option<Chosen>,
     authority: A,
     slots: P,
-    /// Incarnation that answers in each seat; 0: none.
+    /// Incarnation that answers in each slot; 0: none.
     processes: [u32; SEATS],
-    /// Seats whose process was trusted before.
+    /// Slots whose process was trusted before.
     trusted: [bool; SEATS],
 }
 
@@ -87,7 +87,7 @@ struct World {
     sent: [f64; CABLES],
     before: A,
     slots: P,
-    /// Incarnation trusted in each seat after the last cycle; 0: none.
+    /// Incarnation trusted in each slot after the last cycle; 0: none.
     trusted: [u32; SEATS],
     announced: Option<(usize, u64)>,
     admitted: Option<usize>,

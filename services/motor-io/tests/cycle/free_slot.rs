@@ -6,7 +6,7 @@ use messages::{CABLES, Header, MotorCommand, NodeEstimate, Request};
 use proptest::prelude::*;
 use rig::Rig;
 
-/// Requests to the robot, and the answers of its own controller.
+/// Requests to the robot, and the answers of the rig's controller.
 #[derive(Debug, Clone)]
 enum Event {
     Ask(Request),

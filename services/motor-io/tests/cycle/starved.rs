@@ -68,7 +68,7 @@ fn a_dead_controller_is_no_busy_computer_even_where_it_was_one_a_moment_ago() {
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMMAND_LOST));
 }
 
-/// The seat that waits is not the one in charge.
+/// The waiting slot is not the one in charge.
 #[test]
 fn a_starved_standby_excuses_nothing() {
     let mut rig = following();

@@ -1,4 +1,4 @@
-//! Heights of the anchors from lengths to 43 points: the closed form beside a search for the minimum of (4).
+//! Heights of the anchors from lengths to 43 points: the closed form compared with a search for the minimum of (4).
 
 use std::hint::black_box;
 
@@ -18,25 +18,23 @@ const POINTS: usize = 43;
 /// Standard deviation of a length, m.
 const SIGMA_M: f64 = 0.005;
 
-/// Where the search begins, m, and how far its first simplex reaches, as a share: 5 % is what MATLAB's fminsearch
-/// takes.
+/// Start of the search, m, and size of its first simplex relative to it: 5 %, as in MATLAB's fminsearch.
 const START_M: f64 = 3.0;
 const REACH: f64 = 0.05;
 
-/// Spread of the costs in the simplex at which the search ends, m⁴: near the minimum the cost grows by about 2500 m²
-/// times the square of an error of the heights, so these are 20 nm, where both give the same answer, and 0.1 mm, where
-/// both would do.
+/// Spread of the costs in the simplex at which the search ends, m⁴. Near the minimum the cost grows by about 2500 m²
+/// times the squared error of the heights, so these correspond to 20 nm, where both methods give the same answer, and
+/// to 0.1 mm, which is sufficient in practice.
 const ENDS_M4: [f64; 2] = [1e-12, 2.5e-5];
 
-/// (4) for given x and y of the anchors: what lengths and heights leave unexplained after the best points for these
-/// heights.
+/// Cost (4) for given x and y of the anchors: the residual of the lengths after the best points for these heights.
 #[derive(Clone)]
 struct Unexplained {
-    /// About their mean, m.
+    /// Anchors relative to their mean, m.
     anchors: Vec<[f64; 2]>,
     /// The rows of -(pseudo-inverse of the anchors) / 2, 1/m.
     solver: Vec<[f64; 2]>,
-    /// Squared length less squared anchor, m², by point.
+    /// Squared length minus squared anchor distance, m², by point.
     shares: Vec<Vec<f64>>,
 }
 
@@ -84,7 +82,7 @@ impl CostFunction for Unexplained {
     }
 }
 
-/// The minimum by Nelder and Mead, the problem prepared again, and how often the cost was computed.
+/// The minimum by Nelder and Mead, including the preparation of the problem, and the number of cost evaluations.
 fn search(anchors: &[[f64; 3]], lengths: &[CableVec], end_m4: f64) -> Result<(Vec<f64>, u64)> {
     let start = vec![START_M; anchors.len()];
     let mut simplex = vec![start.clone()];
@@ -103,7 +101,7 @@ fn search(anchors: &[[f64; 3]], lengths: &[CableVec], end_m4: f64) -> Result<(Ve
     Ok((best.clone(), evaluations))
 }
 
-/// Lengths to points anywhere under the anchors.
+/// Lengths to random points below the anchors.
 fn measure(anchors: &[[f64; 3]]) -> Vec<CableVec> {
     let mut random = Random(7);
     (0..POINTS)
@@ -111,7 +109,7 @@ fn measure(anchors: &[[f64; 3]]) -> Vec<CableVec> {
             let point = [1.0 + 7.5 * random.next(), 0.5 + 7.0 * random.next()];
             CableVec::from_fn(anchors.len(), |i| {
                 let [x, y, z] = anchors[i];
-                // Uniform, with the standard deviation that is wanted.
+                // Uniform, with the required standard deviation.
                 let noise = SIGMA_M * 12f64.sqrt() * (random.next() - 0.5);
                 ((x - point[0]).powi(2) + (y - point[1]).powi(2) + z * z).sqrt() + noise
             })

@@ -1,4 +1,5 @@
-//! The steps of the control chain, one cycle each, over a recorded flight; its parts; and the plant, against the clock.
+//! The steps of the control chain, one cycle each, over a recorded flight; its parts; and the plant relative to real
+//! time.
 
 use std::hint::black_box;
 
@@ -34,7 +35,7 @@ pub fn run(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// Kinematics and the paper's law by themselves.
+/// Kinematics and the paper's law alone.
 fn parts(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     let mut group = criterion.benchmark_group("parts");
     for (name, fk, lq, elastic_name) in
@@ -104,7 +105,7 @@ fn parts(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// One pass of the fit of delay and lag: the robot does one per cycle.
+/// One pass of the fit of delay and lag; the robot runs one per cycle.
 fn identification(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     let commands: Vec<_> = (0..150).map(|k| CableVec::repeat(4, if k > 50 { 0.2 } else { 0.0 })).collect();
     let velocities: Vec<_> = (0..150).map(|k| CableVec::repeat(4, if k > 57 { 0.2 } else { 0.0 })).collect();
@@ -126,7 +127,7 @@ fn identification(criterion: &mut Criterion, report: &mut Report) -> Result<()> 
     Ok(())
 }
 
-/// A flight, cycle by cycle, with fresh deciding parts to be fed with it.
+/// A flight, cycle by cycle, with fresh deciding parts that receive it.
 fn flight(scenario: &Scenario) -> Result<Vec<Cycle>> {
     let mission = scenario.mission.clone();
     let mut lockstep = Lockstep::new(scenario.clone())?;

@@ -1,7 +1,7 @@
 //! Times of the mathematics and of the control chain, side by side with general solvers for the same problems.
 //!
-//! Every pair first proves in this program that both give the same answer; a pair that does not agree ends the run. The
-//! medians and ratios stand in a table at the end.
+//! This program first checks that both of each pair give the same answer; a mismatch ends the run. A table at the end
+//! lists medians and ratios.
 
 mod calibration;
 mod chain;
@@ -17,7 +17,7 @@ use criterion::Criterion;
 
 fn main() -> Result<()> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("benchmarks");
-    // Medians of an earlier run must not stand in for benchmarks that are left out of this one.
+    // Medians of an earlier run must not replace benchmarks that are left out of this one.
     if folder.exists() {
         std::fs::remove_dir_all(&folder).with_context(|| format!("{} cannot be removed", folder.display()))?;
     }

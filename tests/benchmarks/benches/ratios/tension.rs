@@ -1,5 +1,5 @@
-//! Tensions of four cables, the structure matrix included, beside an interior-point method for the least norm and a
-//! simplex method for the least sum; and the energy-optimal parabola.
+//! Tensions of four cables, including the structure matrix, compared with an interior-point method for the least norm
+//! and a simplex method for the least sum; and the energy-optimal parabola.
 
 use std::hint::black_box;
 
@@ -17,14 +17,14 @@ use microlp::{ComparisonOp, OptimizationDirection, Problem};
 
 use crate::random::Random;
 
-/// Four anchors of a wood: nothing symmetric, m.
+/// Four asymmetric anchors in a wood, m.
 const ANCHORS_M: [[f64; 3]; 4] = [[0.0, 0.0, 6.0], [10.4, 0.3, 6.3], [9.7, 8.9, 5.8], [-0.5, 9.4, 6.1]];
 /// Three anchors of a lab, m.
 const LAB_M: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 const LIMITS_N: [f64; 2] = [1.0, 150.0];
 const POSES: usize = 64;
 
-/// 2 kg, N.
+/// Weight of 2 kg, N.
 fn weight() -> Vector3<f64> {
     Vector3::new(0.0, 0.0, 2.0 * 9.81)
 }
@@ -35,12 +35,12 @@ fn ours(anchors: &Anchors, at: &Vector3<f64>, method: Distribution) -> Result<[f
     Ok([0, 1, 2, 3].map(|i| found.tensions_n[i]))
 }
 
-/// Unit vectors from the node to the anchors, made without our kinematics.
+/// Unit vectors from the node to the anchors, computed without the project's kinematics.
 fn pulls(at: &Vector3<f64>) -> [Vector3<f64>; 4] {
     ANCHORS_M.map(|anchor| (Vector3::from(anchor) - at).normalize())
 }
 
-/// The least norm as a quadratic program: ready to be solved.
+/// The least norm as a quadratic program, ready to solve.
 fn quadratic(at: &Vector3<f64>, settings: &DefaultSettings<f64>) -> Result<DefaultSolver<f64>> {
     let [low, high] = LIMITS_N;
     let pulls = pulls(at);
@@ -86,7 +86,7 @@ fn least_sum_by_simplex(problem: &Problem) -> Result<f64> {
     Ok(solution.objective())
 }
 
-/// Positions under the anchors at which four lines hold the node.
+/// Positions below the anchors at which four cables hold the node.
 fn poses(anchors: &Anchors) -> Vec<Vector3<f64>> {
     let mut random = Random(1);
     std::iter::from_fn(|| {
@@ -155,7 +155,7 @@ pub fn run(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     parabola(criterion, report)
 }
 
-/// The parabola that costs least.
+/// The parabola with the least cost.
 fn parabola(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     let (motor, bounds) = (Motor::default(), Bounds { ground_m: Some(0.0), time_weight_w: 0.0 });
     let four = ANCHORS_M.map(Vector3::from);
@@ -189,7 +189,7 @@ fn parabola(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
             current: &motor,
         };
         let best = || hoist.best_parabola(black_box(&from), black_box(&to), 0.2, 64, &bounds);
-        // As good as the best of a thousand parabolas.
+        // At least as good as the best of a thousand parabolas.
         let found = best()?;
         let ground = cable_robot::energy::parabola::mu_limit(&from, &to, 0.0)?.context("no ground")?;
         let least = (0..=1000)

@@ -1,9 +1,9 @@
-//! What came of it, from the run files: detection, tensions, and whether anything moved that should not.
+//! Judges a chaos series by its run files: detection, tensions, and forbidden motion.
 //!
-//! Two things are not held against the robot, and the table says for how long they last. Where an encoder lies, its
-//! drive runs away for the quarter of a second until that is found out, the node is thrown about, and the other lines
-//! are slack for moments while it swings. And where one of three lines breaks, the other two cannot carry the node, and
-//! hang loose once it has come down.
+//! Two effects do not count as failures, and the table shows how long they last. When an encoder gives wrong counts,
+//! its drive runs away for the quarter of a second until detection, the node is thrown about, and the other cables are
+//! slack for moments while it swings. When one of three cables breaks, the other two cannot carry the node, and hang
+//! loose once it has come down.
 
 use messages::faults::RELEASING;
 use messages::{MotorAuthority, TruthNode};
@@ -12,61 +12,61 @@ use runlog::RunReader;
 use std::fmt::Write;
 use std::path::Path;
 
-/// From a hold's beginning until the drums stand, ns: the longest stop and the drives' lag.
+/// Longest time from the beginning of a hold until the drums stand, ns: the longest stop and the drives' lag.
 const SETTLED_NS: u64 = 1_000_000_000;
-/// A node that a drive has thrown about swings, and its lines are taut again after this time, ns.
+/// Time after which a node that a drive has thrown about hangs on taut cables again, ns.
 const SWUNG_NS: u64 = 3_000_000_000;
-/// A node that was this low has come down, m.
+/// Height below which a node has come down, m.
 const DOWN_M: f64 = 0.01;
-/// Between two samples of truth, s.
+/// Time between two samples of truth, s.
 const TRUTH_S: f64 = 0.01;
-/// Ten steps of the encoder: less than that is no motion, m.
+/// Motion below this does not count: ten steps of the encoder, m.
 const STILL_M: f64 = 0.001;
 
-/// One thing that was done to the robot.
+/// One fault that was injected.
 #[derive(Debug)]
 pub struct Blow {
     pub what: String,
     pub standby: bool,
-    /// Of a controller or an estimator with a standby: role and slot in charge before.
+    /// For a controller or an estimator with a standby: role and slot in charge before.
     pub lead: Option<(usize, u8)>,
     pub bits: u32,
-    /// Largest number of cycles until it is found out, where that does not hang on the motion.
+    /// Largest number of cycles until detection, if that does not depend on the motion.
     pub within: Option<u64>,
     pub cable: Option<usize>,
-    /// Its encoder lies, so that its drive runs away until that is found out.
+    /// Its encoder gives wrong counts, so that its drive runs away until detection.
     pub runs_away: bool,
     /// It is broken, and nothing carries the node in its place.
     pub breaks: bool,
     pub at_ns: u64,
     /// Newest cycle before it.
     pub cycle: u64,
-    /// When the robot flew on, ns.
+    /// Time when the robot flew on, ns.
     pub back_ns: u64,
-    /// How far the node was from where the robot believed it to be, after it, m.
+    /// Largest distance of the node from the robot's estimate after the fault, m.
     pub off_m: Option<f64>,
 }
 
-/// The samples of a run that matter here.
+/// The samples of a run that the judgement needs.
 pub struct Evidence {
     cycles: Vec<MotorAuthority>,
     truth: Vec<TruthNode>,
 }
 
-/// What the run file says of a blow.
+/// Verdict on a fault by the run file.
 #[derive(Debug, Default, Clone)]
 pub struct Verdict {
     pub cycles: Option<u64>,
     pub named: u32,
-    /// Largest tension of the lines that were not broken on purpose, and of all, N.
+    /// Largest tension of the cables that were not broken on purpose, and of all cables, N.
     pub peak_n: f64,
     pub peak_all_n: f64,
-    /// How long any of the other lines was slack, s.
+    /// Time that any of the other cables was slack, s.
     pub slack_s: f64,
 }
 
 impl Evidence {
-    /// Reads a run to its end; what is wrong with its files goes to `complaints`.
+    /// Reads a run to its end; errors of its files are added to `complaints`.
     pub fn read(run: &Path, complaints: &mut Vec<String>) -> Self {
         let mut evidence = Self { cycles: Vec::new(), truth: Vec::new() };
         let mut reader = RunReader::open(run).unwrap();
@@ -88,7 +88,7 @@ impl Evidence {
         evidence
     }
 
-    /// Judges one blow by the time from it to `end_ns`.
+    /// Judges one fault by the time from it to `end_ns`.
     pub fn judge(&self, blow: &Blow, end_ns: u64, limit_n: f64, complaints: &mut Vec<String>) -> Verdict {
         let mut verdict = Verdict::default();
         let during = |stamp_ns: u64| stamp_ns > blow.at_ns && stamp_ns <= end_ns;
@@ -112,7 +112,7 @@ impl Evidence {
             }
         }
         if blow.lead.is_some() {
-            // The standby took over: nothing stopped. What stops by itself is this machine.
+            // The standby took over without a stop. A stop by itself is due to this machine.
             let watched: Vec<_> = cycles().take(100).collect();
             let late = watched.windows(2).any(|two| two[1].lost_computer > two[0].lost_computer);
             let stopped = watched.iter().any(|cycle| cycle.mode != MotorAuthority::MODE_FOLLOWING);
@@ -152,7 +152,7 @@ impl Evidence {
         verdict
     }
 
-    /// While the robot holds, no drum turns; but for a cable that was let go.
+    /// While the robot holds, no drum turns, except that of a released cable.
     pub fn nothing_moves_while_held(&self, complaints: &mut Vec<String>) {
         let held =
             |cycle: &MotorAuthority| matches!(cycle.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED);
@@ -188,7 +188,7 @@ impl Evidence {
     }
 }
 
-/// Every blow with its verdict, and the worst of each kind, in Markdown.
+/// Every fault with its verdict, and the worst of each kind, in Markdown.
 pub fn table(judged: &[(Blow, Verdict)]) -> String {
     let mut text = String::from(
         "| fault | standby | found after, cycles | named | peak on the surviving lines, N | on any line, N | others slack, s | back after, s |\n\

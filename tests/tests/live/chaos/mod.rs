@@ -1,8 +1,8 @@
-//! Faults at random, one after the other, in flight: after each the robot is brought back by what an operator has, and
-//! flies on.
+//! Random faults in flight, one after the other: after each, the operator's commands recover the robot, and it flies
+//! on.
 //!
-//! `NIMS_CHAOS=200 cargo test --workspace --test live -- chaos:: --nocapture` strikes two hundred times;
-//! `NIMS_CHAOS_SEED` draws others, and `NIMS_CHAOS_TABLE=FILE` keeps the table.
+//! `NIMS_CHAOS=200 cargo test --workspace --test live -- chaos:: --nocapture` injects two hundred faults;
+//! `NIMS_CHAOS_SEED` sets another seed, and `NIMS_CHAOS_TABLE=FILE` stores the table.
 
 mod judge;
 mod plan;
@@ -20,17 +20,17 @@ use rustix::process::Signal;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Longest wait for a fault to be found out, and for the robot to be back, ns.
+/// Longest time until a fault is detected, and until the robot flies again, ns.
 const PATIENCE_NS: u64 = 60_000_000_000;
-/// Whoever looks where the node is takes the robot's word for it up to this error, m.
+/// Error up to which an operator who looks at the node accepts the robot's position, m.
 const TRUSTED_M: f64 = 0.03;
-/// A node that is slower than this hangs still, m/s; the position is only read then.
+/// Speed below which a node hangs still, m/s; the position is only read then.
 const STILL_M_S: f64 = 0.05;
-/// So many cycles of undisturbed flight, and the robot is back.
+/// Cycles of undisturbed flight after which the robot counts as recovered.
 const WELL_CYCLES: u64 = 50;
-/// Cycles from a death to the standby's first command in charge.
+/// Largest number of cycles from a death to the standby's first command in charge.
 const TAKEN_OVER_CYCLES: u64 = 10;
-/// Everything is started again when it dies; the faults come faster than the system file's own limits are made for.
+/// Every process is restarted when it dies; the faults come faster than the system file's limits allow.
 const AGAIN: &str = "restart = true\nrestart_pause_s = 0.1\nrestart_limit = 1000\n";
 
 fn processes(standby: bool) -> String {
@@ -46,7 +46,7 @@ fn processes(standby: bool) -> String {
     text
 }
 
-/// A robot, what it says of itself, and where it really is.
+/// A robot, its published state, and its true position.
 struct Chaos {
     robot: Robot,
     estimates: [Subscriber<NodeEstimate>; SLOTS],
@@ -54,14 +54,14 @@ struct Chaos {
     nodes: Subscriber<TruthNode>,
     truth: Vec<TruthNode>,
     standby: bool,
-    /// How far the robot was wrong about a position of which it said that it knows it, since the last blow, m.
+    /// Largest error of a position that the robot published as known, since the last fault, m.
     off_m: Option<f64>,
 }
 
 impl Chaos {
     fn new(standby: bool) -> Self {
         let robot = Robot::up(&processes(standby));
-        // To and fro, longer than any round.
+        // A motion to and fro, longer than any round.
         let leg =
             "[[leg]]\npolyline = { points_m = [[5.6, 3.4, 0.6], [4.8, 4.0, 0.9], [4.0, 3.4, 0.6], [4.8, 3.0, 0.3]] }\n";
         let mission = format!("name = \"to and fro\"\nspeed_m_s = 0.15\n{}", leg.repeat(20));
@@ -88,7 +88,7 @@ impl Chaos {
         self.begin();
     }
 
-    /// From the start to the mission.
+    /// Starts the robot and its mission.
     fn begin(&mut self) {
         self.robot.arm();
         self.bring_back("the start");
@@ -122,7 +122,7 @@ impl Chaos {
         (self.robot.last.mode, self.robot.last.faults) == (MotorAuthority::MODE_FOLLOWING, 0)
     }
 
-    /// Everything that is to be there twice is.
+    /// Whether all processes that should run twice do.
     fn complete(&self) -> bool {
         let role = |role: usize| {
             let phases = &self.robot.seats.phase[SLOTS * role..][..SLOTS];
@@ -135,7 +135,7 @@ impl Chaos {
         matches!(self.robot.request(process, &request), Some((true, _)))
     }
 
-    /// What an operator does until the robot flies again.
+    /// Does what an operator does until the robot flies again.
     fn bring_back(&mut self, after: &str) {
         let give_up = clock::now_ns() + PATIENCE_NS;
         let mut since = None;
@@ -174,7 +174,7 @@ impl Chaos {
         }
     }
 
-    /// A slot that was set aside is taken in again.
+    /// Admits a quarantined slot again.
     fn admit(&mut self) {
         for seat in 0..self.robot.seats.phase.len() {
             if self.robot.seats.phase[seat] == MotorSlots::PHASE_QUARANTINED {
@@ -184,13 +184,13 @@ impl Chaos {
         }
     }
 
-    /// For half a second now.
+    /// Whether this holds for half a second.
     fn hangs_still(&self) -> bool {
         let speed = |sample: &TruthNode| sample.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
         !self.truth.is_empty() && self.truth.iter().all(|sample| speed(sample) < STILL_M_S)
     }
 
-    /// From Holding: looks where the node is, and resumes the mission, or starts it again.
+    /// From Holding: reads where the node is, and resumes or restarts the mission.
     fn go_on(&mut self) {
         self.sleep(0.6);
         let MotorAuthority { mode, position_known, header, in_charge, .. } = self.robot.last;
@@ -227,10 +227,10 @@ impl Chaos {
         self.sleep(0.2);
     }
 
-    /// Waits for something that shows in flight; where this machine stopped the robot meanwhile, it goes on first.
+    /// Waits for an effect that shows in flight; if this machine stopped the robot meanwhile, the robot first flies on.
     fn wait(&mut self, fault: &str, shows: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + PATIENCE_NS;
-        // A fault that goes by another name than that of the table is the judge's.
+        // `judge` handles a fault that is reported under another name than that of the table.
         while !shows(self) && self.robot.last.faults & messages::faults::HARD == 0 {
             assert!(
                 clock::now_ns() < give_up,
@@ -285,7 +285,7 @@ impl Chaos {
                 let kind = text.split(' ').next().unwrap();
                 self.robot.fault_of(&process, &format!("{kind} off"));
             }
-            // One that is started again may have been replaced meanwhile, and the next may only be about to come.
+            // A restarted process may have been replaced meanwhile, and the next one may not have started yet.
             How::Signal(Signal::STOP) if self.robot.pid(&process).is_some() => {
                 self.robot.signal(&process, Signal::CONT);
             }
@@ -313,7 +313,7 @@ impl Chaos {
         }
     }
 
-    /// Ends a round in flight; what ended it, if that is something to be judged.
+    /// Ends a round in flight; returns the fault that ended it, if it is to be judged.
     fn end(&mut self, ending: Ending, complaints: &mut Vec<String>) -> Option<Blow> {
         self.look();
         let (at_ns, cycle) = (clock::now_ns(), self.robot.last.header.cycle);
@@ -367,13 +367,13 @@ fn ports(robot: &Robot) -> (Subscriber<TruthNode>, [Subscriber<NodeEstimate>; SL
     (robot.bus.deep_subscriber("truth/node").unwrap(), [estimate("a"), estimate("b")])
 }
 
-/// A finished round: its run folder, and what happened.
+/// A finished round: its run folder, and its faults.
 struct Flown {
     run: PathBuf,
     blows: Vec<Blow>,
 }
 
-/// The robot after all rounds, and what was done to it.
+/// The robot after all rounds, and the injected faults.
 fn fly(rounds: Vec<Round>, random: &mut Random, complaints: &mut Vec<String>) -> (Chaos, Vec<Flown>) {
     let mut flown: Vec<Flown> = Vec::new();
     let mut chaos = Chaos::new(rounds[0].standby);
@@ -397,7 +397,7 @@ fn fly(rounds: Vec<Round>, random: &mut Random, complaints: &mut Vec<String>) ->
 
 #[test]
 fn whatever_breaks_the_robot_comes_back() {
-    // A long series would take hours once more; its machine is expected to be quiet.
+    // Repeating a long series would take hours; its machine is expected to be quiet.
     if std::env::var_os("NIMS_CHAOS").is_some() {
         return strike_and_judge();
     }
@@ -432,7 +432,7 @@ fn strike_and_judge() {
     if let Ok(path) = std::env::var("NIMS_CHAOS_TABLE") {
         std::fs::write(path, &table).unwrap();
     }
-    // With the robot still there, so that `NIMS_KEEP` keeps its runs.
+    // While the robot still exists, so that `NIMS_KEEP` keeps its runs.
     assert!(complaints.is_empty(), "{count} faults of seed {seed}:\n{}", complaints.join("\n"));
     drop(chaos);
 }

@@ -1,4 +1,4 @@
-//! What is done to the robot: drawn from the table of faults, the same for the same seed.
+//! Plan of the faults to inject: drawn from the table of faults, the same for the same seed.
 
 use messages::MotorAuthority;
 use nims::fault::{ROWS, Row};
@@ -10,7 +10,7 @@ const CABLES: usize = 3;
 /// Drive units of the system file, all on port 1.
 const UNITS: [u8; 2] = [128, 129];
 
-/// SplitMix64: the faults are to be irregular, not unpredictable.
+/// SplitMix64: the faults must be irregular, not unpredictable.
 pub struct Random(pub u64);
 
 impl Random {
@@ -31,66 +31,66 @@ impl Random {
     }
 }
 
-/// What is done.
+/// Action of a fault.
 #[derive(Debug, Clone)]
 pub enum How {
-    /// To the motor box: what is asked, and what puts it right.
+    /// On the motor box: the request, and the one that ends the fault.
     Box(String, Option<String>),
-    /// To a process.
+    /// On a process.
     Signal(Signal),
-    /// To what a process says.
+    /// On the samples of a process.
     Output(String),
 }
 
 #[derive(Debug, Clone)]
 pub struct Fault {
-    /// As `nims fault` takes it.
+    /// Its name for `nims fault`.
     pub what: String,
-    /// What the table says of it.
+    /// Its row of the table.
     pub row: Row,
     pub how: How,
-    /// The process; where there are two of it, the one in charge.
+    /// The process; of two, the one in charge.
     pub process: &'static str,
-    /// The line that does not have to stay taut, from 0.
+    /// The cable that may become slack, from 0.
     pub cable: Option<usize>,
-    /// How long it lasts after it has been found out, s.
+    /// Time that it lasts after detection, s.
     pub lasts_s: f64,
 }
 
 /// How a round ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// By Ctrl-C in flight.
+    /// With Ctrl-C in flight.
     Plain,
-    /// A cable breaks, which only a person can repair.
+    /// With a broken cable, which only a person can repair.
     Break(usize),
     /// The supervisor is killed in flight.
     Supervisor,
-    /// Everything is killed in flight.
+    /// All processes are killed in flight.
     Everything,
 }
 
-/// From one start of the robot to its end.
+/// The time from one start of the robot to its end.
 #[derive(Debug)]
 pub struct Round {
-    /// Everything is there twice.
+    /// Whether every process runs twice.
     pub standby: bool,
     pub faults: Vec<Fault>,
     pub ending: Ending,
 }
 
-/// Every fault from which the robot can be brought back.
+/// Every fault from which the robot can be recovered.
 fn rows() -> Vec<Row> {
     let back = |row: &&Row| !["plug", "continue", "break"].contains(&row.kind());
     let widened = |row: &Row| {
-        // A jam may show in the motor's current before it shows in the line.
+        // A jam may show in the motor's current before it shows in the cable.
         let current = MotorAuthority::FAULT_OVER_CURRENT | MotorAuthority::FAULT_OVER_TENSION;
         Row { bits: row.bits | if row.kind() == "stall" { current } else { 0 }, ..*row }
     };
     ROWS.iter().filter(back).map(widened).collect()
 }
 
-/// So many faults, in rounds with and without standbys; every kind comes before any comes again.
+/// So many faults, in rounds with and without standbys; every kind occurs before any occurs again.
 pub fn rounds(count: usize, random: &mut Random) -> Vec<Round> {
     let number = count.div_ceil(ROUND).max(2);
     let mut bags: [Vec<Row>; 2] = Default::default();
@@ -160,7 +160,7 @@ fn fault(row: Row, random: &mut Random) -> Fault {
     Fault { what, row, how, process, cable, lasts_s }
 }
 
-/// What is drawn is a fault to the motor box, or names a process: each row of the table can be struck.
+/// Every drawn fault is a fault of the motor box or names a process, so each row of the table can be injected.
 #[test]
 fn every_row_can_be_struck() {
     let mut random = Random(1);

@@ -1,4 +1,4 @@
-//! A robot as it is run, for tests that count its cycles: `nims up` on a virtual motor box.
+//! A running robot for tests that count its cycles: `nims up` on a virtual motor box.
 #![allow(dead_code, unused_imports)] // each test uses a part of it
 
 mod steady;
@@ -15,35 +15,35 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Three lines, and four, in the same room.
+/// Three cables, and four, in the same room.
 pub const THREE_LINES: &str = "demo3";
 pub const FOUR_LINES: &str = "demo4";
-/// Where these system files let the node hang at the start, m, and the other end of the moves here.
+/// Position of the node at the start in these system files, m, and the other end of the moves here.
 pub const START: [f64; 3] = [4.8, 3.0, 0.3];
 pub const GOAL: [f64; 3] = [5.4, 3.6, 0.7];
-/// Longest wait for anything; it is over only where something is wrong, and a machine may stand still for seconds.
+/// Longest wait for any event; it is exceeded only by an error, because a machine may stand still for seconds.
 const LONG: Duration = Duration::from_secs(60);
-/// Faults of a robot whose machine lets the control chain wait for some cycles.
+/// Faults of a robot whose machine delays the control chain for some cycles.
 const STARVED: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_ESTIMATE_LOST
     | MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_COMPUTER;
 
-/// Cycles with a long wait, and lost periods, among so many in a row that show a starved robot.
+/// Cycles with a long wait, and lost periods, within so many consecutive cycles that show a starved robot.
 const STARVED_CYCLES: u64 = 3;
 const CLOSE_CYCLES: usize = 10;
-/// A thread that waited longer than this for a processor had no time for its part of the cycle, ns: motor-io's own
-/// share of the period.
+/// A thread that waited longer than this for a processor had no time for its part of the cycle, ns: motor-io's share of
+/// the period.
 const LONG_WAIT_NS: u64 = 3_000_000;
 
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
 }
 
-/// Two robots at once would take each other's time.
+/// Two robots at once would take processor time from each other.
 static ONE_ROBOT: Mutex<()> = Mutex::new(());
 
-/// A robot with processes, in a domain and a folder of its own.
+/// A robot with processes, in a separate domain and folder.
 pub struct Robot {
     supervisor: Child,
     folder: tempfile::TempDir,
@@ -59,9 +59,9 @@ pub struct Robot {
     pub named: u32,
     pub seen: TruthNode,
     pub seats: MotorSlots,
-    /// Where the last move of `fly` goes, m.
+    /// Target of the last move of `fly`, m.
     pub goal: [f64; 3],
-    /// Something was broken on purpose.
+    /// Whether something was broken on purpose.
     broken: bool,
     pub domain: TestDomain,
     _alone: MutexGuard<'static, ()>,
@@ -72,7 +72,7 @@ pub fn goto(to_m: [f64; 3], speed_m_s: f64) -> Request {
     Request::Goto { to_m, path: GotoPath::Line, speed_m_s: Some(speed_m_s) }
 }
 
-/// A copy of the examples' files, because what a robot keeps stands beside them.
+/// A copy of the example files, because a robot stores its files beside them.
 pub fn copy_configs(folder: &Path) -> PathBuf {
     let configs = folder.join("configs");
     for place in ["robots", "systems", "missions", "sensors", "ground"] {
@@ -86,12 +86,12 @@ pub fn copy_configs(folder: &Path) -> PathBuf {
 }
 
 impl Robot {
-    /// Three lines, with more text at the end of the system file.
+    /// Three cables, with more text at the end of the system file.
     pub fn up(more: &str) -> Self {
         Self::up_with(THREE_LINES, more, |_| ())
     }
 
-    /// On that box, with whatever `change` does to its folder of configurations.
+    /// With that system file, after `change` has edited its folder of configurations.
     pub fn up_with(file: &'static str, more: &str, change: impl FnOnce(&Path)) -> Self {
         let mut robot = Self::begin(file, more, change);
         robot.until("the robot is up", |robot| robot.last.header.cycle > 50);
@@ -106,7 +106,7 @@ impl Robot {
         change(&configs);
         let domain = Domain::for_test();
         let mut supervisor = start(folder.path(), file, &domain, more, 1);
-        // Whoever starts the robot sweeps its domain before anything else; an observer is to be there afterwards.
+        // A start first clears the domain, so the observer opens it afterwards.
         while domain.alive().is_empty() && supervisor.try_wait().unwrap().is_none() {
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -132,13 +132,13 @@ impl Robot {
         }
     }
 
-    /// The next start in the same domain, after the last one has ended in whatever way.
+    /// Starts again in the same domain, however the last start ended.
     pub fn up_again(&mut self, more: &str) {
         assert!(self.supervisor.try_wait().unwrap().is_some(), "the last one still runs");
         self.runs += 1;
         self.clients.clear();
         self.supervisor = start(self.folder.path(), self.file, &self.domain, more, self.runs);
-        // The old ports went with the old processes.
+        // The old ports ended with the old processes.
         while self.domain.alive().iter().all(|node| node.name == "observer") {
             assert!(self.supervisor.try_wait().unwrap().is_none(), "it ended\n{}", self.said());
             std::thread::sleep(Duration::from_millis(2));
@@ -157,12 +157,12 @@ impl Robot {
         std::fs::write(&path, change(std::fs::read_to_string(&path).unwrap())).unwrap();
     }
 
-    /// The system file as it is started: with what was added.
+    /// The system file as started, with the added text.
     pub fn system_file(&self) -> PathBuf {
         system_file(self.folder.path(), self.file)
     }
 
-    /// Where everything of it lies.
+    /// The folder of all its files.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
@@ -172,15 +172,15 @@ impl Robot {
         run_of(self.folder.path(), self.runs)
     }
 
-    /// What the virtual box said it had left out of its time in the present run, ms: rates and distances of drives go
-    /// by what is left.
+    /// Time that the virtual motor box reported as left out in the present run, ms; rates and distances of drives refer
+    /// to the rest.
     pub fn left_out_ms(&self) -> u64 {
         let said = std::fs::read_to_string(self.run().join("log/motor-box.txt")).unwrap_or_default();
         let words = said.lines().filter_map(|line| line.split_once(" ms did not pass in the motor box"));
         words.filter_map(|(before, _)| before.rsplit(' ').next()?.parse::<u64>().ok()).sum()
     }
 
-    /// What the supervisors have said so far.
+    /// Output of the supervisors so far.
     pub fn said(&self) -> String {
         std::fs::read_to_string(self.folder.path().join("said")).unwrap_or_default()
     }
@@ -192,14 +192,14 @@ impl Robot {
         command.args(["--domain", self.domain.name()]).args(args).current_dir(self.folder()).output().unwrap()
     }
 
-    /// The operator's command; what it answered.
+    /// Runs the operator's command; returns its answer.
     pub fn told(&self, args: &[&str]) -> String {
         let output = self.nims(args);
         assert!(output.status.success(), "{args:?}: {}\n{}", String::from_utf8_lossy(&output.stderr), self.said());
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
-    /// One sentence with these words, and nothing has happened.
+    /// Checks that a command is refused in one sentence with these words, and changes nothing.
     pub fn refused(&self, args: &[&str], words: &[&str]) -> Option<i32> {
         let output = self.nims(args);
         let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -211,7 +211,7 @@ impl Robot {
         output.status.code()
     }
 
-    /// What `nims status` says; null where it says nothing.
+    /// Output of `nims status`; null if there is none.
     pub fn status(&self) -> Value {
         serde_json::from_slice(&self.nims(&["status", "--json"]).stdout).unwrap_or(Value::Null)
     }
@@ -221,23 +221,23 @@ impl Robot {
         self.status()["processes"].as_array()?.iter().find(|row| row["name"] == process).cloned()
     }
 
-    /// What the process table says of it.
+    /// State in the process table.
     pub fn state(&self, process: &str) -> String {
         self.row(process).map_or("no row".to_owned(), |row| row["state"].as_str().unwrap_or_default().to_owned())
     }
 
-    /// Its id in the process table: of a program that is not on the bus too.
+    /// Its id in the process table, also of a program that is not on the bus.
     pub fn pid_in_table(&self, process: &str) -> Option<u32> {
         self.row(process)?["pid"].as_u64().map(|pid| pid as u32)
     }
 
-    /// Ends it with a signal; its exit code, if it had the time to give one.
+    /// Ends it with a signal; returns its exit code, if it ended by itself.
     pub fn down(&mut self, signal: Signal) -> Option<i32> {
         let _ = kill_process(Pid::from_child(&self.supervisor), signal);
         self.ended()
     }
 
-    /// Waits until the supervisor ends, as requested; its exit code.
+    /// Waits until the supervisor ends, as requested; returns its exit code.
     pub fn ended(&mut self) -> Option<i32> {
         let give_up = clock::now_ns() + 2 * LONG.as_nanos() as u64;
         loop {
@@ -253,13 +253,13 @@ impl Robot {
         self.supervisor.id()
     }
 
-    /// What `nims up` answered at its end.
+    /// Output of `nims up` at its end.
     pub fn answer(&self) -> Value {
         let text = std::fs::read_to_string(answer_of(self.folder.path(), self.runs)).unwrap();
         serde_json::from_str(&text).unwrap_or(Value::Null)
     }
 
-    /// Takes in every sample until one is as wanted.
+    /// Receives samples until one fulfils the condition.
     pub fn until(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
@@ -275,7 +275,8 @@ impl Robot {
         }
     }
 
-    /// The same of what takes its time to ask or is said elsewhere: once in a while, after all samples that are there.
+    /// The same for conditions that are slow to check or come from elsewhere: checked now and then, after all present
+    /// samples.
     pub fn until_said(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
@@ -298,7 +299,7 @@ impl Robot {
         );
     }
 
-    /// Asks until it is accepted.
+    /// Repeats a request until it is accepted.
     pub fn ask(&mut self, process: &str, request: Request) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
@@ -311,19 +312,19 @@ impl Robot {
         }
     }
 
-    /// Breaks something in the motor box.
+    /// Injects a fault into the motor box.
     pub fn fault(&mut self, text: &str) {
         self.fault_of("motor-box", text);
     }
 
-    /// Breaks something in that process.
+    /// Injects a fault into that process.
     pub fn fault_of(&mut self, process: &str, text: &str) {
         self.broken = true;
         let (accepted, sentence) = self.request(process, &Request::Fault { text: text.to_owned() }).unwrap();
         assert!(accepted, "{sentence}");
     }
 
-    /// One request and its answer; none where the process is not there or does not answer.
+    /// One request and its answer; `None` if the process does not exist or does not answer.
     pub fn request(&mut self, process: &str, request: &Request) -> Option<(bool, String)> {
         let request = request.encode().unwrap();
         if !self.clients.contains_key(process) {
@@ -336,15 +337,15 @@ impl Robot {
         answer.map(|answer| (answer.accepted == 1, text_of(&answer.answer)))
     }
 
-    /// The request to fly a mission of the folder of missions, which is copied into the run first.
+    /// The request to fly a mission of the folder of missions, which is first copied into the run.
     pub fn mission(&self, name: &str) -> Request {
         let text = std::fs::read_to_string(self.folder().join(format!("configs/missions/{name}.toml"))).unwrap();
         let hash = config::store_mission(&self.run(), &text).unwrap();
         Request::Run { mission: name.to_owned(), hash, continues: false }
     }
 
-    /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the
-    /// robot stopped for it, the move begins again.
+    /// Starts a move of some seconds, there or back. If the machine stood still meanwhile and the robot stopped for it,
+    /// the move starts again.
     pub fn fly(&mut self) {
         self.fly_at(0.12);
     }
@@ -352,10 +353,10 @@ impl Robot {
     /// The same at that speed, m/s.
     pub fn fly_at(&mut self, speed_m_s: f64) {
         for _ in 0..5 {
-            // Gives up what is left of a move; without one it is refused, which is as good.
+            // Discards the rest of a move; without one the request is refused, which has the same effect.
             self.request("motor-io", &Request::Stop).unwrap();
             self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-            // Wherever an earlier move was broken off, the farther end is a move away.
+            // Wherever an earlier move was interrupted, the farther end is a move away.
             self.goal = if self.distance_m(START) < self.distance_m(GOAL) { GOAL } else { START };
             self.ask("planner", goto(self.goal, speed_m_s));
             self.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
@@ -369,7 +370,7 @@ impl Robot {
         panic!("this machine does not let the robot fly for a second: {:#x}", self.last.faults);
     }
 
-    /// To the end of the move. Where the machine let the robot starve and it stopped for that, it is told to go on.
+    /// Waits for the end of the move. If the machine starved the robot and it stopped for that, requests a resume.
     pub fn arrive(&mut self) {
         for _ in 0..5 {
             self.until("the end of the move", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
@@ -382,13 +383,13 @@ impl Robot {
         panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
     }
 
-    /// Armed, and told where it hangs.
+    /// Armed, at a known position.
     pub fn arm(&mut self) {
         self.ask("motor-io", Request::Arm);
         self.ask("motor-io", Request::ZeroAt { position_m: START });
     }
 
-    /// Everything that has been published so far is in `last`, `seen` and `seats`.
+    /// Receives everything published so far into `last`, `seen` and `seats`.
     pub fn look(&mut self) {
         while let Some(sample) = self.authority.receive().unwrap() {
             self.note(sample);
@@ -406,24 +407,24 @@ impl Robot {
         self.seats = self.slots.latest().unwrap().unwrap_or(self.seats);
     }
 
-    /// For so many cycles.
+    /// Runs for so many cycles.
     pub fn for_cycles(&mut self, cycles: u64) {
         self.look();
         let last = self.last.header.cycle + cycles;
         self.until("some cycles", |robot| robot.last.header.cycle >= last);
     }
 
-    /// How fast the node is, m/s, by the truth.
+    /// Speed of the node, m/s, by the truth.
     pub fn speed_m_s(&self) -> f64 {
         self.seen.velocity_m_s.iter().map(|value| value * value).sum::<f64>().sqrt()
     }
 
-    /// How far the node is from there, m, by the truth.
+    /// Distance of the node from that point, m, by the truth.
     pub fn distance_m(&self, from: [f64; 3]) -> f64 {
         self.seen.position_m.iter().zip(from).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Puts the robot back to holding at a known position.
+    /// Returns the robot to holding at a known position.
     pub fn reset(&mut self) {
         self.ask("motor-io", Request::Reset);
         self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults == 0);
@@ -432,7 +433,7 @@ impl Robot {
         }
     }
 
-    /// The process of that name, if it lives.
+    /// The process of that name, if it runs.
     pub fn pid(&self, process: &str) -> Option<u32> {
         self.domain.alive().iter().find(|node| node.name == process).map(|node| node.pid)
     }
@@ -441,7 +442,7 @@ impl Robot {
         kill(self.pid(process).unwrap(), signal);
     }
 
-    /// Removes what the supervisor has written down in memory, as a machine does that is switched off.
+    /// Removes the supervisor's records in shared memory, as a power-off does.
     pub fn forget(&self) {
         for entry in std::fs::read_dir(self.domain.root()).unwrap().flatten() {
             if entry.path().extension().is_some_and(|ending| ending == "json" || ending == "txt") {
@@ -451,16 +452,16 @@ impl Robot {
         assert!(!self.domain.root().join("running.json").exists());
     }
 
-    /// Sudden end of everything.
+    /// Kills all processes at once.
     pub fn kill_all(&mut self) {
         let _ = kill_process(Pid::from_child(&self.supervisor), Signal::KILL);
         self.kill_others();
         self.supervisor.wait().unwrap();
     }
 
-    /// The kernel's figures in the run files of a robot in which nothing was broken, where they explain lost periods:
-    /// cycles close together in which the kernel kept threads of the robot waiting for a processor, and in which as
-    /// many periods were lost.
+    /// The kernel's figures in the run files of a robot without injected faults, if they explain lost periods: cycles
+    /// close together in which the kernel kept threads of the robot waiting for a processor, and in which as many
+    /// periods were lost.
     fn starvation(&self) -> Option<String> {
         if self.broken {
             return None;
@@ -524,12 +525,12 @@ impl Drop for Robot {
     }
 }
 
-/// The longest time that one of the robot's threads, or one of the virtual motor box, waited for a processor from one
+/// The longest time that one of the threads of the robot or of the virtual motor box waited for a processor from one
 /// cycle to the next, ns.
 fn waited_ns(before: &MotorInput, after: &MotorInput) -> u64 {
     let own = [(before.run_delay_ns, after.run_delay_ns), (before.box_left_out_ns, after.box_left_out_ns)];
     let chain = before.chain_delay_ns.into_iter().zip(after.chain_delay_ns);
-    // A figure that was 0 before was not known.
+    // A previous figure of 0 means unknown.
     let grown = own.into_iter().chain(chain).filter(|(before, _)| *before != 0);
     grown.map(|(before, after)| after.saturating_sub(before)).max().unwrap_or(0)
 }
@@ -541,7 +542,7 @@ fn kill(pid: u32, signal: Signal) {
     }
 }
 
-/// `nims up` with more text at the end of the system file; the file itself stays as it is for the next start.
+/// `nims up` with more text at the end of the system file; the file itself is unchanged for the next start.
 fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> Child {
     let text = std::fs::read_to_string(folder.join(format!("configs/systems/{file}.toml"))).unwrap();
     let path = system_file(folder, file);
@@ -561,7 +562,7 @@ fn system_file(folder: &Path, file: &str) -> PathBuf {
     folder.join(format!("configs/systems/{file}-up.toml"))
 }
 
-/// What a run's file holds of a channel, without the times.
+/// Samples of a channel in a run's file, without their times.
 pub fn samples_of<T: messages::Message>(run: &Path, channel: &str) -> Vec<T> {
     runlog::read_channel::<T>(run, channel).unwrap().into_iter().map(|(_, sample)| sample).collect()
 }

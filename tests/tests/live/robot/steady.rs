@@ -1,4 +1,4 @@
-//! Repeats a test of a robot in real time where the kernel shows that the machine stood still.
+//! Repeats a test of a robot in real time if the kernel shows that the machine stood still.
 //!
 //! A processor that stands still, or runs other programs, stops a robot that flies in real time, as it should. Two
 //! kinds of evidence excuse a failed attempt, both by the kernel's own figures:
@@ -14,14 +14,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Two control cycles at the usual rate: together with the cycle under way, enough for the robot to stop.
+/// Two control cycles at the usual rate: with the cycle under way, enough to stop the robot.
 const STALL: Duration = Duration::from_millis(20);
-/// Sleep of a witness.
+/// Sleep time of a witness thread.
 const NAP: Duration = Duration::from_millis(2);
 /// Most attempts of one test.
 const TRIES: usize = 4;
 
-/// What the run files of a failed attempt show of the kernel's figures.
+/// The kernel's figures in the run files of a failed attempt.
 static STARVED: Mutex<Option<String>> = Mutex::new(None);
 
 static TURN: Mutex<()> = Mutex::new(());
@@ -31,10 +31,10 @@ pub(super) fn starved(evidence: String) {
     *STARVED.lock().unwrap_or_else(PoisonError::into_inner) = Some(evidence);
 }
 
-/// Runs a test of a robot in real time, and repeats it where it fails and the kernel shows that the machine stood
-/// still. A test that fails without that evidence, or every time, fails.
+/// Runs a test of a robot in real time, and repeats it if it fails and the kernel shows that the machine stood still. A
+/// test that fails without that evidence, or every time, fails.
 pub fn steadily(test: impl Fn()) {
-    // What happens while another test flies is no evidence for this one.
+    // Events during another test's flight are no evidence for this one.
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     for attempt in 1.. {
         let witness = Witness::begin();

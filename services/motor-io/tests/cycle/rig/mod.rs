@@ -106,7 +106,7 @@ pub struct Rig {
     pub motion: PlanMotion,
     pub planner: bool,
     pub supervisor: Option<u64>,
-    /// Time that each seat of the chain, and motor-io, has waited for a processor, ns; 0: unknown.
+    /// Time that each slot of the chain, and motor-io, has waited for a processor, ns; 0: unknown.
     pub chain_delay_ns: [u64; messages::SEATS],
     pub run_delay_ns: u64,
     pub last: Option<Step>,
