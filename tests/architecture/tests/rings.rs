@@ -46,17 +46,16 @@ fn no_two_files_of_a_crate_import_each_other() {
     assert!(found.is_empty(), "files import each other:\n{}", found.join("\n"));
 }
 
-/// A crate of these files in a subfolder of this test's temporary folder.
-fn rings_of(name: &str, files: &[(&str, &str)]) -> Vec<Vec<String>> {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
+/// Returns the rings in a crate of these files.
+fn rings_of(files: &[(&str, &str)]) -> Vec<Vec<String>> {
+    let folder = tempfile::tempdir().unwrap();
     for (path, text) in files {
-        let path = folder.join(path);
+        let path = folder.path().join(path);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, text).unwrap();
     }
-    let imports = Modules::read(&folder.join(files[0].0)).unwrap().imports();
-    std::fs::remove_dir_all(&folder).unwrap();
-    let file = |path: &PathBuf| path.strip_prefix(&folder).unwrap().display().to_string();
+    let imports = Modules::read(&folder.path().join(files[0].0)).unwrap().imports();
+    let file = |path: &PathBuf| path.strip_prefix(folder.path()).unwrap().display().to_string();
     rings(&imports).iter().map(|ring| ring.iter().map(file).collect()).collect()
 }
 
@@ -69,7 +68,7 @@ fn a_ring_is_found_through_re_exports_globs_and_inline_paths() {
         "use crate::b as c; pub fn one() -> usize { size_of::<c::B>() }",
         "pub fn one() -> usize { size_of::<super::Other>() }",
     ] {
-        assert_eq!(rings_of("ring", &[lib, ("a.rs", a), b]), [["a.rs", "b/mod.rs"]], "{a}");
+        assert_eq!(rings_of(&[lib, ("a.rs", a), b]), [["a.rs", "b/mod.rs"]], "{a}");
     }
 }
 
@@ -78,5 +77,5 @@ fn re_exports_tests_and_foreign_names_make_no_ring() {
     let lib = ("lib.rs", "mod a;\nmod b;\npub use a::A;\npub struct Root;");
     let a = ("a.rs", "use b::B;\npub struct A(crate::Root);\n#[cfg(test)]\nmod tests { use crate::b::B; }");
     let b = ("b.rs", "use crate::A;\nuse fmt::a::A as Foreign;\n/// [`crate::Root`]\npub struct B(A);");
-    assert_eq!(rings_of("none", &[lib, a, b]), Vec::<Vec<String>>::new());
+    assert_eq!(rings_of(&[lib, a, b]), Vec::<Vec<String>>::new());
 }
