@@ -143,7 +143,8 @@ fn the_code_map_has_every_crate() {
         let cells: Vec<&str> = row.split('|').collect();
         let place = root().join(cells[1].trim().trim_matches('`'));
         for file in cells[3].split('`').skip(1).step_by(2) {
-            let there = [place.join("src").join(file), place.join(file), root().join(file)].iter().any(|path| path.exists());
+            let there =
+                [place.join("src").join(file), place.join(file), root().join(file)].iter().any(|path| path.exists());
             assert!(there, "the code map sends the reader of {} to {file}, which is not there", place.display());
         }
     }

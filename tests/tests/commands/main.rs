@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod command_line;
+mod documents;
 mod example_configurations;
 mod hostile_files;
 mod install;
