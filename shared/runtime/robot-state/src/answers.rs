@@ -180,31 +180,25 @@ impl<A: Parameter, B: Parameter> Parameter for (A, B) {
     }
 }
 
-impl Parameter for SlotRole {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.index().put(into);
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        Self::ALL.get(usize::take(from)?).copied()
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        Self::Estimator
-    }
+/// Parameters that are recorded as their index in `ALL`; each with its example for tests.
+macro_rules! by_index {
+    ($($kind:ident: $example:ident),+) => {$(
+        impl Parameter for $kind {
+            fn put(&self, into: &mut Writer<'_>) {
+                self.index().put(into);
+            }
+            fn take(from: &mut Reader<'_>) -> Option<Self> {
+                Self::ALL.get(usize::take(from)?).copied()
+            }
+            #[cfg(test)]
+            fn example() -> Self {
+                Self::$example
+            }
+        }
+    )+};
 }
 
-impl Parameter for Slot {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.index().put(into);
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        Self::ALL.get(usize::take(from)?).copied()
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        Self::B
-    }
-}
+by_index!(SlotRole: Estimator, Slot: B);
 
 /// The bits, and the cables and units as masks.
 impl Parameter for Faults {
