@@ -104,6 +104,13 @@ pub struct Situation {
     pub estimator: usize,
 }
 
+impl Situation {
+    /// True if the motor of this cable holds or moves it.
+    fn drives(&self, cable: usize) -> bool {
+        self.energised && !self.released[cable]
+    }
+}
+
 /// Detector of faults of drives and cables.
 #[derive(Debug, Clone)]
 pub struct Watch {
@@ -255,7 +262,7 @@ impl Watch {
                 self.duty[i] = input.duty[i];
             }
             let (sent, v) = (situation.sent_m_s[i], velocity_m_s[i]);
-            let driven = situation.energised && !situation.released[i];
+            let driven = situation.drives(i);
             // Without a reading of this cycle the counters stay.
             if fresh[i] {
                 self.motion(config, i, v, situation, new_duty);
@@ -308,7 +315,7 @@ impl Watch {
     /// Compares the measured velocity of a cable, m/s, with its command: stall and runaway.
     fn motion(&mut self, config: &CoreConfig, i: usize, v: f64, situation: &Situation, new_duty: bool) {
         let sent = situation.sent_m_s[i];
-        let driven = situation.energised && !situation.released[i];
+        let driven = situation.drives(i);
         self.smooth_m_s[i] += (v - self.smooth_m_s[i]) * config.period_s / (SMOOTHED_S + config.period_s);
         let still = v.abs() < STALL_SHARE * sent.abs();
         let pushing = self.duty[i].abs() > config.stall_duty;
