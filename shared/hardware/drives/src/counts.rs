@@ -3,7 +3,7 @@
 /// Largest motion of an encoder count that its motor explains.
 ///
 /// A driver holds back one sample beyond it, to find out whether the unit restarted and began to count at zero. It does
-/// not judge whether the count is credible: that is left to whoever knows the robot.
+/// not judge whether the count is credible: the caller knows the robot and judges it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CountBound {
     /// Highest believable speed, counts per second. 0: no bound.

@@ -279,5 +279,5 @@ fn an_open_stop_input_requires_stop_and_one_that_cannot_be_read_too() {
     assert_eq!(run.bus.stop(), &StopInput::Pressed);
     run.bus.transport_mut().unplug();
     run.cycle(Drive::HOLD);
-    assert!(run.bus.stop().requires_stop(), "nobody knows where the button is");
+    assert!(run.bus.stop().requires_stop(), "the state of the button is unknown");
 }
