@@ -144,21 +144,19 @@ check_links() {
     RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --workspace --document-private-items
 }
 
-# The oldest toolchain that is promised, `rust-version`, compiles everything; with NIMS_OLDEST=1, because it takes some
-# minutes. Without it, clippy's lint incompatible_msrv finds what the standard library of that toolchain lacks.
-check_oldest_toolchain() {
-    local oldest
+# Lints everything with the oldest toolchain that is promised, `rust-version`, which also proves that it compiles
+# everything. Where rustup cannot provide it, the present toolchain lints; its lint incompatible_msrv then finds what the
+# standard library of the oldest lacks.
+lint_code() {
+    local oldest with=()
     oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
-    if [ -z "${NIMS_OLDEST:-}" ]; then
-        leave_out "a build with the oldest toolchain, $oldest" "NIMS_OLDEST=1 scripts/test"
-        return
-    fi
-    if ! cargo "+$oldest" --version >/dev/null 2>&1 &&
-        ! rustup toolchain install "$oldest" --profile minimal --no-self-update >/dev/null 2>&1; then
+    if cargo "+$oldest" clippy --version >/dev/null 2>&1 ||
+        rustup toolchain install "$oldest" --profile minimal --component clippy --no-self-update >/dev/null 2>&1; then
+        with=("+$oldest")
+    else
         leave_out "a build with the oldest toolchain, $oldest" "it is not here and rustup cannot install it"
-        return
     fi
-    cargo "+$oldest" check --quiet --workspace --lib --bins --target-dir "${CARGO_TARGET_DIR:-target}/oldest"
+    cargo "${with[@]}" clippy --quiet --workspace --all-targets -- -D warnings
 }
 
 # The workspaces beside the main one.

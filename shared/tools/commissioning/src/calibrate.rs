@@ -185,8 +185,8 @@ mod tests {
         for method in [CalibrationMethod::Survey, CalibrationMethod::Joint] {
             let found = calibrated(&example(), method).unwrap();
             for (i, expected) in [[0.0, 0.0, 3.0], [8.0, 0.0, 3.0], [8.0, 6.0, 3.0]].iter().enumerate() {
-                for k in 0..3 {
-                    assert!((found["anchors_m"][i][k].as_f64().unwrap() - expected[k]).abs() < 1e-6, "{found}");
+                for (k, coordinate) in expected.iter().enumerate() {
+                    assert!((found["anchors_m"][i][k].as_f64().unwrap() - coordinate).abs() < 1e-6, "{found}");
                 }
                 assert!(found["anchor_std_m"][i][2].as_f64().unwrap() > 0.001);
             }

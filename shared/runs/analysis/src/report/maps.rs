@@ -27,9 +27,10 @@ fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]
         for (place, _) in sensor.places.points() {
             let point = config.plane.of(*place);
             let area = areas.entry(name.to_owned()).or_insert([point; 2]);
-            for k in 0..2 {
-                area[0][k] = area[0][k].min(point[k]);
-                area[1][k] = area[1][k].max(point[k]);
+            let [low, high] = area;
+            for (k, x) in point.into_iter().enumerate() {
+                low[k] = low[k].min(x);
+                high[k] = high[k].max(x);
             }
         }
     }
