@@ -119,8 +119,8 @@ const LONGEST_S: f64 = 3600.0;
 /// A request that is not a fault.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "\"{text}\" is not a fault of the motor box: write one of {}; for most of them, `off` as the last word ends the fault \
-         at once, `for SECONDS` after that time; cables and ports count from 1",
+    "\"{text}\" is not a fault of the motor box: write one of {}; for most of them, `off` as the last word ends the \
+         fault at once, `for SECONDS` after that time; cables and ports count from 1",
     forms()
 )]
 pub struct UnknownFault {
