@@ -167,7 +167,7 @@ fn drive_families_are_named_in_one_place() {
             named.extend(place);
         }
     }
-    assert_eq!(named.len(), may.len(), "not every listed source was found");
+    assert_eq!(named.len(), may.len(), "a listed file names no drive family; remove it from the list");
 }
 
 #[test]
