@@ -10,6 +10,10 @@ use std::path::{Path, PathBuf};
 pub fn python() -> PathBuf {
     let own = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../.venv/bin/python");
     let python = std::env::var_os("NIMS_PYTHON").map_or_else(own, PathBuf::from);
-    assert!(python.exists(), "{}: run scripts/test, which makes it, or name another in NIMS_PYTHON", python.display());
+    assert!(
+        python.exists(),
+        "{}: run scripts/test, which creates it, or set NIMS_PYTHON to another interpreter",
+        python.display()
+    );
     python
 }

@@ -90,9 +90,10 @@ pub fn doubled(case: &Case, law: Option<Law>) -> Result<Lockstep> {
 pub fn try_all(mut lockstep: Lockstep, instants: u64, acceleration_step_m_s: f64) -> Result<[Tally; 4]> {
     let flight = undisturbed(lockstep.fork().context("this law cannot be forked")?)?;
     let following = |cycle: &Cycle| cycle.authority.mode == MotorAuthority::MODE_FOLLOWING;
-    let first = flight.iter().position(following).context("it never moves")?;
-    let last = flight.iter().rposition(following).context("it never moves")?.saturating_sub(WATCHED as usize + 1);
-    ensure!(first < last, "it moves for {} cycles", last.abs_diff(first));
+    let first = flight.iter().position(following).context("the robot never moves")?;
+    let last =
+        flight.iter().rposition(following).context("the robot never moves")?.saturating_sub(WATCHED as usize + 1);
+    ensure!(first < last, "the robot moves for only {} cycles", last.abs_diff(first));
     let mut tallies = [Tally::default(); 4];
     let mut done = 0;
     for (i, now) in flight.iter().enumerate() {

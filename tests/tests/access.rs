@@ -39,7 +39,7 @@ fn stranger(program: &Path, args: &[&str]) -> Output {
 }
 
 #[test]
-fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
+fn only_its_user_can_access_the_files_of_a_robot_and_move_it() {
     // With the most permissive umask.
     let habit = rustix::process::umask(rustix::fs::Mode::empty());
     let mut robot = Robot::up("");
@@ -85,7 +85,7 @@ fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
     fs::copy(program(), &nims).unwrap();
     fs::set_permissions(&nims, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
     let domain = root.to_str().unwrap();
-    assert!(stranger(&nims, &["--version"]).status.success(), "a stranger can run the program");
+    assert!(stranger(&nims, &["--version"]).status.success(), "another user can run the program");
     for command in
         [&["estop"][..], &["hold"], &["disarm"], &["status"], &["channel", "list"], &["fault", "unplug", "1"]]
     {
@@ -105,7 +105,7 @@ fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
     }
     assert!(!stranger(sh, &["-c", &format!("kill -STOP {pid}")]).status.success());
     assert!(!stranger(sh, &["-c", &format!("head -c 1 /proc/{pid}/mem")]).status.success());
-    robot.until("it flies on", |robot| robot.last.header.cycle > 300);
+    robot.until("the motion continues", |robot| robot.last.header.cycle > 300);
     assert!(matches!(robot.last.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_HOLDING));
     assert_eq!(robot.last.faults, 0);
 }

@@ -25,7 +25,7 @@ fn alone() -> MutexGuard<'static, ()> {
 
 fn nims(args: &[&str]) -> Child {
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
-    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
+    assert!(program.is_file(), "{} is missing: run `cargo build --workspace --bins` first", program.display());
     let piped = Command::new(program).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     piped.unwrap()
 }
@@ -118,7 +118,7 @@ fn every_figure_is_there_and_nothing_is_left() {
     let runs = tempfile::tempdir().unwrap();
     let (code, out, err) = ended(bench(runs.path(), &["--json", "--rate", "200", "--seconds", "0.3"]), runs.path());
     assert_eq!(code, Some(0), "{err}");
-    assert!(err.is_empty(), "without a terminal nothing is drawn: {err}");
+    assert!(err.is_empty(), "drew without a terminal: {err}");
     let found: Value = serde_json::from_str(&out).unwrap();
     let mut figures = Vec::new();
     numbers(&found, "", &mut figures);
@@ -169,7 +169,7 @@ fn every_figure_is_there_and_nothing_is_left() {
 }
 
 #[test]
-fn only_what_is_asked_for_is_measured_for_the_box_that_is_named() {
+fn only_the_requested_figures_are_measured_for_the_named_system() {
     let _alone = alone();
     let runs = tempfile::tempdir().unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
@@ -204,7 +204,7 @@ fn ctrl_c_and_the_death_of_the_other_process_leave_nothing() {
 }
 
 #[test]
-fn what_a_killed_one_left_is_removed_by_the_next() {
+fn the_remains_of_a_killed_benchmark_are_removed_by_the_next() {
     let _alone = alone();
     let runs = tempfile::tempdir().unwrap();
     let mut child = bench(runs.path(), &["bus", "--seconds", "600"]);
@@ -228,7 +228,7 @@ fn what_a_killed_one_left_is_removed_by_the_next() {
 }
 
 #[test]
-fn it_takes_no_time_from_a_robot_unless_told_to() {
+fn a_benchmark_beside_a_running_robot_requires_beside() {
     let _alone = alone();
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "motor-io").unwrap();

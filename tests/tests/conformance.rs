@@ -24,7 +24,7 @@ fn workspace() -> PathBuf {
 /// A program of this workspace; the test runs from target/PROFILE/deps.
 fn program(name: &str) -> PathBuf {
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join(name);
-    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
+    assert!(program.is_file(), "{} is missing: run `cargo build --workspace --bins` first", program.display());
     program
 }
 
@@ -33,7 +33,7 @@ fn program(name: &str) -> PathBuf {
 const TRIES: usize = 4;
 
 #[test]
-fn the_drive_makers_client_is_content() {
+fn the_drive_makers_client_reports_no_errors() {
     for attempt in 1.. {
         match talk() {
             Ok(()) => return,
@@ -71,7 +71,7 @@ fn talk() -> Result<(), Talked> {
         if let Some(status) = motor_box.0.try_wait().unwrap() {
             panic!("motor-box ended at once: {status}");
         }
-        assert!(begin.elapsed() < Duration::from_secs(120), "motor-box made no port at {}", port.display());
+        assert!(begin.elapsed() < Duration::from_secs(120), "motor-box created no port at {}", port.display());
         std::thread::sleep(Duration::from_millis(20));
     }
 
@@ -82,13 +82,13 @@ fn talk() -> Result<(), Talked> {
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&talked.stdout);
-    assert!(motor_box.0.try_wait().unwrap().is_none(), "the box ended");
+    assert!(motor_box.0.try_wait().unwrap().is_none(), "motor-box ended");
     if !talked.status.success() {
         let box_said = std::fs::read_to_string(&box_said).unwrap();
         let starved = box_said.contains("ms did not pass in the motor box");
         return Err(Talked { starved, said: format!("{said}{}{box_said}", String::from_utf8_lossy(&talked.stderr)) });
     }
-    let seen: serde_json::Value = serde_json::from_str(&said).expect("one line of JSON");
+    let seen: serde_json::Value = serde_json::from_str(&said).expect("the output is one text line of JSON");
     assert_eq!(seen["cycles"], 2000);
     Ok(())
 }

@@ -143,7 +143,7 @@ impl Eyes {
                 Ok(answer) if answer.accepted == 1 => return,
                 other => {
                     let said = other.map(|answer| text_of(&answer.answer));
-                    assert!(Instant::now() < give_up, "the planner refuses for ever: {said:?}");
+                    assert!(Instant::now() < give_up, "the planner keeps rejecting the request: {said:?}");
                 }
             }
             std::thread::sleep(Duration::from_millis(100));
@@ -158,7 +158,7 @@ impl Eyes {
             if accepted {
                 return;
             }
-            assert!(Instant::now() < give_up, "the reset is refused for ever: {sentence}");
+            assert!(Instant::now() < give_up, "the reset is still rejected: {sentence}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -171,7 +171,7 @@ fn one_sentence(output: &Output) -> String {
 }
 
 #[test]
-fn a_line_is_jogged_by_the_distance_through_the_real_protocol() {
+fn a_cable_is_jogged_by_the_distance_over_the_real_protocol() {
     let place = Place::new();
     let _box = place.start("motor-box");
     let io = place.start("motor-io");
@@ -244,7 +244,7 @@ fn a_box_that_dies_is_a_fault_and_its_return_moves_nothing() {
     assert_eq!(authority.mode, MotorAuthority::MODE_FAULTED);
     let give_up = Instant::now() + LONG;
     while !eyes.ask(Request::Reset).0 {
-        assert!(Instant::now() < give_up, "the reset is refused for ever");
+        assert!(Instant::now() < give_up, "the reset is still rejected");
         std::thread::sleep(Duration::from_millis(50));
     }
     eyes.until("holding again", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
@@ -302,7 +302,7 @@ fn a_unit_that_restarts_in_a_motion_stops_the_robot_and_asks_for_a_confirmation(
 }
 
 #[test]
-fn without_its_port_it_says_which_one_and_ends() {
+fn motor_io_names_a_missing_port_and_exits() {
     let place = Place::new();
     let output = place.command("motor-io").output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
@@ -310,7 +310,7 @@ fn without_its_port_it_says_which_one_and_ends() {
 }
 
 #[test]
-fn a_second_one_is_refused_in_one_sentence() {
+fn a_second_motor_io_is_rejected_with_one_sentence() {
     let place = Place::new();
     let _box = place.start("motor-box");
     let _io = place.start("motor-io");
@@ -323,7 +323,7 @@ fn a_second_one_is_refused_in_one_sentence() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_meant_is_refused_before_anything_moves() {
+fn an_invalid_configuration_is_rejected_before_any_motion() {
     let place = Place::new();
     let text = std::fs::read_to_string(place.system_file()).unwrap();
     let cases = [

@@ -35,7 +35,7 @@ impl Guard {
 fn until(what: &str, mut done: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !done() {
-        assert!(begun.elapsed() < Duration::from_secs(30), "waited for: {what}");
+        assert!(begun.elapsed() < Duration::from_secs(30), "timeout: {what}");
         std::thread::sleep(Duration::from_millis(10));
     }
 }
@@ -63,7 +63,7 @@ fn a_new_sensor_in_rust_is_the_tested_template_under_its_name_and_nothing_is_ove
     let manifest: toml::Table =
         std::fs::read_to_string(folder.path().join("soil-probe/Cargo.toml")).unwrap().parse().unwrap();
     assert_eq!(manifest["package"]["name"].as_str(), Some("soil-probe"));
-    assert!(manifest.contains_key("workspace"), "it is not taken for a part of another workspace");
+    assert!(manifest.contains_key("workspace"), "the new crate is its own workspace");
     for library in ["messages", "runtime"] {
         let path = manifest["dependencies"][library]["path"].as_str().unwrap();
         assert!(Path::new(path).is_absolute() && Path::new(path).join("Cargo.toml").is_file(), "{path}");
@@ -115,7 +115,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
         let mut sensor = start();
         let mut heard = 0;
         let mut tap = None;
-        until("the sensor speaks", || {
+        until("the sensor publishes", || {
             tap = tap.take().or_else(count);
             if let Some(tap) = &mut tap {
                 while tap.receive(|_| ()).unwrap().is_some() {
@@ -159,7 +159,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
 }
 
 #[test]
-fn definitions_from_python_are_ours() {
+fn type_definitions_from_python_equal_those_of_rust() {
     let output = Command::new(python()).arg(project().join("tests/python/sensor_types.py")).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8_lossy(&output.stdout).into_owned();

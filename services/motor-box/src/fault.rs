@@ -82,28 +82,28 @@ pub struct Kind {
 
 /// Every kind. Cables, ports and units are numbered as in the system file.
 pub const KINDS: [Kind; 14] = [
-    kind("noise", "PORT PROBABILITY", "each byte on the wire, both ways, has a bit turned over with this probability"),
-    kind("silence", "PORT", "nothing that the units on the port say gets through; they still hear"),
-    kind("late", "PORT SECONDS", "what the units on the port answer comes later by this time"),
-    kind("mute", "PORT ADDRESS", "what one unit answers is lost, for half a second or as long as said"),
-    kind("unplug", "PORT", "the port's plug is pulled: its name goes away"),
-    kind("plug", "PORT", "it is plugged in again"),
+    kind("noise", "PORT PROBABILITY", "inverts a bit of each byte, in both directions, with this probability"),
+    kind("silence", "PORT", "drops all answers of the units on the port; they still receive commands"),
+    kind("late", "PORT SECONDS", "delays the answers of the units on the port by this time"),
+    kind("mute", "PORT ADDRESS", "drops the answers of one unit for half a second or the given time"),
+    kind("unplug", "PORT", "unplugs the port: its device name disappears"),
+    kind("plug", "PORT", "plugs the port in again"),
     kind(
         "reboot",
         "PORT ADDRESS",
-        "a unit loses its supply, for half a second or as long as said, and begins again with its encoders at zero",
+        "a unit loses its supply for half a second or the given time and restarts with its encoders at zero",
     ),
     kind(
         "estop",
         "PORT ADDRESS",
-        "the stop button on a unit's own input is pressed: the unit lets its motors go, and says so when it is asked",
+        "presses the stop button on a unit's own input: the unit releases its motors and reports it in its status",
     ),
-    kind("supply", "VOLTS", "the supply has this voltage, without load"),
-    kind("stall", "CABLE", "the motor jams"),
-    kind("slip", "CABLE SHARE", "this share of the line's motion slips over the idler wheel unseen"),
-    kind("dead", "CABLE", "the encoder stops counting"),
-    kind("jump", "CABLE COUNTS", "the encoder's count jumps"),
-    kind("break", "CABLE", "the line breaks"),
+    kind("supply", "VOLTS", "sets the no-load voltage of the supply"),
+    kind("stall", "CABLE", "jams the motor"),
+    kind("slip", "CABLE SHARE", "this share of the cable's motion slips over the idler wheel and is not measured"),
+    kind("dead", "CABLE", "stops the encoder's count"),
+    kind("jump", "CABLE COUNTS", "the encoder's count jumps by this amount"),
+    kind("break", "CABLE", "breaks the cable"),
 ];
 
 const fn kind(name: &'static str, arguments: &'static str, what: &'static str) -> Kind {
@@ -119,8 +119,8 @@ const LONGEST_S: f64 = 3600.0;
 /// A request that is not a fault.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "\"{text}\" is not a fault of the motor box: write one of {}; behind most of them `off` puts it right, `for SECONDS` later; \
-         cables and ports count from 1",
+    "\"{text}\" is not a fault of the motor box: write one of {}; for most of them, `off` as the last word ends the \
+         fault at once, `for SECONDS` after that time; cables and ports count from 1",
     forms()
 )]
 pub struct UnknownFault {
@@ -260,7 +260,7 @@ mod tests {
     use plant::Fault;
 
     #[test]
-    fn every_form_is_understood() {
+    fn every_form_is_parsed() {
         let cases = [
             ("stall 2", BoxFault::Plant(Fault::Stall { cable: 1, on: true })),
             ("stall 2 off", BoxFault::Plant(Fault::Stall { cable: 1, on: false })),
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_has_a_form_that_is_understood() {
+    fn every_kind_has_a_form_that_is_parsed() {
         let values = [("CABLE", "1"), ("PORT", "1"), ("ADDRESS", "128"), ("SHARE", "0.5"), ("PROBABILITY", "0.5")];
         let more = [("SECONDS", "0.1"), ("COUNTS", "50"), ("VOLTS", "9")];
         for kind in KINDS {
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_be_put_right_is() {
+    fn every_lasting_fault_has_a_repair() {
         for text in [
             "stall 1",
             "slip 1 0.5",
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn anything_else_is_refused_with_the_forms() {
+    fn invalid_requests_are_rejected_with_the_accepted_forms() {
         for text in [
             "",
             "stall",

@@ -167,7 +167,7 @@ fn drive_families_are_named_in_one_place() {
             named.extend(place);
         }
     }
-    assert_eq!(named.len(), may.len(), "this test looks in the wrong place");
+    assert_eq!(named.len(), may.len(), "a listed file names no drive family; remove it from the list");
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn unsafe_code_lives_in_one_crate() {
 }
 
 #[test]
-fn every_unsafe_block_says_why_it_is_sound() {
+fn every_unsafe_block_has_a_safety_comment() {
     for package in packages().values() {
         for (path, text) in sources(package) {
             let lines: Vec<&str> = text.lines().collect();
@@ -220,10 +220,10 @@ fn every_crate_has_the_workspace_lints_and_a_purpose() {
         let dependencies = manifest.split("[dependencies]").nth(1).unwrap_or("");
         assert!(
             !dependencies.contains("version ="),
-            "{name} gives versions of its own; they stand in the workspace's Cargo.toml"
+            "{name} declares versions; move them to the workspace's Cargo.toml"
         );
         let lib = std::fs::read_to_string(package.folder.join("src/lib.rs")).unwrap();
-        assert!(lib.starts_with("//! "), "{name}'s root does not say what it is for");
+        assert!(lib.starts_with("//! "), "{name}'s root has no module documentation");
     }
 }
 
@@ -298,7 +298,7 @@ fn the_mathematics_does_no_io_and_reads_no_clock() {
 
 /// Functions that IEEE 754 does not fix differ between machines; those of `libm` do not.
 #[test]
-fn what_decides_takes_its_functions_from_libm() {
+fn deciding_code_uses_libm() {
     let packages = packages();
     for name in ["cable-robot", "cable-control", "messages", "motor-io", "estimator", "controller", "planner"] {
         for (path, text) in sources(&packages[name]) {

@@ -200,7 +200,7 @@ impl Checks {
         };
         *seen_m = seen_m.max(off_m);
         let away = before_m.is_some_and(|before_m| off_m > before_m);
-        (off_m > bound_m && away).then(|| format!("the node is {off_m:.3} m from the set point and goes away from it"))
+        (off_m > bound_m && away).then(|| format!("the node is {off_m:.3} m from the setpoint and moves away from it"))
     }
 }
 

@@ -93,7 +93,7 @@ impl Walk {
     /// Applies one of the cures that a sentence names.
     fn cure(&mut self, sentence: &str) -> Result<()> {
         let named = cures(sentence);
-        ensure!(!named.is_empty(), "nothing is named that could be done: {sentence}");
+        ensure!(!named.is_empty(), "the sentence names no cure: {sentence}");
         let cure = self.random.of(&named);
         self.note(format!("cure {cure:?} for: {sentence}"));
         self.carry_out(cure)

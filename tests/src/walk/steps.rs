@@ -26,8 +26,8 @@ impl Walk {
             22..42 => self.goto_somewhere()?,
             42..45 => self.mission()?,
             45..70 => self.command()?,
-            70..78 => self.begin_somebody(),
-            78..83 => self.end_somebody(),
+            70..78 => self.start_random_process(),
+            78..83 => self.end_random_process(),
             83..85 => self.planner_life(),
             85..88 => self.motor_io_life(),
             88..90 => {
@@ -35,7 +35,7 @@ impl Walk {
                 self.robot.supervise(lives);
                 self.note(format!("supervisor lives: {lives}"));
             }
-            90..92 => self.lead_astray(),
+            90..92 => self.make_controller_faulty(),
             _ => self.forge(),
         }
         let cycles = 1 + self.random.below(12);
@@ -122,7 +122,7 @@ impl Walk {
         self.ask(request).map(|_| ())
     }
 
-    fn begin_somebody(&mut self) {
+    fn start_random_process(&mut self) {
         let (role, slot) = (self.random.below(ROLES), self.random.below(SLOTS));
         self.begin(role, slot);
     }
@@ -134,28 +134,28 @@ impl Walk {
             let config = controller::ControllerConfig { law: self.parts.laws[law], ..self.parts.controller };
             self.robot.slots_mut().start_controller(slot, &config);
             self.astray[slot] = None;
-            self.note(format!("controller {slot} begins with law {law}"));
+            self.note(format!("controller {slot} starts with law {law}"));
         } else {
             let method = self.random.below(self.parts.methods.len());
             let config = self.parts.estimator;
             self.robot.slots_mut().start_estimator(slot, &config, self.parts.methods[method]);
-            self.note(format!("estimator {slot} begins with method {method}"));
+            self.note(format!("estimator {slot} starts with method {method}"));
         }
     }
 
     /// Makes the controller in a slot faulty until its restart.
-    fn lead_astray(&mut self) {
+    fn make_controller_faulty(&mut self) {
         let slot = self.random.below(SLOTS);
         if !self.robot.slots().lives(CONTROLLERS, slot) {
             return;
         }
         let astray = Astray::by_chance(&mut self.random, self.robot.plant().cable_count() > 3);
         self.tally.astray += 1;
-        self.note(format!("controller {slot} goes astray: {astray:?}"));
+        self.note(format!("controller {slot} becomes faulty: {astray:?}"));
         self.astray[slot] = Some(astray);
     }
 
-    fn end_somebody(&mut self) {
+    fn end_random_process(&mut self) {
         let (role, slot, unheard) = (self.random.below(ROLES), self.random.below(SLOTS), self.random.once_in(2));
         self.robot.slots_mut().kill(role, slot, unheard);
         self.note(format!("role {role} slot {slot} dies, unheard {unheard}"));
@@ -189,7 +189,7 @@ impl Walk {
         self.tally.lives += 1;
         self.last = None;
         self.checks.begin();
-        self.note(format!("motor-io begins, restored {restored}, alive {alive}"));
+        self.note(format!("motor-io starts, restored {restored}, alive {alive}"));
     }
 
     /// Publishes a sample from outside the robot's processes, on a free slot.

@@ -10,7 +10,7 @@ fn root() -> PathBuf {
 
 fn nims(args: &[&str]) -> Output {
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
-    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
+    assert!(program.is_file(), "{} is missing: run `cargo build --workspace --bins` first", program.display());
     Command::new(program).args(args).current_dir(root()).output().unwrap()
 }
 
@@ -26,9 +26,9 @@ fn refused(args: &[&str], code: i32, words: &[&str]) {
     let output = nims(args);
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(code), "{args:?}: {err}");
-    assert_eq!(err.trim_end().lines().count(), 1, "{args:?} is answered by more than one line: {err}");
+    assert_eq!(err.trim_end().lines().count(), 1, "{args:?}: the error has more than one text line: {err}");
     assert!(err.starts_with("nims: "), "{args:?}: {err}");
-    assert!(err.len() < 500, "{args:?} is answered by a speech: {err}");
+    assert!(err.len() < 500, "{args:?}: the error is too long: {err}");
     assert!(out.is_empty(), "{args:?} printed an answer: {out}");
     for word in words {
         assert!(err.contains(word), "{args:?}: no {word:?} in: {err}");
@@ -258,7 +258,7 @@ fn a_file_that_is_no_run_is_not_taken_for_one() {
 }
 
 #[test]
-fn check_says_what_a_watchdog_stop_and_an_unpowered_line_mean() {
+fn check_reports_the_watchdog_distance_and_the_sinking_speed() {
     let value = answer(&["check", SYSTEM, "--json"]);
     assert_eq!(value["usable"], json!(true));
     let all = value["findings"].to_string();
@@ -392,7 +392,7 @@ mod tools {
     }
 
     #[test]
-    fn where_nothing_holds_the_node_the_answer_says_why() {
+    fn a_position_without_equilibrium_is_answered_with_its_cause() {
         for at in ["4.8,3.0,3.0", "-5,-5,1", "4.8,3.0,5.0"] {
             let value = answer(&["tension", "--config", ROBOT, "--at", at]);
             assert_eq!(value["feasible"], json!(false), "{at}");

@@ -14,7 +14,7 @@ fn documents() -> Vec<(PathBuf, String)> {
     let mut paths = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"].map(|name| root().join(name)).to_vec();
     let pages = std::fs::read_dir(root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
     paths.extend(pages.filter(|path| path.extension().is_some_and(|ending| ending == "md")));
-    assert!(paths.len() > 10, "this test looks in the wrong place: {paths:?}");
+    assert!(paths.len() > 10, "too few documents found: {paths:?}");
     paths.into_iter().map(|path| (path.clone(), std::fs::read_to_string(path).unwrap())).collect()
 }
 

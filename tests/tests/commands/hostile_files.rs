@@ -50,7 +50,7 @@ fn refused_by(program: &str, args: &[&str], words: &[&str]) {
     assert_eq!(output.status.code(), Some(2), "{args:?}: {err}");
     assert!(output.stdout.is_empty(), "{args:?} printed an answer");
     let said = err.trim_end();
-    assert!(said.lines().count() <= 3 && said.len() < 600, "{args:?} is answered by a speech: {err}");
+    assert!(said.lines().count() <= 3 && said.len() < 600, "{args:?}: the error is too long: {err}");
     for word in words {
         assert!(err.contains(word), "{args:?}: no {word:?} in: {err}");
     }
@@ -76,7 +76,7 @@ fn hostile() -> (tempfile::TempDir, Vec<(String, &'static str)>) {
 }
 
 #[test]
-fn what_is_no_small_file_is_refused_by_every_command_that_reads_one() {
+fn every_command_that_reads_a_file_rejects_anything_but_a_small_file() {
     let (_folder, files) = hostile();
     for (file, says) in &files {
         let words = &[*says];
@@ -94,7 +94,7 @@ fn what_is_no_small_file_is_refused_by_every_command_that_reads_one() {
 }
 
 #[test]
-fn a_sensor_refuses_what_is_no_small_file() {
+fn a_sensor_rejects_anything_but_a_small_file() {
     let (_folder, files) = hostile();
     let domain = bus::Domain::for_test();
     for (file, says) in &files {
@@ -103,7 +103,7 @@ fn a_sensor_refuses_what_is_no_small_file() {
 }
 
 #[test]
-fn what_a_robot_file_names_is_read_with_the_same_care() {
+fn files_named_in_a_robot_file_are_checked_in_the_same_way() {
     let (folder, files) = hostile();
     let robot = fs::read_to_string(root().join("configs/robots/lab3.toml")).unwrap();
     let begin = robot.find("anchors_m = [").unwrap();

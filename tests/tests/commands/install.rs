@@ -37,7 +37,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout)
 }
 
-fn current_says(root: &Path) -> String {
+fn current_output(root: &Path) -> String {
     // The link of a control box is absolute; below a test folder only its last part is meaningful.
     let version = fs::read_link(root.join("opt/nims/current")).unwrap();
     fs::read_to_string(root.join("opt/nims").join(version).join("bin/nims")).unwrap()
@@ -50,7 +50,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     let old = programs(folder.path(), "old");
     let output = install(&root, &["--programs", old.to_str().unwrap()]);
     assert!(output.status.success(), "{}", said(&output));
-    assert!(current_says(&root).contains("old"));
+    assert!(current_output(&root).contains("old"));
     assert_eq!(fs::read_link(root.join("usr/local/bin/nims")).unwrap(), Path::new("/opt/nims/current/bin/nims"));
     assert_eq!(fs::metadata(root.join("etc/sudoers.d/nims")).unwrap().permissions().mode() & 0o777, 0o440);
     let boxed = root.join("etc/nims/systems/demo3.toml");
@@ -68,22 +68,22 @@ fn installed_upgraded_rolled_back_and_removed() {
     fs::write(&boxed, "# mine\n").unwrap();
     let new = programs(folder.path(), "new");
     assert!(install(&root, &["--programs", new.to_str().unwrap()]).status.success());
-    assert!(current_says(&root).contains("new"));
+    assert!(current_output(&root).contains("new"));
     assert_eq!(fs::read_to_string(&boxed).unwrap(), "# mine\n");
     assert!(install(&root, &["--roll-back"]).status.success());
-    assert!(current_says(&root).contains("old"));
+    assert!(current_output(&root).contains("old"));
 
     let run = root.join("var/lib/nims/runs/2026-01-01T00-00-00Z-lab");
     fs::create_dir_all(&run).unwrap();
     assert!(install(&root, &["--remove"]).status.success());
     assert!(run.is_dir() && boxed.is_file());
     for gone in ["opt/nims", "usr/local/bin/nims", "etc/systemd/system/nims@.service", "etc/sudoers.d/nims"] {
-        assert!(fs::symlink_metadata(root.join(gone)).is_err(), "{gone} is still there");
+        assert!(fs::symlink_metadata(root.join(gone)).is_err(), "{gone} was not removed");
     }
 }
 
 #[test]
-fn what_is_missing_or_unknown_is_said_and_nothing_is_installed() {
+fn missing_or_unknown_items_are_reported_and_nothing_is_installed() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().join("root");
     let some = programs(folder.path(), "some");

@@ -10,7 +10,7 @@ const SITE: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98
 
 fn setup(folder: &Path, args: &[&str], lines: &[String]) -> Output {
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
-    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
+    assert!(program.is_file(), "{} is missing: run `cargo build --workspace --bins` first", program.display());
     let mut child = Command::new(program)
         .args(["setup", "site.toml"])
         .args(args)
@@ -86,7 +86,7 @@ fn a_site_is_calibrated_from_a_pipe() {
 }
 
 #[test]
-fn broken_off_anywhere_nothing_is_lost() {
+fn an_interruption_at_any_question_loses_no_answer() {
     let folder = tempfile::tempdir().unwrap();
     let whole = tempfile::tempdir().unwrap();
     let lines = answers();
@@ -110,7 +110,7 @@ fn broken_off_anywhere_nothing_is_lost() {
 }
 
 #[test]
-fn what_cannot_be_begun_or_gone_on_with_is_refused_before_any_question() {
+fn invalid_files_are_rejected_before_any_question() {
     let folder = tempfile::tempdir().unwrap();
     let by_hand = "# mine\n[[range]]\nfrom = 1\nto = 2\nm = 9.0\n";
     std::fs::write(folder.path().join("site.toml"), by_hand).unwrap();
@@ -136,10 +136,10 @@ fn what_cannot_be_begun_or_gone_on_with_is_refused_before_any_question() {
 }
 
 #[test]
-fn the_transcript_in_the_documentation_is_what_comes() {
+fn the_transcript_in_the_documentation_equals_the_output() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/calibration.md");
     let page = std::fs::read_to_string(page).unwrap();
-    let (_, shown) = page.split_once("$ nims setup site.toml\n").expect("the page shows how it goes");
+    let (_, shown) = page.split_once("$ nims setup site.toml\n").expect("the page has a transcript");
     let (shown, _) = shown.split_once("```").unwrap();
     let folder = tempfile::tempdir().unwrap();
     let mut lines = answers();

@@ -10,7 +10,7 @@ use std::process::{Command, Output};
 
 fn nims() -> PathBuf {
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
-    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
+    assert!(program.is_file(), "{} is missing: run `cargo build --workspace --bins` first", program.display());
     program
 }
 
@@ -43,7 +43,7 @@ fn plan(robot: [&str; 2], more: &[&str]) -> Value {
 }
 
 #[test]
-fn a_planned_parabola_costs_less_than_the_line_and_the_line_is_what_it_says() {
+fn a_planned_parabola_costs_less_than_the_straight_line() {
     let ends = ["--from", "2.5,2.0,2.2", "--to", "7.0,2.2,2.2"];
     let line = plan(LAB4, &ends);
     let best = plan(LAB4, &[&ends[..], &["--path", "parabola"]].concat());
@@ -69,7 +69,7 @@ fn a_planned_parabola_costs_less_than_the_line_and_the_line_is_what_it_says() {
 }
 
 #[test]
-fn constant_speed_is_what_solve_says() {
+fn constant_speed_agrees_with_solve() {
     let ends = ["--from", "3.0,2.0,1.5", "--to", "6.0,3.0,1.2"];
     let found = plan(LAB3, &[&ends[..], &["--mu", "0.1", "--constant-speed", "--speed", "0.2"]].concat());
     let request = r#"{"op":"move_energy","anchors_m":[[0,0,3.05],[9.8,0,3.1],[4.7,8.6,2.98]],"from_m":[3,2,1.5],"to_m":[6,3,1.2],"mu_per_m":0.1,"node_mass_kg":1.2,"speed_m_s":0.2,"motor":{},"method":"unique","limits_n":[2,60],"intervals":64}"#;
@@ -81,7 +81,7 @@ fn constant_speed_is_what_solve_says() {
 }
 
 #[test]
-fn what_cannot_be_flown_is_an_answer_and_what_cannot_be_read_is_not() {
+fn an_infeasible_path_is_an_answer_and_an_invalid_request_is_an_error() {
     for ends in [["--from", "3,3,1", "--to", "30,3,1"], ["--from", "3,3,1", "--to", "4,3,-1"]] {
         let found = plan(LAB3, &ends);
         assert_eq!(found["feasible"], Value::Bool(false), "{found}");

@@ -59,7 +59,7 @@ fn processes_come_and_go_while_the_robot_runs() {
     // Programs that are not in the system file.
     std::fs::write(up.folder().join("sensor.sh"), "echo $1 > plugged; exec sleep 1000\n").unwrap();
     up.told(&["plug", "wind", "--", "sh", "sensor.sh", "{name}/{domain}"]);
-    assert_eq!(up.state("wind"), "running", "it sends no heartbeat, so it is not called ready");
+    assert_eq!(up.state("wind"), "running", "a process without heartbeats is not reported as ready");
     let plugged = std::fs::read_to_string(up.folder().join("plugged")).unwrap();
     assert_eq!(plugged.trim(), format!("wind/{}", up.domain.name()));
     let wind = pid(&up, "wind");
@@ -74,7 +74,7 @@ fn processes_come_and_go_while_the_robot_runs() {
     up.told(&["unplug", "wind"]);
     assert_eq!(up.state("wind"), "no row");
     assert!(!lives(wind));
-    assert_eq!(up.down(Signal::INT), Some(0), "nothing has died: {}", up.said());
+    assert_eq!(up.down(Signal::INT), Some(0), "no process has ended: {}", up.said());
     // The run and its file name what was plugged in.
     let kept = up.run().join("processes/1-wind-sensor.sh");
     assert!(std::fs::read_to_string(&kept).unwrap().contains("sleep 1000"));
@@ -83,18 +83,18 @@ fn processes_come_and_go_while_the_robot_runs() {
 }
 
 #[test]
-fn a_plugged_program_that_ends_at_once_says_why() {
+fn a_plugged_program_that_ends_at_once_is_reported_with_its_cause() {
     let mut up = ready("");
     let failing = ["plug", "rain", "--", "sh", "-c", "echo the gauge is not there >&2; exit 3"];
     up.refused(&failing, &["rain", "exit code 3", "the gauge is not there"]);
     assert_eq!(up.state("rain"), "DIED");
     // The name is free again.
     up.told(&["plug", "rain", "--", "sleep", "1000"]);
-    assert_eq!(up.down(Signal::INT), Some(1), "a run in which rain died is no success");
+    assert_eq!(up.down(Signal::INT), Some(1), "nims up exits with success although rain ended");
 }
 
 #[test]
-fn what_flies_the_robot_is_not_ended_while_it_moves() {
+fn processes_in_charge_are_not_ended_during_a_motion() {
     steadily(|| {
         let mut up = ready("");
         up.arm();
@@ -118,20 +118,20 @@ fn a_standby_is_kept_and_a_dead_one_is_started_again() {
                 \n[[process]]\nname = \"flaky\"\ncommand = [\"sh\", \"-c\", \"sleep 0.05; exit 7\"]\nrestart = true\nrestart_pause_s = 0.1\nrestart_limit = 2\n";
     let mut up = ready(more);
     assert_eq!(up.state("controller-b"), "ready");
-    assert_eq!(up.state("spare"), "stopped", "it waits to be asked for");
+    assert_eq!(up.state("spare"), "stopped", "the process starts only on request");
     for name in ["controller", "controller-b"] {
         let before = pid(&up, name);
         up.signal(name, Signal::KILL);
-        up.until_said("it is started again", |up| up.state(name) == "ready" && pid(up, name) != before);
+        up.until_said("the controller is restarted", |up| up.state(name) == "ready" && pid(up, name) != before);
     }
     assert!(up.said().contains("controller was ended by signal 9: controller-b goes on"), "{}", up.said());
     // By its name in the system file too.
     up.told(&["restart", "second"]);
     up.told(&["start", "spare"]);
     assert_eq!(up.state("estimator-b"), "ready");
-    assert_eq!(up.state("spare"), "no row", "it runs under the name of its slot");
+    assert_eq!(up.state("spare"), "no row", "the process has the name of its slot");
     // A process that keeps dying is not restarted.
-    up.until_said("flaky is given up", |up| up.state("flaky") == "DIED for good");
+    up.until_said("flaky is no longer restarted", |up| up.state("flaky") == "DIED for good");
     assert_eq!(up.said().matches("flaky ended with exit code 7").count(), 3, "{}", up.said());
     assert_eq!(up.down(Signal::INT), Some(1));
 }
@@ -140,7 +140,7 @@ fn a_standby_is_kept_and_a_dead_one_is_started_again() {
 fn a_process_that_does_not_get_ready_is_named_and_nothing_is_left_behind() {
     let mut up =
         begin("\n[[process]]\nname = \"planner\"\nrole = \"planner\"\ncommand = [\"sh\", \"-c\", \"sleep 1000\"]\n");
-    up.until_said("it is named", |up| up.said().contains("still waiting for planner"));
+    up.until_said("the process is named", |up| up.said().contains("still waiting for planner"));
     assert_eq!(up.down(Signal::INT), Some(1));
     assert!(up.said().contains("stopped while starting"), "{}", up.said());
     assert_eq!(others(&up), [""; 0]);
@@ -149,8 +149,8 @@ fn a_process_that_does_not_get_ready_is_named_and_nothing_is_left_behind() {
     let mut up = begin(
         "\n[[process]]\nname = \"planner\"\nrole = \"planner\"\ncommand = [\"sh\", \"-c\", \"echo no maps >&2; exit 1\"]\n",
     );
-    up.until_said("it is named", |up| up.said().contains("planner did not come up: no maps"));
-    up.until_said("nothing is left", |up| others(up).is_empty());
+    up.until_said("the process is named", |up| up.said().contains("planner did not come up: no maps"));
+    up.until_said("no process is left", |up| others(up).is_empty());
 }
 
 #[test]

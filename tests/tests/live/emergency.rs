@@ -134,10 +134,10 @@ fn stop_once(robot: &Robot, inputs: &mut Subscriber<MotorInput>, states: &mut Su
     // The answer was published after the cycle; the samples of the next ones follow.
     std::thread::sleep(std::time::Duration::from_millis(200));
     let arrived = std::iter::from_fn(|| inputs.receive().unwrap()).find(|input| input.estops > 0);
-    let arrived = arrived.expect("it stands in motor/input").header.cycle;
+    let arrived = arrived.expect("motor/input contains it").header.cycle;
     let moving = |state: &MotorState| state.command_m_s.iter().any(|speed| *speed != 0.0);
     let seen: Vec<MotorState> = std::iter::from_fn(|| states.receive().unwrap()).collect();
-    assert!(seen.iter().any(|state| state.header.cycle > arrived), "it goes on saying where it is");
+    assert!(seen.iter().any(|state| state.header.cycle > arrived), "the estimates continue");
     let last =
         seen.iter().filter(|state| state.header.cycle >= arrived && moving(state)).map(|state| state.header.cycle);
     last.max().map_or(0, |cycle| cycle + 1 - arrived)

@@ -21,7 +21,7 @@ fn the_page_is_the_table() {
 
 /// Faults of motors, cables, encoders and supply: in lockstep, on three and four cables, with exact counts.
 #[test]
-fn what_breaks_in_the_plant_is_found_within_the_cycles_that_the_table_says() {
+fn faults_of_the_plant_are_detected_within_the_cycles_of_the_table() {
     for robot in ["lab3", "lab4"] {
         for row in &ROWS {
             let Ok(FaultRequest { fault: BoxFault::Plant(fault), .. }) = row.example.parse() else { continue };
@@ -55,7 +55,7 @@ fn what_breaks_in_the_plant_is_found_within_the_cycles_that_the_table_says() {
     }
 }
 
-/// A broken cable: the node comes down, the other cables hang loose, and their encoders show nothing of the motion of
+/// A broken cable: the node comes down, the other cables hang loose, and their encoders do not show the motion of
 /// their drums. The drums stand still.
 #[test]
 fn no_drum_creeps_on_under_a_slack_line() {
@@ -132,7 +132,7 @@ fn row(kind: &str, of: &str) -> &'static Row {
 
 /// Faults on the wire and of processes: one robot after the other fault, in real time.
 #[test]
-fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_table_says() {
+fn faults_of_ports_and_processes_are_detected_within_the_cycles_of_the_table() {
     steadily(|| {
         let mut robot = Robot::up("");
         robot.arm();
@@ -148,7 +148,7 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
             robot.last.faults
         );
         assert_eq!(robot.last.faults & messages::faults::HARD, 0, "it goes on");
-        assert!(robot.last.lost_on_ports() > lost, "the noise has spoilt nothing");
+        assert!(robot.last.lost_on_ports() > lost, "the noise causes no fault");
 
         for (kind, repair) in
             [("silence", "silence 1 off"), ("late", "late 1 off"), ("mute", ""), ("unplug", "plug 1"), ("reboot", "")]
@@ -156,7 +156,11 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
             let row = row(kind, "");
             robot.fly();
             let in_time = found_after(&mut robot, row, |robot| robot.fault(row.example));
-            assert!(in_time, "{}: the drive is looked at whatever the computer does", row.example);
+            assert!(
+                in_time,
+                "{}: detected late, although this does not depend on the load of the computer",
+                row.example
+            );
             if !repair.is_empty() {
                 robot.fault(repair);
             }
@@ -176,7 +180,11 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
         robot.fault("estop 1 128 off");
         let until = robot.last.header.cycle + 50;
         robot.until("it stays stopped", |robot| robot.last.header.cycle > until);
-        assert_eq!(robot.last.mode, MotorAuthority::MODE_EMERGENCY_STOP, "released is not reset");
+        assert_eq!(
+            robot.last.mode,
+            MotorAuthority::MODE_EMERGENCY_STOP,
+            "releasing the button does not reset the robot"
+        );
         robot.reset();
 
         for process in ["controller", "estimator"] {

@@ -44,7 +44,7 @@ fn replays(run_folder: &Path, channels: &[&str]) {
 }
 
 #[test]
-fn what_is_set_in_flight_holds_in_every_slot_and_after_a_restart_and_replays() {
+fn a_parameter_set_in_flight_applies_to_every_slot_and_after_a_restart_and_replays() {
     steadily(|| {
         let mut robot = Robot::up(TWO_CONTROLLERS);
         robot.arm();
@@ -88,7 +88,7 @@ fn what_is_set_in_flight_holds_in_every_slot_and_after_a_restart_and_replays() {
         let record: toml::Table = record.parse().unwrap();
         assert_eq!(record["set"].as_array().unwrap().len(), 3, "{record}");
         let begun = std::fs::read_to_string(robot.run().join("resolved.toml")).unwrap();
-        assert!(begun.contains("length_gain_per_s = 3.0\n"), "as it began");
+        assert!(begun.contains("length_gain_per_s = 3.0\n"), "the initial parameters");
         replays(&robot.run(), &["motor/command/a", "motor/command/b", "node/estimate/a"]);
     });
 }
@@ -128,7 +128,7 @@ fn an_edit_in_flight_is_for_the_next_run() {
             let file = PathBuf::from(text_of(&after.file));
             assert!(file.starts_with(robot.run()), "{process} reads {}", file.display());
         }
-        assert_eq!(std::fs::read_to_string(&resolved).unwrap(), begun, "it was put back");
+        assert_eq!(std::fs::read_to_string(&resolved).unwrap(), begun, "the file is restored");
         assert!(robot.said().contains("resolved.toml in the run folder was changed"), "{}", robot.said());
         robot.fly();
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
@@ -138,7 +138,7 @@ fn an_edit_in_flight_is_for_the_next_run() {
 }
 
 #[test]
-fn every_process_says_what_it_works_with() {
+fn every_process_publishes_its_configuration() {
     steadily(|| {
         let mut robot = Robot::up("");
         robot.look();
@@ -166,7 +166,7 @@ fn every_process_says_what_it_works_with() {
         }
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
         let kept = runlog::read_channel::<SystemConfig>(&robot.run(), "system/config/controller").unwrap();
-        assert!(parameters(&kept[0].1).contains("law = \"lq-endpoint\""), "it is in the run file");
+        assert!(parameters(&kept[0].1).contains("law = \"lq-endpoint\""), "the run file contains it");
     });
 }
 

@@ -46,7 +46,7 @@ fn goes_down(run: &Path, begun_ns: u64, from_z: f64, to_z: f64) {
         let [x, y, z] = sample.position_m;
         let speed = sample.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
         assert!(speed <= SPEED_LIMIT_M_S * MARGIN, "{speed} m/s");
-        assert!((to_z - NEAR_M..=from_z + NEAR_M).contains(&z), "told to go down to {to_z} m, the node is at {z} m");
+        assert!((to_z - NEAR_M..=from_z + NEAR_M).contains(&z), "target height {to_z} m, node at {z} m");
         assert!((x - 4.8).abs() < NEAR_M && (y - 3.0).abs() < NEAR_M, "{:?}", sample.position_m);
     }
     assert!((flown.last().unwrap().position_m[2] - to_z).abs() < NEAR_M);

@@ -25,7 +25,9 @@ fn without_room_nothing_is_recorded_and_no_mission_begins() {
     steadily(|| {
         // More space than any disk has.
         let mut robot = Robot::up("\n[recorder]\nmin_free_bytes = 1000000000000000\n");
-        robot.until_said("it is said", |robot| robot.said().contains("NOTHING IS BEING RECORDED: the disk is full"));
+        robot.until_said("the loss is reported", |robot| {
+            robot.said().contains("NOTHING IS BEING RECORDED: the disk is full")
+        });
         robot.arm();
         let mission = root().join("configs/missions/demo.toml");
         let mission = mission.to_str().unwrap();
@@ -33,7 +35,7 @@ fn without_room_nothing_is_recorded_and_no_mission_begins() {
         assert_eq!(robot.refused(&["run", mission], &words), Some(1));
         let status = robot.status();
         assert!(status["recorder"]["state"].as_str().unwrap().contains("the disk is full"), "{status}");
-        // The way home is always allowed, but the answer says that it is not recorded.
+        // The way home is always allowed, but the answer reports that the motion is not recorded.
         let home = robot.nims(&["goto", "5.0,3.2,0.5"]);
         assert!(home.status.success() && String::from_utf8_lossy(&home.stderr).contains("nothing is being recorded"));
         robot.ask("motor-io", Request::Stop);
@@ -55,8 +57,8 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         robot.for_cycles(400);
         let mut before = names_of(&robot.run());
         std::fs::remove_dir_all(robot.run()).unwrap();
-        robot.until_said("it is said", |robot| robot.said().contains("NOTHING IS BEING RECORDED"));
-        robot.until_said("it goes on", |robot| robot.said().contains("the run is recorded again"));
+        robot.until_said("the loss is reported", |robot| robot.said().contains("NOTHING IS BEING RECORDED"));
+        robot.until_said("recording continues", |robot| robot.said().contains("the run is recorded again"));
         assert!(robot.said().contains("was removed") && !robot.said().contains("disk is full"), "{}", robot.said());
         let said = robot.said();
         assert!(said.contains("what the removed files held is not in the run"), "{said}");
@@ -88,7 +90,7 @@ fn a_recorder_that_hangs_is_replaced() {
         let mut robot = Robot::up("");
         robot.for_cycles(200);
         robot.signal("recorder", Signal::STOP);
-        robot.until_said("its silence is said", |robot| {
+        robot.until_said("the missing heartbeat is reported", |robot| {
             robot.said().contains("recorder has shown no sign of life") && robot.said().contains("recorder hung")
         });
         robot.until_said("it is replaced", |robot| {
@@ -109,13 +111,13 @@ fn a_recorder_that_hangs_is_replaced() {
 fn a_standby_that_hangs_is_replaced() {
     steadily(|| {
         let mut robot = Robot::up(STANDBY);
-        robot.until_said("the standby is there", |robot| robot.state("controller-b") == "ready");
+        robot.until_said("the standby is ready", |robot| robot.state("controller-b") == "ready");
         robot.signal("controller-b", Signal::STOP);
         robot.until_said("it is replaced", |robot| {
             restarts(robot, "controller-b") == 1 && robot.state("controller-b") == "ready"
         });
-        assert_eq!(restarts(&robot, "controller"), 0, "the one in charge is left alone");
-        assert_eq!(robot.down(Signal::INT), Some(1), "one has died: {}", robot.said());
+        assert_eq!(restarts(&robot, "controller"), 0, "the slot in charge is unchanged");
+        assert_eq!(robot.down(Signal::INT), Some(1), "a process has ended: {}", robot.said());
     });
 }
 
@@ -140,7 +142,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         };
         let give_up = bus::clock::now_ns() + 60_000_000_000;
         while flown() < 200 {
-            assert!(bus::clock::now_ns() < give_up && demo.try_wait().unwrap().is_none(), "it does not fly");
+            assert!(bus::clock::now_ns() < give_up && demo.try_wait().unwrap().is_none(), "the robot does not fly");
             std::thread::sleep(std::time::Duration::from_millis(100));
         }
         let command::Output { value, words, .. } =

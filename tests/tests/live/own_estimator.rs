@@ -13,7 +13,7 @@ const OWN: &str =
     "\n[[process]]\nname = \"my-estimator\"\nrole = \"estimator\"\ncommand = [\"my-estimator\"]\nstart = false\n";
 
 #[test]
-fn a_method_of_ones_own_is_swapped_in_in_flight() {
+fn a_custom_estimator_is_swapped_in_during_a_flight() {
     steadily(|| {
         let mut robot = Robot::up(OWN);
         robot.arm();

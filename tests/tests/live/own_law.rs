@@ -7,7 +7,7 @@ use messages::{ControlStatus, SystemConfig, text_of};
 const SWING_M: f64 = 0.01;
 
 #[test]
-fn a_law_of_ones_own_flies_by_configuration_alone() {
+fn a_custom_law_flies_by_configuration_alone() {
     steadily(|| {
         let mut robot = Robot::up("\n[[process]]\nname = \"my-law\"\nrole = \"controller\"\ncommand = [\"my-law\"]\n");
         let mut statuses = robot.bus.subscriber::<ControlStatus>("control/status/a").unwrap();

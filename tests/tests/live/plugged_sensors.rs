@@ -142,7 +142,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
             let now = robot.last.header.cycle;
             let give_up = bus::clock::now_ns() + 20_000_000_000;
             while samples.receive().unwrap().is_none_or(|sample| sample.header.seq < 3) {
-                assert!(bus::clock::now_ns() < give_up, "round {round}: it does not speak");
+                assert!(bus::clock::now_ns() < give_up, "round {round}: the sensor publishes nothing");
                 std::thread::sleep(std::time::Duration::from_millis(20));
             }
             robot.until("the next cycle", |robot| robot.last.header.cycle > now);
@@ -172,7 +172,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         robot.look();
         let last = robot.last.header.cycle;
         robot.until("quiet flight", |robot| robot.last.header.cycle > last + QUIET_CYCLES);
-        assert_eq!(robot.down(Signal::INT), Some(1), "a run in which a sensor was killed is no success");
+        assert_eq!(robot.down(Signal::INT), Some(1), "nims up exits with success although a sensor was killed");
         let run = robot.run();
 
         let (quiet, disturbed) = (
@@ -231,7 +231,7 @@ fn a_successor_that_does_not_speak_costs_nothing() {
         let said = robot.said();
         let at = |words: &str| said.find(words).unwrap_or_else(|| panic!("{words}: {said}"));
         assert!(at("the new soil has said something") < at("the new one has its place"), "{said}");
-        assert_eq!(robot.down(Signal::INT), Some(0), "nothing died");
+        assert_eq!(robot.down(Signal::INT), Some(0), "no process ended");
         // Without a gap in either: two lives.
         assert_eq!(lives(&robot.run(), "sensor/soil"), 2);
     });

@@ -31,7 +31,7 @@ fn is_whole(run: &Path, seen: &[MotorState]) {
         .map(|state| state.header.cycle)
         .filter(|cycle| *cycle <= kept && !recorded.contains(cycle))
         .collect();
-    assert!(missing.is_empty(), "from {first} to {kept} there are holes: {missing:?}");
+    assert!(missing.is_empty(), "cycles {first} to {kept} are incomplete: {missing:?}");
     assert!(runlog::info(run).unwrap().files.iter().all(|file| file.finished));
 }
 
@@ -74,25 +74,25 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
         robot.until_said("the earlier run is recovered", |robot| robot.said().contains("has been recovered"));
         is_whole(&run, &seen);
-        assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "nothing arms by itself");
+        assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "the robot is disarmed after a restart");
         assert_eq!(robot.last.position_known, MotorState::POSITION_RESTORED);
         let mut now = None;
         while let Some(state) = states.receive().unwrap() {
             now = Some(state);
         }
-        let now = now.expect("the new motor-io speaks on the same channel");
+        let now = now.expect("the new motor-io publishes on the same channel");
         let apart = |then: &MotorState| {
             then.length_m[..3].iter().zip(now.length_m).fold(0.0, |most: f64, (then, now)| most.max((then - now).abs()))
         };
         let nearest = seen.iter().map(apart).fold(f64::INFINITY, f64::min);
-        assert!(nearest < SAME_M, "the lengths are of no moment before the cut: {nearest} m");
+        assert!(nearest < SAME_M, "the lengths match no cycle before the power cut: {nearest} m");
         let (_, sentence) = robot.request("motor-io", &Request::Arm).unwrap();
         assert!(
             sentence.contains("kept from before motor-io was started") && sentence.contains("confirm"),
             "{sentence}"
         );
         let (accepted, sentence) = robot.request("planner", &goto([5.0, 3.2, 0.5], 0.1)).unwrap();
-        assert!(!accepted && sentence.contains("confirm"), "it moves by an unconfirmed position: {sentence}");
+        assert!(!accepted && sentence.contains("confirm"), "the robot moves with an unconfirmed position: {sentence}");
         robot.ask("motor-io", Request::ConfirmPosition);
         robot.until("a confirmed position", |robot| robot.last.position_known == MotorState::POSITION_KNOWN);
     });
@@ -139,7 +139,7 @@ fn a_disk_that_fills_in_flight_ends_the_recording_aloud_and_not_the_mission() {
 }
 
 #[test]
-fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_done() {
+fn a_mission_continues_after_a_power_cut_without_repeating_finished_legs() {
     steadily(|| {
         let mut robot = Robot::up("");
         let mission =
@@ -160,7 +160,7 @@ fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_don
         robot.ask("motor-io", Request::ZeroAt { position_m: there });
         robot.until_said("the rest is accepted", |robot| robot.nims(&["run", "over", "--continue"]).status.success());
         robot.until("the first line's end", |robot| {
-            assert!(robot.distance_m(START) > before - 0.1, "it flies again what is done");
+            assert!(robot.distance_m(START) > before - 0.1, "the robot flies a finished leg again");
             robot.distance_m(GOAL) < 0.02
         });
         robot.arrive();

@@ -132,7 +132,7 @@ fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
         .flat_map(|sample| &sample.tension_n[..usize::from(sample.cable_count)])
         .copied()
         .fold(f64::MAX, f64::min);
-    assert!(least > 1.0, "a line at {least} N");
+    assert!(least > 1.0, "a cable at {least} N");
     println!(
         "{speed:.3} m/s: the first one lost {first} cycles after the kill, the stop commanded in cycle {missing} without a command, {:.1} mm of \
          travel (allowed {:.1}), {:.2} mm of drift in {drift_s} s, least tension {least:.1} N",
@@ -214,7 +214,7 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
             found.extend(status["position_m"].as_array().into_iter().flatten().filter_map(Value::as_f64));
         }
         let off = found.iter().zip(GOAL).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-        assert!(off < 0.02, "{off} m beside where it was left");
+        assert!(off < 0.02, "{off} m from the last position");
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
     });
 }
@@ -231,17 +231,21 @@ fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
         robot.until("the robot holds", |robot| {
             matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED)
         });
-        assert_eq!(before, 0, "nothing was wrong before");
+        assert_eq!(before, 0, "no fault before");
         assert_ne!(robot.named & cause, 0, "the cause is not named: faults {:#x}", robot.named);
         until_still(&mut robot);
         assert!(taut(&robot), "{:?}", robot.seen);
-        assert!(robot.distance_m(GOAL) > 0.3, "it stopped on the path, not at its end");
+        assert!(robot.distance_m(GOAL) > 0.3, "the robot stopped on the path, not at its end");
         let place = robot.seen.position_m;
         std::thread::sleep(Duration::from_secs_f64(drift_s + 1.5));
         robot.look();
-        assert!(taut(&robot) && robot.distance_m(place) < SWING_M, "it drifts: {place:?} {:?}", robot.seen.position_m);
+        assert!(
+            taut(&robot) && robot.distance_m(place) < SWING_M,
+            "the node drifts: {place:?} {:?}",
+            robot.seen.position_m
+        );
         assert!(robot.said().contains(&format!("{name} was ended by signal 9")), "{}", robot.said());
-        assert_eq!(robot.down(Signal::INT), Some(1), "a run in which {name} died is no success");
+        assert_eq!(robot.down(Signal::INT), Some(1), "nims up exits with success although {name} ended");
         files_are_closed(&robot.run());
         stopped_in_time(&robot.run(), killed_ns, drift_s);
         next_start_is_clean(&robot);
@@ -272,10 +276,12 @@ fn a_controller_that_stands_still_is_as_good_as_dead_until_it_goes_on() {
         assert_ne!(robot.named & MotorAuthority::FAULT_COMMAND_LOST, 0, "faults {:#x}", robot.named);
         until_still(&mut robot);
         assert!(taut(&robot) && robot.distance_m(GOAL) > 0.3, "{:?}", robot.seen);
-        robot.until_said("its silence is said", |robot| robot.said().contains("controller has shown no sign of life"));
+        robot.until_said("the missing heartbeat is reported", |robot| {
+            robot.said().contains("controller has shown no sign of life")
+        });
         robot.signal("controller", Signal::CONT);
-        robot.until_said("its return is said", |robot| robot.said().contains("controller is back"));
-        assert_eq!(robot.down(Signal::INT), Some(0), "nothing died: {}", robot.said());
+        robot.until_said("the return is reported", |robot| robot.said().contains("controller is back"));
+        assert_eq!(robot.down(Signal::INT), Some(0), "no process ended: {}", robot.said());
         files_are_closed(&robot.run());
     });
 }
@@ -292,10 +298,10 @@ fn an_emergency_stop_waits_aloud_for_a_motor_io_that_stands_still() {
             .stderr(std::fs::File::create(&said).unwrap())
             .spawn()
             .unwrap();
-        robot.until_said("it speaks up", |_| {
+        robot.until_said("the failed stop is reported", |_| {
             std::fs::read_to_string(&said).unwrap_or_default().contains("use the hardware stop; still trying")
         });
-        assert!(estop.try_wait().unwrap().is_none(), "it goes on trying");
+        assert!(estop.try_wait().unwrap().is_none(), "the supervisor keeps trying");
         robot.signal("motor-io", Signal::CONT);
         robot.until("the emergency stop", |robot| robot.last.mode == MotorAuthority::MODE_EMERGENCY_STOP);
         assert!(estop.wait().unwrap().success(), "{}", std::fs::read_to_string(&said).unwrap());
@@ -306,7 +312,7 @@ fn an_emergency_stop_waits_aloud_for_a_motor_io_that_stands_still() {
 }
 
 #[test]
-fn a_recorder_whose_file_cannot_grow_says_so_and_begins_another_while_the_robot_flies_on() {
+fn a_recorder_whose_file_cannot_grow_reports_it_and_starts_another_during_the_flight() {
     // A limit on the file size simulates a full disk; the shell ignores its signal for the recorder.
     let recorder = program().with_file_name("recorder");
     let more = format!(
@@ -331,7 +337,7 @@ fn a_recorder_whose_file_cannot_grow_says_so_and_begins_another_while_the_robot_
             limit("unlimited");
         }
         robot.arrive();
-        assert_eq!(robot.named & messages::faults::HARD, 0, "the robot has not noticed: faults {:#x}", robot.named);
+        assert_eq!(robot.named & messages::faults::HARD, 0, "the robot has faults: {:#x}", robot.named);
         assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
         let log = std::fs::read_to_string(robot.run().join("log/recorder.txt")).unwrap();
         assert!(log.contains("next file in 5 s"), "{log}");
@@ -363,7 +369,7 @@ fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
     steadily(|| {
         let mut robot = in_flight(THREE_LINES, "");
         robot.signal("recorder", Signal::KILL);
-        robot.until_said("the loss is said", |robot| robot.said().contains("recorder was ended by signal 9"));
+        robot.until_said("the loss is reported", |robot| robot.said().contains("recorder was ended by signal 9"));
         robot.arrive();
         assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
         let second = robot.run().join("run-0002.mcap");
@@ -379,7 +385,7 @@ fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
 fn without_motor_io_the_drives_stop_the_motors() {
     steadily(|| {
         let mut robot = in_flight(THREE_LINES, "");
-        robot.until("it is fast", |robot| robot.speed_m_s() > 0.15);
+        robot.until("the node is fast", |robot| robot.speed_m_s() > 0.15);
         robot.signal("motor-io", Signal::KILL);
         robot.look();
         let place = robot.seen.position_m;
@@ -391,7 +397,7 @@ fn without_motor_io_the_drives_stop_the_motors() {
         assert!(travel < WATCHDOG_S * SPEED_M_S + 0.01, "{travel} m");
         until_still(&mut robot);
         assert!(taut(&robot), "{:?}", robot.seen);
-        robot.until_said("the loss is said", |robot| robot.said().contains("motor-io was ended by signal 9"));
+        robot.until_said("the loss is reported", |robot| robot.said().contains("motor-io was ended by signal 9"));
         let said = robot.said();
         let loss = said.lines().find(|line| line.contains("motor-io was ended by signal 9")).unwrap();
         // The cure while `nims up` runs, which rejects a second one; its log is no cause.
@@ -420,7 +426,7 @@ fn a_planar_robot_that_floats_flies() {
 }
 
 #[test]
-fn without_motor_io_lines_run_out_as_fast_as_check_says() {
+fn without_motor_io_cables_run_out_at_the_speed_that_check_computes() {
     steadily(|| {
         let mut robot = Robot::up_with(THREE_LINES, "", |configs| {
             let path = configs.join("robots/lab3.toml");
@@ -428,7 +434,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
             std::fs::write(&path, text.replace("gear_friction = 0.85 ", "gear_friction = 0.0 ")).unwrap();
         });
         let said = robot.told(&["check", robot.system_file().to_str().unwrap()]);
-        let (_, rest) = said.split_once("a cable unwinds at ").expect("check warns of it");
+        let (_, rest) = said.split_once("a cable unwinds at ").expect("nims check warns of unwinding");
         let announced_m_s = 1e-3 * rest.split_once(" mm/s").unwrap().0.parse::<f64>().unwrap();
         robot.arm();
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
@@ -441,7 +447,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
         let seconds = 1e-9 * (robot.seen.header.stamp_ns - before.header.stamp_ns) as f64;
         let run_out = |i: usize| (robot.seen.length_m[i] - before.length_m[i]) / seconds;
         let fastest_m_s = (0..3).map(run_out).fold(0.0, f64::max);
-        println!("a cable unwinds at {:.1} mm/s; check says {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
+        println!("a cable unwinds at {:.1} mm/s; check computes {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
         // `nims check` reports it for the middle of the volume, where the cables are steeper.
         assert!((0.5..1.5).contains(&(fastest_m_s / announced_m_s)), "{fastest_m_s} of {announced_m_s} m/s");
         assert!(taut(&robot), "{:?}", robot.seen);
@@ -449,7 +455,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
 }
 
 #[test]
-fn whoever_is_not_in_the_control_cycle_dies_at_no_cost() {
+fn processes_outside_the_control_cycle_die_without_effect_on_the_flight() {
     steadily(|| {
         let process = |name: &str| {
             format!("\n[[process]]\nname = \"{name}\"\ncommand = [\"{name}\", \"--system\", \"{{system}}\"]\n")
@@ -460,7 +466,7 @@ fn whoever_is_not_in_the_control_cycle_dies_at_no_cost() {
             robot.until_said("it runs", |robot| robot.pid(name).is_some());
             robot.signal(name, Signal::KILL);
             let lost = format!("{name} was ended by signal 9");
-            robot.until_said("the loss is said", |robot| robot.said().contains(&lost));
+            robot.until_said("the loss is reported", |robot| robot.said().contains(&lost));
             assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING, "after the death of {name}");
         }
         let mut watcher = Command::new(program());

@@ -83,7 +83,7 @@ fn wait_for(readings: &mut Subscriber<Reading>, what: &str, wanted: impl Fn(&Rea
                 return reading;
             }
         }
-        assert!(clock::now_ns() < give_up, "waited for: {what}");
+        assert!(clock::now_ns() < give_up, "timeout: {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }

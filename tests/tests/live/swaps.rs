@@ -56,7 +56,7 @@ fn in_flight(more: &str) -> Robot {
         std::fs::write(configs.join("missions/fro.toml"), mission).unwrap();
         let path = configs.join("systems").join(format!("{file}.toml"));
         let text = std::fs::read_to_string(&path).unwrap();
-        assert!(text.contains(rate), "the rate is said otherwise in {}", path.display());
+        assert!(text.contains(rate), "{} does not contain the expected rate", path.display());
         std::fs::write(&path, text.replacen(rate, &format!("rate_hz = {:.1}", rate_hz()), 1)).unwrap();
     });
     robot.arm();
@@ -355,8 +355,8 @@ fn another_law_is_started_and_takes_over_in_flight() {
             let sentence = robot.told(&args);
             assert!(sentence.contains(&format!("{role}-b is in charge")), "{sentence}");
         }
-        robot.until("who is in charge is known", |robot| robot.seats.in_charge == [1, 1]);
-        robot.until("the old controller is gone, the old estimator stands by", |robot| {
+        robot.until("the slots in charge are published", |robot| robot.seats.in_charge == [1, 1]);
+        robot.until("the old controller has ended, the old estimator is a standby", |robot| {
             robot.seats.phase[..3] == [MotorSlots::PHASE_EMPTY, MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_QUALIFIED]
         });
         assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING);

@@ -122,5 +122,5 @@ fn a_living_robot_is_drawn_too() {
     let clock = RunReader::open(&robot.run()).unwrap().clock().unwrap();
     let estimates = read_channel::<NodeEstimate>(&robot.run(), "node/estimate/a").unwrap();
     let exactly = |(_, estimate): &(u64, NodeEstimate)| clock.unix_of(estimate.header.stamp_ns) == drawn_ns;
-    assert!(estimates.iter().any(exactly), "drawn at {drawn_ns}, which no estimate of the run is of");
+    assert!(estimates.iter().any(exactly), "drawn at {drawn_ns}, a time without an estimate in the run");
 }

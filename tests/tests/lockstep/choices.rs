@@ -55,7 +55,7 @@ fn the_plain_law_flies_with_quick_and_slow_drives() {
 /// The same flights with both methods: the filter estimates the velocity better, and the position as well, within three
 /// per cent.
 #[test]
-fn the_filter_knows_the_velocity_better_and_the_position_as_well() {
+fn the_filter_estimates_velocity_better_and_position_equally_well() {
     for (robot, mission, motor_s) in [("lab3", "spiral", SLOW), ("lab4", "polyline", QUICK)] {
         let case = Case { robot, mission, motor_s };
         let [phi, kalman] = ["phi", "kalman"].map(|name| {
@@ -126,7 +126,7 @@ fn the_template_of_an_estimator_is_swapped_in_in_flight() {
 
 /// A copy of a flight with a custom method computes the same bits.
 #[test]
-fn a_method_of_ones_own_is_copied_with_what_it_knows() {
+fn a_custom_estimator_is_forked_with_its_state() {
     let scenario = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
     let mission = scenario.mission.clone();
     let chain = Chain::new(&scenario).unwrap();

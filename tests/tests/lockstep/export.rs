@@ -107,7 +107,7 @@ fn three_formats_hold_what_independent_readers_find_in_three_files() {
     for format in [Format::Csv, Format::Npy, Format::Parquet] {
         let export = export(&recorded, &wanted(format, &tables), &mut |done, all| told = (done, all)).unwrap();
         assert!(export.left_out.is_empty() && export.damaged == 0);
-        assert!(export.repeated >= 2, "the request stands in every file");
+        assert!(export.repeated >= 2, "every file contains the request");
         let samples: Vec<_> = export.tables.iter().map(|table| (table.channel.as_str(), table.samples)).collect();
         let of = |channel| samples.iter().find(|(name, _)| *name == channel).unwrap().1;
         assert_eq!((of("operator/request"), of("motor/state"), of("sensor/odd")), (1, 60, 60));
@@ -133,7 +133,7 @@ fn three_formats_hold_what_independent_readers_find_in_three_files() {
 }
 
 #[test]
-fn only_what_is_asked_for_is_exported_and_nothing_is_overwritten() {
+fn only_the_requested_channels_are_exported_and_nothing_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let (recorded, tables) = (folder.path().join("run"), folder.path().join("tables"));
     std::fs::create_dir(&recorded).unwrap();

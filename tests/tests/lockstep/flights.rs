@@ -99,7 +99,7 @@ impl Flown {
                 let is = Vector3::from(last.truth_m);
                 worst = worst.max((is - Vector3::from(last.control.setpoint_m)).norm());
             }
-            assert!(last.truth_n.iter().all(|tension| *tension > 1.0), "lines stay taut: {:?}", last.truth_n);
+            assert!(last.truth_n.iter().all(|tension| *tension > 1.0), "cables stay taut: {:?}", last.truth_n);
         }
         (last, worst)
     }
@@ -199,7 +199,7 @@ fn a_broken_line_is_found_and_stops_the_robot() {
         while last.authority.mode == MotorAuthority::MODE_FOLLOWING {
             last = flown.lockstep.cycle().unwrap();
             cycles += 1;
-            assert!(cycles <= 100, "{robot}, line {}: not found within a second", cable + 1);
+            assert!(cycles <= 100, "{robot}, cable {}: not detected within a second", cable + 1);
         }
         let named = last.authority.fault_cable;
         println!("{robot}, line {}: found after {cycles} cycles, naming {named:?}", cable + 1);

@@ -154,7 +154,7 @@ fn a_late_reading_has_the_place_of_its_own_instant() {
 }
 
 #[test]
-fn readings_that_become_no_samples_are_said_with_their_cause_and_once() {
+fn readings_without_samples_are_reported_once_with_their_cause() {
     let robot = Case { robot: "lab3", mission: "polyline", motor_s: [0.03, 0.04] }.scenario(true).unwrap().robot;
     let config = LoggerConfig::of(&SensorLoggerSection::default(), &robot);
     let mut logger = Logger::new(&config).unwrap();

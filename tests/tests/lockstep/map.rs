@@ -237,7 +237,7 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
 }
 
 #[test]
-fn what_is_not_there_is_said_in_one_sentence() {
+fn missing_inputs_are_reported_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let absent = map(&asked(&folder.path().join("none"), folder.path())).unwrap_err();
     assert!(absent.exit_code() == 2 && absent.to_string().contains("does not exist"), "{absent}");

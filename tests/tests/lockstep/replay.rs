@@ -144,13 +144,13 @@ fn what_is_changed_is_compared_with_what_was_commanded() {
     let law = instead(&Changes { law: Some("p-feedforward".to_owned()), ..Changes::default() });
     assert_eq!(law.command_m_s.len(), 3);
     assert!(law.command_m_s.iter().all(|spread| spread.max >= spread.rms && spread.rms > 0.0), "{law:?}");
-    assert!(law.sent_m_s.iter().all(|spread| spread.max == 0.0), "motor-io is fed with what was recorded: {law:?}");
+    assert!(law.sent_m_s.iter().all(|spread| spread.max == 0.0), "motor-io gets the recorded commands: {law:?}");
 
     let stop = instead(&set("robot.tension_limits_n", "[2.0, 8.0]"));
-    assert!(stop.cycles_of_other_mode > 100, "every line is over its limit: {stop:?}");
+    assert!(stop.cycles_of_other_mode > 100, "every cable exceeds its limit: {stop:?}");
     let method = instead(&set("estimator.method", "kalman"));
     assert!(method.position_m.max > 0.0 && method.position_m.max < 0.01, "{method:?}");
-    assert!(method.command_m_s.iter().any(|spread| spread.max > 0.0), "the controllers see it: {method:?}");
+    assert!(method.command_m_s.iter().any(|spread| spread.max > 0.0), "the change reaches the controllers: {method:?}");
 
     let refused = run(&path, &set("controller.horizon_cycles", "0"), &mut |_| {}).unwrap_err();
     assert!(refused.to_string().contains("`controller.horizon_cycles`"), "{refused}");
@@ -169,7 +169,10 @@ fn the_golden_run_still_computes_to_the_same_bits() {
         replayed.channels
     );
     for tally in &replayed.channels {
-        assert!(tally.not_compared.is_empty() && tally.equal > 0, "the golden run does not fit; `{renew}`\n{tally:#?}");
+        assert!(
+            tally.not_compared.is_empty() && tally.equal > 0,
+            "the golden run does not match this build; `{renew}`\n{tally:#?}"
+        );
     }
     assert_eq!(replayed.channels.len(), 10);
     assert!(golden::file().metadata().unwrap().len() < 300_000);

@@ -54,7 +54,7 @@ fn flown_m(file: &SystemFile) -> f64 {
             sum += distance(cycle.truth_m, cycle.estimate.position_m).powi(2);
             count += 1;
         }
-        assert_ne!(cycle.plan.state, PlanStatus::STATE_ABORTED, "the flight was given up");
+        assert_ne!(cycle.plan.state, PlanStatus::STATE_ABORTED, "the flight was aborted");
         if cycle.plan.state == PlanStatus::STATE_DONE {
             return (sum / f64::from(count)).sqrt();
         }

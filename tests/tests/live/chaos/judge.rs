@@ -104,9 +104,9 @@ impl Evidence {
         let complain = |text: String| format!("{}{}: {text}", blow.what, if blow.standby { ", standby" } else { "" });
         if blow.lead.is_some() || blow.bits != 0 {
             match (verdict.cycles, blow.within) {
-                (None, _) => complaints.push(complain("was not found out".to_owned())),
+                (None, _) => complaints.push(complain("was not detected".to_owned())),
                 (Some(cycles), Some(within)) if cycles > within => {
-                    complaints.push(complain(format!("was found out after {cycles} cycles, not within {within}")));
+                    complaints.push(complain(format!("was detected after {cycles} cycles, not within {within}")));
                 }
                 _ => {}
             }
@@ -138,14 +138,14 @@ impl Evidence {
         }
         verdict.slack_s = TRUTH_S * f64::from(loose.into_iter().max().unwrap_or(0));
         if verdict.peak_all_n > limit_n {
-            complaints.push(complain(format!("{:.1} N on a line", verdict.peak_all_n)));
+            complaints.push(complain(format!("{:.1} N on a cable", verdict.peak_all_n)));
         }
         for (i, samples) in slack.iter().enumerate().filter(|(_, samples)| **samples > 0) {
-            complaints.push(complain(format!("line {} slack in {samples} samples", i + 1)));
+            complaints.push(complain(format!("cable {} slack in {samples} samples", i + 1)));
         }
         if let Some(off_m) = blow.off_m {
             complaints.push(complain(format!(
-                "afterwards the node is {:.0} mm from where the robot says that it knows it to be",
+                "afterwards the node is {:.0} mm from the position that the robot reports as known",
                 1e3 * off_m
             )));
         }
@@ -175,7 +175,7 @@ impl Evidence {
                 if high - low > STILL_M {
                     let named: Vec<String> = fault_sentences(last.faults).collect();
                     complaints.push(format!(
-                        "cycles {} to {}: line {} moves by {:.1} mm while the robot holds ({})",
+                        "cycles {} to {}: cable {} moves by {:.1} mm while the robot holds ({})",
                         first.header.cycle,
                         last.header.cycle,
                         i + 1,

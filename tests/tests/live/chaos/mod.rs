@@ -143,7 +143,7 @@ impl Chaos {
             self.nap();
             assert!(
                 clock::now_ns() < give_up,
-                "after {after} the robot does not come back: mode {}, faults {:#x}, phases {:?}, causes {:?}\n{}",
+                "the robot does not recover from {after}: mode {}, faults {:#x}, phases {:?}, causes {:?}\n{}",
                 self.robot.last.mode,
                 self.robot.last.faults,
                 self.robot.seats.phase,
@@ -234,7 +234,7 @@ impl Chaos {
         while !shows(self) && self.robot.last.faults & messages::faults::HARD == 0 {
             assert!(
                 clock::now_ns() < give_up,
-                "{fault}: nothing comes of it; mode {}, faults {:#x}\n{}",
+                "{fault}: no effect; mode {}, faults {:#x}\n{}",
                 self.robot.last.mode,
                 self.robot.last.faults,
                 self.robot.said()
@@ -249,7 +249,7 @@ impl Chaos {
     fn strike(&mut self, fault: &Fault, random: &mut Random) -> Blow {
         self.sleep(random.between(0.0, 0.8));
         if !(self.in_flight() && self.complete()) {
-            self.bring_back("a disturbance of its own");
+            self.bring_back("an unplanned disturbance");
         }
         let role = ["controller", "estimator"].iter().position(|name| *name == fault.process);
         let lead = role.filter(|_| self.standby).map(|role| (role, self.robot.last.in_charge[role]));

@@ -134,7 +134,7 @@ impl Robot {
 
     /// Starts again in the same domain, however the last start ended.
     pub fn up_again(&mut self, more: &str) {
-        assert!(self.supervisor.try_wait().unwrap().is_some(), "the last one still runs");
+        assert!(self.supervisor.try_wait().unwrap().is_some(), "the earlier run has not ended");
         self.runs += 1;
         self.clients.clear();
         self.supervisor = start(self.folder.path(), self.file, &self.domain, more, self.runs);
@@ -307,7 +307,7 @@ impl Robot {
             if matches!(answer, Some((true, _))) {
                 return;
             }
-            assert!(clock::now_ns() < give_up, "refused for ever: {answer:?}\n{}", self.said());
+            assert!(clock::now_ns() < give_up, "still rejected: {answer:?}\n{}", self.said());
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -577,6 +577,6 @@ fn answer_of(folder: &Path, run: usize) -> PathBuf {
 
 pub fn program() -> PathBuf {
     let path = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
-    assert!(path.is_file(), "there is no {}: `cargo build --workspace --bins` first", path.display());
+    assert!(path.is_file(), "{} is missing: run `cargo build --workspace --bins` first", path.display());
     path
 }
