@@ -1,7 +1,7 @@
 //! The way of one cable from its anchor to the node: length, direction and curvature.
 //!
-//! From an *eye* (radius 0) the cable runs straight from the anchor A to the node. A *swivelling pulley* turns about the
-//! vertical axis through A. The cable enters from below along this axis, runs over the wheel, and leaves on a tangent.
+//! From an *eye* (radius 0) the cable runs straight from the anchor A to the node. A *swivelling pulley* turns about
+//! the vertical axis through A. The cable enters from below along this axis, runs over the wheel, and leaves on a tangent.
 //! For a node at the horizontal distance p and the height z above A (negative below), in the vertical plane through the
 //! axis and the node, with coordinates (outward, up) from A:
 //!
@@ -17,7 +17,8 @@
 //! horizontal unit vector a across the plane. It is positive semidefinite, and L convex, where the node is farther from
 //! the axis than the touching point (u_out >= 0); below the wheel that is p >= about 2 r.
 //!
-//! At p = 0 the direction outward is undefined: the pulley may turn to any side, L has a kink, and the pose is singular.
+//! At p = 0 the direction outward is undefined: the pulley may turn to any side, L has a kink, and the pose is
+//! singular.
 //! A planar robot has the wheel in the plane y = 0, with outward to +x or -x.
 //!
 //! Positions and lengths in m. No direction exists where [`Undefined`] says why.
@@ -157,7 +158,8 @@ impl Pulley {
             (d.x.abs(), [if d.x < 0.0 { -1.0 } else { 1.0 }, 0.0])
         } else {
             let p = (d.x * d.x + d.y * d.y).sqrt();
-            (p, if p > 0.0 { [d.x / p, d.y / p] } else { [0.0; 2] })
+            let per_p = if p > 0.0 { 1.0 / p } else { 0.0 };
+            (p, [d.x * per_p, d.y * per_p])
         };
         let (q, z) = (p - r, d.z);
         let free = (p * (p - 2.0 * r) + z * z).sqrt();

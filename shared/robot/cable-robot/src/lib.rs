@@ -1,6 +1,6 @@
 //! The mathematics of a cable-suspended robot: a node that hangs from three to eight cables, which run through eyes or
-//! over swivelling pulleys (the *anchors*, see [`leg`]) to winches. A planar robot moves in the x-z plane (y = 0) on two
-//! to eight cables; everything that takes [`Anchors`] or a [`Robot`] counts directions accordingly.
+//! over swivelling pulleys (the *anchors*, see [`leg`]) to winches. A planar robot moves in the x-z plane (y = 0) on
+//! two to eight cables; everything that takes [`Anchors`] or a [`Robot`] counts directions accordingly.
 //!
 //! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion
 //! before it starts. Equation numbers in parentheses, like (14), refer to Borgstrom et al., "Design and Implementation

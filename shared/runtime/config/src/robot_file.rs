@@ -41,8 +41,8 @@ pub struct RobotSection {
     pub drag_n_s2_m2: f64,
     /// A file from `nims calibrate --out`, relative to the folder of this file, with the anchors and their covariance.
     pub calibration: Option<PathBuf>,
-    /// The points where the cables leave for the node, or where they enter their swivelling pulleys, m: one `[x, y, z]` per cable, 3 to 8; one `[x, z]` per cable, 2
-    /// to 8, for a planar robot. Omit them with a `calibration`.
+    /// The points where the cables leave for the node, or where they enter their swivelling pulleys, m: one `[x, y, z]`
+    /// per cable, 3 to 8; one `[x, z]` per cable, 2 to 8, for a planar robot. Omit them with a `calibration`.
     #[serde(default)]
     pub anchors_m: Points,
     /// What the cables leave from: `"eye"`, the anchor itself, or `"swivel"`, a pulley that swivels about the vertical

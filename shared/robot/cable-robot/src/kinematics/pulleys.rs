@@ -12,7 +12,8 @@ use crate::{Anchors, CableVec, linalg, planar};
 /// Residuals below this share of the longest cable count as zero: spheres that touch miss each other by rounding.
 const EXACT: f64 = 1e-9;
 
-/// Bound of the iteration. It needs many steps only where the lengths have no solution, and in the plane of the anchors.
+/// Bound of the iteration. It needs many steps only where the lengths have no solution, and in the plane of the
+/// anchors.
 const MAX_ITERATIONS: usize = 60;
 
 /// Largest gradient of a stationary point, m: steps of this size do not matter.
@@ -37,36 +38,52 @@ pub(super) fn forward_kinematics(
     let straight = CableVec::from_fn(n, |i| (lengths_m[i] - anchors.radii_m()[i]).max(0.0));
     let starts =
         if anchors.is_planar() { planar::starting_points(anchors, &straight) } else { best_pair(anchors, &straight) };
-    let fits = starts.ok_or(KinematicsError::DegenerateGeometry)?.map(|start| refine(anchors, lengths_m, start));
+    let (first, second) = choose(starts.ok_or(KinematicsError::DegenerateGeometry)?, near)?;
+    if n == anchors.dimensions() {
+        return exact(anchors, lengths_m, [first, second], near);
+    }
     let rms = |fit: &Fit| (fit.cost / n as f64).sqrt();
-    let exact = n == anchors.dimensions();
+    let mut fit = refine(anchors, lengths_m, first);
+    // Only a position that fits badly can be the mirror image of one that fits clearly better.
+    if !fit.stationary || (near.is_none() && fits_worse(rms(&fit), 0.0, lengths_m)) {
+        let other = refine(anchors, lengths_m, second);
+        if other.stationary && (!fit.stationary || fits_worse(rms(&fit), rms(&other), lengths_m)) {
+            fit = other;
+        }
+    }
+    if !fit.stationary {
+        return Err(KinematicsError::NotConverged { residual_m: rms(&fit) });
+    }
+    Ok(Forward { position: fit.position, mirror: None, residual_rms_m: rms(&fit) })
+}
+
+/// The positions of as many cables as directions from two starting points.
+fn exact(
+    anchors: &Anchors,
+    lengths_m: &[f64],
+    starts: [Vector3<f64>; 2],
+    near: Option<&Vector3<f64>>,
+) -> Result<Forward, KinematicsError> {
+    let rms = |fit: &Fit| (fit.cost / anchors.len() as f64).sqrt();
     let longest = lengths_m.iter().fold(0.0, |m: f64, l| m.max(*l));
-    let accepted = |fit: &Fit| if exact { rms(fit) <= EXACT * longest } else { fit.stationary };
-    let position = match (accepted(&fits[0]), accepted(&fits[1])) {
-        (false, false) => {
+    let fits = starts.map(|start| refine(anchors, lengths_m, start));
+    let (position, mirror) = match fits.each_ref().map(|fit| rms(fit) <= EXACT * longest) {
+        [true, true] => {
+            let (position, mirror) = choose([fits[0].position, fits[1].position], near)?;
+            (position, Some(mirror))
+        }
+        [true, false] => (fits[0].position, None),
+        [false, true] => (fits[1].position, None),
+        [false, false] => {
             let residual_m = rms(&fits[0]).min(rms(&fits[1]));
-            return Err(if exact && residual_m.is_finite() && residual_m > 1e3 * EXACT * longest {
+            return Err(if residual_m.is_finite() && residual_m > 1e3 * EXACT * longest {
                 KinematicsError::Unreachable { shortfall_m: residual_m }
             } else {
                 KinematicsError::NotConverged { residual_m }
             });
         }
-        (true, false) => 0,
-        (false, true) => 1,
-        (true, true) if exact || near.is_some() => nearer(&fits, near)?,
-        (true, true) if fits_worse(rms(&fits[0]), rms(&fits[1]), lengths_m) => 1,
-        (true, true) if fits_worse(rms(&fits[1]), rms(&fits[0]), lengths_m) => 0,
-        (true, true) => nearer(&fits, None)?,
     };
-    let (fit, other) = (&fits[position], &fits[1 - position]);
-    let mirror = (exact && accepted(other)).then_some(other.position);
-    Ok(Forward { position: fit.position, mirror, residual_rms_m: if exact { 0.0 } else { rms(fit) } })
-}
-
-/// Index of the position that is nearer to the hint, or the lower one.
-fn nearer(fits: &[Fit; 2], near: Option<&Vector3<f64>>) -> Result<usize, KinematicsError> {
-    let (first, _) = choose([fits[0].position, fits[1].position], near)?;
-    Ok(usize::from(first != fits[0].position))
+    Ok(Forward { position, mirror, residual_rms_m: 0.0 })
 }
 
 /// Result of the iteration.
@@ -126,8 +143,8 @@ fn refine(anchors: &Anchors, lengths_m: &[f64], start: Vector3<f64>) -> Fit {
         let close = damping <= 1e-9 && size <= 1e-7;
         match Normal::at(anchors, lengths_m, &next).filter(|there| there.cost <= now.cost || close) {
             Some(there) => {
-                // The next undamped step would be smaller by the size of the residual per length, or by its square.
-                let done = size <= if damping <= 1e-12 { 1e-11 } else { 1e-14 };
+                // The next undamped step would be smaller by its own size per length, or by the residual per length.
+                let done = size <= if damping <= 1e-12 { 1e-9 } else { 1e-14 };
                 (x, now) = (next, there);
                 damping = (damping * 0.1).max(1e-12);
                 if done {

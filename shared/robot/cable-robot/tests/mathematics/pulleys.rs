@@ -18,13 +18,14 @@ use crate::counting;
 
 const HEIGHT_M: f64 = 3.0;
 
-/// Point of the wheel after an arc from where the cable enters, in (outward, up) from the anchor; clockwise over the top.
+/// Point of the wheel after an arc from where the cable enters, in (outward, up) from the anchor; clockwise over the
+/// top.
 fn on_wheel(r: f64, arc: f64) -> [f64; 2] {
     [r - r * arc.cos(), r * arc.sin()]
 }
 
-/// Wrapped angle of the tangent to (p, z), found by bisection: the first arc at which the free cable is perpendicular to
-/// the radius.
+/// Wrapped angle of the tangent to (p, z), found by bisection: the first arc at which the free cable is perpendicular
+/// to the radius.
 fn touching_arc(r: f64, p: f64, z: f64) -> f64 {
     let off = |arc: f64| {
         let [x, y] = on_wheel(r, arc);
