@@ -1,7 +1,8 @@
 //! The way of one cable from its anchor to the node: length, direction and curvature.
 //!
 //! From an *eye* (radius 0) the cable runs straight from the anchor A to the node. A *swivelling pulley* turns about
-//! the vertical axis through A. The cable enters from below along this axis, runs over the wheel, and leaves on a tangent.
+//! the vertical axis through A. The cable enters from below along this axis, runs over the wheel, and leaves on a
+//! tangent.
 //! For a node at the horizontal distance p and the height z above A (negative below), in the vertical plane through the
 //! axis and the node, with coordinates (outward, up) from A:
 //!

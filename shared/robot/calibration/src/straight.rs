@@ -1,8 +1,8 @@
 //! Straight distances from lengths over pulleys of known radius.
 //!
 //! The part of a cable that a pulley adds depends on the positions of anchor and point only weakly (a share of about
-//! radius / length), so the estimate with straightened lengths and the straightening with the estimate converge in a few
-//! rounds, each ten to a hundred times closer. At the fixed point the residuals are measured lengths minus
+//! radius / length), so the estimate with straightened lengths and the straightening with the estimate converge in a
+//! few rounds, each ten to a hundred times closer. At the fixed point the residuals are measured lengths minus
 //! [`cable_robot::leg`] lengths.
 
 use cable_robot::CableVec;
