@@ -152,6 +152,37 @@ def check_geometry(solve):
         near(got["acceleration_m_s2"], -j.T @ t / mass - gravity)
 
 
+def over_pulleys(anchors, radii, at):
+    """Lengths by the two angles of the tangent, and unit vectors from the touching points."""
+    flat = anchors[:, :-1] - at[:-1]
+    p, h = np.linalg.norm(flat, axis=1), anchors[:, -1] - at[-1]
+    outward = -flat / p[:, None]
+    c = np.hypot(p - radii, h)
+    angle = np.pi + np.arctan2(h, p - radii) - np.arccos(radii / c)
+    touching = anchors + np.c_[outward * (radii * (1 - np.cos(angle)))[:, None], radii * np.sin(angle)]
+    return np.sqrt(c**2 - radii**2) + radii * angle, rows(touching, at)
+
+
+def check_pulleys(solve):
+    for planar in (False, True):
+        n = int(rng.integers(3, 9))
+        anchors, at = (anchors2(n) if planar else anchors3(n)), pose(planar)
+        radii = rng.uniform(0.005, 0.1, n) * (rng.uniform(size=n) < 0.8)
+        if np.abs(anchors[:, 0] - at[0]).min() < 0.25:
+            continue
+        common = dict(anchors_m=anchors, pulley_radius_m=radii)
+        lengths, j = over_pulleys(anchors, radii, at)
+        near(solve.result("inverse_kinematics", position_m=at, **common)["lengths_m"], lengths)
+        found = solve.result("forward_kinematics", lengths_m=lengths, near_m=at + 0.05, **common)
+        near(found["position_m"], at, 1e-7)
+        near(solve.result("jacobian", position_m=at, **common)["cable_jacobian"], j)
+        asked = dict(position_m=at, limits_n=[0, None], method="least_norm", node_mass_kg=2.0, **common)
+        answer = solve("tensions", **asked)
+        if n > at.size and "result" in answer:
+            t = np.array(answer["result"]["tensions_n"])
+            near(-j.T @ t, np.r_[np.zeros(at.size - 1), 2.0 * 9.80665], 1e-6)
+
+
 def check_calibration(solve):
     anchors = anchors3(3)
     anchors[:, :2] -= anchors[0, :2]
@@ -508,7 +539,7 @@ def main():
     solve = Solver(sys.argv[1])
     cases = int(sys.argv[2]) if len(sys.argv) > 2 else 100
     failed = False
-    checks = [check_geometry, check_calibration, check_tensions, check_distribute, check_control, check_energy, functools.partial(check_fits, rng)]
+    checks = [check_geometry, check_pulleys, check_calibration, check_tensions, check_distribute, check_control, check_energy, functools.partial(check_fits, rng)]
     name = lambda check: getattr(check, "func", check).__name__
     for check, count in [*((check, cases) for check in checks), (check_errors, 1)]:
         before = solve.count

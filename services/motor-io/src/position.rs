@@ -37,6 +37,9 @@ pub struct PositionFile {
     pub counts_per_m: Vec<f64>,
     /// Anchors at that time; for another robot the lengths are meaningless.
     pub anchors_m: Vec<[f64; 3]>,
+    /// Radii of the pulleys at that time, m, which the lengths include; empty for eyes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pulley_radius_m: Vec<f64>,
 }
 
 /// Reason why no stored position can be used or kept.
@@ -86,12 +89,13 @@ pub struct Keeper {
 
 impl PositionFile {
     fn of(config: &CoreConfig, position: &Position) -> Self {
-        let n = config.cable_count();
+        let (n, anchors) = (config.cable_count(), config.robot.anchors());
         Self {
             lengths_m: position.0[..n].to_vec(),
             counts: position.1[..n].to_vec(),
             counts_per_m: config.counts_per_m[..n].to_vec(),
-            anchors_m: config.robot.anchors().iter().map(|a| [a.x, a.y, a.z]).collect(),
+            anchors_m: anchors.iter().map(|a| [a.x, a.y, a.z]).collect(),
+            pulley_radius_m: if anchors.have_pulleys() { anchors.radii_m().to_vec() } else { Vec::new() },
         }
     }
 

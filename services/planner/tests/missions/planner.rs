@@ -326,7 +326,6 @@ fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
     let plan = |text: &str| Plan::new(&mission(text), &config, start, 0.0, 1).unwrap();
     let winch_energy = WinchEnergy {
         anchors: robot.anchors(),
-        planar: false,
         wrench_n: robot.wrench_n(&Vector3::zeros()),
         drag_n_s2_m2: 0.0,
         limits_n: robot.tension_limits_n(),

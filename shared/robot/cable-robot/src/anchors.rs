@@ -5,6 +5,7 @@ use std::ops::Deref;
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
+use crate::leg::Pulley;
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// Key of the robot file.
@@ -13,10 +14,17 @@ const KEY: &str = "anchors_m";
 /// Anchors count as collinear if the area of their triangle is below this share of its squared longest side.
 pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
+/// Key of the radii of the pulleys.
+const RADIUS_KEY: &str = "pulley_radius_m";
+
+/// Largest accepted radius of a pulley, m.
+pub const LARGEST_RADIUS_M: f64 = 0.5;
+
 /// Anchors closer than this count as one point, m. Pulleys are larger.
 const COINCIDENT_M: f64 = 1e-3;
 
-/// Anchor positions: one per cable, from one per direction up to eight, finite and distinct.
+/// Anchor positions: one per cable, from one per direction up to eight, finite and distinct; with the radius of the
+/// pulley at each.
 ///
 /// A planar robot has its anchors and its node in the plane y = 0 and moves in two directions, x and z. Positions, unit
 /// vectors and forces remain 3-vectors with y = 0; ranks and redundancies are counted in the plane.
@@ -33,6 +41,7 @@ const COINCIDENT_M: f64 = 1e-3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Anchors {
     points: [Vector3<f64>; MAX_CABLES],
+    radii_m: [f64; MAX_CABLES],
     len: usize,
     planar: bool,
 }
@@ -68,7 +77,7 @@ impl Anchors {
     }
 
     fn from_points(points: impl Iterator<Item = [f64; 3]>, len: usize, planar: bool) -> Result<Self, RobotError> {
-        let mut result = Self { points: [Vector3::zeros(); MAX_CABLES], len, planar };
+        let mut result = Self { points: [Vector3::zeros(); MAX_CABLES], radii_m: [0.0; MAX_CABLES], len, planar };
         for (i, p) in points.enumerate() {
             if !p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST_M) {
                 let problem = format!("number {} is [{}, {}, {}]", i + 1, p[0], p[1], p[2]);
@@ -82,6 +91,51 @@ impl Anchors {
             result.points[i] = point;
         }
         Ok(result)
+    }
+
+    /// The same anchors with swivelling pulleys of these radii, m; 0 for an eye. See [`crate::leg`].
+    ///
+    /// ```
+    /// # use cable_robot::Anchors;
+    /// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]])?;
+    /// assert!(!anchors.have_pulleys());
+    /// let with = anchors.with_pulleys(&[0.04, 0.04, 0.0])?;
+    /// assert!(with.have_pulleys() && with.pulley(0).radius_m == 0.04);
+    /// assert_eq!(anchors.with_pulleys(&[-0.04; 3]).unwrap_err().key, "pulley_radius_m");
+    /// # Ok::<(), cable_robot::RobotError>(())
+    /// ```
+    pub fn with_pulleys(&self, radii_m: &[f64]) -> Result<Self, RobotError> {
+        if radii_m.len() != self.len {
+            let problem = format!("has {} values for {} cables", radii_m.len(), self.len);
+            return refuse(RADIUS_KEY, problem, "one radius per cable, in metres");
+        }
+        if let Some(i) = radii_m.iter().position(|r| !(0.0..=LARGEST_RADIUS_M).contains(r)) {
+            let problem = format!("number {} is {}", i + 1, radii_m[i]);
+            return refuse(RADIUS_KEY, problem, "radii of 0 (an eye) to 0.5 m");
+        }
+        let mut result = *self;
+        result.radii_m[..self.len].copy_from_slice(radii_m);
+        Ok(result)
+    }
+
+    /// Radius of the pulley at each anchor, m; 0 for an eye.
+    pub fn radii_m(&self) -> &[f64] {
+        &self.radii_m[..self.len]
+    }
+
+    /// True if any cable runs over a pulley instead of through an eye.
+    pub fn have_pulleys(&self) -> bool {
+        self.radii_m().iter().any(|r| *r != 0.0)
+    }
+
+    /// The eye or pulley of a cable, counted from 0 and below the number of cables.
+    pub fn pulley(&self, cable: usize) -> Pulley {
+        Pulley { anchor: self.points[cable], radius_m: self.radii_m[cable], planar: self.planar }
+    }
+
+    /// The eye or pulley of each cable.
+    pub fn pulleys(&self) -> impl ExactSizeIterator<Item = Pulley> + '_ {
+        (0..self.len).map(|cable| self.pulley(cable))
     }
 
     /// Number of directions in which the node moves: 3, or 2 in the plane y = 0.

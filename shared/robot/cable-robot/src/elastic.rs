@@ -1,6 +1,7 @@
 //! Cables that stretch. The measured length l is the unstretched cable paid out beyond the routed part Lx.
-//! With the stiffness EA, straight-line length L and tension T are related by (L + Lx) = (l + Lx)(1 + T / EA).
-//! Rigid cables: l = L.
+//! With the stiffness EA, the length L of [`crate::leg`] (a straight line from an eye) and tension T are related by
+//! (L + Lx) = (l + Lx)(1 + T / EA). Rigid cables: l = L. Pulleys turn without friction, so the tension is the same on
+//! both sides.
 //!
 //! Lengths and positions in m, tensions and EA in N; one entry per cable. Accelerations enter with (15)-(16), the
 //! choice of tensions with (27)-(37). A pose that no tensions can hold is a [`crate::tension::TensionError`]; lengths
@@ -12,6 +13,7 @@ use thiserror::Error;
 use crate::kinematics::{
     Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, forward_kinematics, inverse_kinematics,
 };
+use crate::leg::Leg;
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
 
@@ -156,7 +158,11 @@ impl Equilibrium {
         for (i, column_i) in self.sensitivity.iter().enumerate() {
             for (j, column_j) in self.sensitivity.iter().enumerate() {
                 let between = robot.anchor_covariance_m2(i, j)?;
-                let unit = |k: usize| (self.position - anchors[k]).normalize();
+                // The length depends on the difference of node and anchor only, also over a pulley.
+                let unit = |k: usize| match anchors.pulley(k) {
+                    pulley if pulley.radius_m == 0.0 => (self.position - pulley.anchor).normalize(),
+                    pulley => pulley.direction(&self.position).unwrap_or_else(|_| Vector3::zeros()),
+                };
                 sum += linalg::outer(column_i, column_j) * unit(i).dot(&(between * unit(j)));
             }
         }
@@ -173,7 +179,8 @@ impl Equilibrium {
 /// Lx)/(l_i + Lx) - 1)).
 ///
 /// The position minimises a convex potential (the energy of a stretched cable is convex in the position, and cables
-/// cannot push). It is therefore unique wherever cables are taut in every direction, and damped Newton steps find it
+/// cannot push; with pulleys this holds everywhere except within about two radii of a pulley's axis, see
+/// [`crate::leg`]). It is therefore unique wherever cables are taut in every direction, and damped Newton steps find it
 /// from any start; `guess` (the last cycle's position) saves steps. For rigid cables this is forward kinematics near
 /// the guess, with the unique or the least-norm tensions.
 pub fn equilibrium(
@@ -228,6 +235,20 @@ struct ElasticCables<'a> {
     wrench: Vector3<f64>,
 }
 
+/// One cable at a position.
+struct Stretched {
+    /// Unstretched length from drum to node, m.
+    total: f64,
+    /// Stretch of all of it, m; negative for a slack cable.
+    stretch: f64,
+    /// Unit vector toward the node.
+    u: Vector3<f64>,
+    /// Length from the anchor, m.
+    length: f64,
+    /// Curvature of the length; None for an eye.
+    leg: Option<Leg>,
+}
+
 struct Balance {
     /// Gradient of the potential: minus the force out of balance, N.
     gradient: Vector3<f64>,
@@ -251,20 +272,33 @@ impl ElasticCables<'_> {
         middle - Vector3::new(0.0, 0.0, 0.5 * longest)
     }
 
-    /// Total unstretched length from drum to node, stretch, unit vector and straight-line length of a cable.
-    fn geometry(&self, i: usize, x: &Vector3<f64>) -> (f64, f64, Vector3<f64>, f64) {
-        let d = x - self.robot.anchors()[i];
-        let length = d.norm();
-        let u = if length > 0.0 { d / length } else { Vector3::zeros() };
-        let total = self.unstretched_m[i] + self.robot.routed_length_m()[i];
+    /// Unstretched length from drum to node, m.
+    fn total(&self, i: usize) -> f64 {
+        self.unstretched_m[i] + self.robot.routed_length_m()[i]
+    }
+
+    /// Geometry of a cable at a position.
+    fn geometry(&self, i: usize, x: &Vector3<f64>) -> Stretched {
+        let pulley = self.robot.anchors().pulley(i);
+        let (length, u, leg) = if pulley.radius_m == 0.0 {
+            let d = x - pulley.anchor;
+            let length = d.norm();
+            (length, if length > 0.0 { d / length } else { Vector3::zeros() }, None)
+        } else {
+            match pulley.leg(x) {
+                Ok(leg) => (leg.length_m, leg.direction, Some(leg)),
+                // No step ends here, because NaN is never lower.
+                Err(_) => (f64::NAN, Vector3::repeat(f64::NAN), None),
+            }
+        };
         // The routed part cancels: L + Lx - (l + Lx).
-        (total, length - self.unstretched_m[i], u, length)
+        Stretched { total: self.total(i), stretch: length - self.unstretched_m[i], u, length, leg }
     }
 
     fn evaluate(&self, x: &Vector3<f64>) -> Balance {
         let mut balance = Balance { gradient: self.wrench, hessian: Matrix3::zeros(), potential: self.wrench.dot(x) };
         for i in 0..self.robot.cable_count() {
-            let (total, stretch, u, length) = self.geometry(i, x);
+            let Stretched { total, stretch, u, length, leg } = self.geometry(i, x);
             if stretch <= 0.0 || length == 0.0 {
                 continue;
             }
@@ -272,8 +306,13 @@ impl ElasticCables<'_> {
             let tension = k * stretch;
             balance.potential += 0.5 * tension * stretch;
             balance.gradient += u * tension;
-            let across = tension / length;
-            balance.hessian += linalg::outer(&u, &u) * (k - across) + Matrix3::identity() * across;
+            balance.hessian += match leg {
+                None => {
+                    let across = tension / length;
+                    linalg::outer(&u, &u) * (k - across) + Matrix3::identity() * across
+                }
+                Some(leg) => linalg::outer(&u, &u) * k + leg.curvature() * tension,
+            };
         }
         balance
     }
@@ -283,8 +322,11 @@ impl ElasticCables<'_> {
         // Forces are length differences times stiffness, so their rounding errors grow with both.
         let longest = self.unstretched_m.iter().fold(1.0, |m: f64, l| m.max(*l));
         let tolerance = 1e-10 * (1.0 + self.wrench.norm()) + 1e-15 * self.stiffness * longest;
-        let softest = (0..anchors.len()).fold(f64::INFINITY, |m, i| m.min(self.stiffness / self.geometry(i, &start).0));
+        let softest = (0..anchors.len()).fold(f64::INFINITY, |m, i| m.min(self.stiffness / self.total(i)));
         let mut x = start;
+        for (i, pulley) in anchors.pulleys().enumerate().filter(|(_, pulley)| pulley.radius_m != 0.0) {
+            pulley.direction(&x).map_err(|why| KinematicsError::of_leg(why, i, &pulley, &x))?;
+        }
         let mut now = self.evaluate(&x);
         let mut damping = 0.0;
         let mut iterations = 0;
@@ -338,7 +380,7 @@ impl ElasticCables<'_> {
         let mut tensions_n = CableVec::zeros(n);
         let mut lengths_m = CableVec::zeros(n);
         for i in 0..n {
-            let (total, stretch, u, length) = self.geometry(i, &x);
+            let Stretched { total, stretch, u, length, .. } = self.geometry(i, &x);
             lengths_m[i] = length;
             slack[i] = stretch <= 0.0;
             if !slack[i] {

@@ -1,40 +1,48 @@
 //! Lengths, positions and velocities: (6)-(14).
 //!
-//! Lengths are N straight-line distances in m, positions 3-vectors in m. J of (14) is N x 3; its rows are unit vectors
-//! from the anchors to the node, so that cable velocities are J times the node velocity. B is J⁻¹, or the
+//! Lengths are N numbers in m: straight-line distances from eyes, and with pulleys the lengths of [`crate::leg`].
+//! Positions are 3-vectors in m. J of (14) is N x 3; its rows are unit vectors of the free cables toward the node, from
+//! the anchors or from the touching points, so that cable velocities are J times the node velocity. B is J⁻¹, or the
 //! pseudo-inverse for more than three cables; the structure matrix Λ = -Jᵀ is 3 x N. Unreachable or ambiguous lengths,
 //! a singular pose and anchors on one line are a [`KinematicsError`].
 
 mod matrices;
+mod pulleys;
 mod solution;
+mod trilateration;
 
 pub use matrices::{Jacobian, NodeJacobian, StructureMatrix};
 pub use solution::{Forward, KinematicsError, LONGEST_M};
+pub use trilateration::{Pair, trilaterate};
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::anchors::COLLINEAR_TOLERANCE;
 use crate::{Anchors, CableVec, linalg, planar};
+use trilateration::{best_pair, choose, residuals};
 
 /// Spheres that miss each other by this share of the squared length count as touching: rounding of lengths measured
 /// with the node in the plane of the anchors.
 const TOUCH_TOLERANCE: f64 = 1e-9;
 
-/// With anchors at nearly one height, the mirror image fits the lengths nearly as well as the true position, and with
-/// noise sometimes better. The lower point is chosen unless its residual is larger by more than this share of the
-/// length: 2 cm on 7 m, several times the error of calibrated lengths.
-const MIRROR_TOLERANCE: f64 = 0.003;
-
 /// Bound of the least-squares iteration, which needs about five steps.
 const MAX_ITERATIONS: usize = 50;
 
-/// Computes the straight-line lengths from the anchors to a position, m (6).
+/// Computes the lengths from the anchors to a position, m (6): straight lines from eyes, and for pulleys the part on
+/// the wheel in addition. NaN for a node inside a wheel; [`lengths_at`] is the same with an error.
 pub fn inverse_kinematics(anchors: &Anchors, position: &Vector3<f64>) -> CableVec {
-    CableVec::from_fn(anchors.len(), |i| (position - anchors[i]).norm())
+    CableVec::from_fn(anchors.len(), |i| anchors.pulley(i).length_m(position))
 }
 
-/// Computes the position with these straight-line lengths: closed form for as many cables as directions, least squares
-/// in length for more.
+/// Like [`inverse_kinematics`], and rejects positions inside a wheel or on the axis of a pulley, m.
+pub fn lengths_at(anchors: &Anchors, position: &Vector3<f64>) -> Result<CableVec, KinematicsError> {
+    for (i, pulley) in anchors.pulleys().enumerate().filter(|(_, pulley)| pulley.radius_m != 0.0) {
+        pulley.direction(position).map_err(|why| KinematicsError::of_leg(why, i, &pulley, position))?;
+    }
+    Ok(inverse_kinematics(anchors, position))
+}
+
+/// Computes the position with these lengths: closed form for eyes and as many cables as directions, least squares in
+/// length for more. With pulleys, Newton steps from the solution for eyes.
 ///
 /// Of two mirror solutions, the one nearer to `near` if given, otherwise the lower one. With more than three cables the
 /// mirror solutions do not fit equally well; the lower one is chosen unless the upper one fits clearly better.
@@ -54,6 +62,9 @@ pub fn forward_kinematics(
     lengths_m: &[f64],
     near: Option<&Vector3<f64>>,
 ) -> Result<Forward, KinematicsError> {
+    if anchors.have_pulleys() {
+        return pulleys::forward_kinematics(anchors, lengths_m, near);
+    }
     if anchors.is_planar() {
         return planar::forward_kinematics(anchors, lengths_m, near);
     }
@@ -75,85 +86,13 @@ pub fn forward_kinematics(
     least_squares(anchors, lengths_m, near)
 }
 
-/// Intersection of three spheres.
-#[derive(Debug, Clone, Copy)]
-pub struct Pair {
-    /// Both points; the same point twice if the spheres do not intersect.
-    pub points: [Vector3<f64>; 2],
-    /// Squared distance from the plane of the anchors; negative if the spheres do not intersect.
-    pub height_squared: f64,
-}
-
-/// Computes the intersection of three spheres in the frame of their plane. Solves (7)-(9) without the division of
-/// (10)-(12) by the horizontal distance of the anchors, which fails for anchors above each other.
-///
-/// # Errors
-/// The centres lie on one line.
-pub fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, KinematicsError> {
-    let (p, q) = (a[1] - a[0], a[2] - a[0]);
-    let normal = p.cross(&q);
-    let longest = p.norm_squared().max(q.norm_squared()).max((q - p).norm_squared());
-    if normal.norm() < COLLINEAR_TOLERANCE * longest {
-        return Err(KinematicsError::DegenerateGeometry);
-    }
-    let d = p.norm();
-    let ex = p / d;
-    let ez = normal / normal.norm();
-    let ey = ez.cross(&ex);
-    let (qx, qy) = (q.dot(&ex), q.dot(&ey));
-    let x = ((l[0] - l[1]) * (l[0] + l[1]) + d * d) / (2.0 * d);
-    let y = ((l[0] - l[2]) * (l[0] + l[2]) + qx * qx + qy * qy - 2.0 * qx * x) / (2.0 * qy);
-    let height_squared = (l[0] - x) * (l[0] + x) - y * y;
-    let foot = a[0] + ex * x + ey * y;
-    let h = height_squared.max(0.0).sqrt();
-    Ok(Pair { points: [foot - ez * h, foot + ez * h], height_squared })
-}
-
-/// Returns the chosen one of two mirror points, and the other.
-fn choose(
-    points: [Vector3<f64>; 2],
-    near: Option<&Vector3<f64>>,
-) -> Result<(Vector3<f64>, Vector3<f64>), KinematicsError> {
-    let [a, b] = points;
-    let first = match near {
-        Some(hint) => (a - hint).norm_squared() <= (b - hint).norm_squared(),
-        None => {
-            let apart = (a - b).norm();
-            // Below this the height difference is rounding.
-            if apart > 1e-9 && (a.z - b.z).abs() < 1e-9 * apart.max(1.0) {
-                return Err(KinematicsError::Ambiguous);
-            }
-            a.z <= b.z
-        }
-    };
-    Ok(if first { (a, b) } else { (b, a) })
-}
-
-fn residuals(anchors: &Anchors, lengths: &[f64], x: &Vector3<f64>) -> f64 {
-    anchors.iter().zip(lengths).map(|(a, l)| ((x - a).norm() - l) * ((x - a).norm() - l)).sum()
-}
-
 /// Least squares in length, from the best triple of cables and from its mirror image.
 fn least_squares(anchors: &Anchors, l: &[f64], near: Option<&Vector3<f64>>) -> Result<Forward, KinematicsError> {
     let n = anchors.len();
-    let mut best: Option<(f64, [Vector3<f64>; 2])> = None;
-    for i in 0..n {
-        for j in i + 1..n {
-            for k in j + 1..n {
-                let Ok(pair) = trilaterate([anchors[i], anchors[j], anchors[k]], [l[i], l[j], l[k]]) else { continue };
-                let costs = pair.points.map(|p| residuals(anchors, l, &p));
-                let cost = costs[0].min(costs[1]);
-                if best.as_ref().is_none_or(|(c, _)| cost < *c) {
-                    best = Some((cost, pair.points));
-                }
-            }
-        }
-    }
-    let Some((_, starts)) = best else { return Err(KinematicsError::DegenerateGeometry) };
+    let starts = best_pair(anchors, l).ok_or(KinematicsError::DegenerateGeometry)?;
     let found = starts.map(|start| descend(anchors, l, start));
     let rms = found.map(|p| (residuals(anchors, l, &p) / n as f64).sqrt());
-    let mean_length = l.iter().sum::<f64>() / n as f64;
-    let fits_worse = |a: f64, b: f64| a > 5.0 * b + MIRROR_TOLERANCE * mean_length;
+    let fits_worse = |a: f64, b: f64| trilateration::fits_worse(a, b, l);
     let position = match near {
         Some(_) => choose(found, near)?.0,
         None if fits_worse(rms[0], rms[1]) => found[1],

@@ -1,6 +1,6 @@
-//! The mathematics of a cable-suspended robot: a node that hangs from three to eight cables, which run over pulleys
-//! (the *anchors*) to winches. A planar robot moves in the x-z plane (y = 0) on two to eight cables; everything that
-//! takes [`Anchors`] or a [`Robot`] counts directions accordingly.
+//! The mathematics of a cable-suspended robot: a node that hangs from three to eight cables, which run through eyes or
+//! over swivelling pulleys (the *anchors*, see [`leg`]) to winches. A planar robot moves in the x-z plane (y = 0) on
+//! two to eight cables; everything that takes [`Anchors`] or a [`Robot`] counts directions accordingly.
 //!
 //! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion
 //! before it starts. Equation numbers in parentheses, like (14), refer to Borgstrom et al., "Design and Implementation
@@ -45,6 +45,7 @@ pub mod control_bounds;
 pub mod elastic;
 pub mod energy;
 pub mod kinematics;
+pub mod leg;
 pub mod limits;
 pub mod linalg;
 pub mod motion;
@@ -63,7 +64,7 @@ pub use motion::{Motion, Segment, Setpoint};
 pub use nalgebra::{Matrix3, Vector3};
 pub use path::Path;
 pub use profile::Profile;
-pub use robot::{KeepOut, Robot, RobotError, RobotParts};
+pub use robot::{KeepOut, PulleyKind, Robot, RobotError, RobotParts};
 pub use tension::Distribution;
 
 /// Standard acceleration of gravity, m/s² (CODATA, exact by convention).

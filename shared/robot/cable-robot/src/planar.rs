@@ -1,4 +1,4 @@
-//! Kinematics of a robot in the x-z plane: two directions, two to eight cables. Points have y = 0.
+//! Kinematics of a robot in the x-z plane with eyes: two directions, two to eight cables. Points have y = 0.
 //!
 //! [`crate::tension::general`] computes the tensions of such a robot, and [`crate::energy`] the cost of its moves.
 //!
@@ -58,18 +58,7 @@ pub fn forward_kinematics(
         return Ok(Forward { position: lift(position), mirror: Some(lift(mirror)), residual_rms_m: 0.0 });
     }
     let rms = |p: &Vector2<f64>| (squares(flat, lengths_m, p) / n as f64).sqrt();
-    // Best starting point of all pairs of circles, and its mirror image.
-    let mut starts: Option<(f64, [Vector2<f64>; 2])> = None;
-    for i in 0..n {
-        for j in i + 1..n {
-            let Ok((points, _)) = intersect_circles(&flat[i], &flat[j], lengths_m[i], lengths_m[j]) else { continue };
-            let least = rms(&points[0]).min(rms(&points[1]));
-            if starts.as_ref().is_none_or(|(best, _)| least < *best) {
-                starts = Some((least, points));
-            }
-        }
-    }
-    let (_, starts) = starts.ok_or(KinematicsError::DegenerateGeometry)?;
+    let starts = best_pair(flat, lengths_m).ok_or(KinematicsError::DegenerateGeometry)?;
     let found = starts.map(|start| descend(flat, lengths_m, start));
     let worse = |a: usize, b: usize| {
         rms(&found[a])
@@ -81,6 +70,33 @@ pub fn forward_kinematics(
         _ => choose(found, hint)?.0,
     };
     Ok(Forward { position: lift(position), mirror: None, residual_rms_m: rms(&position) })
+}
+
+/// Returns the best intersection of all pairs of circles around anchors in the plane y = 0, and its mirror image.
+pub(crate) fn starting_points(anchors: &[Vector3<f64>], lengths_m: &[f64]) -> Option<[Vector3<f64>; 2]> {
+    let mut flat = [Vector2::zeros(); MAX_CABLES];
+    for (f, a) in flat.iter_mut().zip(anchors) {
+        *f = Vector2::new(a.x, a.z);
+    }
+    let n = anchors.len().min(lengths_m.len()).min(MAX_CABLES);
+    Some(best_pair(&flat[..n], &lengths_m[..n])?.map(|p| Vector3::new(p.x, 0.0, p.y)))
+}
+
+/// Returns the best starting point of all pairs of circles, and its mirror image; None if no pair has distinct centres.
+fn best_pair(flat: &[Vector2<f64>], lengths_m: &[f64]) -> Option<[Vector2<f64>; 2]> {
+    let n = flat.len();
+    let rms = |p: &Vector2<f64>| (squares(flat, lengths_m, p) / n as f64).sqrt();
+    let mut starts: Option<(f64, [Vector2<f64>; 2])> = None;
+    for i in 0..n {
+        for j in i + 1..n {
+            let Ok((points, _)) = intersect_circles(&flat[i], &flat[j], lengths_m[i], lengths_m[j]) else { continue };
+            let least = rms(&points[0]).min(rms(&points[1]));
+            if starts.as_ref().is_none_or(|(best, _)| least < *best) {
+                starts = Some((least, points));
+            }
+        }
+    }
+    starts.map(|(_, points)| points)
 }
 
 /// Intersections of two circles, and the squared distance of these points from the line of centres; negative if the

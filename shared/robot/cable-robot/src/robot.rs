@@ -43,6 +43,16 @@ impl KeepOut {
     }
 }
 
+/// Kind of the points where the cables of a robot leave for the node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PulleyKind {
+    /// Eyes: the cables leave from the anchors themselves.
+    #[default]
+    Eye,
+    /// Pulleys that swivel about the vertical axis through the anchor, see [`crate::leg`].
+    Swivel,
+}
+
 /// The parts of a robot: the keys of the robot file. [`RobotParts::default`] sets only parts with a default; anchors,
 /// mass, tension limits, speed and acceleration must be given.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +61,10 @@ pub struct RobotParts {
     pub anchors_m: Vec<[f64; 3]>,
     /// Whether the node moves only in the plane y = 0, in which all anchors lie.
     pub planar: bool,
+    /// Kind of the points where the cables leave for the node.
+    pub pulley: PulleyKind,
+    /// Radius of the pulley per cable to the middle of the cable, m; 0 for a cable through an eye. None: eyes.
+    pub pulley_radius_m: Option<Vec<f64>>,
     /// Mass of the node, kg; in water including the added mass.
     pub node_mass_kg: f64,
     /// Weight less buoyancy, N; default mass x standard gravity.
@@ -88,6 +102,8 @@ impl Default for RobotParts {
         Self {
             anchors_m: Vec::new(),
             planar: false,
+            pulley: PulleyKind::Eye,
+            pulley_radius_m: None,
             node_mass_kg: 0.0,
             net_weight_n: None,
             drag_n_s2_m2: 0.0,
@@ -136,6 +152,7 @@ impl Robot {
     /// Checks a description. The error names the key and the accepted values.
     pub fn new(parts: RobotParts) -> Result<Self, RobotError> {
         let anchors = if parts.planar { Anchors::in_plane(&parts.anchors_m)? } else { Anchors::new(&parts.anchors_m)? };
+        let anchors = with_pulleys(anchors, parts.pulley, parts.pulley_radius_m.as_deref())?;
         let n = anchors.len();
         positive("node_mass_kg", parts.node_mass_kg, "a finite mass above 0, in kilograms")?;
         let net_weight_n = parts.net_weight_n.unwrap_or(parts.node_mass_kg * STANDARD_GRAVITY);
@@ -306,8 +323,9 @@ impl Robot {
         self.anchor_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
     }
 
-    /// The same robot with other anchors, to try out a calibration or inject an error. The number of cables and of
-    /// directions must stay the same.
+    /// The same robot with its anchors at other positions, to try out a calibration or inject an error. The number of
+    /// cables and of directions must stay the same. The pulleys stay those of this robot: `anchors` must have the same
+    /// radii, or eyes, which stand for positions alone.
     pub fn with_anchors(&self, anchors: Anchors) -> Result<Self, RobotError> {
         if anchors.len() != self.anchors.len() {
             let problem = format!("has {} points for a robot of {} cables", anchors.len(), self.anchors.len());
@@ -317,7 +335,17 @@ impl Robot {
             let problem = format!("has {} coordinates for a robot of {}", anchors.dimensions(), self.dimensions());
             return refuse("anchors_m", problem, "points with as many coordinates as the robot has");
         }
-        Ok(Self { anchors, ..*self })
+        let radii_m = self.anchors.radii_m();
+        if anchors.have_pulleys() && anchors.radii_m() != radii_m {
+            let problem = format!("is {:?} for a robot with {radii_m:?}", anchors.radii_m());
+            return refuse("pulley_radius_m", problem, "the radii of the robot, or eyes; with_pulleys changes radii");
+        }
+        Ok(Self { anchors: anchors.with_pulleys(radii_m)?, ..*self })
+    }
+
+    /// The same robot with pulleys of these radii, m, at the same anchors; 0 for an eye.
+    pub fn with_pulleys(&self, radii_m: &[f64]) -> Result<Self, RobotError> {
+        Ok(Self { anchors: self.anchors.with_pulleys(radii_m)?, ..*self })
     }
 
     /// The same robot with rigid cables.
@@ -350,6 +378,20 @@ impl Robot {
     /// ```
     pub fn moving_wrench_n(&self, velocity_m_s: &Vector3<f64>, acceleration_m_s2: &Vector3<f64>) -> Vector3<f64> {
         self.wrench_n(acceleration_m_s2) + self.drag_n(velocity_m_s)
+    }
+}
+
+fn with_pulleys(anchors: Anchors, kind: PulleyKind, radii_m: Option<&[f64]>) -> Result<Anchors, RobotError> {
+    match (kind, radii_m) {
+        (PulleyKind::Eye, None) => Ok(anchors),
+        (PulleyKind::Swivel, None) => {
+            refuse("pulley_radius_m", "is missing for pulleys that swivel", "one radius per cable, in metres")
+        }
+        (PulleyKind::Eye, Some(radii_m)) => match radii_m.iter().find(|r| **r != 0.0) {
+            Some(r) => refuse("pulley_radius_m", format!("contains {r} for an eye"), "0, or `pulley = \"swivel\"`"),
+            None => anchors.with_pulleys(radii_m),
+        },
+        (PulleyKind::Swivel, Some(radii_m)) => anchors.with_pulleys(radii_m),
     }
 }
 
@@ -477,6 +519,14 @@ mod tests {
             ("node_mass_kg", |p| p.node_mass_kg = 0.0),
             ("node_mass_kg", |p| p.node_mass_kg = f64::INFINITY),
             ("anchors_m", |p| p.planar = true),
+            ("pulley_radius_m", |p| p.pulley_radius_m = Some(vec![0.04; 3])),
+            ("pulley_radius_m", |p| p.pulley = PulleyKind::Swivel),
+            ("pulley_radius_m", |p| {
+                (p.pulley, p.pulley_radius_m) = (PulleyKind::Swivel, Some(vec![0.04; 2]));
+            }),
+            ("pulley_radius_m", |p| {
+                (p.pulley, p.pulley_radius_m) = (PulleyKind::Swivel, Some(vec![0.04, f64::NAN, 40.0]));
+            }),
             ("net_weight_n", |p| p.net_weight_n = Some(-1.0)),
             ("drag_n_s2_m2", |p| p.drag_n_s2_m2 = -1.0),
             ("drag_n_s2_m2", |p| p.drag_n_s2_m2 = f64::NAN),
@@ -510,6 +560,20 @@ mod tests {
             assert!(sentence.starts_with(key) && sentence.ends_with(error.accepted), "{sentence}");
             assert!(!error.accepted.is_empty() && sentence.contains(&error.problem), "{sentence}");
         }
+    }
+
+    #[test]
+    fn other_anchors_keep_the_pulleys() {
+        let mut with = parts();
+        (with.pulley, with.pulley_radius_m) = (PulleyKind::Swivel, Some(vec![0.04, 0.0, 0.03]));
+        let robot = Robot::new(with).unwrap();
+        let moved = Anchors::new(&[[0.1, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]]).unwrap();
+        let other = robot.with_anchors(moved).unwrap();
+        assert_eq!((other.anchors()[0].x, other.anchors().radii_m()), (0.1, robot.anchors().radii_m()));
+        assert_eq!(other, robot.with_anchors(*other.anchors()).unwrap());
+        let wrong = moved.with_pulleys(&[0.05; 3]).unwrap();
+        assert_eq!(robot.with_anchors(wrong).unwrap_err().key, "pulley_radius_m");
+        assert_eq!(robot.with_pulleys(&[0.0; 3]).unwrap(), Robot::new(parts()).unwrap());
     }
 
     #[test]

@@ -30,6 +30,7 @@
 use nalgebra::Vector3;
 
 use super::heights::{Frame, point_in_plane};
+use super::straight;
 use super::{Calibration, CalibrationError, Measurements, Method, calibrate};
 use cable_robot::{Anchors, CableVec, kinematics};
 
@@ -71,7 +72,9 @@ pub fn hold_out(measured: &Measurements, method: Method) -> Result<Option<Holdou
         folds += 1;
         for j in (g..m).step_by(groups) {
             let known = (method == Method::Gps).then(|| measured.gps_m.get(j).copied()).flatten();
-            let Some((sum, off)) = predict(&found, &measured.lengths_m[j], known) else { continue };
+            let Some((sum, off)) = predict(&found, &measured.lengths_m[j], known, &measured.pulley_radius_m) else {
+                continue;
+            };
             squares += sum;
             lengths += found.anchors_m.len();
             heights += off;
@@ -90,16 +93,25 @@ pub fn hold_out(measured: &Measurements, method: Method) -> Result<Option<Holdou
 }
 
 /// Sum of squared length residuals and squared position error of one point.
-fn predict(found: &Calibration, measured: &CableVec, known: Option<[f64; 3]>) -> Option<(f64, f64)> {
+fn predict(found: &Calibration, measured: &CableVec, known: Option<[f64; 3]>, radii_m: &[f64]) -> Option<(f64, f64)> {
     let corrected = measured.zip_map(&found.offsets_m, |l, o| (l - o) / found.scale);
-    let anchors = Anchors::new(&found.anchors_m).ok()?;
+    let mut anchors = Anchors::new(&found.anchors_m).ok()?;
+    if !radii_m.is_empty() {
+        anchors = anchors.with_pulleys(radii_m).ok()?;
+    }
     let expected = match known {
         Some(p) => Vector3::from(p),
         None => {
             let xy: Vec<_> = found.anchors_m.iter().map(|a| [a[0], a[1]]).collect();
             let w: Vec<_> = found.anchors_m.iter().map(|a| a[2] * a[2]).collect();
-            let start = Frame::new(&xy).point(&corrected, &w);
-            let [x, y] = point_in_plane(&found.anchors_m, &corrected, start);
+            let mut straight = if anchors.have_pulleys() { straight::typical(&corrected, radii_m) } else { corrected };
+            let start = Frame::new(&xy).point(&straight, &w);
+            let [mut x, mut y] = point_in_plane(&found.anchors_m, &straight, start);
+            // Each round is a hundred times closer.
+            for _ in 0..if anchors.have_pulleys() { 5 } else { 0 } {
+                straight = straight::at(&corrected, radii_m, &found.anchors_m, &[x, y, 0.0], 1.0);
+                [x, y] = point_in_plane(&found.anchors_m, &straight, [x, y]);
+            }
             Vector3::new(x, y, 0.0)
         }
     };

@@ -76,6 +76,7 @@ pub mod joint;
 mod measurements;
 pub mod motor_fit;
 pub mod placement;
+mod straight;
 pub mod survey;
 mod undetermined;
 

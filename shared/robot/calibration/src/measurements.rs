@@ -9,7 +9,8 @@ use super::error::{CalibrationError, check_sigma, invalid, undetermined};
 use super::heights::{self, Frame, check_lengths, closed_form, closed_form_with_sensitivity};
 use super::joint::{DirectHeight, JointInput, Loss, calibrate_joint};
 use super::survey::{Range, Side, survey_network};
-use super::{gps, joint};
+use super::{gps, joint, straight};
+use cable_robot::anchors::LARGEST_RADIUS_M;
 use cable_robot::{CableVec, MAX_CABLES};
 
 /// Default limit of the standard deviation of every coordinate, m: beyond it the motion of the node would
@@ -29,6 +30,12 @@ const IMPLAUSIBLE_QUANTILE: f64 = 2.326;
 /// A length whose residual exceeds this many standard deviations is reported as an outlier: one in 16,000 for a
 /// normal distribution.
 const OUTLIER_SIGMAS: f64 = 4.0;
+
+/// Bound of the rounds with pulleys; each brings the lengths ten to a hundred times closer.
+const MAX_ROUNDS: usize = 20;
+
+/// Change of the straightened lengths below which a further round changes nothing that can be measured, m.
+const SETTLED_M: f64 = 1e-8;
 
 /// Step of the difference quotient with respect to anchor coordinates, m: its error is its square, relative to metres.
 const STEP_M: f64 = 1e-4;
@@ -50,6 +57,9 @@ pub enum Method {
 pub struct Measurements {
     /// Number of cables.
     pub cable_count: usize,
+    /// Known radius of the swivelling pulley at each anchor, m; 0 for an eye, empty if all are eyes. The lengths then
+    /// include the part of the cable on the wheel.
+    pub pulley_radius_m: Vec<f64>,
     /// Ranges between plumb lines.
     pub ranges: Vec<Range>,
     /// Side of each anchor, for an anchor with only two ranges; may be shorter.
@@ -79,6 +89,7 @@ impl Measurements {
     pub fn new(cable_count: usize) -> Self {
         Self {
             cable_count,
+            pulley_radius_m: Vec::new(),
             ranges: Vec::new(),
             sides: Vec::new(),
             lengths_m: Vec::new(),
@@ -191,10 +202,10 @@ pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration,
         }
         check_sigma(&format!("the standard deviation of the height of anchor {}", h.anchor + 1), h.sigma_m)?;
     }
-    let (mut found, fit) = match method {
-        Method::Survey => by_survey(measured)?,
-        Method::Joint => by_joint(measured)?,
-        Method::Gps => by_gps(measured)?,
+    let (mut found, fit) = if measured.pulley_radius_m.iter().all(|r| *r == 0.0) {
+        by_method(measured, method)?
+    } else {
+        with_pulleys(measured, method)?
     };
     assess_fit(measured, &mut found, fit);
     let (anchor, axis, std) = found.covariance.worst();
@@ -202,6 +213,41 @@ pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration,
         return undetermined(refusal(measured, &found, anchor, axis, std));
     }
     Ok(found)
+}
+
+fn by_method(measured: &Measurements, method: Method) -> Result<(Calibration, Fit), CalibrationError> {
+    match method {
+        Method::Survey => by_survey(measured),
+        Method::Joint => by_joint(measured),
+        Method::Gps => by_gps(measured),
+    }
+}
+
+/// Alternates between the estimate with straightened lengths and the straightening with the estimate.
+fn with_pulleys(measured: &Measurements, method: Method) -> Result<(Calibration, Fit), CalibrationError> {
+    let radii_m = &measured.pulley_radius_m;
+    if radii_m.len() != measured.cable_count {
+        return invalid(format!("{} pulley radii are given for {} cables", radii_m.len(), measured.cable_count));
+    }
+    if let Some(r) = radii_m.iter().find(|r| !(0.0..=LARGEST_RADIUS_M).contains(*r)) {
+        return invalid(format!("a pulley radius is {r} m; accepted: 0 (an eye) to {LARGEST_RADIUS_M} m"));
+    }
+    let with_lengths = |lengths_m: Vec<CableVec>| Measurements { lengths_m, ..measured.clone() };
+    let mut lengths_m: Vec<_> = measured.lengths_m.iter().map(|l| straight::typical(l, radii_m)).collect();
+    let mut result = by_method(&with_lengths(lengths_m.clone()), method)?;
+    for _ in 0..MAX_ROUNDS {
+        let found = &result.0;
+        let next: Vec<_> = (measured.lengths_m.iter().zip(&found.points_m))
+            .map(|(l, point)| straight::at(l, radii_m, &found.anchors_m, point, found.scale))
+            .collect();
+        let change = next.iter().zip(&lengths_m).map(|(a, b)| a.zip_map(b, |a, b| a - b).max_abs()).fold(0.0, f64::max);
+        lengths_m = next;
+        result = by_method(&with_lengths(lengths_m.clone()), method)?;
+        if change < SETTLED_M {
+            break;
+        }
+    }
+    Ok(result)
 }
 
 fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: usize, std: f64) -> Undetermined {

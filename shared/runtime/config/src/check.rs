@@ -47,6 +47,11 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
         let clause = format!("contains {anchor}; accepted: metres within 500 m of the origin (are these millimetres?)");
         return Err(Problem::of("robot.anchors_m", clause));
     }
+    for radius in &robot.pulley_radius_m {
+        number("robot.pulley_radius_m", *radius, "radii of 0 (an eye) to 0.5 m (are these millimetres?)", |v| {
+            (0.0..=0.5).contains(&v)
+        })?;
+    }
     limits(robot)?;
     number("robot.drag_n_s2_m2", robot.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
     for corner in robot.keep_out.iter().flatten() {

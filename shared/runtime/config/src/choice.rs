@@ -144,6 +144,16 @@ choice! {
 }
 
 choice! {
+    /// Kind of the points where the cables leave for the node.
+    pub enum PulleyKind {
+        /// Pulleys that swivel about the vertical axis through the anchor.
+        Swivel = "swivel",
+        /// Eyes: the cables leave from the anchors themselves.
+        Eye = "eye",
+    }
+}
+
+choice! {
     /// A status input of a serial port.
     pub enum StopPin {
         /// Clear to send.

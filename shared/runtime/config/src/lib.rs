@@ -26,7 +26,9 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use choice::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
+pub use choice::{
+    Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, PulleyKind, StopPin, TensionDistribution, UnknownChoice,
+};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
-use crate::{Problem, TensionDistribution};
+use crate::{Problem, PulleyKind, TensionDistribution};
 use cable_robot::motor::Motor;
 use cable_robot::{Distribution, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
@@ -87,6 +87,11 @@ impl RobotFile {
         RobotParts {
             anchors_m: self.robot.anchors_m.to_vec(),
             planar: self.robot.anchors_m.is_planar(),
+            pulley: match self.robot.pulley {
+                PulleyKind::Eye => cable_robot::PulleyKind::Eye,
+                PulleyKind::Swivel => cable_robot::PulleyKind::Swivel,
+            },
+            pulley_radius_m: (!self.robot.pulley_radius_m.is_empty()).then(|| self.robot.pulley_radius_m.clone()),
             node_mass_kg: self.robot.node_mass_kg,
             net_weight_n: self.robot.net_weight_n,
             drag_n_s2_m2: self.robot.drag_n_s2_m2,

@@ -1,6 +1,6 @@
 //! The robot file: geometry, node, cables and motors.
 
-use super::{CalibrationFile, MotorTableFile, Point, Points};
+use super::{CalibrationFile, MotorTableFile, Point, Points, PulleyKind};
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -41,10 +41,18 @@ pub struct RobotSection {
     pub drag_n_s2_m2: f64,
     /// A file from `nims calibrate --out`, relative to the folder of this file, with the anchors and their covariance.
     pub calibration: Option<PathBuf>,
-    /// The points where the cables leave their pulleys, m: one `[x, y, z]` per cable, 3 to 8; one `[x, z]` per cable, 2
-    /// to 8, for a planar robot. Omit them with a `calibration`.
+    /// The points where the cables leave for the node, or where they enter their swivelling pulleys, m: one `[x, y, z]`
+    /// per cable, 3 to 8; one `[x, z]` per cable, 2 to 8, for a planar robot. Omit them with a `calibration`.
     #[serde(default)]
     pub anchors_m: Points,
+    /// What the cables leave from: `"eye"`, the anchor itself, or `"swivel"`, a pulley that swivels about the vertical
+    /// axis through the anchor; the cable enters it from below along this axis.
+    #[serde(default = "default_pulley")]
+    pub pulley: PulleyKind,
+    /// Radius of each pulley to the middle of the cable, m per cable; 0 for a cable through an eye. Only with
+    /// `pulley = "swivel"`.
+    #[serde(default)]
+    pub pulley_radius_m: Vec<f64>,
     /// Smallest and largest allowed cable tension, N.
     pub tension_limits_n: [f64; 2],
     /// Largest speed of the node, m/s.
@@ -128,6 +136,10 @@ pub struct SiteSection {
     pub longitude_deg: f64,
     /// Azimuth of the x axis, degrees clockwise from north.
     pub azimuth_deg: f64,
+}
+
+fn default_pulley() -> PulleyKind {
+    PulleyKind::Eye
 }
 
 fn default_length_limits() -> [f64; 2] {

@@ -53,17 +53,18 @@ fn robot(path: &Path) -> Answer<Robot> {
     RobotFile::load(path).map_err(Failure::bad)?.robot().map_err(Failure::bad)
 }
 
-/// `nims ik`: straight lengths from the anchors, (6).
+/// `nims ik`: lengths from the anchors, (6), with the part on the pulleys if there are any.
 ///
 /// # Errors
 /// A robot file or a point that cannot be used.
 pub fn ik(args: &IkArgs) -> Answer<Output> {
     let robot = robot(&args.config)?;
-    let lengths = kinematics::inverse_kinematics(robot.anchors(), &points::position(&robot, &args.at)?.into());
+    let at = points::position(&robot, &args.at)?.into();
+    let lengths = kinematics::lengths_at(robot.anchors(), &at).map_err(Failure::bad)?;
     Ok(Output::json(json!({ "lengths_m": lengths.to_vec() })))
 }
 
-/// `nims fk`: the position that matches these straight lengths; of two mirrored solutions, the lower one.
+/// `nims fk`: the position that matches these lengths; of two mirrored solutions, the lower one.
 ///
 /// # Errors
 /// A robot file that cannot be used, or lengths that match no position.

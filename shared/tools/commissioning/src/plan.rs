@@ -109,7 +109,6 @@ fn plan_move(args: &Args) -> Answer<Value> {
     let move_cost = MoveCost {
         winch_energy: WinchEnergy {
             anchors: robot.anchors(),
-            planar: robot.is_planar(),
             wrench_n: robot.wrench_n(&Vector3::zeros()),
             drag_n_s2_m2: robot.drag_n_s2_m2(),
             limits_n: robot.tension_limits_n(),

@@ -93,7 +93,7 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     }
     let weight = robot.wrench_n(&Vector3::zeros());
     let limits = robot.tension_limits_n();
-    let feasible = tension::hold(robot.anchors(), robot.is_planar(), at, &weight, limits, Distribution::Safest).ok()?;
+    let feasible = tension::hold(robot.anchors(), at, &weight, limits, Distribution::Safest).ok()?;
     if tension::worst_violation(&feasible.tensions_n, limits).is_some() {
         return None;
     }

@@ -6,7 +6,7 @@ use super::stand_in;
 use anyhow::{Context, Result};
 use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, WinchEnergy};
 use cable_robot::motor::Motor;
-use cable_robot::{Distribution, Matrix3, Vector3};
+use cable_robot::{Anchors, Distribution, Matrix3, Vector3};
 use plant::{Plant, PlantConfig};
 use plot::{Axis, BLACK, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 
@@ -23,19 +23,18 @@ fn moves<const N: usize>(corners: &[[f64; 3]; N]) -> Vec<(Vector3<f64>, Vector3<
 
 /// Anchors and motor for the energy of moves.
 struct WinchSetup {
-    anchors: Vec<Vector3<f64>>,
+    anchors: Anchors,
     motor: Motor,
 }
 
 impl WinchSetup {
-    fn new(anchors: &[[f64; 3]], motor: Motor) -> Self {
-        Self { anchors: anchors.iter().map(|a| Vector3::from(*a)).collect(), motor }
+    fn new(anchors: &[[f64; 3]], motor: Motor) -> Result<Self> {
+        Ok(Self { anchors: Anchors::new(anchors)?, motor })
     }
 
     fn winch_energy(&self, method: Distribution) -> WinchEnergy<'_> {
         WinchEnergy {
             anchors: &self.anchors,
-            planar: false,
             wrench_n: stand_in::weight(),
             drag_n_s2_m2: 0.0,
             limits_n: stand_in::LIMITS_N,
@@ -235,7 +234,7 @@ struct MoveComparison {
 
 impl MoveComparison {
     fn fly(effort: Effort) -> Result<Self> {
-        let rig = WinchSetup::new(&stand_in::three(), stand_in::geared());
+        let rig = WinchSetup::new(&stand_in::three(), stand_in::geared())?;
         let mut moves = moves(&stand_in::TRIANGLE_PATH);
         if effort == Effort::Quick {
             moves.truncate(1);
@@ -458,7 +457,7 @@ pub fn fig13(effort: Effort) -> Result<Section> {
 
 /// Returns the height of a move and the loss of its optimal parabola as a share of the line's, with ideal motors.
 fn shares_by_height(effort: Effort) -> Result<Vec<[f64; 2]>> {
-    let rig = WinchSetup::new(&stand_in::three(), stand_in::ideal());
+    let rig = WinchSetup::new(&stand_in::three(), stand_in::ideal())?;
     let mut regions = Vec::new();
     for height in effort.select(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
         let (a, b) = moves(&stand_in::TRIANGLE_PATH)[0];
@@ -478,7 +477,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
     let mut ordered = true;
     let mut largest: f64 = 0.0;
     for (name, motor) in [("ideal", stand_in::ideal()), ("geared", stand_in::geared())] {
-        let rig = WinchSetup::new(&stand_in::three(), motor);
+        let rig = WinchSetup::new(&stand_in::three(), motor)?;
         for (k, ends) in moves(&stand_in::TRIANGLE_PATH).into_iter().enumerate() {
             let (line, best) = rig.line_and_best(Distribution::Unique, ends)?;
             let [e, t] = [best.cost.energy_j / line.energy_j, best.cost.duration_s / line.duration_s];
@@ -568,7 +567,7 @@ pub fn table8(_: Effort) -> Result<Section> {
         for (which, (name, motor)) in
             [("ideal", stand_in::ideal()), ("geared", stand_in::geared())].into_iter().enumerate()
         {
-            let rig = WinchSetup::new(&anchors, motor);
+            let rig = WinchSetup::new(&anchors, motor)?;
             // The four sides of the square are equivalent by symmetry.
             let sides = if place == "square" { 1 } else { 4 };
             for (k, ends) in moves(&stand_in::SQUARE_PATH).into_iter().take(sides).enumerate() {

@@ -1,10 +1,12 @@
 //! Typed access to the arguments of a request; errors name the key and the accepted values.
 
 use super::error::SolveError;
+use cable_robot::anchors::LARGEST_RADIUS_M;
 use cable_robot::energy::CurrentTable;
 use cable_robot::kinematics::LONGEST_M;
+use cable_robot::leg::Pulley;
 use cable_robot::motor::Motor;
-use cable_robot::{Distribution, MAX_CABLES, STANDARD_GRAVITY, Vector3};
+use cable_robot::{Anchors, Distribution, MAX_CABLES, STANDARD_GRAVITY, Vector3};
 use serde_json::{Map, Value};
 
 type ArgResult<T> = Result<T, SolveError>;
@@ -18,6 +20,38 @@ pub struct Points {
     pub points: Vec<Vector3<f64>>,
     /// Whether they were given as [x, z].
     pub planar: bool,
+    /// Radius of the pulley at each anchor, m; 0 for an eye.
+    pub radii_m: Vec<f64>,
+}
+
+impl Points {
+    /// Returns the eye or pulley at each point.
+    pub fn pulleys(&self) -> impl Iterator<Item = Pulley> + '_ {
+        let pulley = |(anchor, radius_m): (&Vector3<f64>, &f64)| Pulley {
+            anchor: *anchor,
+            radius_m: *radius_m,
+            planar: self.planar,
+        };
+        self.points.iter().zip(&self.radii_m).map(pulley)
+    }
+
+    /// Returns whether any cable runs over a pulley.
+    pub fn have_pulleys(&self) -> bool {
+        self.radii_m.iter().any(|radius| *radius != 0.0)
+    }
+
+    /// Returns whether there are only as many cables as dimensions.
+    pub fn are_minimal(&self) -> bool {
+        self.points.len() == if self.planar { 2 } else { 3 }
+    }
+
+    /// Returns distinct anchors with their pulleys.
+    pub fn checked(&self) -> ArgResult<Anchors> {
+        let points: Vec<[f64; 3]> = self.points.iter().map(|p| (*p).into()).collect();
+        let anchors = if self.planar { Anchors::in_plane(&points) } else { Anchors::new(&points) };
+        let anchors = anchors.and_then(|anchors| anchors.with_pulleys(&self.radii_m));
+        anchors.map_err(|error| SolveError::invalid(error.to_string()))
+    }
 }
 
 impl<'a> Args<'a> {
@@ -116,9 +150,11 @@ impl<'a> Args<'a> {
         rows.map(row).collect()
     }
 
-    /// Returns anchors [x, y, z], or [x, z] in the plane: at least as many as dimensions, at most eight.
+    /// Returns anchors [x, y, z], or [x, z] in the plane: at least as many as dimensions, at most eight. The optional
+    /// `pulley_radius_m` means what it means in a robot file with `pulley = "swivel"`; also one number for all cables.
     pub fn anchors(&self) -> ArgResult<Points> {
-        let anchors = self.points("anchors_m")?;
+        const KEY: &str = "pulley_radius_m";
+        let mut anchors = self.points("anchors_m")?;
         let least = if anchors.planar { 2 } else { 3 };
         let given = anchors.points.len();
         if !(least..=MAX_CABLES).contains(&given) {
@@ -128,6 +164,13 @@ impl<'a> Args<'a> {
                 &format!("{least} to {MAX_CABLES} points"),
             ));
         }
+        if let Some(value) = self.get(KEY) {
+            anchors.radii_m =
+                if value.is_array() { self.per_cable(KEY, given)? } else { vec![self.number(KEY)?; given] };
+            if let Some(radius) = anchors.radii_m.iter().find(|r| !(0.0..=LARGEST_RADIUS_M).contains(*r)) {
+                return Err(invalid_value(KEY, &radius.to_string(), "radii of 0 (an eye) to 0.5 m"));
+            }
+        }
         Ok(anchors)
     }
 
@@ -135,8 +178,9 @@ impl<'a> Args<'a> {
     pub fn points(&self, key: &str) -> ArgResult<Points> {
         let rows = self.matrix(key)?;
         let planar = rows[0].len() == 2;
-        let points = rows.iter().map(|row| point(key, row, planar)).collect::<ArgResult<_>>()?;
-        Ok(Points { points, planar })
+        let points = rows.iter().map(|row| point(key, row, planar)).collect::<ArgResult<Vec<_>>>()?;
+        let radii_m = vec![0.0; points.len()];
+        Ok(Points { points, planar, radii_m })
     }
 
     /// Returns a point or vector of the given dimension.

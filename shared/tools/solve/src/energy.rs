@@ -1,12 +1,12 @@
 //! Motor currents, paths and the energy of moves.
 
-use super::args::{Args, Points, invalid_value};
+use super::args::{Args, invalid_value};
 use super::error::{OperationResult, SolveError};
 use super::geometry::point_json;
 use super::statics::wrench;
 use cable_robot::energy::{Bounds, Cost, Current, WinchEnergy, parabola as shape};
 use cable_robot::path::Parabola;
-use cable_robot::{Distribution, Vector3, motor};
+use cable_robot::{Anchors, Distribution, Vector3, motor};
 use serde_json::{Value, json};
 
 /// Motor current from the friction model or a measured table.
@@ -63,7 +63,7 @@ pub fn mu_limit(args: &Args) -> OperationResult {
 
 /// Common arguments of the operations on moves.
 struct Move {
-    anchors: Points,
+    anchors: Anchors,
     from: Vector3<f64>,
     to: Vector3<f64>,
     wrench_n: Vector3<f64>,
@@ -76,8 +76,8 @@ struct Move {
 
 impl Move {
     fn new(args: &Args) -> Result<Self, SolveError> {
-        let anchors = args.anchors()?;
-        let planar = anchors.planar;
+        let anchors = args.anchors()?.checked()?;
+        let planar = anchors.is_planar();
         let motor = args.motor()?;
         let current: Box<dyn Current> = match args.table(motor.resistance_ohm)? {
             Some(table) => Box::new(table),
@@ -98,8 +98,7 @@ impl Move {
 
     fn winch_energy(&self) -> WinchEnergy<'_> {
         WinchEnergy {
-            anchors: &self.anchors.points,
-            planar: self.anchors.planar,
+            anchors: &self.anchors,
             wrench_n: self.wrench_n,
             drag_n_s2_m2: 0.0,
             limits_n: self.limits_n,

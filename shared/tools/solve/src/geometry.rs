@@ -3,6 +3,7 @@
 use super::args::{Args, Points, invalid_value};
 use super::error::{OperationResult, SolveError};
 use cable_robot::anchors::on_a_line;
+use cable_robot::leg::Pulley;
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};
 use serde_json::{Value, json};
@@ -19,14 +20,12 @@ fn singular(at: &Vector3<f64>) -> SolveError {
     KinematicsError::Singular { x: at.x, y: at.y, z: at.z }.into()
 }
 
-/// Returns the unit vectors from the anchors to a position: the rows of J.
+/// Returns the unit vectors of the free cables toward a position: the rows of J.
 pub fn directions(anchors: &Points, at: &Vector3<f64>) -> Result<Vec<Vector3<f64>>, SolveError> {
-    let row = |anchor: &Vector3<f64>| {
-        let d = at - anchor;
-        let length = d.norm();
-        if length >= 1e-9 { Ok(d / length) } else { Err(singular(at)) }
+    let row = |(cable, pulley): (usize, Pulley)| {
+        pulley.direction(at).map_err(|why| KinematicsError::of_leg(why, cable, &pulley, at).into())
     };
-    anchors.points.iter().map(row).collect()
+    anchors.pulleys().enumerate().map(row).collect()
 }
 
 /// Returns the structure matrix -Jᵀ from the rows of J.
@@ -50,7 +49,10 @@ pub fn inverse_kinematics(args: &Args) -> OperationResult {
     if !anchors.planar && on_a_line(&anchors.points) {
         return Err(KinematicsError::DegenerateGeometry.into());
     }
-    let lengths: Vec<f64> = anchors.points.iter().map(|anchor| (at - anchor).norm()).collect();
+    if anchors.have_pulleys() {
+        directions(&anchors, &at)?;
+    }
+    let lengths: Vec<f64> = anchors.pulleys().map(|pulley| pulley.length_m(&at)).collect();
     Ok(json!({ "lengths_m": lengths }))
 }
 
@@ -67,7 +69,9 @@ pub fn forward_kinematics(args: &Args) -> OperationResult {
             return Err(KinematicsError::DegenerateGeometry.into());
         }
     }
-    let found = if anchors.planar {
+    let found = if anchors.have_pulleys() {
+        kinematics::forward_kinematics(&anchors.checked()?, &lengths, near.as_ref())?
+    } else if anchors.planar {
         planar::forward_kinematics(&anchors.points, &lengths, near.as_ref())?
     } else {
         let points: Vec<[f64; 3]> = anchors.points.iter().map(|p| (*p).into()).collect();
@@ -77,6 +81,8 @@ pub fn forward_kinematics(args: &Args) -> OperationResult {
     let mut result = json!({ "position_m": point_json(&found.position, anchors.planar) });
     match found.mirror {
         Some(mirror) => result["mirror_m"] = point_json(&mirror, anchors.planar),
+        // Only with pulleys the other position may not exist.
+        None if anchors.are_minimal() => result["mirror_m"] = Value::Null,
         None => result["residual_rms_m"] = json!(found.residual_rms_m),
     }
     Ok(result)

@@ -212,6 +212,35 @@ mod tests {
     }
 
     #[test]
+    fn pulleys_are_those_of_the_robot_model() {
+        use cable_robot::{Anchors, Vector3, kinematics};
+        let text = "[[0,0,3],[9,0,3.1],[4,8,2.9]]";
+        let ask = |op: &str, rest: &str| {
+            answer(&format!(r#"{{"op": "{op}", "anchors_m": {text}, "pulley_radius_m": [0.04, 0, 0.05], {rest}}}"#))
+        };
+        let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.1], [4.0, 8.0, 2.9]]).unwrap();
+        let anchors = anchors.with_pulleys(&[0.04, 0.0, 0.05]).unwrap();
+        let lengths = kinematics::inverse_kinematics(&anchors, &Vector3::new(4.0, 3.0, 1.0));
+        let found = ask("inverse_kinematics", r#""position_m": [4, 3, 1]"#);
+        assert_eq!(found["result"]["lengths_m"], json!(lengths.to_vec()));
+        let back = ask("forward_kinematics", &format!(r#""lengths_m": {}"#, found["result"]["lengths_m"]));
+        let position = back["result"]["position_m"].as_array().unwrap();
+        for (k, expected) in [4.0, 3.0, 1.0].into_iter().enumerate() {
+            assert!((position[k].as_f64().unwrap() - expected).abs() < 1e-9, "{back}");
+        }
+        let rows = ask("jacobian", r#""position_m": [4, 3, 1]"#);
+        let row = kinematics::Jacobian::at(&anchors, &Vector3::new(4.0, 3.0, 1.0)).unwrap()[2];
+        assert_eq!(rows["result"]["cable_jacobian"][2], json!([row.x, row.y, row.z]));
+        for op in ["inverse_kinematics", "jacobian"] {
+            assert_eq!(ask(op, r#""position_m": [0, 0, 1]"#)["error"]["kind"], "singular");
+        }
+        let bad = format!(
+            r#"{{"op": "inverse_kinematics", "anchors_m": {text}, "pulley_radius_m": 40, "position_m": [4, 3, 1]}}"#
+        );
+        assert_eq!(kind(&bad).1, "invalid_argument");
+    }
+
+    #[test]
     fn a_closed_output_ends_the_loop_without_error() {
         struct Closed;
         impl Write for Closed {

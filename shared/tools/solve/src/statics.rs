@@ -21,7 +21,7 @@ pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, SolveError> {
 /// Tensions at a position, (15), (27)-(37).
 pub fn tensions(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
-    let Points { points, planar } = &anchors;
+    let Points { points, planar, .. } = &anchors;
     let at = args.vector("position_m", *planar)?;
     let wrench = wrench(args, *planar)?;
     let method = args.method()?;
@@ -30,7 +30,7 @@ pub fn tensions(args: &Args) -> OperationResult {
     let directions = directions(&anchors, &at)?;
     // Reports a lost rank before the limits are checked.
     structure(&directions, *planar)?.pseudo_inverse()?;
-    let found = tension::hold(points, *planar, &at, &wrench, limits, method)?;
+    let found = tension::hold(&anchors.checked()?, &at, &wrench, limits, method)?;
     let mut result = summary(&found.tensions_n);
     result["margin_n"] = if bounded { json!(margin(&found.tensions_n, limits)) } else { Value::Null };
     if points.len() == 4 && !planar {

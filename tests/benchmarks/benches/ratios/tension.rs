@@ -158,14 +158,13 @@ pub fn run(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
 /// The parabola with the least cost.
 fn parabola(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     let (motor, bounds) = (Motor::default(), Bounds { ground_m: Some(0.0), time_weight_w: 0.0 });
-    let four = ANCHORS_M.map(Vector3::from);
-    let three = LAB_M.map(Vector3::from);
+    let (four, three) = (Anchors::new(&ANCHORS_M)?, Anchors::new(&LAB_M)?);
     let mut group = criterion.benchmark_group("parabola");
     for (name, what, anchors, method, from, to) in [
         (
             "three",
             "optimal parabola, three cables",
-            &three[..],
+            &three,
             Distribution::Unique,
             Vector3::new(3.3, 1.6, 2.2),
             Vector3::new(6.6, 1.9, 2.1),
@@ -173,7 +172,7 @@ fn parabola(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
         (
             "four",
             "optimal parabola, four cables",
-            &four[..],
+            &four,
             Distribution::LeastNorm,
             Vector3::new(2.5, 2.5, 4.0),
             Vector3::new(7.5, 2.5, 4.0),
@@ -181,7 +180,6 @@ fn parabola(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     ] {
         let hoist = WinchEnergy {
             anchors,
-            planar: false,
             wrench_n: weight(),
             drag_n_s2_m2: 0.0,
             limits_n: LIMITS_N,

@@ -128,7 +128,6 @@ pub fn along(robot: &Robot, method: Distribution, path: &Path, profile: &Profile
 fn winch_energy(robot: &Robot, method: Distribution) -> WinchEnergy<'_> {
     WinchEnergy {
         anchors: robot.anchors(),
-        planar: robot.is_planar(),
         wrench_n: robot.wrench_n(&Vector3::zeros()),
         drag_n_s2_m2: robot.drag_n_s2_m2(),
         limits_n: robot.tension_limits_n(),

@@ -7,12 +7,11 @@
 //!
 //! # Example
 //! ```
-//! use cable_robot::{Distribution, Vector3, energy::{Bounds, WinchEnergy}, motor::Motor};
-//! let anchors = [[0.0, 0.0, 3.2], [9.8, 0.0, 3.45], [4.4, 8.0, 3.05]].map(Vector3::from);
+//! use cable_robot::{Anchors, Distribution, Vector3, energy::{Bounds, WinchEnergy}, motor::Motor};
+//! let anchors = Anchors::new(&[[0.0, 0.0, 3.2], [9.8, 0.0, 3.45], [4.4, 8.0, 3.05]])?;
 //! let motor = Motor::default(); // nearly locks itself
 //! let winch_energy = WinchEnergy {
 //!     anchors: &anchors,
-//!     planar: false,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
 //!     drag_n_s2_m2: 0.0,
 //!     limits_n: [1.0, 150.0],
@@ -23,7 +22,7 @@
 //! let found = winch_energy.best_lateral(&from, &to, 0.2, 32, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
 //! let (bow, cost) = found.lateral.expect("such a path costs less than the best parabola here");
 //! assert!(cost.energy_j < found.parabola.cost.energy_j && bow.side_m != [0.0; 3]);
-//! # Ok::<(), cable_robot::energy::EnergyError>(())
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 use nalgebra::Vector3;
@@ -99,7 +98,7 @@ impl WinchEnergy<'_> {
         bounds: &Bounds,
     ) -> Result<BestLateral, EnergyError> {
         let found = self.best_parabola(from, to, speed_m_s, intervals, bounds)?;
-        if self.planar {
+        if self.anchors.is_planar() {
             return Ok(BestLateral::without_bow(found));
         }
         Ok(best(from, to, bounds, found, |bow, precision| {

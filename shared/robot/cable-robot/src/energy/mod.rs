@@ -11,12 +11,11 @@
 //!
 //! # Example
 //! ```
-//! use cable_robot::{Distribution, Vector3, energy::{Bounds, WinchEnergy}, motor::Motor, path::Parabola};
-//! let anchors = [[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]].map(Vector3::from);
+//! use cable_robot::{Anchors, Distribution, Vector3, energy::{Bounds, WinchEnergy}, motor::Motor, path::Parabola};
+//! let anchors = Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]])?;
 //! let motor = Motor::ideal(40.0, 1.2);
 //! let winch_energy = WinchEnergy {
 //!     anchors: &anchors,
-//!     planar: false,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
 //!     drag_n_s2_m2: 0.0,
 //!     limits_n: [1.0, 150.0],
@@ -27,7 +26,7 @@
 //! let best = winch_energy.best_parabola(&from, &to, 0.2, 64, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
 //! let line = best.line.expect("the straight line is possible here");
 //! assert!(best.cost.energy_j < 0.7 * line.energy_j && best.cost.duration_s > line.duration_s);
-//! # Ok::<(), cable_robot::energy::EnergyError>(())
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod current;

@@ -3,12 +3,11 @@
 //! cannot hold within their limits is an [`EnergyError`] with the position.
 //!
 //! ```
-//! use cable_robot::{Distribution, Vector3, energy::WinchEnergy, motor::Motor, path::Parabola};
-//! let anchors = [[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.5, 8.0, 3.0]].map(Vector3::from);
+//! use cable_robot::{Anchors, Distribution, Vector3, energy::WinchEnergy, motor::Motor, path::Parabola};
+//! let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.5, 8.0, 3.0]])?;
 //! let motor = Motor::ideal(40.0, 1.2);
 //! let winch_energy = WinchEnergy {
 //!     anchors: &anchors,
-//!     planar: false,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
 //!     drag_n_s2_m2: 0.0,
 //!     limits_n: [1.0, 150.0],
@@ -21,7 +20,7 @@
 //! // At twice the speed the move takes half the time, and an ideal motor has the same power loss.
 //! let quick = winch_energy.constant_speed(&line, 0.4, 32)?;
 //! assert!((quick.energy_j - 0.5 * cost.energy_j).abs() < 1e-9);
-//! # Ok::<(), cable_robot::energy::EnergyError>(())
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 use nalgebra::Vector3;
@@ -31,7 +30,7 @@ use super::{Current, EnergyError};
 use crate::path::Parabola;
 use crate::profile::Profile;
 use crate::tension::{TensionError, hold, worst_violation};
-use crate::{CableVec, Distribution, Path, Segment};
+use crate::{Anchors, CableVec, Distribution, Path, Segment};
 
 /// Largest number of Simpson intervals; 64 have an error of 3e-6 with the default motor.
 pub const MAX_INTERVALS: usize = 100_000;
@@ -62,10 +61,8 @@ impl Cost {
 
 /// The properties of a robot that determine the cost of its moves.
 pub struct WinchEnergy<'a> {
-    /// Anchor positions, m; with y = 0 for a planar robot.
-    pub anchors: &'a [Vector3<f64>],
-    /// True for a robot in the x-z plane.
-    pub planar: bool,
+    /// Anchors with their pulleys, in space or in the x-z plane.
+    pub anchors: &'a Anchors,
     /// Force that the cables provide at rest, m g less buoyancy, N.
     pub wrench_n: Vector3<f64>,
     /// Drag of the node divided by its squared speed, N s²/m²; 0 in air.
@@ -166,14 +163,19 @@ impl WinchEnergy<'_> {
     ) -> Result<InstantCost, EnergyError> {
         let fail = |why| EnergyError::Tension { x: position.x, y: position.y, z: position.z, why };
         let wrench_n = wrench_n + velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm());
-        let held = hold(self.anchors, self.planar, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
+        let held = hold(self.anchors, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
         if let Some(violation) = worst_violation(&held.tensions_n, self.limits_n) {
             return Err(fail(TensionError::Infeasible(violation)));
         }
         let (mut square, mut peak_a) = (0.0, 0.0f64);
-        for (anchor, tension) in self.anchors.iter().zip(held.tensions_n.iter()) {
-            let line = anchor - position;
-            let reel_in = line.dot(velocity_m_s) / line.norm();
+        for (pulley, tension) in self.anchors.pulleys().zip(held.tensions_n.iter()) {
+            let reel_in = if pulley.radius_m == 0.0 {
+                let line = pulley.anchor - position;
+                line.dot(velocity_m_s) / line.norm()
+            } else {
+                let direction = pulley.direction(position).map_err(|_| fail(TensionError::Singular))?;
+                -direction.dot(velocity_m_s)
+            };
             let current = self.current.current_a(*tension, reel_in)?;
             square += current * current;
             peak_a = peak_a.max(current.abs());

@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::solution::KinematicsError;
 use crate::{Anchors, CableVec, MAX_CABLES, linalg};
 
-/// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector from an anchor to the node; dL/dt = J dX/dt. In
-/// the plane y = 0 it is N x 2: the middle column is 0 and does not count.
+/// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector of a free cable toward the node; dL/dt = J dX/dt.
+/// In the plane y = 0 it is N x 2: the middle column is 0 and does not count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jacobian {
     rows: [Vector3<f64>; MAX_CABLES],
@@ -17,10 +17,16 @@ pub struct Jacobian {
 }
 
 impl Jacobian {
-    /// Computes J at a position. Fails at an anchor, where the direction of the cable is undefined.
+    /// Computes J at a position. Fails where the direction of a cable is undefined: at an anchor, inside the wheel of
+    /// a pulley, and on its axis.
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         let mut rows = [Vector3::zeros(); MAX_CABLES];
-        for (row, anchor) in rows.iter_mut().zip(anchors.iter()) {
+        for (i, (row, anchor)) in rows.iter_mut().zip(anchors.iter()).enumerate() {
+            let pulley = anchors.pulley(i);
+            if pulley.radius_m != 0.0 {
+                *row = pulley.direction(position).map_err(|why| KinematicsError::of_leg(why, i, &pulley, position))?;
+                continue;
+            }
             let mut d = position - anchor;
             if anchors.is_planar() {
                 d.y = 0.0;

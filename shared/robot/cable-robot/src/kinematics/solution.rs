@@ -3,6 +3,8 @@
 use nalgebra::Vector3;
 use thiserror::Error;
 
+use crate::leg::{Pulley, Undefined};
+
 /// Longest accepted length, m; beyond it, squares and their differences lose millimetres.
 pub const LONGEST_M: f64 = 1e5;
 
@@ -49,17 +51,59 @@ pub enum KinematicsError {
         /// z of the position, m.
         z: f64,
     },
+    /// The node is inside the wheel of a pulley.
+    #[error(
+        "the position ({:.3}, {:.3}, {:.3}) m lies inside the wheel of cable {cable}, whose radius is {radius_m} m; move it away from the anchor",
+        position_m[0], position_m[1], position_m[2]
+    )]
+    InsidePulley {
+        /// The cable, counted from 1.
+        cable: usize,
+        /// Radius of the wheel, m.
+        radius_m: f64,
+        /// The position, m.
+        position_m: [f64; 3],
+    },
+    /// The node is on the swivel axis of a pulley, where the direction of the cable is undefined.
+    #[error(
+        "the position ({:.3}, {:.3}, {:.3}) m is singular: it lies on the vertical axis of the pulley of cable {cable}, which may turn to any side; move it sideways",
+        position_m[0], position_m[1], position_m[2]
+    )]
+    OnPulleyAxis {
+        /// The cable, counted from 1.
+        cable: usize,
+        /// The position, m.
+        position_m: [f64; 3],
+    },
+    /// The iteration with pulleys ended without a position.
+    #[error("no position found: the lengths are missed by {residual_m:.3e} m after all iterations; check the lengths")]
+    NotConverged {
+        /// Root mean square of the remaining differences, m.
+        residual_m: f64,
+    },
 }
 
 impl KinematicsError {
-    /// Error kind for programs: `invalid_argument`, `degenerate_geometry`, `unreachable`, `ambiguous` or `singular`.
+    /// Error kind for programs: `invalid_argument`, `degenerate_geometry`, `unreachable`, `ambiguous`, `singular` or
+    /// `not_converged`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::InvalidArgument { .. } | Self::WrongCount { .. } => "invalid_argument",
             Self::DegenerateGeometry => "degenerate_geometry",
             Self::Unreachable { .. } => "unreachable",
             Self::Ambiguous => "ambiguous",
-            Self::Singular { .. } => "singular",
+            Self::Singular { .. } | Self::InsidePulley { .. } | Self::OnPulleyAxis { .. } => "singular",
+            Self::NotConverged { .. } => "not_converged",
+        }
+    }
+
+    /// Creates the error for a cable, counted from 0, that has no direction at a position.
+    pub fn of_leg(why: Undefined, cable: usize, pulley: &Pulley, position: &Vector3<f64>) -> Self {
+        let (cable, position_m, radius_m) = (cable + 1, (*position).into(), pulley.radius_m);
+        match why {
+            Undefined::AtAnchor => Self::singular(position),
+            Undefined::InsidePulley => Self::InsidePulley { cable, radius_m, position_m },
+            Undefined::OnAxis => Self::OnPulleyAxis { cable, position_m },
         }
     }
 
@@ -73,7 +117,8 @@ impl KinematicsError {
 pub struct Forward {
     /// The position, m.
     pub position: Vector3<f64>,
-    /// The other intersection of the spheres; only for three cables.
+    /// The other position with these lengths; only for as many cables as directions. None with pulleys if the other
+    /// position does not exist.
     pub mirror: Option<Vector3<f64>>,
     /// Root mean square of (length at the position - given length), m; 0 for three cables.
     pub residual_rms_m: f64,

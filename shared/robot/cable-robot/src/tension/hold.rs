@@ -4,21 +4,24 @@ use nalgebra::Vector3;
 
 use super::distribution::{TensionError, Tensions, margin};
 use super::general::{self, GeneralStructure};
-use crate::{Distribution, MAX_CABLES, StructureMatrix};
+use crate::{Anchors, Distribution, MAX_CABLES, StructureMatrix};
 
 /// Computes tensions that hold a node at a position, of a spatial robot or of a planar one (anchors and position in the
 /// x-z plane, y = 0). [`Distribution::Unique`] ignores the limits.
 pub fn hold(
-    anchors: &[Vector3<f64>],
-    planar: bool,
+    anchors: &Anchors,
     position: &Vector3<f64>,
     wrench_n: &Vector3<f64>,
     limits_n: [f64; 2],
     method: Distribution,
 ) -> Result<Tensions, TensionError> {
     let mut unit = [Vector3::zeros(); MAX_CABLES];
-    for (u, anchor) in unit.iter_mut().zip(anchors) {
-        let d = anchor - position;
+    for (u, pulley) in unit.iter_mut().zip(anchors.pulleys()) {
+        if pulley.radius_m != 0.0 {
+            *u = -pulley.direction(position).map_err(|_| TensionError::Singular)?;
+            continue;
+        }
+        let d = pulley.anchor - position;
         let length = d.norm();
         // Also true for NaN.
         if !(length >= 1e-9 && length.is_finite()) {
@@ -26,8 +29,8 @@ pub fn hold(
         }
         *u = d / length;
     }
-    let unit = &unit[..anchors.len().min(MAX_CABLES)];
-    if planar {
+    let unit = &unit[..anchors.len()];
+    if anchors.is_planar() {
         return general::distribute(&GeneralStructure::planar(unit), &[wrench_n.x, wrench_n.z], limits_n, method);
     }
     let structure = StructureMatrix::from_columns(unit);

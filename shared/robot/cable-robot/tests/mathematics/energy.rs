@@ -7,7 +7,7 @@ use cable_robot::path::{Parabola, Path};
 use cable_robot::profile::{Profile, ProfileLimits};
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::tension::hold;
-use cable_robot::{Distribution, StructureMatrix, Vector3};
+use cable_robot::{Anchors, Distribution, StructureMatrix, Vector3};
 use proptest::prelude::*;
 
 /// Weight of 2 kg with the g of the reference.
@@ -19,8 +19,8 @@ fn ideal() -> Motor {
 }
 
 /// Anchors on a square of 10 m at a height of 6 m.
-fn square() -> [Vector3<f64>; 4] {
-    [[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]].map(Vector3::from)
+fn square() -> Anchors {
+    Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]]).unwrap()
 }
 
 /// The corners of the square of moves, at a height of 4 m.
@@ -29,14 +29,14 @@ fn corners() -> [Vector3<f64>; 4] {
 }
 
 /// Anchors of a triangle with sides of 9.1, 9.8 and 9.4 m.
-fn triangle() -> [Vector3<f64>; 3] {
+fn triangle() -> Anchors {
     let (d1, d2, d3) = (9.1f64, 9.8f64, 9.4f64);
     let x3 = (d1 * d1 + d2 * d2 - d3 * d3) / (2.0 * d2);
-    [[0.0, 0.0, 3.20], [d2, 0.0, 3.45], [x3, (d1 * d1 - x3 * x3).sqrt(), 3.05]].map(Vector3::from)
+    Anchors::new(&[[0.0, 0.0, 3.20], [d2, 0.0, 3.45], [x3, (d1 * d1 - x3 * x3).sqrt(), 3.05]]).unwrap()
 }
 
-fn winch_energy<'a>(anchors: &'a [Vector3<f64>], method: Distribution, current: &'a dyn Current) -> WinchEnergy<'a> {
-    WinchEnergy { anchors, planar: false, wrench_n: WEIGHT, drag_n_s2_m2: 0.0, limits_n: [1.0, 150.0], method, current }
+fn winch_energy<'a>(anchors: &'a Anchors, method: Distribution, current: &'a dyn Current) -> WinchEnergy<'a> {
+    WinchEnergy { anchors, wrench_n: WEIGHT, drag_n_s2_m2: 0.0, limits_n: [1.0, 150.0], method, current }
 }
 
 fn ratios(best: &Best) -> (f64, f64) {
@@ -104,7 +104,7 @@ fn figures_14_to_16_least_sum_jumps_and_least_norm_does_not() {
     let path = Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.1 };
     let at = |u: f64, method| {
         let position = cable_robot::energy::parabola::at_fraction(&path, u).position;
-        hold(&anchors, false, &position, &WEIGHT, [1.0, 150.0], method).unwrap().tensions_n
+        hold(&anchors, &position, &WEIGHT, [1.0, 150.0], method).unwrap().tensions_n
     };
     let (before, after) = (at(0.5 - 1e-9, Distribution::MinSum), at(0.5 + 1e-9, Distribution::MinSum));
     close((before[0] - after[0]).abs(), 10.2, 1);
@@ -212,7 +212,7 @@ proptest! {
             let along = profile.at((f64::from(i) + 0.5) * step);
             let point = path.at(along.s_m);
             let (v, a) = (point.tangent * along.v_m_s, point.tangent * along.a_m_s2 + point.curvature * along.v_m_s * along.v_m_s);
-            let held = hold(&anchors, false, &point.position, &(WEIGHT + a * 2.0), [1.0, 150.0], Distribution::LeastNorm).unwrap();
+            let held = hold(&anchors, &point.position, &(WEIGHT + a * 2.0), [1.0, 150.0], Distribution::LeastNorm).unwrap();
             for (anchor, tension) in anchors.iter().zip(held.tensions_n.iter()) {
                 let current = motor.current_a(*tension, (anchor - point.position).normalize().dot(&v));
                 energy += motor.resistance_ohm * current * current * step;

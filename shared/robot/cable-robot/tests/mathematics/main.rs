@@ -6,5 +6,6 @@ mod elastic;
 mod energy;
 mod motion;
 mod planar;
+mod pulleys;
 mod tension;
 mod tension_general;

@@ -4,7 +4,7 @@
 
 use cable_robot::tension::general::{self, GeneralStructure};
 use cable_robot::tension::{self, TensionError, margin};
-use cable_robot::{CableVec, Distribution, Vector3};
+use cable_robot::{Anchors, CableVec, Distribution, Vector3};
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 
@@ -121,18 +121,18 @@ fn a_tie_of_sums_gives_the_least_norm() {
 
 #[test]
 fn nims_aq_needs_only_preload_at_rest() {
-    let anchors = [[0.0, 0.0], [12.0, 0.0], [12.0, 5.0], [0.0, 5.0]].map(|[x, z]| Vector3::new(x, 0.0, z));
+    let anchors = Anchors::planar(&[[0.0, 0.0], [12.0, 0.0], [12.0, 5.0], [0.0, 5.0]]).unwrap();
     let at = Vector3::new(4.0, 0.0, 1.5);
-    let rest = tension::hold(&anchors, true, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::LeastNorm).unwrap();
+    let rest = tension::hold(&anchors, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::LeastNorm).unwrap();
     assert!((rest.margin_n).abs() < 1e-9 && rest.tensions_n.max_abs() < 12.0, "{rest:?}");
     // Drag of 20 N against the motion to the right: the right cables carry it.
     let drag = Vector3::new(20.0, 0.0, 0.0);
-    let moving = tension::hold(&anchors, true, &at, &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap().tensions_n;
+    let moving = tension::hold(&anchors, &at, &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap().tensions_n;
     assert!(moving[1] + moving[2] > moving[0] + moving[3] + 15.0, "{moving:?}");
-    let safe = tension::hold(&anchors, true, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::Safest).unwrap();
+    let safe = tension::hold(&anchors, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::Safest).unwrap();
     assert!(safe.margin_n > 15.0, "{safe:?}");
     assert_eq!(
-        tension::hold(&anchors, true, &anchors[1], &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap_err(),
+        tension::hold(&anchors, &anchors[1], &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap_err(),
         TensionError::Singular
     );
 }

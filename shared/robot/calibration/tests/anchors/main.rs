@@ -6,6 +6,7 @@
 mod heights;
 mod joint;
 mod paper;
+mod pulleys;
 mod refusals;
 mod regions;
 mod stand_in;

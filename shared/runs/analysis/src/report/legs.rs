@@ -289,7 +289,6 @@ fn modelled_loss(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
     let method: Distribution = robot.default_distribution();
     let winch_energy = WinchEnergy {
         anchors: robot.anchors(),
-        planar: robot.is_planar(),
         wrench_n: robot.wrench_n(&Vector3::zeros()),
         drag_n_s2_m2: robot.drag_n_s2_m2(),
         limits_n: robot.tension_limits_n(),

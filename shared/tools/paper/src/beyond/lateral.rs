@@ -77,13 +77,12 @@ fn savings(effort: Effort) -> Result<Savings> {
         ("four", &stand_in::UNEVEN[..], &stand_in::SQUARE_PATH[..], Distribution::LeastNorm),
     ];
     for (place, anchors, corners, method) in &rigs {
-        let anchors: Vec<Vector3<f64>> = anchors.iter().map(|a| Vector3::from(*a)).collect();
+        let anchors = cable_robot::Anchors::new(anchors)?;
         for (which, (name, motor)) in
             [("ideal", stand_in::ideal()), ("geared", stand_in::geared())].into_iter().enumerate()
         {
             let winch_energy = WinchEnergy {
                 anchors: &anchors,
-                planar: false,
                 wrench_n: stand_in::weight(),
                 drag_n_s2_m2: 0.0,
                 limits_n: stand_in::LIMITS_N,

@@ -1,0 +1,159 @@
+//! Positions from lengths of cables over pulleys: least squares from the intersections of spheres around eyes.
+//!
+//! A pulley of radius r adds to the straight length between 0.57 r (node at the height of the anchor) and about 3 r
+//! (node below it), so the starting points are within a few radii, and three or four Newton steps suffice.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::solution::{Forward, KinematicsError, LONGEST_M};
+use super::trilateration::{best_pair, choose, fits_worse};
+use crate::{Anchors, CableVec, linalg, planar};
+
+/// Residuals below this share of the longest cable count as zero: spheres that touch miss each other by rounding.
+const EXACT: f64 = 1e-9;
+
+/// Bound of the iteration. It needs many steps only where the lengths have no solution, and in the plane of the
+/// anchors.
+const MAX_ITERATIONS: usize = 60;
+
+/// Largest gradient of a stationary point, m: steps of this size do not matter.
+const STATIONARY_M: f64 = 1e-8;
+
+/// Offset of a starting point without directions, on the axis of a pulley or inside its wheel, m.
+const ASIDE_M: [f64; 3] = [0.011, 0.013, -0.017];
+
+/// Computes the position with these lengths for anchors with pulleys, as [`super::forward_kinematics`] states.
+pub(super) fn forward_kinematics(
+    anchors: &Anchors,
+    lengths_m: &[f64],
+    near: Option<&Vector3<f64>>,
+) -> Result<Forward, KinematicsError> {
+    let n = anchors.len();
+    if lengths_m.len() != n {
+        return Err(KinematicsError::WrongCount { given: lengths_m.len(), cables: n });
+    }
+    if let Some(i) = lengths_m.iter().position(|l| !(0.0..=LONGEST_M).contains(l)) {
+        return Err(KinematicsError::InvalidArgument { what: "length", cable: i + 1, value: lengths_m[i] });
+    }
+    let straight = CableVec::from_fn(n, |i| (lengths_m[i] - anchors.radii_m()[i]).max(0.0));
+    let starts =
+        if anchors.is_planar() { planar::starting_points(anchors, &straight) } else { best_pair(anchors, &straight) };
+    let (first, second) = choose(starts.ok_or(KinematicsError::DegenerateGeometry)?, near)?;
+    if n == anchors.dimensions() {
+        return exact(anchors, lengths_m, [first, second], near);
+    }
+    let rms = |fit: &Fit| (fit.cost / n as f64).sqrt();
+    let mut fit = refine(anchors, lengths_m, first);
+    // Only a position that fits badly can be the mirror image of one that fits clearly better.
+    if !fit.stationary || (near.is_none() && fits_worse(rms(&fit), 0.0, lengths_m)) {
+        let other = refine(anchors, lengths_m, second);
+        if other.stationary && (!fit.stationary || fits_worse(rms(&fit), rms(&other), lengths_m)) {
+            fit = other;
+        }
+    }
+    if !fit.stationary {
+        return Err(KinematicsError::NotConverged { residual_m: rms(&fit) });
+    }
+    Ok(Forward { position: fit.position, mirror: None, residual_rms_m: rms(&fit) })
+}
+
+/// The positions of as many cables as directions from two starting points.
+fn exact(
+    anchors: &Anchors,
+    lengths_m: &[f64],
+    starts: [Vector3<f64>; 2],
+    near: Option<&Vector3<f64>>,
+) -> Result<Forward, KinematicsError> {
+    let rms = |fit: &Fit| (fit.cost / anchors.len() as f64).sqrt();
+    let longest = lengths_m.iter().fold(0.0, |m: f64, l| m.max(*l));
+    let fits = starts.map(|start| refine(anchors, lengths_m, start));
+    let (position, mirror) = match fits.each_ref().map(|fit| rms(fit) <= EXACT * longest) {
+        [true, true] => {
+            let (position, mirror) = choose([fits[0].position, fits[1].position], near)?;
+            (position, Some(mirror))
+        }
+        [true, false] => (fits[0].position, None),
+        [false, true] => (fits[1].position, None),
+        [false, false] => {
+            let residual_m = rms(&fits[0]).min(rms(&fits[1]));
+            return Err(if residual_m.is_finite() && residual_m > 1e3 * EXACT * longest {
+                KinematicsError::Unreachable { shortfall_m: residual_m }
+            } else {
+                KinematicsError::NotConverged { residual_m }
+            });
+        }
+    };
+    Ok(Forward { position, mirror, residual_rms_m: 0.0 })
+}
+
+/// Result of the iteration.
+struct Fit {
+    position: Vector3<f64>,
+    /// Sum of the squared differences of the lengths, m²; infinite without directions.
+    cost: f64,
+    stationary: bool,
+}
+
+/// Differences of the lengths at a position, with their normal equations.
+struct Normal {
+    cost: f64,
+    gradient: Vector3<f64>,
+    matrix: Matrix3<f64>,
+}
+
+impl Normal {
+    /// None where a cable has no direction.
+    fn at(anchors: &Anchors, lengths_m: &[f64], x: &Vector3<f64>) -> Option<Self> {
+        let mut normal = Self { cost: 0.0, gradient: Vector3::zeros(), matrix: Matrix3::zeros() };
+        for (pulley, length_m) in anchors.pulleys().zip(lengths_m) {
+            let leg = pulley.leg(x).ok()?;
+            let u = leg.direction;
+            let off_m = leg.length_m - length_m;
+            normal.cost += off_m * off_m;
+            normal.gradient += u * off_m;
+            normal.matrix += linalg::outer(&u, &u);
+        }
+        if anchors.is_planar() {
+            // The gradient has y = 0, so this keeps the node in the plane.
+            normal.matrix[(1, 1)] += 1.0;
+        }
+        Some(normal)
+    }
+}
+
+/// Levenberg-Marquardt on the sum of the squared differences of the lengths.
+fn refine(anchors: &Anchors, lengths_m: &[f64], start: Vector3<f64>) -> Fit {
+    let mut x = start;
+    let mut now = Normal::at(anchors, lengths_m, &x);
+    if now.is_none() {
+        let [dx, dy, dz] = ASIDE_M;
+        x += Vector3::new(dx, if anchors.is_planar() { 0.0 } else { dy }, dz);
+        now = Normal::at(anchors, lengths_m, &x);
+    }
+    let Some(mut now) = now else { return Fit { position: x, cost: f64::INFINITY, stationary: false } };
+    let mut damping = 1e-12;
+    for _ in 0..MAX_ITERATIONS {
+        let damped = now.matrix + Matrix3::identity() * damping;
+        let Some(step) = linalg::solve_spd(&damped, &now.gradient) else {
+            damping = (damping * 10.0).max(1e-9);
+            continue;
+        };
+        let (next, size) = (x - step, step.norm() / (1.0 + x.norm()));
+        // Near the minimum, rounding hides the decrease of the cost: accept undamped steps.
+        let close = damping <= 1e-9 && size <= 1e-7;
+        match Normal::at(anchors, lengths_m, &next).filter(|there| there.cost <= now.cost || close) {
+            Some(there) => {
+                // The next undamped step would be smaller by its own size per length, or by the residual per length.
+                let done = size <= if damping <= 1e-12 { 1e-9 } else { 1e-14 };
+                (x, now) = (next, there);
+                damping = (damping * 0.1).max(1e-12);
+                if done {
+                    break;
+                }
+            }
+            None if size <= 1e-12 => break,
+            None => damping = (damping * 10.0).max(1e-6),
+        }
+    }
+    Fit { position: x, cost: now.cost, stationary: now.gradient.norm() <= STATIONARY_M }
+}
