@@ -145,8 +145,8 @@ check_links() {
 }
 
 # Lints everything with the oldest toolchain that is promised, `rust-version`, which also proves that it compiles
-# everything. Where rustup cannot provide it, the present toolchain lints; its lint incompatible_msrv then finds what the
-# standard library of the oldest lacks.
+# everything. Where rustup cannot provide it, the present toolchain lints; its lint incompatible_msrv then finds what
+# the standard library of the oldest lacks.
 lint_code() {
     local oldest with=()
     oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
