@@ -3,9 +3,9 @@
 use super::snapshot::{Recording, Snapshot};
 use crate::status::{mission_words, mode_name, position_words};
 use client::state_name;
-use messages::{
-    CONTROLLERS, ControlStatus, ESTIMATORS, Heartbeat, MotorAuthority, ProcessState, SLOT_NAMES, SLOTS, text_of,
-};
+use config::ControlLaw;
+use controller::Law;
+use messages::{CONTROLLERS, ESTIMATORS, Heartbeat, MotorAuthority, ProcessState, SLOT_NAMES, SLOTS, text_of};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -235,7 +235,7 @@ fn control(snapshot: &Snapshot) -> Vec<Line<'static>> {
         if status.is_none() && !in_charge && failure_cause(snapshot, CONTROLLERS, slot).is_empty() {
             continue;
         }
-        let law = status.map_or("empty", |status| law_name(status.law));
+        let law = status.map_or("empty", |status| Law::numbered(status.law).map_or("custom law", ControlLaw::name));
         let words = format!("{law:<14} {}", sentences::verdict_sentence(authority.verdict[slot]));
         lines.push(slot_line(snapshot, CONTROLLERS, slot, name, in_charge, words));
     }
@@ -279,15 +279,6 @@ fn slot_line(
 /// Why a slot was last disqualified; empty if it was not.
 fn failure_cause(snapshot: &Snapshot, role: usize, slot: usize) -> &'static str {
     snapshot.slots.map_or("", |slots| sentences::cause_phrase(role, slots.cause[SLOTS * role + slot]))
-}
-
-fn law_name(law: u8) -> &'static str {
-    match law {
-        ControlStatus::LAW_LQ_ENDPOINT => "lq-endpoint",
-        ControlStatus::LAW_PREVIEW => "preview",
-        ControlStatus::LAW_P_FEEDFORWARD => "p-feedforward",
-        _ => "custom law",
-    }
 }
 
 fn processes(snapshot: &Snapshot) -> Vec<Line<'static>> {

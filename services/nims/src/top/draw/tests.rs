@@ -2,7 +2,7 @@
 
 use super::super::snapshot::{ChannelRow, Scale};
 use super::*;
-use messages::{MotorSlots, MotorState, NodeEstimate, PlanStatus, put_text};
+use messages::{ControlStatus, MotorSlots, MotorState, NodeEstimate, PlanStatus, put_text};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
