@@ -44,10 +44,15 @@ pub(super) fn forward_kinematics(
     }
     let rms = |fit: &Fit| (fit.cost / n as f64).sqrt();
     let mut fit = refine(anchors, lengths_m, first);
-    // Only a position that fits badly can be the mirror image of one that fits clearly better.
-    if !fit.stationary || (near.is_none() && fits_worse(rms(&fit), 0.0, lengths_m)) {
+    // Without a hint, only a position that fits badly can be the mirror image of one that fits clearly better.
+    if !fit.stationary || near.is_some() || fits_worse(rms(&fit), 0.0, lengths_m) {
         let other = refine(anchors, lengths_m, second);
-        if other.stationary && (!fit.stationary || fits_worse(rms(&fit), rms(&other), lengths_m)) {
+        let better = match near {
+            _ if !fit.stationary => true,
+            Some(near) => (other.position - near).norm_squared() < (fit.position - near).norm_squared(),
+            None => fits_worse(rms(&fit), rms(&other), lengths_m),
+        };
+        if other.stationary && better {
             fit = other;
         }
     }
