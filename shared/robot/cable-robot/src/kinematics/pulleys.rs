@@ -12,6 +12,9 @@ use crate::{Anchors, CableVec, linalg, planar};
 /// Residuals below this share of the longest cable count as zero: spheres that touch miss each other by rounding.
 const EXACT: f64 = 1e-9;
 
+/// A position whose residual is below this share of the longest cable has no better mirror image.
+const EXACT_FIT: f64 = 1e-7;
+
 /// Bound of the iteration. It needs many steps only where the lengths have no solution, and in the plane of the
 /// anchors.
 const MAX_ITERATIONS: usize = 60;
@@ -43,14 +46,18 @@ pub(super) fn forward_kinematics(
         return exact(anchors, lengths_m, [first, second], near);
     }
     let rms = |fit: &Fit| (fit.cost / n as f64).sqrt();
+    let longest = lengths_m.iter().fold(0.0, |m: f64, l| m.max(*l));
     let mut fit = refine(anchors, lengths_m, first);
-    // Without a hint, only a position that fits badly can be the mirror image of one that fits clearly better.
-    if !fit.stationary || near.is_some() || fits_worse(rms(&fit), 0.0, lengths_m) {
+    // Near the plane of the anchors the lower starting point may lead to the upper position. Without a hint, a position
+    // that fits exactly is the right one.
+    if !fit.stationary || near.is_some() || rms(&fit) > EXACT_FIT * longest {
         let other = refine(anchors, lengths_m, second);
         let better = match near {
             _ if !fit.stationary => true,
             Some(near) => (other.position - near).norm_squared() < (fit.position - near).norm_squared(),
-            None => fits_worse(rms(&fit), rms(&other), lengths_m),
+            None if fits_worse(rms(&fit), rms(&other), lengths_m) => true,
+            None if fits_worse(rms(&other), rms(&fit), lengths_m) => false,
+            None => other.position.z < fit.position.z,
         };
         if other.stationary && better {
             fit = other;
