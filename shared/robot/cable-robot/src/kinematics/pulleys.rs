@@ -15,6 +15,9 @@ const EXACT: f64 = 1e-9;
 /// A position whose residual is below this share of the longest cable has no better mirror image.
 const EXACT_FIT: f64 = 1e-7;
 
+/// Positions closer than this are one position, m: both starting points led to it.
+const SAME_M: f64 = 1e-3;
+
 /// Bound of the iteration. It needs many steps only where the lengths have no solution, and in the plane of the
 /// anchors.
 const MAX_ITERATIONS: usize = 60;
@@ -51,7 +54,12 @@ pub(super) fn forward_kinematics(
     // Near the plane of the anchors the lower starting point may lead to the upper position. Without a hint, a position
     // that fits exactly is the right one.
     if !fit.stationary || near.is_some() || rms(&fit) > EXACT_FIT * longest {
-        let other = refine(anchors, lengths_m, second);
+        let mut other = refine(anchors, lengths_m, second);
+        if (other.position - fit.position).norm() < SAME_M {
+            let height = anchors.iter().map(|a| a.z).sum::<f64>() / n as f64;
+            let mirror = Vector3::new(fit.position.x, fit.position.y, 2.0 * height - fit.position.z);
+            other = refine(anchors, lengths_m, mirror);
+        }
         let better = match near {
             _ if !fit.stationary => true,
             Some(near) => (other.position - near).norm_squared() < (fit.position - near).norm_squared(),
