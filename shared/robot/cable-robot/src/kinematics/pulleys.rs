@@ -12,6 +12,12 @@ use crate::{Anchors, CableVec, linalg, planar};
 /// Residuals below this share of the longest cable count as zero: spheres that touch miss each other by rounding.
 const EXACT: f64 = 1e-9;
 
+/// A position whose residual is below this share of the longest cable has no better mirror image.
+const EXACT_FIT: f64 = 1e-7;
+
+/// Positions closer than this are one position, m: both starting points led to it.
+const SAME_M: f64 = 1e-3;
+
 /// Bound of the iteration. It needs many steps only where the lengths have no solution, and in the plane of the
 /// anchors.
 const MAX_ITERATIONS: usize = 60;
@@ -43,11 +49,25 @@ pub(super) fn forward_kinematics(
         return exact(anchors, lengths_m, [first, second], near);
     }
     let rms = |fit: &Fit| (fit.cost / n as f64).sqrt();
+    let longest = lengths_m.iter().fold(0.0, |m: f64, l| m.max(*l));
     let mut fit = refine(anchors, lengths_m, first);
-    // Only a position that fits badly can be the mirror image of one that fits clearly better.
-    if !fit.stationary || (near.is_none() && fits_worse(rms(&fit), 0.0, lengths_m)) {
-        let other = refine(anchors, lengths_m, second);
-        if other.stationary && (!fit.stationary || fits_worse(rms(&fit), rms(&other), lengths_m)) {
+    // Near the plane of the anchors the lower starting point may lead to the upper position. Without a hint, a position
+    // that fits exactly is the right one.
+    if !fit.stationary || near.is_some() || rms(&fit) > EXACT_FIT * longest {
+        let mut other = refine(anchors, lengths_m, second);
+        if (other.position - fit.position).norm() < SAME_M {
+            let height = anchors.iter().map(|a| a.z).sum::<f64>() / n as f64;
+            let mirror = Vector3::new(fit.position.x, fit.position.y, 2.0 * height - fit.position.z);
+            other = refine(anchors, lengths_m, mirror);
+        }
+        let better = match near {
+            _ if !fit.stationary => true,
+            Some(near) => (other.position - near).norm_squared() < (fit.position - near).norm_squared(),
+            None if fits_worse(rms(&fit), rms(&other), lengths_m) => true,
+            None if fits_worse(rms(&other), rms(&fit), lengths_m) => false,
+            None => other.position.z < fit.position.z,
+        };
+        if other.stationary && better {
             fit = other;
         }
     }
