@@ -95,8 +95,8 @@ note_ignored_tests() {
     done < <(git grep '#\[ignore = ' -- '*.rs')
 }
 
-# Prints the notes. More repeated live tests than a quiet machine needs are an error: either the machine was too busy for
-# this run to prove anything, or a test depends on luck.
+# Prints the notes. More repeated live tests than a quiet machine needs are an error: either the machine was too busy
+# for this run to prove anything, or a test depends on luck.
 show_notes() {
     local kind count permitted=3
     for kind in "left out" "repeated"; do
