@@ -139,24 +139,25 @@ check_dependencies() {
     fi
 }
 
-# The documentation, with every link in it.
+# The documentation, with every link in it; with the toolchain of the lints, which has checked the dependencies already.
 check_links() {
-    RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --workspace --document-private-items
+    RUSTDOCFLAGS="-D warnings" cargo "${LINT_WITH[@]}" doc --quiet --no-deps --workspace --document-private-items
 }
 
 # Lints everything with the oldest toolchain that is promised, `rust-version`, which also proves that it compiles
 # everything. Where rustup cannot provide it, the present toolchain lints; its lint incompatible_msrv then finds what
 # the standard library of the oldest lacks.
 lint_code() {
-    local oldest with=()
+    local oldest
+    LINT_WITH=()
     oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
-    if cargo "+$oldest" clippy --version >/dev/null 2>&1 ||
+    if cargo "+$oldest" clippy --version >/dev/null 2>&1 || timeout 90 \
         rustup toolchain install "$oldest" --profile minimal --component clippy --no-self-update >/dev/null 2>&1; then
-        with=("+$oldest")
+        LINT_WITH=("+$oldest")
     else
         leave_out "a build with the oldest toolchain, $oldest" "it is not here and rustup cannot install it"
     fi
-    cargo "${with[@]}" clippy --quiet --workspace --all-targets -- -D warnings
+    cargo "${LINT_WITH[@]}" clippy --quiet --workspace --all-targets -- -D warnings
 }
 
 # The workspaces beside the main one.
