@@ -109,6 +109,21 @@ show_notes() {
         give_up "$count live tests were repeated, and a quiet machine needs at most $permitted: see above what the machine did meanwhile, and run this again when nothing else runs"
 }
 
+# Sets LINT_WITH to the oldest toolchain that is promised, `rust-version`: linting everything with it also proves that
+# it compiles everything. Where rustup cannot provide it, the present toolchain lints; its lint incompatible_msrv then
+# finds what the standard library of the oldest lacks.
+need_oldest_toolchain() {
+    local oldest
+    LINT_WITH=()
+    oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    if cargo "+$oldest" clippy --version >/dev/null 2>&1 || timeout 90 \
+        rustup toolchain install "$oldest" --profile minimal --component clippy --no-self-update >/dev/null 2>&1; then
+        LINT_WITH=("+$oldest")
+    else
+        leave_out "a build with the oldest toolchain, $oldest" "it is not here and rustup cannot install it"
+    fi
+}
+
 # Shell and Python: ruff and shellcheck, on every script.
 lint_scripts() {
     local python shell ruff shellcheck
@@ -142,22 +157,6 @@ check_dependencies() {
 # The documentation, with every link in it; with the toolchain of the lints, which has checked the dependencies already.
 check_links() {
     RUSTDOCFLAGS="-D warnings" cargo "${LINT_WITH[@]}" doc --quiet --no-deps --workspace --document-private-items
-}
-
-# Lints everything with the oldest toolchain that is promised, `rust-version`, which also proves that it compiles
-# everything. Where rustup cannot provide it, the present toolchain lints; its lint incompatible_msrv then finds what
-# the standard library of the oldest lacks.
-lint_code() {
-    local oldest
-    LINT_WITH=()
-    oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
-    if cargo "+$oldest" clippy --version >/dev/null 2>&1 || timeout 90 \
-        rustup toolchain install "$oldest" --profile minimal --component clippy --no-self-update >/dev/null 2>&1; then
-        LINT_WITH=("+$oldest")
-    else
-        leave_out "a build with the oldest toolchain, $oldest" "it is not here and rustup cannot install it"
-    fi
-    cargo "${LINT_WITH[@]}" clippy --quiet --workspace --all-targets -- -D warnings
 }
 
 # The workspaces beside the main one.
