@@ -145,10 +145,12 @@ choice! {
 
 choice! {
     /// Kind of the points where the cables leave for the node.
+    #[derive(Default)]
     pub enum PulleyKind {
         /// Pulleys that swivel about the vertical axis through the anchor.
         Swivel = "swivel",
         /// Eyes: the cables leave from the anchors themselves.
+        #[default]
         Eye = "eye",
     }
 }

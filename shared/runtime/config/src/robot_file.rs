@@ -47,7 +47,7 @@ pub struct RobotSection {
     pub anchors_m: Points,
     /// What the cables leave from: `"eye"`, the anchor itself, or `"swivel"`, a pulley that swivels about the vertical
     /// axis through the anchor; the cable enters it from below along this axis.
-    #[serde(default = "default_pulley")]
+    #[serde(default)]
     pub pulley: PulleyKind,
     /// Radius of each pulley to the middle of the cable, m per cable; 0 for a cable through an eye. Only with
     /// `pulley = "swivel"`.
@@ -136,10 +136,6 @@ pub struct SiteSection {
     pub longitude_deg: f64,
     /// Azimuth of the x axis, degrees clockwise from north.
     pub azimuth_deg: f64,
-}
-
-fn default_pulley() -> PulleyKind {
-    PulleyKind::Eye
 }
 
 fn default_length_limits() -> [f64; 2] {
