@@ -1,6 +1,6 @@
 //! Anchor positions of a robot that moves in space or in the plane y = 0.
 
-use std::ops::Deref;
+use std::ops::{Deref, RangeInclusive};
 
 use nalgebra::Vector3;
 
@@ -17,8 +17,8 @@ pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 /// Key of the radii of the pulleys.
 const RADIUS_KEY: &str = "pulley_radius_m";
 
-/// Largest accepted radius of a pulley, m.
-pub const LARGEST_RADIUS_M: f64 = 0.5;
+/// Accepted radii of a pulley, m; 0 is an eye.
+pub const RADII_M: RangeInclusive<f64> = 0.0..=0.5;
 
 /// Anchors closer than this count as one point, m. Pulleys are larger.
 const COINCIDENT_M: f64 = 1e-3;
@@ -109,7 +109,7 @@ impl Anchors {
             let problem = format!("has {} values for {} cables", radii_m.len(), self.len);
             return refuse(RADIUS_KEY, problem, "one radius per cable, in metres");
         }
-        if let Some(i) = radii_m.iter().position(|r| !(0.0..=LARGEST_RADIUS_M).contains(r)) {
+        if let Some(i) = radii_m.iter().position(|r| !RADII_M.contains(r)) {
             let problem = format!("number {} is {}", i + 1, radii_m[i]);
             return refuse(RADIUS_KEY, problem, "radii of 0 (an eye) to 0.5 m");
         }

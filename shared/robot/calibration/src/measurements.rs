@@ -10,7 +10,7 @@ use super::heights::{self, Frame, check_lengths, closed_form, closed_form_with_s
 use super::joint::{DirectHeight, JointInput, Loss, calibrate_joint};
 use super::survey::{Range, Side, survey_network};
 use super::{gps, joint, straight};
-use cable_robot::anchors::LARGEST_RADIUS_M;
+use cable_robot::anchors::RADII_M;
 use cable_robot::{CableVec, MAX_CABLES};
 
 /// Default limit of the standard deviation of every coordinate, m: beyond it the motion of the node would
@@ -229,8 +229,8 @@ fn with_pulleys(measured: &Measurements, method: Method) -> Result<(Calibration,
     if radii_m.len() != measured.cable_count {
         return invalid(format!("{} pulley radii are given for {} cables", radii_m.len(), measured.cable_count));
     }
-    if let Some(r) = radii_m.iter().find(|r| !(0.0..=LARGEST_RADIUS_M).contains(*r)) {
-        return invalid(format!("a pulley radius is {r} m; accepted: 0 (an eye) to {LARGEST_RADIUS_M} m"));
+    if let Some(r) = radii_m.iter().find(|r| !RADII_M.contains(*r)) {
+        return invalid(format!("a pulley radius is {r} m; accepted: 0 (an eye) to {} m", RADII_M.end()));
     }
     let with_lengths = |lengths_m: Vec<CableVec>| Measurements { lengths_m, ..measured.clone() };
     let mut lengths_m: Vec<_> = measured.lengths_m.iter().map(|l| straight::typical(l, radii_m)).collect();

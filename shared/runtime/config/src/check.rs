@@ -6,6 +6,7 @@ use super::{
 };
 use crate::number::number;
 use crate::{DriveFamily, Problem, Slot};
+use cable_robot::anchors::RADII_M;
 use cable_robot::control_bounds::{MAX_LENGTH_GAIN, MAX_PREVIEW, MAX_WINDOW};
 
 /// Longest name, characters: it becomes part of the path of a socket, whose length is limited.
@@ -49,7 +50,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
     }
     for radius in &robot.pulley_radius_m {
         number("robot.pulley_radius_m", *radius, "radii of 0 (an eye) to 0.5 m (are these millimetres?)", |v| {
-            (0.0..=0.5).contains(&v)
+            RADII_M.contains(&v)
         })?;
     }
     limits(robot)?;

@@ -1,7 +1,7 @@
 //! Typed access to the arguments of a request; errors name the key and the accepted values.
 
 use super::error::SolveError;
-use cable_robot::anchors::LARGEST_RADIUS_M;
+use cable_robot::anchors::RADII_M;
 use cable_robot::energy::CurrentTable;
 use cable_robot::kinematics::LONGEST_M;
 use cable_robot::leg::Pulley;
@@ -167,7 +167,7 @@ impl<'a> Args<'a> {
         if let Some(value) = self.get(KEY) {
             anchors.radii_m =
                 if value.is_array() { self.per_cable(KEY, given)? } else { vec![self.number(KEY)?; given] };
-            if let Some(radius) = anchors.radii_m.iter().find(|r| !(0.0..=LARGEST_RADIUS_M).contains(*r)) {
+            if let Some(radius) = anchors.radii_m.iter().find(|r| !RADII_M.contains(*r)) {
                 return Err(invalid_value(KEY, &radius.to_string(), "radii of 0 (an eye) to 0.5 m"));
             }
         }
