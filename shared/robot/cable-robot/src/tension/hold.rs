@@ -17,17 +17,7 @@ pub fn hold(
 ) -> Result<Tensions, TensionError> {
     let mut unit = [Vector3::zeros(); MAX_CABLES];
     for (u, pulley) in unit.iter_mut().zip(anchors.pulleys()) {
-        if pulley.radius_m != 0.0 {
-            *u = -pulley.direction(position).map_err(|_| TensionError::Singular)?;
-            continue;
-        }
-        let d = pulley.anchor - position;
-        let length = d.norm();
-        // Also true for NaN.
-        if !(length >= 1e-9 && length.is_finite()) {
-            return Err(TensionError::Singular);
-        }
-        *u = d / length;
+        *u = -pulley.direction(position).map_err(|_| TensionError::Singular)?;
     }
     let unit = &unit[..anchors.len()];
     if anchors.is_planar() {
