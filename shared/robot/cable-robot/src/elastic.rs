@@ -11,7 +11,8 @@ use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
 use crate::kinematics::{
-    Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, forward_kinematics, inverse_kinematics,
+    Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, check_pulleys, forward_kinematics,
+    inverse_kinematics,
 };
 use crate::leg::Leg;
 use crate::tension::{self, TensionError};
@@ -153,17 +154,21 @@ impl Equilibrium {
     /// percent of the standard deviation, a sixth close below the anchors. If the position was set by the operator and
     /// the lengths were computed from it, the true error is smaller.
     pub fn covariance_by_anchors(&self, robot: &Robot) -> Option<Matrix3<f64>> {
-        let anchors = robot.anchors();
+        robot.anchor_covariance_m2(0, 0)?;
+        // The length depends on the difference of node and anchor only, also over a pulley.
+        let mut units = [Vector3::zeros(); MAX_CABLES];
+        for (unit, pulley) in units.iter_mut().zip(robot.anchors().pulleys()) {
+            *unit = if pulley.radius_m == 0.0 {
+                (self.position - pulley.anchor).normalize()
+            } else {
+                pulley.direction(&self.position).unwrap_or_else(|_| Vector3::zeros())
+            };
+        }
         let mut sum = Matrix3::zeros();
         for (i, column_i) in self.sensitivity.iter().enumerate() {
             for (j, column_j) in self.sensitivity.iter().enumerate() {
                 let between = robot.anchor_covariance_m2(i, j)?;
-                // The length depends on the difference of node and anchor only, also over a pulley.
-                let unit = |k: usize| match anchors.pulley(k) {
-                    pulley if pulley.radius_m == 0.0 => (self.position - pulley.anchor).normalize(),
-                    pulley => pulley.direction(&self.position).unwrap_or_else(|_| Vector3::zeros()),
-                };
-                sum += linalg::outer(column_i, column_j) * unit(i).dot(&(between * unit(j)));
+                sum += linalg::outer(column_i, column_j) * units[i].dot(&(between * units[j]));
             }
         }
         Some(sum)
@@ -324,9 +329,7 @@ impl ElasticCables<'_> {
         let tolerance = 1e-10 * (1.0 + self.wrench.norm()) + 1e-15 * self.stiffness * longest;
         let softest = (0..anchors.len()).fold(f64::INFINITY, |m, i| m.min(self.stiffness / self.total(i)));
         let mut x = start;
-        for (i, pulley) in anchors.pulleys().enumerate().filter(|(_, pulley)| pulley.radius_m != 0.0) {
-            pulley.direction(&x).map_err(|why| KinematicsError::of_leg(why, i, &pulley, &x))?;
-        }
+        check_pulleys(anchors, &x)?;
         let mut now = self.evaluate(&x);
         let mut damping = 0.0;
         let mut iterations = 0;

@@ -35,10 +35,16 @@ pub fn inverse_kinematics(anchors: &Anchors, position: &Vector3<f64>) -> CableVe
 
 /// Like [`inverse_kinematics`], and rejects positions inside a wheel or on the axis of a pulley, m.
 pub fn lengths_at(anchors: &Anchors, position: &Vector3<f64>) -> Result<CableVec, KinematicsError> {
+    check_pulleys(anchors, position)?;
+    Ok(inverse_kinematics(anchors, position))
+}
+
+/// Rejects positions at which the cable over a pulley has no direction; eyes are not checked.
+pub(crate) fn check_pulleys(anchors: &Anchors, position: &Vector3<f64>) -> Result<(), KinematicsError> {
     for (i, pulley) in anchors.pulleys().enumerate().filter(|(_, pulley)| pulley.radius_m != 0.0) {
         pulley.direction(position).map_err(|why| KinematicsError::of_leg(why, i, &pulley, position))?;
     }
-    Ok(inverse_kinematics(anchors, position))
+    Ok(())
 }
 
 /// Computes the position with these lengths: closed form for eyes and as many cables as directions, least squares in
