@@ -169,6 +169,7 @@ impl WinchEnergy<'_> {
         }
         let (mut square, mut peak_a) = (0.0, 0.0f64);
         for (pulley, tension) in self.anchors.pulleys().zip(held.tensions_n.iter()) {
+            // Eyes keep the order of operations that decides the last bit.
             let reel_in = if pulley.radius_m == 0.0 {
                 let line = pulley.anchor - position;
                 line.dot(velocity_m_s) / line.norm()

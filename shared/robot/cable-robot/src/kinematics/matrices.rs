@@ -27,6 +27,7 @@ impl Jacobian {
                 *row = pulley.direction(position).map_err(|why| KinematicsError::of_leg(why, i, &pulley, position))?;
                 continue;
             }
+            // The order of these operations decides the last bit, on which the replay of recorded runs depends.
             let mut d = position - anchor;
             if anchors.is_planar() {
                 d.y = 0.0;
