@@ -13,6 +13,7 @@ mod trilateration;
 
 pub use matrices::{Jacobian, NodeJacobian, StructureMatrix};
 pub use solution::{Forward, KinematicsError, LONGEST_M};
+pub(crate) use trilateration::fits_worse;
 pub use trilateration::{Pair, trilaterate};
 
 use nalgebra::{Matrix3, Vector3};
@@ -98,7 +99,7 @@ fn least_squares(anchors: &Anchors, l: &[f64], near: Option<&Vector3<f64>>) -> R
     let starts = best_pair(anchors, l).ok_or(KinematicsError::DegenerateGeometry)?;
     let found = starts.map(|start| descend(anchors, l, start));
     let rms = found.map(|p| (residuals(anchors, l, &p) / n as f64).sqrt());
-    let fits_worse = |a: f64, b: f64| trilateration::fits_worse(a, b, l);
+    let fits_worse = |a: f64, b: f64| fits_worse(a, b, l);
     let position = match near {
         Some(_) => choose(found, near)?.0,
         None if fits_worse(rms[0], rms[1]) => found[1],

@@ -6,14 +6,11 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use crate::kinematics::{Forward, KinematicsError, LONGEST_M};
-use crate::{CableVec, MAX_CABLES};
+use crate::MAX_CABLES;
+use crate::kinematics::{Forward, KinematicsError, LONGEST_M, fits_worse};
 
 /// Circles that miss each other by this share of the squared length count as touching: rounding.
 const TOUCH_TOLERANCE: f64 = 1e-9;
-
-/// A mirror image whose residual is larger by this share of the length is excluded.
-const MIRROR_TOLERANCE: f64 = 0.003;
 
 /// Bound of the least-squares iteration, which needs about five steps.
 const MAX_ITERATIONS: usize = 50;
@@ -60,10 +57,7 @@ pub fn forward_kinematics(
     let rms = |p: &Vector2<f64>| (squares(flat, lengths_m, p) / n as f64).sqrt();
     let starts = best_pair(flat, lengths_m).ok_or(KinematicsError::DegenerateGeometry)?;
     let found = starts.map(|start| descend(flat, lengths_m, start));
-    let worse = |a: usize, b: usize| {
-        rms(&found[a])
-            > 5.0 * rms(&found[b]) + MIRROR_TOLERANCE * CableVec::from_fn(n, |i| lengths_m[i]).sum() / n as f64
-    };
+    let worse = |a: usize, b: usize| fits_worse(rms(&found[a]), rms(&found[b]), lengths_m);
     let position = match hint {
         None if worse(0, 1) => found[1],
         None if worse(1, 0) => found[0],

@@ -11,7 +11,7 @@ use crate::anchors::COLLINEAR_TOLERANCE;
 const MIRROR_TOLERANCE: f64 = 0.003;
 
 /// True if the residual `a` is so much larger than `b` that its position is excluded.
-pub(super) fn fits_worse(a: f64, b: f64, lengths: &[f64]) -> bool {
+pub(crate) fn fits_worse(a: f64, b: f64, lengths: &[f64]) -> bool {
     let mean_length = lengths.iter().sum::<f64>() / lengths.len() as f64;
     a > 5.0 * b + MIRROR_TOLERANCE * mean_length
 }
