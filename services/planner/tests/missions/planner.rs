@@ -1,6 +1,8 @@
 //! The planner: what it takes, what it refuses, and how a mission goes on.
 
 use cable_robot::energy::{WinchEnergy, flight};
+use cable_robot::motion::Cause;
+use cable_robot::motor::DriveLimits;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{
@@ -8,7 +10,7 @@ use messages::{
     text_of,
 };
 use planner::mission::{Leg, Line, Mission, Parabola, PathShape, Polyline, Spiral};
-use planner::plan::{Plan, SHORTEST_S};
+use planner::plan::{Plan, PlanError, SHORTEST_S};
 use planner::{Inputs, Planner, PlannerConfig, dry_run, requests};
 use proptest::prelude::*;
 use robot_state::Reason;
@@ -576,4 +578,27 @@ fn a_motion_that_is_not_taken_up_says_what_the_controller_lacks() {
         assert_eq!(status.state, PlanStatus::STATE_ABORTED);
         assert!(text_of(&status.reason).contains(says), "{}", text_of(&status.reason));
     }
+}
+
+#[test]
+fn a_speed_beyond_the_motors_is_rejected_with_the_highest_that_can_be_flown() {
+    let drive_limits = DriveLimits { current_a: 5.0, voltage_v: 19.0 };
+    let config = config_of(RobotParts { speed_limit_m_s: 1.0, drive_limits, ..parts() });
+    let mission = |speed_m_s: f64| {
+        Mission::parse(&format!(
+            "name = \"up\"\nspeed_m_s = {speed_m_s}\n[[leg]]\nline = {{ to_m = [3.0, 1.6, 1.8] }}\n"
+        ))
+        .unwrap()
+    };
+    let plan = |speed_m_s| Plan::new(&mission(speed_m_s), &config, Vector3::new(6.0, 3.0, 0.4), 0.0, 1);
+    let Err(PlanError::Refused { leg: 1, refusal, feasible_m_s: Some(feasible_m_s), .. }) = plan(1.0) else {
+        panic!("{:?}", plan(1.0))
+    };
+    let Cause::Voltage { cable, load, limit_v } = refusal.cause else { panic!("{refusal}") };
+    assert!(cable < 3 && limit_v == 19.0 && load.voltage_v.abs() > 19.0, "{refusal}");
+    // At constant speed the motors generate 40 V per m/s.
+    assert!((0.3..0.6).contains(&feasible_m_s), "{feasible_m_s}");
+    plan(feasible_m_s).unwrap();
+    // The advice is accurate to a 128th of the rejected speed.
+    assert!(matches!(plan(feasible_m_s + 0.01), Err(PlanError::Refused { .. })), "{feasible_m_s}");
 }
