@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod answers;
+mod parameter;
 pub mod periods;
 pub mod sentences;
 
