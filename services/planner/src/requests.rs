@@ -8,7 +8,8 @@ use robot_state::answers::detail;
 
 use crate::inputs::Inputs;
 use crate::mission::{Mission, PathShape};
-use crate::planner::{Planner, Refusal};
+use crate::planner::Planner;
+use crate::refusal::Refusal;
 
 /// Carries out one request and returns the answer. A mission is read from its copy in the folder `run`.
 ///

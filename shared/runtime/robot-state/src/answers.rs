@@ -2,18 +2,19 @@
 //! parameters and its English sentence.
 //!
 //! A process answers with a [`Reason`]. The sample on `operator/request` carries its number, its parameters and the
-//! sentence, so that a program acts on the number and an analyst reads the sentence in the run. Numbers are never
-//! reused. Reasons of motor-io are typed throughout. Where a refusal is made from an error of a library (a plan that
-//! breaks a limit, a process that does not start), the number names the class and the text parameter `why` holds the
-//! error's own sentence.
+//! sentence, so that a program acts on the number and an analyst reads the sentence in the run. `plan/status` carries
+//! the reason for which a mission was refused or ended in the same way. Numbers are never reused, and a reason whose
+//! parameters change gets a new number. Where a refusal is made from an error of a library (a mission file that cannot
+//! be parsed, a process that does not start), the text parameter `why` holds the error's own sentence.
 
 use std::fmt::{self, Display, Formatter};
 
 use messages::faults::Faults;
-use messages::{OperatorRequest, RequestAnswer, Slot, SlotRole, put_sentence};
+use messages::{MotorAuthority, OperatorRequest, PlanStatus, RequestAnswer, Slot, SlotRole, put_sentence};
 
 use crate::parameter::{Parameter, Reader, Writer};
 use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
+use crate::stop::Stop;
 
 pub use crate::parameter::{Detail, detail};
 
@@ -231,18 +232,19 @@ answers! {
     216 RequesterTimedOut REFUSED, "not started: the request timed out while the motion was being planned; request it again, or fly a shorter mission";
     220 CopyUnusable { why: Detail } BAD_INPUT, "{why}";
     221 MissionInvalid { why: Detail } BAD_INPUT, "{why}";
-    230 PlanLimit { why: Detail } BAD_INPUT, "{why}";
-    231 PlanTooFast { why: Detail } BAD_INPUT, "{why}";
-    232 PlanTooHard { why: Detail } BAD_INPUT, "{why}";
-    233 PlanPath { why: Detail } BAD_INPUT, "{why}";
-    234 PlanProfile { why: Detail } BAD_INPUT, "{why}";
-    235 PlanPoint { why: Detail } BAD_INPUT, "{why}";
-    236 PlanEnergy { why: Detail } BAD_INPUT, "{why}";
-    237 PlanPattern { why: Detail } BAD_INPUT, "{why}";
-    238 PlanTooLong { why: Detail } BAD_INPUT, "{why}";
-    239 PlanOther { why: Detail } REFUSED, "{why}";
-    240 AlreadyThere { why: Detail } REFUSED, "{why}";
-    241 NoStart { why: Detail } REFUSED, "{why}";
+    // 230 to 241 held these classes without their parameters
+    250 PlanLimit { leg: usize, segment: Detail, why: Detail } BAD_INPUT, "leg {leg}{segment}: {why}";
+    251 PlanTooFast { leg: usize, speed_m_s: f64, limit_m_s: f64 } BAD_INPUT, "leg {leg} asks for {speed_m_s} m/s, above the robot's speed_limit_m_s of {limit_m_s} m/s; ask for less";
+    252 PlanTooHard { asked_m_s2: f64, limit_m_s2: f64 } BAD_INPUT, "the mission asks for {asked_m_s2} m/s², above the robot's acceleration_limit_m_s2 of {limit_m_s2} m/s²; ask for less";
+    253 PlanPath { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    254 PlanProfile { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    255 PlanPoint { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    256 PlanEnergy { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: no path that saves energy can be flown: {why}";
+    257 PlanPattern { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    258 PlanTooLong { most: usize } BAD_INPUT, "the mission has more than {most} segments; split it into several missions";
+    259 PlanOther REFUSED, "the rest of the mission is unknown: the robot or the planner was configured otherwise when it began; run it from the beginning";
+    260 AlreadyThere REFUSED, "the node is already there";
+    261 NoStart { position_m: [f64; 3] } REFUSED, "the position of the node is not known ({} {} {}); set it with nims zero --at x,y,z", position_m[0], position_m[1], position_m[2];
 
     // supervisor
     300 ProcessStarts { process: Detail } ACCEPTED, "starting {process}";
@@ -261,6 +263,26 @@ answers! {
     400 FaultDone { fault: Detail } ACCEPTED, "done: {fault}";
     401 FaultRefused { why: Detail } REFUSED, "{why}";
     402 FaultInvalid { why: Detail } BAD_INPUT, "{why}";
+
+    // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
+    // with the reason of that limit.
+    500 LeftUnfinished { mission: Detail } REFUSED, "mission \"{mission}\" was left unfinished; nims run with --continue flies the rest";
+    501 EndedByEmergencyStop { faults: Faults } REFUSED, "{}", Stop { what: "emergency stop", faults, which: MotorAuthority::FAULT_EMERGENCY_INPUT };
+    502 EndedByFault { faults: Faults } REFUSED, "{}", Stop { what: "a fault stopped the robot", faults, which: u32::MAX };
+    503 EndedByDisarm REFUSED, "the robot was disarmed";
+    504 EndedByRestart REFUSED, "motor-io was restarted";
+    505 EndedAfterFault { faults: Faults } REFUSED, "{}", Stop { what: "the robot was stopped after this", faults, which: u32::MAX };
+    506 EndedByStop REFUSED, "the robot was stopped";
+    510 EndedWithoutMap { map: Detail, within_s: f64 } REFUSED, "no map \"{map}\" came for the adaptive leg within {within_s:.0} s; is the sensor-logger running, and is there a map of that name? See nims channel list";
+    511 EndedOffStart REFUSED, "the position of the node by motor-io differs from the estimate, so the motion was not started; see nims status, restart the estimator, and try again";
+    512 EndedNotTakenUp { within_s: f64 } REFUSED, "the motion was not taken up within {within_s:.0} s; is the controller running? See nims status";
+    513 EndedCommandsRefused { within_s: f64 } REFUSED, "the motion was not taken up within {within_s:.0} s, because the controller sent NaN or commands far beyond the limits; swap to another controller, then start a new motion";
+}
+
+/// A sentence of the catalogue without its cure, which follows the first semicolon.
+#[must_use]
+pub fn without_cure(sentence: &str) -> &str {
+    sentence.split_once("; ").map_or(sentence, |(clause, _)| clause)
 }
 
 impl Reason {
@@ -285,12 +307,28 @@ impl Reason {
         answer
     }
 
+    /// The sentence without its cure: see [`without_cure`].
+    #[must_use]
+    pub fn clause(&self) -> String {
+        without_cure(&self.to_string()).to_owned()
+    }
+
     /// The reason of a recorded answer; `None` for a number that this program does not know, or an unanswered request.
     /// A text parameter longer than its field comes back shortened.
     #[must_use]
     pub fn of(request: &OperatorRequest) -> Option<Self> {
-        let answer = request.recorded_answer()?;
-        Self::take(answer.reason, &mut Reader::new(&answer))
+        Self::recorded(&request.recorded_answer()?)
+    }
+
+    /// The reason for which a mission was refused or ended, in the same way; `None` also in a run of an earlier
+    /// version, which has the sentence alone.
+    #[must_use]
+    pub fn of_plan(status: &PlanStatus) -> Option<Self> {
+        Self::recorded(&status.recorded_reason()?)
+    }
+
+    fn recorded(answer: &RequestAnswer) -> Option<Self> {
+        Self::take(answer.reason, &mut Reader::new(answer))
     }
 }
 
@@ -309,6 +347,11 @@ mod tests {
             assert_eq!(Reason::of(&request), Some(reason));
             assert_eq!(text_of(&request.answer), reason.to_string());
             assert_eq!((request.accepted, request.reason), (reason.accepted(), reason.code()));
+            let mut status = PlanStatus::default();
+            status.put_reason(&answer);
+            assert_eq!(Reason::of_plan(&status), Some(reason));
+            status.put_reason(&RequestAnswer::default());
+            assert_eq!(status, PlanStatus::default());
             let mut copy = answer;
             let mut writer = Writer::new(&mut copy);
             reason.put(&mut writer);
