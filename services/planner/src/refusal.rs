@@ -1,6 +1,5 @@
 //! Refusals of the planner, each with its reason in the catalogue of answers.
 
-use messages::OperatorRequest;
 use robot_state::Reason;
 use robot_state::answers::detail;
 use thiserror::Error;
@@ -36,7 +35,7 @@ impl Refusal {
     /// Returns whether this robot cannot carry out the request in any state.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
-        self.reason().accepted() == OperatorRequest::BAD_INPUT
+        self.reason().is_bad_input()
     }
 }
 

@@ -54,6 +54,24 @@ impl Display for Later {
     }
 }
 
+/// A value of a key; an empty one was not given.
+struct OrNone<'a>(&'a str);
+
+impl Display for OrNone<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.0.is_empty() { "not given" } else { self.0 })
+    }
+}
+
+/// The other cure where a process has slots.
+struct OrSwap(Option<SlotRole>);
+
+impl Display for OrSwap {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |role| write!(f, ", or swap it for another with `nims swap {}`", role_name(role)))
+    }
+}
+
 fn role_name(role: SlotRole) -> &'static str {
     ROLE_NAMES[role.index()]
 }
@@ -255,9 +273,34 @@ answers! {
     305 ProcessSucceeds { process: Detail } ACCEPTED, "starting the new {process} beside the running one, until it has published its first sample";
     306 ProcessStays { process: Detail } ACCEPTED, "{process} is not started again";
     307 ProcessUnplugged { process: Detail } ACCEPTED, "{process} is unplugged";
-    308 ParameterSet { what: Detail } ACCEPTED, "{what}";
-    320 SupervisorRefuses { why: Detail } REFUSED, "{why}";
-    321 SupervisorBadInput { why: Detail } BAD_INPUT, "{why}";
+    // 308, 320 and 321 held sentences alone
+    309 ParameterUnchanged { key: Detail, value: Detail } ACCEPTED, "{key} is {value} already";
+    310 ParameterChanged { cycle: u64, key: Detail, value: Detail, before: Detail } ACCEPTED, "{key} is {value} from cycle {cycle} on (before: {}), in every {}, until this run ends", OrNone(before), key.split('.').next().unwrap_or_default();
+    324 UnknownProcess { process: Detail, known: Detail } BAD_INPUT, "there is no process \"{process}\" here; there are {known}";
+    325 NameTaken { process: Detail } BAD_INPUT, "the name \"{process}\" is taken; choose another, or see `nims status`";
+    326 NameRuns { process: Detail } BAD_INPUT, "the name \"{process}\" is taken; choose another, or unplug that process first, or put this one in its place with --replace";
+    327 NameInvalid { process: Detail, most: usize } BAD_INPUT, "the name \"{process}\" cannot be used; accepted: 1 to {most} of a-z, 0-9 and `-`";
+    328 CommandEmpty { process: Detail } BAD_INPUT, "the command of process \"{process}\" is empty; give a program and its arguments";
+    329 ProgramIsFolder { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": {program} is a folder; name a program";
+    330 NoProgram { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": there is no program {program}{}", if program.contains('/') { "" } else { ", neither in the folder of nims nor in PATH" };
+    331 NotBuilt { program: Detail } REFUSED, "there is no program {program}: build all of them with `cargo build --workspace`";
+    332 OwnPathUnknown { why: Detail } REFUSED, "{why}";
+    333 LawUnknown { why: Detail } BAD_INPUT, "{why}";
+    340 NotPluggable { process: Detail, role: Detail } BAD_INPUT, "{process} is the robot's {role}, which cannot be unplugged; `nims stop-process {process}` ends it";
+    341 InOtherSlot { process: Detail, slot: Slot, given: Slot } BAD_INPUT, "{process} is in slot {}, not {}", slot.name(), given.name();
+    342 HasOwnLaw { process: Detail } BAD_INPUT, "the process \"{process}\" of the system file has its own law; leave out the law of the request";
+    343 NoSlotNoLaw { process: Detail } BAD_INPUT, "{process} has no slot and no law; only controllers and estimators have them";
+    344 NoMotorBox BAD_INPUT, "this system has real drives and no virtual motor box";
+    345 SlotsTaken { role: SlotRole } REFUSED, "both slots of the role {0} are taken: first stop the one that is not in charge, with `nims stop-process {0}` or `nims stop-process {0}-b`", role_name(*role);
+    346 ProcessRuns { process: Detail, pid: u32 } REFUSED, "{process} runs already (process {pid}); `nims restart {process}` ends it first";
+    347 ProcessRunsNot { process: Detail } REFUSED, "{process} does not run";
+    348 ProcessEndsAlready { process: Detail } REFUSED, "{process} is ending already";
+    349 ProcessNeeded { process: Detail, role: Option<SlotRole> } REFUSED, "the robot moves and needs {process}: hold first with `nims hold`{}", OrSwap(*role);
+    350 ProcessSucceeded { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new one has said something or is given up, which takes {within_s:.0} s at most";
+    351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{why}";
+    352 SupervisorBus { why: Detail } REFUSED, "{why}";
+    360 ParameterInvalid { key: Detail, why: Detail } BAD_INPUT, "{why}";
+    361 ParameterNotRecorded { key: Detail, before: Detail, why: Detail } REFUSED, "{key} stays {before}, because the change cannot be recorded: {why}";
 
     // faults on request
     400 FaultDone { fault: Detail } ACCEPTED, "done: {fault}";
@@ -290,6 +333,12 @@ impl Reason {
     #[must_use]
     pub fn is_accepted(&self) -> bool {
         self.accepted() == OperatorRequest::ACCEPTED
+    }
+
+    /// True where what was given makes no sense here, whenever it is requested.
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        self.accepted() == OperatorRequest::BAD_INPUT
     }
 
     /// The sentence, in a fixed place.
