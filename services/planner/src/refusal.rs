@@ -1,5 +1,6 @@
 //! Refusals of the planner, each with its reason in the catalogue of answers.
 
+use config::MissionCopyError;
 use robot_state::Reason;
 use robot_state::answers::detail;
 use thiserror::Error;
@@ -27,7 +28,7 @@ impl Refusal {
     pub fn reason(&self) -> Reason {
         match self {
             Self::NotReady(reason) => **reason,
-            Self::Mission(error) => Reason::MissionInvalid { why: detail(error) },
+            Self::Mission(error) => of_mission_error(error),
             Self::Plan(error) => of_plan_error(error),
         }
     }
@@ -36,6 +37,28 @@ impl Refusal {
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         self.reason().is_bad_input()
+    }
+}
+
+/// Returns the reason for which a mission is invalid.
+pub(crate) fn of_mission_error(error: &MissionError) -> Reason {
+    let why = detail(error);
+    match *error {
+        MissionError::Value { leg, key, .. } => Reason::MissionValue { leg, key: detail(key), why },
+        MissionError::Malformed(_) | MissionError::Unreadable { .. } => Reason::MissionInvalid { why },
+    }
+}
+
+/// Returns the reason for which the copy of a mission cannot be used.
+pub(crate) fn of_copy_error(error: &MissionCopyError) -> Reason {
+    match error {
+        MissionCopyError::OtherContent { path } => Reason::CopyChanged { copy: detail(path.display()) },
+        MissionCopyError::Unreadable { path, why } => {
+            Reason::CopyUnreadable { copy: detail(path.display()), why: detail(why) }
+        }
+        MissionCopyError::NotStored { path, why } => {
+            Reason::CopyUnreadable { copy: detail(path.display()), why: detail(why) }
+        }
     }
 }
 

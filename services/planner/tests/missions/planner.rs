@@ -455,33 +455,43 @@ fn requests_are_answered() {
     unknown.body.verb = 99;
     let mut no_path = there(GotoPath::Line);
     no_path.body.path = 7;
-    for (request, accepted, says) in [
-        (run(short), OperatorRequest::ACCEPTED, "short"),
-        (run("name = 3\n"), OperatorRequest::BAD_INPUT, "line 1"),
-        (missing, OperatorRequest::BAD_INPUT, "request the mission again"),
-        (goto([5.0, 3.0, 0.4], None, GotoPath::Line), OperatorRequest::ACCEPTED, "accepted"),
-        (there(parabola(Some(0.2))), OperatorRequest::ACCEPTED, "accepted"),
-        (there(parabola(None)), OperatorRequest::ACCEPTED, "accepted"),
-        (there(GotoPath::Lateral), OperatorRequest::ACCEPTED, "accepted"),
-        (there(parabola(Some(f64::NAN))), OperatorRequest::BAD_INPUT, "mu"),
-        (no_path, OperatorRequest::BAD_INPUT, "path is 7"),
-        (goto([5.0, 3.0, 0.4], Some(-0.1), GotoPath::Line), OperatorRequest::BAD_INPUT, "speed_m_s"),
-        (goto([f64::NAN, 3.0, 0.4], None, GotoPath::Line), OperatorRequest::BAD_INPUT, "to_m"),
-        (goto([50.0, 3.0, 0.4], None, GotoPath::Line), OperatorRequest::BAD_INPUT, "cable"),
-        (Request::Arm.encode().unwrap(), OperatorRequest::BAD_INPUT, "another process"),
-        (unknown, OperatorRequest::BAD_INPUT, "99"),
+    let motor_io = Request::Arm.encode().unwrap();
+    let refused = |request: &OperatorRequest| {
+        requests::answer(&mut Planner::new(config()), request, || true, folder.path(), &world.seen())
+    };
+    for request in [
+        run(short),
+        goto([5.0, 3.0, 0.4], None, GotoPath::Line),
+        there(parabola(Some(0.2))),
+        there(parabola(None)),
+        there(GotoPath::Lateral),
     ] {
-        let mut planner = Planner::new(config());
-        let reason = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
-        assert!(reason.accepted() == accepted && reason.sentence().contains(says), "{says:?}: {reason:?}");
+        assert!(matches!(refused(&request), Reason::Planned { continues: false, .. }), "{}", refused(&request));
     }
+    let of_key = |request: &OperatorRequest| match refused(request) {
+        Reason::MissionValue { leg, key, why } => {
+            assert!(why.contains(key.as_str()), "{why}");
+            (leg, key.to_string())
+        }
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(of_key(&there(parabola(Some(f64::NAN)))), (Some(1), "mu_per_m".to_owned()));
+    assert_eq!(of_key(&goto([5.0, 3.0, 0.4], Some(-0.1), GotoPath::Line)), (Some(1), "speed_m_s".to_owned()));
+    assert_eq!(of_key(&goto([f64::NAN, 3.0, 0.4], None, GotoPath::Line)), (Some(1), "to_m".to_owned()));
+    let line_1 = refused(&run("name = 3\n"));
+    assert!(matches!(&line_1, Reason::MissionInvalid { why } if why.contains("line 1")), "{line_1}");
+    assert!(matches!(refused(&missing), Reason::CopyUnreadable { .. }));
+    assert!(matches!(&refused(&no_path), Reason::Undecodable { why } if why.contains("path is 7")));
+    assert!(matches!(&refused(&unknown), Reason::Undecodable { why } if why.contains("99")));
+    assert!(matches!(refused(&goto([50.0, 3.0, 0.4], None, GotoPath::Line)), Reason::PlanLimit { leg: 1, .. }));
+    assert_eq!(refused(&motor_io), Reason::OtherProcess { takes: detail("goto and run") });
     // A copy that was changed after the request is not flown.
     let request = run(short);
     let copy = config::mission_copy(folder.path(), &request.hash);
     std::fs::write(copy, short.replace("0.4", "0.9")).unwrap();
     let mut planner = Planner::new(config());
     let reason = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
-    assert!(matches!(reason, Reason::CopyUnusable { .. }) && reason.sentence().contains("SHA-256"), "{reason:?}");
+    assert!(matches!(reason, Reason::CopyChanged { .. }), "{reason:?}");
     assert_eq!(planner.step(&world.seen()).0.motion, 0);
     // A motion whose requester has timed out is not started.
     let mut planner = Planner::new(config());

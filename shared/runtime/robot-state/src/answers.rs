@@ -230,7 +230,7 @@ answers! {
     145 Admitted { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} is admitted again; it qualifies from the beginning.", role_name(*role), slot.name();
     146 NotQuarantined { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} was not quarantined.", role_name(*role), slot.name();
 
-    // planner
+    // planner; 220 held the sentence alone
     200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} segments, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "goes on" } else { "accepted" }, Energy(*energy_j), Later(*later, *energy_j);
     201 MotorIoAbsent REFUSED, "motor-io does not answer; start the robot with nims up";
     202 MissionPaused { mission: Detail } REFUSED, "mission \"{mission}\" is paused; resume it with nims resume, or give it up with nims stop";
@@ -248,8 +248,10 @@ answers! {
     214 MissionChanged { mission: Detail } REFUSED, "mission \"{mission}\" was changed since it was begun; run it from its beginning, without --continue";
     215 MissionDone { mission: Detail } REFUSED, "mission \"{mission}\" is done; nothing is left of it, run it without --continue";
     216 RequesterTimedOut REFUSED, "not started: the request timed out while the motion was being planned; request it again, or fly a shorter mission";
-    220 CopyUnusable { why: Detail } BAD_INPUT, "{why}";
     221 MissionInvalid { why: Detail } BAD_INPUT, "{why}";
+    222 CopyUnreadable { copy: Detail, why: Detail } BAD_INPUT, "the copy {copy} of the mission cannot be read: {why}; request the mission again";
+    223 CopyChanged { copy: Detail } BAD_INPUT, "{copy} is not the mission that was requested: its SHA-256 differs; request the mission again";
+    224 MissionValue { leg: Option<usize>, key: Detail, why: Detail } BAD_INPUT, "{why}";
     // 230 to 241 held these classes without their parameters
     250 PlanLimit { leg: usize, segment: Detail, why: Detail } BAD_INPUT, "leg {leg}{segment}: {why}";
     251 PlanTooFast { leg: usize, speed_m_s: f64, limit_m_s: f64 } BAD_INPUT, "leg {leg} asks for {speed_m_s} m/s, above the robot's speed_limit_m_s of {limit_m_s} m/s; ask for less";
