@@ -1,11 +1,10 @@
 //! Assessment of a run in one sentence, with a grade.
 
-use super::events::fault_clause;
 use super::gather::{Mission, RunData};
 use crate::runs::ENDS;
 use messages::{MotorAuthority, PlanStatus};
 use robot_state::answers::without_cure;
-use robot_state::sentences::faults_of;
+use robot_state::sentences::fault_clauses;
 use robot_state::{Periods, Reason};
 use runlog::{FileReport, RunReport};
 use serde::Serialize;
@@ -198,7 +197,7 @@ fn cause(run: &RunData, mission: &Mission) -> Option<String> {
 
 /// Returns the clause of the first fault of a cycle.
 fn current_fault(authority: &MotorAuthority) -> Option<String> {
-    faults_of(authority).first().map(|sentence| fault_clause(sentence))
+    fault_clauses(authority).into_iter().next()
 }
 
 /// Describes a mission that was neither completed nor aborted.
@@ -359,7 +358,6 @@ mod tests {
     use crate::report::gather::blank;
     use crate::runs::tests::whole_file as file;
     use messages::{ProcessState, put_text};
-    use robot_state::sentences::fault_sentences;
     use runlog::ChannelReport;
 
     /// A run with a mission at 43 % and a robot in `mode`.
@@ -385,7 +383,7 @@ mod tests {
     }
 
     fn clause_of(fault: u32) -> String {
-        fault_clause(&fault_sentences(fault).next().unwrap())
+        fault_clauses(&MotorAuthority { faults: fault, ..MotorAuthority::default() }).remove(0)
     }
 
     fn grade_of(run: &RunData, parts: &[&str]) -> Grade {
