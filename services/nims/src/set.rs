@@ -4,10 +4,10 @@ use command::{Answer, Failure, Output};
 
 use bus::{Bus, Subscriber, clock};
 use commissioning::check;
-use config::{EstimatorSection, RobotFile, Role, Slot, SystemFile, TUNABLE, Tuned};
+use config::{EstimatorSection, RobotFile, Role, SystemFile, TUNABLE, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
-use messages::{ProcessState, Request, SystemConfig, text_of};
+use messages::{ProcessState, Request, Slot, SystemConfig, text_of};
 use runtime::TUNED_CHANNEL;
 use serde_json::json;
 use std::collections::BTreeMap;

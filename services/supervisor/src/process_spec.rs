@@ -2,7 +2,8 @@
 
 use super::restarts::Policy;
 use command::{Answer, Failure};
-use config::{ProcessSection, Role, Slot, SystemFile};
+use config::{ProcessSection, Role, SystemFile};
+use messages::Slot;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};

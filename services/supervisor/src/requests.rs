@@ -8,8 +8,8 @@ use super::restarts::Restarts;
 use bus::{Server, clock};
 use client::SUPERVISOR;
 use command::{Answer, Failure};
-use config::{Role, Slot};
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request};
+use config::Role;
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::Path;
@@ -50,7 +50,7 @@ impl Supervisor {
     fn carry_out(&mut self, request: &Request) -> Answer<Reason> {
         match request {
             Request::StartProcess { name, slot, law } => {
-                let member = self.which(name, slot.map(Slot::from), law.as_deref())?;
+                let member = self.which(name, *slot, law.as_deref())?;
                 self.begin(&member)
             }
             Request::StopProcess { name } => self.stop_one(name, Then::Stay),

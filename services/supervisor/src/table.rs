@@ -5,8 +5,8 @@ use super::child::Child;
 use super::cures::{LossState, cure};
 use bus::clock;
 use command::Answer;
-use config::{ProcessSection, Role, Slot};
-use messages::{ProcessState, put_sentence, put_text};
+use config::{ProcessSection, Role};
+use messages::{ProcessState, Slot, put_sentence, put_text};
 use std::os::unix::process::ExitStatusExt;
 
 /// Period of the table, ns.

@@ -17,7 +17,7 @@ use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLES, SEATS, SLOTS,
     same_life,
 };
-use role::{Phase, Refusal, Reply, Report, Role, Slot, Times};
+use role::{Phase, Refusal, Reply, Report, Role, SlotState, Times};
 
 /// Multiple of the speed limit beyond which a command is wrong and not just saturated.
 const ABSURD: f64 = 4.0;
@@ -334,7 +334,7 @@ impl Arbiter {
 
     /// State of a slot of a role.
     #[must_use]
-    pub fn slot(&self, role: usize, slot: usize) -> &Slot {
+    pub fn slot(&self, role: usize, slot: usize) -> &SlotState {
         self.roles[role].slot(slot)
     }
 

@@ -5,9 +5,10 @@ use super::{
     SystemFile, UnitSection,
 };
 use crate::number::number;
-use crate::{DriveFamily, Problem, Slot};
+use crate::{DriveFamily, Problem};
 use cable_robot::anchors::RADII_M;
 use cable_robot::control_bounds::{MAX_LENGTH_GAIN, MAX_PREVIEW, MAX_WINDOW};
+use messages::Slot;
 
 /// Longest name, characters: it becomes part of the path of a socket, whose length is limited.
 const NAME_MAX: usize = 16;

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use bus::clock::now_ns;
 use bus::{Bus, BusError, Domain, Party, Publisher, Waiter, Wake};
-use messages::{Heartbeat, Message, put_text};
+use messages::{Heartbeat, Message, Slot, put_text};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
 
@@ -24,7 +24,6 @@ use crate::realtime;
 use crate::timing::Timing;
 use crate::tuning::{TUNED_CHANNEL, Tuning};
 use config::ConfigError;
-use config::Slot;
 use config::file;
 use config::{RealtimeSection, RobotFile, SystemFile};
 
