@@ -55,7 +55,9 @@ mod sequence;
 mod sync;
 mod write;
 
-pub use attachments::{ATTACHED_ENDINGS, ATTACHED_FOLDERS, FORMER_SYSTEM_FILE, SYSTEM_FILE, run_attachments};
+pub use attachments::{
+    ATTACHED_ENDINGS, ATTACHED_FOLDERS, SYSTEM_FILE, is_system_file, run_attachments, system_file_text,
+};
 pub use clock::{RunClock, published_ns, utc};
 pub use conversion::Conversion;
 pub use definition::{ChannelSpec, Definition, Definitions, SchemaRefusal};

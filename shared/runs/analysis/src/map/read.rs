@@ -7,7 +7,7 @@ use command::{Answer, Failure};
 use config::{RobotFile, SensorLoggerSection};
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{MotorAuthority, NodeEstimate, Sample};
-use runlog::{Attachment, FORMER_SYSTEM_FILE, RecordedSample, RunReader, SYSTEM_FILE};
+use runlog::{Attachment, RecordedSample, RunReader, system_file_text};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -52,20 +52,8 @@ pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
     Ok((robot, section_of(run, reader.attachments())?))
 }
 
-/// Names of the system file's copy.
-const NAMES: [&str; 2] = [SYSTEM_FILE, FORMER_SYSTEM_FILE];
-
 fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> {
-    let folder = if run.is_dir() { Some(run) } else { run.parent() };
-    let beside =
-        folder.and_then(|folder| NAMES.iter().find_map(|name| std::fs::read_to_string(folder.join(name)).ok()));
-    let kept = || {
-        inside
-            .iter()
-            .find(|one| NAMES.contains(&one.name.as_str()))
-            .map(|one| String::from_utf8_lossy(&one.data).into_owned())
-    };
-    let Some(text) = beside.or_else(kept) else { return Ok(SensorLoggerSection::default()) };
+    let Some(text) = system_file_text(run, inside) else { return Ok(SensorLoggerSection::default()) };
     let table: toml::Table = text
         .parse()
         .map_err(|error| Failure::BadInput(format!("the system file of the run cannot be read: {error}")))?;
