@@ -161,8 +161,7 @@ fn duration(seconds: f64) -> Answer<Duration> {
 /// Returns a sample as JSON, by its schema; without a matching schema, the bytes in hexadecimal.
 fn sample(schema: Option<&Schema>, bytes: &[u8]) -> Value {
     let Some(schema) = schema else {
-        let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-        return json!({ "bytes": hex });
+        return json!({ "bytes": messages::hex(bytes) });
     };
     let mut fields = Map::new();
     for (field, value) in schema.decode(bytes) {

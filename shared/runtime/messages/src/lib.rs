@@ -47,7 +47,7 @@ pub use request::{
     SlotRole,
 };
 pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
-pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
+pub use text::{MORE, hex, parted, put_sentence, put_text, text_of, words_within};
 
 /// Most cables of one robot; every per-cable array has this length.
 pub const CABLES: usize = 8;

@@ -117,11 +117,7 @@ pub(super) fn text(bytes: &[u8], into: &mut String) {
         }
         _ => {
             into.push_str("0x");
-            for byte in bytes {
-                for digit in [byte >> 4, byte & 15] {
-                    into.push(char::from(b"0123456789abcdef"[usize::from(digit)]));
-                }
-            }
+            into.push_str(&messages::hex(bytes));
         }
     }
 }
