@@ -34,7 +34,9 @@ pub mod schema;
 mod system;
 mod text;
 
-pub use channels::{CHANNELS, Channel, Quality, channel_of, quality_for, quality_of};
+pub use channels::{
+    CHANNELS, Channel, ChannelVisitor, Quality, channel_of, quality_for, quality_of, visit_first_channels,
+};
 pub use config::SystemConfig;
 pub use live::{AUTHORITY_LAG, Rule, Standing, blended_estimate, newer, same_life, standing};
 #[doc(hidden)]
