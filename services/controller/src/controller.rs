@@ -6,8 +6,8 @@ use cable_robot::limits::scale_to_limits;
 use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
 use config::{RobotFile, SystemFile};
 use messages::{
-    AUTHORITY_LAG, ControlStatus, ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate,
-    PlanMotion, SLOTS, Standing, same_life, standing,
+    AUTHORITY_LAG, ControlStatus, ESTIMATORS, Freshness, Header, MotorAuthority, MotorCommand, MotorState,
+    NodeEstimate, PlanMotion, SLOTS, same_life, standing,
 };
 use segments::motion_of;
 
@@ -303,7 +303,7 @@ impl Controller {
     fn live<'a>(&self, inputs: &Inputs<'a>) -> [Option<&'a NodeEstimate>; SLOTS] {
         let ttl_cycles = self.config.estimate_ttl_cycles;
         let live = |estimate: &&NodeEstimate, authority: &MotorAuthority| {
-            standing(&estimate.header, &authority.header, ttl_cycles) == Standing::Live
+            standing(&estimate.header, &authority.header, ttl_cycles) == Freshness::Live
         };
         inputs.estimates.map(|estimate| estimate.filter(|one| inputs.authority.is_some_and(|by| live(one, by))))
     }

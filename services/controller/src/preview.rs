@@ -11,7 +11,7 @@
 use cable_control::drive_lag::{
     CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record, Winch,
 };
-use cable_control::preview::{DriveObserver, Lead, Led, MAX_PREVIEW, PreviewError, PreviewGain};
+use cable_control::preview::{DriveObserver, LeadCommand, LeadFilter, MAX_PREVIEW, PreviewError, PreviewGain};
 use cable_robot::{CableVec, MAX_CABLES};
 use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
 use thiserror::Error;
@@ -109,7 +109,7 @@ impl Notice {
 #[derive(Debug, Clone, Copy)]
 struct Installed {
     gain: PreviewGain,
-    lead: Lead,
+    lead: LeadFilter,
     twins: [DriveObserver; SLOTS],
 }
 
@@ -228,7 +228,7 @@ pub(crate) struct Preview {
     rate: Option<(u64, f64, f64)>,
     ahead_m: Vec<CableVec>,
     /// Cycle and result of the newest preview.
-    led: Option<(u64, Led)>,
+    led: Option<(u64, LeadCommand)>,
     notice: Option<Notice>,
     /// Cycle in which each slot's observer was last corrected: once per cycle, even if the controller wakes up several
     /// times.
@@ -377,7 +377,7 @@ impl Preview {
         let Some(lag) = self.pending.take() else { return };
         let PreviewSettings { horizon, move_penalty_s4, .. } = self.settings;
         let built = PreviewGain::new(&lag, period_s, horizon, move_penalty_s4).and_then(|gain| {
-            let lead = Lead::new(&lag, period_s, horizon)?;
+            let lead = LeadFilter::new(&lag, period_s, horizon)?;
             Ok(Installed { gain, lead, twins: [DriveObserver::new(&lag, period_s)?; SLOTS] })
         });
         match built {

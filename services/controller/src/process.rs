@@ -4,10 +4,10 @@ use std::process::ExitCode;
 
 use config::{RobotFile, SystemFile};
 use messages::{
-    ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES, SLOTS,
-    Standing, newer, standing,
+    ControlStatus, Freshness, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES,
+    SLOTS, newer, standing,
 };
-use runtime::{Args, BadInput, Change, Chassis, Program, Since, Tuning};
+use runtime::{Args, BadInput, Change, Chassis, FirstOutput, Program, Tuning};
 
 use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law};
 
@@ -62,7 +62,7 @@ impl LawInUse {
         let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
         let in_use = Self { law, fade_s: file.arbiter.fade_s, tuning: chassis.tuning(make)? };
-        let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
+        let since = FirstOutput { seq: 1, changes: chassis.changes(), ..FirstOutput::default() };
         chassis.uses_since(&in_use.law, &text, since)?;
         Ok(in_use)
     }
@@ -76,7 +76,7 @@ impl LawInUse {
     ) -> Option<Change<(ControllerConfig, String)>> {
         let (ttl_cycles, authority) = (controller.config().estimate_ttl_cycles, &authority?.header);
         let headers = newest.iter().flatten().map(|estimate| &estimate.header);
-        let live = headers.filter(|header| standing(header, authority, ttl_cycles) == Standing::Live);
+        let live = headers.filter(|header| standing(header, authority, ttl_cycles) == Freshness::Live);
         self.tuning.due(live.max_by_key(|header| header.cycle)?)
     }
 }
@@ -128,7 +128,7 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
             chassis.pass_end();
             if let Some(change) = change {
                 let Header { life, cycle, .. } = status.header;
-                let since = Since { life, cycle, seq: statuses.seq(), changes: change.changes };
+                let since = FirstOutput { life, cycle, seq: statuses.seq(), changes: change.changes };
                 chassis.uses_since(&in_use.law, &change.made.1, since)?;
             }
             in_use.tuning.hear()?;

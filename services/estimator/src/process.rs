@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use config::{RobotFile, SystemFile};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, newer};
-use runtime::{Args, BadInput, Chassis, Program, Since, Tuning};
+use runtime::{Args, BadInput, Chassis, FirstOutput, Program, Tuning};
 
 use crate::cable_estimator::CableEstimator;
 use crate::estimator::{Estimator, EstimatorConfig};
@@ -69,7 +69,7 @@ impl MethodInUse {
         let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
         let in_use = Self { method, tuning: chassis.tuning(make)? };
-        let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
+        let since = FirstOutput { seq: 1, changes: chassis.changes(), ..FirstOutput::default() };
         chassis.uses_since(&in_use.method, &text, since)?;
         Ok(in_use)
     }
@@ -108,7 +108,7 @@ pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()
             chassis.pass_end();
             if let Some(change) = change {
                 let Header { life, cycle, .. } = state.header;
-                let since = Since { life, cycle, seq: answers, changes: change.changes };
+                let since = FirstOutput { life, cycle, seq: answers, changes: change.changes };
                 chassis.uses_since(&in_use.method, &change.made.1, since)?;
             }
             if usize::from(state.cable_count) != cables && reported_cables != state.cable_count {

@@ -3,14 +3,14 @@
 //!
 //! Hardware does not wait for a computer. A virtual box that does not wait either would report delays of the computer
 //! as faults of the drives. Time therefore does not pass in the box while the box itself has no processor, nor while a
-//! program that uses [`serial::LeftOut`] (motor-io) waits for one, as the kernel counts it. A program that was stopped,
+//! program that uses [`serial::LeftOutClock`] (motor-io) waits for one, as the kernel counts it. A program that was stopped,
 //! has ended, or has closed the port stops nothing: the units' watchdogs continue, as on hardware. The same holds for a
 //! program that does not use the file.
 
 use std::path::Path;
 
 use evidence::Thread;
-use serial::{LeftOut, Program};
+use serial::{LeftOutClock, Program};
 
 use crate::BoxError;
 
@@ -75,7 +75,7 @@ impl BoxTime {
     /// # Errors
     /// A file beside a port cannot be created.
     pub fn new<'a>(links: impl Iterator<Item = &'a Path>) -> Result<Self, BoxError> {
-        let end = |link: &Path| match LeftOut::create(link) {
+        let end = |link: &Path| match LeftOutClock::create(link) {
             Ok(file) => Ok(FarEnd::new(file)),
             Err(error) => Err(BoxError::Time { link: link.to_owned(), error }),
         };
@@ -159,13 +159,13 @@ impl BoxTime {
 /// A program at the far end of a port.
 #[derive(Debug)]
 struct FarEnd {
-    file: LeftOut,
+    file: LeftOutClock,
     program: Option<Program>,
     threads: [Option<Waiting>; 2],
 }
 
 impl FarEnd {
-    fn new(file: LeftOut) -> Self {
+    fn new(file: LeftOutClock) -> Self {
         Self { file, program: None, threads: [None, None] }
     }
 

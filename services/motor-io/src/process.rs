@@ -4,7 +4,7 @@ use crate::core::{Core, Observation};
 use crate::drives::Drives;
 use crate::inbox::Inbox;
 use crate::kernel::Evidence;
-use crate::position::{Keeper, Position, PositionFile};
+use crate::position::{Position, PositionFile, PositionWriter};
 use crate::settings::CoreConfig;
 use bus::clock::{Pacer, SECOND_NS, Tick, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, estop};
@@ -106,7 +106,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         .realtime
         .idle_latency_us
         .and_then(|latency_us| runtime::realtime::stay_awake(latency_us).map_err(|sentence| warn!("{sentence}")).ok());
-    let mut keeper = Keeper::start(folder, &robot, &config)?;
+    let mut keeper = PositionWriter::start(folder, &robot, &config)?;
     let restored = PositionFile::load(folder, &robot, &config).unwrap_or_else(|error| {
         warn!("{error}");
         None

@@ -12,7 +12,7 @@ use messages::faults::{Faults, STOPS};
 use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, Request, RequestBody, Slot, SlotRole};
 use robot_state::Reason;
 use robot_state::answers::detail;
-use robot_state::sentences::WhyNot;
+use robot_state::sentences::StandbyRefusal;
 
 /// Requests older than this are rejected, s: the situation has changed, and the requester has timed out.
 const STALE_S: f64 = 5.0;
@@ -367,9 +367,9 @@ impl Core {
     }
 
     /// Why a slot is not a standby.
-    fn why_not(&self, role: usize, slot: usize) -> WhyNot {
+    fn why_not(&self, role: usize, slot: usize) -> StandbyRefusal {
         let seat = self.arbiter.slot(role, slot);
-        WhyNot {
+        StandbyRefusal {
             role,
             phase: seat.phase() as u8,
             cause: seat.cause(),

@@ -1,6 +1,6 @@
 //! Requests to the running robot; the answer to each is one sentence.
 
-use bus::{Bus, Party};
+use bus::{Bus, Participant};
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
 use client::{MOTOR_IO, PLANNER, box_of, robot_of, send};
 use command::values::{Numbers, finite, numbers, point};
@@ -67,22 +67,22 @@ impl Command {
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let join = || client::join(domain);
         // Commands that bring the robot to rest may use the places reserved for members.
-        let ask = |request: Request, party: Party| send(&client::join_as(domain, party)?, MOTOR_IO, &request);
+        let ask = |request: Request, party: Participant| send(&client::join_as(domain, party)?, MOTOR_IO, &request);
         let sentence = match self {
-            Self::Arm => ask(Request::Arm, Party::Command),
-            Self::Disarm => ask(Request::Disarm, Party::Member),
-            Self::Hold => ask(Request::Hold, Party::Member),
-            Self::Stop => ask(Request::Stop, Party::Member),
+            Self::Arm => ask(Request::Arm, Participant::Command),
+            Self::Disarm => ask(Request::Disarm, Participant::Member),
+            Self::Hold => ask(Request::Hold, Participant::Member),
+            Self::Stop => ask(Request::Stop, Participant::Member),
             Self::Estop => client::emergency_stop(domain),
-            Self::Reset => ask(Request::Reset, Party::Command),
+            Self::Reset => ask(Request::Reset, Participant::Command),
             Self::Zero(args) => zero(&join()?, args),
-            Self::ConfirmPosition => ask(Request::ConfirmPosition, Party::Command),
+            Self::ConfirmPosition => ask(Request::ConfirmPosition, Participant::Command),
             Self::Jog { cable, metres } => jog(&join()?, *cable, *metres),
             Self::Goto(args) => return goto(&join()?, args),
             Self::Run(args) if args.dry_run => return dry_run(domain, args),
             Self::Run(args) => return run(&join()?, args),
-            Self::Pause => ask(Request::Pause, Party::Member),
-            Self::Resume => ask(Request::Resume, Party::Command),
+            Self::Pause => ask(Request::Pause, Participant::Member),
+            Self::Resume => ask(Request::Resume, Participant::Command),
             Self::Speed { percent } => speed(&join()?, *percent),
         };
         sentence.map(Output::accepted)

@@ -7,7 +7,7 @@ use messages::{
 use runtime::{Args, Chassis};
 use std::path::Path;
 
-use crate::progress::{Keeper, Progress};
+use crate::progress::{Progress, ProgressWriter};
 use crate::{Inputs, Planner, PlannerConfig, requests};
 
 /// Period of the loop, ns: the next segment is published long before it is needed.
@@ -54,7 +54,7 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         Err(error) => tracing::warn!("{error}"),
     }
     // Without it missions are flown, but cannot be continued.
-    let mut keeper = Keeper::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
+    let mut keeper = ProgressWriter::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
     let bus = chassis.bus();
     let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
     let [a, b] = SLOT_NAMES.map(|slot| bus.subscriber::<NodeEstimate>(&format!("node/estimate/{slot}")));

@@ -21,7 +21,7 @@ use client::{RUNNING_FILE, Running, SUPERVISOR};
 use command::{Answer, Failure, StopFlag};
 use config::{Role, SystemFile};
 use evidence::busy;
-use evidence::busy::Busy;
+use evidence::busy::SystemLoad;
 use messages::{Heartbeat, put_text};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -66,7 +66,7 @@ impl Supervisor {
         // Applies to runs, position and shared memory, also those of the started processes.
         bus::make_private();
         // Measured before the robot's own processes load the machine.
-        let busy = Busy::look();
+        let busy = SystemLoad::look();
         let system_path = std::path::absolute(wanted.system_path).map_err(Failure::bad)?;
         let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
         ports_are_there(&file)?;

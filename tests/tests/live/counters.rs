@@ -2,7 +2,7 @@
 //! file computes the same numbers over two lives of motor-io.
 
 use crate::robot::{Robot, root, steadily};
-use analysis::counters::Count;
+use analysis::counters::PeriodCounter;
 use messages::{MotorAuthority, Request};
 use nims_tests::python;
 use robot_state::Periods;
@@ -181,7 +181,7 @@ pub fn counted_alike(robot: &Robot) -> (Periods, u64) {
 }
 
 fn counted(robot: &Robot) -> Periods {
-    let (mut reader, mut count) = (runlog::RunReader::open(&robot.run()).unwrap(), Count::default());
+    let (mut reader, mut count) = (runlog::RunReader::open(&robot.run()).unwrap(), PeriodCounter::default());
     while let Some(recorded) = reader.next_sample().unwrap() {
         count.note(&recorded);
     }

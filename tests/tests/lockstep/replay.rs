@@ -6,7 +6,7 @@ use nims_tests::golden;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep, Said};
 use nims_tests::record::{self, Tape};
 use nims_tests::scenarios::Case;
-use replay::{Changes, Replayed, Tally, run};
+use replay::{Changes, ChannelComparison, Replayed, run};
 use std::path::{Path, PathBuf};
 
 const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
@@ -15,7 +15,7 @@ fn replayed(path: &Path, changes: &Changes) -> Replayed {
     run(path, changes, &mut |_| {}).unwrap()
 }
 
-fn tally<'a>(replayed: &'a Replayed, channel: &str) -> &'a Tally {
+fn tally<'a>(replayed: &'a Replayed, channel: &str) -> &'a ChannelComparison {
     replayed.channels.iter().find(|tally| tally.channel == channel).unwrap_or_else(|| panic!("no {channel}"))
 }
 

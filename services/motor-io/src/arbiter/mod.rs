@@ -28,7 +28,7 @@ const BIAS_PASSES: f64 = 3.0;
 
 /// Command of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Chosen {
+pub struct ChosenCommand {
     /// Cable velocities, m/s; finite, zero beyond the robot's cables.
     pub velocity_m_s: [f64; CABLES],
     /// Controller slot.
@@ -128,7 +128,7 @@ impl Arbiter {
         input: &MotorInput,
         context: &ArbiterInput,
         follows: impl Fn(u32) -> bool,
-    ) -> Option<Chosen> {
+    ) -> Option<ChosenCommand> {
         let cycle = input.header.cycle;
         let rows: [Rows; SLOTS] = std::array::from_fn(|slot| self.rows(input, slot, context, &follows));
         let estimates: [Reply; SLOTS] = std::array::from_fn(|slot| estimate(input, slot));
@@ -180,7 +180,7 @@ impl Arbiter {
         debug_assert!(velocity_m_s.iter().all(|v| v.is_finite()), "the chosen command is not finite: {velocity_m_s:?}");
         self.used = pair;
         let command = &input.command[controller];
-        Some(Chosen {
+        Some(ChosenCommand {
             velocity_m_s,
             controller,
             estimator,

@@ -1,7 +1,7 @@
 //! Velocities that each mode asks for: holding, following, stopping on the path.
 
 use super::{Beat, Core};
-use crate::arbiter::Chosen;
+use crate::arbiter::ChosenCommand;
 use crate::mode::{Braking, Following, Mode, Steering, Stop};
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
@@ -42,7 +42,7 @@ impl Core {
     }
 
     /// The chosen command if the pair in charge gave it. A motion does not begin with the command of a stand-in.
-    pub(crate) fn chosen_in_charge(&self) -> Option<Chosen> {
+    pub(crate) fn chosen_in_charge(&self) -> Option<ChosenCommand> {
         self.chosen.filter(|chosen| (chosen.controller, chosen.estimator) == self.arbiter.in_charge())
     }
 
@@ -55,7 +55,7 @@ impl Core {
     }
 
     /// Enters Following from Holding, at the start of a motion or on resume. `chosen` answers for the motion.
-    pub(crate) fn follow(&mut self, chosen: &Chosen) {
+    pub(crate) fn follow(&mut self, chosen: &ChosenCommand) {
         debug_assert!(self.limits.last_speed() == 0.0, "a motion begins before the robot is at rest");
         self.safety.clear_stops(messages::faults::STOPS);
         self.safety.enter(Mode::Following(Following::from_rest(self.ttl_cycles(chosen))));
@@ -140,7 +140,7 @@ impl Core {
     }
 
     /// Uses a command at the present rate of the plan clock, and returns its velocities.
-    fn use_command(&mut self, steering: &mut Steering, input: &MotorInput, chosen: &Chosen) -> [f64; CABLES] {
+    fn use_command(&mut self, steering: &mut Steering, input: &MotorInput, chosen: &ChosenCommand) -> [f64; CABLES] {
         self.motion.follow(if chosen.segment == 0 { self.motion.segment() } else { chosen.segment });
         steering.record(&chosen.velocity_m_s, self.clock.rate(), self.ttl_cycles(chosen));
         self.decision.fresh = true;
@@ -149,7 +149,7 @@ impl Core {
     }
 
     /// Number of cycles for which a command remains in use when later ones are missing.
-    fn ttl_cycles(&self, chosen: &Chosen) -> u32 {
+    fn ttl_cycles(&self, chosen: &ChosenCommand) -> u32 {
         self.config.ttl_cycles.min(chosen.ttl_cycles)
     }
 

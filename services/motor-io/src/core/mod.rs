@@ -17,7 +17,7 @@ use account::Account;
 use starved::Starved;
 
 use crate::answer::Answer;
-use crate::arbiter::{Arbiter, ArbiterInput, Chosen};
+use crate::arbiter::{Arbiter, ArbiterInput, ChosenCommand};
 use crate::commanded_envelope::CommandedEnvelope;
 use crate::energy::EnergyMeter;
 use crate::limits::Limits;
@@ -82,7 +82,7 @@ pub struct Core {
     pub(crate) node: Node,
     envelope: CommandedEnvelope,
     pub(crate) watch: Watch,
-    pub(crate) chosen: Option<Chosen>,
+    pub(crate) chosen: Option<ChosenCommand>,
     pub(crate) arbiter: Arbiter,
     energy: EnergyMeter,
     answers: ArrayVec<Answer, REQUESTS>,

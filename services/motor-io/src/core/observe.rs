@@ -3,7 +3,7 @@
 use super::{Core, Observation, account};
 use crate::mode::Mode;
 use crate::odometry::Reading;
-use crate::watch::Situation;
+use crate::watch::SafetySnapshot;
 use messages::faults::Faults;
 use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
 
@@ -41,7 +41,7 @@ impl Core {
             }
         }
         let velocity: [f64; CABLES] = std::array::from_fn(|i| if i < n { self.odometry.velocity_m_s(i) } else { 0.0 });
-        let situation = Situation {
+        let situation = SafetySnapshot {
             energised: self.safety.energised(),
             following: self.safety.mode().on_motion(),
             sent_m_s: self.sent.speed_m_s,

@@ -2,7 +2,7 @@
 //!
 //! A simulated device and the program that drives it share a computer. Where that computer has no time for one of them,
 //! the other must not count it as a fault: a deadline that passes while the device has no processor says nothing about
-//! the device. The device therefore keeps a small file beside its port, [`LeftOut`], in which both write their threads
+//! the device. The device therefore keeps a small file beside its port, [`LeftOutClock`], in which both write their threads
 //! and the device the time that it left out. For a program that does not use the file the device runs on the machine's
 //! clock.
 //!
@@ -43,12 +43,12 @@ pub struct Program {
 
 /// The device's side of the file.
 #[derive(Debug)]
-pub struct LeftOut {
+pub struct LeftOutClock {
     file: File,
     path: PathBuf,
 }
 
-impl LeftOut {
+impl LeftOutClock {
     /// Creates the file beside a port. The calling thread is the one that runs the device.
     ///
     /// # Errors
@@ -87,7 +87,7 @@ impl LeftOut {
     }
 }
 
-impl Drop for LeftOut {
+impl Drop for LeftOutClock {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.path);
     }
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn both_sides_learn_of_each_other() -> io::Result<()> {
         let link = link("both");
-        let device = LeftOut::create(&link)?;
+        let device = LeftOutClock::create(&link)?;
         assert_eq!(device.program(), None);
         let port = PortClock::new(&link.to_string_lossy());
         assert_eq!((port.left_out_ns(), port.is_simulated()), (0, false));
@@ -267,7 +267,7 @@ mod tests {
         let (end, ended) = std::sync::mpsc::channel::<()>();
         let path = link.clone();
         let device = std::thread::spawn(move || {
-            let _ = tell.send(LeftOut::create(&path));
+            let _ = tell.send(LeftOutClock::create(&path));
             let _ = ended.recv();
         });
         let Ok(file) = told.recv() else { panic!("no device") };
@@ -293,12 +293,12 @@ mod tests {
     fn what_was_left_out_never_goes_back() -> io::Result<()> {
         let link = link("back");
         let port = PortClock::new(&link.to_string_lossy());
-        let first = LeftOut::create(&link)?;
+        let first = LeftOutClock::create(&link)?;
         port.connected();
         first.tell(5)?;
         assert_eq!(port.left_out_ns(), 5);
         // Another device in the same file.
-        let second = LeftOut::create(&link)?;
+        let second = LeftOutClock::create(&link)?;
         assert_eq!(port.left_out_ns(), 5);
         second.tell(2)?;
         assert_eq!(port.left_out_ns(), 7);
@@ -311,7 +311,7 @@ mod tests {
     #[test]
     fn half_a_number_is_none() -> io::Result<()> {
         let link = link("half");
-        let device = LeftOut::create(&link)?;
+        let device = LeftOutClock::create(&link)?;
         pwrite(&device.file, &[1], LEFT_OUT)?;
         assert_eq!(read(&device.file, LEFT_OUT), None);
         assert_eq!(read(&device.file, 1000), None);

@@ -3,7 +3,7 @@
 use messages::{MotorAuthority, NodeEstimate, Rule, SLOTS, Sample, blended_estimate, newer};
 use std::collections::VecDeque;
 use survey::SurveyError;
-use survey::track::{Fix, Placing, Track, TrackOptions};
+use survey::track::{Fix, Track, TrackOptions, TrackPosition};
 
 use crate::decode::DecodedReading;
 use crate::{Decoder, LoggerConfig, SensorConfig};
@@ -139,17 +139,17 @@ impl Logger {
         while let Some((arrived_ns, reading)) = sensor.waiting.front() {
             let placing = self.track.at(reading.sample.header.stamp_ns, sensor.time_sigma_s, reading.lever_m);
             let place = match placing {
-                Placing::Early if now_ns < arrived_ns.saturating_add(self.wait_ns) => return None,
-                Placing::At(place) => Some(place),
-                Placing::Early => {
+                TrackPosition::Early if now_ns < arrived_ns.saturating_add(self.wait_ns) => return None,
+                TrackPosition::At(place) => Some(place),
+                TrackPosition::Early => {
                     sensor.counts.unplaced += 1;
                     None
                 }
-                Placing::Old => {
+                TrackPosition::Old => {
                     sensor.counts.old += 1;
                     None
                 }
-                Placing::Gap => {
+                TrackPosition::Gap => {
                     sensor.counts.gaps += 1;
                     None
                 }

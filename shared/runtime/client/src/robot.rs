@@ -1,6 +1,6 @@
 //! Finding a running robot, and reading its samples.
 
-use bus::{Bus, Domain, Party};
+use bus::{Bus, Domain, Participant};
 use command::{Answer, Failure};
 use messages::{
     Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES, blended_estimate,
@@ -73,14 +73,14 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
 /// # Errors
 /// As [`domain`].
 pub fn join(name: Option<&str>) -> Answer<Bus> {
-    join_as(name, Party::Command)
+    join_as(name, Participant::Command)
 }
 
 /// [`join`] as another party: a command that stops the robot may take every place, an observer leaves places free.
 ///
 /// # Errors
 /// As [`domain`].
-pub fn join_as(name: Option<&str>, party: Party) -> Answer<Bus> {
+pub fn join_as(name: Option<&str>, party: Participant) -> Answer<Bus> {
     bus::make_private();
     Ok(Bus::join_as(&domain(name)?, "nims-command", party)?)
 }

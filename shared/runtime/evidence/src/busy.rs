@@ -10,7 +10,7 @@ const CROWDED: f64 = 2.0;
 
 /// The present load of the computer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Busy {
+pub struct SystemLoad {
     /// Fraction of the last ten seconds in which a thread waited for a CPU; `None` if the kernel has no such
     /// statistics.
     pub pressure: Option<f64>,
@@ -18,7 +18,7 @@ pub struct Busy {
     pub load: Option<Load>,
 }
 
-impl Busy {
+impl SystemLoad {
     /// Reads the statistics.
     #[must_use]
     pub fn look() -> Self {
@@ -122,19 +122,19 @@ mod tests {
 
     #[test]
     fn a_computer_with_little_load_causes_no_warning() {
-        assert_eq!(Busy { pressure: Some(0.1), load: load(4) }.warning(), None);
-        assert_eq!(Busy { pressure: None, load: None }.warning(), None);
+        assert_eq!(SystemLoad { pressure: Some(0.1), load: load(4) }.warning(), None);
+        assert_eq!(SystemLoad { pressure: None, load: None }.warning(), None);
     }
 
     #[test]
     fn the_warning_contains_the_known_figures_and_the_cure() {
-        let words = Busy { pressure: Some(0.93), load: load(13) }.warning().unwrap();
+        let words = SystemLoad { pressure: Some(0.93), load: load(13) }.warning().unwrap();
         for part in ["13 threads", "2 processors", "93 %", "nims doctor"] {
             assert!(words.contains(part), "{words}");
         }
         // Each of the two statistics alone suffices.
-        assert!(Busy { pressure: None, load: load(13) }.words().is_some());
-        assert!(Busy { pressure: Some(0.3), load: None }.words().is_some());
+        assert!(SystemLoad { pressure: None, load: load(13) }.words().is_some());
+        assert!(SystemLoad { pressure: Some(0.3), load: None }.words().is_some());
     }
 
     #[test]

@@ -13,7 +13,7 @@ use arrayvec::ArrayString;
 use messages::faults::Faults;
 use messages::{DETAIL_BYTES, MORE, OperatorRequest, RequestAnswer, Slot, SlotRole, parted, put_sentence, text_of};
 
-use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
+use crate::sentences::{FaultList, ROLE_NAMES, StandbyRefusal};
 
 /// Text parameter of a reason.
 pub type Detail = ArrayString<DETAIL_BYTES>;
@@ -223,7 +223,7 @@ impl Parameter for Faults {
     }
 }
 
-impl Parameter for WhyNot {
+impl Parameter for StandbyRefusal {
     fn put(&self, into: &mut Writer<'_>) {
         self.role.put(into);
         self.phase.put(into);
@@ -454,7 +454,7 @@ answers! {
     141 InCharge { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} is in charge already.", role_name(*role), slot.name();
     142 SwapUnderWay REFUSED, "Not swapped: another swap is under way; try again in a second.";
     143 SwapMovesOff { role: SlotRole, slot: Slot, off_m: f64, within_s: f64, most_m: f64 } REFUSED, "Not swapped: the {} in slot {} would move the node {off_m:.2} m off its path within {within_s:.1} s (accepted: {most_m} m); look at its configuration, or swap where the robot holds.", role_name(*role), slot.name();
-    144 NotSwapped { slot: Slot, why: WhyNot } REFUSED, "Not swapped: the {} in slot {} {why}.", ROLE_NAMES.get(why.role).unwrap_or(&"process"), slot.name();
+    144 NotSwapped { slot: Slot, why: StandbyRefusal } REFUSED, "Not swapped: the {} in slot {} {why}.", ROLE_NAMES.get(why.role).unwrap_or(&"process"), slot.name();
     145 Admitted { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} is admitted again; it qualifies from the beginning.", role_name(*role), slot.name();
     146 NotQuarantined { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} was not quarantined.", role_name(*role), slot.name();
 

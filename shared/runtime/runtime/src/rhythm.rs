@@ -11,7 +11,7 @@ const RATES_HZ: [f64; 2] = [1e-3, 1e4];
 /// The schedule of a periodic loop at absolute times: no drift and no bursts after a stall. Created by
 /// [`Chassis::rhythm`].
 #[derive(Debug)]
-pub struct Rhythm {
+pub struct LoopSchedule {
     waiter: Waiter,
     schedule: Schedule,
 }
@@ -21,9 +21,9 @@ impl Chassis {
     ///
     /// # Errors
     /// Those of [`Chassis::waiter`].
-    pub fn rhythm(&self, rate_hz: f64) -> Result<Rhythm, BusError> {
+    pub fn rhythm(&self, rate_hz: f64) -> Result<LoopSchedule, BusError> {
         let period_ns = SECOND_NS as f64 / rate_hz.clamp(RATES_HZ[0], RATES_HZ[1]);
-        Ok(Rhythm { waiter: self.waiter(&[])?, schedule: Schedule::new(now_ns(), period_ns as u64) })
+        Ok(LoopSchedule { waiter: self.waiter(&[])?, schedule: Schedule::new(now_ns(), period_ns as u64) })
     }
 
     /// Waits until the next turn and does the housekeeping meanwhile; returns false when the process must end. The loop
@@ -31,7 +31,7 @@ impl Chassis {
     ///
     /// # Errors
     /// Those of [`Chassis::wait`].
-    pub fn turn(&mut self, rhythm: &mut Rhythm) -> Result<bool, BusError> {
+    pub fn turn(&mut self, rhythm: &mut LoopSchedule) -> Result<bool, BusError> {
         let (due_ns, _) = rhythm.schedule.next(now_ns());
         loop {
             self.wait(&mut rhythm.waiter, Some(due_ns))?;

@@ -14,7 +14,7 @@ pub use fields::{MAX_VERSION, Motor, Pid};
 pub use read::{Flaw, READS, Read, Reply, ReplyLength, Version};
 pub use write::{SAVE_KEY, Write};
 
-use drives::Asked;
+use drives::CommandName;
 
 /// Answer to every accepted [`Write`].
 pub const ACK: u8 = 0xFF;
@@ -37,7 +37,7 @@ pub enum Command {
 impl Command {
     /// Its name and number for messages.
     #[must_use]
-    pub fn asked(self) -> Asked {
+    pub fn asked(self) -> CommandName {
         match self {
             Command::Write(write) => write.asked(),
             Command::Read(read) => read.asked(),

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
-use cable_control::preview::{DriveObserver, Lead, PreviewError, PreviewGain};
+use cable_control::preview::{DriveObserver, LeadFilter, PreviewError, PreviewGain};
 use cable_robot::CableVec;
 use proptest::prelude::*;
 
@@ -189,7 +189,7 @@ fn trapezoid(t: f64) -> f64 {
 
 /// Largest error of a modelled winch, driven open loop by the lead alone, on a trapezoid, m.
 fn lead_error(lag: &DriveLag) -> f64 {
-    let (mut lead, model) = (Lead::new(lag, PERIOD_S, 40).unwrap(), CycleModel::new(lag, PERIOD_S, 0.0).unwrap());
+    let (mut lead, model) = (LeadFilter::new(lag, PERIOD_S, 40).unwrap(), CycleModel::new(lag, PERIOD_S, 0.0).unwrap());
     let mut sent = CommandHistory::new();
     let (mut winch, mut worst) = (Winch { length_m: 6.0, velocity_m_s: 0.0 }, 0.0f64);
     for k in 0..500u64 {
@@ -223,7 +223,7 @@ proptest! {
 
 #[test]
 fn after_a_jump_or_a_gap_the_lead_restarts_on_the_desired_lengths() {
-    let mut lead = Lead::new(&DriveLag::new(0.03, 0.04).unwrap(), PERIOD_S, 40).unwrap();
+    let mut lead = LeadFilter::new(&DriveLag::new(0.03, 0.04).unwrap(), PERIOD_S, 40).unwrap();
     let still = |at: f64| vec![CableVec::repeat(2, at); 40];
     lead.step(1, &still(6.0));
     for (cycle, at) in [(2, 6.02), (9, 6.021), (10, f64::NAN), (11, 6.021)] {

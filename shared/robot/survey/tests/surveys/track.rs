@@ -1,7 +1,7 @@
 //! Properties of a track: the position at an instant, its uncertainty, and no position without estimates.
 
 use proptest::prelude::*;
-use survey::track::{Fix, Place, Placing, Track, TrackOptions};
+use survey::track::{Fix, Place, Track, TrackOptions, TrackPosition};
 
 const MS: u64 = 1_000_000;
 
@@ -11,9 +11,9 @@ fn fix(stamp_ns: u64, position_m: [f64; 3], velocity_m_s: [f64; 3]) -> Fix {
     Fix { stamp_ns, position_m, velocity_m_s, covariance_m2, residual_m: 0.0, epoch: 1 }
 }
 
-fn place(placing: Placing) -> Place {
+fn place(placing: TrackPosition) -> Place {
     match placing {
-        Placing::At(place) => place,
+        TrackPosition::At(place) => place,
         other => panic!("{other:?}"),
     }
 }
@@ -60,11 +60,11 @@ proptest! {
 fn instants_too_new_too_old_and_between() {
     let track = circle(20);
     let oldest_ns = (2000 - 1024) * 10 * MS;
-    assert_eq!(track.at(19_990 * MS + 1, 0.0, [0.0; 3]), Placing::Early);
-    assert!(matches!(track.at(19_990 * MS, 0.0, [0.0; 3]), Placing::At(_)));
-    assert!(matches!(track.at(oldest_ns, 0.0, [0.0; 3]), Placing::At(_)));
-    assert_eq!(track.at(oldest_ns - 1, 0.0, [0.0; 3]), Placing::Old);
-    assert_eq!(Track::new(TrackOptions::default()).unwrap().at(5, 0.0, [0.0; 3]), Placing::Early);
+    assert_eq!(track.at(19_990 * MS + 1, 0.0, [0.0; 3]), TrackPosition::Early);
+    assert!(matches!(track.at(19_990 * MS, 0.0, [0.0; 3]), TrackPosition::At(_)));
+    assert!(matches!(track.at(oldest_ns, 0.0, [0.0; 3]), TrackPosition::At(_)));
+    assert_eq!(track.at(oldest_ns - 1, 0.0, [0.0; 3]), TrackPosition::Old);
+    assert_eq!(Track::new(TrackOptions::default()).unwrap().at(5, 0.0, [0.0; 3]), TrackPosition::Early);
 }
 
 #[test]
@@ -73,9 +73,9 @@ fn gaps_and_epochs_are_not_interpolated() {
     let (position, velocity) = on_a_circle(2.0);
     track.note(&fix(2_000 * MS, position, velocity));
     track.note(&Fix { epoch: 2, ..fix(2_010 * MS, [9.0; 3], velocity) });
-    assert_eq!(track.at(1_500 * MS, 0.0, [0.0; 3]), Placing::Gap);
-    assert_eq!(track.at(2_005 * MS, 0.0, [0.0; 3]), Placing::Gap);
-    assert!(matches!(track.at(2_010 * MS, 0.0, [0.0; 3]), Placing::At(_)));
+    assert_eq!(track.at(1_500 * MS, 0.0, [0.0; 3]), TrackPosition::Gap);
+    assert_eq!(track.at(2_005 * MS, 0.0, [0.0; 3]), TrackPosition::Gap);
+    assert!(matches!(track.at(2_010 * MS, 0.0, [0.0; 3]), TrackPosition::At(_)));
 }
 
 #[test]

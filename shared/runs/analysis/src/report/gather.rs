@@ -5,7 +5,7 @@ use super::legs::Legs;
 use super::samples::Sensors;
 use super::trace::{DecimatedPoints, Trace};
 use crate::accuracy::{AccuracySum, Analysis, Distances};
-use crate::counters::Count;
+use crate::counters::PeriodCounter;
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::{Robot, Vector3};
 use command::{Answer, Failure};
@@ -267,7 +267,7 @@ struct Collector {
     mono_ns: Option<i128>,
     last_s: f64,
     tally: AccuracySum,
-    count: Count,
+    count: PeriodCounter,
     path: DecimatedPoints<PathPoint>,
     data: RunData,
 }
@@ -311,7 +311,7 @@ impl Collector {
             mono_ns: None,
             last_s: 0.0,
             tally: AccuracySum::default(),
-            count: Count::default(),
+            count: PeriodCounter::default(),
             path: DecimatedPoints::default(),
             data,
         })
