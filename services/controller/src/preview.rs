@@ -299,7 +299,7 @@ impl Preview {
             return;
         }
         let command_m_s = CableVec::from_array8(&state.command_m_s, n);
-        self.sent.note(cycle, &command_m_s);
+        self.sent.record(cycle, &command_m_s);
         self.record_rate(authority);
         let reading_s =
             CableVec::from_fn(n, |i| (state.sampled_ns[i].saturating_sub(began_ns) as f64 * 1e-9).clamp(0.0, period_s));
@@ -333,7 +333,7 @@ impl Preview {
     /// Updates the misfit of the model, and whether it still fits.
     fn update_misfit(&mut self, moved_m: &CableVec, reading_s: &CableVec, period_s: f64) {
         let Some(installed) = &self.installed else { return };
-        self.meter.note(&installed.gain.lag(), period_s, reading_s, moved_m, &self.sent);
+        self.meter.record(&installed.gain.lag(), period_s, reading_s, moved_m, &self.sent);
         let Some(misfit) = self.meter.misfit() else { return };
         let limit = self.settings.misfit_limit;
         if !self.bad && misfit > limit {
@@ -478,7 +478,7 @@ impl Preview {
         let installed = self.installed.as_ref().filter(|_| self.weight > 0.0 && self.sent.newest() == cycle)?;
         let led = self.led.as_ref().filter(|(of, _)| *of == cycle).map(|(_, led)| led)?;
         let winches = installed.twins.get(slot)?.at_next_command(&self.sent);
-        let previous = self.sent.ago(0);
+        let previous = self.sent.delayed(0);
         // The feedback corrects a constant error with `rate` times the error.
         let share = (1.0 / (redundant_s * installed.gain.rate())).min(1.0);
         let u = CableVec::from_fn(self.cables, |i| {

@@ -19,7 +19,8 @@ pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
     runtime::main("estimator", move |_: &Args, chassis| {
         chassis.is_program(&program);
         let file = chassis.system_file()?;
-        let config = EstimatorConfig::own(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation());
+        let config =
+            EstimatorConfig::for_custom_method(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation());
         run(chassis, Estimator::with_method(&with_thread(config), cable))
     })
 }
@@ -33,7 +34,7 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<EstimatorC
     if let Some(law) = law {
         file.estimator.method = law.parse().map_err(|error| BadInput(format!("[estimator] method {error}")))?;
     }
-    EstimatorConfig::of(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation())
+    EstimatorConfig::from_section(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation())
         .map(with_thread)
         .map_err(|error| BadInput(format!("[estimator] {error}")).into())
 }
@@ -60,9 +61,9 @@ impl MethodInUse {
             let made = match standard {
                 Some(method) => {
                     file.estimator.method = method;
-                    EstimatorConfig::of(&file.estimator, robot, config.incarnation)?
+                    EstimatorConfig::from_section(&file.estimator, robot, config.incarnation)?
                 }
-                None => EstimatorConfig::own(&file.estimator, robot, config.incarnation),
+                None => EstimatorConfig::for_custom_method(&file.estimator, robot, config.incarnation),
             };
             Ok((made, format!("{}{constants}", file.sections(&["estimator"]))))
         };
@@ -118,7 +119,7 @@ pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()
                 );
             }
         }
-        in_use.tuning.hear()?;
+        in_use.tuning.poll()?;
         chassis.report_lost(states.lost() + authorities.lost());
     }
     Ok(())

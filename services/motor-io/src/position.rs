@@ -182,7 +182,7 @@ impl PositionWriter {
     }
 
     /// Hands over the present position, at most twice a second and only if it has changed. Never waits or allocates.
-    pub fn keep(&mut self, position: Option<Position>, now_ns: u64) {
+    pub fn store(&mut self, position: Option<Position>, now_ns: u64) {
         let Some(position) = position else { return };
         if now_ns.saturating_sub(self.kept_ns) < PAUSE_NS || !self.has_moved(&position) {
             return;
@@ -239,9 +239,9 @@ mod tests {
         position.0[..3].copy_from_slice(&[0.1 + 0.2, 5.0, 1.0 / 3.0]);
         position.1[..3].copy_from_slice(&[-7, i64::MAX, 12]);
         let mut keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
-        keeper.keep(Some(position), 1_000_000_000);
+        keeper.store(Some(position), 1_000_000_000);
         position.0[0] += 0.5;
-        keeper.keep(Some(position), 1_100_000_000); // too soon
+        keeper.store(Some(position), 1_100_000_000); // too soon
         keeper.finish(None);
         let back = PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap();
         position.0[0] = 0.1 + 0.2;

@@ -327,7 +327,7 @@ impl Watch {
     }
 
     /// Clears persisting conditions after a reset.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         for counters in [&mut self.runaway, &mut self.slack, &mut self.tight] {
             *counters = [0; CABLES];
         }
@@ -363,7 +363,7 @@ impl Watch {
 
     /// Factor for the speed of the motion, because a tension or a current approaches its fault; 1: full speed.
     #[must_use]
-    pub fn ease(&self) -> f64 {
+    pub fn slowdown(&self) -> f64 {
         self.ease
     }
 

@@ -265,7 +265,7 @@ impl MissionText {
 
 /// The planner's answer: its sentence, and the figures of the plan.
 fn planned(answer: &OperatorRequest) -> Answer<Output> {
-    let sentence = Failure::of(answer)?;
+    let sentence = Failure::unless_accepted(answer)?;
     let mut value = json!({ "accepted": true, "answer": sentence });
     if let Some(Reason::Planned { segments, length_m, duration_s, energy_j, .. }) = Reason::of(answer) {
         value["segments"] = json!(segments);
@@ -319,7 +319,7 @@ fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
     let mission = Mission::read(&path).map_err(Failure::bad)?;
     Ok(match commissioning::check::fly(&mission, &file, &from) {
         Ok(flight) => {
-            let sentence = format!("mission \"{}\" can be flown: {}", mission.name, flight.words());
+            let sentence = format!("mission \"{}\" can be flown: {}", mission.name, flight.line());
             let value = json!({ "feasible": true, "segments": flight.segments, "length_m": flight.length_m,
                 "duration_s": flight.duration_s, "energy_j": flight.energy_j });
             Output::new(value, sentence)

@@ -147,7 +147,7 @@ impl ProgressWriter {
     }
 
     /// Queues changed progress, that of an incomplete mission at most four times a second. Never waits.
-    pub fn keep(&mut self, progress: Option<&Progress>, now_ns: u64) {
+    pub fn store(&mut self, progress: Option<&Progress>, now_ns: u64) {
         let Some(progress) = progress.filter(|progress| self.kept.as_ref() != Some(progress)) else { return };
         if !progress.done && now_ns.saturating_sub(self.kept_ns) < PAUSE_NS {
             return;
@@ -200,7 +200,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Progress::load(folder.path(), "lab").unwrap(), None);
         let mut keeper = ProgressWriter::start(&folder.path().join("state"), "lab").unwrap();
-        keeper.keep(Some(&progress()), 1_000_000_000);
+        keeper.store(Some(&progress()), 1_000_000_000);
         drop(keeper);
         assert_eq!(Progress::load(&folder.path().join("state"), "lab").unwrap(), Some(progress()));
     }

@@ -30,7 +30,7 @@ impl Sensor {
     /// # Errors
     /// The registers cannot be requested: one sentence.
     pub fn new(file: &SensorFile, now_ns: u64) -> Result<Self, String> {
-        let protocol: Box<dyn Protocol> = match file.speech() {
+        let protocol: Box<dyn Protocol> = match file.protocol() {
             ProtocolSection::Tfmini(section) => Box::new(Tfmini::new(section.resolution_m)),
             ProtocolSection::Line(section) => Box::new(TextLines::new(section, &file.values)),
             ProtocolSection::Modbus(section) => Box::new(
@@ -38,7 +38,7 @@ impl Sensor {
                     .map_err(|error| format!("the registers cannot be requested: {error}"))?,
             ),
         };
-        let (quantities, units) = file.words();
+        let (quantities, units) = file.quantities_and_units();
         let mut reading = Reading {
             value: [f64::NAN; crate::VALUES],
             latency_s: file.latency_s,

@@ -208,7 +208,7 @@ impl Supervisor {
                 )));
             }
             restarts.total = child.restarts.total;
-            restarts.again();
+            restarts.record_restart();
         }
         self.launch(member, restarts)?;
         if let Some(alias) = &member.alias {

@@ -36,7 +36,7 @@ impl Supervisor {
             }
             return Ok(Reason::ProcessReplaces { process: detail(name) });
         };
-        restarts.again();
+        restarts.record_restart();
         let child = self.spawn(&member, restarts, true)?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.record_living();

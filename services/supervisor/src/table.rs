@@ -24,7 +24,7 @@ impl Supervisor {
         let running =
             self.process_set.iter().map(|child| row(child, self.process_set.standby_of(&child.member).is_some()));
         let asleep = self.site.file.process.iter().filter(|section| {
-            !section.start && !self.process_set.iter().any(|child| child.member.is_called(&section.name))
+            !section.start && !self.process_set.iter().any(|child| child.member.has_name(&section.name))
         });
         let mut rows: Vec<ProcessState> = running.chain(asleep.map(not_started)).collect();
         for row in &mut rows {

@@ -51,7 +51,7 @@ fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
 fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
     let system_path = record::box_with(folder, "demo3", &[]).unwrap();
     let scenario = CASE.scenario(true).unwrap();
-    let chain = Chain::of(&SystemFile::load(&system_path).unwrap()).unwrap();
+    let chain = Chain::from_file(&SystemFile::load(&system_path).unwrap()).unwrap();
     let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
     let mut lockstep = Lockstep::with(scenario, chain).unwrap();
     let mut cycles = Vec::new();

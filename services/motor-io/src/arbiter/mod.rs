@@ -143,7 +143,7 @@ impl Arbiter {
         let reports: [Report; SLOTS] = std::array::from_fn(|slot| {
             let reply = self.reply(input, slot, &rows[slot], &usable);
             let incarnation = if reply == Reply::Silent { 0 } else { input.command[slot].incarnation };
-            let bias = self.bias[slot].beside(self.bias_share, self.bias_bound_m_s);
+            let bias = self.bias[slot].relative(self.bias_share, self.bias_bound_m_s);
             Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
         let controller = self.roles[CONTROLLERS].step(cycle, context.moving, &of_role(CONTROLLERS), &reports);
@@ -328,7 +328,7 @@ impl Arbiter {
 
     /// Slots whose command was used last.
     #[must_use]
-    pub fn used(&self) -> (usize, usize) {
+    pub fn slots_in_use(&self) -> (usize, usize) {
         self.used
     }
 
@@ -340,7 +340,7 @@ impl Arbiter {
 
     /// Deviation of a slot from the one in charge, m/s or m; negative: nothing to compare.
     #[must_use]
-    pub fn apart(&self, role: usize, slot: usize) -> f64 {
+    pub fn deviation(&self, role: usize, slot: usize) -> f64 {
         self.apart[SLOTS * role + slot]
     }
 
@@ -383,8 +383,8 @@ impl Arbiter {
             let slot = self.roles[seat / SLOTS].slot(seat % SLOTS);
             slots.phase[seat] = slot.phase() as u8;
             slots.cause[seat] = slot.cause();
-            slots.failures[seat] = slot.falls();
-            slots.good_cycles[seat] = slot.well();
+            slots.failures[seat] = slot.failures();
+            slots.good_cycles[seat] = slot.good_answers();
         }
         slots
     }

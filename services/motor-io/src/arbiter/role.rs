@@ -151,13 +151,13 @@ impl SlotState {
 
     /// Good answers in a row.
     #[must_use]
-    pub fn well(&self) -> u32 {
+    pub fn good_answers(&self) -> u32 {
         self.well
     }
 
     /// Falls that are not forgiven.
     #[must_use]
-    pub fn falls(&self) -> u8 {
+    pub fn failures(&self) -> u8 {
         self.falls
     }
 

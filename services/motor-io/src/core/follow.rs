@@ -33,7 +33,7 @@ impl Core {
             && self.who_is_lost() == 0
             && self.odometry.position() == MotorState::POSITION_KNOWN
             && !self.unit_trouble
-            && self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
+            && self.motion.is_offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
             && self.begins_here(input)
         {
             self.motion.begin(input);
@@ -70,14 +70,14 @@ impl Core {
             // motor-io is short of processor time: stop while some cycles still reach the drives.
             return self.stop_on_path(&state, MotorAuthority::FAULT_LONG_GAP, input);
         }
-        let ended = self.motion.ended(self.clock.time_s());
-        if lost != 0 || (self.motion.orphaned() > ORPHANED_CYCLES && !ended) {
+        let ended = self.motion.is_over(self.clock.time_s());
+        if lost != 0 || (self.motion.cycles_without_plan() > ORPHANED_CYCLES && !ended) {
             // The known part of the motion is flown to its end; see `settle`.
-            self.safety.note_stop(MotorAuthority::FAULT_PLANNER_LOST);
+            self.safety.record_stop(MotorAuthority::FAULT_PLANNER_LOST);
         }
         state.settled = if ended { state.settled.saturating_add(1) } else { 0 };
         let run = !state.pausing && !ended && !self.unit_trouble && state.gap_wait == 0;
-        self.clock.set_ease(self.watch.ease());
+        self.clock.set_slowdown(self.watch.slowdown());
         let usable = self.chosen.filter(|chosen| self.motion.has(chosen.segment) || (ended && chosen.segment == 0));
         let wanted = if let Some(chosen) = usable {
             self.note_command();
@@ -159,7 +159,7 @@ impl Core {
             // The controller has no estimate to answer to.
             return MotorAuthority::FAULT_ESTIMATE_LOST;
         }
-        if self.motion.orphaned() > 0 {
+        if self.motion.cycles_without_plan() > 0 {
             return MotorAuthority::FAULT_PLANNER_LOST;
         }
         match self.arbiter.verdict()[controller] {
@@ -178,7 +178,7 @@ impl Core {
             self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP | MotorAuthority::FAULT_COMPUTER);
         }
         debug_assert!(self.safety.mode().on_motion(), "a stop without a motion, in {:?}", self.safety.mode());
-        self.safety.note_stop(cause);
+        self.safety.record_stop(cause);
         self.safety.enter(Mode::Stopping(stop));
     }
 
@@ -186,7 +186,7 @@ impl Core {
     pub(crate) fn abandon(&mut self) {
         self.motion.finish(self.clock.time_s());
         if *self.safety.mode() == Mode::EmergencyStop {
-            self.clock.stand();
+            self.clock.stop_at_once();
         }
     }
 }

@@ -200,8 +200,8 @@ impl Core {
         let moving = self.safety.mode().on_motion();
         self.supervisor.note(input.supervisor_beat);
         self.planner.note(input.planner_beat);
-        self.motion.note(input);
-        let ended = self.motion.ended(self.clock.time_s());
+        self.motion.update(input);
+        let ended = self.motion.is_over(self.clock.time_s());
         let starved = self.starved_seats();
         let context = ArbiterInput { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s, starved };
         let motion = &self.motion;
@@ -330,13 +330,13 @@ impl Core {
     /// `long`: only on request.
     fn restart_from_rest(&mut self, long: bool) {
         self.limits.zero();
-        self.clock.stand();
+        self.clock.stop_at_once();
         match self.safety.mode_mut() {
             Mode::Jogging(jog) => jog.cancelled = true,
             Mode::Following(_) if long => self.begin_stop(Stop::open(), MotorAuthority::FAULT_LONG_GAP),
             Mode::Following(Following { gap_wait, .. }) => {
                 *gap_wait = self.config.cycles(AFTER_GAP_S);
-                self.safety.note_stop(MotorAuthority::FAULT_LONG_GAP);
+                self.safety.record_stop(MotorAuthority::FAULT_LONG_GAP);
             }
             Mode::Stopping(stop) if long => stop.braking = Braking::Open,
             _ => {}

@@ -27,7 +27,7 @@ impl Core {
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
             let driven = self.safety.energised() && !self.sent.released[i];
-            self.envelope.note(i, self.sent.speed_m_s[i], driven, ok[i]);
+            self.envelope.record(i, self.sent.speed_m_s[i], driven, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
             } else if ok[i] {

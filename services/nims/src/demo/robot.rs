@@ -72,7 +72,7 @@ impl Robot {
         let mut child = command.spawn().map_err(Failure::not_now)?;
         let stdin = child.stdin.take();
         let domain = Domain::parse(options.domain)?;
-        while Running::of(&domain).is_none_or(|running| running.pid != child.id()) {
+        while Running::read(&domain).is_none_or(|running| running.pid != child.id()) {
             wait_for_start(&mut child, &stop)?;
         }
         let bus = Bus::join_as(&domain, NAME, Participant::Command)?;

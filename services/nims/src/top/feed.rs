@@ -100,7 +100,7 @@ impl Feed {
         let bus = Bus::join_as(&domain, NAME, Participant::Guest)?;
         let slot = |kind: &str, slot: usize| format!("{kind}/{}", SLOT_NAMES[slot]);
         Ok(Self {
-            run: Running::of(&domain).map(|running| running.run.display().to_string()).unwrap_or_default(),
+            run: Running::read(&domain).map(|running| running.run.display().to_string()).unwrap_or_default(),
             scale: scale(&bus).unwrap_or_default(),
             checked_ns: clock::now_ns(),
             authority: Newest::subscribe(&bus, "motor/authority")?,

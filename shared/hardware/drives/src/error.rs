@@ -28,7 +28,7 @@ pub type Said = ArrayString<32>;
 
 /// Formats an answer for [`Error::Unexpected`]; cut off at the end of the buffer.
 #[must_use]
-pub fn said(answer: fmt::Arguments<'_>) -> Said {
+pub fn reply_text(answer: fmt::Arguments<'_>) -> Said {
     struct Cut(Said);
     impl fmt::Write for Cut {
         fn write_str(&mut self, part: &str) -> fmt::Result {

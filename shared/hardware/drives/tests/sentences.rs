@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use drives::{CommandName, DriveStatus, Error, InvalidConfig, said};
+use drives::{CommandName, DriveStatus, Error, InvalidConfig, reply_text};
 
 fn errors() -> Vec<Error> {
     let port = || Arc::from("/dev/drives");
@@ -20,9 +20,14 @@ fn errors() -> Vec<Error> {
             port: port(),
             unit: unit(),
             asked,
-            said: said(format_args!("{:#04x} instead of {:#04x}", 0x12, 0xff)),
+            said: reply_text(format_args!("{:#04x} instead of {:#04x}", 0x12, 0xff)),
         },
-        Error::Unexpected { port: port(), unit: unit(), asked: text, said: said(format_args!("{}", "-".repeat(99))) },
+        Error::Unexpected {
+            port: port(),
+            unit: unit(),
+            asked: text,
+            said: reply_text(format_args!("{}", "-".repeat(99))),
+        },
         Error::Stray { port: port(), unit: unit(), asked, bytes: 4 },
         Error::Resynchronising { port: port() },
         Error::Silent { port: port(), unit: unit() },

@@ -67,7 +67,7 @@ impl LeftOutClock {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn tell(&self, left_out_ns: u64) -> io::Result<()> {
+    pub fn write(&self, left_out_ns: u64) -> io::Result<()> {
         write(&self.file, LEFT_OUT, left_out_ns)
     }
 
@@ -125,10 +125,10 @@ impl PortClock {
             let both = u64::from(std::process::id()) << 32 | thread_id();
             // Without this entry the device runs on the machine's clock.
             let _ = write(file, PROGRAM, both);
-            let device = read(file, DEVICE).and_then(|tid| Thread::of(tid as u32).ok());
+            let device = read(file, DEVICE).and_then(|tid| Thread::with_id(tid as u32).ok());
             far_side.device = device;
         }
-        far_side.port = Thread::of(thread_id() as u32).ok();
+        far_side.port = Thread::with_id(thread_id() as u32).ok();
     }
 
     /// Removes this program from the file after the port was closed.
@@ -161,7 +161,7 @@ impl PortClock {
         let mut far_side = self.far_side();
         let FarSide { file, device: Some(device), .. } = &mut *far_side else { return false };
         let now_ns = monotonic_ns();
-        match device.look(now_ns).map(|_| device.state()) {
+        match device.run_delay_ns(now_ns).map(|_| device.state()) {
             Some(State::Runnable | State::Blocked) => true,
             Some(State::Asleep) => file
                 .as_ref()
@@ -186,7 +186,8 @@ impl PortClock {
 
     fn port_sleeps(&self) -> bool {
         let mut far_side = self.far_side();
-        let sleeps = |thread: &mut Thread| thread.look(monotonic_ns()).is_some() && thread.state() == State::Asleep;
+        let sleeps =
+            |thread: &mut Thread| thread.run_delay_ns(monotonic_ns()).is_some() && thread.state() == State::Asleep;
         far_side.port.as_mut().is_some_and(sleeps)
     }
 
@@ -248,7 +249,7 @@ mod tests {
         port.connected();
         let own = Program { main: std::process::id(), port: thread_id() as u32 };
         assert_eq!((device.program(), port.is_simulated()), (Some(own), true));
-        device.tell(7)?;
+        device.write(7)?;
         assert_eq!(port.left_out_ns(), 7);
         // The device is this thread.
         assert!(port.device_wants_to_run());
@@ -295,12 +296,12 @@ mod tests {
         let port = PortClock::new(&link.to_string_lossy());
         let first = LeftOutClock::create(&link)?;
         port.connected();
-        first.tell(5)?;
+        first.write(5)?;
         assert_eq!(port.left_out_ns(), 5);
         // Another device in the same file.
         let second = LeftOutClock::create(&link)?;
         assert_eq!(port.left_out_ns(), 5);
-        second.tell(2)?;
+        second.write(2)?;
         assert_eq!(port.left_out_ns(), 7);
         // The same device again.
         port.connected();

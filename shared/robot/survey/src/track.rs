@@ -95,7 +95,7 @@ impl Track {
 
     /// Adds an estimate. One with the time of the newest replaces it; an older one, or one with a value that is not
     /// finite, is ignored. Returns whether it was added.
-    pub fn note(&mut self, fix: &Fix) -> bool {
+    pub fn add(&mut self, fix: &Fix) -> bool {
         let numbers = fix.position_m.iter().chain(&fix.velocity_m_s).chain(&fix.covariance_m2);
         if !numbers.chain([&fix.residual_m]).all(|number| number.is_finite()) {
             return false;

@@ -146,7 +146,7 @@ pub fn analyse(run: &Path) -> Answer<Analysis> {
     let mut each = |cycle: &Cycle<'_>| track.extend(tally.add(cycle));
     let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
-        count.note(&recorded);
+        count.record(&recorded);
         tracker.record(&recorded, &mut each);
     }
     tracker.finish(&mut each);

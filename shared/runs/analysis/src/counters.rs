@@ -41,10 +41,10 @@ pub struct PeriodCounter {
 
 impl PeriodCounter {
     /// Records a sample; ignores other channels.
-    pub fn note(&mut self, recorded: &RecordedSample<'_>) {
+    pub fn record(&mut self, recorded: &RecordedSample<'_>) {
         match recorded.channel.name.as_str() {
-            "motor/input" => _ = recorded.to::<MotorInput>().map(|input| self.input(&input)),
-            "motor/authority" => _ = recorded.to::<MotorAuthority>().map(|authority| self.authority(&authority)),
+            "motor/input" => _ = recorded.decode::<MotorInput>().map(|input| self.input(&input)),
+            "motor/authority" => _ = recorded.decode::<MotorAuthority>().map(|authority| self.authority(&authority)),
             _ => {}
         }
     }
@@ -63,7 +63,7 @@ impl PeriodCounter {
     pub fn authority(&mut self, authority: &MotorAuthority) {
         self.authorities.push_back(AuthorityRecord {
             at: life_and_cycle(authority),
-            periods: Periods::of(authority),
+            periods: Periods::from_authority(authority),
             period: authority.period,
             period_s: authority.period_s,
             motion: authority.motion,

@@ -79,7 +79,7 @@ impl Logger {
         let newest = [a.as_ref(), b.as_ref()];
         let Some(node) = blended_estimate(self.authority.as_ref(), newest, Rule::History) else { return };
         if node.valid == 1 {
-            self.track.note(&Fix {
+            self.track.add(&Fix {
                 stamp_ns: node.header.stamp_ns,
                 position_m: node.position_m,
                 velocity_m_s: node.velocity_m_s,

@@ -69,7 +69,7 @@ impl<T: Message> Channel<T> {
         if !self.known.as_ref().is_some_and(|channel| Arc::ptr_eq(channel, recorded.channel)) {
             self.known = Some(Arc::clone(recorded.channel));
         }
-        let sample = recorded.to();
+        let sample = recorded.decode();
         match &sample {
             Some(_) => self.tally.definition_changed |= self.conversion().is_some_and(|by| !by.is_same()),
             None => self.skip(DEFINITION),

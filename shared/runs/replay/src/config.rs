@@ -147,7 +147,7 @@ impl Configuration {
         if let Some(method) = method.filter(|_| !self.method_changed) {
             section.method = method;
         }
-        Ok(EstimatorConfig::of(&section, self.robot.robot()?, incarnation)?)
+        Ok(EstimatorConfig::from_section(&section, self.robot.robot()?, incarnation)?)
     }
 
     fn controller_config(&self, incarnation: u32, law: Option<ControlLaw>) -> anyhow::Result<ControllerConfig> {
@@ -155,7 +155,7 @@ impl Configuration {
         if let Some(law) = law.filter(|_| !self.law_changed) {
             file.controller.law = law;
         }
-        ControllerConfig::of(&file, &self.robot, incarnation)
+        ControllerConfig::from_files(&file, &self.robot, incarnation)
     }
 }
 

@@ -88,7 +88,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     // The attachments with the configuration precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
     let configuration = Configuration::of(reader.attachments(), changes)?;
-    let recorded_by = reader.about().get("nims_version").cloned();
+    let recorded_by = reader.metadata().get("nims_version").cloned();
     let total = reader.bytes().max(1) as f64;
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
     let mut replay = Replay::new(configuration, !changes.is_empty());

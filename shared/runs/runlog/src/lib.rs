@@ -22,7 +22,7 @@
 //!
 //! let path = folder.path().join("run.mcap");
 //! let mut writer = RunWriter::create(&path, RunClock::now(), &Default::default(), &[])?;
-//! let channel = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node"))?;
+//! let channel = writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node"))?;
 //! let mut sample = TruthNode::default();
 //! sample.header_mut().stamp_ns = 1_000;
 //! writer.write(channel, 1, 1_000, 1_000, bytemuck::bytes_of(&sample))?;

@@ -346,7 +346,7 @@ impl Domain {
 
     /// Gives up the domain: if no process runs in it, removes its objects in shared memory, and its folder unless the
     /// user gave its path. Returns whether no process was left.
-    pub fn retire(&self, claim: Claim) -> bool {
+    pub fn release(&self, claim: Claim) -> bool {
         if !self.alive().is_empty() {
             return false;
         }

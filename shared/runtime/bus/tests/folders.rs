@@ -80,7 +80,7 @@ fn a_domain_that_is_given_up_leaves_no_files_and_can_be_claimed_again() {
     let bus = Bus::join(&domain, "test").unwrap();
     let _port = bus.subscriber::<OperatorRequest>("operator/request").unwrap();
     drop((_port, bus));
-    assert!(domain.retire(claim));
+    assert!(domain.release(claim));
     assert!(!domain.root().exists());
     let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(domain.prefix());
     assert_eq!(fs::read_dir("/dev/shm").unwrap().flatten().filter(ours).count(), 0);
@@ -88,10 +88,10 @@ fn a_domain_that_is_given_up_leaves_no_files_and_can_be_claimed_again() {
     let claim = domain.claim().unwrap();
     assert!(matches!(domain.claim(), Err(BusError::Claimed { .. })));
     let bus = Bus::join(&domain, "observer").unwrap();
-    assert!(!domain.retire(claim), "a process runs in it");
+    assert!(!domain.release(claim), "a process runs in it");
     assert!(domain.root().exists());
     drop(bus);
-    assert!(domain.retire(domain.claim().unwrap()));
+    assert!(domain.release(domain.claim().unwrap()));
 }
 
 #[test]

@@ -28,7 +28,7 @@ pub struct Running {
 impl Running {
     /// Reads the record of a domain; `None` without a run.
     #[must_use]
-    pub fn of(domain: &Domain) -> Option<Self> {
+    pub fn read(domain: &Domain) -> Option<Self> {
         let text = std::fs::read_to_string(domain.root().join(RUNNING_FILE)).ok()?;
         serde_json::from_str(&text).ok()
     }
@@ -123,7 +123,7 @@ pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
     let answer = bus::estop::send(&listening(name)?, &request, ANSWER, UNEASY, || {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });
-    Failure::of(&answer.map_err(helped)?)
+    Failure::unless_accepted(&answer.map_err(helped)?)
 }
 
 /// Returns the newest estimate in charge that arrives within `patience`.

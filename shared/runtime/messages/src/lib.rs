@@ -38,7 +38,7 @@ pub use channels::{
     CHANNELS, Channel, ChannelVisitor, Quality, channel_of, quality_for, quality_of, visit_first_channels,
 };
 pub use config::SystemConfig;
-pub use live::{AUTHORITY_LAG, Freshness, Rule, blended_estimate, newer, same_life, standing};
+pub use live::{AUTHORITY_LAG, Freshness, Rule, blended_estimate, freshness, newer, same_life};
 #[doc(hidden)]
 pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};

@@ -49,9 +49,9 @@ mod declared;
 mod hash;
 mod lease;
 mod logging;
+mod loop_schedule;
 mod output;
 pub mod realtime;
-mod rhythm;
 mod timing;
 mod tuning;
 
@@ -65,7 +65,7 @@ pub use chassis::{
 };
 pub use declared::{FirstOutput, parts_of};
 pub use hash::{ProgramHash, hash_of};
+pub use loop_schedule::LoopSchedule;
 pub use output::{OUTPUT_FAULTS, Output};
-pub use rhythm::LoopSchedule;
 pub use timing::Timing;
 pub use tuning::{Change, TUNED_CHANNEL, Tuning};

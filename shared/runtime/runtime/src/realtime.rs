@@ -68,7 +68,7 @@ fn answers_in_a_cycle(role: &str) -> bool {
 /// Applies the settings of a process to the calling thread before it starts the process, which inherits them. Settings
 /// that the system does not permit are skipped, and the returned sentence names them and how to permit them.
 #[must_use]
-pub fn bequeath(priority: u8, cpu: Option<usize>) -> Option<String> {
+pub fn apply_for_child(priority: u8, cpu: Option<usize>) -> Option<String> {
     // Locked memory is not inherited.
     set_up(&RealtimeSection { priority, cpu, ..RealtimeSection::default() }, 0).1
 }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use arrayvec::ArrayString;
 use drives::{
     Capabilities, Command, CommandName, Counters, DriveBus, DriveStatus, Error, InvalidConfig, StopInput, Timed,
-    UnitAnswer, UnitCommand, UnitInfo, UnitReport, said,
+    UnitAnswer, UnitCommand, UnitInfo, UnitReport, reply_text,
 };
 use serial::{Device, Transport, WireQueue};
 
@@ -200,7 +200,7 @@ impl<T: Transport> FakeBus<T> {
                 let _ = line.try_push(char::from(byte[0]));
             }
             let Some((tag, reading)) = parse(&line, at_ns) else {
-                let said = said(format_args!("{}", line.trim_end()));
+                let said = reply_text(format_args!("{}", line.trim_end()));
                 return Err(self.error(unit, |port, unit| Error::Unexpected { port, unit, asked, said }));
             };
             if tag == self.tag {

@@ -37,10 +37,10 @@ pub enum Command {
 impl Command {
     /// Its name and number for messages.
     #[must_use]
-    pub fn asked(self) -> CommandName {
+    pub fn command_name(self) -> CommandName {
         match self {
-            Command::Write(write) => write.asked(),
-            Command::Read(read) => read.asked(),
+            Command::Write(write) => write.command_name(),
+            Command::Read(read) => read.command_name(),
         }
     }
 }

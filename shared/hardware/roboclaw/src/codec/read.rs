@@ -236,7 +236,7 @@ impl Read {
 impl Read {
     /// Its name and number for messages.
     #[must_use]
-    pub fn asked(self) -> CommandName {
+    pub fn command_name(self) -> CommandName {
         let words = match self {
             Read::Watchdog => "read watchdog",
             Read::Encoder1 | Read::Encoder2 | Read::Encoders => "read encoders",

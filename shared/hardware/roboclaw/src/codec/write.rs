@@ -148,7 +148,7 @@ impl Write {
 impl Write {
     /// Its name and number for messages.
     #[must_use]
-    pub fn asked(self) -> CommandName {
+    pub fn command_name(self) -> CommandName {
         let words = match self {
             Write::Watchdog(_) => "set watchdog",
             Write::ResetEncoders => "reset encoders",

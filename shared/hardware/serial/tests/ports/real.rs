@@ -201,7 +201,7 @@ fn what_a_device_leaves_out_does_not_count_against_it() {
             say.send(()).unwrap();
             goes.recv().unwrap();
             assert!(left_out.program().is_some());
-            left_out.tell(300 * MS).unwrap();
+            left_out.write(300 * MS).unwrap();
             goes.recv().unwrap();
         })
     };

@@ -145,8 +145,8 @@ fn follow(
     let mut at_reading = at_tick;
     let (mut u, mut worst) = (0.0, 0.0f64);
     for k in 1..=cycles {
-        sent.note(k, &CableVec::repeat(1, u));
-        let command = |ago: usize| sent.ago(ago)[0];
+        sent.record(k, &CableVec::repeat(1, u));
+        let command = |ago: usize| sent.delayed(ago)[0];
         at_reading = reading.step(at_reading, command(reading.delay_cycles() + 1), command(reading.delay_cycles()));
         at_tick = model.step(at_tick, command(model.delay_cycles() + 1), command(model.delay_cycles()));
         let measured = CableVec::repeat(1, (at_reading.length_m * 1e4).round() * 1e-4);
@@ -199,8 +199,8 @@ fn lead_error(lag: &DriveLag) -> f64 {
             (1..=40).map(|j| CableVec::repeat(1, trapezoid((first + j) as f64 * PERIOD_S - 1.0))).collect();
         let led = lead.step(k, &ahead);
         assert_eq!(lead.step(k, &ahead), led, "a second step in the same cycle changes nothing");
-        sent.note(k, &led.command_m_s);
-        winch = model.step(winch, sent.ago(model.delay_cycles() + 1)[0], sent.ago(model.delay_cycles())[0]);
+        sent.record(k, &led.command_m_s);
+        winch = model.step(winch, sent.delayed(model.delay_cycles() + 1)[0], sent.delayed(model.delay_cycles())[0]);
         worst = worst.max((winch.length_m - trapezoid((k + 1) as f64 * PERIOD_S - 1.0)).abs());
     }
     worst

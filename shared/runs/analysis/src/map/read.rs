@@ -35,7 +35,7 @@ pub fn logger_config(run: &Path) -> Answer<LoggerConfig> {
 
 /// Resolves the sensor settings.
 pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer<LoggerConfig> {
-    Ok(LoggerConfig::of(section, &robot.robot().map_err(Failure::not_now)?))
+    Ok(LoggerConfig::from_section(section, &robot.robot().map_err(Failure::not_now)?))
 }
 
 /// Reads the robot file of a run and the section `[sensor_logger]` of its system file.
@@ -120,7 +120,7 @@ impl SampleReader<'_> {
     ) {
         let channel = recorded.channel.name.as_str();
         if let Some(slot) = ["node/estimate/a", "node/estimate/b"].iter().position(|name| *name == channel) {
-            if let Some(estimate) = recorded.to::<NodeEstimate>() {
+            if let Some(estimate) = recorded.decode::<NodeEstimate>() {
                 self.logger.estimate(slot, &estimate);
                 self.now_ns = self.now_ns.max(estimate.header.stamp_ns);
                 if estimate.valid == 1 && self.track.last().is_none_or(|last| is_apart(last, &estimate.position_m)) {
@@ -129,11 +129,11 @@ impl SampleReader<'_> {
                 self.emit(self.now_ns, take);
             }
         } else if channel == "motor/authority" {
-            if let Some(authority) = recorded.to::<MotorAuthority>() {
+            if let Some(authority) = recorded.decode::<MotorAuthority>() {
                 self.logger.authority(&authority);
             }
         } else if let Some(name) = channel.strip_prefix("sample/") {
-            if let Some(sample) = recorded.to::<Sample>() {
+            if let Some(sample) = recorded.decode::<Sample>() {
                 add_name(sensors, name);
                 take(name, Origin::Recorded, &sample);
             }
@@ -152,7 +152,7 @@ impl SampleReader<'_> {
     fn sensor(&mut self, name: &str, recorded: &RecordedSample<'_>) -> Option<usize> {
         let config = self.config.sensor(name)?;
         let channel = recorded.channel;
-        let decoder = Decoder::of(&config, &channel.type_name, &channel.schema, recorded.sample.len()).ok()?;
+        let decoder = Decoder::new(&config, &channel.type_name, &channel.schema, recorded.sample.len()).ok()?;
         let number = self.logger.sensor(name, &config, decoder);
         if number == self.names.len() {
             self.names.push(name.to_owned());

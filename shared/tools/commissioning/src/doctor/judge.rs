@@ -38,7 +38,7 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
     }
     clocks(machine, &mut findings);
     if let Some(busy) = machine.busy {
-        findings.push(match (busy.words(), busy.load) {
+        findings.push(match (busy.clause(), busy.load) {
             (Some(words), _) => warning(words, evidence::busy::CURE),
             (None, Some(load)) => note(format!(
                 "processors: {}, and {} threads are runnable ({:.1} on average over the last minute)",

@@ -199,7 +199,7 @@ impl<'a> ScanFlight<'a> {
 
     fn judge(&mut self) {
         self.scan.map.refresh();
-        let error = MapErrors::of(&self.scan.map, self.finder.ground, 0.0);
+        let error = MapErrors::compute(&self.scan.map, self.finder.ground, 0.0);
         self.scan.rmse_by_length.push([self.scan.length_m, error.all_m]);
     }
 }
@@ -254,7 +254,7 @@ pub struct MapErrors {
 
 impl MapErrors {
     /// Computes the errors of all cells, and of those farther than `band_m` from every edge.
-    pub fn of(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
+    pub fn compute(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
         let spec = map.spec();
         let (mut all, mut away, mut count, mut unknown, mut within) = (0.0, 0.0, 0usize, 0, 0usize);
         for (at, cell) in map.cells().iter().enumerate() {
