@@ -37,7 +37,7 @@ impl Evidence {
     #[must_use]
     pub fn new() -> Self {
         Self {
-            own: Thread::own().ok(),
+            own: Thread::current().ok(),
             pressure: Pressure::open(),
             pressure_us: 0,
             seats: Default::default(),
@@ -58,14 +58,14 @@ impl Evidence {
 
     /// Reads the evidence and writes it into the input. `published_ns`: publication time of the previous cycle's state,
     /// for which estimators wait.
-    pub fn look(&mut self, box_left_out_ns: u64, published_ns: u64, input: &mut MotorInput) {
+    pub fn read(&mut self, box_left_out_ns: u64, published_ns: u64, input: &mut MotorInput) {
         let now_ns = now_ns();
         if input.header.cycle % PRESSURE_EVERY == 1 {
-            self.pressure_us = self.pressure.as_ref().and_then(Pressure::some_us).unwrap_or(self.pressure_us);
+            self.pressure_us = self.pressure.as_ref().and_then(Pressure::waiting_us).unwrap_or(self.pressure_us);
         }
         input.pressure_us = self.pressure_us;
         input.run_delay_ns =
-            self.own.as_mut().and_then(|own| own.look_since(now_ns, None)).map_or(input.run_delay_ns, known);
+            self.own.as_mut().and_then(|own| own.run_delay_since_ns(now_ns, None)).map_or(input.run_delay_ns, known);
         let given_ns = self.given_ns(published_ns, input);
         for ((delay_ns, seat), given_ns) in input.chain_delay_ns.iter_mut().zip(&mut self.seats).zip(given_ns) {
             *delay_ns = seat.look(now_ns, given_ns);
@@ -107,13 +107,13 @@ impl Seat {
     fn set_thread(&mut self, number: u32) {
         if number != self.number {
             self.number = number;
-            self.thread = if number == 0 { None } else { Thread::of(number).ok() };
+            self.thread = if number == 0 { None } else { Thread::with_id(number).ok() };
             self.counted_ns = None;
         }
     }
 
     fn look(&mut self, now_ns: u64, given_ns: Option<u64>) -> u64 {
-        let counted_ns = self.thread.as_mut().and_then(|thread| thread.look_since(now_ns, given_ns));
+        let counted_ns = self.thread.as_mut().and_then(|thread| thread.run_delay_since_ns(now_ns, given_ns));
         if let Some(counted_ns) = counted_ns {
             let before_ns = self.counted_ns.replace(counted_ns).unwrap_or(counted_ns);
             self.delay_ns = known(self.delay_ns) + (counted_ns - before_ns);
@@ -138,19 +138,19 @@ mod tests {
         let mut child = std::process::Command::new("sleep").arg("100").spawn().unwrap();
         evidence.estimate(1, &NodeEstimate { thread: child.id(), ..NodeEstimate::default() });
         input.header.cycle = 1;
-        evidence.look(5, 0, &mut input);
+        evidence.read(5, 0, &mut input);
         let first = input;
-        assert!(first.run_delay_ns > 0 || Thread::own().is_err());
+        assert!(first.run_delay_ns > 0 || Thread::current().is_err());
         assert_eq!((first.box_left_out_ns, first.chain_delay_ns), (5, [0, 0, 0, 1]));
         child.kill().unwrap();
         child.wait().unwrap();
         input.header.cycle = 2;
-        evidence.look(6, 0, &mut input);
+        evidence.read(6, 0, &mut input);
         assert_eq!((input.chain_delay_ns, input.pressure_us), (first.chain_delay_ns, first.pressure_us));
         assert!(input.run_delay_ns >= first.run_delay_ns);
         // A number without a thread does not reset what the previous thread had waited.
         evidence.estimate(1, &NodeEstimate { thread: u32::MAX >> 1, ..NodeEstimate::default() });
-        evidence.look(6, 0, &mut input);
+        evidence.read(6, 0, &mut input);
         assert_eq!(input.chain_delay_ns, first.chain_delay_ns);
     }
 }

@@ -4,10 +4,10 @@ use command::{Answer, Failure, Output};
 
 use bus::{Bus, Subscriber, clock};
 use commissioning::check;
-use config::{EstimatorSection, RobotFile, Role, Slot, SystemFile, TUNABLE, Tuned};
+use config::{EstimatorSection, RobotFile, Role, SystemFile, TUNABLE, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
-use messages::{ProcessState, Request, SystemConfig, text_of};
+use messages::{ProcessState, Request, Slot, SystemConfig, text_of};
 use runtime::TUNED_CHANNEL;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -135,7 +135,7 @@ fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, rob
             let config = |file: &SystemFile| {
                 let mut file = file.clone();
                 file.controller.law = law;
-                ControllerConfig::of(&file, robot, 1).ok()
+                ControllerConfig::from_files(&file, robot, 1).ok()
             };
             (config(before).is_some() && config(before) == config(after)).then(|| law.name().to_owned())
         }
@@ -143,7 +143,7 @@ fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, rob
             let method = if law.is_empty() { before.estimator.method } else { law.parse().ok()? };
             let config = |file: &SystemFile| {
                 let section = EstimatorSection { method, ..file.estimator.clone() };
-                EstimatorConfig::of(&section, robot.robot().ok()?, 1).ok()
+                EstimatorConfig::from_section(&section, robot.robot().ok()?, 1).ok()
             };
             (config(before).is_some() && config(before) == config(after)).then(|| method.name().to_owned())
         }

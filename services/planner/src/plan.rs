@@ -39,7 +39,7 @@ pub struct PlannerConfig {
 
 impl PlannerConfig {
     /// Returns the configuration of a system file and its robot.
-    pub fn of(file: &SystemFile, robot: Robot) -> Self {
+    pub fn from_files(file: &SystemFile, robot: Robot) -> Self {
         Self {
             robot,
             distribution: file.controller.distribution_for(&robot),

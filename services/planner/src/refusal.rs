@@ -65,8 +65,8 @@ pub(crate) fn of_copy_error(error: &MissionCopyError) -> Reason {
 /// Returns the reason for which a mission cannot be planned.
 pub(crate) fn of_plan_error(error: &PlanError) -> Reason {
     match *error {
-        PlanError::Refused { leg, ref segment, ref refusal } => {
-            Reason::PlanLimit { leg, segment: detail(segment), why: detail(refusal) }
+        PlanError::Refused { leg, ref segment, ref refusal, feasible_m_s } => {
+            Reason::PlanLimit { leg, segment: detail(segment), why: detail(refusal), feasible_m_s }
         }
         PlanError::TooFast { leg, speed_m_s, limit_m_s } => Reason::PlanTooFast { leg, speed_m_s, limit_m_s },
         PlanError::TooHard { asked_m_s2, limit_m_s2 } => Reason::PlanTooHard { asked_m_s2, limit_m_s2 },
@@ -97,7 +97,12 @@ mod tests {
         let cause = Cause::CableSpeed { cable: 1, speed_m_s: 0.5, limit_m_s: 0.4 };
         let refusal = cable_robot::motion::Refusal { position: Vector3::new(1.0, 2.0, 3.0), path_s_m: 0.5, cause };
         let errors = [
-            PlanError::Refused { leg: 1, segment: " from [1, 2, 3] to [4, 5, 6]".to_owned(), refusal },
+            PlanError::Refused {
+                leg: 1,
+                segment: " from [1, 2, 3] to [4, 5, 6]".to_owned(),
+                refusal: Box::new(refusal),
+                feasible_m_s: Some(0.375),
+            },
             PlanError::TooFast { leg: 2, speed_m_s: 0.5, limit_m_s: 0.4 },
             PlanError::TooHard { asked_m_s2: 0.75, limit_m_s2: 0.5 },
             PlanError::Path { leg: 3, error: PathError::TooShort { length_m: 1e-9 } },

@@ -100,7 +100,7 @@ impl Heartbeats {
     }
 
     /// Drops the subscription.
-    pub fn forget(&mut self, name: &str) {
+    pub fn unsubscribe(&mut self, name: &str) {
         self.records.remove(name);
     }
 
@@ -187,7 +187,7 @@ impl SilenceAnalysis {
 
 /// Returns the kernel's state of the process; `None` if it cannot be read.
 fn state_of(pid: u32) -> Option<State> {
-    evidence::Thread::of(pid).ok().map(|thread| thread.state())
+    evidence::Thread::with_id(pid).ok().map(|thread| thread.state())
 }
 
 /// Scheduling of a process, as the kernel counts it.

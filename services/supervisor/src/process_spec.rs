@@ -2,7 +2,8 @@
 
 use super::refused::Decision;
 use super::restarts::Policy;
-use config::{ProcessSection, Role, Slot, SystemFile};
+use config::{ProcessSection, Role, SystemFile};
+use messages::Slot;
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::BTreeMap;
@@ -52,14 +53,14 @@ impl ProcessSpec {
 
     /// Whether this is its name on the bus or in the system file.
     #[must_use]
-    pub fn is_called(&self, name: &str) -> bool {
+    pub fn has_name(&self, name: &str) -> bool {
         self.name == name || self.alias.as_deref() == Some(name)
     }
 
     /// Roles whose processes must be ready before this one is started. The recorder starts first, so that it misses no
     /// sample; publishers start before motor-io, whose cycle wakes their subscribers; custom processes start last.
     #[must_use]
-    pub fn waits_for(&self) -> &'static [Role] {
+    pub fn starts_after(&self) -> &'static [Role] {
         match self.role {
             Role::Recorder => &[],
             Role::MotorBox | Role::Estimator | Role::Controller | Role::Planner => &[Role::Recorder],

@@ -61,7 +61,7 @@ impl Recording {
 
     /// Reasons for the gaps in the recording.
     #[must_use]
-    pub fn troubles(&self) -> Vec<String> {
+    pub fn gap_reasons(&self) -> Vec<String> {
         let lost = (self.ledger.lost > 0).then(|| self.ledger.missing(""));
         self.ledger.troubles.iter().cloned().chain(lost).collect()
     }

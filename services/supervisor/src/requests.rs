@@ -9,8 +9,8 @@ use super::restarts::Restarts;
 use bus::{Server, clock};
 use client::SUPERVISOR;
 use command::Answer;
-use config::{Role, Slot};
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, SlotRole};
+use config::Role;
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot, SlotRole};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::Path;
@@ -48,7 +48,7 @@ impl Supervisor {
     fn carry_out(&mut self, request: &Request) -> Decision {
         match request {
             Request::StartProcess { name, slot, law } => {
-                let member = self.which(name, slot.map(Slot::from), law.as_deref())?;
+                let member = self.which(name, *slot, law.as_deref())?;
                 self.begin(&member)
             }
             Request::StopProcess { name } => self.stop_one(name, Then::Stay),
@@ -196,7 +196,7 @@ impl Supervisor {
                 return Err(Reason::ProcessRuns { process: detail(name), pid: child.pid }.into());
             }
             restarts.total = child.restarts.total;
-            restarts.again();
+            restarts.record_restart();
         }
         self.launch(member, restarts).map_err(|why| not_started(name, why))?;
         if let Some(alias) = &member.alias {

@@ -25,7 +25,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// It cannot be created, or the given folder is not empty.
-    pub fn make(file: &SystemFile, system_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
+    pub fn create(file: &SystemFile, system_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
         let now = bus::clock::unix_ns();
         let path = match given {
             Some(path) => path.to_path_buf(),
@@ -83,7 +83,7 @@ impl RunFolder {
 
     /// Whether the folder was removed or moved: nims never removes its manifest.
     #[must_use]
-    pub fn is_gone(&self) -> bool {
+    pub fn is_missing(&self) -> bool {
         !self.path.join("manifest.json").exists()
     }
 

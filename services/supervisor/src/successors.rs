@@ -37,7 +37,7 @@ impl Supervisor {
             }
             return Ok(Reason::ProcessReplaces { process: detail(name) });
         };
-        restarts.again();
+        restarts.record_restart();
         let child = self.spawn(&member, restarts, true).map_err(|why| not_started(&name, why))?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.record_living();

@@ -165,8 +165,8 @@ fn account(run: &Path, first: u64, last: u64) -> Account {
     took_ns.sort_unstable();
     let usual_ns = took_ns[took_ns.len() / 2];
     let (late, silent) = (grows(|sample| sample.lost_computer), grows(|sample| sample.lost_on_ports()));
-    let (from, to) = (Periods::of(&samples[0]), Periods::of(&samples[samples.len() - 1]));
-    println!("from {} to {}", from.words(), to.words());
+    let (from, to) = (Periods::from_authority(&samples[0]), Periods::from_authority(&samples[samples.len() - 1]));
+    println!("from {} to {}", from.summary(), to.summary());
     let mut account = Account::default();
     for two in samples.windows(2) {
         let (before, now) = (&two[0], &two[1]);

@@ -25,7 +25,7 @@ fn run(folder: &Path) -> PathBuf {
     reader.next_sample().unwrap().unwrap();
     let clock = reader.clock().unwrap();
     let mut writer = RunWriter::create(&run.join("run-0002.mcap"), clock, &Default::default(), &[]).unwrap();
-    let channel = writer.add_channel(&ChannelSpec::of::<LogEvent>("system/log/motor-io")).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::for_type::<LogEvent>("system/log/motor-io")).unwrap();
     let mut event = LogEvent { level: LogEvent::LEVEL_WARN, ..LogEvent::default() };
     let stamp_ns = 6_100_000_000;
     event.header_mut().stamp_ns = stamp_ns;

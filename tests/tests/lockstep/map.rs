@@ -53,10 +53,10 @@ fn fly(path: &Path, logged: bool) {
     std::fs::write(folder.path().join("mission.toml"), MISSION).unwrap();
     let mission = Mission::read(&folder.path().join("mission.toml")).unwrap();
     scenario.mission = mission.clone();
-    let config = LoggerConfig::of(&SensorLoggerSection::default(), &scenario.robot);
+    let config = LoggerConfig::from_section(&SensorLoggerSection::default(), &scenario.robot);
     let mut logger = Logger::new(&config).unwrap();
     let sensor = config.sensor("range").unwrap();
-    let decoder = Decoder::of(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
+    let decoder = Decoder::new(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
     logger.sensor("range", &sensor, decoder);
 
     let ground = ground();

@@ -58,9 +58,9 @@ fn record(mass_kg: f64, mission: &Mission, run: &Path) {
     lockstep.run(mission).unwrap();
     let mut writer = RunWriter::create(run, RunClock::now(), &Default::default(), &[]).unwrap();
     let channels = [
-        writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap(),
-        writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap(),
-        writer.add_channel(&ChannelSpec::of::<NodeEstimate>("node/estimate/a")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<NodeEstimate>("node/estimate/a")).unwrap(),
     ];
     loop {
         let cycle = lockstep.cycle().unwrap();

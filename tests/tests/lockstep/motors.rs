@@ -42,7 +42,7 @@ fn mission(speed_m_s: f64) -> Mission {
 fn fly(file: &SystemFile, mission: &Mission) -> (u8, u32) {
     let mut scenario = CASE.scenario(true).unwrap();
     scenario.plant.supply_v = 20.5;
-    let mut lockstep = Lockstep::with(scenario, Chain::of(file).unwrap()).unwrap();
+    let mut lockstep = Lockstep::with(scenario, Chain::from_file(file).unwrap()).unwrap();
     lockstep.zero_and_arm().unwrap();
     lockstep.run(mission).unwrap();
     let mut faults = 0;
@@ -60,7 +60,7 @@ fn fly(file: &SystemFile, mission: &Mission) -> (u8, u32) {
 fn the_fastest_accepted_flight_is_flown_at_the_lowest_supply_and_a_rejected_one_is_not() {
     let folder = tempfile::tempdir().unwrap();
     let checked = system(folder.path(), 20.0);
-    let config = PlannerConfig::of(&checked, checked.robot_file().unwrap().robot().unwrap());
+    let config = PlannerConfig::from_files(&checked, checked.robot_file().unwrap().robot().unwrap());
     let start = checked.motor_box.as_ref().unwrap().start_m.position_m.into();
     let plan = |speed_m_s| Plan::new(&mission(speed_m_s), &config, start, 0.0, 1);
     // Each refusal states the speed of its segment; the slowest segment decides.

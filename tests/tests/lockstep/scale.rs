@@ -44,7 +44,7 @@ fn files(folder: &Path, anchors: Option<&str>) -> SystemFile {
 fn flown_m(file: &SystemFile) -> f64 {
     let scenario = CASE.scenario(true).unwrap();
     let mission = scenario.mission.clone();
-    let mut lockstep = Lockstep::with(scenario, Chain::of(file).unwrap()).unwrap();
+    let mut lockstep = Lockstep::with(scenario, Chain::from_file(file).unwrap()).unwrap();
     lockstep.zero_and_arm().unwrap();
     lockstep.run(&mission).unwrap();
     let (mut sum, mut count) = (0.0, 0);

@@ -31,7 +31,7 @@ impl Bias {
 
     /// Largest average difference as a share of what is allowed: `share` of the commanded speed, at least `least_m_s`.
     #[must_use]
-    pub fn beside(&self, share: f64, least_m_s: f64) -> f64 {
+    pub fn relative(&self, share: f64, least_m_s: f64) -> f64 {
         largest(&self.difference_m_s) / (share * self.pace_m_s).max(least_m_s)
     }
 }
@@ -45,7 +45,7 @@ mod tests {
         for _ in 0..300 {
             bias.add(&[lead; CABLES], &[side; CABLES], 0.03);
         }
-        bias.beside(0.25, 0.05)
+        bias.relative(0.25, 0.05)
     }
 
     #[test]
@@ -63,6 +63,6 @@ mod tests {
             let side = if cycle % 100 < 20 { 0.16 } else { 0.1 };
             bias.add(&[0.1; CABLES], &[side; CABLES], 0.03);
         }
-        assert!(bias.beside(0.25, 0.05) < 1.0);
+        assert!(bias.relative(0.25, 0.05) < 1.0);
     }
 }

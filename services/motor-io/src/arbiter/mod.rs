@@ -17,7 +17,7 @@ use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLES, SEATS, SLOTS,
     same_life,
 };
-use role::{Phase, Refusal, Reply, Report, Role, Slot, Times};
+use role::{Phase, Refusal, Reply, Report, Role, SlotState, Times};
 
 /// Multiple of the speed limit beyond which a command is wrong and not just saturated.
 const ABSURD: f64 = 4.0;
@@ -28,7 +28,7 @@ const BIAS_PASSES: f64 = 3.0;
 
 /// Command of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Chosen {
+pub struct ChosenCommand {
     /// Cable velocities, m/s; finite, zero beyond the robot's cables.
     pub velocity_m_s: [f64; CABLES],
     /// Controller slot.
@@ -128,7 +128,7 @@ impl Arbiter {
         input: &MotorInput,
         context: &ArbiterInput,
         follows: impl Fn(u32) -> bool,
-    ) -> Option<Chosen> {
+    ) -> Option<ChosenCommand> {
         let cycle = input.header.cycle;
         let rows: [Rows; SLOTS] = std::array::from_fn(|slot| self.rows(input, slot, context, &follows));
         let estimates: [Reply; SLOTS] = std::array::from_fn(|slot| estimate(input, slot));
@@ -143,7 +143,7 @@ impl Arbiter {
         let reports: [Report; SLOTS] = std::array::from_fn(|slot| {
             let reply = self.reply(input, slot, &rows[slot], &usable);
             let incarnation = if reply == Reply::Silent { 0 } else { input.command[slot].incarnation };
-            let bias = self.bias[slot].beside(self.bias_share, self.bias_bound_m_s);
+            let bias = self.bias[slot].relative(self.bias_share, self.bias_bound_m_s);
             Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
         let controller = self.roles[CONTROLLERS].step(cycle, context.moving, &of_role(CONTROLLERS), &reports);
@@ -180,7 +180,7 @@ impl Arbiter {
         debug_assert!(velocity_m_s.iter().all(|v| v.is_finite()), "the chosen command is not finite: {velocity_m_s:?}");
         self.used = pair;
         let command = &input.command[controller];
-        Some(Chosen {
+        Some(ChosenCommand {
             velocity_m_s,
             controller,
             estimator,
@@ -328,19 +328,19 @@ impl Arbiter {
 
     /// Slots whose command was used last.
     #[must_use]
-    pub fn used(&self) -> (usize, usize) {
+    pub fn slots_in_use(&self) -> (usize, usize) {
         self.used
     }
 
     /// State of a slot of a role.
     #[must_use]
-    pub fn slot(&self, role: usize, slot: usize) -> &Slot {
+    pub fn slot(&self, role: usize, slot: usize) -> &SlotState {
         self.roles[role].slot(slot)
     }
 
     /// Deviation of a slot from the one in charge, m/s or m; negative: nothing to compare.
     #[must_use]
-    pub fn apart(&self, role: usize, slot: usize) -> f64 {
+    pub fn deviation(&self, role: usize, slot: usize) -> f64 {
         self.apart[SLOTS * role + slot]
     }
 
@@ -383,8 +383,8 @@ impl Arbiter {
             let slot = self.roles[seat / SLOTS].slot(seat % SLOTS);
             slots.phase[seat] = slot.phase() as u8;
             slots.cause[seat] = slot.cause();
-            slots.failures[seat] = slot.falls();
-            slots.good_cycles[seat] = slot.well();
+            slots.failures[seat] = slot.failures();
+            slots.good_cycles[seat] = slot.good_answers();
         }
         slots
     }

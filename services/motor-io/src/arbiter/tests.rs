@@ -54,7 +54,7 @@ impl Table {
         table
     }
 
-    fn cycle(&mut self) -> Option<Chosen> {
+    fn cycle(&mut self) -> Option<ChosenCommand> {
         self.input.header.cycle += 1;
         for slot in 0..SLOTS {
             self.input.estimate_cycle[slot] = self.input.header.cycle - 1;
@@ -62,7 +62,7 @@ impl Table {
         self.cycle_as_it_is()
     }
 
-    fn cycle_as_it_is(&mut self) -> Option<Chosen> {
+    fn cycle_as_it_is(&mut self) -> Option<ChosenCommand> {
         let mut input = self.input;
         for command in &mut input.command {
             command.based_on_cycle = command.based_on_cycle.wrapping_add(input.header.cycle - 1);

@@ -111,7 +111,7 @@ impl Core {
         let recent = missing.min(RECENT_CYCLES);
         let waits = missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
         if waits {
-            self.safety.note_stop(MotorAuthority::FAULT_COMPUTER);
+            self.safety.record_stop(MotorAuthority::FAULT_COMPUTER);
             self.starved.said = self.config.cycles(SAID_S);
         }
         waits

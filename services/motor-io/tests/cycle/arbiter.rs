@@ -6,7 +6,7 @@ use crate::rig;
 
 use bytemuck::bytes_of;
 use messages::{CABLES, MotorAuthority as A, MotorInput, MotorSlots as P, SEATS, SLOTS};
-use motor_io::{Arbiter, ArbiterInput, Chosen};
+use motor_io::{Arbiter, ArbiterInput, ChosenCommand};
 use proptest::prelude::*;
 
 /// Answer of a process.
@@ -65,7 +65,7 @@ const SEGMENT: u32 = 1;
 /// One cycle of the arbiter, as published.
 struct Cycle {
     input: MotorInput,
-    chosen: Option<Chosen>,
+    chosen: Option<ChosenCommand>,
     authority: A,
     slots: P,
     /// Incarnation that answers in each slot; 0: none.
@@ -92,7 +92,7 @@ struct World {
     announced: Option<(usize, u64)>,
     admitted: Option<usize>,
     waiting: [u64; SEATS],
-    record: Vec<(MotorInput, ArbiterInput, Option<Chosen>, A, P)>,
+    record: Vec<(MotorInput, ArbiterInput, Option<ChosenCommand>, A, P)>,
     swaps: u32,
 }
 

@@ -245,7 +245,7 @@ impl<'a> Builder<'a> {
     /// Returns a point in the coordinates of this robot.
     fn point(&self, leg: usize, point: &Point) -> Result<Vector3<f64>, PlanError> {
         let planar = self.config.robot.is_planar();
-        point.on(planar).map(Vector3::from).map_err(|why| PlanError::Point { leg, why })
+        point.resolve(planar).map(Vector3::from).map_err(|why| PlanError::Point { leg, why })
     }
 
     fn line(&mut self, number: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {

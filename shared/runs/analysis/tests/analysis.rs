@@ -28,11 +28,11 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
     let mut writer =
         RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
     let channels = [
-        writer.add_channel(&ChannelSpec::of::<PlanMotion>("plan/motion")).unwrap(),
-        writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap(),
-        writer.add_channel(&ChannelSpec::of::<NodeEstimate>("node/estimate/a")).unwrap(),
-        writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap(),
-        writer.add_channel(&ChannelSpec::of::<ControlStatus>("control/status/a")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<PlanMotion>("plan/motion")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<NodeEstimate>("node/estimate/a")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<ControlStatus>("control/status/a")).unwrap(),
     ];
     let path = Path::line(Vector3::new(4.0, 3.0, 0.5), Vector3::new(5.0, 3.0, 0.5));
     let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.4)).unwrap();
@@ -99,7 +99,7 @@ fn a_run_without_motion_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let mut writer =
         RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
-    let channel = writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap();
     let rest = stamped(MotorAuthority { period_s: 0.01, ..Default::default() }, 1, PERIOD_NS);
     writer.write(channel, 1, 1, 1, bytemuck::bytes_of(&rest)).unwrap();
     writer.finish(&Default::default()).unwrap();
@@ -124,10 +124,10 @@ impl Tape {
         let mut writer =
             RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
         let channels = [
-            writer.add_channel(&ChannelSpec::of::<PlanMotion>("plan/motion")).unwrap(),
-            writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap(),
-            writer.add_channel(&ChannelSpec::of::<NodeEstimate>("node/estimate/a")).unwrap(),
-            writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap(),
+            writer.add_channel(&ChannelSpec::for_type::<PlanMotion>("plan/motion")).unwrap(),
+            writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
+            writer.add_channel(&ChannelSpec::for_type::<NodeEstimate>("node/estimate/a")).unwrap(),
+            writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node")).unwrap(),
         ];
         let path = Path::line(Vector3::new(4.0, 3.0, 0.5), Vector3::new(5.0, 3.0, 0.5));
         let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.4)).unwrap();

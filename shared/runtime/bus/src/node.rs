@@ -23,7 +23,7 @@ use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, SchemaContinuation};
 use crate::domain::info_of;
 use crate::error::{PlaceKind, THIS_PROCESS};
-use crate::places::{Party, Refused, collect_listed};
+use crate::places::{Participant, Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
@@ -56,7 +56,7 @@ pub struct Bus {
     pub(crate) node: Node<ipc::Service>,
     domain: Domain,
     process: String,
-    pub(crate) party: Party,
+    pub(crate) party: Participant,
     pub(crate) port_name: PortName,
     announcer: OnceCell<Notifier<ipc::Service>>,
     /// Continuations of long schema texts by type name, open as long as this value exists.
@@ -71,14 +71,14 @@ impl Bus {
     /// [`BusError::Join`] if the name is longer than 63 bytes or the folder cannot be used, [`BusError::NoMemory`] if
     /// there is not enough shared memory.
     pub fn join(domain: &Domain, process: &str) -> Result<Self, BusError> {
-        Self::join_as(domain, process, Party::Member)
+        Self::join_as(domain, process, Participant::Member)
     }
 
     /// As [`Bus::join`], as a participant of this kind, which leaves places to more important kinds.
     ///
     /// # Errors
     /// As [`Bus::join`].
-    pub fn join_as(domain: &Domain, process: &str, party: Party) -> Result<Self, BusError> {
+    pub fn join_as(domain: &Domain, process: &str, party: Participant) -> Result<Self, BusError> {
         let failed =
             |why: String| BusError::Join { process: process.to_owned(), domain: domain.name().to_owned(), why };
         set_log_level(LogLevel::Fatal); // iceoryx2 also returns its problems as errors

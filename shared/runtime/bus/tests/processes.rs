@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::clock::now_ns;
-use bus::{Bus, BusError, Domain, Subscriber, Unfit, Waiter};
+use bus::{Bus, BusError, Domain, Subscriber, UnusableFolder, Waiter};
 use messages::{MotorState, Request};
 
 /// A running peer process; killed when dropped.
@@ -204,7 +204,10 @@ fn it_works_for_a_user_without_privileges() {
     let _second = Peer::run(&mut as_unprivileged_user("publish", "motor-io"));
     // Root, which is another user, is rejected; it must not stall them.
     let error = Domain::parse(&format!("/dev/shm/nims-65534-{name}")).unwrap_err();
-    assert!(matches!(error, BusError::DomainFolder { why: Unfit::OtherUser { owner: 65534, user: 0 }, .. }), "{error}");
+    assert!(
+        matches!(error, BusError::DomainFolder { why: UnusableFolder::OtherUser { owner: 65534, user: 0 }, .. }),
+        "{error}"
+    );
 }
 
 /// Removes the objects of another user's domain when dropped.

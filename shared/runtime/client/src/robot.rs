@@ -1,6 +1,6 @@
 //! Finding a running robot, and reading its samples.
 
-use bus::{Bus, Domain, Party};
+use bus::{Bus, Domain, Participant};
 use command::{Answer, Failure};
 use messages::{
     Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES,
@@ -31,7 +31,7 @@ pub struct Running {
 impl Running {
     /// Reads the record of a domain; `None` without a run.
     #[must_use]
-    pub fn of(domain: &Domain) -> Option<Self> {
+    pub fn read(domain: &Domain) -> Option<Self> {
         let text = std::fs::read_to_string(domain.root().join(RUNNING_FILE)).ok()?;
         serde_json::from_str(&text).ok()
     }
@@ -76,14 +76,14 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
 /// # Errors
 /// As [`domain`].
 pub fn join(name: Option<&str>) -> Answer<Bus> {
-    join_as(name, Party::Command)
+    join_as(name, Participant::Command)
 }
 
 /// [`join`] as another party: a command that stops the robot may take every place, an observer leaves places free.
 ///
 /// # Errors
 /// As [`domain`].
-pub fn join_as(name: Option<&str>, party: Party) -> Answer<Bus> {
+pub fn join_as(name: Option<&str>, party: Participant) -> Answer<Bus> {
     bus::make_private();
     Ok(Bus::join_as(&domain(name)?, "nims-command", party)?)
 }
@@ -135,7 +135,7 @@ pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
         ))
     });
     put_sentence(&mut answer.answer, &sentence);
-    Failure::of(&answer)
+    Failure::unless_accepted(&answer)
 }
 
 /// Returns the newest estimate in charge that arrives within `patience`.

@@ -5,9 +5,10 @@ use super::{
     SystemFile, UnitSection,
 };
 use crate::number::number;
-use crate::{DriveFamily, Problem, Slot};
+use crate::{DriveFamily, Problem};
 use cable_robot::anchors::RADII_M;
 use cable_robot::control_bounds::{MAX_LENGTH_GAIN, MAX_PREVIEW, MAX_WINDOW};
+use messages::Slot;
 
 /// Longest name, characters: it becomes part of the path of a socket, whose length is limited.
 const NAME_MAX: usize = 16;
@@ -57,7 +58,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
     number("robot.drag_n_s2_m2", robot.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
     for corner in robot.keep_out.iter().flatten() {
         corner
-            .on(robot.anchors_m.is_planar())
+            .resolve(robot.anchors_m.is_planar())
             .map_err(|why| Problem::of("robot.keep_out", format!("is not usable: {why}")))?;
     }
     // A floating node is pulled down by cables from below, so its anchors may be below the ground level.
@@ -346,7 +347,7 @@ fn drive_unit(
 fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), Problem> {
     let start_m = section
         .start_m
-        .on(robot.robot.anchors_m.is_planar())
+        .resolve(robot.robot.anchors_m.is_planar())
         .map_err(|why| Problem::of("motor_box.start_m", format!("is not usable: {why}")))?;
     for value in start_m {
         number("motor_box.start_m", value, "[x, y, z] in metres", |v| v.abs() <= 1000.0)?;

@@ -40,7 +40,8 @@ pub use number::Given;
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
-pub use slot::Slot;
+
+pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::{
     ArbiterSection, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection, PortSection,
     ProcessSection, RealtimeSection, RecorderSection, Role, SystemFile, UnitSection,

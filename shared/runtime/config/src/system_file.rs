@@ -1,7 +1,8 @@
 //! The system file: processes, drives, control rate and parameters of a robot.
 
 use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
-use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, Slot, StopPin, TensionDistribution};
+use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution};
+use messages::Slot;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -444,6 +445,7 @@ pub struct ProcessSection {
     #[serde(default)]
     pub command: Vec<String>,
     /// Slot of a controller or estimator. Default: a, or b for a standby.
+    #[serde(default, with = "crate::slot")]
     pub slot: Option<Slot>,
     /// A second controller or estimator, in slot b, that takes over when the first one dies.
     #[serde(default)]

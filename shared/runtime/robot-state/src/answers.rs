@@ -13,7 +13,7 @@ use messages::faults::Faults;
 use messages::{MotorAuthority, OperatorRequest, PlanStatus, RequestAnswer, Slot, SlotRole, put_sentence};
 
 use crate::parameter::{Parameter, Reader, Writer};
-use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
+use crate::sentences::{FaultList, ROLE_NAMES, StandbyRefusal};
 use crate::stop::Stop;
 
 pub use crate::parameter::{Detail, detail};
@@ -28,6 +28,15 @@ impl Display for Given {
         } else {
             write!(f, "{:e}", self.0)
         }
+    }
+}
+
+/// The speed at which a rejected segment can be flown, as a clause.
+struct SpeedAdvice(Option<f64>);
+
+impl Display for SpeedAdvice {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |speed_m_s| write!(f, "; fly it at {speed_m_s:.3} m/s"))
     }
 }
 
@@ -226,7 +235,7 @@ answers! {
     141 InCharge { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} is in charge already.", role_name(*role), slot.name();
     142 SwapUnderWay REFUSED, "Not swapped: another swap is under way; try again in a second.";
     143 SwapMovesOff { role: SlotRole, slot: Slot, off_m: f64, within_s: f64, most_m: f64 } REFUSED, "Not swapped: the {} in slot {} would move the node {off_m:.2} m off its path within {within_s:.1} s (accepted: {most_m} m); look at its configuration, or swap where the robot holds.", role_name(*role), slot.name();
-    144 NotSwapped { slot: Slot, why: WhyNot } REFUSED, "Not swapped: the {} in slot {} {why}.", ROLE_NAMES.get(why.role).unwrap_or(&"process"), slot.name();
+    144 NotSwapped { slot: Slot, why: StandbyRefusal } REFUSED, "Not swapped: the {} in slot {} {why}.", ROLE_NAMES.get(why.role).unwrap_or(&"process"), slot.name();
     145 Admitted { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} is admitted again; it qualifies from the beginning.", role_name(*role), slot.name();
     146 NotQuarantined { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} was not quarantined.", role_name(*role), slot.name();
 
@@ -253,7 +262,7 @@ answers! {
     223 CopyChanged { copy: Detail } BAD_INPUT, "{copy} is not the mission that was requested: its SHA-256 differs; request the mission again";
     224 MissionValue { leg: Option<usize>, key: Detail, why: Detail } BAD_INPUT, "{why}";
     // 230 to 241 held these classes without their parameters
-    250 PlanLimit { leg: usize, segment: Detail, why: Detail } BAD_INPUT, "leg {leg}{segment}: {why}";
+    250 PlanLimit { leg: usize, segment: Detail, why: Detail, feasible_m_s: Option<f64> } BAD_INPUT, "leg {leg}{segment}: {why}{}", SpeedAdvice(*feasible_m_s);
     251 PlanTooFast { leg: usize, speed_m_s: f64, limit_m_s: f64 } BAD_INPUT, "leg {leg} asks for {speed_m_s} m/s, above the robot's speed_limit_m_s of {limit_m_s} m/s; ask for less";
     252 PlanTooHard { asked_m_s2: f64, limit_m_s2: f64 } BAD_INPUT, "the mission asks for {asked_m_s2} m/s², above the robot's acceleration_limit_m_s2 of {limit_m_s2} m/s²; ask for less";
     253 PlanPath { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";

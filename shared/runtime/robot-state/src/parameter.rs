@@ -6,7 +6,7 @@ use arrayvec::ArrayString;
 use messages::faults::Faults;
 use messages::{DETAIL_BYTES, MORE, RequestAnswer, Slot, SlotRole, parted, put_sentence, text_of};
 
-use crate::sentences::WhyNot;
+use crate::sentences::StandbyRefusal;
 
 /// Text parameter of a reason.
 pub type Detail = ArrayString<DETAIL_BYTES>;
@@ -231,7 +231,7 @@ impl Parameter for Faults {
     }
 }
 
-impl Parameter for WhyNot {
+impl Parameter for StandbyRefusal {
     fn put(&self, into: &mut Writer<'_>) {
         self.role.put(into);
         self.phase.put(into);

@@ -274,7 +274,7 @@ pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
 
 /// Why a slot is not a standby, and what to do; formatted as the predicate of a sentence.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WhyNot {
+pub struct StandbyRefusal {
     /// Index of the role.
     pub role: usize,
     /// Phase of the slot.
@@ -291,7 +291,7 @@ pub struct WhyNot {
     pub moves_off: Option<(f64, f64)>,
 }
 
-impl fmt::Display for WhyNot {
+impl fmt::Display for StandbyRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { role, cause, well_s, qualify_s, .. } = *self;
         let failed = cause_phrase(role, cause);

@@ -89,7 +89,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         let file = args.config.display();
         Failure::BadInput(format!("{file} cannot be used: {errors} error(s), listed on stdout"))
     });
-    Ok(Output::new(to_json(&found), to_words(&found)).failing(failure))
+    Ok(Output::new(to_json(&found), to_text(&found)).failing(failure))
 }
 
 /// Returns the number of findings that are errors.
@@ -157,10 +157,10 @@ pub fn can_be_built(file: &SystemFile) -> Answer {
 /// # Errors
 /// Which key is wrong and what is accepted.
 pub fn chain_can_be_built(file: &SystemFile, robot: &RobotFile) -> Answer {
-    controller::ControllerConfig::of(file, robot, 1)
+    controller::ControllerConfig::from_files(file, robot, 1)
         .map_err(|error| Failure::BadInput(format!("[controller] {error}")))?;
     let parts = robot.robot().map_err(Failure::bad)?;
-    estimator::EstimatorConfig::of(&file.estimator, parts, 1)
+    estimator::EstimatorConfig::from_section(&file.estimator, parts, 1)
         .map_err(|error| Failure::BadInput(format!("[estimator] {error}")))?;
     Ok(())
 }
@@ -173,7 +173,7 @@ pub fn to_json(findings: &[Finding]) -> Value {
 
 /// Returns the findings as text, one line each.
 #[must_use]
-pub fn to_words(findings: &[Finding]) -> String {
+pub fn to_text(findings: &[Finding]) -> String {
     let lines: Vec<String> = findings
         .iter()
         .map(|finding| match (finding.level, finding.cure.as_str()) {
@@ -193,7 +193,7 @@ pub fn usable(findings: &[Finding]) -> bool {
 
 /// Describes the values that a sensor file defines.
 fn sensor(file: &SensorFile) -> Finding {
-    let (quantities, units) = file.words();
+    let (quantities, units) = file.quantities_and_units();
     let values: Vec<String> =
         quantities.iter().zip(&units).map(|(quantity, unit)| format!("{quantity} in {unit}")).collect();
     note(format!(
@@ -453,7 +453,7 @@ pub struct Flight {
 impl Flight {
     /// Returns one line of text.
     #[must_use]
-    pub fn words(&self) -> String {
+    pub fn line(&self) -> String {
         let energy = self.energy_j.map_or(String::new(), |joules| format!(", about {joules:.0} J in the motors"));
         format!("{} segments, {:.2} m, {:.1} s{energy}", self.segments, self.length_m, self.duration_s)
     }
@@ -510,7 +510,7 @@ fn mission_finding(
             "mission \"{}\" can be flown from {}: {}",
             mission.name,
             points::in_words(&checked, &from.into()),
-            flight.words()
+            flight.line()
         )),
         Err(why) => error(
             format!("mission \"{}\" cannot be flown: {why}", mission.name),

@@ -41,7 +41,7 @@ proptest! {
     fn every_command_gives_the_planners_verdict(from in place(), to in place(), speed_m_s in 0.1..1.0f64) {
         let file = SystemFile::load(system()).unwrap();
         let robot = file.robot_file().unwrap().robot().unwrap();
-        let config = PlannerConfig { check_step_m: 0.01, ..PlannerConfig::of(&file, robot) };
+        let config = PlannerConfig { check_step_m: 0.01, ..PlannerConfig::from_files(&file, robot) };
         let mission = |speed_m_s: f64| Mission::parse(&format!(
             "name = \"move\"\nspeed_m_s = {speed_m_s:?}\nacceleration_m_s2 = {:?}\n[[leg]]\nline = {{ to_m = {to:?} }}\n",
             robot.acceleration_limit_m_s2()

@@ -291,7 +291,7 @@ impl Robot {
 
     fn not_in_vain(&self, what: &str, give_up: u64) {
         let MotorAuthority { mode, faults, .. } = self.last;
-        let periods = robot_state::Periods::of(&self.last).words();
+        let periods = robot_state::Periods::from_authority(&self.last).summary();
         assert!(
             clock::now_ns() < give_up,
             "{what}: in vain; mode {mode}, faults {faults:#x}, {periods}\n{}",

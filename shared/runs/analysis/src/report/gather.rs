@@ -5,7 +5,7 @@ use super::legs::Legs;
 use super::samples::Sensors;
 use super::trace::{DecimatedPoints, Trace};
 use crate::accuracy::{AccuracySum, Analysis, Distances};
-use crate::counters::Count;
+use crate::counters::PeriodCounter;
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::{Robot, Vector3};
 use command::{Answer, Failure};
@@ -239,7 +239,7 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<RunData> {
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
         inspection.observe(&recorded);
         collector.clock(&recorded);
-        collector.count.note(&recorded);
+        collector.count.record(&recorded);
         let known = tracker.record(&recorded, &mut |cycle: &Cycle<'_>| collector.cycle(cycle))
             && collector.outside_cycles(&recorded);
         if !known {
@@ -269,7 +269,7 @@ struct Collector {
     mono_ns: Option<i128>,
     last_s: f64,
     tally: AccuracySum,
-    count: Count,
+    count: PeriodCounter,
     path: DecimatedPoints<PathPoint>,
     data: RunData,
 }
@@ -313,7 +313,7 @@ impl Collector {
             mono_ns: None,
             last_s: 0.0,
             tally: AccuracySum::default(),
-            count: Count::default(),
+            count: PeriodCounter::default(),
             path: DecimatedPoints::default(),
             data,
         })
@@ -322,7 +322,7 @@ impl Collector {
     fn clock(&mut self, recorded: &RecordedSample<'_>) {
         let begin_ns = *self.begin_ns.get_or_insert(recorded.log_time_ns);
         if self.mono_ns.is_none()
-            && let Some(authority) = recorded.to::<MotorAuthority>()
+            && let Some(authority) = recorded.decode::<MotorAuthority>()
         {
             let since = i128::from(recorded.log_time_ns) - i128::from(begin_ns);
             self.mono_ns = Some(i128::from(authority.header.stamp_ns) - since);
@@ -407,12 +407,12 @@ impl Collector {
         let data = &mut self.data;
         let name = recorded.channel.name.as_str();
         if let Some(process) = name.strip_prefix("system/heartbeat/") {
-            let Some(beat) = recorded.to::<Heartbeat>() else { return false };
+            let Some(beat) = recorded.decode::<Heartbeat>() else { return false };
             data.processes.insert(process.to_owned(), beat);
             return true;
         }
         if name.starts_with("system/log/") {
-            return recorded.to::<LogEvent>().map(|event| data.events.log(time_s, &event)).is_some();
+            return recorded.decode::<LogEvent>().map(|event| data.events.log(time_s, &event)).is_some();
         }
         if name.starts_with("sensor/") || name.starts_with("sample/") {
             data.sensors.record(time_s, recorded);
@@ -420,13 +420,13 @@ impl Collector {
         }
         match name {
             "operator/request" => {
-                recorded.to::<OperatorRequest>().map(|request| data.events.request(time_s, &request)).is_some()
+                recorded.decode::<OperatorRequest>().map(|request| data.events.request(time_s, &request)).is_some()
             }
             "system/process" => {
-                recorded.to::<ProcessState>().map(|process| data.events.process(time_s, &process)).is_some()
+                recorded.decode::<ProcessState>().map(|process| data.events.process(time_s, &process)).is_some()
             }
             "plan/status" => {
-                let Some(status) = recorded.to::<PlanStatus>() else { return false };
+                let Some(status) = recorded.decode::<PlanStatus>() else { return false };
                 let mission = text_of(&status.mission);
                 if data.events.plan(time_s, &status) && status.state == PlanStatus::STATE_DONE {
                     *data.missions.entry(mission.clone()).or_default() += 1;
@@ -447,7 +447,7 @@ impl Collector {
                 true
             }
             "recorder/status" => {
-                let Some(status) = recorded.to::<RecorderStatus>() else { return false };
+                let Some(status) = recorded.decode::<RecorderStatus>() else { return false };
                 let free = data.least_free_bytes.unwrap_or(u64::MAX).min(status.disk_free_bytes);
                 data.least_free_bytes = Some(free);
                 data.recorder.insert(text_of(&status.channel), status);

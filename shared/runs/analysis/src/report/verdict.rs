@@ -348,7 +348,7 @@ fn steering_text(periods: &Periods) -> Option<String> {
     match (periods.all(), periods.unsteered()) {
         (0, _) => None,
         (all, 0) => Some(format!("all {all} periods were steered")),
-        _ => Some(periods.words()),
+        _ => Some(periods.summary()),
     }
 }
 
