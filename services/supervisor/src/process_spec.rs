@@ -321,19 +321,20 @@ mod tests {
         };
         let plugged = |name: &str, command: &[&str]| {
             let command: Vec<String> = command.iter().map(ToString::to_string).collect();
-            site.plugged(name, Path::new("/"), &command).map_err(|refused| *refused.0).map(|member| member.program)
+            site.plugged(name, Path::new("/"), &command).map(|member| member.program)
         };
+        let refused = |name: &str, command: &[&str]| *plugged(name, command).unwrap_err().0;
         let (process, long) = (detail("wind"), "a".repeat(NAME_MAX + 1));
         for name in ["", "Wind", "a b", &long] {
-            assert_eq!(plugged(name, &["sh"]), Err(Reason::NameInvalid { process: detail(name), most: NAME_MAX }));
+            assert_eq!(refused(name, &["sh"]), Reason::NameInvalid { process: detail(name), most: NAME_MAX });
         }
-        assert_eq!(plugged("wind", &[]), Err(Reason::CommandEmpty { process }));
-        assert_eq!(plugged("wind", &[""]), Err(Reason::CommandEmpty { process }));
+        assert_eq!(refused("wind", &[]), Reason::CommandEmpty { process });
+        assert_eq!(refused("wind", &[""]), Reason::CommandEmpty { process });
         let program = detail("no-such-program");
-        assert_eq!(plugged("wind", &["no-such-program"]), Err(Reason::NoProgram { process, program }));
+        assert_eq!(refused("wind", &["no-such-program"]), Reason::NoProgram { process, program });
         let program = detail("/usr");
-        assert_eq!(plugged("wind", &["/usr"]), Err(Reason::ProgramIsFolder { process, program }));
-        assert_eq!(plugged("wind", &["/bin/sh"]), Ok(PathBuf::from("/bin/sh")));
+        assert_eq!(refused("wind", &["/usr"]), Reason::ProgramIsFolder { process, program });
+        assert_eq!(plugged("wind", &["/bin/sh"]).unwrap(), PathBuf::from("/bin/sh"));
         let unknown = site.with_law(Role::Controller, Slot::A, "none").unwrap_err();
         assert!(matches!(*unknown.0, Reason::LawUnknown { .. }), "{unknown:?}");
     }
