@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_thread_that_answers_is_looked_at_and_a_dead_one_stays_where_it_was() {
+    fn statistics_of_an_answering_thread_are_read_and_those_of_a_dead_one_stay() {
         let mut evidence = Evidence::new();
         let mut input = MotorInput::default();
         let mut child = std::process::Command::new("sleep").arg("100").spawn().unwrap();

@@ -44,7 +44,7 @@ fn flying() -> Rig {
 }
 
 #[test]
-fn it_knows_where_the_node_is() {
+fn the_judge_computes_the_position_of_the_node() {
     let rig = ready();
     assert!((Vector3::from(rig.seen().state.node_m) - here()).norm() < 0.002, "{:?}", rig.seen().state.node_m);
     let blind = Rig::default();
@@ -130,7 +130,7 @@ fn beside(second: impl Fn(Vector3<f64>) -> [f64; CABLES]) -> (u8, bool, String) 
 }
 
 #[test]
-fn a_newcomer_that_answers_zeros_or_is_biased_does_not_take_over() {
+fn a_new_process_that_answers_zeros_or_is_biased_does_not_take_over() {
     let (phase, accepted, sentence) = beside(cables);
     assert_eq!((phase, accepted), (MotorSlots::PHASE_QUALIFIED, true), "{sentence}");
     let biased = |planned| {
