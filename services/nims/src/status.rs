@@ -346,6 +346,7 @@ fn mission(plan: &PlanStatus, steered: Result<&MotorAuthority, String>, value: &
     value["mission"] = json!({
         "state": state, "name": text_of(&plan.mission), "leg": plan.leg, "legs": plan.legs,
         "progress": plan.progress, "time_left_s": (!was).then_some(plan.time_left_s), "reason": text_of(&plan.reason),
+        "reason_code": plan.reason_code,
     });
     lines.push(format!("mission    {}", steered_words(plan, steered)));
 }

@@ -502,6 +502,7 @@ impl Session {
             };
             status.header_mut().stamp_ns = now_ns;
             status.header_mut().oldest_input_ns = now_ns;
+            status.removed = self.removed.into();
             put_text(&mut status.file, &self.file);
             put_sentence(&mut status.reason, &self.reason);
             status

@@ -146,18 +146,19 @@ fn a_later_reason_replaces_the_first() {
     session.declare(ChannelSpec::for_type::<TruthNode>("truth/node"));
     fs::remove_dir_all(&folder).unwrap();
     session.tick(SECOND, Some(10_000));
-    let first = text_of(&status(&session).reason);
+    let path = folder.join("run.mcap");
+    let first = status(&session);
+    assert_eq!((first.removed, text_of(&first.reason)), (1, in_status(&RunError::Removed { path })));
     // A file with the path of the folder prevents its creation.
     fs::write(&folder, "").unwrap();
     session.tick(3 * SECOND, Some(10_000));
     let second = text_of(&status(&session).reason);
-    let removed = |reason: &str| reason.contains(RunError::REMOVED);
-    assert!(removed(&first) && !removed(&second), "{first}\n{second}");
+    assert_eq!(status(&session).removed, 1, "what the removed file held stays lost");
     let refused = fs::create_dir_all(&folder).unwrap_err().to_string();
     assert!(second.contains(folder.to_str().unwrap()) && second.contains(&refused), "{second}");
     fs::remove_file(&folder).unwrap();
     session.tick(9 * SECOND, Some(10_000));
-    assert!(session.is_recording());
+    assert!(session.is_recording() && status(&session).removed == 0);
 }
 
 #[test]

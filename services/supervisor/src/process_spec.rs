@@ -1,9 +1,11 @@
 //! Which processes a system has, and how each is started.
 
+use super::refused::Decision;
 use super::restarts::Policy;
-use command::{Answer, Failure};
 use config::{ProcessSection, Role, SystemFile};
 use messages::Slot;
+use robot_state::Reason;
+use robot_state::answers::detail;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -92,7 +94,7 @@ impl Site {
     ///
     /// # Errors
     /// A program does not exist.
-    pub fn members(&self) -> Answer<Vec<ProcessSpec>> {
+    pub fn members(&self) -> Decision<Vec<ProcessSpec>> {
         let mut members = Vec::new();
         for role in [Role::Recorder, Role::MotorBox, Role::Estimator, Role::Controller, Role::Planner, Role::MotorIo] {
             let mut sections = self.file.process.iter().filter(|process| process.start && process.role == role);
@@ -128,7 +130,7 @@ impl Site {
     ///
     /// # Errors
     /// The program does not exist.
-    pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Answer<ProcessSpec> {
+    pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Decision<ProcessSpec> {
         let slot = section.role.has_slots().then(|| slot.unwrap_or(section.slot()));
         self.member(section.role, slot, Some(section), None)
     }
@@ -137,8 +139,8 @@ impl Site {
     ///
     /// # Errors
     /// The program does not exist, or the entry has another role.
-    pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Answer<ProcessSpec> {
-        match self.file.process_for(role, law).map_err(Failure::BadInput)? {
+    pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Decision<ProcessSpec> {
+        match self.file.process_for(role, law).map_err(|why| Reason::LawUnknown { why: detail(why) })? {
             Some(section) => self.configured(section, Some(slot)),
             None => self.member(role, Some(slot), None, Some(law)),
         }
@@ -148,7 +150,7 @@ impl Site {
     ///
     /// # Errors
     /// The program does not exist.
-    pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Answer<ProcessSpec> {
+    pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Decision<ProcessSpec> {
         let takes = |process: &&ProcessSection| {
             process.start && process.role == role && slot.is_none_or(|slot| process.slot() == slot)
         };
@@ -159,12 +161,10 @@ impl Site {
     ///
     /// # Errors
     /// The name is not valid, or the program does not exist.
-    pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Answer<ProcessSpec> {
+    pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Decision<ProcessSpec> {
         let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
         if name.is_empty() || name.len() > NAME_MAX || !name.bytes().all(usable) {
-            return Err(Failure::BadInput(format!(
-                "the name \"{name}\" cannot be used; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`"
-            )));
+            return Err(Reason::NameInvalid { process: detail(name), most: NAME_MAX }.into());
         }
         let (program, args) = self.command(name, command, folder)?;
         Ok(ProcessSpec {
@@ -189,7 +189,7 @@ impl Site {
         slot: Option<Slot>,
         section: Option<&ProcessSection>,
         law: Option<&str>,
-    ) -> Answer<ProcessSpec> {
+    ) -> Decision<ProcessSpec> {
         let name = match (role, section) {
             (Role::Other, Some(section)) => section.name.clone(),
             _ => role.process_name(slot.unwrap_or_default()),
@@ -242,11 +242,9 @@ impl Site {
     }
 
     /// Program and arguments of a configured command, with its placeholders substituted.
-    fn command(&self, name: &str, command: &[String], folder: &Path) -> Answer<(PathBuf, Vec<OsString>)> {
+    fn command(&self, name: &str, command: &[String], folder: &Path) -> Decision<(PathBuf, Vec<OsString>)> {
         let Some((first, rest)) = command.split_first().filter(|(first, _)| !first.is_empty()) else {
-            return Err(Failure::BadInput(format!(
-                "the command of process \"{name}\" is empty; give a program and its arguments"
-            )));
+            return Err(Reason::CommandEmpty { process: detail(name) }.into());
         };
         let program = if first.contains('/') {
             Some(folder.join(first)).filter(|path| path.is_file())
@@ -254,11 +252,12 @@ impl Site {
             sibling_program(first).ok().or_else(|| in_path(first))
         };
         let Some(program) = program else {
-            if folder.join(first).is_dir() {
-                return Err(Failure::BadInput(format!("process \"{name}\": {first} is a folder; name a program")));
+            let (process, program) = (detail(name), detail(first));
+            return Err(match folder.join(first).is_dir() {
+                true => Reason::ProgramIsFolder { process, program },
+                false => Reason::NoProgram { process, program },
             }
-            let where_to_look = if first.contains('/') { "" } else { ", neither in the folder of nims nor in PATH" };
-            return Err(Failure::BadInput(format!("process \"{name}\": there is no program {first}{where_to_look}")));
+            .into());
         };
         let filled_in = |argument: &String| {
             OsString::from(
@@ -295,19 +294,47 @@ pub(super) fn is_configuration(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "toml")
 }
 
-fn sibling_program(name: &str) -> Answer<PathBuf> {
-    let own = std::env::current_exe().map_err(Failure::not_now)?;
+fn sibling_program(name: &str) -> Decision<PathBuf> {
+    let own = std::env::current_exe().map_err(|why| Reason::OwnPathUnknown { why: detail(why) })?;
     let path = own.with_file_name(name);
-    if path.is_file() {
-        Ok(path)
-    } else {
-        Err(Failure::NotNow(format!(
-            "there is no program {}: build all of them with `cargo build --workspace`",
-            path.display()
-        )))
-    }
+    if path.is_file() { Ok(path) } else { Err(Reason::NotBuilt { program: detail(path.display()) }.into()) }
 }
 
 fn in_path(name: &str) -> Option<PathBuf> {
     std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(|path| path.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_started_is_refused_with_its_own_reason() {
+        let system_path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
+        let site = Site {
+            file: SystemFile::load(&system_path).unwrap(),
+            config: system_path.clone(),
+            system_path,
+            copies: BTreeMap::new(),
+            domain: "test".to_owned(),
+            run: PathBuf::from("/run"),
+        };
+        let plugged = |name: &str, command: &[&str]| {
+            let command: Vec<String> = command.iter().map(ToString::to_string).collect();
+            site.plugged(name, Path::new("/"), &command).map_err(|refused| *refused.0).map(|member| member.program)
+        };
+        let (process, long) = (detail("wind"), "a".repeat(NAME_MAX + 1));
+        for name in ["", "Wind", "a b", &long] {
+            assert_eq!(plugged(name, &["sh"]), Err(Reason::NameInvalid { process: detail(name), most: NAME_MAX }));
+        }
+        assert_eq!(plugged("wind", &[]), Err(Reason::CommandEmpty { process }));
+        assert_eq!(plugged("wind", &[""]), Err(Reason::CommandEmpty { process }));
+        let program = detail("no-such-program");
+        assert_eq!(plugged("wind", &["no-such-program"]), Err(Reason::NoProgram { process, program }));
+        let program = detail("/usr");
+        assert_eq!(plugged("wind", &["/usr"]), Err(Reason::ProgramIsFolder { process, program }));
+        assert_eq!(plugged("wind", &["/bin/sh"]), Ok(PathBuf::from("/bin/sh")));
+        let unknown = site.with_law(Role::Controller, Slot::A, "none").unwrap_err();
+        assert!(matches!(*unknown.0, Reason::LawUnknown { .. }), "{unknown:?}");
+    }
 }

@@ -8,6 +8,7 @@ use planner::plan::Plan;
 use planner::{Inputs, Planner, PlannerConfig, Progress, dry_run, requests};
 use proptest::prelude::*;
 use robot_state::Reason;
+use robot_state::answers::detail;
 
 const START_M: [f64; 3] = [4.8, 3.0, 0.5];
 
@@ -176,9 +177,10 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     let mut world = World::at(START_M);
     let mut planner = Planner::new(config());
     let refused = |planner: &mut Planner, world: &World, mission: &Mission| {
-        planner.go_on(mission, &world.seen()).unwrap_err().to_string()
+        planner.go_on(mission, &world.seen()).unwrap_err().reason()
     };
-    assert!(refused(&mut planner, &world, &scan).contains("was not begun"));
+    let name = detail(&scan.name);
+    assert_eq!(refused(&mut planner, &world, &scan), Reason::MissionNotBegun { mission: name });
     planner.run(&scan, &world.seen()).unwrap();
     assert_eq!(world.fly(&mut planner, 20.0).state, PlanStatus::STATE_ABORTED);
     // a single move in between changes nothing
@@ -188,11 +190,13 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     assert_eq!(world.fly(&mut planner, end_s + 0.1).state, PlanStatus::STATE_DONE);
     (world.estimate.position_m, world.share) = ([4.9, 3.0, 0.6], share);
     let other = Mission { speed_m_s: Some(0.1), ..scan.clone() };
-    assert!(refused(&mut planner, &world, &other).contains("was changed"));
+    assert_eq!(refused(&mut planner, &world, &other), Reason::MissionChanged { mission: name });
     let mut elsewhere = Planner::new(PlannerConfig { check_step_m: 0.05, ..config() });
     let moved = Progress { at_m: [1.0, 1.0, 1.0], ..planner.progress().unwrap().clone() };
     elsewhere.remember(moved);
-    assert!(refused(&mut elsewhere, &world, &scan).contains("configured otherwise"));
+    let (_, status) = elsewhere.step(&world.seen());
+    assert_eq!(Reason::of_plan(&status), Some(Reason::LeftUnfinished { mission: name }));
+    assert_eq!(refused(&mut elsewhere, &world, &scan), Reason::PlanOther);
     // by request
     let run = tempfile::tempdir().unwrap();
     let hash = config::store_mission(run.path(), &toml::to_string(&scan).unwrap()).unwrap();
@@ -202,7 +206,7 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     let end_s = planner.step(&world.seen()).0.end_s;
     let done = world.fly(&mut planner, end_s + 0.1);
     assert_eq!((done.state, done.progress), (PlanStatus::STATE_DONE, 1.0));
-    assert!(refused(&mut planner, &world, &scan).contains("is done"));
+    assert_eq!(refused(&mut planner, &world, &scan), Reason::MissionDone { mission: name });
 }
 
 const ADAPTIVE: &str = r#"
@@ -295,7 +299,8 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     authority.header.stamp_ns = late.now_ns;
     let (_, status) = none.step(&Inputs { authority: Some(&authority), ..late });
     assert_eq!(status.state, PlanStatus::STATE_ABORTED);
-    assert!(messages::text_of(&status.reason).contains("sensor-logger"));
+    let without_map = Reason::EndedWithoutMap { map: detail("height"), within_s: 20.0 };
+    assert_eq!(Reason::of_plan(&status), Some(without_map));
 }
 
 proptest! {
@@ -329,7 +334,8 @@ proptest! {
             planner.remember(toml::from_str(&text).unwrap());
             world = World { share: world.share, ..World::at([stopped_at.x, stopped_at.y, stopped_at.z + away]) };
             if let Err(refusal) = planner.go_on(&scan, &world.seen()) {
-                prop_assert!(refusal.to_string().contains("is done") && (stopped_at - whole.end()).norm() < 0.002);
+                let done = Reason::MissionDone { mission: detail(&scan.name) };
+                prop_assert!(refusal.reason() == done && (stopped_at - whole.end()).norm() < 0.002);
                 return Ok(());
             }
             let rest = planner.segments().to_vec();

@@ -22,11 +22,9 @@ impl Bus {
     ) -> Result<R, Refused<E>> {
         let party = self.party;
         // A process that has died since this one joined may hold a place.
-        if !party.within(&taken(), limit, 1) {
-            self.clean();
-            if !party.within(&taken(), limit, 1) {
-                return Err(Refused::NoPlace(party.ceiling(limit)));
-            }
+        let is_free = || party.within(&taken(), limit, 1).then_some(()).ok_or(());
+        if is_free().or_else(|()| self.after_cleaning(is_free)).is_err() {
+            return Err(Refused::NoPlace(party.ceiling(limit)));
         }
         let mut port = make().or_else(|_| self.after_cleaning(&make));
         for _ in 0..if party == Participant::Guest { 0 } else { ATTEMPTS } {

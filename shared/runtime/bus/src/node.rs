@@ -34,6 +34,10 @@ const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 const JOIN_TIMEOUT_NS: u64 = SECOND_NS;
 /// Time between two attempts to join.
 const JOIN_PAUSE: Duration = Duration::from_millis(20);
+/// Number of attempts to free a place while other processes clean up, and the time between two. Removing all processes
+/// of a robot takes tens of milliseconds, plus the stalls of the machine.
+const CLEANING_ATTEMPTS: usize = 100;
+const CLEANING_PAUSE: Duration = Duration::from_millis(20);
 /// Largest number of notifiers and of listeners of an event: all processes use `system/channels`, and a channel may
 /// have one notifier more than publishers, that of a successor.
 const EVENT_PORTS: usize = 64;
@@ -317,9 +321,18 @@ impl Bus {
         BusError::Full { channel: channel.to_owned(), limit, what, holders: self.holders_of(channel, pattern) }
     }
 
-    /// Calls `make` after a clean-up, because a process that has died since this one joined may hold a place.
-    pub(crate) fn after_cleaning<R>(&self, make: impl Fn() -> R) -> R {
-        self.clean();
+    /// Calls `make` after a clean-up, because a process that has died since this one joined may hold a place. Only one
+    /// process at a time can clean up: if another one has begun, this one waits for it and tries again.
+    pub(crate) fn after_cleaning<R, E>(&self, make: impl Fn() -> Result<R, E>) -> Result<R, E> {
+        for _ in 1..CLEANING_ATTEMPTS {
+            let dead = self.domain.dead() > 0;
+            self.clean();
+            let made = make();
+            if made.is_ok() || !dead {
+                return made;
+            }
+            std::thread::sleep(CLEANING_PAUSE);
+        }
         make()
     }
 

@@ -189,14 +189,14 @@ fn without_memory_new_objects_are_rejected_and_existing_ones_still_work() {
     assert_eq!(std::iter::from_fn(|| subscriber.receive().unwrap()).count(), quality_of(STATE).buffer);
     let request = Request::Estop.encode().unwrap();
     let mut emergency = bus::estop::Receiver::open(&domain).unwrap();
-    let mut stands = messages::RequestAnswer { accepted: 1, ..Default::default() };
-    messages::put_text(&mut stands.text, "It stands.");
+    let mut stands = messages::RequestAnswer { accepted: 1, reason: 70, ..Default::default() };
+    messages::put_text(&mut stands.detail, "It stands.");
     let answer = std::thread::scope(|scope| {
         let asked = scope.spawn(|| bus::estop::send(&domain, &request, Duration::from_secs(20), Duration::ZERO, || ()));
         while emergency.take().iter().map(|stop| emergency.answer(stop, &stands)).count() == 0 {}
         asked.join().unwrap()
     });
-    assert_eq!(messages::text_of(&answer.unwrap().answer), "It stands.");
+    assert_eq!(answer.unwrap().recorded_answer(), Some(stands));
 }
 
 /// A thread repeatedly fills and frees shared memory while channels are created and used.

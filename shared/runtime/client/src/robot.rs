@@ -3,8 +3,11 @@
 use bus::{Bus, Domain, Participant};
 use command::{Answer, Failure};
 use messages::{
-    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES, blended_estimate,
+    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES,
+    blended_estimate, put_sentence,
 };
+use robot_state::Reason;
+use robot_state::answers::detail;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -123,7 +126,16 @@ pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
     let answer = bus::estop::send(&listening(name)?, &request, ANSWER, UNEASY, || {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });
-    Failure::unless_accepted(&answer.map_err(helped)?)
+    let mut answer = answer.map_err(helped)?;
+    let sentence = Reason::of(&answer).map(|reason| reason.sentence());
+    let sentence = sentence.unwrap_or_else(|| {
+        detail(format_args!(
+            "motor-io answered with number {}, which this program does not know; look whether the robot stands",
+            answer.reason
+        ))
+    });
+    put_sentence(&mut answer.answer, &sentence);
+    Failure::unless_accepted(&answer)
 }
 
 /// Returns the newest estimate in charge that arrives within `patience`.

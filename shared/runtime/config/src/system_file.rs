@@ -87,7 +87,8 @@ pub struct MotorIoSection {
     /// Cycles after which a stall or a runaway is a fault.
     #[serde(default = "default_stall_cycles")]
     pub stall_cycles: u32,
-    /// Lowest supply voltage, V.
+    /// Lowest supply voltage, V: below it the robot warns, and the planner rejects what the motors cannot do at it less
+    /// 5 %. 0 for neither.
     #[serde(default = "default_supply_min")]
     pub supply_min_v: f64,
     /// Fraction by which the node may exceed the robot's speed limit.

@@ -110,12 +110,23 @@ fn each_fault(bits: u32) -> impl Iterator<Item = (u32, String)> {
 /// Returns the sentences of the faults of a sample; those of cables or units end with the named ones.
 #[must_use]
 pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
-    let place = |bit: u32| match bit {
+    let text_of = |(bit, text): (u32, String)| format!("{}{}.", text.trim_end_matches('.'), place(authority, bit));
+    each_fault(authority.faults).map(text_of).collect()
+}
+
+/// Returns the faults of a sample as clauses without their cures, each with the named cables or units.
+#[must_use]
+pub fn fault_clauses(authority: &MotorAuthority) -> Vec<String> {
+    let present = FAULTS.iter().filter(|(bit, _, _)| authority.faults & bit != 0);
+    present.map(|(bit, what, _)| format!("{what}{}", place(authority, *bit))).collect()
+}
+
+fn place(authority: &MotorAuthority, bit: u32) -> String {
+    match bit {
         bit if bit & OF_CABLES != 0 => named(&authority.fault_cable, "cable"),
         bit if bit & OF_UNITS != 0 => named(&authority.fault_unit, "unit"),
         _ => String::new(),
-    };
-    each_fault(authority.faults).map(|(bit, text)| format!("{}{}.", text.trim_end_matches('.'), place(bit))).collect()
+    }
 }
 
 /// Returns the numbers of the marked ones in parentheses: ` (units 1, 2)`; empty without any.

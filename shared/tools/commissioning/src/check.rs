@@ -1,9 +1,11 @@
 //! `nims check`: findings about a configuration, each with its remedy.
 
+use crate::config_kind::{ConfigKind, config_kind};
 use cable_robot::energy::MotorTable;
+use cable_robot::motor::DriveLoad;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use command::{Answer, Failure, Output, points};
-use config::{CalibrationFile, GroundFile, PlannerSection, RobotFile, SystemFile, toml_file};
+use config::{CalibrationFile, GroundFile, PlannerSection, RobotFile, SystemFile};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
 use sensor::SensorFile;
@@ -189,35 +191,6 @@ pub fn usable(findings: &[Finding]) -> bool {
     findings.iter().all(|finding| finding.level != Level::Error)
 }
 
-enum ConfigKind {
-    Robot,
-    System,
-    Mission,
-    Sensor,
-    Ground,
-}
-
-/// Determines the kind of a configuration file from the keys that only this kind has.
-fn config_kind(path: &Path) -> Answer<ConfigKind> {
-    let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
-    if table.contains_key("leg") {
-        Ok(ConfigKind::Mission)
-    } else if table.contains_key("motor_io") || table.get("robot").is_some_and(toml::Value::is_str) {
-        Ok(ConfigKind::System)
-    } else if table.contains_key("robot") {
-        Ok(ConfigKind::Robot)
-    } else if table.contains_key("port") {
-        Ok(ConfigKind::Sensor)
-    } else if ["ground_m", "cylinder", "prism"].iter().any(|key| table.contains_key(*key)) {
-        Ok(ConfigKind::Ground)
-    } else {
-        Err(Failure::BadInput(format!(
-            "{} is not a configuration file of a known kind: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
-            path.display()
-        )))
-    }
-}
-
 /// Describes the values that a sensor file defines.
 fn sensor(file: &SensorFile) -> Finding {
     let (quantities, units) = file.quantities_and_units();
@@ -296,21 +269,27 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     findings.extend(collinear_anchors(&robot));
     findings.extend(file.calibration.as_ref().map(calibration_finding));
     findings.extend(robot.motor_table().map(|table| motor_table_finding(&robot, table)));
-    let (fastest, tightest) = (robot.speed_limit_m_s(), robot.tension_limits_n()[1]);
-    let modelled = |_| robot.motor().current_a(tightest, fastest);
-    let current = robot.current().current_a(tightest, fastest).unwrap_or_else(modelled);
-    if current > file.motor.current_limit_a {
-        findings.push(warning(
-            format!(
-                "reeling in at {} m/s under {} N takes {current:.1} A, above current_limit_a = {} A",
-                robot.speed_limit_m_s(),
-                robot.tension_limits_n()[1],
-                file.motor.current_limit_a
-            ),
-            "lower tension_limits_n or speed_limit_m_s, or fit larger motors; slower and lighter moves are not affected",
-        ));
-    }
+    findings.extend(motor_finding(&robot));
     Ok(findings)
+}
+
+/// Warns of a node speed that the motors do not reach at the highest tension.
+fn motor_finding(robot: &Robot) -> Option<Finding> {
+    let limits = robot.drive_limits();
+    let load = robot.drive_load(robot.tension_limits_n()[1], robot.speed_limit_m_s());
+    let excess = match load {
+        DriveLoad { current_a, .. } if current_a > limits.current_a => {
+            format!("takes {current_a:.1} A, above current_limit_a = {} A", limits.current_a)
+        }
+        DriveLoad { voltage_v, .. } if voltage_v > limits.voltage_v => {
+            format!("takes {voltage_v:.1} V, and supply_min_v leaves {:.1} V", limits.voltage_v)
+        }
+        _ => return None,
+    };
+    Some(warning(
+        format!("reeling in at {} m/s under {} N {excess}", load.reel_in_m_s, load.tension_n),
+        "lower tension_limits_n or speed_limit_m_s, or fit larger motors; slower and lighter moves are not affected",
+    ))
 }
 
 /// Describes the calibration of the anchors and its accuracy.

@@ -15,7 +15,7 @@ use messages::{
     CABLES, Heartbeat, LogEvent, MotorAuthority, MotorState, OperatorRequest, PlanStatus, ProcessState, RecorderStatus,
     text_of,
 };
-use robot_state::Periods;
+use robot_state::{Periods, Reason};
 use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -119,8 +119,10 @@ pub struct Mission {
     pub name: String,
     /// Completed share, 0 to 1.
     pub progress: f64,
-    /// Reason for an abort or a rejection.
-    pub reason: String,
+    /// Reason for an abort or a rejection; `None` also in a run of an earlier version.
+    pub why: Option<Reason>,
+    /// The same as a sentence.
+    pub sentence: String,
     /// Start of the current state, s since the start of the run.
     pub since_s: f64,
 }
@@ -430,10 +432,17 @@ impl Collector {
                     *data.missions.entry(mission.clone()).or_default() += 1;
                 }
                 if status.state != PlanStatus::STATE_IDLE {
-                    let (state, progress, reason) = (status.state, status.progress, text_of(&status.reason));
+                    let (state, progress, sentence) = (status.state, status.progress, text_of(&status.reason));
                     let same = data.mission.as_ref().filter(|known| known.state == state && known.name == mission);
                     let since_s = same.map_or(time_s, |known| known.since_s);
-                    data.mission = Some(Mission { state, name: mission, progress, reason, since_s });
+                    data.mission = Some(Mission {
+                        state,
+                        name: mission,
+                        progress,
+                        why: Reason::of_plan(&status),
+                        sentence,
+                        since_s,
+                    });
                 }
                 true
             }

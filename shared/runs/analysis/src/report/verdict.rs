@@ -1,11 +1,11 @@
 //! Assessment of a run in one sentence, with a grade.
 
-use super::events::fault_clause;
 use super::gather::{Mission, RunData};
 use crate::runs::ENDS;
 use messages::{MotorAuthority, PlanStatus};
-use robot_state::Periods;
-use robot_state::sentences::faults_of;
+use robot_state::answers::without_cure;
+use robot_state::sentences::fault_clauses;
+use robot_state::{Periods, Reason};
 use runlog::{FileReport, RunReport};
 use serde::Serialize;
 
@@ -135,19 +135,20 @@ fn in_brackets(why: Option<String>) -> String {
 
 /// Returns the reason for an abort or a rejection.
 fn abort_reason(run: &RunData, mission: &Mission) -> Option<String> {
-    let (reason, at_s) = (mission.reason.as_str(), mission.since_s);
-    // The planner reports a fault or a restarted motor-io without details, which are found in the events.
-    let known = if reason.contains("nims status names") {
-        run.events.fault_between(at_s - FAULT_WINDOW_S, at_s + SAME_INSTANT_S)
-    } else if reason.contains("motor-io restarted") {
-        let died = run.events.died_between("motor-io", at_s - RESTART_WINDOW_S, at_s + SAME_INSTANT_S);
-        died.map(|name| format!("{name} died"))
-    } else {
-        None
+    let at_s = mission.since_s;
+    let known = match mission.why {
+        Some(Reason::EndedByFault { faults }) if faults.is_empty() => {
+            run.events.fault_between(at_s - FAULT_WINDOW_S, at_s + SAME_INSTANT_S)
+        }
+        Some(Reason::EndedByRestart) => {
+            let died = run.events.died_between("motor-io", at_s - RESTART_WINDOW_S, at_s + SAME_INSTANT_S);
+            died.map(|name| format!("{name} died"))
+        }
+        _ => None,
     };
-    // The remedy after the semicolon only applies during the flight.
-    let stated = reason.split("; ").next().filter(|why| !why.is_empty());
-    known.or_else(|| stated.map(str::to_owned))
+    // The cure only applies during the flight.
+    let stated = mission.why.map_or_else(|| without_cure(&mission.sentence).to_owned(), |why| why.clause());
+    known.or(Some(stated)).filter(|why| !why.is_empty())
 }
 
 /// Returns whether the run is being recorded, so that its last samples describe the present.
@@ -196,7 +197,7 @@ fn cause(run: &RunData, mission: &Mission) -> Option<String> {
 
 /// Returns the clause of the first fault of a cycle.
 fn current_fault(authority: &MotorAuthority) -> Option<String> {
-    faults_of(authority).first().map(|sentence| fault_clause(sentence))
+    fault_clauses(authority).into_iter().next()
 }
 
 /// Describes a mission that was neither completed nor aborted.
@@ -357,14 +358,13 @@ mod tests {
     use crate::report::gather::blank;
     use crate::runs::tests::whole_file as file;
     use messages::{ProcessState, put_text};
-    use robot_state::sentences::fault_sentences;
     use runlog::ChannelReport;
 
     /// A run with a mission at 43 % and a robot in `mode`.
     fn run(state: u8, mode: u8) -> RunData {
-        let (name, reason) = ("demo".to_owned(), String::new());
+        let (name, why, sentence) = ("demo".to_owned(), None, String::new());
         let mut run = blank();
-        run.mission = Some(Mission { state, name, progress: 0.43, reason, since_s: 10.0 });
+        run.mission = Some(Mission { state, name, progress: 0.43, why, sentence, since_s: 10.0 });
         run.authority = Some(MotorAuthority { mode, ..MotorAuthority::default() });
         run.recording = RunReport { healthy: true, files: vec![file("run.mcap")], ..RunReport::default() };
         run
@@ -383,7 +383,7 @@ mod tests {
     }
 
     fn clause_of(fault: u32) -> String {
-        fault_clause(&fault_sentences(fault).next().unwrap())
+        fault_clauses(&MotorAuthority { faults: fault, ..MotorAuthority::default() }).remove(0)
     }
 
     fn grade_of(run: &RunData, parts: &[&str]) -> Grade {
@@ -435,7 +435,8 @@ mod tests {
     fn an_aborted_mission_names_the_fault_and_the_process() {
         type M = MotorAuthority;
         let mut faulted = run(PlanStatus::STATE_ABORTED, M::MODE_FAULTED);
-        faulted.mission.as_mut().unwrap().reason = "a fault stopped the robot; nims status names it".to_owned();
+        let faults = messages::faults::Faults::default();
+        faulted.mission.as_mut().unwrap().why = Some(Reason::EndedByFault { faults });
         let mut last = faulted.authority.unwrap();
         last.faults = M::FAULT_SLACK;
         last.fault_cable[1] = 1;
@@ -444,11 +445,29 @@ mod tests {
         let aborted = format!("aborted at 43 % ({} (cable 2))", clause_of(M::FAULT_SLACK));
         let parts = [aborted.as_str(), "the robot was stopped by this fault at the end"];
         assert_eq!(grade_of(&faulted, &parts), Grade::Bad);
+        let faults = messages::faults::Faults::of(&last);
+        faulted.mission.as_mut().unwrap().why = Some(Reason::EndedByFault { faults });
+        grade_of(&faulted, &["aborted at 43 % (a fault stopped the robot: a cable is slack or broken (cable 2))"]);
         let mut again = run(PlanStatus::STATE_ABORTED, M::MODE_DISARMED);
-        again.mission.as_mut().unwrap().reason = "the robot was disarmed or motor-io restarted".to_owned();
-        grade_of(&again, &["aborted at 43 % (the robot was disarmed or motor-io restarted)"]);
+        again.mission.as_mut().unwrap().why = Some(Reason::EndedByRestart);
+        grade_of(&again, &["aborted at 43 % (motor-io was restarted)"]);
         dies(&mut again, "motor-io", "motor-io");
         grade_of(&again, &["aborted at 43 % (motor-io died)"]);
+        // A cure is left out.
+        again.mission.as_mut().unwrap().why = Some(Reason::EndedNotTakenUp { within_s: 5.0 });
+        grade_of(&again, &["aborted at 43 % (the motion was not taken up within 5 s)"]);
+    }
+
+    /// A run of an earlier version has the sentence alone, which is shown and decides nothing.
+    #[test]
+    fn an_earlier_run_shows_the_recorded_reason() {
+        let mut earlier = run(PlanStatus::STATE_ABORTED, MotorAuthority::MODE_DISARMED);
+        dies(&mut earlier, "motor-io", "motor-io");
+        let sentence = "the robot was disarmed or motor-io restarted; see nims status".to_owned();
+        earlier.mission.as_mut().unwrap().sentence = sentence;
+        grade_of(&earlier, &["aborted at 43 % (the robot was disarmed or motor-io restarted)"]);
+        earlier.mission.as_mut().unwrap().sentence = String::new();
+        grade_of(&earlier, &["aborted at 43 %:"]);
     }
 
     #[test]
