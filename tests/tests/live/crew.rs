@@ -2,7 +2,8 @@
 //! states.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
-use messages::{CONTROLLERS, MotorAuthority};
+use messages::{MotorAuthority, SlotRole};
+use robot_state::answers::{Reason, detail};
 use rustix::process::Signal;
 
 /// Its id in the process table; 0 if it has none.
@@ -44,13 +45,15 @@ fn processes_come_and_go_while_the_robot_runs() {
     up.told(&["start", "controller"]);
     assert_eq!(up.state("controller-b"), "ready");
     assert_eq!(up.state("controller"), "ready");
-    up.refused(&["start", "controller"], &["both slots", "stop-process"]);
-    up.refused(&["start", "controller", "--slot", "b"], &["controller-b runs already", "restart"]);
+    assert_eq!(up.rejected(&["start", "controller"]), Reason::SlotsTaken { role: SlotRole::Controller });
     let second = pid(&up, "controller-b");
+    let runs = Reason::ProcessRuns { process: detail("controller-b"), pid: second };
+    assert_eq!(up.rejected(&["start", "controller", "--slot", "b"]), runs);
     up.told(&["stop-process", "controller-b"]);
     assert_eq!(up.state("controller-b"), "stopped");
     assert!(!lives(second));
-    assert_eq!(up.refused(&["stop-process", "controller-b"], &["does not run"]), Some(1));
+    let stopped = Reason::ProcessRunsNot { process: detail("controller-b") };
+    assert_eq!(up.rejected(&["stop-process", "controller-b"]), stopped);
 
     // An ended one returns under the same name, with another id.
     let planner = pid(&up, "planner");
@@ -65,14 +68,22 @@ fn processes_come_and_go_while_the_robot_runs() {
     let plugged = std::fs::read_to_string(up.folder().join("plugged")).unwrap();
     assert_eq!(plugged.trim(), format!("wind/{}", up.domain.name()));
     let wind = pid(&up, "wind");
-    up.refused(&["plug", "wind", "--", "sleep", "1000"], &["\"wind\" is taken"]);
-    up.refused(&["plug", "planner", "--", "sleep", "1000"], &["\"planner\" is taken"]);
-    assert_eq!(up.refused(&["plug", "Wind!", "--", "sleep", "1000"], &["a-z"]), Some(2));
-    up.refused(&["plug", "rain", "--", "no-such-program"], &["no-such-program", "PATH"]);
-    up.refused(&["plug", "rain", "--", "./sensor"], &["./sensor"]);
-    up.refused(&["unplug", "planner"], &["cannot be unplugged"]);
-    assert_eq!(up.refused(&["unplug", "rain"], &["no process \"rain\"", "wind"]), Some(2));
-    assert_eq!(up.refused(&["stop-process", "nosuch"], &["no process \"nosuch\""]), Some(2));
+    let plug = |name: &str, program: &str| up.rejected(&["plug", name, "--", program, "1000"]);
+    assert_eq!(plug("wind", "sleep"), Reason::NameRuns { process: detail("wind") });
+    assert!(matches!(plug("planner", "sleep"), Reason::NameTaken { process } if process == detail("planner")));
+    assert!(matches!(plug("Wind!", "sleep"), Reason::NameInvalid { .. }));
+    for program in ["no-such-program", "./sensor"] {
+        let reason = plug("rain", program);
+        assert!(
+            matches!(reason, Reason::NoProgram { program: named, .. } if named.ends_with(&program[1..])),
+            "{reason}"
+        );
+    }
+    assert!(matches!(up.rejected(&["unplug", "planner"]), Reason::NotPluggable { .. }));
+    assert!(
+        matches!(up.rejected(&["unplug", "rain"]), Reason::UnknownProcess { process, .. } if process == detail("rain"))
+    );
+    assert!(matches!(up.rejected(&["stop-process", "nosuch"]), Reason::UnknownProcess { .. }));
     up.told(&["unplug", "wind"]);
     assert_eq!(up.state("wind"), "no row");
     assert!(!lives(wind));
@@ -103,8 +114,10 @@ fn processes_in_charge_are_not_ended_during_a_motion() {
         up.arm();
         up.fly();
         for name in ["controller", "estimator", "motor-io", "motor-box"] {
-            up.refused(&["stop-process", name], &["the robot moves", name, "nims hold"]);
-            up.refused(&["restart", name], &["the robot moves", name]);
+            for command in ["stop-process", "restart"] {
+                let reason = up.rejected(&[command, name]);
+                assert!(matches!(reason, Reason::ProcessNeeded { process, .. } if process == detail(name)), "{reason}");
+            }
         }
         up.told(&["hold"]);
         up.until("it holds", |up| up.last.mode == MotorAuthority::MODE_HOLDING);
@@ -122,10 +135,9 @@ fn a_standby_is_kept_and_a_dead_one_is_started_again() {
     let mut up = ready(more);
     assert_eq!(up.state("controller-b"), "ready");
     assert_eq!(up.state("spare"), "stopped", "the process starts only on request");
-    for (name, other) in [("controller", 1), ("controller-b", 0)] {
+    for name in ["controller", "controller-b"] {
         let before = pid(&up, name);
         up.signal(name, Signal::KILL);
-        up.until("the other controller is in charge", |up| up.seats.in_charge[CONTROLLERS] == other);
         up.until_said("the controller is restarted", |up| up.state(name) == "ready" && pid(up, name) != before);
     }
     // By its name in the system file too.

@@ -5,6 +5,7 @@ use crate::rig;
 use messages::{MotorAuthority as A, MotorInput, MotorState, Request, UNITS};
 use motor_io::{Core, Inbox};
 use rig::Rig;
+use robot_state::Reason;
 
 fn released(rig: &Rig) -> [bool; 3] {
     let all = rig.last.as_ref().unwrap().sent.released;
@@ -114,8 +115,8 @@ fn a_lost_unit_while_holding_moves_nothing() {
         (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[0]),
         (A::MODE_FAULTED, A::FAULT_LOST_UNIT, 1)
     );
-    let (accepted, sentence) = rig.ask(Request::Reset);
-    assert!(!accepted && sentence.contains("unit 1"), "{sentence}");
+    let reason = rig.reason(Request::Reset);
+    assert!(matches!(reason, Reason::NotResetFaults { .. }), "{reason}");
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.steps(50);
     assert_eq!(rig.mode(), A::MODE_FAULTED);

@@ -28,8 +28,8 @@ fn arming_is_rejected_while_a_unit_is_missing_and_the_unit_is_named() {
         (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[1]),
         (A::MODE_DISARMED, A::FAULT_LOST_UNIT, 1)
     );
-    let (accepted, sentence) = rig.ask(Request::Arm);
-    assert!(!accepted && sentence.contains("unit 2"), "{sentence}");
+    let reason = rig.reason(Request::Arm);
+    assert!(matches!(reason, Reason::NotArmedFaults { .. }), "{reason}");
     rig.unit[1] = MotorInput::UNIT_OK;
     rig.steps(5);
     assert_eq!(rig.faults(), 0);
@@ -309,8 +309,7 @@ fn the_emergency_stop_is_at_once_and_stays_until_reset() {
 #[test]
 fn disarming_needs_rest() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
-    let (accepted, sentence) = rig.ask(Request::Disarm);
-    assert!(!accepted && sentence.contains("stop first"), "{sentence}");
+    assert_eq!(rig.reason(Request::Disarm), Reason::NotDisarmedMoving);
     rig.demand(Request::Stop);
     rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
     rig.demand(Request::Disarm);

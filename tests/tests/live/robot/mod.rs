@@ -214,6 +214,22 @@ impl Robot {
         output.status.code()
     }
 
+    /// Runs a command whose request is rejected in one sentence; returns the reason that the process gave.
+    pub fn rejected(&self, args: &[&str]) -> Reason {
+        let mut requests = self.bus.subscriber::<OperatorRequest>("operator/request").unwrap();
+        let begun_ns = clock::now_ns();
+        self.refused(args, &[]);
+        loop {
+            let answered = requests.receive().unwrap();
+            let answered = answered.filter(|request| request.header.published_ns >= begun_ns && request.answered == 1);
+            if let Some(reason) = answered.and_then(|request| Reason::of(&request)) {
+                return reason;
+            }
+            assert!(clock::now_ns() < begun_ns + LONG.as_nanos() as u64, "{args:?}: no answer on operator/request");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
     /// Output of `nims status`; null if there is none.
     pub fn status(&self) -> Value {
         serde_json::from_slice(&self.nims(&["status", "--json"]).stdout).unwrap_or(Value::Null)

@@ -5,6 +5,7 @@ use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3};
 use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, Request, RequestBody, UNITS};
 use motor_io::{Answer, Core, CoreConfig, DriveCommand, Inbox, Observation};
+use robot_state::Reason;
 use segments::segment_message;
 use std::collections::VecDeque;
 
@@ -281,9 +282,18 @@ impl Rig {
     }
 
     pub fn ask_body(&mut self, body: &RequestBody) -> (bool, String) {
-        assert!(self.inbox.request(self.cycle + 100, body));
-        let answer = self.step().answers[0];
+        let answer = self.answer_to(body);
         (answer.is_accepted(), answer.sentence().to_string())
+    }
+
+    /// The reason of the answer to a request.
+    pub fn reason(&mut self, request: Request) -> Reason {
+        self.answer_to(&request.body()).reason
+    }
+
+    fn answer_to(&mut self, body: &RequestBody) -> Answer {
+        assert!(self.inbox.request(self.cycle + 100, body));
+        self.step().answers[0]
     }
 
     pub fn demand(&mut self, request: Request) {
