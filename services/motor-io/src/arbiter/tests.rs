@@ -67,8 +67,12 @@ impl Table {
         for command in &mut input.command {
             command.based_on_cycle = command.based_on_cycle.wrapping_add(input.header.cycle - 1);
         }
-        let context =
-            ArbiterInput { epoch: EPOCH, moving: self.moving, sent_m_s: self.sent, starved: [self.starved; SEATS] };
+        let context = ArbiterInput {
+            epoch: EPOCH,
+            moving: self.moving,
+            sent_m_s: self.sent,
+            starved: [self.starved; ROLE_SLOTS],
+        };
         let chosen = self.arbiter.choose(&input, &context, |segment| segment == 1);
         if let Some(chosen) = chosen {
             self.sent = chosen.velocity_m_s;

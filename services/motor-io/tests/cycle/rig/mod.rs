@@ -108,7 +108,7 @@ pub struct Rig {
     pub planner: bool,
     pub supervisor: Option<u64>,
     /// Time that each slot of the chain, and motor-io, has waited for a processor, ns; 0: unknown.
-    pub chain_delay_ns: [u64; messages::SEATS],
+    pub chain_delay_ns: [u64; messages::ROLE_SLOTS],
     pub run_delay_ns: u64,
     pub last: Option<Step>,
 }
@@ -154,7 +154,7 @@ impl Rig {
             motion: PlanMotion::default(),
             planner: true,
             supervisor: Some(1),
-            chain_delay_ns: [1; messages::SEATS],
+            chain_delay_ns: [1; messages::ROLE_SLOTS],
             run_delay_ns: 1,
             last: None,
         }
