@@ -1,7 +1,7 @@
 //! Compares all sentences of a crate with one file, `tests/sentences.txt`. After a change of wording, read the
 //! difference that the test prints and renew the file. Other tests compare variants, codes, exit codes and counts; of a
-//! text they compare the names, numbers and commands in it, and more only where the text itself is what they test, which
-//! a comment there states.
+//! text they compare the names, numbers and commands in it, and more only where the text itself is what they test,
+//! which a comment there states.
 #![forbid(unsafe_code)]
 
 use std::collections::BTreeMap;

@@ -357,8 +357,8 @@ impl Robot {
         }
     }
 
-    /// One request and whether it was accepted, with the answer's sentence; `None` if the process does not exist or does
-    /// not answer.
+    /// One request and whether it was accepted, with the answer's sentence; `None` if the process does not exist or
+    /// does not answer.
     pub fn request(&mut self, process: &str, request: &Request) -> Option<(bool, String)> {
         self.answered(process, request).map(|answer| (answer.accepted == 1, text_of(&answer.answer)))
     }
