@@ -3,9 +3,9 @@
 //!
 //! Hardware does not wait for a computer. A virtual box that does not wait either would report delays of the computer
 //! as faults of the drives. Time therefore does not pass in the box while the box itself has no processor, nor while a
-//! program that uses [`serial::LeftOutClock`] (motor-io) waits for one, as the kernel counts it. A program that was stopped,
-//! has ended, or has closed the port stops nothing: the units' watchdogs continue, as on hardware. The same holds for a
-//! program that does not use the file.
+//! program that uses [`serial::LeftOutClock`] (motor-io) waits for one, as the kernel counts it. A program that was
+//! stopped, has ended, or has closed the port stops nothing: the units' watchdogs continue, as on hardware. The same
+//! holds for a program that does not use the file.
 
 use std::path::Path;
 

@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_speed_that_is_no_fraction_is_refused() {
+    fn a_speed_factor_outside_0_to_1_is_rejected() {
         let mut clock = PlanClock::new(0.01);
         for bad in [0.0, 0.04, 1.01, -1.0, f64::NAN, f64::INFINITY] {
             assert!(!clock.set_speed(bad));

@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_comes_back_exactly() {
+    fn a_stored_position_is_read_exactly() {
         let folder = tempfile::tempdir().unwrap();
         let config = config(3.0);
         assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap(), None);
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_word_is_kept_at_the_end() {
+    fn the_last_position_is_stored_at_the_end() {
         let folder = tempfile::tempdir().unwrap();
         let config = config(3.0);
         let keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn two_never_keep_the_same_position() {
+    fn two_processes_cannot_store_the_same_position() {
         let folder = tempfile::tempdir().unwrap();
         let first = PositionWriter::start(folder.path(), "lab", &config(3.0)).unwrap();
         let second = PositionWriter::start(folder.path(), "lab", &config(3.0)).unwrap_err();

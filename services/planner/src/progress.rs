@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_read_again_bit_for_bit() {
+    fn stored_progress_is_read_bit_for_bit() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Progress::load(folder.path(), "lab").unwrap(), None);
         let mut keeper = ProgressWriter::start(&folder.path().join("state"), "lab").unwrap();

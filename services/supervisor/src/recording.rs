@@ -169,7 +169,7 @@ mod tests {
     use runlog::RunError;
 
     #[test]
-    fn each_time_is_said_once_and_kept_until_the_end() {
+    fn each_gap_is_reported_once_and_kept_until_the_end() {
         let (well, full) = (RecorderStatus::STATE_RECORDING, RecorderStatus::STATE_DISK_FULL);
         let mut ledger = Ledger::default();
         assert_eq!(ledger.record(well, "", 0), None);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reason_that_changes_is_said_once_and_a_removed_file_is_no_gap_of_a_second() {
+    fn a_changed_reason_is_reported_once_and_a_removed_file_is_no_gap_of_a_second() {
         let (well, failed) = (RecorderStatus::STATE_RECORDING, RecorderStatus::STATE_FAILED);
         let removed = RunError::Removed { path: "/runs/one/run.mcap.part".into() }.to_string();
         let mut ledger = Ledger::default();
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_is_said_once_per_spell() {
+    fn a_loss_is_reported_once_per_period() {
         const SECOND_NS: u64 = 1_000_000_000;
         let mut ledger = Ledger::default();
         let mut seq = 0;
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_while_nothing_is_recorded_is_told_as_such() {
+    fn a_loss_while_nothing_is_recorded_is_reported_as_that() {
         let (well, full) = (RecorderStatus::STATE_RECORDING, RecorderStatus::STATE_DISK_FULL);
         let mut ledger = Ledger::default();
         assert!(ledger.record(full, "", 1).is_some());

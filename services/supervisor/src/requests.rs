@@ -290,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_motor_io_said_long_ago_is_not_the_present() {
+    fn an_old_state_of_motor_io_is_not_used() {
         let mut authority = MotorAuthority::default();
         authority.header.stamp_ns = 5 * SILENT_NS;
         assert!(is_present(&authority, 0.3, 6 * SILENT_NS));
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_moves_the_robot_while_it_moves_may_not_be_ended() {
+    fn only_processes_in_charge_of_a_moving_robot_cannot_be_ended() {
         let member = |role, slot| ProcessSpec {
             name: "x".to_owned(),
             alias: None,

@@ -18,7 +18,7 @@ use robot_state::answers::detail;
 /// requesting command waits 25 s.
 const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
 
-const GOES_ON: &str = "the one before goes on";
+const GOES_ON: &str = "the previous process continues";
 
 /// Remedy for a new program that does not state why it fails.
 fn goes_on(name: &str) -> String {
@@ -110,14 +110,15 @@ impl Supervisor {
         if successor.has_published(&self.bus)? {
             if let Some(child) = self.process_set.find(&name).filter(|child| child.asked.is_none()) {
                 child.ask_to_end(Then::Again);
-                self.announcer.info(&format!("the new {name} has said something: ending the one before"));
+                self.announcer.info(&format!("the new {name} publishes: ending the previous process"));
                 self.publish_table()?;
             }
             return Ok(());
         }
         let is_asked = self.process_set.find(&name).is_some_and(|child| child.asked.is_some());
         if !is_asked && now >= successor.child.started_ns + FIRST_SAMPLE_NS {
-            let why = format!("says nothing valid within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, goes_on(&name));
+            let why =
+                format!("published no valid sample within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, goes_on(&name));
             self.give_up(successor, &why)?;
             successor.child.ask_to_end(Then::Forget);
         }

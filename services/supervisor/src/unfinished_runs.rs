@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_power_cut_left_in_any_run_is_recovered_and_a_living_recorder_is_left_alone() {
+    fn runs_cut_off_by_a_power_failure_are_recovered_and_the_file_of_a_running_recorder_is_untouched() {
         let folder = tempfile::tempdir().unwrap();
         let runs = folder.path().canonicalize().unwrap();
         for name in ["first", "second"] {

@@ -78,6 +78,7 @@ fn swap(robot: &mut Robot, role: &str) -> u64 {
             return changes;
         }
         let why = String::from_utf8_lossy(&output.stderr).into_owned();
+        // The sentence itself tells the two cases apart: the swap is over, and so is its cause in `motor/slots`.
         let given_back = why.contains("missed a cycle just after it had taken over");
         assert!(given_back || why.contains("had no output in the announced cycle"), "{why}{}", robot.said());
         changes += 2 * u64::from(given_back);

@@ -171,6 +171,7 @@ fn readings_without_samples_are_reported_once_with_their_cause() {
     }
     let now = counts(&logger);
     let sentence = unused_readings_sentence("soil", &now, &nothing).unwrap();
+    // The sentence itself: the channel, and the counts since the last one.
     assert!(sentence.contains("sensor/soil: 3 of 4") && sentence.contains("3 not of the type"), "{sentence}");
     assert!(!sentence.contains("gaps"), "{sentence}");
     assert_eq!(unused_readings_sentence("soil", &now, &now), None);

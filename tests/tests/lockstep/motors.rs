@@ -1,5 +1,5 @@
-//! What the planner accepts, the motors can do: the fastest accepted flight is flown at the lowest supply voltage without
-//! a fault, and the rejected one faults.
+//! What the planner accepts, the motors can do: the fastest accepted flight is flown at the lowest supply voltage
+//! without a fault, and the rejected one faults.
 
 use config::SystemFile;
 use messages::PlanStatus;
@@ -38,7 +38,8 @@ fn mission(speed_m_s: f64) -> Mission {
     .unwrap()
 }
 
-/// Flies the mission with a supply whose voltage is just above 20 V under load. Returns the final state of the plan and the faults.
+/// Flies the mission with a supply whose voltage is just above 20 V under load. Returns the final state of the plan and
+/// the faults.
 fn fly(file: &SystemFile, mission: &Mission) -> (u8, u32) {
     let mut scenario = CASE.scenario(true).unwrap();
     scenario.plant.supply_v = 20.5;

@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn a_law_that_answers_zeros_or_is_biased_is_beyond_what_is_allowed() {
+    fn a_law_that_answers_zeros_or_is_biased_exceeds_the_accepted_deviation() {
         assert!(after(0.11, 0.0) > 1.0, "zeros beside a slow motion, far below a bound of 0.12 m/s");
         assert!(after(0.05, 0.15) > 1.0, "a bias of 0.1 m/s on one line");
         assert!(after(0.4, 0.48) < 1.0, "a fifth of what is being commanded");
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_for_a_moment_is_not_a_bias() {
+    fn a_short_difference_is_not_a_bias() {
         let mut bias = Bias::default();
         for cycle in 0..300 {
             let side = if cycle % 100 < 20 { 0.16 } else { 0.1 };

@@ -14,7 +14,7 @@ use crate::settings::CoreConfig;
 use bias::Bias;
 use fade::Fade;
 use messages::{
-    CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLES, SEATS, SLOTS,
+    CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLE_SLOTS, ROLES, SLOTS,
     same_life,
 };
 use role::{Phase, Refusal, Reply, Report, Role, SlotState, Times};
@@ -53,7 +53,7 @@ pub struct ArbiterInput {
     /// Velocities sent to the drives in the previous cycle, m/s.
     pub sent_m_s: [f64; CABLES],
     /// Seats that the computer kept from running; a missing answer is not held against a newcomer there.
-    pub starved: [bool; SEATS],
+    pub starved: [bool; ROLE_SLOTS],
 }
 
 /// Answer of a controller to one estimate.
@@ -87,7 +87,7 @@ pub struct Arbiter {
     fade: Fade,
     verdict: [u8; SLOTS],
     /// Deviations from the slot in charge, m/s and m; negative: nothing to compare.
-    apart: [f64; SEATS],
+    apart: [f64; ROLE_SLOTS],
     /// Average deviation of each controller from the one in charge.
     bias: [Bias; SLOTS],
     used: (usize, usize),
@@ -115,7 +115,7 @@ impl Arbiter {
             roles: [Role::new(times), Role::new(times)],
             fade: Fade::new(config.cycles(config.fade_s)),
             verdict: [MotorAuthority::VERDICT_NONE; SLOTS],
-            apart: [-1.0; SEATS],
+            apart: [-1.0; ROLE_SLOTS],
             bias: [Bias::default(); SLOTS],
             used: (0, 0),
         }
@@ -266,7 +266,7 @@ impl Arbiter {
 
     /// Computes the deviations of the slots that are not in charge.
     fn compare(&mut self, input: &MotorInput, rows: &[Rows; SLOTS], estimates: &[Reply; SLOTS]) {
-        self.apart = [-1.0; SEATS];
+        self.apart = [-1.0; ROLE_SLOTS];
         let (controller, estimator) = self.in_charge();
         let (other, beside) = (1 - controller, 1 - estimator);
         if let (Ok(lead), Ok(side)) = (&rows[controller], &rows[other]) {
@@ -379,7 +379,7 @@ impl Arbiter {
             qualify_cycles: self.qualify,
             ..MotorSlots::default()
         };
-        for seat in 0..SEATS {
+        for seat in 0..ROLE_SLOTS {
             let slot = self.roles[seat / SLOTS].slot(seat % SLOTS);
             slots.phase[seat] = slot.phase() as u8;
             slots.cause[seat] = slot.cause();

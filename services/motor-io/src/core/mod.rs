@@ -202,7 +202,7 @@ impl Core {
         self.planner.note(input.planner_beat);
         self.motion.update(input);
         let ended = self.motion.is_over(self.clock.time_s());
-        let starved = self.starved_seats();
+        let starved = self.starved_slots();
         let context = ArbiterInput { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s, starved };
         let motion = &self.motion;
         self.chosen = self.arbiter.choose(input, &context, |segment| motion.has(segment) || (ended && segment == 0));

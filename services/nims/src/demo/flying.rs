@@ -227,7 +227,7 @@ mod tests {
     const SECOND_NS: u64 = 1_000_000_000;
 
     #[test]
-    fn a_late_mission_may_go_on_and_one_without_progress_may_not() {
+    fn a_late_mission_continues_and_one_without_progress_is_ended() {
         let mut limits = TimeLimits::new(20.0, 0);
         for second in 1..=100_u32 {
             limits.record(f64::from(second) / 200.0, u64::from(second) * SECOND_NS);

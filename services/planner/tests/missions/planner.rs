@@ -153,7 +153,7 @@ fn a_mission_is_offered_flown_and_done() {
 }
 
 #[test]
-fn everything_that_is_not_ready_is_answered_with_what_to_do() {
+fn every_missing_condition_is_answered_with_its_cure() {
     type Spoil = fn(&mut World);
     let cases: &[(Reason, Spoil)] = &[
         (Reason::RobotDisarmed, |w| w.authority.mode = MotorAuthority::MODE_DISARMED),
@@ -197,7 +197,7 @@ fn everything_that_is_not_ready_is_answered_with_what_to_do() {
 }
 
 #[test]
-fn one_cycle_without_an_estimate_refuses_nothing_and_many_do() {
+fn one_cycle_without_an_estimate_rejects_nothing_and_many_do() {
     let mut world = World::ready();
     let mut planner = Planner::new(config());
     planner.step(&world.seen());
@@ -247,7 +247,7 @@ fn one_mission_at_a_time_paused_or_not() {
 }
 
 #[test]
-fn a_mission_ends_with_its_epoch_with_a_fault_and_when_nobody_takes_it_up() {
+fn a_mission_ends_with_its_epoch_with_a_fault_and_when_motor_io_does_not_start_it() {
     type Spoil = fn(&mut World);
     let mut slack = Faults::default();
     slack.cable(MotorAuthority::FAULT_SLACK, 1);
@@ -306,7 +306,7 @@ fn a_parabola_that_loses_least_sags_below_the_line_and_a_vertical_one_is_a_line(
 /// Also where a line would be slack at the sag that a constant speed asks for, which knows nothing of the start and the
 /// end: no parabola of a fine scan over all that can be flown costs less than the one that is flown.
 #[test]
-fn the_parabola_that_is_flown_is_the_best_that_can_be() {
+fn the_flown_parabola_has_the_least_loss() {
     let (start, end) = (Vector3::new(3.0, 2.0, 2.0), Vector3::new(6.0, 2.5, 2.0));
     let shape = |mu_per_m| flight::parabola_or_line(&cable_robot::path::Parabola { from: start, to: end, mu_per_m });
     let limits = ProfileLimits { total_m_s2: 0.5, ..ProfileLimits::rest_to_rest(0.2, 0.3) };
@@ -372,7 +372,7 @@ fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
 }
 
 #[test]
-fn a_refusal_says_where_which_cable_and_how_much() {
+fn a_rejection_names_the_place_the_cable_and_the_excess() {
     let start = [4.8, 3.0, 0.3];
     for (text, says) in [
         ("[[leg]]\nline = { to_m = [4.8, 3.0, 2.95] }", &["leg 1", "cable", "above", "60.00 N", "m along"][..]),
@@ -397,7 +397,7 @@ fn a_refusal_says_where_which_cable_and_how_much() {
 }
 
 #[test]
-fn a_dry_run_says_what_the_mission_comes_to() {
+fn a_dry_run_gives_length_duration_and_energy() {
     let text =
         "[[leg]]\nspiral = { rise_m = 1.125, radius_m = 0.60, turns = 4 }\n[[leg]]\ndwell = { duration_s = 2.0 }";
     let summary = dry_run(&mission(text), &config(), [4.8, 3.0, 0.3]).unwrap();
@@ -413,7 +413,7 @@ fn a_dry_run_says_what_the_mission_comes_to() {
 /// The limit of the lines is the robot file's own, not that of the node: where it is lower, the plan is refused, and
 /// not slowed in flight.
 #[test]
-fn a_line_faster_than_its_limit_is_refused_with_place_line_and_amount() {
+fn a_cable_faster_than_its_limit_is_rejected_with_place_cable_and_excess() {
     // Straight to the first anchor: its line runs as fast as the node.
     let text = "[[leg]]\nline = { to_m = [3.8, 2.375, 1.2], speed_m_s = 0.2 }";
     let limited = |cable_speed_limit_m_s| {
@@ -540,7 +540,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn what_is_published_passes_the_check_and_what_is_refused_moves_nothing(
+    fn published_plans_pass_the_check_and_rejected_ones_move_nothing(
         leg in proptest::collection::vec(leg(), 1..6),
         path in prop_oneof![3 => Just(PathShape::Line), 1 => Just(PathShape::Parabola)],
         acceleration_m_s2 in proptest::option::of(0.05..0.6f64),
@@ -583,7 +583,7 @@ proptest! {
 
 /// motor-io keeps a motion of a planner that has ended and takes up no other: asking again and again would be in vain.
 #[test]
-fn a_motion_that_another_planner_left_has_to_be_given_up_first() {
+fn a_motion_of_an_earlier_planner_must_be_ended_first() {
     let mut world = World::ready();
     world.authority.motion = 4;
     let mut planner = Planner::new(config());
@@ -594,7 +594,7 @@ fn a_motion_that_another_planner_left_has_to_be_given_up_first() {
 }
 
 #[test]
-fn a_motion_that_is_not_taken_up_says_what_the_controller_lacks() {
+fn a_motion_that_does_not_start_ends_with_what_the_controller_lacks() {
     let within_s = 5.0;
     for (verdict, expected) in [
         (MotorAuthority::VERDICT_ABSENT, Reason::EndedNotTakenUp { within_s }),

@@ -2,9 +2,9 @@
 //!
 //! A simulated device and the program that drives it share a computer. Where that computer has no time for one of them,
 //! the other must not count it as a fault: a deadline that passes while the device has no processor says nothing about
-//! the device. The device therefore keeps a small file beside its port, [`LeftOutClock`], in which both write their threads
-//! and the device the time that it left out. For a program that does not use the file the device runs on the machine's
-//! clock.
+//! the device. The device therefore keeps a small file beside its port, [`LeftOutClock`], in which both write their
+//! threads and the device the time that it left out. For a program that does not use the file the device runs on the
+//! machine's clock.
 //!
 //! A killed device leaves its file; the owner of the domain removes it (`Domain::sweep` of the crate `bus`, which has
 //! its suffix).

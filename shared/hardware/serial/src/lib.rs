@@ -9,8 +9,8 @@
 //!   and faults on request. It does not depend on the machine's speed, so tests with it are deterministic.
 //!
 //! [`Pty`] and [`PtyLink`] are the other side of the first two: a pseudo-terminal that a simulated device offers to
-//! programs. Where such a device keeps a [`LeftOutClock`] beside its port, a [`ReopeningPort`] uses the device's time and
-//! leaves out what the device left out.
+//! programs. Where such a device keeps a [`LeftOutClock`] beside its port, a [`ReopeningPort`] uses the device's time
+//! and leaves out what the device left out.
 //!
 //! Architecture invariants: this is the only crate that names `serialport`; it contains no protocol; no call waits
 //! longer than its deadline on the transport's clock.

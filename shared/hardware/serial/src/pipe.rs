@@ -10,8 +10,8 @@ use crate::{Error, Random, StatusPin, Transport};
 
 /// Device at the far end of a [`Pipe`].
 pub trait Device: Send {
-    /// Receives a byte at `now_ns`. The answer goes onto the wire with [`WireQueue::push`], at the time at which the device
-    /// begins to send.
+    /// Receives a byte at `now_ns`. The answer goes onto the wire with [`WireQueue::push`], at the time at which the
+    /// device begins to send.
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue);
 
     /// Advances the device to `now_ns`. Called in order, before the bytes that arrive at that time.

@@ -9,7 +9,8 @@
 //! * Ports stay in the thread that created them. After creation, receiving and waiting do not allocate; sending
 //!   allocates and frees one counter of fixed size, inside iceoryx2.
 //! * A created object has all its memory: no later page fault ends a process because /dev/shm is full ([`Memory`]).
-//! * Observers leave places to control processes ([`Participant`]); an emergency stop needs no place at all ([`estop`]).
+//! * Observers leave places to control processes ([`Participant`]); an emergency stop needs no place at all
+//!   ([`estop`]).
 //! * Only the user who runs a domain can access its objects.
 //! * The next `send` or `receive` connects to a new peer, which costs about 0.1 ms once.
 //!

@@ -100,9 +100,9 @@ impl Thread {
         Some(self.delay_ns)
     }
 
-    /// As [`Thread::run_delay_ns`], for a thread that sleeps until it is given work: `given_ns` is the time when it was given
-    /// work that is not done yet. If the thread is runnable and has not run since the last reading, it has waited since
-    /// `given_ns`. Without work, only the kernel's counts are read, which is cheaper.
+    /// As [`Thread::run_delay_ns`], for a thread that sleeps until it is given work: `given_ns` is the time when it was
+    /// given work that is not done yet. If the thread is runnable and has not run since the last reading, it has waited
+    /// since `given_ns`. Without work, only the kernel's counts are read, which is cheaper.
     pub fn run_delay_since_ns(&mut self, now_ns: u64, given_ns: Option<u64>) -> Option<u64> {
         let before = self.counts;
         let Some(given_ns) = given_ns else {

@@ -62,7 +62,7 @@ pub const CONTROLLERS: usize = 0;
 /// Index of the estimators in arrays per role.
 pub const ESTIMATORS: usize = 1;
 /// Length of arrays per role and slot; the index is [`SLOTS`] x role + slot.
-pub const SEATS: usize = ROLES * SLOTS;
+pub const ROLE_SLOTS: usize = ROLES * SLOTS;
 /// Slots per role (controller, estimator): a and b.
 pub const SLOTS: usize = 2;
 /// Names of the slots in channel names.

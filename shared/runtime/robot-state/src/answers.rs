@@ -307,7 +307,7 @@ answers! {
     347 ProcessRunsNot { process: Detail } REFUSED, "{process} does not run";
     348 ProcessEndsAlready { process: Detail } REFUSED, "{process} is ending already";
     349 ProcessNeeded { process: Detail, role: Option<SlotRole> } REFUSED, "the robot moves and needs {process}: hold first with `nims hold`{}", OrSwap(*role);
-    350 ProcessSucceeded { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new one has said something or is given up, which takes {within_s:.0} s at most";
+    350 ProcessSucceeded { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new process publishes or has been ended, which takes {within_s:.0} s at most";
     351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{why}";
     352 SupervisorBus { why: Detail } REFUSED, "{why}";
     360 ParameterInvalid { key: Detail, why: Detail } BAD_INPUT, "{why}";

@@ -85,7 +85,7 @@ mod tests {
     use messages::{MORE, text_of};
 
     #[test]
-    fn every_fault_has_a_name_of_its_own() {
+    fn every_fault_has_its_own_name() {
         let all = FAULTS.iter().fold(0, |all, (bit, _)| all | bit);
         // The bits are given without a gap.
         assert_eq!((all.count_ones() as usize, all.trailing_ones() as usize), (FAULTS.len(), FAULTS.len()));

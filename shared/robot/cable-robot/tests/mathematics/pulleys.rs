@@ -314,7 +314,6 @@ fn poses_without_a_direction_are_typed_errors() {
     assert!(matches!(inside, KinematicsError::InsidePulley { cable: 1, .. }), "{inside}");
     let axis = lengths_at(&anchors, &at(0.0, -1.0)).unwrap_err();
     assert!(matches!(axis, KinematicsError::OnPulleyAxis { cable: 1, .. }), "{axis}");
-    assert!(axis.to_string().contains("may turn to any side") && inside.to_string().contains("0.05 m"));
     for position in [at(-0.06, 0.01), at(0.0, -1.0)] {
         assert_eq!(Jacobian::at(&anchors, &position).unwrap_err().kind(), "singular");
         let held = tension::hold(&anchors, &position, &Vector3::z(), [0.0, 9.0], Distribution::Unique);
