@@ -2,7 +2,8 @@
 
 use super::measured::resolve_named_file;
 use super::{
-    CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile, check,
+    CalibrationFile, ControllerSection, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection,
+    SystemFile, check,
 };
 use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
@@ -208,8 +209,15 @@ impl SystemFile {
         Ok(file)
     }
 
-    /// Returns the text of a system file with every key, including defaults except those of `[motor_box]`; `robot` is the path of its robot file
-    /// relative to the new file. [`SystemFile::load`] reads it back.
+    /// Returns this configuration without the content of `[motor_box]`, for every process except the virtual motor
+    /// box. The empty table still states that the drives are virtual.
+    #[must_use]
+    pub fn without_truth(&self) -> Self {
+        Self { motor_box: self.motor_box.as_ref().map(|_| MotorBoxTable::default()), ..self.clone() }
+    }
+
+    /// Returns the text of a system file with every key, including defaults except those of `[motor_box]`; `robot` is
+    /// the path of its robot file relative to the new file. [`SystemFile::load`] reads it back.
     ///
     /// # Errors
     /// A value that TOML cannot represent; no loaded file has one.

@@ -3,9 +3,9 @@
 //! The table describes what is true and not what the control software assumes. Its types are in `motor-box`, which the
 //! processes of the control chain do not link, and their copies of the configuration have an empty table.
 
+use crate::Problem;
 use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
-use crate::{Problem, SystemFile};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -87,70 +87,5 @@ impl MotorBoxTable {
             Source::of("the system file".into(), toml::to_string(&file).unwrap_or_default())
         };
         self.source.as_ref().map_or_else(of_table, |source| (**source).clone())
-    }
-}
-
-impl SystemFile {
-    /// Returns this configuration without the content of `[motor_box]`, for every process except the virtual motor
-    /// box. The empty table still states that the drives are virtual.
-    #[must_use]
-    pub fn without_truth(&self) -> Self {
-        Self { motor_box: self.motor_box.as_ref().map(|_| MotorBoxTable::default()), ..self.clone() }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[derive(Debug, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Example {
-        supply_v: f64,
-    }
-
-    fn loaded(table: &str) -> SystemFile {
-        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs");
-        let text = std::fs::read_to_string(configs.join("systems/demo3.toml")).unwrap();
-        let (before, _) = text.split_once("[motor_box]").unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let robot = configs.join("robots/lab3.toml").canonicalize().unwrap();
-        let before = before.replace("../robots/lab3.toml", &robot.to_string_lossy());
-        let path = folder.path().join("system.toml");
-        std::fs::write(&path, format!("{before}[motor_box]\n{table}")).unwrap();
-        SystemFile::load(&path).unwrap()
-    }
-
-    #[test]
-    fn any_content_is_kept_and_read_with_the_type_of_another_crate() {
-        let file = loaded("supply_v = 24.0\n");
-        let table = file.motor_box.clone().unwrap();
-        assert_eq!(table.section::<Example>().unwrap().supply_v, 24.0);
-        let kept = file.resolved("robot.toml").unwrap();
-        assert!(kept.contains("[motor_box]\nsupply_v = 24.0"), "{kept}");
-        let folder = table.path(Path::new("x")).parent().unwrap().to_owned();
-        let ground = loaded("ground = \"../g.toml\"\n").motor_box.unwrap().ground().unwrap();
-        assert_eq!((ground.file_name(), folder.is_absolute()), (Some("g.toml".as_ref()), true));
-    }
-
-    #[test]
-    fn an_error_in_the_table_names_file_and_line() {
-        let file = loaded("# a comment\nsuply_v = 24.0\n");
-        let error = file.motor_box.clone().unwrap().section::<Example>().unwrap_err();
-        let ConfigError::Text { path, line, problem, .. } = &error else { panic!("{error}") };
-        let expected = file.motor_box.as_ref().unwrap().source.as_ref().unwrap().text().lines().count();
-        assert!(path.ends_with("system.toml") && *line == expected, "{error}");
-        assert!(problem.contains("`suply_v`") && problem.contains("`supply_v`"), "{problem}");
-        let named = loaded("supply_v = 99.0\n").motor_box.unwrap().error(&Problem::of("motor_box.supply_v", "is 99"));
-        assert!(named.to_string().ends_with("`motor_box.supply_v` is 99") && named.to_string().contains(", line "));
-    }
-
-    #[test]
-    fn a_copy_without_the_truth_says_only_that_the_drives_are_virtual() {
-        let file = loaded("supply_v = 24.0\n[motor_box.truth]\nnode_mass_kg = 1.3\n").without_truth();
-        let text = file.resolved("robot.toml").unwrap();
-        assert!(text.contains("[motor_box]") && !text.contains("supply_v = 24") && !text.contains("truth"), "{text}");
-        let read: SystemFile = toml::from_str(&text).unwrap();
-        assert!(read.motor_box.is_some());
     }
 }

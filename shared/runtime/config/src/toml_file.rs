@@ -93,12 +93,6 @@ impl Source {
         &self.path
     }
 
-    /// Returns the text.
-    #[must_use]
-    pub fn text(&self) -> &str {
-        &self.text
-    }
-
     /// Parses the text. Whether unknown keys are errors depends on the type (`deny_unknown_fields`).
     ///
     /// # Errors
