@@ -23,6 +23,7 @@ pub mod settings;
 mod socket;
 mod time;
 mod wire;
+mod world;
 
 pub use device::{DeviceConfig, DeviceKind};
 pub use error::BoxError;

@@ -10,7 +10,8 @@ use plant::motor::MotorConfig;
 
 use crate::device::{DeviceConfig, DeviceKind};
 pub use crate::error::ConfigError;
-use crate::section::{DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection};
+use crate::section::{DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection, TruthSection};
+use crate::world;
 
 /// Placeholder for the domain's folder in a port's path.
 const DOMAIN: &str = "{domain}";
@@ -72,7 +73,10 @@ impl BoxConfig {
             devices: section.device.iter().map(|device| device_config(device, folder)).collect(),
             ground: match &section.ground {
                 Some(path) => ground_of(&GroundFile::load(path).map_err(|error| ConfigError::File(error.to_string()))?),
-                None => Ground { ground_m: robot.robot.ground_m, ..Ground::default() },
+                None => {
+                    let truth_m = section.truth.as_ref().and_then(|truth| truth.ground_m);
+                    Ground { ground_m: truth_m.unwrap_or(robot.robot.ground_m), ..Ground::default() }
+                }
             },
         })
     }
@@ -111,6 +115,11 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
         .map(|counts| IdlerConfig { counts_per_m: counts.abs(), ..IdlerConfig::default() })
         .collect();
     config.start_limits_n = robot.robot.tension_limits_n;
+    // Without the section, wheels of the robot file are part of the world too.
+    let truth = section.truth.as_ref();
+    if truth.is_some() || !robot.robot.pulley_radius_m.is_empty() {
+        world::apply(truth.unwrap_or(&TruthSection::default()), robot, counts_per_m, &mut config);
+    }
     config
 }
 

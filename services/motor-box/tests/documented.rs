@@ -89,7 +89,7 @@ fn every_key_of_a_system_file_is_in_each_of_them() {
             ("[viewer]", keys::<ViewerSection>()),
             ("[sensor_logger]", without(keys::<SensorLoggerSection>(), "sensor")),
             ("[[sensor_logger.sensor]]", keys::<LoggedSensorSection>()),
-            ("[motor_box]", without(keys::<MotorBoxSection>(), "device")),
+            ("[motor_box]", without(without(keys::<MotorBoxSection>(), "device"), "truth")),
             ("[[motor_box.device]]", without(keys::<DeviceSection>(), "value")),
             ("[[motor_box.device.value]]", [keys::<FieldSection>(), keys::<PeakSection>()].concat()),
             ("[realtime]", keys::<RealtimeSection>()),

@@ -3,10 +3,15 @@
 //! `config` keeps the table without these types, so no process of the control chain can read it.
 
 mod device;
+mod per_cable;
+mod truth;
 
 pub use device::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
+
+pub use per_cable::PerCable;
+pub use truth::{TrueGuide, TruthSection};
 
 use config::{ConfigError, Point, Problem, RobotFile, SystemFile, number};
 use serde::{Deserialize, Serialize};
@@ -22,7 +27,7 @@ pub struct MotorBoxSection {
     pub delay_s: f64,
     /// First-order lag of the drive's speed, s.
     pub lag_s: f64,
-    /// True cable stiffness EA, N; independent of the robot file.
+    /// True cable stiffness EA, N; independent of the robot file. `truth` may have one per cable.
     pub stiffness_n: f64,
     /// Drag of the node in air or water, N s²/m².
     pub drag_n_s2_m2: f64,
@@ -38,6 +43,8 @@ pub struct MotorBoxSection {
     pub seed: u64,
     /// Ground file: the objects on the ground, for rangefinders. Default: none.
     pub ground: Option<PathBuf>,
+    /// In what the world differs from the robot file; default: in nothing.
+    pub truth: Option<TruthSection>,
     /// Simulated sensors on the node, each with its own port.
     pub device: Vec<DeviceSection>,
 }
@@ -56,6 +63,7 @@ impl Default for MotorBoxSection {
             supply_v: 12.0,
             seed: 1,
             ground: None,
+            truth: None,
             device: Vec::new(),
         }
     }
@@ -83,6 +91,10 @@ impl MotorBoxSection {
         }
         device::check(&self.device, &ports)?;
         self.check_start(robot)?;
+        if let Some(truth) = &self.truth {
+            truth.check(robot)?;
+            truth.check_counts(&file.motor_io.counts_per_m)?;
+        }
         number("motor_box.delay_s", self.delay_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
         number("motor_box.lag_s", self.lag_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
         number("motor_box.stiffness_n", self.stiffness_n, "100 to 1e7 N", |v| (100.0..=1e7).contains(&v))?;
