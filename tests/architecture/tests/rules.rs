@@ -9,8 +9,17 @@ use std::path::PathBuf;
 
 /// Crates of `shared/` and `tests/` that link the services' pure libraries, and the command. No other crate does, and
 /// no service links these.
-const LINKS_SERVICES: [&str; 8] =
-    ["lockstep", "replay", "commissioning", "nims-bench", "nims-paper", "nims", "nims-tests", "benchmarks"];
+const LINKS_SERVICES: [&str; 9] = [
+    "lockstep",
+    "replay",
+    "commissioning",
+    "nims-bench",
+    "nims-paper",
+    "nims-truth",
+    "nims",
+    "nims-tests",
+    "benchmarks",
+];
 
 fn packages() -> BTreeMap<String, Package> {
     architecture::packages().unwrap()
