@@ -23,3 +23,4 @@ mod scale;
 mod takeover;
 mod tuning;
 mod walk;
+mod worlds;
