@@ -10,6 +10,9 @@
 
 use crate::error::{PlantError, check};
 
+/// Width of the change of sign of a friction that sticks, relative to that of the smooth law.
+const STICKING: f64 = 0.1;
+
 /// Constants of a motor and its gear, referred to the cable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorConfig {
@@ -129,20 +132,22 @@ impl Motor {
             self.config;
         let mut friction_n = gear_friction * load_n + coulomb_n;
         let v = if self.jammed { 0.0 } else { self.reel_in_m_s };
+        let mut transition_m_s = self.config.transition_m_s;
         if self.config.stiction > 0.0 {
-            // Stribeck's law.
+            // Stribeck's law, which needs a sharp change of sign.
             let slow = v / self.config.stiction_m_s;
             friction_n *= 1.0 + self.config.stiction * libm::exp(-slow * slow);
+            transition_m_s *= STICKING;
         }
         match bridge {
             Bridge::Voltage(u) => {
                 let limit_a = self.config.current_limit_a;
                 let free_a = (u - kf * v) / r;
                 self.current_a = free_a.clamp(-limit_a, limit_a);
-                let s = libm::tanh(v / self.config.transition_m_s);
+                let s = libm::tanh(v / transition_m_s);
                 let force_n = kf * self.current_a - load_n - friction_n * s - viscous_n_s_m * v;
                 let electrical = if free_a.abs() < limit_a { kf * kf / r } else { 0.0 };
-                let slope = electrical + friction_n * (1.0 - s * s) / self.config.transition_m_s + viscous_n_s_m;
+                let slope = electrical + friction_n * (1.0 - s * s) / transition_m_s + viscous_n_s_m;
                 self.reel_in_m_s = v + h * force_n / (self.config.inertia_kg + h * slope);
             }
             Bridge::Shorted => {
