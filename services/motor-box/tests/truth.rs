@@ -90,8 +90,8 @@ fn each_key_reaches_the_plant() {
             p.world.cables[0].guide == Guide::Swivel { radius_m: 0.03 }
         }),
         (
-            "pulley = \"fixed\"\npulley_radius_m = 0.03\npulley_azimuth_deg = [0, 90, 180]",
-            |p| matches!(p.world.cables[1].guide, Guide::Fixed { azimuth_rad, .. } if (azimuth_rad - 1.5708).abs() < 1e-4),
+            "pulley = \"fixed\"\npulley_radius_m = 0.03\npulley_azimuth_deg = [0, 60, 180]",
+            |p| matches!(p.world.cables[1].guide, Guide::Fixed { azimuth_rad, .. } if (azimuth_rad.to_degrees() - 60.0).abs() < 1e-9),
         ),
         ("pulley_radius_m = 0.03", |p| p.world.cables[0].guide == Guide::Eye),
         ("pulley_friction = 0.04", |p| p.world.cables[2].pulley_friction == 0.04),

@@ -100,7 +100,7 @@ impl TruthSection {
     pub(super) fn check(&self, robot: &RobotFile) -> Result<(), Problem> {
         let cables = robot.robot.anchors_m.len();
         self.check_geometry(robot)?;
-        let per_cable: [PerCableRule<'_>; 18] = [
+        let per_cable: [Rule<'_, &Option<PerCable>>; 18] = [
             ("pulley_radius_m", &self.pulley_radius_m, "0 to 1 m", |v| (0.0..=1.0).contains(&v)),
             ("pulley_azimuth_deg", &self.pulley_azimuth_deg, "-360 to 360 degrees", |v| v.abs() <= 360.0),
             ("pulley_friction", &self.pulley_friction, "0 to 0.5", |v| (0.0..=0.5).contains(&v)),
@@ -154,7 +154,7 @@ impl TruthSection {
     }
 
     fn check_surroundings(&self) -> Result<(), Problem> {
-        let all: [(&str, Option<f64>, &str, fn(f64) -> bool); 13] = [
+        let all: [Rule<'_, Option<f64>>; 13] = [
             ("node_mass_kg", self.node_mass_kg, "0.01 to 1000 kg", |v| (0.01..=1000.0).contains(&v)),
             ("net_weight_n", self.net_weight_n, "within 1e4 N", |v| v.abs() <= 1e4),
             ("drag_n_s2_m2", self.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v)),
@@ -190,7 +190,7 @@ impl TruthSection {
 }
 
 /// A key, its value, what is accepted in words and as a condition.
-type PerCableRule<'a> = (&'a str, &'a Option<PerCable>, &'a str, fn(f64) -> bool);
+type Rule<'a, T> = (&'a str, T, &'a str, fn(f64) -> bool);
 
 fn key(name: &str) -> String {
     format!("motor_box.truth.{name}")

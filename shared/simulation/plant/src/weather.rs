@@ -31,7 +31,7 @@ impl Weather {
         let mean = Vector3::from(wind.mean_m_s);
         let level = Vector3::new(mean.x, mean.y, 0.0);
         let along = if level.norm() > 0.0 { level / level.norm() } else { Vector3::x() };
-        let mut random = Random::new(seed ^ 0x0057_494e_44);
+        let mut random = Random::new(seed ^ 0x5749_4e44);
         let gusts = [random.gaussian(), random.gaussian()];
         Self { wind, along, across: Vector3::z().cross(&along), gusts, next_ns: GUST_NS, random }
     }

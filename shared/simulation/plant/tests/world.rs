@@ -138,8 +138,8 @@ fn counts_follow_scale_slip_and_stretch() {
 fn a_pole_gives_way_by_force_over_stiffness() {
     let stiff = plant(CableWorld::default());
     let soft = plant(CableWorld { pole_stiffness_n_m: 5000.0, ..CableWorld::default() });
-    for i in 0..3 {
-        let leg: Vec<f64> = (0..3).map(|axis| START_M[axis] - THREE[i][axis]).collect();
+    for (i, anchor) in THREE.iter().enumerate() {
+        let leg: Vec<f64> = (0..3).map(|axis| START_M[axis] - anchor[axis]).collect();
         let length = leg.iter().map(|l| l * l).sum::<f64>().sqrt();
         let level = leg[0].hypot(leg[1]) / length;
         // The pole leans towards the node, so less cable is off the drum.
@@ -155,9 +155,9 @@ fn a_heavy_cable_bows_like_a_catenary() {
     let mass_kg_m = 0.01;
     let light = plant(CableWorld::default());
     let heavy = plant(CableWorld { mass_kg_m, ..CableWorld::default() });
-    for i in 0..3 {
+    for (i, anchor) in THREE.iter().enumerate() {
         let tension_n = heavy.tension_n(i);
-        let leg: Vec<f64> = (0..3).map(|axis| THREE[i][axis] - START_M[axis]).collect();
+        let leg: Vec<f64> = (0..3).map(|axis| anchor[axis] - START_M[axis]).collect();
         let (level_m, rise_m) = (leg[0].hypot(leg[1]), leg[2]);
         let chord_m = level_m.hypot(rise_m);
         // The catenary with the horizontal tension of the chord: y = c cosh((x - x0) / c).
