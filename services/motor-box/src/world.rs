@@ -14,6 +14,7 @@ pub(crate) fn apply(truth: &TruthSection, robot: &RobotFile, counts_per_m: &[f64
     if let Some(anchors) = &truth.anchors_m {
         config.anchors_m = anchors.to_vec();
     }
+    config.seed = truth.seed.unwrap_or(config.seed);
     let cables = config.cable_count();
     if let Some(routed) = &truth.routed_length_m {
         config.routed_length_m = (0..cables).map(|i| routed.at(i)).collect();

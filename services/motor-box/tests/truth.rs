@@ -84,7 +84,8 @@ fn without_the_section_the_plant_has_no_world() {
 #[test]
 fn each_key_reaches_the_plant() {
     type Check = fn(&PlantConfig) -> bool;
-    let cases: [(&str, Check); 34] = [
+    let cases: [(&str, Check); 35] = [
+        ("seed = 12", |p| p.seed == 12),
         ("anchors_m = [[0, 0, 3.05], [9.8, 0, 3.10], [4.8, 8.6, 2.98]]", |p| p.anchors_m[2][0] == 4.8),
         ("pulley = \"swivel\"\npulley_radius_m = 0.03", |p| {
             p.world.cables[0].guide == Guide::Swivel { radius_m: 0.03 }

@@ -24,6 +24,8 @@ config::choice! {
 pub struct TruthSection {
     /// Name of the world, for reports.
     pub name: Option<String>,
+    /// Seed of the winding on the drums and of the gusts.
+    pub seed: Option<u64>,
     /// Where the cables leave for the node, or enter their wheels, m.
     pub anchors_m: Option<Points>,
     /// What the cables leave from.

@@ -71,6 +71,7 @@ pub fn draw(options: &Options, section: &MotorBoxSection, robot: &RobotFile, cou
     let mut draws = Draws { random: Random::new(options.seed), spread: options.spread, cables };
     let mut truth = TruthSection {
         name: Some(format!("seed {}, spread {}", options.seed, options.spread)),
+        seed: (options.spread > 0.0).then_some(options.seed),
         ..TruthSection::default()
     };
     geometry(&mut truth, &mut draws, robot, planar);

@@ -20,13 +20,16 @@ use plant::Plant;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
+/// Largest integer of a TOML file.
+const LARGEST_SEED: u64 = i64::MAX as u64;
+
 /// Command-line arguments of `nims truth`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
     /// System file with the virtual motor box.
     pub system: PathBuf,
     /// Number of the world; each has its own.
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
     pub seed: u64,
     /// How far the world is from the model: 0 the model itself, 1 a robot that was put up with care.
     #[arg(long, default_value_t = 1.0, value_parser = spread, allow_negative_numbers = true)]
