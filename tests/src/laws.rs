@@ -113,7 +113,7 @@ pub fn law(model: Option<DriveLag>, fallback: bool) -> Result<Law> {
         misfit_limit: if fallback { ControllerSection::default().misfit_limit } else { f64::INFINITY },
         ..ControllerSection::default()
     };
-    Ok(Law::of(&section)?)
+    Ok(Law::from_section(&section)?)
 }
 
 /// Flies a case with the paper's law and with the preview law.

@@ -48,7 +48,7 @@ impl Tape {
     /// If writing fails.
     pub fn write<T: Message>(&mut self, channel: &str, mut sample: T) -> Result<()> {
         if !self.channels.contains_key(channel) {
-            let id = self.writer.add_channel(&ChannelSpec::of::<T>(channel))?;
+            let id = self.writer.add_channel(&ChannelSpec::for_type::<T>(channel))?;
             self.channels.insert(channel.to_owned(), (id, 0));
         }
         let Some((id, seq)) = self.channels.get_mut(channel) else { return Ok(()) };
@@ -111,11 +111,11 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
     scenario.period_s = file.period_s();
     let mission = scenario.mission.clone();
     let [x, y, z] = scenario.plant.start_m;
-    let chain = Chain::of(&file)?;
+    let chain = Chain::from_file(&file)?;
     let section = ControllerSection { law: ControlLaw::PFeedforward, ..file.controller.clone() };
-    let controller = ControllerConfig { law: Law::of(&section)?, ..*chain.controller.config() };
+    let controller = ControllerConfig { law: Law::from_section(&section)?, ..*chain.controller.config() };
     let section = EstimatorSection { method: EstimatorMethod::Kalman, ..file.estimator.clone() };
-    let estimator = EstimatorConfig::of(&section, file.robot_file()?.robot()?, 0)?;
+    let estimator = EstimatorConfig::from_section(&section, file.robot_file()?.robot()?, 0)?;
     let mut lockstep = Lockstep::with(scenario, chain)?;
     let mut tape = Tape::new(path, system_path)?;
     let share = |percent: u64| cycles * percent / 100;

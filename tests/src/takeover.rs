@@ -63,7 +63,7 @@ pub fn doubled(case: &Case, law: Option<Law>) -> Result<Lockstep> {
     let plain = Law::PFeedforward(PFeedforward::new(2.0)?);
     let config = ControllerConfig { law: law.unwrap_or(plain), ..*controller.config() };
     let section = EstimatorSection { method: EstimatorMethod::Kalman, ..EstimatorSection::default() };
-    let method = Method::of(&section)?;
+    let method = Method::from_section(&section)?;
     let estimator = EstimatorConfig {
         robot: scenario.robot,
         method,

@@ -93,6 +93,7 @@ fn only_its_user_can_access_the_files_of_a_robot_and_move_it() {
         assert!(!output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stdout));
         let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
+        // The sentence itself: the cause, which no code states.
         assert!(sentence.contains("belongs to another user"), "{sentence}");
     }
     let pid = robot.domain.alive().iter().find(|node| node.name == "motor-io").unwrap().pid;

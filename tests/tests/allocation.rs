@@ -28,7 +28,8 @@ fn flight(robot: &'static str, shape: PathShape, law: Option<Law>, method: &str)
     scenario.mission.path = shape;
     scenario.law = law.unwrap_or(scenario.law);
     scenario.method =
-        Method::of(&EstimatorSection { method: method.parse().unwrap(), ..EstimatorSection::default() }).unwrap();
+        Method::from_section(&EstimatorSection { method: method.parse().unwrap(), ..EstimatorSection::default() })
+            .unwrap();
     let chain = Chain::new(&scenario).unwrap();
     let mission = scenario.mission.clone();
     let [x, y, z] = scenario.plant.start_m;

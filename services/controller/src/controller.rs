@@ -6,8 +6,8 @@ use cable_robot::limits::scale_to_limits;
 use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
 use config::{RobotFile, SystemFile};
 use messages::{
-    AUTHORITY_LAG, ControlStatus, ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate,
-    PlanMotion, SLOTS, Standing, same_life, standing,
+    AUTHORITY_LAG, ControlStatus, ESTIMATORS, Freshness, Header, MotorAuthority, MotorCommand, MotorState,
+    NodeEstimate, PlanMotion, SLOTS, freshness, same_life,
 };
 use segments::motion_of;
 
@@ -48,12 +48,12 @@ impl ControllerConfig {
     ///
     /// # Errors
     /// A parameter of the law is out of range.
-    pub fn of(file: &SystemFile, robot: &RobotFile, incarnation: u32) -> anyhow::Result<Self> {
+    pub fn from_files(file: &SystemFile, robot: &RobotFile, incarnation: u32) -> anyhow::Result<Self> {
         let section = &file.controller;
         let parts = robot.robot()?;
         Ok(Self {
             robot: if section.stretch { parts } else { parts.with_rigid_lines() },
-            law: Law::of(section)?,
+            law: Law::from_section(section)?,
             horizon: u32::try_from(section.horizon_cycles)?,
             distribution: section.distribution_for(&parts),
             redundant_s: section.redundant_s,
@@ -303,7 +303,7 @@ impl Controller {
     fn live<'a>(&self, inputs: &Inputs<'a>) -> [Option<&'a NodeEstimate>; SLOTS] {
         let ttl_cycles = self.config.estimate_ttl_cycles;
         let live = |estimate: &&NodeEstimate, authority: &MotorAuthority| {
-            standing(&estimate.header, &authority.header, ttl_cycles) == Standing::Live
+            freshness(&estimate.header, &authority.header, ttl_cycles) == Freshness::Live
         };
         inputs.estimates.map(|estimate| estimate.filter(|one| inputs.authority.is_some_and(|by| live(one, by))))
     }

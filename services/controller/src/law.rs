@@ -55,7 +55,7 @@ impl Law {
     ///
     /// # Errors
     /// A parameter is out of range.
-    pub fn of(section: &ControllerSection) -> Result<Self, LawError> {
+    pub fn from_section(section: &ControllerSection) -> Result<Self, LawError> {
         let &ControllerSection { state_weight, input_weight, length_gain_per_s: gain, .. } = section;
         match section.law {
             ControlLaw::LqEndpoint => Self::lq_endpoint(state_weight, input_weight),

@@ -11,7 +11,7 @@
 use cable_control::drive_lag::{
     CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record, Winch,
 };
-use cable_control::preview::{DriveObserver, Lead, Led, MAX_PREVIEW, PreviewError, PreviewGain};
+use cable_control::preview::{DriveObserver, LeadCommand, LeadFilter, MAX_PREVIEW, PreviewError, PreviewGain};
 use cable_robot::{CableVec, MAX_CABLES};
 use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
 use thiserror::Error;
@@ -109,7 +109,7 @@ impl Notice {
 #[derive(Debug, Clone, Copy)]
 struct Installed {
     gain: PreviewGain,
-    lead: Lead,
+    lead: LeadFilter,
     twins: [DriveObserver; SLOTS],
 }
 
@@ -228,7 +228,7 @@ pub(crate) struct Preview {
     rate: Option<(u64, f64, f64)>,
     ahead_m: Vec<CableVec>,
     /// Cycle and result of the newest preview.
-    led: Option<(u64, Led)>,
+    led: Option<(u64, LeadCommand)>,
     notice: Option<Notice>,
     /// Cycle in which each slot's observer was last corrected: once per cycle, even if the controller wakes up several
     /// times.
@@ -299,7 +299,7 @@ impl Preview {
             return;
         }
         let command_m_s = CableVec::from_array8(&state.command_m_s, n);
-        self.sent.note(cycle, &command_m_s);
+        self.sent.record(cycle, &command_m_s);
         self.record_rate(authority);
         let reading_s =
             CableVec::from_fn(n, |i| (state.sampled_ns[i].saturating_sub(began_ns) as f64 * 1e-9).clamp(0.0, period_s));
@@ -333,7 +333,7 @@ impl Preview {
     /// Updates the misfit of the model, and whether it still fits.
     fn update_misfit(&mut self, moved_m: &CableVec, reading_s: &CableVec, period_s: f64) {
         let Some(installed) = &self.installed else { return };
-        self.meter.note(&installed.gain.lag(), period_s, reading_s, moved_m, &self.sent);
+        self.meter.record(&installed.gain.lag(), period_s, reading_s, moved_m, &self.sent);
         let Some(misfit) = self.meter.misfit() else { return };
         let limit = self.settings.misfit_limit;
         if !self.bad && misfit > limit {
@@ -377,7 +377,7 @@ impl Preview {
         let Some(lag) = self.pending.take() else { return };
         let PreviewSettings { horizon, move_penalty_s4, .. } = self.settings;
         let built = PreviewGain::new(&lag, period_s, horizon, move_penalty_s4).and_then(|gain| {
-            let lead = Lead::new(&lag, period_s, horizon)?;
+            let lead = LeadFilter::new(&lag, period_s, horizon)?;
             Ok(Installed { gain, lead, twins: [DriveObserver::new(&lag, period_s)?; SLOTS] })
         });
         match built {
@@ -478,7 +478,7 @@ impl Preview {
         let installed = self.installed.as_ref().filter(|_| self.weight > 0.0 && self.sent.newest() == cycle)?;
         let led = self.led.as_ref().filter(|(of, _)| *of == cycle).map(|(_, led)| led)?;
         let winches = installed.twins.get(slot)?.at_next_command(&self.sent);
-        let previous = self.sent.ago(0);
+        let previous = self.sent.delayed(0);
         // The feedback corrects a constant error with `rate` times the error.
         let share = (1.0 / (redundant_s * installed.gain.rate())).min(1.0);
         let u = CableVec::from_fn(self.cables, |i| {

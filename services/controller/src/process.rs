@@ -4,10 +4,10 @@ use std::process::ExitCode;
 
 use config::{RobotFile, SystemFile};
 use messages::{
-    ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES, SLOTS,
-    Standing, newer, standing,
+    ControlStatus, Freshness, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES,
+    SLOTS, freshness, newer,
 };
-use runtime::{Args, BadInput, Change, Chassis, Program, Since, Tuning};
+use runtime::{Args, BadInput, Change, Chassis, FirstOutput, Program, Tuning};
 
 use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law};
 
@@ -32,7 +32,7 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<Controller
     if let Some(law) = law {
         file.controller.law = law.parse().map_err(|error| BadInput(format!("[controller] law {error}")))?;
     }
-    ControllerConfig::of(&file, &file.robot_file()?, chassis.incarnation())
+    ControllerConfig::from_files(&file, &file.robot_file()?, chassis.incarnation())
         .map(|config| ControllerConfig { thread: std::process::id(), ..config })
         .map_err(|error| BadInput(format!("[controller] {error}")).into())
 }
@@ -57,12 +57,12 @@ impl LawInUse {
             }
             let own = if own.is_empty() { String::new() } else { format!("\n[law]\n{own}") };
             let text = format!("{}{own}", file.sections(&["controller"]));
-            Ok((ControllerConfig::of(&file, robot, config.incarnation)?, text))
+            Ok((ControllerConfig::from_files(&file, robot, config.incarnation)?, text))
         };
         let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
         let in_use = Self { law, fade_s: file.arbiter.fade_s, tuning: chassis.tuning(make)? };
-        let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
+        let since = FirstOutput { seq: 1, changes: chassis.changes(), ..FirstOutput::default() };
         chassis.uses_since(&in_use.law, &text, since)?;
         Ok(in_use)
     }
@@ -76,7 +76,7 @@ impl LawInUse {
     ) -> Option<Change<(ControllerConfig, String)>> {
         let (ttl_cycles, authority) = (controller.config().estimate_ttl_cycles, &authority?.header);
         let headers = newest.iter().flatten().map(|estimate| &estimate.header);
-        let live = headers.filter(|header| standing(header, authority, ttl_cycles) == Standing::Live);
+        let live = headers.filter(|header| freshness(header, authority, ttl_cycles) == Freshness::Live);
         self.tuning.due(live.max_by_key(|header| header.cycle)?)
     }
 }
@@ -128,10 +128,10 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
             chassis.pass_end();
             if let Some(change) = change {
                 let Header { life, cycle, .. } = status.header;
-                let since = Since { life, cycle, seq: statuses.seq(), changes: change.changes };
+                let since = FirstOutput { life, cycle, seq: statuses.seq(), changes: change.changes };
                 chassis.uses_since(&in_use.law, &change.made.1, since)?;
             }
-            in_use.tuning.hear()?;
+            in_use.tuning.poll()?;
             match controller.notice() {
                 Some(notice) if notice.is_warning() => tracing::warn!("{notice}"),
                 Some(notice) => tracing::info!("{notice}"),

@@ -28,14 +28,14 @@ impl EstimatorConfig {
     ///
     /// # Errors
     /// A parameter is out of range.
-    pub fn of(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Result<Self, FilterError> {
-        Ok(Self::with_method(Method::of(section)?, section, robot, incarnation))
+    pub fn from_section(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Result<Self, FilterError> {
+        Ok(Self::with_method(Method::from_section(section)?, section, robot, incarnation))
     }
 
-    /// As [`EstimatorConfig::of`] for a custom method; the `method` of the section is not used.
+    /// As [`EstimatorConfig::from_section`] for a custom method; the `method` of the section is not used.
     #[must_use]
-    pub fn own(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
-        Self::with_method(Method::own(section), section, robot, incarnation)
+    pub fn for_custom_method(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
+        Self::with_method(Method::custom(section), section, robot, incarnation)
     }
 
     fn with_method(method: Method, section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {

@@ -56,14 +56,14 @@ impl Method {
     ///
     /// # Errors
     /// A parameter is out of range.
-    pub fn of(section: &EstimatorSection) -> Result<Self, FilterError> {
+    pub fn from_section(section: &EstimatorSection) -> Result<Self, FilterError> {
         let chosen = standard(section.method);
         Ok(Self { number: chosen.number, parameters: (chosen.used)(&section.into())? })
     }
 
     /// Creates a custom method, which has every parameter of `[estimator]`; the `method` there is not used.
     #[must_use]
-    pub fn own(section: &EstimatorSection) -> Self {
+    pub fn custom(section: &EstimatorSection) -> Self {
         Self { number: METHOD_OTHER, parameters: section.into() }
     }
 

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use config::{RobotFile, SystemFile};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, newer};
-use runtime::{Args, BadInput, Chassis, Program, Since, Tuning};
+use runtime::{Args, BadInput, Chassis, FirstOutput, Program, Tuning};
 
 use crate::cable_estimator::CableEstimator;
 use crate::estimator::{Estimator, EstimatorConfig};
@@ -19,7 +19,8 @@ pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
     runtime::main("estimator", move |_: &Args, chassis| {
         chassis.is_program(&program);
         let file = chassis.system_file()?;
-        let config = EstimatorConfig::own(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation());
+        let config =
+            EstimatorConfig::for_custom_method(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation());
         run(chassis, Estimator::with_method(&with_thread(config), cable))
     })
 }
@@ -33,7 +34,7 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<EstimatorC
     if let Some(law) = law {
         file.estimator.method = law.parse().map_err(|error| BadInput(format!("[estimator] method {error}")))?;
     }
-    EstimatorConfig::of(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation())
+    EstimatorConfig::from_section(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation())
         .map(with_thread)
         .map_err(|error| BadInput(format!("[estimator] {error}")).into())
 }
@@ -60,16 +61,16 @@ impl MethodInUse {
             let made = match standard {
                 Some(method) => {
                     file.estimator.method = method;
-                    EstimatorConfig::of(&file.estimator, robot, config.incarnation)?
+                    EstimatorConfig::from_section(&file.estimator, robot, config.incarnation)?
                 }
-                None => EstimatorConfig::own(&file.estimator, robot, config.incarnation),
+                None => EstimatorConfig::for_custom_method(&file.estimator, robot, config.incarnation),
             };
             Ok((made, format!("{}{constants}", file.sections(&["estimator"]))))
         };
         let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
         let in_use = Self { method, tuning: chassis.tuning(make)? };
-        let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
+        let since = FirstOutput { seq: 1, changes: chassis.changes(), ..FirstOutput::default() };
         chassis.uses_since(&in_use.method, &text, since)?;
         Ok(in_use)
     }
@@ -108,7 +109,7 @@ pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()
             chassis.pass_end();
             if let Some(change) = change {
                 let Header { life, cycle, .. } = state.header;
-                let since = Since { life, cycle, seq: answers, changes: change.changes };
+                let since = FirstOutput { life, cycle, seq: answers, changes: change.changes };
                 chassis.uses_since(&in_use.method, &change.made.1, since)?;
             }
             if usize::from(state.cable_count) != cables && reported_cables != state.cable_count {
@@ -118,7 +119,7 @@ pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()
                 );
             }
         }
-        in_use.tuning.hear()?;
+        in_use.tuning.poll()?;
         chassis.report_lost(states.lost() + authorities.lost());
     }
     Ok(())

@@ -48,7 +48,8 @@ fn floating(drag_n_s2_m2: f64) -> Robot {
 
 fn methods() -> [Method; 2] {
     ["phi", "kalman"].map(|method| {
-        Method::of(&EstimatorSection { method: method.parse().unwrap(), ..EstimatorSection::default() }).unwrap()
+        Method::from_section(&EstimatorSection { method: method.parse().unwrap(), ..EstimatorSection::default() })
+            .unwrap()
     })
 }
 
@@ -332,10 +333,10 @@ fn after_a_gap_a_reading_is_accepted_at_once() {
 fn each_method_has_a_number_and_wrong_parameters_are_rejected() {
     for method in EstimatorMethod::ALL {
         let section = EstimatorSection { method: *method, ..EstimatorSection::default() };
-        assert_eq!(Method::numbered(Method::of(&section).unwrap().number()), Some(*method));
+        assert_eq!(Method::numbered(Method::from_section(&section).unwrap().number()), Some(*method));
     }
     let section = EstimatorSection { method: EstimatorMethod::Kalman, drive_lag_s: 0.0, ..EstimatorSection::default() };
-    let error = Method::of(&section).unwrap_err();
+    let error = Method::from_section(&section).unwrap_err();
     assert!(matches!(error, FilterError { value: 0.0, .. }), "{error}");
 }
 

@@ -4,7 +4,7 @@ use plant::{MotorInput, Plant, SpeedGains};
 use roboclaw::codec::{Motor, Pid, Write};
 use roboclaw::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Packet, Status};
-use serial::{Device, Paced};
+use serial::{Device, WireQueue};
 
 use crate::BoxError;
 use crate::fault::BoxFault;
@@ -129,7 +129,7 @@ impl Machine {
     ///
     /// # Errors
     /// As [`Machine::advance`].
-    pub fn receive(&mut self, port: usize, at_ns: u64, byte: u8, answer: &mut Paced) -> Result<(), BoxError> {
+    pub fn receive(&mut self, port: usize, at_ns: u64, byte: u8, answer: &mut WireQueue) -> Result<(), BoxError> {
         self.advance(at_ns)?;
         if let Some(bank) = self.banks.get_mut(port) {
             bank.bus.receive(at_ns, byte, answer);
@@ -228,7 +228,7 @@ impl Machine {
 impl Bank {
     /// Tunes the units over the bus, as an installer would, and stores the settings in them.
     fn commission(&mut self, plant: &Plant, current_limit_a: f64) {
-        let mut nobody = Paced::new(0);
+        let mut nobody = WireQueue::new(0);
         let mut tell = |bus: &mut UnitBus, packet: Packet| {
             for &byte in packet.iter() {
                 bus.receive(0, byte, &mut nobody);

@@ -125,7 +125,7 @@ fn parameters(system_file: &SystemFile) -> anyhow::Result<String> {
         rate_hz: f64,
         motor_box: MotorBoxSection,
     }
-    let section = MotorBoxSection::of(system_file, &system_file.robot_file()?)?.unwrap_or_default();
+    let section = MotorBoxSection::from_file(system_file, &system_file.robot_file()?)?.unwrap_or_default();
     let motor_box = MotorBoxSection { truth: None, ..section };
     Ok(toml::to_string(&Parameters { rate_hz: system_file.rate_hz, motor_box })?)
 }

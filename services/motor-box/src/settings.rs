@@ -62,7 +62,8 @@ impl BoxConfig {
     /// # Errors
     /// The system file is for real hardware, some of its ports are, or its `[motor_box]` is not accepted.
     pub fn from_files(system_file: &SystemFile, robot: &RobotFile, folder: &Path) -> Result<Self, ConfigError> {
-        let section = MotorBoxSection::of(system_file, robot).map_err(|error| ConfigError::File(error.to_string()))?;
+        let section =
+            MotorBoxSection::from_file(system_file, robot).map_err(|error| ConfigError::File(error.to_string()))?;
         let section = &section.ok_or(ConfigError::NoSection)?;
         let counts_per_m = &system_file.motor_io.counts_per_m;
         Ok(Self {

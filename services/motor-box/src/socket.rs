@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use serial::{Device, Paced};
+use serial::{Device, WireQueue};
 
 use crate::Machine;
 
@@ -39,7 +39,7 @@ pub struct Socket {
 }
 
 impl Device for Socket {
-    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         // The machine rejects only numbers that are not finite, and no packet can hold one.
         let _ = self.machine.lock().receive(self.port, now_ns, byte, reply);
     }

@@ -3,14 +3,14 @@
 //!
 //! Hardware does not wait for a computer. A virtual box that does not wait either would report delays of the computer
 //! as faults of the drives. Time therefore does not pass in the box while the box itself has no processor, nor while a
-//! program that uses [`serial::LeftOut`] (motor-io) waits for one, as the kernel counts it. A program that was stopped,
-//! has ended, or has closed the port stops nothing: the units' watchdogs continue, as on hardware. The same holds for a
-//! program that does not use the file.
+//! program that uses [`serial::LeftOutClock`] (motor-io) waits for one, as the kernel counts it. A program that was
+//! stopped, has ended, or has closed the port stops nothing: the units' watchdogs continue, as on hardware. The same
+//! holds for a program that does not use the file.
 
 use std::path::Path;
 
 use evidence::Thread;
-use serial::{LeftOut, Program};
+use serial::{LeftOutClock, Program};
 
 use crate::BoxError;
 
@@ -75,7 +75,7 @@ impl BoxTime {
     /// # Errors
     /// A file beside a port cannot be created.
     pub fn new<'a>(links: impl Iterator<Item = &'a Path>) -> Result<Self, BoxError> {
-        let end = |link: &Path| match LeftOut::create(link) {
+        let end = |link: &Path| match LeftOutClock::create(link) {
             Ok(file) => Ok(FarEnd::new(file)),
             Err(error) => Err(BoxError::Time { link: link.to_owned(), error }),
         };
@@ -151,7 +151,7 @@ impl BoxTime {
         self.now_ns += lived_ns - program_ns;
         if self.kept != before {
             // Without the file a program counts the time as a delay, as with hardware.
-            self.ends.iter().for_each(|end| drop(end.file.tell(self.kept.total_ns())));
+            self.ends.iter().for_each(|end| drop(end.file.write(self.kept.total_ns())));
         }
     }
 }
@@ -159,13 +159,13 @@ impl BoxTime {
 /// A program at the far end of a port.
 #[derive(Debug)]
 struct FarEnd {
-    file: LeftOut,
+    file: LeftOutClock,
     program: Option<Program>,
     threads: [Option<Waiting>; 2],
 }
 
 impl FarEnd {
-    fn new(file: LeftOut) -> Self {
+    fn new(file: LeftOutClock) -> Self {
         Self { file, program: None, threads: [None, None] }
     }
 
@@ -174,7 +174,7 @@ impl FarEnd {
         let program = self.file.program();
         if program != self.program {
             self.program = program;
-            let watch = |tid| Thread::of(tid).ok().map(Waiting::new);
+            let watch = |tid| Thread::with_id(tid).ok().map(Waiting::new);
             self.threads = program.map_or([None, None], |program| [watch(program.main), watch(program.port)]);
         }
     }
@@ -208,13 +208,13 @@ impl Waiting {
     }
 
     fn waited_ns(&mut self, now_ns: u64) -> u64 {
-        let Some(delay_ns) = self.thread.look(now_ns) else {
+        let Some(delay_ns) = self.thread.run_delay_ns(now_ns) else {
             (self.wait_ns, self.noticed) = (0, false);
             return 0;
         };
         let more_ns = delay_ns - self.delay_ns.replace(delay_ns).unwrap_or(delay_ns);
         let counts_ns = self.count(more_ns);
-        if !self.thread.waits() {
+        if !self.thread.was_waiting() {
             (self.wait_ns, self.noticed) = (0, false);
         }
         counts_ns
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn only_a_wait_that_is_noticed_counts_and_then_from_its_beginning() {
-        let thread = Thread::own().map(Waiting::new);
+        let thread = Thread::current().map(Waiting::new);
         let Ok(mut waiting) = thread else { panic!("no statistics") };
         assert_eq!([waiting.count(MS), waiting.count(MS / 2), waiting.count(MS)], [0, 0, 2 * MS + MS / 2]);
         assert_eq!(waiting.count(MS / 10), MS / 10);

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::os::fd::BorrowedFd;
 use std::path::Path;
 
-use serial::{Error, Jack, Paced, Pty, Random, byte_time_ns};
+use serial::{Error, Pty, PtyLink, Random, WireQueue, byte_time_ns};
 
 /// A wire whose far end programs open under a stable name.
 ///
@@ -13,12 +13,12 @@ use serial::{Error, Jack, Paced, Pty, Random, byte_time_ns};
 /// half of it is of no use and every delivery wakes a process.
 #[derive(Debug)]
 pub struct Wire {
-    jack: Jack,
+    jack: PtyLink,
     byte_ns: u64,
-    to_units: Paced,
+    to_units: WireQueue,
     /// Time of arrival of the last byte to the units, ns.
     to_units_done_ns: u64,
-    from_units: Paced,
+    from_units: WireQueue,
     answers: VecDeque<(u64, usize)>,
     answer_bytes: VecDeque<u8>,
     /// Fault: the units' answers are dropped.
@@ -36,14 +36,14 @@ impl Wire {
     /// # Errors
     /// The pseudo-terminal cannot be created or published.
     pub fn new(link: &Path, baud: u32, seed: u64) -> Result<Self, Error> {
-        let mut jack = Jack::new(link);
+        let mut jack = PtyLink::new(link);
         jack.plug()?;
         Ok(Self {
             jack,
             byte_ns: byte_time_ns(baud),
-            to_units: Paced::new(baud),
+            to_units: WireQueue::new(baud),
             to_units_done_ns: 0,
-            from_units: Paced::new(baud),
+            from_units: WireQueue::new(baud),
             answers: VecDeque::with_capacity(64),
             answer_bytes: VecDeque::with_capacity(1024),
             silent: false,
@@ -86,7 +86,7 @@ impl Wire {
     }
 
     /// Calls `speak`, which puts an answer on the wire.
-    pub fn answer<R>(&mut self, speak: impl FnOnce(&mut Paced) -> R) -> R {
+    pub fn answer<R>(&mut self, speak: impl FnOnce(&mut WireQueue) -> R) -> R {
         let result = speak(&mut self.from_units);
         let mut bytes = 0;
         let mut done_ns = 0;

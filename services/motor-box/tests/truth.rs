@@ -65,7 +65,7 @@ fn an_error_names_file_line_and_key() {
     ];
     for (text, part) in cases {
         let (file, head) = system(&format!("# comment\n{text}"));
-        let error = MotorBoxSection::of(&file, &file.robot_file().unwrap()).unwrap_err();
+        let error = MotorBoxSection::from_file(&file, &file.robot_file().unwrap()).unwrap_err();
         let line = if text.contains('\n') { head + 3 } else { head + 2 };
         let start = format!("system.toml, line {line}: ");
         assert!(error.to_string().contains(&start) && error.to_string().contains(part), "{error} (line {line})");

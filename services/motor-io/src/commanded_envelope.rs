@@ -37,7 +37,7 @@ impl CommandedEnvelope {
 
     /// Records one cycle: the velocity sent, whether the drive holds or moves the cable, and whether it has replied. A
     /// drive that has not replied may still follow an older command, so the envelope keeps it.
-    pub fn note(&mut self, cable: usize, sent_m_s: f64, driven: bool, replied: bool) {
+    pub fn record(&mut self, cable: usize, sent_m_s: f64, driven: bool, replied: bool) {
         let keep = if replied { self.keep } else { 1.0 };
         let (low, high) = (self.low_m_s[cable], self.high_m_s[cable]);
         self.low_m_s[cable] = sent_m_s.min(sent_m_s + (low - sent_m_s) * keep);

@@ -193,7 +193,7 @@ impl Drives {
     }
 
     /// Newest failure since the last call.
-    pub fn trouble(&mut self) -> Option<Error> {
+    pub fn take_error(&mut self) -> Option<Error> {
         self.trouble.take()
     }
 
@@ -217,13 +217,13 @@ impl Drives {
     }
 
     /// Ports whose family does not offer a reading that faults are detected by, and the first such reading.
-    pub fn unwatched(&self) -> impl Iterator<Item = (&Arc<str>, &'static str)> {
+    pub fn missing_readings(&self) -> impl Iterator<Item = (&Arc<str>, &'static str)> {
         self.unwatched.iter().map(|(port, reading)| (port, *reading))
     }
 
     /// Reason why a unit does not answer, with its port.
     #[must_use]
-    pub fn absent(&self) -> Option<&Error> {
+    pub fn connection_error(&self) -> Option<&Error> {
         self.absent.iter().flatten().next()
     }
 

@@ -71,7 +71,7 @@ impl Inbox {
 
     /// Adds the planner's motion; `following` is the number of the motion that the robot follows, 0: none.
     pub fn motion(&mut self, motion: &PlanMotion, following: u32) {
-        self.setpoints.take(motion, following);
+        self.setpoints.update(motion, following);
         let end = |segment: &PlanSegment| segment.start_s + segment.duration_s;
         let carried = if motion.next.id == 0 { &motion.current } else { &motion.next };
         self.input.motion = motion.motion;

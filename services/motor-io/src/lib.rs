@@ -42,7 +42,7 @@ mod settings;
 mod watch;
 
 pub use answer::Answer;
-pub use arbiter::{Arbiter, ArbiterInput, Chosen};
+pub use arbiter::{Arbiter, ArbiterInput, ChosenCommand};
 pub use core::{Core, DriveCommand, Observation};
 pub use inbox::Inbox;
 pub use process::run;

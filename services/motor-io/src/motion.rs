@@ -29,7 +29,7 @@ impl Motion {
     }
 
     /// Reads plan/motion of this cycle: the end may move, as the planner adds segments.
-    pub fn note(&mut self, input: &MotorInput) {
+    pub fn update(&mut self, input: &MotorInput) {
         if self.id == 0 {
             return;
         }
@@ -51,7 +51,7 @@ impl Motion {
 
     /// Returns true if plan/motion offers a motion from rest that is not done yet, in this epoch, at this plan time.
     #[must_use]
-    pub fn offered(&self, input: &MotorInput, epoch: u32, plan_time_s: f64, tolerance_s: f64) -> bool {
+    pub fn is_offered(&self, input: &MotorInput, epoch: u32, plan_time_s: f64, tolerance_s: f64) -> bool {
         let finite =
             input.motion_start_s.is_finite() && input.motion_end_s.is_finite() && input.motion_known_s.is_finite();
         let fresh = match self.finished {
@@ -75,7 +75,7 @@ impl Motion {
         self.id = input.motion;
         self.segment = input.motion_segment;
         self.beat = input.planner_beat;
-        self.note(input);
+        self.update(input);
     }
 
     /// Returns true if a command for this segment belongs to this motion.
@@ -89,7 +89,7 @@ impl Motion {
 
     /// Cycles since plan/motion last held this motion.
     #[must_use]
-    pub fn orphaned(&self) -> u32 {
+    pub fn cycles_without_plan(&self) -> u32 {
         self.orphaned
     }
 
@@ -101,7 +101,7 @@ impl Motion {
 
     /// Returns true once the known part of the motion is over: the setpoint is at rest.
     #[must_use]
-    pub fn ended(&self, plan_time_s: f64) -> bool {
+    pub fn is_over(&self, plan_time_s: f64) -> bool {
         plan_time_s >= self.end_s.min(self.known_s)
     }
 

@@ -52,7 +52,7 @@ impl PlanClock {
     }
 
     /// Slows the plan down by this factor, 0 to 1, beyond the speed override: something comes near its limit.
-    pub fn set_ease(&mut self, factor: f64) {
+    pub fn set_slowdown(&mut self, factor: f64) {
         self.ease = factor.clamp(0.0, 1.0);
     }
 
@@ -83,7 +83,7 @@ impl PlanClock {
     }
 
     /// Stops at once; the velocities are zero already.
-    pub fn stand(&mut self) {
+    pub fn stop_at_once(&mut self) {
         self.rate = 0.0;
         self.target = 0.0;
     }
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_speed_that_is_no_fraction_is_refused() {
+    fn a_speed_factor_outside_0_to_1_is_rejected() {
         let mut clock = PlanClock::new(0.01);
         for bad in [0.0, 0.04, 1.01, -1.0, f64::NAN, f64::INFINITY] {
             assert!(!clock.set_speed(bad));

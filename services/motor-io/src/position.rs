@@ -77,7 +77,7 @@ pub enum PositionError {
 
 /// Writer of one robot's position file.
 #[derive(Debug)]
-pub struct Keeper {
+pub struct PositionWriter {
     sender: Option<SyncSender<Position>>,
     thread: Option<JoinHandle<()>>,
     kept: Option<Position>,
@@ -141,7 +141,7 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("position-{name}.toml"))
 }
 
-impl Keeper {
+impl PositionWriter {
     /// Starts the thread that writes into `folder`, which is created if missing.
     ///
     /// # Errors
@@ -182,7 +182,7 @@ impl Keeper {
     }
 
     /// Hands over the present position, at most twice a second and only if it has changed. Never waits or allocates.
-    pub fn keep(&mut self, position: Option<Position>, now_ns: u64) {
+    pub fn store(&mut self, position: Option<Position>, now_ns: u64) {
         let Some(position) = position else { return };
         if now_ns.saturating_sub(self.kept_ns) < PAUSE_NS || !self.has_moved(&position) {
             return;
@@ -231,17 +231,17 @@ mod tests {
     }
 
     #[test]
-    fn a_position_comes_back_exactly() {
+    fn a_stored_position_is_read_exactly() {
         let folder = tempfile::tempdir().unwrap();
         let config = config(3.0);
         assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap(), None);
         let mut position = ([0.0; CABLES], [0; CABLES]);
         position.0[..3].copy_from_slice(&[0.1 + 0.2, 5.0, 1.0 / 3.0]);
         position.1[..3].copy_from_slice(&[-7, i64::MAX, 12]);
-        let mut keeper = Keeper::start(folder.path(), "lab", &config).unwrap();
-        keeper.keep(Some(position), 1_000_000_000);
+        let mut keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
+        keeper.store(Some(position), 1_000_000_000);
         position.0[0] += 0.5;
-        keeper.keep(Some(position), 1_100_000_000); // too soon
+        keeper.store(Some(position), 1_100_000_000); // too soon
         keeper.finish(None);
         let back = PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap();
         position.0[0] = 0.1 + 0.2;
@@ -249,29 +249,29 @@ mod tests {
     }
 
     #[test]
-    fn the_last_word_is_kept_at_the_end() {
+    fn the_last_position_is_stored_at_the_end() {
         let folder = tempfile::tempdir().unwrap();
         let config = config(3.0);
-        let keeper = Keeper::start(folder.path(), "lab", &config).unwrap();
+        let keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
         keeper.finish(Some(([2.5; CABLES], [9; CABLES])));
         assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap().1[2], 9);
     }
 
     #[test]
-    fn two_never_keep_the_same_position() {
+    fn two_processes_cannot_store_the_same_position() {
         let folder = tempfile::tempdir().unwrap();
-        let first = Keeper::start(folder.path(), "lab", &config(3.0)).unwrap();
-        let second = Keeper::start(folder.path(), "lab", &config(3.0)).unwrap_err();
+        let first = PositionWriter::start(folder.path(), "lab", &config(3.0)).unwrap();
+        let second = PositionWriter::start(folder.path(), "lab", &config(3.0)).unwrap_err();
         assert!(second.to_string().contains("another motor-io"), "{second}");
-        assert!(Keeper::start(folder.path(), "field", &config(3.0)).is_ok());
+        assert!(PositionWriter::start(folder.path(), "field", &config(3.0)).is_ok());
         first.finish(None);
-        assert!(Keeper::start(folder.path(), "lab", &config(3.0)).is_ok());
+        assert!(PositionWriter::start(folder.path(), "lab", &config(3.0)).is_ok());
     }
 
     #[test]
     fn another_robot_or_a_damaged_file_is_named() {
         let folder = tempfile::tempdir().unwrap();
-        let keeper = Keeper::start(folder.path(), "lab", &config(3.0)).unwrap();
+        let keeper = PositionWriter::start(folder.path(), "lab", &config(3.0)).unwrap();
         keeper.finish(Some(([2.5; CABLES], [9; CABLES])));
         let other = PositionFile::load(folder.path(), "lab", &config(3.1)).unwrap_err();
         assert!(other.to_string().contains("another robot"), "{other}");

@@ -4,7 +4,7 @@ use crate::core::{Core, Observation};
 use crate::drives::Drives;
 use crate::inbox::Inbox;
 use crate::kernel::Evidence;
-use crate::position::{Keeper, Position, PositionFile};
+use crate::position::{Position, PositionFile, PositionWriter};
 use crate::settings::CoreConfig;
 use bus::clock::{Pacer, SECOND_NS, Tick, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, estop};
@@ -106,7 +106,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         .realtime
         .idle_latency_us
         .and_then(|latency_us| runtime::realtime::stay_awake(latency_us).map_err(|sentence| warn!("{sentence}")).ok());
-    let mut keeper = Keeper::start(folder, &robot, &config)?;
+    let mut keeper = PositionWriter::start(folder, &robot, &config)?;
     let restored = PositionFile::load(folder, &robot, &config).unwrap_or_else(|error| {
         warn!("{error}");
         None
@@ -130,7 +130,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         }
         process.wait_for_command(cycle, &tick);
         let observation = process.cycle(cycle, &tick);
-        keeper.keep(process.core.position(), tick.woke_ns);
+        keeper.store(process.core.position(), tick.woke_ns);
         if !process.ready && process.is_up(cycle, &observation)? {
             chassis.ready()?;
         }
@@ -196,7 +196,7 @@ impl Process {
     ) -> anyhow::Result<Self> {
         let bus = chassis.bus();
         let drives = Drives::open(system_file, &config, bus.domain().root())?;
-        for (port, reading) in drives.unwatched() {
+        for (port, reading) in drives.missing_readings() {
             warn!(
                 "{port}: its drives do not report {reading}, so the faults of a cable that show in it are not detected"
             );
@@ -250,7 +250,7 @@ impl Process {
         let begin_ns = now_ns();
         inbox.judge_at(core.plan_time_s());
         let input = inbox.begin(cycle, tick.scheduled_ns, begin_ns);
-        ports.evidence.look(drives.left_out_ns(), self.published_ns, input);
+        ports.evidence.read(drives.left_out_ns(), self.published_ns, input);
         let command = core.decide(input);
         let until_ns =
             tick.scheduled_ns.saturating_add(limits.bus_ns).max(begin_ns.saturating_add(limits.bus_least_ns));
@@ -259,7 +259,7 @@ impl Process {
         let observation = core.observe(input);
         ports.publish(observation, inbox.input(), cycle.is_multiple_of(self.energy_every), reporter);
         self.published_ns = now_ns();
-        answer(call, core, drives.absent(), reporter);
+        answer(call, core, drives.connection_error(), reporter);
         answer_stops(&stops, emergency, server, core, reporter);
         if self.ready || cycle > self.patience {
             reporter.look(&observation.authority);
@@ -274,7 +274,7 @@ impl Process {
         let state = &observation.state;
         self.ready = state.unit_ok[..usize::from(state.unit_count)].iter().all(|ok| *ok == 1);
         if self.ready {
-            let _ = self.drives.trouble(); // errors during the set-up of the units
+            let _ = self.drives.take_error(); // errors during the set-up of the units
             for (port, unit) in self.drives.units() {
                 let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
                 let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
@@ -475,9 +475,9 @@ impl Reporter {
             self.conditions_ns = now;
             warn!("{condition}");
         }
-        let Some(trouble) = drives.trouble() else { return };
+        let Some(trouble) = drives.take_error() else { return };
         // The reason why a unit is missing matters more than its resynchronisation.
-        let error = match drives.absent() {
+        let error = match drives.connection_error() {
             Some(absent) if matches!(trouble, drives::Error::Resynchronising { .. }) => absent.clone(),
             _ => trouble,
         };

@@ -12,7 +12,7 @@ use messages::faults::{Faults, STOPS};
 use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, Request, RequestBody, Slot, SlotRole};
 use robot_state::Reason;
 use robot_state::answers::detail;
-use robot_state::sentences::WhyNot;
+use robot_state::sentences::StandbyRefusal;
 
 /// Requests older than this are rejected, s: the situation has changed, and the requester has timed out.
 const STALE_S: f64 = 5.0;
@@ -73,7 +73,7 @@ impl Core {
             }
             _ => return Ok(Reason::AlreadyArmed),
         }
-        let faults = self.safety.lasting();
+        let faults = self.safety.persisting();
         if faults.bits != 0 {
             return Err(Reason::NotArmedFaults { faults });
         }
@@ -113,7 +113,7 @@ impl Core {
             }
             Mode::Holding => {
                 // A motion that begins in this cycle begins paused.
-                if self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
+                if self.motion.is_offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
                     && self.begins_here(input)
                 {
                     self.motion.begin(input);
@@ -181,11 +181,11 @@ impl Core {
                 let kept = self.motion.id() != 0;
                 self.abandon();
                 self.safety.clear_stops(STOPS);
-                self.safety.bump();
+                self.safety.start_epoch();
                 Ok(if kept { Reason::RestDropped } else { Reason::AlreadyAtRest })
             }
             Mode::Disarmed => {
-                self.safety.bump();
+                self.safety.start_epoch();
                 Ok(Reason::NothingMoves)
             }
             Mode::Faulted | Mode::EmergencyStop => Ok(Reason::StoppedByFault),
@@ -194,7 +194,7 @@ impl Core {
 
     fn emergency_stop(&mut self) -> Outcome {
         self.safety.enter(Mode::EmergencyStop);
-        self.safety.bump();
+        self.safety.start_epoch();
         self.abandon();
         Ok(if self.safety.energised() { Reason::EmergencyStop } else { Reason::EmergencyStopOff })
     }
@@ -205,15 +205,15 @@ impl Core {
             Mode::Holding => {
                 self.abandon();
                 self.safety.clear_stops(STOPS);
-                self.safety.bump();
+                self.safety.start_epoch();
                 Ok(Reason::Reset)
             }
             _ if self.limits.last_speed() != 0.0 => Err(Reason::NotResetYet),
             _ => {
                 if !self.safety.reset() {
-                    return Err(Reason::NotResetFaults { faults: self.safety.lasting() });
+                    return Err(Reason::NotResetFaults { faults: self.safety.persisting() });
                 }
-                self.watch.forget();
+                self.watch.clear();
                 if !self.safety.energised() {
                     return Ok(Reason::ResetDisarmed);
                 }
@@ -236,7 +236,7 @@ impl Core {
     fn zero(&mut self, lengths_m: &[f64]) {
         self.abandon();
         self.odometry.set(lengths_m);
-        self.safety.bump();
+        self.safety.start_epoch();
     }
 
     fn zero_at(&mut self, at: Vector3<f64>) -> Outcome {
@@ -288,7 +288,7 @@ impl Core {
             _ => {
                 self.abandon();
                 self.odometry.confirm();
-                self.safety.bump();
+                self.safety.start_epoch();
                 Ok(Reason::Confirmed)
             }
         }
@@ -367,14 +367,14 @@ impl Core {
     }
 
     /// Why a slot is not a standby.
-    fn why_not(&self, role: usize, slot: usize) -> WhyNot {
+    fn why_not(&self, role: usize, slot: usize) -> StandbyRefusal {
         let seat = self.arbiter.slot(role, slot);
-        WhyNot {
+        StandbyRefusal {
             role,
             phase: seat.phase() as u8,
             cause: seat.cause(),
             verdict: self.arbiter.verdict()[slot],
-            well_s: f64::from(seat.well()) * self.config.period_s,
+            well_s: f64::from(seat.good_answers()) * self.config.period_s,
             qualify_s: self.config.qualify_s,
             moves_off: self.swap_moves_off(role, slot),
         }

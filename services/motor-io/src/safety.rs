@@ -65,7 +65,7 @@ impl Safety {
     }
 
     /// Starts a new epoch: older commands are rejected.
-    pub fn bump(&mut self) {
+    pub fn start_epoch(&mut self) {
         self.epoch = self.epoch.checked_add(1).unwrap_or(1);
     }
 
@@ -92,7 +92,7 @@ impl Safety {
 
     /// Conditions that persist and prevent a reset or arming.
     #[must_use]
-    pub fn lasting(&self) -> Faults {
+    pub fn persisting(&self) -> Faults {
         Faults { bits: self.live.bits & LASTING, ..self.live }
     }
 
@@ -109,14 +109,14 @@ impl Safety {
             Mode::Faulted if !emergency => false,
             _ => {
                 self.mode = if emergency { Mode::EmergencyStop } else { Mode::Faulted };
-                self.bump();
+                self.start_epoch();
                 true
             }
         }
     }
 
     /// Records why the robot stops on the path.
-    pub fn note_stop(&mut self, bits: u32) {
+    pub fn record_stop(&mut self, bits: u32) {
         self.latched.bits |= bits & STOPS;
     }
 
@@ -138,14 +138,14 @@ impl Safety {
         self.energised = true;
         self.clear_stops(STOPS);
         self.enter(Mode::Holding);
-        self.bump();
+        self.start_epoch();
     }
 
     /// Switches the drives off. A latched mode stays.
     pub fn disarm(&mut self) {
         self.energised = false;
         self.enter(Mode::Disarmed);
-        self.bump();
+        self.start_epoch();
     }
 
     /// Leaves a latched mode if its causes are gone; else returns false.
@@ -155,7 +155,7 @@ impl Safety {
         }
         self.latched = Faults::default();
         self.mode = if self.energised { Mode::Holding } else { Mode::Disarmed };
-        self.bump();
+        self.start_epoch();
         true
     }
 }

@@ -20,7 +20,7 @@ struct Kept {
 
 impl Setpoints {
     /// Stores plan/motion; `following` is the number of the motion that the robot follows, 0: none.
-    pub fn take(&mut self, message: &PlanMotion, following: u32) {
+    pub fn update(&mut self, message: &PlanMotion, following: u32) {
         let of_planner_before = self.kept.is_some_and(|kept| {
             let other = (message.header.life, message.motion) != (kept.life, kept.number);
             following != 0 && kept.number == following && (other || message.beat < kept.beat)

@@ -86,7 +86,7 @@ impl Lasting {
 
 /// State of the safety machine in this cycle, as far as the watch needs it.
 #[derive(Debug, Clone, Copy)]
-pub struct Situation {
+pub struct SafetySnapshot {
     /// The drives hold or move: faults count.
     pub energised: bool,
     /// The robot moves by command of a controller: slack counts.
@@ -104,7 +104,7 @@ pub struct Situation {
     pub estimator: usize,
 }
 
-impl Situation {
+impl SafetySnapshot {
     /// True if the motor of this cable holds or moves it.
     fn drives(&self, cable: usize) -> bool {
         self.energised && !self.released[cable]
@@ -239,7 +239,7 @@ impl Watch {
         &mut self,
         config: &CoreConfig,
         input: &MotorInput,
-        situation: &Situation,
+        situation: &SafetySnapshot,
         velocity_m_s: &[f64; CABLES],
         fresh: &[bool; CABLES],
         found: &mut Faults,
@@ -313,7 +313,7 @@ impl Watch {
     }
 
     /// Compares the measured velocity of a cable, m/s, with its command: stall and runaway.
-    fn motion(&mut self, config: &CoreConfig, i: usize, v: f64, situation: &Situation, new_duty: bool) {
+    fn motion(&mut self, config: &CoreConfig, i: usize, v: f64, situation: &SafetySnapshot, new_duty: bool) {
         let sent = situation.sent_m_s[i];
         let driven = situation.drives(i);
         self.smooth_m_s[i] += (v - self.smooth_m_s[i]) * config.period_s / (SMOOTHED_S + config.period_s);
@@ -327,7 +327,7 @@ impl Watch {
     }
 
     /// Clears persisting conditions after a reset.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         for counters in [&mut self.runaway, &mut self.slack, &mut self.tight] {
             *counters = [0; CABLES];
         }
@@ -363,7 +363,7 @@ impl Watch {
 
     /// Factor for the speed of the motion, because a tension or a current approaches its fault; 1: full speed.
     #[must_use]
-    pub fn ease(&self) -> f64 {
+    pub fn slowdown(&self) -> f64 {
         self.ease
     }
 

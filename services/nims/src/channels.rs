@@ -1,6 +1,6 @@
 //! `nims channel`: lists, counts and prints channels of any type.
 
-use bus::{Bus, Party, Tap, clock};
+use bus::{Bus, Participant, Tap, clock};
 use command::values::seconds;
 use command::{Answer, Failure, Output};
 use messages::schema::{Number, Schema, Value as FieldValue};
@@ -39,7 +39,7 @@ impl Command {
     /// # Errors
     /// Shared memory cannot be read, or there is no such channel.
     pub fn run(&self, domain: Option<&str>) -> Answer<Option<Output>> {
-        let bus = client::join_as(domain, Party::Guest)?;
+        let bus = client::join_as(domain, Participant::Guest)?;
         match self {
             Self::List => list(&bus).map(Some),
             Self::Hz { name, seconds } => rates(&bus, name.as_deref(), *seconds).map(Some),
@@ -161,8 +161,7 @@ fn duration(seconds: f64) -> Answer<Duration> {
 /// Returns a sample as JSON, by its schema; without a matching schema, the bytes in hexadecimal.
 fn sample(schema: Option<&Schema>, bytes: &[u8]) -> Value {
     let Some(schema) = schema else {
-        let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-        return json!({ "bytes": hex });
+        return json!({ "bytes": messages::hex(bytes) });
     };
     let mut fields = Map::new();
     for (field, value) in schema.decode(bytes) {

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 ///
 /// Exit code 0: answered; 2: bad input; 1: it could not be done now. Diagnostics go to stderr.
 #[derive(Debug, Parser)]
-#[command(name = "nims", version = runtime::build::own(), propagate_version = true, after_help = programs::HELP)]
+#[command(name = "nims", version = runtime::build::description(), propagate_version = true, after_help = programs::HELP)]
 pub struct Cli {
     /// The command.
     #[command(subcommand)]
@@ -114,8 +114,8 @@ impl Cli {
         let domain = self.domain.as_deref();
         let output = match &self.command {
             Command::Demo(args) => return demo::run(args, domain).map(Some),
-            Command::Up { arguments } => return Err(programs::up(arguments, domain, self.json)),
-            Command::Program(words) => return Err(programs::beside(words, domain, self.json)),
+            Command::Up { arguments } => return Err(programs::run_supervisor(arguments, domain, self.json)),
+            Command::Program(words) => return Err(programs::run_external(words, domain, self.json)),
             Command::Top => return top::top(domain, self.json).map(|()| None),
             Command::Solve => return programs::solve().map(|()| None),
             Command::Channel(command) => return command.run(domain),

@@ -345,7 +345,7 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
 
 /// Returns the process whose output is to be faulty, and the request to it.
 fn to_output(words: &[String]) -> Answer<(String, String)> {
-    let slots = [config::Slot::A, config::Slot::B];
+    let slots = messages::Slot::ALL;
     let names = [Role::Controller, Role::Estimator].map(|role| slots.map(|slot| role.process_name(slot))).concat();
     match words {
         [kind, process, rest @ ..] if names.contains(process) => {

@@ -1,6 +1,6 @@
 //! Requests to the running robot; the answer to each is one sentence.
 
-use bus::{Bus, Party};
+use bus::{Bus, Participant};
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
 use client::{MOTOR_IO, PLANNER, box_of, robot_of, send};
 use command::values::{Numbers, finite, numbers, point};
@@ -67,22 +67,22 @@ impl Command {
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let join = || client::join(domain);
         // Commands that bring the robot to rest may use the places reserved for members.
-        let ask = |request: Request, party: Party| send(&client::join_as(domain, party)?, MOTOR_IO, &request);
+        let ask = |request: Request, party: Participant| send(&client::join_as(domain, party)?, MOTOR_IO, &request);
         let sentence = match self {
-            Self::Arm => ask(Request::Arm, Party::Command),
-            Self::Disarm => ask(Request::Disarm, Party::Member),
-            Self::Hold => ask(Request::Hold, Party::Member),
-            Self::Stop => ask(Request::Stop, Party::Member),
+            Self::Arm => ask(Request::Arm, Participant::Command),
+            Self::Disarm => ask(Request::Disarm, Participant::Member),
+            Self::Hold => ask(Request::Hold, Participant::Member),
+            Self::Stop => ask(Request::Stop, Participant::Member),
             Self::Estop => client::emergency_stop(domain),
-            Self::Reset => ask(Request::Reset, Party::Command),
+            Self::Reset => ask(Request::Reset, Participant::Command),
             Self::Zero(args) => zero(&join()?, args),
-            Self::ConfirmPosition => ask(Request::ConfirmPosition, Party::Command),
+            Self::ConfirmPosition => ask(Request::ConfirmPosition, Participant::Command),
             Self::Jog { cable, metres } => jog(&join()?, *cable, *metres),
             Self::Goto(args) => return goto(&join()?, args),
             Self::Run(args) if args.dry_run => return dry_run(domain, args),
             Self::Run(args) => return run(&join()?, args),
-            Self::Pause => ask(Request::Pause, Party::Member),
-            Self::Resume => ask(Request::Resume, Party::Command),
+            Self::Pause => ask(Request::Pause, Participant::Member),
+            Self::Resume => ask(Request::Resume, Participant::Command),
             Self::Speed { percent } => speed(&join()?, *percent),
         };
         sentence.map(Output::accepted)
@@ -265,7 +265,7 @@ impl MissionText {
 
 /// The planner's answer: its sentence, and the figures of the plan.
 fn planned(answer: &OperatorRequest) -> Answer<Output> {
-    let sentence = Failure::of(answer)?;
+    let sentence = Failure::unless_accepted(answer)?;
     let mut value = json!({ "accepted": true, "answer": sentence });
     if let Some(Reason::Planned { segments, length_m, duration_s, energy_j, .. }) = Reason::of(answer) {
         value["segments"] = json!(segments);
@@ -316,7 +316,7 @@ fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
     let mission = Mission::read(&path).map_err(Failure::bad)?;
     Ok(match commissioning::check::fly(&mission, &file, &from) {
         Ok(flight) => {
-            let sentence = format!("mission \"{}\" can be flown: {}", mission.name, flight.words());
+            let sentence = format!("mission \"{}\" can be flown: {}", mission.name, flight.line());
             let value = json!({ "feasible": true, "segments": flight.segments, "length_m": flight.length_m,
                 "duration_s": flight.duration_s, "energy_j": flight.energy_j });
             Output::new(value, sentence)

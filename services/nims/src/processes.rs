@@ -40,7 +40,7 @@ impl Command {
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let command = match self {
             Self::Start(StartArgs { process, slot, law }) => {
-                Request::StartProcess { name: process.clone(), slot: slot.map(Into::into), law: law.clone() }
+                Request::StartProcess { name: process.clone(), slot: *slot, law: law.clone() }
             }
             Self::StopProcess { process } => Request::StopProcess { name: process.clone() },
             Self::Restart { process } => Request::RestartProcess { name: process.clone() },
@@ -63,8 +63,8 @@ pub struct StartArgs {
     /// A role, a process of the process table, or a `[[process]]` of the system file.
     pub process: String,
     /// Slot of a controller or estimator; default: the first free one.
-    #[arg(long, value_enum)]
-    pub slot: Option<config::Slot>,
+    #[arg(long, value_parser = config::slot_argument())]
+    pub slot: Option<messages::Slot>,
     /// Law of a controller, method of an estimator, or the name of a `[[process]]`; default: as configured.
     #[arg(long)]
     pub law: Option<String>,

@@ -13,7 +13,7 @@ pub const HELP: &str = "Programs in the same folder:\n  bench  Measure whether t
                         truth  Draw a plausible world for the virtual motor box that is not the robot's model\nAny other `nims X` runs the program nims-X.";
 
 /// Replaces this process by the supervisor. Returns only if that fails.
-pub fn up(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+pub fn run_supervisor(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
     match sibling("supervisor") {
         Ok(path) => become_program(&path, arguments, domain, json),
         Err(failure) => failure,
@@ -21,7 +21,7 @@ pub fn up(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
 }
 
 /// Replaces this process by the program `nims-X`. Returns only if that fails.
-pub fn beside(words: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+pub fn run_external(words: &[OsString], domain: Option<&str>, json: bool) -> Failure {
     let Some((name, arguments)) = words.split_first() else { return unknown(OsStr::new("")) };
     let plain = |name: &&str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-');
     match name.to_str().filter(plain).map(|name| sibling(&format!("nims-{name}"))) {

@@ -4,10 +4,10 @@ use command::{Answer, Failure, Output};
 
 use bus::{Bus, Subscriber, clock};
 use commissioning::check;
-use config::{EstimatorSection, RobotFile, Role, Slot, SystemFile, TUNABLE, Tuned};
+use config::{EstimatorSection, RobotFile, Role, SystemFile, TUNABLE, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
-use messages::{ProcessState, Request, SystemConfig, text_of};
+use messages::{ProcessState, Request, Slot, SystemConfig, text_of};
 use motor_box::MotorBoxSection;
 use runtime::TUNED_CHANNEL;
 use serde_json::json;
@@ -96,7 +96,7 @@ fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot:
         );
     }
     let idle = if idle.is_empty() { String::new() } else { format!("; {} does not use it", idle.join(" or ")) };
-    let drives = MotorBoxSection::of(&client::true_box_of(bus)?, robot).map_err(Failure::not_now)?;
+    let drives = MotorBoxSection::from_file(&client::true_box_of(bus)?, robot).map_err(Failure::not_now)?;
     let warning = drives.and_then(|drives| check::horizon(after, &drives)).filter(|_| key == HORIZON);
     let warning = warning.map_or(String::new(), |found| format!("; warning: {}; {}", found.finding, found.cure));
     Ok(idle + &warning)
@@ -137,7 +137,7 @@ fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, rob
             let config = |file: &SystemFile| {
                 let mut file = file.clone();
                 file.controller.law = law;
-                ControllerConfig::of(&file, robot, 1).ok()
+                ControllerConfig::from_files(&file, robot, 1).ok()
             };
             (config(before).is_some() && config(before) == config(after)).then(|| law.name().to_owned())
         }
@@ -145,7 +145,7 @@ fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, rob
             let method = if law.is_empty() { before.estimator.method } else { law.parse().ok()? };
             let config = |file: &SystemFile| {
                 let section = EstimatorSection { method, ..file.estimator.clone() };
-                EstimatorConfig::of(&section, robot.robot().ok()?, 1).ok()
+                EstimatorConfig::from_section(&section, robot.robot().ok()?, 1).ok()
             };
             (config(before).is_some() && config(before) == config(after)).then(|| method.name().to_owned())
         }

@@ -138,7 +138,7 @@ pub fn status(bus: &Bus) -> Answer<Output> {
     samples.collect()?;
     let mut value = json!({ "domain": bus.domain().name() });
     let mut lines = vec![format!("domain     {}", bus.domain().name())];
-    if let Some(running) = Running::of(bus.domain()) {
+    if let Some(running) = Running::read(bus.domain()) {
         value["run"] = json!(running.run);
         value["system"] = json!(running.system_file);
         lines.push(format!("run        {}", running.run.display()));
@@ -245,7 +245,7 @@ fn motors(authority: &MotorAuthority, row: Option<&ProcessState>, value: &mut Va
     value["cycle"] = json!({
         "number": authority.header.cycle, "period_s": authority.period_s, "bus_ns": authority.bus_ns, "command_age_ns": authority.command_age_ns,
     });
-    let periods = Periods::of(authority);
+    let periods = Periods::from_authority(authority);
     value["periods"] = json!(periods);
     value["periods"]["all"] = json!(periods.all());
     value["periods"]["unsteered"] = json!(periods.unsteered());
@@ -256,7 +256,7 @@ fn motors(authority: &MotorAuthority, row: Option<&ProcessState>, value: &mut Va
         "cycle      {} at {:.0} Hz; {}",
         authority.header.cycle,
         1.0 / authority.period_s,
-        periods.words()
+        periods.summary()
     ));
 }
 
@@ -346,6 +346,7 @@ fn mission(plan: &PlanStatus, steered: Result<&MotorAuthority, String>, value: &
     value["mission"] = json!({
         "state": state, "name": text_of(&plan.mission), "leg": plan.leg, "legs": plan.legs,
         "progress": plan.progress, "time_left_s": (!was).then_some(plan.time_left_s), "reason": text_of(&plan.reason),
+        "reason_code": plan.reason_code,
     });
     lines.push(format!("mission    {}", steered_words(plan, steered)));
 }

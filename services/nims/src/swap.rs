@@ -8,44 +8,24 @@ use crate::processes;
 use bus::{Bus, Subscriber, Waiter, clock};
 use client::MOTOR_IO;
 use command::{Answer, Failure, Output};
-use config::{Role, Slot};
-use messages::{MotorSlots, ProcessState, Request, SLOTS, SlotRole, text_of};
+use config::Role;
+use messages::{MotorSlots, ProcessState, Request, SLOTS, Slot, SlotRole, text_of};
 use robot_state::sentences;
 use serde_json::json;
 use std::collections::BTreeMap;
-
-/// Roles that have two slots.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum SlottedRole {
-    /// The controller: position and motion to cable velocities.
-    Controller,
-    /// The estimator: cable lengths to position.
-    Estimator,
-}
-
-impl SlottedRole {
-    /// Index in the arrays of samples.
-    #[must_use]
-    pub fn index(self) -> usize {
-        match self {
-            Self::Controller => messages::CONTROLLERS,
-            Self::Estimator => messages::ESTIMATORS,
-        }
-    }
-}
 
 /// `nims swap`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Role to swap.
-    #[arg(value_enum)]
-    pub role: SlottedRole,
+    #[arg(value_parser = config::slot_role_argument())]
+    pub role: SlotRole,
     /// Law or method, or the name of a `[[process]]` of the role, to start in the free slot. Default: the standby that
     /// runs there.
     pub name: Option<String>,
     /// Slot of the new process. Default: the one that is not in charge.
-    #[arg(long, value_enum)]
-    pub slot: Option<config::Slot>,
+    #[arg(long, value_parser = config::slot_argument())]
+    pub slot: Option<Slot>,
     /// Keep the old process running, as a standby.
     #[arg(long)]
     pub keep: bool,
@@ -98,7 +78,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
         robot.admit(slot)?;
         let start = Request::StartProcess {
             name: robot.role.name().to_owned(),
-            slot: Some(name_of(slot).into()),
+            slot: Some(name_of(slot)),
             law: (law != DEFAULT).then(|| law.clone()),
         };
         robot.print_progress(&processes::send_and_follow(bus, &start)?.words);
@@ -143,14 +123,10 @@ struct Robot<'a> {
 
 impl<'a> Robot<'a> {
     fn observe(bus: &'a Bus, asked: &Args) -> Answer<Self> {
-        let role = match asked.role {
-            SlottedRole::Controller => Role::Controller,
-            SlottedRole::Estimator => Role::Estimator,
-        };
         Ok(Self {
             bus,
             index: asked.role.index(),
-            role,
+            role: asked.role.into(),
             slots: bus.subscriber("motor/slots")?,
             processes: bus.subscriber("system/process")?,
             table: BTreeMap::new(),
@@ -230,7 +206,7 @@ impl<'a> Robot<'a> {
 
     /// Admits a slot regardless of its former failures.
     fn admit(&mut self, slot: usize) -> Answer {
-        let request = Request::Admit { role: SlotRole::ALL[self.index], slot: name_of(slot).into() };
+        let request = Request::Admit { role: SlotRole::ALL[self.index], slot: name_of(slot) };
         client::send(self.bus, MOTOR_IO, &request).map(|_| ())
     }
 
@@ -265,7 +241,7 @@ impl<'a> Robot<'a> {
     /// Requests the swap, and waits until the end of the probation.
     fn take_over(&mut self, slot: usize) -> Answer {
         let (role, index) = (self.index, SLOTS * self.index + slot);
-        let request = Request::Swap { role: SlotRole::ALL[role], slot: name_of(slot).into() };
+        let request = Request::Swap { role: SlotRole::ALL[role], slot: name_of(slot) };
         let answer = client::send(self.bus, MOTOR_IO, &request)?;
         self.print_progress(&answer);
         // Ignore samples from before the request.
@@ -326,7 +302,7 @@ fn admit(bus: &Bus, asked: &Args) -> Answer<Output> {
         Some(slot) => slot.index(),
         None => 1 - robot.lead()?,
     };
-    let request = Request::Admit { role: SlotRole::ALL[robot.index], slot: name_of(slot).into() };
+    let request = Request::Admit { role: SlotRole::ALL[robot.index], slot: name_of(slot) };
     let sentence = client::send(bus, MOTOR_IO, &request)?;
     Ok(Output::accepted(sentence))
 }

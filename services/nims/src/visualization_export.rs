@@ -23,7 +23,7 @@ const PROGRESS_BYTES: u64 = 1 << 20;
 /// # Errors
 /// There is no such run, it holds no robot file, or the new file cannot be written.
 pub fn export_visualization(run: &Path, out: &Path) -> Answer<Output> {
-    analysis::runs::there(run)?;
+    analysis::runs::require_run(run)?;
     if out.exists() {
         return Err(Failure::BadInput(format!("{} exists already: give another name, or remove it", out.display())));
     }
@@ -40,7 +40,7 @@ pub fn export_visualization(run: &Path, out: &Path) -> Answer<Output> {
             continue;
         }
         let (channel, now_ns) = (recorded.channel.clone(), recorded.log_time_ns);
-        let (sample, authority) = (recorded.sample.to_vec(), recorded.to::<MotorAuthority>());
+        let (sample, authority) = (recorded.sample.to_vec(), recorded.decode::<MotorAuthority>());
         let film = match &mut film {
             Some(film) => film,
             None => film.insert(Film::begin(run, out, &reader, authority.map(|a| (a.header.stamp_ns, now_ns)))?),

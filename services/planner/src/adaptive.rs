@@ -2,7 +2,7 @@
 
 use cable_robot::Vector3;
 use messages::FieldMap;
-use survey::adaptive::{Known, KnownCell, PatchOptions, patches};
+use survey::adaptive::{KnownCell, KnownField, PatchOptions, patches};
 use survey::grid::GridSpec;
 
 use crate::mission::{Dwell, Leg, MAX_POINTS, Mission, Polyline};
@@ -19,7 +19,7 @@ pub fn split(mission: &Mission) -> (Mission, Option<Mission>) {
 }
 
 /// Returns the known field of a valid map. Cells under the path of the plan count as sampled.
-pub fn known(map: &FieldMap, flown: &Plan) -> Option<Known> {
+pub fn known(map: &FieldMap, flown: &Plan) -> Option<KnownField> {
     let (columns, rows) = (map.columns as usize, map.rows as usize);
     let count = columns.checked_mul(rows).filter(|count| (1..=FieldMap::CELLS).contains(count))?;
     if !(map.cell_m > 0.0 && map.origin_m.iter().all(|x| x.is_finite())) {
@@ -40,7 +40,7 @@ pub fn known(map: &FieldMap, flown: &Plan) -> Option<Known> {
         let (value, sigma) = (f64::from(map.value[at]), f64::from(map.sigma[at]));
         (value.is_finite() && sigma.is_finite()).then_some(KnownCell { value, sigma, sampled: sampled[at] })
     };
-    Some(Known { spec, cells: (0..count).map(cell).collect() })
+    Some(KnownField { spec, cells: (0..count).map(cell).collect() })
 }
 
 /// Replaces the adaptive leg at the beginning of a mission by a path over the parts of its area that are worth a second
@@ -48,7 +48,7 @@ pub fn known(map: &FieldMap, flown: &Plan) -> Option<Known> {
 ///
 /// # Errors
 /// The path has more points than a leg may have.
-pub fn resolved(left: &Mission, known: &Known, from: Vector3<f64>) -> Result<Mission, ScanError> {
+pub fn resolved(left: &Mission, known: &KnownField, from: Vector3<f64>) -> Result<Mission, ScanError> {
     let Some(Leg::Adaptive(leg)) = left.leg.first() else { return Ok(left.clone()) };
     let way = way(leg, known, from)?;
     let first = if way.is_empty() {
@@ -63,7 +63,7 @@ pub fn resolved(left: &Mission, known: &Known, from: Vector3<f64>) -> Result<Mis
     Ok(mission)
 }
 
-fn way(leg: &Adaptive, known: &Known, from: Vector3<f64>) -> Result<Vec<Vector3<f64>>, ScanError> {
+fn way(leg: &Adaptive, known: &KnownField, from: Vector3<f64>) -> Result<Vec<Vector3<f64>>, ScanError> {
     let (a, b) = (leg.corner_m.position_m, leg.opposite_m.position_m);
     let low_m = [a[0].min(b[0]), a[1].min(b[1])];
     let high_m = [a[0].max(b[0]), a[1].max(b[1])];

@@ -28,6 +28,10 @@ pub struct Summary {
     pub least_tension_n: f64,
     /// Highest speed of any cable, m/s.
     pub peak_cable_speed_m_s: f64,
+    /// Highest current of any motor, A.
+    pub peak_current_a: f64,
+    /// Highest voltage of any motor, V.
+    pub peak_voltage_v: f64,
 }
 
 /// Plans and checks a whole mission that would start at `start_m` (m).
@@ -48,5 +52,7 @@ pub fn dry_run(mission: &Mission, config: &PlannerConfig, start_m: [f64; 3]) -> 
         peak_tension_n: highest(|report| report.peak_tension_n),
         least_tension_n: plan.reports.iter().map(|report| report.least_tension_n).fold(f64::INFINITY, f64::min),
         peak_cable_speed_m_s: highest(|report| report.peak_cable_speed_m_s),
+        peak_current_a: highest(|report| report.peak_current_a),
+        peak_voltage_v: highest(|report| report.peak_voltage_v),
     })
 }

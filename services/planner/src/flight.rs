@@ -5,7 +5,7 @@ use robot_state::Reason;
 use robot_state::answers::detail;
 
 use crate::inputs::Inputs;
-use crate::mission::Mission;
+use crate::mission::{Leg, Mission};
 use crate::plan::{Plan, PlannerConfig};
 
 /// Upper bound of the legs from the next adaptive one on: its whole area.
@@ -102,6 +102,19 @@ impl Flight {
         let whole_s = self.flown_s(f64::INFINITY) + self.later.time_s;
         let share = if whole_s > 0.0 { self.flown_s(time_s) / whole_s } else { 1.0 };
         share.max(self.share)
+    }
+
+    /// Returns the name of the map that its next leg needs.
+    pub(crate) fn map(&self) -> Option<&str> {
+        match self.left.as_ref()?.leg.first()? {
+            Leg::Adaptive(leg) => Some(&leg.map),
+            _ => None,
+        }
+    }
+
+    /// Returns the reason of its end where that map did not come in time.
+    pub(crate) fn without_map(&self, within_s: f64) -> Reason {
+        Reason::EndedWithoutMap { map: detail(self.map().unwrap_or_default()), within_s }
     }
 
     /// Returns the answer to its request; `continues`: it is the rest of a mission.

@@ -437,7 +437,7 @@ profile = { at_m = [1, 1, 2], rise_m = -1.5 }
     }
 
     #[test]
-    fn a_bad_file_is_answered_by_one_sentence_that_says_where() {
+    fn a_wrong_file_is_rejected_in_one_sentence_with_the_place() {
         for (from, to, says) in [
             ("speed_m_s = 0.2", "sped_m_s = 0.2", &["line 3", "sped_m_s", "speed_m_s"][..]),
             ("name = \"demo\"", "", &["name"]),

@@ -39,7 +39,7 @@ pub struct PlannerConfig {
 
 impl PlannerConfig {
     /// Returns the configuration of a system file and its robot.
-    pub fn of(file: &SystemFile, robot: Robot) -> Self {
+    pub fn from_files(file: &SystemFile, robot: Robot) -> Self {
         Self {
             robot,
             distribution: file.controller.distribution_for(&robot),
@@ -54,14 +54,16 @@ impl PlannerConfig {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlanError {
     /// A segment breaks a limit.
-    #[error("leg {leg}{segment}: {refusal}")]
+    #[error("leg {leg}{segment}: {refusal}{}", speed_advice(*feasible_m_s))]
     Refused {
         /// The leg, from 1.
         leg: usize,
         /// Ends of the segment: ` from [..] to [..]`.
         segment: String,
         /// Place, limit and excess.
-        refusal: Refusal,
+        refusal: Box<Refusal>,
+        /// Speed at which the segment can be flown, m/s; `None` if speed is not the reason, or if none is low enough.
+        feasible_m_s: Option<f64>,
     },
     /// A speed above the robot's limit.
     #[error("leg {leg} asks for {speed_m_s} m/s, above the robot's speed_limit_m_s of {limit_m_s} m/s; ask for less")]
@@ -144,6 +146,11 @@ pub enum PlanError {
         /// As estimated.
         z: f64,
     },
+}
+
+/// Describes the speed at which a rejected segment can be flown.
+fn speed_advice(feasible_m_s: Option<f64>) -> String {
+    feasible_m_s.map_or_else(String::new, |speed_m_s| format!("; fly it at {speed_m_s:.3} m/s"))
 }
 
 /// Point on the path of a mission, independent of where its flight began.

@@ -2,21 +2,20 @@
 
 use cable_robot::Vector3;
 use messages::{
-    Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, PlanStatus,
-    put_sentence, put_text, same_life, text_of,
+    Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, same_life, text_of,
 };
 use robot_state::Reason;
 use robot_state::answers::detail;
 use segments::segment_message;
-use thiserror::Error;
 
 use crate::adaptive;
 use crate::flight::{Flight, Later};
 use crate::inputs::Inputs;
-use crate::mission::{self, Leg, Mission, MissionError, PathShape};
+use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
-use crate::stopped::stopped_by;
+use crate::refusal::{Refusal, of_plan_error};
+use crate::stopped::{not_taken_up, stopped_by};
 
 /// An estimate this many cycles behind motor-io is stale.
 const STALE_CYCLES: u64 = 20;
@@ -34,66 +33,8 @@ const MAP_NS: u64 = 20_000_000_000;
 /// Without a sample of motor-io for this time it counts as gone, ns. A shared computer may stall for 250 ms.
 const SILENT_NS: u64 = 1_000_000_000;
 
-/// Reasons for which a mission ends without a stop of the robot.
-const NO_MAP: &str = "no map came for the adaptive leg; is the sensor-logger running, and is there a map of that name? See nims channel list";
-const OFF_START: &str = "the position of the node by motor-io differs from the estimate, so the motion was not started; see nims status, restart the estimator, and try again";
-const NOT_TAKEN_UP: &str = "the motion was not taken up within 5 s; is the controller running? See nims status";
-const REFUSED: &str = "the motion was not taken up within 5 s, because the controller sent NaN or commands far beyond the limits; swap to another controller, then start a new motion";
-
-/// Returns whether motor-io rejects the commands of the controller in charge.
-fn is_refused(authority: &MotorAuthority) -> bool {
-    let [slot, _] = authority.in_charge;
-    let verdict = authority.verdict.get(usize::from(slot));
-    verdict.is_some_and(|verdict| {
-        [MotorAuthority::VERDICT_NOT_FINITE, MotorAuthority::VERDICT_OUT_OF_LIMITS].contains(verdict)
-    })
-}
-
-/// Reason for which a request is refused.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum Refusal {
-    /// The robot or the mission is not ready.
-    #[error("{0}")]
-    NotReady(Box<Reason>),
-    /// The motion breaks a limit, or is invalid.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// A value of the mission is invalid.
-    #[error(transparent)]
-    Mission(#[from] MissionError),
-}
-
-impl Refusal {
-    /// Returns the answer to the request; for an error its class with its own sentence.
-    #[must_use]
-    pub fn reason(&self) -> Reason {
-        let error = match self {
-            Self::NotReady(reason) => return **reason,
-            Self::Mission(error) => return Reason::MissionInvalid { why: detail(error) },
-            Self::Plan(error) => error,
-        };
-        let why = detail(error);
-        match error {
-            PlanError::Refused { .. } => Reason::PlanLimit { why },
-            PlanError::TooFast { .. } => Reason::PlanTooFast { why },
-            PlanError::TooHard { .. } => Reason::PlanTooHard { why },
-            PlanError::Path { .. } => Reason::PlanPath { why },
-            PlanError::Profile { .. } => Reason::PlanProfile { why },
-            PlanError::Point { .. } => Reason::PlanPoint { why },
-            PlanError::NoPath { .. } => Reason::PlanEnergy { why },
-            PlanError::Scan { .. } => Reason::PlanPattern { why },
-            PlanError::TooLong => Reason::PlanTooLong { why },
-            PlanError::OtherPlan => Reason::PlanOther { why },
-            PlanError::AlreadyThere => Reason::AlreadyThere { why },
-            PlanError::NoStart { .. } => Reason::NoStart { why },
-        }
-    }
-
-    /// Returns whether this robot cannot carry out the request in any state.
-    #[must_use]
-    pub fn is_bad_input(&self) -> bool {
-        self.reason().accepted() == OperatorRequest::BAD_INPUT
-    }
+fn seconds(ns: u64) -> f64 {
+    ns as f64 * 1e-9
 }
 
 /// Planner of missions and single moves. Pure: time and samples are arguments of every call.
@@ -132,9 +73,8 @@ impl Planner {
     /// Stores the progress of a mission of an earlier planner.
     pub fn remember(&mut self, progress: Progress) {
         if !progress.done {
-            let name = &progress.mission.name;
-            let left = format!("mission \"{name}\" was left unfinished; nims run with --continue flies the rest");
-            put_sentence(&mut self.status.reason, &left);
+            let left = Reason::LeftUnfinished { mission: detail(&progress.mission.name) };
+            self.status.put_reason(&left.answer());
         }
         self.progress = Some(progress);
     }
@@ -201,7 +141,7 @@ impl Planner {
         let reason = Reason::RequesterTimedOut;
         self.flight = None;
         self.status.state = PlanStatus::STATE_REFUSED;
-        put_sentence(&mut self.status.reason, &reason.sentence());
+        self.status.put_reason(&reason.answer());
         reason
     }
 
@@ -214,7 +154,7 @@ impl Planner {
                 self.status.state = PlanStatus::STATE_REFUSED;
                 put_text(&mut self.status.mission, &mission.name);
             }
-            put_sentence(&mut self.status.reason, &refusal.to_string());
+            self.status.put_reason(&refusal.reason().answer());
         }
         result
     }
@@ -413,10 +353,7 @@ impl Planner {
 
     /// Returns the name of the map that the next leg of the mission needs.
     pub fn wants_map(&self) -> Option<&str> {
-        match self.flight.as_ref()?.left.as_ref()?.leg.first()? {
-            Leg::Adaptive(leg) => Some(&leg.map),
-            _ => None,
-        }
+        self.flight.as_ref()?.map()
     }
 
     /// Plans an adaptive leg at the end of the legs before it, once a map includes all of them.
@@ -459,7 +396,7 @@ impl Planner {
                 if done {
                     self.status.progress = 1.0;
                 } else {
-                    put_sentence(&mut self.status.reason, &error.to_string());
+                    self.status.put_reason(&of_plan_error(&error).answer());
                 }
                 if let Some(progress) = &mut self.progress {
                     progress.done = done;
@@ -497,21 +434,21 @@ impl Planner {
         flight.taken_up |= ours && authority.mode == MotorAuthority::MODE_FOLLOWING;
         let moving = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
         let over = if (authority.header.life, authority.epoch) != (flight.life, flight.epoch) {
-            Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
+            Some(Err(stopped_by(authority, flight.life)))
         } else if !moving && time_s >= end_s && flight.left.is_some() && authority.mode == MotorAuthority::MODE_HOLDING
         {
             let since_ns = *flight.waits_ns.get_or_insert(now_ns);
             status.state = PlanStatus::STATE_RUNNING;
-            (now_ns.saturating_sub(since_ns) > MAP_NS).then(|| (PlanStatus::STATE_ABORTED, NO_MAP.to_owned()))
+            let late = now_ns.saturating_sub(since_ns) > MAP_NS;
+            if late { Some(Err(flight.without_map(seconds(MAP_NS)))) } else { None }
         } else if !moving && time_s >= end_s {
-            Some((PlanStatus::STATE_DONE, String::new()))
+            Some(Ok(()))
         } else if !matches!(authority.mode, MotorAuthority::MODE_HOLDING) && !moving {
-            Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
+            Some(Err(stopped_by(authority, flight.life)))
         } else if !flight.taken_up && authority.faults & MotorAuthority::FAULT_OFF_START != 0 {
-            Some((PlanStatus::STATE_ABORTED, OFF_START.to_owned()))
+            Some(Err(Reason::EndedOffStart))
         } else if !flight.taken_up && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
-            let why = if is_refused(authority) { REFUSED } else { NOT_TAKEN_UP };
-            Some((PlanStatus::STATE_ABORTED, why.to_owned()))
+            Some(Err(not_taken_up(authority, seconds(TAKE_UP_NS))))
         } else {
             status.state = if !flight.taken_up {
                 PlanStatus::STATE_READY
@@ -523,12 +460,12 @@ impl Planner {
             };
             None
         };
-        if let Some((state, reason)) = over {
-            status.state = state;
+        if let Some(end) = over {
+            status.state = if end.is_ok() { PlanStatus::STATE_DONE } else { PlanStatus::STATE_ABORTED };
             status.time_left_s = 0.0;
-            put_sentence(&mut status.reason, &reason);
+            status.put_reason(&end.err().map(|reason| reason.answer()).unwrap_or_default());
             if let Some(progress) = self.progress.as_mut().filter(|_| flight.kept) {
-                progress.done = state == PlanStatus::STATE_DONE;
+                progress.done = status.state == PlanStatus::STATE_DONE;
             }
             self.flight = None;
         }

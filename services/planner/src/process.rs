@@ -4,10 +4,10 @@ use bus::{Bus, Subscriber, clock::now_ns};
 use messages::{
     FieldMap, MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, Rule, SLOT_NAMES, blended_estimate, newer,
 };
-use runtime::{Args, Chassis};
+use runtime::Chassis;
 use std::path::Path;
 
-use crate::progress::{Keeper, Progress};
+use crate::progress::{Progress, ProgressWriter};
 use crate::{Inputs, Planner, PlannerConfig, requests};
 
 /// Period of the loop, ns: the next segment is published long before it is needed.
@@ -37,16 +37,13 @@ impl Map {
     }
 }
 
-/// Runs until the chassis ends.
+/// Runs until the chassis ends. `run_folder` holds the missions of the run.
 ///
 /// # Errors
 /// Errors of the files and of the bus.
-pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
     let file = chassis.system_file()?.clone();
-    // The supervisor gives each process the copy in the folder of the run.
-    let system_file = args.common.system_file.as_deref();
-    let run = system_file.and_then(Path::parent).unwrap_or(Path::new("")).to_path_buf();
-    let mut planner = Planner::new(PlannerConfig::of(&file, file.robot_file()?.robot()?));
+    let mut planner = Planner::new(PlannerConfig::from_files(&file, file.robot_file()?.robot()?));
     let (folder, name) = (file.state_folder(), file.state_name(chassis.bus().domain().name()));
     let rule = Rule::Live { ttl_cycles: file.estimator.ttl_cycles };
     match Progress::load(&folder, &name) {
@@ -54,7 +51,7 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         Err(error) => tracing::warn!("{error}"),
     }
     // Without it missions are flown, but cannot be continued.
-    let mut keeper = Keeper::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
+    let mut keeper = ProgressWriter::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
     let bus = chassis.bus();
     let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
     let [a, b] = SLOT_NAMES.map(|slot| bus.subscriber::<NodeEstimate>(&format!("node/estimate/{slot}")));
@@ -83,7 +80,7 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         let mut asked = false;
         while let Some(call) = server.try_next()? {
             let (request, awaited) = (&call.request, || call.is_awaited());
-            let reason = requests::answer(&mut planner, request, awaited, &run, &seen);
+            let reason = requests::answer(&mut planner, request, awaited, run_folder, &seen);
             tracing::info!("{reason}");
             call.answer(&reason.answer())?;
             asked = true;
@@ -94,7 +91,7 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
             motions.send(&mut motion)?;
             statuses.send(&mut status)?;
             if let Some(keeper) = &mut keeper {
-                keeper.keep(planner.progress(), seen.now_ns);
+                keeper.store(planner.progress(), seen.now_ns);
             }
             chassis.pass_end();
             if status.state != state {

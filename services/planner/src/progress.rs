@@ -110,14 +110,14 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
 
 /// Writer of the progress of the missions of one robot.
 #[derive(Debug)]
-pub struct Keeper {
+pub struct ProgressWriter {
     sender: Option<SyncSender<Progress>>,
     thread: Option<JoinHandle<()>>,
     kept: Option<Progress>,
     kept_ns: u64,
 }
 
-impl Keeper {
+impl ProgressWriter {
     /// Creates `folder` and starts the thread that writes into it.
     ///
     /// # Errors
@@ -147,7 +147,7 @@ impl Keeper {
     }
 
     /// Queues changed progress, that of an incomplete mission at most four times a second. Never waits.
-    pub fn keep(&mut self, progress: Option<&Progress>, now_ns: u64) {
+    pub fn store(&mut self, progress: Option<&Progress>, now_ns: u64) {
         let Some(progress) = progress.filter(|progress| self.kept.as_ref() != Some(progress)) else { return };
         if !progress.done && now_ns.saturating_sub(self.kept_ns) < PAUSE_NS {
             return;
@@ -162,7 +162,7 @@ impl Keeper {
     }
 }
 
-impl Drop for Keeper {
+impl Drop for ProgressWriter {
     fn drop(&mut self) {
         drop(self.sender.take());
         if let Some(thread) = self.thread.take() {
@@ -196,11 +196,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_read_again_bit_for_bit() {
+    fn stored_progress_is_read_bit_for_bit() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Progress::load(folder.path(), "lab").unwrap(), None);
-        let mut keeper = Keeper::start(&folder.path().join("state"), "lab").unwrap();
-        keeper.keep(Some(&progress()), 1_000_000_000);
+        let mut keeper = ProgressWriter::start(&folder.path().join("state"), "lab").unwrap();
+        keeper.store(Some(&progress()), 1_000_000_000);
         drop(keeper);
         assert_eq!(Progress::load(&folder.path().join("state"), "lab").unwrap(), Some(progress()));
     }

@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn areas_that_are_none_are_refused_in_words() {
+    fn invalid_areas_are_rejected_with_their_reason() {
         let at = |x, y, z| Vector3::new(x, y, z);
         let corner = at(1.0, 1.0, 1.0);
         for (opposite, spacing_m, along, says) in [

@@ -26,7 +26,7 @@ mod row;
 mod session;
 
 pub use batch::{Batch, ReceivedSample};
-pub use listen::{Listening, listen_to_known};
+pub use listen::Listening;
 pub use recorder::{Recorder, RecorderError, recover_leftovers};
 pub use row::Row;
 pub use session::{DiskFull, ENDED_DISK_FULL, Session, Settings};

@@ -1,10 +1,10 @@
 //! Subscriptions to every channel of the domain.
 
+use std::any::Any;
+
 use bus::{Bus, BusError, ChannelInfo, ChannelWatch, Raw, Tap};
-use messages::{
-    ControlStatus, Energy, Message, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
-    OperatorRequest, PlanMotion, PlanStatus, ProcessState, TruthNode,
-};
+use messages::ChannelVisitor;
+use messages::ros::Payload;
 use runlog::{ChannelSpec, published_ns};
 
 use crate::batch::{Batch, ReceivedSample};
@@ -63,6 +63,16 @@ impl Listening {
         Ok(())
     }
 
+    /// Creates the channels whose first sample is recorded before their publishers do, and subscribes to them.
+    ///
+    /// # Errors
+    /// As [`Listening::discover`].
+    pub fn discover_first(&mut self, bus: &Bus, session: &mut Session) -> Result<(), BusError> {
+        let mut open = OpenChannels { bus, subscribers: Vec::new() };
+        messages::visit_first_channels(&mut open);
+        self.discover(bus, session)
+    }
+
     fn excluded(&self, name: &str) -> bool {
         self.exclude.iter().any(|pattern| match pattern.strip_suffix('*') {
             Some(beginning) => name.starts_with(beginning),
@@ -113,30 +123,17 @@ fn spec_of(info: &ChannelInfo) -> ChannelSpec {
     }
 }
 
-/// Creates the channels of the control loop before their publishers do, and subscribes to them, so that their first
-/// sample is recorded.
-///
-/// Channels with variable names (heartbeats, logs, sensors) are discovered when they appear; their history bridges the
-/// time until then.
-///
-/// # Errors
-/// As [`Listening::discover`].
-pub fn listen_to_known(bus: &Bus, listening: &mut Listening, session: &mut Session) -> Result<(), BusError> {
-    /// Keeps the channels open until the taps are created.
-    fn hold<T: Message>(bus: &Bus, names: &[&str]) -> Vec<bus::Subscriber<T>> {
+/// Keeps channels open.
+struct OpenChannels<'a> {
+    bus: &'a Bus,
+    subscribers: Vec<Box<dyn Any>>,
+}
+
+impl ChannelVisitor for OpenChannels<'_> {
+    fn visit<T: Payload>(&mut self, name: &'static str) {
         // A channel that exists with another type is discovered like one of unknown type.
-        names.iter().filter_map(|name| bus.subscriber::<T>(name).ok()).collect()
+        if let Ok(subscriber) = self.bus.subscriber::<T>(name) {
+            self.subscribers.push(Box::new(subscriber));
+        }
     }
-    let _held = (
-        (hold::<MotorState>(bus, &["motor/state"]), hold::<MotorAuthority>(bus, &["motor/authority"])),
-        (hold::<MotorInput>(bus, &["motor/input"]), hold::<Energy>(bus, &["energy"])),
-        hold::<MotorSlots>(bus, &["motor/slots"]),
-        hold::<MotorCommand>(bus, &["motor/command/a", "motor/command/b"]),
-        hold::<NodeEstimate>(bus, &["node/estimate/a", "node/estimate/b"]),
-        hold::<ControlStatus>(bus, &["control/status/a", "control/status/b"]),
-        (hold::<PlanMotion>(bus, &["plan/motion"]), hold::<PlanStatus>(bus, &["plan/status"])),
-        hold::<OperatorRequest>(bus, &["operator/request"]),
-        (hold::<ProcessState>(bus, &["system/process"]), hold::<TruthNode>(bus, &["truth/node"])),
-    );
-    listening.discover(bus, session)
 }

@@ -8,7 +8,7 @@ use messages::RecorderStatus;
 use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover, segments};
 
 use crate::batch::Batch;
-use crate::listen::{Listening, listen_to_known};
+use crate::listen::Listening;
 use crate::session::{Session, Settings};
 
 /// Time between two polls of the channels, ns. Their buffers hold seconds; this bounds the loss by a kill beyond the
@@ -57,7 +57,7 @@ impl Recorder {
         let clock = RunClock::of_run(&settings.folder, set);
         let mut session = Session::open(settings, clock, now, free)?;
         let mut listening = Listening::new(exclude);
-        listen_to_known(bus, &mut listening, &mut session)?;
+        listening.discover_first(bus, &mut session)?;
         let status = bus.publisher::<RecorderStatus>("recorder/status")?;
         listening.discover(bus, &mut session)?;
         let (next_poll_ns, next_search_ns, next_status_ns) = (now, now + SEARCH_NS, now + SECOND_NS);

@@ -302,7 +302,7 @@ impl Session {
             (gap.header.stamp_ns, gap.header.oldest_input_ns) = (received.logged_ns, received.logged_ns);
             let id = match *gaps {
                 Some(id) => id,
-                None => *gaps.insert(writer.add_channel(&ChannelSpec::of::<RecorderGap>(GAPS)).map_err(before)?),
+                None => *gaps.insert(writer.add_channel(&ChannelSpec::for_type::<RecorderGap>(GAPS)).map_err(before)?),
             };
             let gap = bytemuck::bytes_of(&gap);
             writer.write(id, self.gaps, received.logged_ns, received.logged_ns, gap).map_err(before)?;
@@ -373,7 +373,7 @@ impl Session {
     fn check_removal(&mut self, now_ns: u64) -> bool {
         let State::Recording(recording) = &self.state else { return false };
         let writer = &recording.writer;
-        let seen = writer.is_there();
+        let seen = writer.exists();
         let was_unseen = std::mem::replace(&mut self.unseen, seen.is_err());
         match seen {
             Ok(false) => {}
@@ -502,6 +502,7 @@ impl Session {
             };
             status.header_mut().stamp_ns = now_ns;
             status.header_mut().oldest_input_ns = now_ns;
+            status.removed = self.removed.into();
             put_text(&mut status.file, &self.file);
             put_sentence(&mut status.reason, &self.reason);
             status

@@ -54,8 +54,8 @@ fn a_full_disk_stops_the_recording_and_free_space_resumes_it() {
     let folder = tempfile::tempdir().unwrap();
     let clock = RunClock::now();
     let mut session = Session::open(settings(folder.path()), clock, 0, 10_000).unwrap();
-    let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
-    assert_eq!(session.declare(ChannelSpec::of::<TruthNode>("truth/node")), row);
+    let row = session.declare(ChannelSpec::for_type::<TruthNode>("truth/node"));
+    assert_eq!(session.declare(ChannelSpec::for_type::<TruthNode>("truth/node")), row);
     receive(&mut session, row, 1, SECOND, 0);
     session.tick(SECOND, Some(10_000));
     assert_eq!(status(&session).state, RecorderStatus::STATE_RECORDING);
@@ -108,7 +108,7 @@ fn after_the_run_folder_was_removed_recording_resumes_in_a_new_one() {
     fs::create_dir(&folder).unwrap();
     fs::write(folder.join("system.toml"), "x").unwrap();
     let mut session = Session::open(settings(&folder), RunClock::now(), 0, 10_000).unwrap();
-    let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
+    let row = session.declare(ChannelSpec::for_type::<TruthNode>("truth/node"));
     receive(&mut session, row, 1, SECOND / 2, 0);
     session.tick(SECOND, Some(10_000));
     assert_eq!(text_of(&status(&session).reason), "");
@@ -143,21 +143,22 @@ fn a_later_reason_replaces_the_first() {
     let folder = parent.path().join("run");
     fs::create_dir(&folder).unwrap();
     let mut session = Session::open(settings(&folder), RunClock::now(), 0, 10_000).unwrap();
-    session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
+    session.declare(ChannelSpec::for_type::<TruthNode>("truth/node"));
     fs::remove_dir_all(&folder).unwrap();
     session.tick(SECOND, Some(10_000));
-    let first = text_of(&status(&session).reason);
+    let path = folder.join("run.mcap");
+    let first = status(&session);
+    assert_eq!((first.removed, text_of(&first.reason)), (1, in_status(&RunError::Removed { path })));
     // A file with the path of the folder prevents its creation.
     fs::write(&folder, "").unwrap();
     session.tick(3 * SECOND, Some(10_000));
     let second = text_of(&status(&session).reason);
-    let removed = |reason: &str| reason.contains(RunError::REMOVED);
-    assert!(removed(&first) && !removed(&second), "{first}\n{second}");
+    assert_eq!(status(&session).removed, 1, "what the removed file held stays lost");
     let refused = fs::create_dir_all(&folder).unwrap_err().to_string();
     assert!(second.contains(folder.to_str().unwrap()) && second.contains(&refused), "{second}");
     fs::remove_file(&folder).unwrap();
     session.tick(9 * SECOND, Some(10_000));
-    assert!(session.is_recording());
+    assert!(session.is_recording() && status(&session).removed == 0);
 }
 
 #[test]
@@ -177,8 +178,8 @@ fn a_file_that_was_replaced_by_another_of_its_name_is_removed_too() {
 fn missing_samples_are_counted_and_in_the_summary_of_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
-    let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
-    session.declare(ChannelSpec::of::<TruthNode>("truth/never"));
+    let row = session.declare(ChannelSpec::for_type::<TruthNode>("truth/node"));
+    session.declare(ChannelSpec::for_type::<TruthNode>("truth/never"));
     receive(&mut session, row, 1, 10, 0);
     receive(&mut session, row, 5, 20, 3);
     let status = status(&session);
@@ -201,7 +202,7 @@ fn arbitrary_losses_do_not_overflow_their_count() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
     for channel in ["truth/node", "truth/other"] {
-        let row = session.declare(ChannelSpec::of::<TruthNode>(channel));
+        let row = session.declare(ChannelSpec::for_type::<TruthNode>(channel));
         for seq in 1..4 {
             receive(&mut session, row, seq, SECOND, u64::MAX);
         }
@@ -223,8 +224,8 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
     fs::write(folder.path().join("system.toml"), "x").unwrap();
     fs::create_dir(folder.path().join("missions")).unwrap();
     let mut session = Session::open(wanted, RunClock::now(), 0, 10_000).unwrap();
-    let [busy, still, silent] =
-        ["truth/busy", "truth/still", "truth/silent"].map(|name| session.declare(ChannelSpec::of::<TruthNode>(name)));
+    let [busy, still, silent] = ["truth/busy", "truth/still", "truth/silent"]
+        .map(|name| session.declare(ChannelSpec::for_type::<TruthNode>(name)));
     let _ = silent;
     receive(&mut session, still, 1, SECOND / 4, 0);
     for seq in 1..=60 {
@@ -257,7 +258,7 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
         expected.extend((at >= 2).then_some("missions/50-over.toml"));
         assert_eq!(kept, expected, "{names:?} {at}");
         assert_eq!(reader.ends()[0]["failed_syncs"], "0");
-        assert_eq!(reader.about()["segment"], (at + 1).to_string());
+        assert_eq!(reader.metadata()["segment"], (at + 1).to_string());
         assert_eq!(reader.channels().len(), 2, "a channel without samples is in no file");
     }
     let mut reader = RunReader::open(folder.path()).unwrap();
@@ -313,7 +314,7 @@ fn a_file_that_is_large_enough_is_followed_by_the_next() {
 fn every_gap_is_recorded_at_its_place_in_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
-    let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
+    let row = session.declare(ChannelSpec::for_type::<TruthNode>("truth/node"));
     receive(&mut session, row, 1, SECOND, 0);
     receive(&mut session, row, 5, 2 * SECOND, 3);
     session.tick(3 * SECOND, Some(0));

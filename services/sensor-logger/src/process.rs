@@ -5,7 +5,7 @@ use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Subscr
 use messages::{FieldMap, MotorAuthority, NodeEstimate, Sample};
 use runtime::Chassis;
 
-use georeference::{Counts, Decoder, Logger, LoggerConfig, SensorMap, complaint};
+use georeference::{Counts, Decoder, Logger, LoggerConfig, SensorMap, unused_readings_sentence};
 
 /// Time between two polls of the channels, ns: short for observers, and far shorter than the time in which a buffer
 /// fills. Readings do not wake the process.
@@ -51,7 +51,7 @@ struct SensorLogger {
 /// The system file or the domain cannot be used.
 pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = chassis.system_file()?;
-    let config = LoggerConfig::of(&file.sensor_logger, &file.robot_file()?.robot()?);
+    let config = LoggerConfig::from_section(&file.sensor_logger, &file.robot_file()?.robot()?);
     let bus = chassis.bus();
     let mut sensor_logger = SensorLogger {
         logger: Logger::new(&config)?,
@@ -108,7 +108,7 @@ impl SensorLogger {
         let Some(name) = info.name.strip_prefix("sensor/") else { return Ok(()) };
         let Some(config) = self.config.sensor(name) else { return Ok(()) };
         let schema = info.schema.as_deref().unwrap_or_default();
-        let decoder = match Decoder::of(&config, &info.type_name, schema, info.size) {
+        let decoder = match Decoder::new(&config, &info.type_name, schema, info.size) {
             Ok(decoder) => decoder,
             Err(why) => {
                 tracing::warn!("{}: no samples: {why}", info.name);
@@ -203,7 +203,7 @@ impl SensorLogger {
             if self.reported.len() <= number {
                 self.reported.push(Counts::default());
             }
-            if let Some(sentence) = complaint(name, &counts, &self.reported[number]) {
+            if let Some(sentence) = unused_readings_sentence(name, &counts, &self.reported[number]) {
                 tracing::warn!("{sentence}");
             }
             self.reported[number] = counts;

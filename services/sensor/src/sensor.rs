@@ -4,7 +4,7 @@ use messages::{Header, Reading, put_text};
 
 use crate::line::TextLines;
 use crate::modbus::Modbus;
-use crate::settings::{SensorFile, Speech};
+use crate::settings::{ProtocolSection, SensorFile};
 use crate::tfmini::Tfmini;
 use crate::{Frame, Protocol};
 
@@ -30,15 +30,15 @@ impl Sensor {
     /// # Errors
     /// The registers cannot be requested: one sentence.
     pub fn new(file: &SensorFile, now_ns: u64) -> Result<Self, String> {
-        let protocol: Box<dyn Protocol> = match file.speech() {
-            Speech::Tfmini(section) => Box::new(Tfmini::new(section.resolution_m)),
-            Speech::Line(section) => Box::new(TextLines::new(section, &file.values)),
-            Speech::Modbus(section) => Box::new(
+        let protocol: Box<dyn Protocol> = match file.protocol() {
+            ProtocolSection::Tfmini(section) => Box::new(Tfmini::new(section.resolution_m)),
+            ProtocolSection::Line(section) => Box::new(TextLines::new(section, &file.values)),
+            ProtocolSection::Modbus(section) => Box::new(
                 Modbus::new(section, &file.values)
                     .map_err(|error| format!("the registers cannot be requested: {error}"))?,
             ),
         };
-        let (quantities, units) = file.words();
+        let (quantities, units) = file.quantities_and_units();
         let mut reading = Reading {
             value: [f64::NAN; crate::VALUES],
             latency_s: file.latency_s,

@@ -47,7 +47,7 @@ pub struct SensorFile {
 
 /// The protocol of a file.
 #[derive(Debug, Clone, Copy)]
-pub enum Speech<'a> {
+pub enum ProtocolSection<'a> {
     /// `[tfmini]`.
     Tfmini(&'a TfminiSection),
     /// `[line]`.
@@ -206,20 +206,20 @@ impl SensorFile {
 
     /// Returns the protocol.
     #[must_use]
-    pub fn speech(&self) -> Speech<'_> {
+    pub fn protocol(&self) -> ProtocolSection<'_> {
         match (&self.tfmini, &self.line, &self.modbus) {
-            (_, Some(line), _) => Speech::Line(line),
-            (_, _, Some(modbus)) => Speech::Modbus(modbus),
-            (Some(tfmini), ..) => Speech::Tfmini(tfmini),
-            (None, None, None) => Speech::Tfmini(&TfminiSection { resolution_m: 0.01 }),
+            (_, Some(line), _) => ProtocolSection::Line(line),
+            (_, _, Some(modbus)) => ProtocolSection::Modbus(modbus),
+            (Some(tfmini), ..) => ProtocolSection::Tfmini(tfmini),
+            (None, None, None) => ProtocolSection::Tfmini(&TfminiSection { resolution_m: 0.01 }),
         }
     }
 
     /// Returns the quantities and the units of the values, in their order.
     #[must_use]
-    pub fn words(&self) -> (Vec<&str>, Vec<&str>) {
-        match self.speech() {
-            Speech::Tfmini(_) => (vec!["distance", "strength"], vec!["m", "1"]),
+    pub fn quantities_and_units(&self) -> (Vec<&str>, Vec<&str>) {
+        match self.protocol() {
+            ProtocolSection::Tfmini(_) => (vec!["distance", "strength"], vec!["m", "1"]),
             _ => self.values.iter().map(|value| (value.quantity.as_str(), value.unit.as_str())).unzip(),
         }
     }
@@ -276,7 +276,7 @@ impl SensorFile {
         for (index, value) in self.values.iter().enumerate() {
             value.check().map_err(|problem| numbered(problem, index))?;
         }
-        let (quantities, units) = self.words();
+        let (quantities, units) = self.quantities_and_units();
         for (key, words, room) in [("quantity", quantities, QUANTITY_BYTES), ("unit", units, UNIT_BYTES)] {
             let bytes = words.join(",").len();
             if bytes > room {

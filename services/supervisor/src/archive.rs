@@ -97,7 +97,7 @@ impl Archive {
     }
 
     /// What could not be written since the last call, in sentences.
-    pub fn troubles(&self) -> Vec<String> {
+    pub fn take_write_errors(&self) -> Vec<String> {
         self.troubles.try_iter().collect()
     }
 
@@ -107,7 +107,7 @@ impl Archive {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
-        self.troubles()
+        self.take_write_errors()
     }
 }
 

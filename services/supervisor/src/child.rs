@@ -277,7 +277,7 @@ fn spawn(command: &mut Command, member: &ProcessSpec) -> (std::io::Result<Proces
     }
     let thread = std::thread::scope(|scope| {
         let parent = scope.spawn(|| {
-            let warning = runtime::realtime::bequeath(member.priority, member.cpu);
+            let warning = runtime::realtime::apply_for_child(member.priority, member.cpu);
             (command.spawn(), warning)
         });
         parent.join()

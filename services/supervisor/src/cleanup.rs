@@ -2,7 +2,7 @@
 //!
 //! A sweep can take seconds, so it runs on its own thread.
 
-use bus::{BusError, Domain, Swept};
+use bus::{BusError, Domain, SweepReport};
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
 /// Pause before a failed sweep is repeated, ns.
@@ -12,7 +12,7 @@ const RETRY_NS: u64 = 2_000_000_000;
 pub struct Cleanup {
     domain: Domain,
     due_ns: Option<u64>,
-    running: Option<Receiver<Result<Swept, BusError>>>,
+    running: Option<Receiver<Result<SweepReport, BusError>>>,
 }
 
 impl Cleanup {

@@ -41,7 +41,7 @@ impl Supervisor {
         let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
         let unfinished = self.mission.unfinished(self.last_authority.as_ref());
         self.close(because);
-        let unrecorded = self.recording.troubles();
+        let unrecorded = self.recording.gap_reasons();
         let Self {
             process_set,
             domain,
@@ -80,7 +80,7 @@ impl Supervisor {
         // While a viewer still holds the domain, only the remains of killed processes are removed; the next start
         // removes the rest.
         let _ = domain.sweep();
-        let _ = domain.retire(claim);
+        let _ = domain.release(claim);
         RunOutcome { run, died, unrecorded, unfinished, mode }
     }
 

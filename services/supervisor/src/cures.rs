@@ -73,7 +73,7 @@ mod tests {
     ];
 
     #[test]
-    fn what_is_started_again_by_itself_has_no_cure_that_starts_it() {
+    fn a_process_that_is_restarted_automatically_has_no_cure_that_starts_it() {
         for (name, role) in ROLES {
             assert!(!consequence(role, 0.3).contains("nims"), "{name}");
             for fate in [LossState::Restarts, LossState::Terminated] {

@@ -100,7 +100,7 @@ impl Heartbeats {
     }
 
     /// Drops the subscription.
-    pub fn forget(&mut self, name: &str) {
+    pub fn unsubscribe(&mut self, name: &str) {
         self.records.remove(name);
     }
 
@@ -187,7 +187,7 @@ impl SilenceAnalysis {
 
 /// Returns the kernel's state of the process; `None` if it cannot be read.
 fn state_of(pid: u32) -> Option<State> {
-    evidence::Thread::of(pid).ok().map(|thread| thread.state())
+    evidence::Thread::with_id(pid).ok().map(|thread| thread.state())
 }
 
 /// Scheduling of a process, as the kernel counts it.
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_passes_while_the_machine_stands_still_is_no_silence() {
+    fn a_stall_of_the_machine_is_not_counted_as_a_missing_heartbeat() {
         let mut awake = AwakeClock::default();
         let mut now_ns = 1_000_000_000_000;
         awake.poll(now_ns);
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn only_one_that_waits_for_a_processor_is_starved() {
+    fn only_a_process_that_waits_for_a_processor_is_starved() {
         const PASSED_NS: u64 = 1_500_000_000;
         let before = Scheduled { ran_ns: 7, waited_ns: 5, runnable: true };
         let now = |ran_ns: u64, waited_ns: u64, pending_ns: u64| {
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_was_stopped_has_not_waited_for_a_processor_when_it_goes_on() {
+    fn a_stopped_process_that_continues_has_not_waited_for_a_processor() {
         let at = |ran_ns: u64, runnable: bool| Scheduled { ran_ns, waited_ns: 5, runnable };
         let mut stopped = SilenceAnalysis::default();
         for ms in (500..6600).step_by(50) {
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_waits_for_its_disk_does_not_hang() {
+    fn a_process_that_waits_for_its_disk_does_not_count_as_hung() {
         let asleep = Scheduled { ran_ns: 7, waited_ns: 5, runnable: false };
         let mut silence = SilenceAnalysis::default();
         let mut judge = |ms: u64, state| silence.classify(ms * 1_000_000, Some(state), Some(asleep));
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_says_how_a_process_is_scheduled() {
+    fn the_scheduling_of_a_process_is_read_from_the_kernel() {
         assert!(Scheduled::now(std::process::id()).is_some_and(|now| now.ran_ns > 0));
         assert!(Scheduled::now(u32::MAX / 2).is_none());
     }

@@ -20,6 +20,7 @@ mod process_set;
 mod process_spec;
 mod program;
 mod recording;
+mod refused;
 mod requests;
 mod restarts;
 mod run_folder;

@@ -6,7 +6,7 @@ use supervisor::Args;
 
 /// Start every process of a system and watch them; Ctrl-C holds the robot, stops them and closes the run file.
 #[derive(Debug, Parser)]
-#[command(name = "nims up", version = runtime::build::own())]
+#[command(name = "nims up", version = runtime::build::description())]
 struct Cli {
     #[command(flatten)]
     args: Args,

@@ -43,7 +43,7 @@ impl ProcessSet {
     }
 
     /// Removes the processes for which `which` returns true.
-    pub fn forget(&mut self, which: impl Fn(&Child) -> bool) {
+    pub fn remove(&mut self, which: impl Fn(&Child) -> bool) {
         self.children.retain(|child| !which(child));
     }
 
@@ -60,7 +60,7 @@ impl ProcessSet {
     /// The process of that name: its name on the bus takes precedence over its name in the system file, and a running
     /// process over an ended one.
     pub fn find(&mut self, name: &str) -> Option<&mut Child> {
-        let ranked = self.children.iter().enumerate().filter(|(_, child)| child.member.is_called(name));
+        let ranked = self.children.iter().enumerate().filter(|(_, child)| child.member.has_name(name));
         let best = ranked.max_by_key(|(_, child)| (child.member.name == name, child.exit.is_none())).map(|(at, _)| at);
         best.and_then(|at| self.children.get_mut(at))
     }

@@ -1,8 +1,11 @@
 //! Which processes a system has, and how each is started.
 
+use super::refused::Decision;
 use super::restarts::Policy;
-use command::{Answer, Failure};
-use config::{ProcessSection, Role, Slot, SystemFile};
+use config::{ProcessSection, Role, SystemFile};
+use messages::Slot;
+use robot_state::Reason;
+use robot_state::answers::detail;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -50,14 +53,14 @@ impl ProcessSpec {
 
     /// Whether this is its name on the bus or in the system file.
     #[must_use]
-    pub fn is_called(&self, name: &str) -> bool {
+    pub fn has_name(&self, name: &str) -> bool {
         self.name == name || self.alias.as_deref() == Some(name)
     }
 
     /// Roles whose processes must be ready before this one is started. The recorder starts first, so that it misses no
     /// sample; publishers start before motor-io, whose cycle wakes their subscribers; custom processes start last.
     #[must_use]
-    pub fn waits_for(&self) -> &'static [Role] {
+    pub fn starts_after(&self) -> &'static [Role] {
         match self.role {
             Role::Recorder => &[],
             Role::MotorBox | Role::Estimator | Role::Controller | Role::Planner => &[Role::Recorder],
@@ -93,7 +96,7 @@ impl Site {
     ///
     /// # Errors
     /// A program does not exist.
-    pub fn members(&self) -> Answer<Vec<ProcessSpec>> {
+    pub fn members(&self) -> Decision<Vec<ProcessSpec>> {
         let mut members = Vec::new();
         for role in [Role::Recorder, Role::MotorBox, Role::Estimator, Role::Controller, Role::Planner, Role::MotorIo] {
             let mut sections = self.file.process.iter().filter(|process| process.start && process.role == role);
@@ -129,7 +132,7 @@ impl Site {
     ///
     /// # Errors
     /// The program does not exist.
-    pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Answer<ProcessSpec> {
+    pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Decision<ProcessSpec> {
         let slot = section.role.has_slots().then(|| slot.unwrap_or(section.slot()));
         self.member(section.role, slot, Some(section), None)
     }
@@ -138,8 +141,8 @@ impl Site {
     ///
     /// # Errors
     /// The program does not exist, or the entry has another role.
-    pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Answer<ProcessSpec> {
-        match self.file.process_for(role, law).map_err(Failure::BadInput)? {
+    pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Decision<ProcessSpec> {
+        match self.file.process_for(role, law).map_err(|why| Reason::LawUnknown { why: detail(why) })? {
             Some(section) => self.configured(section, Some(slot)),
             None => self.member(role, Some(slot), None, Some(law)),
         }
@@ -149,7 +152,7 @@ impl Site {
     ///
     /// # Errors
     /// The program does not exist.
-    pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Answer<ProcessSpec> {
+    pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Decision<ProcessSpec> {
         let takes = |process: &&ProcessSection| {
             process.start && process.role == role && slot.is_none_or(|slot| process.slot() == slot)
         };
@@ -160,12 +163,10 @@ impl Site {
     ///
     /// # Errors
     /// The name is not valid, or the program does not exist.
-    pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Answer<ProcessSpec> {
+    pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Decision<ProcessSpec> {
         let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
         if name.is_empty() || name.len() > NAME_MAX || !name.bytes().all(usable) {
-            return Err(Failure::BadInput(format!(
-                "the name \"{name}\" cannot be used; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`"
-            )));
+            return Err(Reason::NameInvalid { process: detail(name), most: NAME_MAX }.into());
         }
         let (program, args) = self.command(Role::Other, name, command, folder)?;
         Ok(ProcessSpec {
@@ -190,7 +191,7 @@ impl Site {
         slot: Option<Slot>,
         section: Option<&ProcessSection>,
         law: Option<&str>,
-    ) -> Answer<ProcessSpec> {
+    ) -> Decision<ProcessSpec> {
         let name = match (role, section) {
             (Role::Other, Some(section)) => section.name.clone(),
             _ => role.process_name(slot.unwrap_or_default()),
@@ -250,11 +251,9 @@ impl Site {
     }
 
     /// Program and arguments of a configured command, with its placeholders substituted.
-    fn command(&self, role: Role, name: &str, command: &[String], folder: &Path) -> Answer<(PathBuf, Vec<OsString>)> {
+    fn command(&self, role: Role, name: &str, command: &[String], folder: &Path) -> Decision<(PathBuf, Vec<OsString>)> {
         let Some((first, rest)) = command.split_first().filter(|(first, _)| !first.is_empty()) else {
-            return Err(Failure::BadInput(format!(
-                "the command of process \"{name}\" is empty; give a program and its arguments"
-            )));
+            return Err(Reason::CommandEmpty { process: detail(name) }.into());
         };
         let program = if first.contains('/') {
             Some(folder.join(first)).filter(|path| path.is_file())
@@ -262,11 +261,12 @@ impl Site {
             sibling_program(first).ok().or_else(|| in_path(first))
         };
         let Some(program) = program else {
-            if folder.join(first).is_dir() {
-                return Err(Failure::BadInput(format!("process \"{name}\": {first} is a folder; name a program")));
+            let (process, program) = (detail(name), detail(first));
+            return Err(match folder.join(first).is_dir() {
+                true => Reason::ProgramIsFolder { process, program },
+                false => Reason::NoProgram { process, program },
             }
-            let where_to_look = if first.contains('/') { "" } else { ", neither in the folder of nims nor in PATH" };
-            return Err(Failure::BadInput(format!("process \"{name}\": there is no program {first}{where_to_look}")));
+            .into());
         };
         let filled_in = |argument: &String| {
             OsString::from(
@@ -303,17 +303,10 @@ pub(super) fn is_configuration(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "toml")
 }
 
-fn sibling_program(name: &str) -> Answer<PathBuf> {
-    let own = std::env::current_exe().map_err(Failure::not_now)?;
+fn sibling_program(name: &str) -> Decision<PathBuf> {
+    let own = std::env::current_exe().map_err(|why| Reason::OwnPathUnknown { why: detail(why) })?;
     let path = own.with_file_name(name);
-    if path.is_file() {
-        Ok(path)
-    } else {
-        Err(Failure::NotNow(format!(
-            "there is no program {}: build all of them with `cargo build --workspace`",
-            path.display()
-        )))
-    }
+    if path.is_file() { Ok(path) } else { Err(Reason::NotBuilt { program: detail(path.display()) }.into()) }
 }
 
 fn in_path(name: &str) -> Option<PathBuf> {
@@ -349,5 +342,37 @@ mod tests {
         }
         let plugged = site.plugged("sensor", Path::new("/"), &["/bin/true".to_owned(), "{system}".to_owned()]).unwrap();
         assert_eq!(plugged.args, [config.into_os_string()]);
+    }
+
+    #[test]
+    fn what_cannot_be_started_is_refused_with_its_own_reason() {
+        let system_path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
+        let site = Site {
+            file: SystemFile::load(&system_path).unwrap(),
+            config: system_path.clone(),
+            system_path,
+            motor_box_config: PathBuf::from("/run/motor-box.toml"),
+            copies: BTreeMap::new(),
+            domain: "test".to_owned(),
+            run: PathBuf::from("/run"),
+        };
+        let plugged = |name: &str, command: &[&str]| {
+            let command: Vec<String> = command.iter().map(ToString::to_string).collect();
+            site.plugged(name, Path::new("/"), &command).map(|member| member.program)
+        };
+        let refused = |name: &str, command: &[&str]| *plugged(name, command).unwrap_err().0;
+        let (process, long) = (detail("wind"), "a".repeat(NAME_MAX + 1));
+        for name in ["", "Wind", "a b", &long] {
+            assert_eq!(refused(name, &["sh"]), Reason::NameInvalid { process: detail(name), most: NAME_MAX });
+        }
+        assert_eq!(refused("wind", &[]), Reason::CommandEmpty { process });
+        assert_eq!(refused("wind", &[""]), Reason::CommandEmpty { process });
+        let program = detail("no-such-program");
+        assert_eq!(refused("wind", &["no-such-program"]), Reason::NoProgram { process, program });
+        let program = detail("/usr");
+        assert_eq!(refused("wind", &["/usr"]), Reason::ProgramIsFolder { process, program });
+        assert_eq!(plugged("wind", &["/bin/sh"]).unwrap(), PathBuf::from("/bin/sh"));
+        let unknown = site.with_law(Role::Controller, Slot::A, "none").unwrap_err();
+        assert!(matches!(*unknown.0, Reason::LawUnknown { .. }), "{unknown:?}");
     }
 }

@@ -4,12 +4,13 @@ use super::Supervisor;
 use super::child::{Child, Then};
 use super::closing::moves;
 use super::process_spec::{ProcessSpec, is_configuration};
+use super::refused::{Decision, bus_failed, not_started};
 use super::restarts::Restarts;
 use bus::{Server, clock};
 use client::SUPERVISOR;
-use command::{Answer, Failure};
-use config::{Role, Slot};
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request};
+use command::Answer;
+use config::Role;
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot, SlotRole};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::Path;
@@ -33,10 +34,7 @@ impl Supervisor {
                 Ok(request) => self.carry_out(&request),
                 Err(error) => Ok(Reason::Undecodable { why: detail(error) }),
             };
-            let reason = answer.unwrap_or_else(|failure| match failure {
-                Failure::BadInput(why) => Reason::SupervisorBadInput { why: detail(why) },
-                Failure::NotNow(why) => Reason::SupervisorRefuses { why: detail(why) },
-            });
+            let reason = answer.unwrap_or_else(|refused| *refused.0);
             self.announcer.info(&format!("asked: {reason}"));
             // An answer that cannot be sent must not stop the supervisor.
             if let Err(error) = call.answer(&reason.answer()) {
@@ -47,10 +45,10 @@ impl Supervisor {
         Ok(())
     }
 
-    fn carry_out(&mut self, request: &Request) -> Answer<Reason> {
+    fn carry_out(&mut self, request: &Request) -> Decision {
         match request {
             Request::StartProcess { name, slot, law } => {
-                let member = self.which(name, slot.map(Slot::from), law.as_deref())?;
+                let member = self.which(name, *slot, law.as_deref())?;
                 self.begin(&member)
             }
             Request::StopProcess { name } => self.stop_one(name, Then::Stay),
@@ -75,12 +73,12 @@ impl Supervisor {
                 let is_asleep = !self.process_set.find(name).is_some_and(Child::is_alive)
                     && self.site.section(name).is_some_and(|section| section.role == Role::Other);
                 if self.is_taken(name) && !(*replace && (runs || is_asleep)) {
-                    let or = if runs {
-                        "unplug that process first, or put this one in its place with --replace"
-                    } else {
-                        "see `nims status`"
-                    };
-                    return Err(Failure::BadInput(format!("the name \"{name}\" is taken; choose another, or {or}")));
+                    let process = detail(name);
+                    return Err(match runs {
+                        true => Reason::NameRuns { process },
+                        false => Reason::NameTaken { process },
+                    }
+                    .into());
                 }
                 let mut member = self.site.plugged(name, Path::new(folder), command)?;
                 self.copy_files_of(&mut member);
@@ -90,11 +88,8 @@ impl Supervisor {
                 let role = self.process_set.find(name).map(|child| child.member.role);
                 match role {
                     Some(Role::Other) => self.stop_one(name, Then::Forget),
-                    Some(role) => Err(Failure::BadInput(format!(
-                        "{name} is the robot's {}, which cannot be unplugged; `nims stop-process {name}` ends it",
-                        role.name()
-                    ))),
-                    None => Err(self.unknown(name)),
+                    Some(role) => Err(Reason::NotPluggable { process: detail(name), role: detail(role.name()) }.into()),
+                    None => Err(self.unknown(name).into()),
                 }
             }
             Request::Set { key, value } => self.set(key, value),
@@ -126,7 +121,7 @@ impl Supervisor {
     }
 
     /// Finds the process that a request names, and how to start it.
-    fn which(&mut self, name: &str, slot: Option<Slot>, law: Option<&str>) -> Answer<ProcessSpec> {
+    fn which(&mut self, name: &str, slot: Option<Slot>, law: Option<&str>) -> Decision<ProcessSpec> {
         let slotted = Role::STANDARD.iter().map(|(_, role)| *role).filter(|role| role.has_slots()).find_map(|role| {
             if role.process_name(Slot::B) == name {
                 Some((role, Some(Slot::B)))
@@ -138,7 +133,8 @@ impl Supervisor {
             if let (Some(own), Some(slot)) = (own, slot)
                 && own != slot
             {
-                return Err(Failure::BadInput(format!("{name} is in slot {}, not {}", own.name(), slot.name())));
+                let [slot, given] = [own, slot].map(|slot| messages::Slot::ALL[slot.index()]);
+                return Err(Reason::InOtherSlot { process: detail(name), slot, given }.into());
             }
             let slot = match own.or(slot) {
                 Some(slot) => slot,
@@ -158,9 +154,7 @@ impl Supervisor {
                 return self.site.configured(&section, None);
             }
             if law.is_some() {
-                return Err(Failure::BadInput(format!(
-                    "the process \"{name}\" of the system file has its own law; leave out the law of the request"
-                )));
+                return Err(Reason::HasOwnLaw { process: detail(name) }.into());
             }
             let slot = match slot.or(section.slot) {
                 Some(slot) => slot,
@@ -173,83 +167,73 @@ impl Supervisor {
             return Ok(child.member.clone());
         }
         match Role::STANDARD.iter().find(|(standard, _)| *standard == name) {
-            Some((_, Role::MotorBox)) if self.site.file.motor_box.is_none() => {
-                Err(Failure::BadInput("this system has real drives and no virtual motor box".to_owned()))
-            }
+            Some((_, Role::MotorBox)) if self.site.file.motor_box.is_none() => Err(Reason::NoMotorBox.into()),
             Some((_, role)) => self.site.of_role(*role, None),
-            None => Err(self.unknown(name)),
+            None => Err(self.unknown(name).into()),
         }
     }
 
     /// The first slot of a role without a running process.
-    fn free_slot(&mut self, role: Role) -> Answer<Slot> {
+    fn free_slot(&mut self, role: Role) -> Decision<Slot> {
         let taken = |supervisor: &mut Self, slot| {
             supervisor.process_set.find(&role.process_name(slot)).is_some_and(Child::is_alive)
         };
         [Slot::A, Slot::B].into_iter().find(|slot| !taken(self, *slot)).ok_or_else(|| {
-            Failure::NotNow(format!(
-                "both slots of the role {0} are taken: first stop the one that is not in charge, with `nims stop-process {1}` or `nims stop-process {2}`",
-                role.name(),
-                role.process_name(Slot::A),
-                role.process_name(Slot::B)
-            ))
+            match slot_role(role) {
+                Some(role) => Reason::SlotsTaken { role },
+                None => Reason::NoSlotNoLaw { process: detail(role.name()) },
+            }
+            .into()
         })
     }
 
-    fn begin(&mut self, member: &ProcessSpec) -> Answer<Reason> {
+    fn begin(&mut self, member: &ProcessSpec) -> Decision {
         let name = &member.name;
         let mut restarts = Restarts::default();
         let in_its_place = self.process_set.iter_mut().find(|child| child.member.name == *name);
         if let Some(child) = in_its_place {
             if child.is_alive() {
-                return Err(Failure::NotNow(format!(
-                    "{name} runs already (process {}); `nims restart {name}` ends it first",
-                    child.pid
-                )));
+                return Err(Reason::ProcessRuns { process: detail(name), pid: child.pid }.into());
             }
             restarts.total = child.restarts.total;
-            restarts.again();
+            restarts.record_restart();
         }
-        self.launch(member, restarts)?;
+        self.launch(member, restarts).map_err(|why| not_started(name, why))?;
         if let Some(alias) = &member.alias {
             // From now on the table lists it under the name of its slot.
-            self.publish_farewell(alias)?;
+            self.publish_farewell(alias).map_err(bus_failed)?;
         }
         let law = member.law.as_deref().or(member.alias.as_deref());
         let process = law.map_or_else(|| detail(name), |law| detail(format_args!("{name} with {law}")));
         Ok(Reason::ProcessStarts { process })
     }
 
-    pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Answer<Reason> {
+    pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Decision {
         let authority = self.last_authority;
         self.is_not_succeeded(name)?;
-        let Some(child) = self.process_set.find(name) else { return Err(self.unknown(name)) };
+        let Some(child) = self.process_set.find(name) else { return Err(self.unknown(name).into()) };
         let (name, alive) = (child.member.name.clone(), child.is_alive());
         if !alive {
             if child.again_ns.take().is_some() && then == Then::Stay {
                 return Ok(Reason::ProcessStays { process: detail(name) });
             }
             if then == Then::Forget {
-                self.forget(&name)?;
+                self.forget(&name).map_err(bus_failed)?;
                 return Ok(Reason::ProcessUnplugged { process: detail(name) });
             }
-            return Err(Failure::NotNow(format!("{name} does not run")));
+            return Err(Reason::ProcessRunsNot { process: detail(name) }.into());
         }
         if child.asked.is_some() {
-            return Err(Failure::NotNow(format!("{name} is ending already")));
+            return Err(Reason::ProcessEndsAlready { process: detail(name) }.into());
         }
         let (member, hangs) = (child.member.clone(), child.hangs);
         // The last status of a hung motor-io is outdated: the watchdog of the drives has stopped the motors.
         let watchdog_s = self.site.file.motor_io.watchdog_s;
         let present = authority.filter(|authority| !hangs || is_present(authority, watchdog_s, clock::now_ns()));
         if present.is_some_and(|authority| flies(&member, &authority)) {
-            let or = match member.role.has_slots() {
-                true => format!(", or swap it for another with `nims swap {}`", member.role.name()),
-                false => String::new(),
-            };
-            return Err(Failure::NotNow(format!("the robot moves and needs {name}: hold first with `nims hold`{or}")));
+            return Err(Reason::ProcessNeeded { process: detail(name), role: slot_role(member.role) }.into());
         }
-        let Some(child) = self.process_set.find(&name) else { return Err(self.unknown(&name)) };
+        let Some(child) = self.process_set.find(&name) else { return Err(self.unknown(&name).into()) };
         child.ask_to_end(then);
         Ok(match then {
             Then::Stay => Reason::ProcessEnds { process: detail(name) },
@@ -258,20 +242,29 @@ impl Supervisor {
         })
     }
 
-    fn unknown(&self, name: &str) -> Failure {
+    fn unknown(&self, name: &str) -> Reason {
         let mut known: Vec<&str> = self.process_set.iter().map(|child| child.member.name.as_str()).collect();
         known.extend(self.site.file.process.iter().map(|section| section.name.as_str()));
         known.sort_unstable();
         known.dedup();
-        Failure::BadInput(format!("there is no process \"{name}\" here; there are {}", known.join(", ")))
+        Reason::UnknownProcess { process: detail(name), known: detail(known.join(", ")) }
     }
 }
 
-fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Answer {
+fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Decision<()> {
     if slot.is_none() && law.is_none() {
         return Ok(());
     }
-    Err(Failure::BadInput(format!("{name} has no slot and no law; only controllers and estimators have them")))
+    Err(Reason::NoSlotNoLaw { process: detail(name) }.into())
+}
+
+/// The role as requests name it; `None` for a role without slots.
+fn slot_role(role: Role) -> Option<SlotRole> {
+    match role {
+        Role::Controller => Some(SlotRole::Controller),
+        Role::Estimator => Some(SlotRole::Estimator),
+        _ => None,
+    }
 }
 
 /// Whether the status of motor-io is recent enough that the drives may still move.
@@ -297,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_motor_io_said_long_ago_is_not_the_present() {
+    fn an_old_state_of_motor_io_is_not_used() {
         let mut authority = MotorAuthority::default();
         authority.header.stamp_ns = 5 * SILENT_NS;
         assert!(is_present(&authority, 0.3, 6 * SILENT_NS));
@@ -306,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_moves_the_robot_while_it_moves_may_not_be_ended() {
+    fn only_processes_in_charge_of_a_moving_robot_cannot_be_ended() {
         let member = |role, slot| ProcessSpec {
             name: "x".to_owned(),
             alias: None,

@@ -39,7 +39,7 @@ pub struct Restarts {
 
 impl Restarts {
     /// Decides after a death; `ready_ns` is how long it had been ready (0: never).
-    pub fn died(&mut self, policy: &Policy, ready_ns: u64) -> Verdict {
+    pub fn decide(&mut self, policy: &Policy, ready_ns: u64) -> Verdict {
         if ready_ns >= policy.forgiven_ns {
             self.in_a_row = 0;
         }
@@ -55,7 +55,7 @@ impl Restarts {
     }
 
     /// Counts a restart.
-    pub fn again(&mut self) {
+    pub fn record_restart(&mut self) {
         self.total += 1;
     }
 }
@@ -69,7 +69,7 @@ mod tests {
     #[test]
     fn the_pauses_double_and_end_at_the_cap() {
         let mut restarts = Restarts::default();
-        let verdicts: Vec<Verdict> = (0..4).map(|_| restarts.died(&POLICY, 0)).collect();
+        let verdicts: Vec<Verdict> = (0..4).map(|_| restarts.decide(&POLICY, 0)).collect();
         assert_eq!(
             verdicts,
             [
@@ -82,7 +82,7 @@ mod tests {
         let patient = Policy { limit: 1000, ..POLICY };
         let mut restarts = Restarts::default();
         for _ in 0..100 {
-            assert!(matches!(restarts.died(&patient, 0), Verdict::After(pause) if pause <= PAUSE_MAX_NS));
+            assert!(matches!(restarts.decide(&patient, 0), Verdict::After(pause) if pause <= PAUSE_MAX_NS));
         }
     }
 
@@ -90,23 +90,23 @@ mod tests {
     fn without_a_limit_it_is_always_restarted() {
         let endless = Policy { limit: u32::MAX, ..POLICY };
         let mut restarts = Restarts::default();
-        assert!((0..10_000).all(|_| matches!(restarts.died(&endless, 0), Verdict::After(_))));
+        assert!((0..10_000).all(|_| matches!(restarts.decide(&endless, 0), Verdict::After(_))));
     }
 
     #[test]
     fn a_minute_in_state_ready_resets_the_count() {
         let mut restarts = Restarts::default();
         for _ in 0..50 {
-            assert_eq!(restarts.died(&POLICY, POLICY.forgiven_ns), Verdict::After(500_000_000));
+            assert_eq!(restarts.decide(&POLICY, POLICY.forgiven_ns), Verdict::After(500_000_000));
         }
         for _ in 0..2 {
-            assert!(matches!(restarts.died(&POLICY, POLICY.forgiven_ns - 1), Verdict::After(_)));
+            assert!(matches!(restarts.decide(&POLICY, POLICY.forgiven_ns - 1), Verdict::After(_)));
         }
-        assert_eq!(restarts.died(&POLICY, 0), Verdict::GaveUp);
+        assert_eq!(restarts.decide(&POLICY, 0), Verdict::GaveUp);
     }
 
     #[test]
     fn a_policy_without_restart_never_restarts() {
-        assert_eq!(Restarts::default().died(&Policy { again: false, ..POLICY }, u64::MAX), Verdict::Never);
+        assert_eq!(Restarts::default().decide(&Policy { again: false, ..POLICY }, u64::MAX), Verdict::Never);
     }
 }

@@ -27,7 +27,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// It cannot be created, or the given folder is not empty.
-    pub fn make(file: &SystemFile, system_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
+    pub fn create(file: &SystemFile, system_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
         let now = bus::clock::unix_ns();
         let path = match given {
             Some(path) => path.to_path_buf(),
@@ -85,7 +85,7 @@ impl RunFolder {
 
     /// Whether the folder was removed or moved: nims never removes its manifest.
     #[must_use]
-    pub fn is_gone(&self) -> bool {
+    pub fn is_missing(&self) -> bool {
         !self.path.join("manifest.json").exists()
     }
 
@@ -212,7 +212,7 @@ mod tests {
         fs::write(&original, text.replace("[motor_box] ", &format!("[motor_box]\n{truth}# "))).unwrap();
         let mut file = SystemFile::load(&original).unwrap();
         file.runs = place.path().join("runs");
-        let folder = RunFolder::make(&file, &original, None, None).unwrap();
+        let folder = RunFolder::create(&file, &original, None, None).unwrap();
         for entry in fs::read_dir(folder.path()).unwrap() {
             let path = entry.unwrap().path();
             let Ok(text) = fs::read_to_string(&path) else { continue };

@@ -33,7 +33,7 @@ impl Settings {
         let robot = site.file.robot_file().map_err(Failure::not_now)?;
         let mut sample = Box::new(SystemConfig { pid: std::process::id(), incarnation, ..SystemConfig::default() });
         put_text(&mut sample.name, client::SUPERVISOR);
-        put_text(&mut sample.version, build::own());
+        put_text(&mut sample.version, build::description());
         let program = std::env::current_exe().unwrap_or_default();
         put_text(&mut sample.program, &program.to_string_lossy());
         let program_hash = ProgramHash::begin(program);

@@ -2,7 +2,8 @@
 
 use bus::Domain;
 use command::{Answer, Failure};
-use config::{Role, Slot};
+use config::Role;
+use messages::Slot;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};

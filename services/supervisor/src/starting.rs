@@ -21,7 +21,7 @@ use client::{RUNNING_FILE, Running, SUPERVISOR};
 use command::{Answer, Failure, StopFlag};
 use config::{Role, SystemFile};
 use evidence::busy;
-use evidence::busy::Busy;
+use evidence::busy::SystemLoad;
 use messages::{Heartbeat, put_text};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -67,16 +67,16 @@ impl Supervisor {
         // Applies to runs, position and shared memory, also those of the started processes.
         bus::make_private();
         // Measured before the robot's own processes load the machine.
-        let busy = Busy::look();
+        let busy = SystemLoad::read();
         let system_path = std::path::absolute(wanted.system_path).map_err(Failure::bad)?;
         let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
         ports_are_there(&file)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
-        let earlier = Running::of(&domain);
+        let earlier = Running::read(&domain);
         let orphans = stale_processes::end(&domain)?;
         domain.sweep()?;
-        let folder = RunFolder::make(&file, &system_path, wanted.run, wanted.mission)?;
+        let folder = RunFolder::create(&file, &system_path, wanted.run, wanted.mission)?;
         // Recorder, visualization and viewer convert stamps to calendar time with this pair.
         let clock = runlog::RunClock::now();
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
@@ -233,7 +233,7 @@ impl Supervisor {
 
     /// Whether all started processes of the roles that it needs are ready.
     fn is_ready_for(&self, member: &ProcessSpec) -> bool {
-        let needs = member.waits_for();
+        let needs = member.starts_after();
         self.process_set
             .iter()
             .filter(|child| child.member.sends_heartbeats && needs.contains(&child.member.role))
@@ -291,7 +291,7 @@ impl Supervisor {
 
     /// Restores a removed run folder with everything that the supervisor still holds of the run.
     pub(super) fn restore_folder(&mut self) {
-        if self.folder.is_gone() {
+        if self.folder.is_missing() {
             self.restore_copies();
         }
     }
@@ -299,7 +299,7 @@ impl Supervisor {
     /// Restores copies of the configuration that were changed or removed, and warns.
     pub(super) fn restore_copies(&mut self) {
         let run = self.folder.path().to_path_buf();
-        let gone = self.folder.is_gone();
+        let gone = self.folder.is_missing();
         let back = self.folder.copies().restore(&run);
         if gone && back.is_ok() {
             // The manifest is last: its presence marks a complete folder.
@@ -325,7 +325,7 @@ impl Supervisor {
 
 /// Whether it needs a role of which a process is not started yet.
 fn needs_one_of(member: &ProcessSpec, waiting: &[ProcessSpec]) -> bool {
-    waiting.iter().any(|other| member.waits_for().contains(&other.role))
+    waiting.iter().any(|other| member.starts_after().contains(&other.role))
 }
 
 /// Checks that every configured device exists; the virtual motor box creates its own.

@@ -4,11 +4,12 @@
 use super::Supervisor;
 use super::child::Then;
 use super::process_spec::ProcessSpec;
+use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
 use super::successor::{Successor, is_of};
 use super::table::row;
 use bus::{Tap, clock};
-use command::{Answer, Failure};
+use command::Answer;
 use messages::{ProcessState, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
@@ -17,7 +18,7 @@ use robot_state::answers::detail;
 /// requesting command waits 25 s.
 const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
 
-const GOES_ON: &str = "the one before goes on";
+const GOES_ON: &str = "the previous process continues";
 
 /// Remedy for a new program that does not state why it fails.
 fn goes_on(name: &str) -> String {
@@ -26,7 +27,7 @@ fn goes_on(name: &str) -> String {
 
 impl Supervisor {
     /// Starts a program that replaces a plugged one: beside it if that one publishes, otherwise after it has ended.
-    pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<Reason> {
+    pub(super) fn replace(&mut self, member: ProcessSpec) -> Decision {
         let name = member.name.clone();
         self.is_not_succeeded(&name)?;
         let Some((tap, mut restarts)) = self.tap_of(&name)? else {
@@ -36,19 +37,19 @@ impl Supervisor {
             }
             return Ok(Reason::ProcessReplaces { process: detail(name) });
         };
-        restarts.again();
-        let child = self.spawn(&member, restarts, true)?;
+        restarts.record_restart();
+        let child = self.spawn(&member, restarts, true).map_err(|why| not_started(&name, why))?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.record_living();
         Ok(Reason::ProcessSucceeds { process: detail(name) })
     }
 
     /// Tap on the sensor channel of that process, and its restart counts; `None` if it publishes nothing there.
-    fn tap_of(&mut self, name: &str) -> Answer<Option<(Tap, Restarts)>> {
+    fn tap_of(&mut self, name: &str) -> Decision<Option<(Tap, Restarts)>> {
         let channel = format!("sensor/{name}");
         let Some(child) = self.process_set.find(name) else { return Ok(None) };
         if child.asked.is_some() {
-            return Err(Failure::NotNow(format!("{name} is ending already")));
+            return Err(Reason::ProcessEndsAlready { process: detail(name) }.into());
         }
         if self.bus.channel(&channel)?.is_none() {
             return Ok(None);
@@ -58,15 +59,12 @@ impl Supervisor {
     }
 
     /// Rejects a request for a process that is being replaced.
-    pub(super) fn is_not_succeeded(&self, name: &str) -> Answer {
+    pub(super) fn is_not_succeeded(&self, name: &str) -> Decision<()> {
         let waits = self.process_set.successors.iter().any(|successor| successor.child.member.name == name);
         if !waits {
             return Ok(());
         }
-        Err(Failure::NotNow(format!(
-            "{name} is being replaced: try again when the new one has said something or is given up, which takes {} s at most",
-            FIRST_SAMPLE_NS / 1_000_000_000
-        )))
+        Err(Reason::ProcessSucceeded { process: detail(name), within_s: FIRST_SAMPLE_NS as f64 * 1e-9 }.into())
     }
 
     /// Gives the name to a successor that has published a valid sample; gives up one that has ended or is silent too
@@ -112,14 +110,15 @@ impl Supervisor {
         if successor.has_published(&self.bus)? {
             if let Some(child) = self.process_set.find(&name).filter(|child| child.asked.is_none()) {
                 child.ask_to_end(Then::Again);
-                self.announcer.info(&format!("the new {name} has said something: ending the one before"));
+                self.announcer.info(&format!("the new {name} publishes: ending the previous process"));
                 self.publish_table()?;
             }
             return Ok(());
         }
         let is_asked = self.process_set.find(&name).is_some_and(|child| child.asked.is_some());
         if !is_asked && now >= successor.child.started_ns + FIRST_SAMPLE_NS {
-            let why = format!("says nothing valid within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, goes_on(&name));
+            let why =
+                format!("published no valid sample within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, goes_on(&name));
             self.give_up(successor, &why)?;
             successor.child.ask_to_end(Then::Forget);
         }

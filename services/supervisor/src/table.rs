@@ -5,8 +5,8 @@ use super::child::Child;
 use super::cures::{LossState, cure};
 use bus::clock;
 use command::Answer;
-use config::{ProcessSection, Role, Slot};
-use messages::{ProcessState, put_sentence, put_text};
+use config::{ProcessSection, Role};
+use messages::{ProcessState, Slot, put_sentence, put_text};
 use std::os::unix::process::ExitStatusExt;
 
 /// Period of the table, ns.
@@ -24,7 +24,7 @@ impl Supervisor {
         let running =
             self.process_set.iter().map(|child| row(child, self.process_set.standby_of(&child.member).is_some()));
         let asleep = self.site.file.process.iter().filter(|section| {
-            !section.start && !self.process_set.iter().any(|child| child.member.is_called(&section.name))
+            !section.start && !self.process_set.iter().any(|child| child.member.has_name(&section.name))
         });
         let mut rows: Vec<ProcessState> = running.chain(asleep.map(not_started)).collect();
         for row in &mut rows {

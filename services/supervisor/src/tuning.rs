@@ -1,8 +1,8 @@
 //! The request to set a parameter while the robot runs: checked, recorded in the run folder, and announced.
 
 use super::Supervisor;
+use super::refused::{Decision, bus_failed};
 use bus::clock;
-use command::{Answer, Failure};
 use config::{Role, SystemFile};
 use messages::newer;
 use robot_state::Reason;
@@ -23,23 +23,24 @@ const RECORD_HEAD: &str =
 
 impl Supervisor {
     /// Sets a parameter in every process of its role until the run ends.
-    pub(super) fn set(&mut self, key: &str, value: &str) -> Answer<Reason> {
-        let tuned = self.settings.tuned.with(key, value).map_err(Failure::BadInput)?;
-        let file = self.site.file.tuned(&self.settings.robot, &tuned).map_err(Failure::BadInput)?;
+    pub(super) fn set(&mut self, key: &str, value: &str) -> Decision {
+        let invalid = |why: String| Reason::ParameterInvalid { key: detail(key), why: detail(why) };
+        let tuned = self.settings.tuned.with(key, value).map_err(invalid)?;
+        let file = self.site.file.tuned(&self.settings.robot, &tuned).map_err(invalid)?;
         let (was, is) = (self.settings.file.value_of(key), file.value_of(key));
         if was == is {
-            return Ok(Reason::ParameterSet { what: detail(format_args!("{key} is {is} already")) });
+            return Ok(Reason::ParameterUnchanged { key: detail(key), value: detail(is) });
         }
         let number = self.settings.sample.changes + 1;
         let (life, cycle) = self.cycle_of_change(&file)?;
-        let failed = |path: &Path, error: std::io::Error| {
-            Failure::NotNow(format!(
-                "{key} stays {was}, because the change cannot be recorded: {}: {error}",
-                path.display()
-            ))
+        let not_recorded = |why: std::fmt::Arguments<'_>| Reason::ParameterNotRecorded {
+            key: detail(key),
+            before: detail(&was),
+            why: detail(why),
         };
+        let failed = |path: &Path, error: std::io::Error| not_recorded(format_args!("{}: {error}", path.display()));
         let name = format!("resolved-{number}.toml");
-        let text = file.resolved("robot.toml").map_err(Failure::NotNow)?;
+        let text = file.resolved("robot.toml").map_err(|why| not_recorded(format_args!("{why}")))?;
         let head = format!(
             "# The system file with the first {number} changes of set.toml; processes that start from now on read it.\n\n"
         );
@@ -53,16 +54,12 @@ impl Supervisor {
         }
         (self.settings.tuned, self.settings.file, self.settings.path) = (tuned, file, run.join(name));
         (self.settings.sample.changes, self.settings.sample.from_cycle, self.settings.life) = (number, cycle, life);
-        self.settings.publish()?;
-        let (role, _) = key.split_once('.').unwrap_or((key, ""));
-        let was = if was.is_empty() { "not given".to_owned() } else { was };
-        let end = "until this run ends";
-        let what = format_args!("{key} is {is} from cycle {cycle} on (before: {was}), in every {role}, {end}");
-        Ok(Reason::ParameterSet { what: detail(what) })
+        self.settings.publish().map_err(bus_failed)?;
+        Ok(Reason::ParameterChanged { cycle, key: detail(key), value: detail(is), before: detail(was) })
     }
 
     /// Life of motor-io and cycle from which a change applies; 0 (at once) while motor-io does not run.
-    fn cycle_of_change(&mut self, file: &SystemFile) -> Answer<(u64, u64)> {
+    fn cycle_of_change(&mut self, file: &SystemFile) -> Decision<(u64, u64)> {
         self.last_authority = newer(self.last_authority, self.authority.latest()?);
         if !self.process_set.has_ready(Role::MotorIo) {
             return Ok((0, 0));

@@ -45,7 +45,7 @@ impl UnfinishedRuns {
     }
 
     /// Events since the last call.
-    pub fn news(&mut self) -> Vec<RecoveryEvent> {
+    pub fn new_events(&mut self) -> Vec<RecoveryEvent> {
         self.news.as_ref().map(|news| news.try_iter().collect()).unwrap_or_default()
     }
 
@@ -135,7 +135,7 @@ mod tests {
     fn unfinished(run: &Path) -> RunWriter {
         fs::create_dir_all(run).unwrap();
         let mut writer = RunWriter::create(&run.join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
-        let channel = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap();
+        let channel = writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node")).unwrap();
         let mut sample = TruthNode::default();
         sample.header_mut().seq = 1;
         writer.write(channel, 1, 1, 1, bytemuck::bytes_of(&sample)).unwrap();
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_power_cut_left_in_any_run_is_recovered_and_a_living_recorder_is_left_alone() {
+    fn runs_cut_off_by_a_power_failure_are_recovered_and_the_file_of_a_running_recorder_is_untouched() {
         let folder = tempfile::tempdir().unwrap();
         let runs = folder.path().canonicalize().unwrap();
         for name in ["first", "second"] {

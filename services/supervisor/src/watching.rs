@@ -102,7 +102,7 @@ impl Supervisor {
 
     /// Reports when the computer becomes too busy for the robot, and when it recovers.
     fn poll_computer_load(&mut self) {
-        match self.busy.look(clock::now_ns()) {
+        match self.busy.poll(clock::now_ns()) {
             Some(busy::Change::Busy(share)) => {
                 let share = 100.0 * share;
                 self.announcer.warn(&format!(
@@ -128,10 +128,10 @@ impl Supervisor {
         if let Some(sentence) = self.mission.poll(self.last_authority.as_ref())? {
             self.announcer.error(&sentence);
         }
-        for trouble in self.archive.troubles() {
+        for trouble in self.archive.take_write_errors() {
             self.announcer.warn(&trouble);
         }
-        let news = self.unfinished_runs.news();
+        let news = self.unfinished_runs.new_events();
         self.report_recovery(news);
         Ok(())
     }
@@ -234,7 +234,7 @@ impl Supervisor {
                 let words = child.last_diagnostic().filter(|_| !child.hung).map(|words| format!(" ({words})"));
                 let words = words.unwrap_or_default();
                 let well_ns = child.ready_ns.map_or(0, |ready_ns| clock::now_ns().saturating_sub(ready_ns));
-                let verdict = child.restarts.died(&member.restart, well_ns);
+                let verdict = child.restarts.decide(&member.restart, well_ns);
                 let (next, fate) = match verdict {
                     Verdict::Never => (String::new(), LossState::Dead),
                     Verdict::After(pause_ns) => {
@@ -260,13 +260,13 @@ impl Supervisor {
 
     /// Removes an ended process from the table.
     pub(super) fn forget(&mut self, name: &str) -> Answer {
-        self.process_set.forget(|child| child.member.name == name && child.exit.is_some());
-        self.heartbeats.forget(name);
+        self.process_set.remove(|child| child.member.name == name && child.exit.is_some());
+        self.heartbeats.unsubscribe(name);
         self.publish_farewell(name)
     }
 
     fn start_again(&mut self, member: &ProcessSpec, mut restarts: Restarts) -> Answer {
-        restarts.again();
+        restarts.record_restart();
         self.announcer.warn(&format!("starting {} again", member.name));
         // A failed restart must not stop the supervision of the other processes.
         if let Err(failure) = self.launch(member, restarts) {

@@ -4,7 +4,7 @@ use std::net::IpAddr;
 use std::process::ExitCode;
 
 use bus::clock::now_ns;
-use bus::{CHANNELS_EVENT, Party};
+use bus::{CHANNELS_EVENT, Participant};
 use config::ViewerSection;
 use runlog::RunClock;
 use runtime::{Chassis, CommonArgs};
@@ -31,7 +31,7 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    runtime::main_as("viewer", Party::Guest, run)
+    runtime::main_as("viewer", Participant::Guest, run)
 }
 
 fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {

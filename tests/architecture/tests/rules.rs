@@ -61,7 +61,8 @@ fn dependencies_point_one_way() {
         ("robot-state", &["messages"]),
         // an error wraps the errors of the layers below
         ("command", &["bus", "runlog", "messages", "config", "cable-robot"]),
-        ("client", &["bus", "messages", "config", "cable-robot", "command"]),
+        // a reader of numbers makes their sentences
+        ("client", &["bus", "messages", "config", "cable-robot", "command", "robot-state"]),
         ("runlog", &["messages"]),
         ("plot", &["command"]),
         ("georeference", &["messages", "config", "cable-robot", "survey"]),

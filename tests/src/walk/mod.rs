@@ -104,7 +104,7 @@ impl Parts {
         Ok(Self {
             core: core_config(&scenario)?,
             controller: *chain.controller.config(),
-            estimator: EstimatorConfig::of(&section, scenario.robot, 1)?,
+            estimator: EstimatorConfig::from_section(&section, scenario.robot, 1)?,
             planner: PlannerConfig {
                 robot: scenario.robot,
                 distribution: scenario.distribution,
@@ -113,7 +113,7 @@ impl Parts {
                 check_step_m,
             },
             laws,
-            methods: [scenario.method, Method::of(&section)?],
+            methods: [scenario.method, Method::from_section(&section)?],
         })
     }
 }
@@ -195,7 +195,7 @@ impl Walk {
         if !self.robot.motor_io_lives() {
             self.robot.pass_without_motor_io()?;
             let (truth_m, truth_m_s) = (self.robot.plant().position_m(), self.robot.plant().velocity_m_s());
-            let wrong = self.checks.without_motor_io(truth_m, truth_m_s, !self.robot.lets_go());
+            let wrong = self.checks.without_motor_io(truth_m, truth_m_s, !self.robot.releases_a_cable());
             self.tally.seen = self.checks.seen;
             return wrong.map_or(Ok(()), |wrong| bail!("{wrong}"));
         }
@@ -206,7 +206,7 @@ impl Walk {
             }
         }
         let astray = self.astray[usize::from(cycle.authority.active_controller).min(SLOTS - 1)].is_some();
-        let wrong = self.checks.cycle(&cycle, !self.robot.lets_go(), astray);
+        let wrong = self.checks.cycle(&cycle, !self.robot.releases_a_cable(), astray);
         self.tally.seen = self.checks.seen;
         self.last = Some(cycle);
         match wrong {

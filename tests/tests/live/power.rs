@@ -3,11 +3,11 @@
 
 use crate::robot::{GOAL, Robot, START, goto, program, steadily};
 use messages::{MotorAuthority, MotorState, RecorderStatus, Request};
+use robot_state::answers::Reason;
 use rustix::process::Signal;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
-use std::time::Duration;
 
 /// A second of control cycles.
 const SECOND: u64 = 100;
@@ -72,7 +72,9 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
         let cycle = robot.last.header.cycle + 5;
         robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
-        robot.until_said("the earlier run is recovered", |robot| robot.said().contains("has been recovered"));
+        robot.until_said("the earlier run is recovered", |_| {
+            runlog::info(&run).is_ok_and(|report| report.files.iter().all(|file| file.finished))
+        });
         is_whole(&run, &seen);
         assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "the robot is disarmed after a restart");
         assert_eq!(robot.last.position_known, MotorState::POSITION_RESTORED);
@@ -86,13 +88,9 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         };
         let nearest = seen.iter().map(apart).fold(f64::INFINITY, f64::min);
         assert!(nearest < SAME_M, "the lengths match no cycle before the power cut: {nearest} m");
-        let (_, sentence) = robot.request("motor-io", &Request::Arm).unwrap();
-        assert!(
-            sentence.contains("kept from before motor-io was started") && sentence.contains("confirm"),
-            "{sentence}"
-        );
-        let (accepted, sentence) = robot.request("planner", &goto([5.0, 3.2, 0.5], 0.1)).unwrap();
-        assert!(!accepted && sentence.contains("confirm"), "the robot moves with an unconfirmed position: {sentence}");
+        assert_eq!(robot.reason("motor-io", &Request::Arm), Some(Reason::ArmedRestored));
+        let refused = robot.reason("planner", &goto([5.0, 3.2, 0.5], 0.1));
+        assert_eq!(refused, Some(Reason::PositionRestored), "the robot moves with an unconfirmed position");
         robot.ask("motor-io", Request::ConfirmPosition);
         robot.until("a confirmed position", |robot| robot.last.position_known == MotorState::POSITION_KNOWN);
     });
@@ -106,30 +104,15 @@ fn a_disk_that_fills_in_flight_ends_the_recording_aloud_and_not_the_mission() {
         // The disk is full after so many more bytes; other programs of the machine use less in these seconds.
         let room = (free / 4).min(200_000_000);
         let mut robot = Robot::up(&format!("\n[recorder]\nmin_free_bytes = {}\n", free - room));
-        let mut states = robot.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
-        let mut recorder = |robot: &mut Robot, wanted: u8| {
-            for _ in 0..1000 {
-                robot.look();
-                while let Some(row) = states.receive().unwrap() {
-                    if row.state == wanted {
-                        return;
-                    }
-                }
-                std::thread::sleep(Duration::from_millis(20));
-            }
-            panic!("the recorder does not come to state {wanted}\n{}", robot.said());
-        };
         robot.arm();
         robot.fly();
-        recorder(&mut robot, RecorderStatus::STATE_RECORDING);
+        robot.until_recorder(RecorderStatus::STATE_RECORDING);
         let filler = place.path().join("filler");
         let filled = Command::new("fallocate").args(["--length", &(2 * room).to_string()]).arg(&filler).status();
         assert!(filled.unwrap().success(), "fallocate of util-linux is needed");
-        recorder(&mut robot, RecorderStatus::STATE_DISK_FULL);
+        robot.until_recorder(RecorderStatus::STATE_DISK_FULL);
         robot.arrive();
         assert_eq!(robot.last.faults, 0);
-        let log = std::fs::read_to_string(robot.run().join("log/recorder.txt")).unwrap();
-        assert!(log.contains("NOTHING IS BEING RECORDED"), "{log}");
         std::fs::remove_file(&filler).unwrap();
         assert!(
             runlog::info(&robot.run()).unwrap().files.iter().all(|file| file.finished),

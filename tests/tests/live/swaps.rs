@@ -78,6 +78,7 @@ fn swap(robot: &mut Robot, role: &str) -> u64 {
             return changes;
         }
         let why = String::from_utf8_lossy(&output.stderr).into_owned();
+        // The sentence itself tells the two cases apart: the swap is over, and so is its cause in `motor/slots`.
         let given_back = why.contains("missed a cycle just after it had taken over");
         assert!(given_back || why.contains("had no output in the announced cycle"), "{why}{}", robot.said());
         changes += 2 * u64::from(given_back);
@@ -165,8 +166,8 @@ fn account(run: &Path, first: u64, last: u64) -> Account {
     took_ns.sort_unstable();
     let usual_ns = took_ns[took_ns.len() / 2];
     let (late, silent) = (grows(|sample| sample.lost_computer), grows(|sample| sample.lost_on_ports()));
-    let (from, to) = (Periods::of(&samples[0]), Periods::of(&samples[samples.len() - 1]));
-    println!("from {} to {}", from.words(), to.words());
+    let (from, to) = (Periods::from_authority(&samples[0]), Periods::from_authority(&samples[samples.len() - 1]));
+    println!("from {} to {}", from.summary(), to.summary());
     let mut account = Account::default();
     for two in samples.windows(2) {
         let (before, now) = (&two[0], &two[1]);

@@ -13,11 +13,11 @@ const QUICK: [f64; 2] = [0.030, 0.040];
 const SLOW: [f64; 2] = [0.060, 0.100];
 
 fn law(name: &str) -> Law {
-    Law::of(&ControllerSection { law: name.parse().unwrap(), ..ControllerSection::default() }).unwrap()
+    Law::from_section(&ControllerSection { law: name.parse().unwrap(), ..ControllerSection::default() }).unwrap()
 }
 
 fn method(name: &str) -> Method {
-    Method::of(&EstimatorSection { method: name.parse().unwrap(), ..EstimatorSection::default() }).unwrap()
+    Method::from_section(&EstimatorSection { method: name.parse().unwrap(), ..EstimatorSection::default() }).unwrap()
 }
 
 /// Checks what holds for every flight.

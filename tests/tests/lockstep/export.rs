@@ -35,7 +35,7 @@ struct Writing {
 impl Writing {
     /// One sample of random bytes behind a header, a tenth of a second after the one before.
     fn put<T: Message>(&mut self, channel: &str, seq: u64, finish: impl FnOnce(&mut T)) {
-        let row = self.session.declare(ChannelSpec::of::<T>(channel));
+        let row = self.session.declare(ChannelSpec::for_type::<T>(channel));
         self.now_ns += SECOND / 10;
         let mut sample = T::zeroed();
         self.random.fill(bytemuck::bytes_of_mut(&mut sample));

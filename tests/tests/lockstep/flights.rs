@@ -4,6 +4,7 @@ use cable_robot::Vector3;
 use messages::{MotorAuthority, PlanStatus, Request};
 use nims_tests::lockstep::{Cycle, Flight, Lockstep, fly};
 use nims_tests::scenarios::{self, Case};
+use robot_state::Reason;
 
 const QUICK: [f64; 2] = [0.030, 0.040];
 const SLOW: [f64; 2] = [0.060, 0.100];
@@ -153,13 +154,18 @@ fn a_refused_mission_moves_nothing() {
     let mut mission = scenarios::mission("polyline").unwrap();
     let far = planner::Mission::parse("name = \"far\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 2.9] }\n").unwrap();
     mission.leg.extend(far.leg);
-    let sentence = flown.lockstep.run(&mission).unwrap_err().to_string();
-    assert!(sentence.contains("leg 3") && sentence.contains("cable") && sentence.contains(" N"), "{sentence}");
+    let reason = refusal(&mut flown.lockstep, &mission);
+    assert!(matches!(reason, Reason::PlanLimit { leg: 3, .. }), "{reason}");
     let start = flown.lockstep.cycle().unwrap();
     let (end, _) = flown.cycles(300);
     assert_eq!(end.motion.motion, 0);
     assert_eq!((start.state.counts, end.state.counts), (end.state.counts, start.state.counts));
     assert_eq!(end.plan.state, PlanStatus::STATE_REFUSED);
+}
+
+/// The reason for which a mission is refused.
+fn refusal(lockstep: &mut Lockstep, mission: &planner::Mission) -> Reason {
+    lockstep.run(mission).unwrap_err().downcast::<planner::Refusal>().unwrap().reason()
 }
 
 fn armed(robot: &'static str) -> Lockstep {
@@ -174,14 +180,13 @@ fn before_it_is_armed_or_zeroed_no_mission_is_taken() {
     let scenario = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
     let mission = scenario.mission.clone();
     let mut lockstep = Lockstep::new(scenario).unwrap();
-    let refusal = |lockstep: &mut Lockstep| lockstep.run(&mission).unwrap_err().to_string();
-    assert!(refusal(&mut lockstep).contains("nims up"));
+    assert_eq!(refusal(&mut lockstep, &mission), Reason::MotorIoAbsent);
     lockstep.cycle().unwrap();
-    assert!(refusal(&mut lockstep).contains("nims arm"));
+    assert_eq!(refusal(&mut lockstep, &mission), Reason::RobotDisarmed);
     lockstep.request(Request::Arm);
     lockstep.cycle().unwrap();
     lockstep.cycle().unwrap();
-    assert!(refusal(&mut lockstep).contains("nims zero"));
+    assert_eq!(refusal(&mut lockstep, &mission), Reason::PositionUnknown);
 }
 
 /// A cable that breaks ends the motion, not the robot: the others hold. Whichever cable it is, and whether it is reeled

@@ -1,7 +1,7 @@
 //! The position of a reading: the real estimator's estimates, a sensor with latency, and the truth of the plant.
 
 use config::SensorLoggerSection;
-use georeference::{Decoder, Logger, LoggerConfig, complaint};
+use georeference::{Decoder, Logger, LoggerConfig, unused_readings_sentence};
 use messages::{Header, Message, Reading, Sample};
 use nims_tests::lockstep::Lockstep;
 use nims_tests::scenarios::Case;
@@ -53,12 +53,12 @@ fn fly() -> Flown {
     std::fs::write(&path, MISSION).unwrap();
     let mission = Mission::read(&path).unwrap();
     scenario.mission = mission.clone();
-    let config = LoggerConfig::of(&SensorLoggerSection::default(), &scenario.robot);
+    let config = LoggerConfig::from_section(&SensorLoggerSection::default(), &scenario.robot);
     let mut logger = Logger::new(&config).unwrap();
     for (name, latency_s) in [("known", None), ("unknown", Some(0.0))] {
         let mut sensor = config.sensor(name).unwrap();
         sensor.section.latency_s = latency_s;
-        let decoder = Decoder::of(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
+        let decoder = Decoder::new(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
         logger.sensor(name, &sensor, decoder);
     }
     let mut lockstep = Lockstep::new(scenario).unwrap();
@@ -156,22 +156,23 @@ fn a_late_reading_has_the_place_of_its_own_instant() {
 #[test]
 fn readings_without_samples_are_reported_once_with_their_cause() {
     let robot = Case { robot: "lab3", mission: "polyline", motor_s: [0.03, 0.04] }.scenario(true).unwrap().robot;
-    let config = LoggerConfig::of(&SensorLoggerSection::default(), &robot);
+    let config = LoggerConfig::from_section(&SensorLoggerSection::default(), &robot);
     let mut logger = Logger::new(&config).unwrap();
     let sensor = config.sensor("soil").unwrap();
-    let decoder = Decoder::of(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
+    let decoder = Decoder::new(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
     let number = logger.sensor("soil", &sensor, decoder);
     let counts = |logger: &Logger| logger.counts().next().unwrap().1;
     let nothing = counts(&logger);
     let stale = Reading { quality: Reading::QUALITY_STALE, ..Reading::default() };
     logger.reading(number, bytemuck::bytes_of(&stale), 1);
-    assert_eq!(complaint("soil", &counts(&logger), &nothing), None);
+    assert_eq!(unused_readings_sentence("soil", &counts(&logger), &nothing), None);
     for _ in 0..3 {
         logger.reading(number, &[0; 7], 2);
     }
     let now = counts(&logger);
-    let sentence = complaint("soil", &now, &nothing).unwrap();
+    let sentence = unused_readings_sentence("soil", &now, &nothing).unwrap();
+    // The sentence itself: the channel, and the counts since the last one.
     assert!(sentence.contains("sensor/soil: 3 of 4") && sentence.contains("3 not of the type"), "{sentence}");
     assert!(!sentence.contains("gaps"), "{sentence}");
-    assert_eq!(complaint("soil", &now, &now), None);
+    assert_eq!(unused_readings_sentence("soil", &now, &now), None);
 }

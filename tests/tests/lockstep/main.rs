@@ -16,6 +16,7 @@ mod map;
 #[path = "../../../scripts/templates/estimator/src/method.rs"]
 mod method;
 mod motor_table;
+mod motors;
 mod planar;
 mod replay;
 mod report;

@@ -2,7 +2,7 @@
 //! logger ran in flight or not, and independent software can read the map.
 
 use analysis::map::{Args, run as map};
-use command::Output;
+use command::{Failure, Output};
 use config::SensorLoggerSection;
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{Header, Message, Reading, put_text};
@@ -54,10 +54,10 @@ fn fly(path: &Path, logged: bool) {
     std::fs::write(folder.path().join("mission.toml"), MISSION).unwrap();
     let mission = Mission::read(&folder.path().join("mission.toml")).unwrap();
     scenario.mission = mission.clone();
-    let config = LoggerConfig::of(&SensorLoggerSection::default(), &scenario.robot);
+    let config = LoggerConfig::from_section(&SensorLoggerSection::default(), &scenario.robot);
     let mut logger = Logger::new(&config).unwrap();
     let sensor = config.sensor("range").unwrap();
-    let decoder = Decoder::of(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
+    let decoder = Decoder::new(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
     logger.sensor("range", &sensor, decoder);
 
     let ground = ground();
@@ -207,6 +207,7 @@ fn the_report_of_the_flight_shows_the_map() {
     let page = out.join("page.html");
     analysis::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
     let text = std::fs::read_to_string(&page).unwrap();
+    // The captions themselves: map, quantity and the beginning of its range.
     assert!(text.contains("Map of range: distance from 0.") && text.contains("Map of soil: moisture_percent from "));
 }
 
@@ -241,14 +242,15 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
 fn missing_inputs_are_reported_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let absent = map(&asked(&folder.path().join("none"), folder.path())).unwrap_err();
-    assert!(absent.exit_code() == 2 && absent.to_string().contains("does not exist"), "{absent}");
+    assert!(matches!(absent, Failure::BadInput(_)), "{absent:?}");
     let system_path = configs("systems/demo3.toml");
     let run = folder.path().join("run.mcap");
     let mut tape = Tape::new(&run, &system_path).unwrap();
     tape.write("sensor/height", Reading::default()).unwrap();
     tape.finish().unwrap();
     let other = map(&asked(&run, folder.path())).unwrap_err();
-    assert!(other.exit_code() == 2 && other.to_string().contains("available: height"), "{other}");
+    // The sensor of the run that can be mapped is named.
+    assert!(matches!(&other, Failure::BadInput(named) if named.contains("height")), "{other:?}");
     let empty = map(&Args { sensor: Vec::new(), ..asked(&run, folder.path()) }).unwrap_err();
-    assert!(empty.exit_code() == 1 && empty.to_string().contains("no reading"), "{empty}");
+    assert!(matches!(empty, Failure::NotNow(_)), "{empty:?}");
 }

@@ -6,7 +6,7 @@ use nims_tests::golden;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep, Said};
 use nims_tests::record::{self, Tape};
 use nims_tests::scenarios::Case;
-use replay::{Changes, Replayed, Tally, run};
+use replay::{Changes, ChannelComparison, Replayed, run};
 use std::path::{Path, PathBuf};
 
 const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
@@ -15,7 +15,7 @@ fn replayed(path: &Path, changes: &Changes) -> Replayed {
     run(path, changes, &mut |_| {}).unwrap()
 }
 
-fn tally<'a>(replayed: &'a Replayed, channel: &str) -> &'a Tally {
+fn tally<'a>(replayed: &'a Replayed, channel: &str) -> &'a ChannelComparison {
     replayed.channels.iter().find(|tally| tally.channel == channel).unwrap_or_else(|| panic!("no {channel}"))
 }
 
@@ -51,7 +51,7 @@ fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
 fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
     let system_path = record::box_with(folder, "demo3", &[]).unwrap();
     let scenario = CASE.scenario(true).unwrap();
-    let chain = Chain::of(&SystemFile::load(&system_path).unwrap()).unwrap();
+    let chain = Chain::from_file(&SystemFile::load(&system_path).unwrap()).unwrap();
     let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
     let mut lockstep = Lockstep::with(scenario, chain).unwrap();
     let mut cycles = Vec::new();

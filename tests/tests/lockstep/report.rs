@@ -2,6 +2,7 @@
 
 use analysis::accuracy::analyse;
 use analysis::report::report;
+use command::Failure;
 use nims_tests::recorded::record;
 use nims_tests::scenarios::Case;
 use std::path::{Path, PathBuf};
@@ -60,6 +61,7 @@ fn one_run_several_and_a_torn_one() {
     let lost = first["loss_j"].as_f64().unwrap();
     assert!(lost > 0.3 * reckoned && lost < 3.0 * reckoned, "{lost} J by the currents, {reckoned} J by the model");
     assert_eq!(one["sensors"][0]["channel"], "sensor/height");
+    // The page itself is tested here and below: its figures, and the cables and runs that they show.
     for seen in [
         "Path from above",
         "Tension (truth)",
@@ -71,19 +73,18 @@ fn one_run_several_and_a_torn_one() {
         assert!(page.contains(seen), "{seen}");
     }
     assert!(!page.contains("cable 4"));
-    assert!(words.contains("periods were steered, nothing failed and the recording is complete"), "{words}");
+    // Nothing failed; the recording ends before the mission does.
+    assert_eq!(one["verdict"]["grade"], "remarks", "{words}");
 
     // Without truth, and cut off in the middle.
     let bytes = std::fs::read(four.join("run.mcap")).unwrap();
     std::fs::write(four.join("run.mcap"), &bytes[..bytes.len() * 2 / 3]).unwrap();
-    let command::Output { value, words, .. } =
-        report(&[three.clone(), four.clone()], Some(&folder.path().join("both.html"))).unwrap();
+    let value = report(&[three.clone(), four.clone()], Some(&folder.path().join("both.html"))).unwrap().value;
     let page = std::fs::read_to_string(folder.path().join("both.html")).unwrap();
     sound(&page);
     assert_eq!(value["runs"][1]["recording"]["healthy"], false);
     assert!(value["runs"][1]["analysis"]["truth"].is_null());
     assert!(page.contains("three and four") && page.contains("cable 4") && page.contains("The run has no truth"));
-    assert!(words.contains("four: ") && words.contains("the recording is incomplete"), "{words}");
     // The same axes on both sides.
     let ticks = |caption: &str, which: usize| -> String {
         let figure = page.split(&format!("<b>{caption}</b>")).nth(which).unwrap();
@@ -104,7 +105,7 @@ fn one_run_several_and_a_torn_one() {
 fn what_is_no_run_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let nothing = report(&[folder.path().join("nothing")], None).unwrap_err();
-    assert!(nothing.to_string().contains("does not exist") && nothing.exit_code() == 2, "{nothing}");
+    assert!(matches!(&nothing, Failure::BadInput(named) if named.contains("nothing")), "{nothing:?}");
     let empty = report(&[folder.path().to_path_buf()], None).unwrap_err();
-    assert!(empty.to_string().contains("no run file"), "{empty}");
+    assert!(empty.to_string().contains(folder.path().to_str().unwrap()), "{empty}");
 }

@@ -25,7 +25,7 @@ fn flight(folder: &Path, name: &str, robot: &'static str, words: &[(&str, &str, 
     let case = Case { robot, mission: "polyline", motor_s: [0.030, 0.040] };
     let scenario = case.scenario(true).unwrap();
     let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
-    let mut lockstep = Lockstep::with(scenario, Chain::of(&file).unwrap()).unwrap();
+    let mut lockstep = Lockstep::with(scenario, Chain::from_file(&file).unwrap()).unwrap();
     for cycle in 1..CYCLE {
         match cycle {
             3 => lockstep.request(Request::ZeroAt { position_m: [x, y, z] }),
@@ -43,7 +43,7 @@ fn tuned(file: &SystemFile, key: &str, value: &str) -> SystemFile {
 }
 
 fn controller_of(file: &SystemFile, was: &ControllerConfig) -> ControllerConfig {
-    ControllerConfig::of(file, &file.robot_file().unwrap(), was.incarnation).unwrap()
+    ControllerConfig::from_files(file, &file.robot_file().unwrap(), was.incarnation).unwrap()
 }
 
 /// Largest step of a commanded cable velocity from cycle to cycle, m/s.
@@ -120,7 +120,8 @@ fn a_change_of_the_estimators_parameters_is_no_step_of_the_estimate() {
         let folder = tempfile::tempdir().unwrap();
         let Flight { lockstep, file } = flight(folder.path(), "demo3", "lab3", &[("estimator", "method", method)]);
         let after = tuned(&file, key, value);
-        let config = EstimatorConfig::of(&after.estimator, file.robot_file().unwrap().robot().unwrap(), 1).unwrap();
+        let config =
+            EstimatorConfig::from_section(&after.estimator, file.robot_file().unwrap().robot().unwrap(), 1).unwrap();
         let (mut calm, mut changed) = (lockstep.fork().unwrap(), lockstep);
         changed.slots_mut().configure_estimator(0, &config);
         let mut apart_m = [0.0; 2];
@@ -157,9 +158,10 @@ fn a_run_in_which_parameters_were_set_replays_bit_for_bit() {
         let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
         let scenario = case.scenario(true).unwrap();
         let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
-        let mut lockstep = Lockstep::with(scenario, Chain::of(&file).unwrap()).unwrap();
+        let mut lockstep = Lockstep::with(scenario, Chain::from_file(&file).unwrap()).unwrap();
         let mut tape = Tape::new(&folder.path().join("run.mcap"), &system_path).unwrap();
-        let config = EstimatorConfig::of(&after.estimator, file.robot_file().unwrap().robot().unwrap(), 1).unwrap();
+        let config =
+            EstimatorConfig::from_section(&after.estimator, file.robot_file().unwrap().robot().unwrap(), 1).unwrap();
         for cycle in 1..=500 {
             match cycle {
                 3 => lockstep.request(Request::ZeroAt { position_m: [x, y, z] }),

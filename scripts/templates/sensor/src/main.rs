@@ -26,9 +26,9 @@ fn main() -> ExitCode {
 fn run(_: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let mut device = Device::open()?;
     let mut out = chassis.bus().publisher::<Example>(&format!("sensor/{}", chassis.name()))?;
-    let mut rhythm = chassis.rhythm(RATE_HZ)?;
+    let mut schedule = chassis.loop_schedule(RATE_HZ)?;
     chassis.ready()?;
-    while chassis.turn(&mut rhythm)? {
+    while chassis.wait_for_turn(&mut schedule)? {
         let (value_v, samples) = device.read()?;
         out.send(&mut Example { header: Header::at(now_ns()), value_v, samples })?;
     }

@@ -308,7 +308,7 @@ fn far_from_the_setpoint_there_is_no_answer() {
 fn each_law_has_a_number_and_errors_name_the_key() {
     for law in ControlLaw::ALL {
         let section = ControllerSection { law: *law, ..ControllerSection::default() };
-        assert_eq!(Law::numbered(Law::of(&section).unwrap().number()), Some(*law));
+        assert_eq!(Law::numbered(Law::from_section(&section).unwrap().number()), Some(*law));
     }
     let key = |law: Result<Law, LawError>| {
         let LawError::Parameter { key, .. } = law.unwrap_err();
@@ -317,7 +317,11 @@ fn each_law_has_a_number_and_errors_name_the_key() {
     assert_eq!(key(Law::lq_endpoint(-1.0, 1.0)), "state_weight");
     assert_eq!(key(Law::lq_endpoint(0.0, f64::NAN)), "input_weight");
     let gain = |length_gain_per_s| {
-        Law::of(&ControllerSection { law: ControlLaw::PFeedforward, length_gain_per_s, ..ControllerSection::default() })
+        Law::from_section(&ControllerSection {
+            law: ControlLaw::PFeedforward,
+            length_gain_per_s,
+            ..ControllerSection::default()
+        })
     };
     assert_eq!(gain(2.0).unwrap().number(), ControlStatus::LAW_P_FEEDFORWARD);
     assert_eq!(key(gain(0.0)), "length_gain_per_s");

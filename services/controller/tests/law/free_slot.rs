@@ -38,7 +38,7 @@ fn laws() -> [Law; 3] {
     [
         Law::lq_endpoint(0.0, 1.0).unwrap(),
         Law::PFeedforward(PFeedforward::new(2.5).unwrap()),
-        Law::of(&preview).unwrap(),
+        Law::from_section(&preview).unwrap(),
     ]
 }
 

@@ -75,7 +75,7 @@ impl MotorBoxSection {
     ///
     /// # Errors
     /// The table is not accepted: one sentence with the file, the line, the key and what is accepted.
-    pub fn of(file: &SystemFile, robot: &RobotFile) -> Result<Option<Self>, ConfigError> {
+    pub fn from_file(file: &SystemFile, robot: &RobotFile) -> Result<Option<Self>, ConfigError> {
         let Some(table) = &file.motor_box else { return Ok(None) };
         let mut section: Self = table.section()?;
         section.ground = section.ground.map(|path| table.path(&path));
@@ -108,7 +108,7 @@ impl MotorBoxSection {
     fn check_start(&self, robot: &RobotFile) -> Result<(), Problem> {
         let start_m = self
             .start_m
-            .on(robot.robot.anchors_m.is_planar())
+            .resolve(robot.robot.anchors_m.is_planar())
             .map_err(|why| Problem::of("motor_box.start_m", format!("is not usable: {why}")))?;
         for value in start_m {
             number("motor_box.start_m", value, "[x, y, z] in metres", |v| v.abs() <= 1000.0)?;

@@ -31,7 +31,7 @@ impl Bias {
 
     /// Largest average difference as a share of what is allowed: `share` of the commanded speed, at least `least_m_s`.
     #[must_use]
-    pub fn beside(&self, share: f64, least_m_s: f64) -> f64 {
+    pub fn relative(&self, share: f64, least_m_s: f64) -> f64 {
         largest(&self.difference_m_s) / (share * self.pace_m_s).max(least_m_s)
     }
 }
@@ -45,11 +45,11 @@ mod tests {
         for _ in 0..300 {
             bias.add(&[lead; CABLES], &[side; CABLES], 0.03);
         }
-        bias.beside(0.25, 0.05)
+        bias.relative(0.25, 0.05)
     }
 
     #[test]
-    fn a_law_that_answers_zeros_or_is_biased_is_beyond_what_is_allowed() {
+    fn a_law_that_answers_zeros_or_is_biased_exceeds_the_accepted_deviation() {
         assert!(after(0.11, 0.0) > 1.0, "zeros beside a slow motion, far below a bound of 0.12 m/s");
         assert!(after(0.05, 0.15) > 1.0, "a bias of 0.1 m/s on one line");
         assert!(after(0.4, 0.48) < 1.0, "a fifth of what is being commanded");
@@ -57,12 +57,12 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_for_a_moment_is_not_a_bias() {
+    fn a_short_difference_is_not_a_bias() {
         let mut bias = Bias::default();
         for cycle in 0..300 {
             let side = if cycle % 100 < 20 { 0.16 } else { 0.1 };
             bias.add(&[0.1; CABLES], &[side; CABLES], 0.03);
         }
-        assert!(bias.beside(0.25, 0.05) < 1.0);
+        assert!(bias.relative(0.25, 0.05) < 1.0);
     }
 }

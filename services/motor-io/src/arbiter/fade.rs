@@ -85,7 +85,7 @@ mod tests {
     const NEW: [f64; CABLES] = [0.2; CABLES];
 
     #[test]
-    fn a_planned_change_mixes_both_and_a_death_lets_the_rest_die_away() {
+    fn a_planned_swap_mixes_both_commands_and_a_failover_fades_the_difference_out() {
         for (planned, dies) in [(true, u32::MAX), (true, 7), (false, 0)] {
             let mut fade = Fade::new(25);
             assert_eq!(fade.step((0, 0), &OLD, false, |_| Some(OLD)), Some(OLD));

@@ -14,10 +14,10 @@ use crate::settings::CoreConfig;
 use bias::Bias;
 use fade::Fade;
 use messages::{
-    CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLES, SEATS, SLOTS,
+    CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLE_SLOTS, ROLES, SLOTS,
     same_life,
 };
-use role::{Phase, Refusal, Reply, Report, Role, Slot, Times};
+use role::{Phase, Refusal, Reply, Report, Role, SlotState, Times};
 
 /// Multiple of the speed limit beyond which a command is wrong and not just saturated.
 const ABSURD: f64 = 4.0;
@@ -28,7 +28,7 @@ const BIAS_PASSES: f64 = 3.0;
 
 /// Command of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Chosen {
+pub struct ChosenCommand {
     /// Cable velocities, m/s; finite, zero beyond the robot's cables.
     pub velocity_m_s: [f64; CABLES],
     /// Controller slot.
@@ -53,7 +53,7 @@ pub struct ArbiterInput {
     /// Velocities sent to the drives in the previous cycle, m/s.
     pub sent_m_s: [f64; CABLES],
     /// Seats that the computer kept from running; a missing answer is not held against a newcomer there.
-    pub starved: [bool; SEATS],
+    pub starved: [bool; ROLE_SLOTS],
 }
 
 /// Answer of a controller to one estimate.
@@ -87,7 +87,7 @@ pub struct Arbiter {
     fade: Fade,
     verdict: [u8; SLOTS],
     /// Deviations from the slot in charge, m/s and m; negative: nothing to compare.
-    apart: [f64; SEATS],
+    apart: [f64; ROLE_SLOTS],
     /// Average deviation of each controller from the one in charge.
     bias: [Bias; SLOTS],
     used: (usize, usize),
@@ -115,7 +115,7 @@ impl Arbiter {
             roles: [Role::new(times), Role::new(times)],
             fade: Fade::new(config.cycles(config.fade_s)),
             verdict: [MotorAuthority::VERDICT_NONE; SLOTS],
-            apart: [-1.0; SEATS],
+            apart: [-1.0; ROLE_SLOTS],
             bias: [Bias::default(); SLOTS],
             used: (0, 0),
         }
@@ -128,7 +128,7 @@ impl Arbiter {
         input: &MotorInput,
         context: &ArbiterInput,
         follows: impl Fn(u32) -> bool,
-    ) -> Option<Chosen> {
+    ) -> Option<ChosenCommand> {
         let cycle = input.header.cycle;
         let rows: [Rows; SLOTS] = std::array::from_fn(|slot| self.rows(input, slot, context, &follows));
         let estimates: [Reply; SLOTS] = std::array::from_fn(|slot| estimate(input, slot));
@@ -143,7 +143,7 @@ impl Arbiter {
         let reports: [Report; SLOTS] = std::array::from_fn(|slot| {
             let reply = self.reply(input, slot, &rows[slot], &usable);
             let incarnation = if reply == Reply::Silent { 0 } else { input.command[slot].incarnation };
-            let bias = self.bias[slot].beside(self.bias_share, self.bias_bound_m_s);
+            let bias = self.bias[slot].relative(self.bias_share, self.bias_bound_m_s);
             Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
         let controller = self.roles[CONTROLLERS].step(cycle, context.moving, &of_role(CONTROLLERS), &reports);
@@ -180,7 +180,7 @@ impl Arbiter {
         debug_assert!(velocity_m_s.iter().all(|v| v.is_finite()), "the chosen command is not finite: {velocity_m_s:?}");
         self.used = pair;
         let command = &input.command[controller];
-        Some(Chosen {
+        Some(ChosenCommand {
             velocity_m_s,
             controller,
             estimator,
@@ -266,7 +266,7 @@ impl Arbiter {
 
     /// Computes the deviations of the slots that are not in charge.
     fn compare(&mut self, input: &MotorInput, rows: &[Rows; SLOTS], estimates: &[Reply; SLOTS]) {
-        self.apart = [-1.0; SEATS];
+        self.apart = [-1.0; ROLE_SLOTS];
         let (controller, estimator) = self.in_charge();
         let (other, beside) = (1 - controller, 1 - estimator);
         if let (Ok(lead), Ok(side)) = (&rows[controller], &rows[other]) {
@@ -328,19 +328,19 @@ impl Arbiter {
 
     /// Slots whose command was used last.
     #[must_use]
-    pub fn used(&self) -> (usize, usize) {
+    pub fn slots_in_use(&self) -> (usize, usize) {
         self.used
     }
 
     /// State of a slot of a role.
     #[must_use]
-    pub fn slot(&self, role: usize, slot: usize) -> &Slot {
+    pub fn slot(&self, role: usize, slot: usize) -> &SlotState {
         self.roles[role].slot(slot)
     }
 
     /// Deviation of a slot from the one in charge, m/s or m; negative: nothing to compare.
     #[must_use]
-    pub fn apart(&self, role: usize, slot: usize) -> f64 {
+    pub fn deviation(&self, role: usize, slot: usize) -> f64 {
         self.apart[SLOTS * role + slot]
     }
 
@@ -379,12 +379,12 @@ impl Arbiter {
             qualify_cycles: self.qualify,
             ..MotorSlots::default()
         };
-        for seat in 0..SEATS {
+        for seat in 0..ROLE_SLOTS {
             let slot = self.roles[seat / SLOTS].slot(seat % SLOTS);
             slots.phase[seat] = slot.phase() as u8;
             slots.cause[seat] = slot.cause();
-            slots.failures[seat] = slot.falls();
-            slots.good_cycles[seat] = slot.well();
+            slots.failures[seat] = slot.failures();
+            slots.good_cycles[seat] = slot.good_answers();
         }
         slots
     }

@@ -106,7 +106,7 @@ pub enum Refusal {
 
 /// State of a slot.
 #[derive(Debug, Clone, Copy)]
-pub struct Slot {
+pub struct SlotState {
     phase: Phase,
     incarnation: u32,
     well: u32,
@@ -119,7 +119,7 @@ pub struct Slot {
     foreign_instance: bool,
 }
 
-impl Slot {
+impl SlotState {
     const EMPTY: Self = Self {
         phase: Phase::Empty,
         incarnation: 0,
@@ -151,13 +151,13 @@ impl Slot {
 
     /// Good answers in a row.
     #[must_use]
-    pub fn well(&self) -> u32 {
+    pub fn good_answers(&self) -> u32 {
         self.well
     }
 
     /// Falls that are not forgiven.
     #[must_use]
-    pub fn falls(&self) -> u8 {
+    pub fn failures(&self) -> u8 {
         self.falls
     }
 
@@ -267,7 +267,7 @@ impl Slot {
 #[derive(Debug, Clone)]
 pub struct Role {
     times: Times,
-    slots: [Slot; SLOTS],
+    slots: [SlotState; SLOTS],
     in_charge: usize,
     commit_cycle: u64,
     /// Cycles since the last swap took effect, while the old one is in probation.
@@ -278,7 +278,7 @@ impl Role {
     /// Two empty slots, a in charge.
     #[must_use]
     pub fn new(times: Times) -> Self {
-        Self { times, slots: [Slot::EMPTY; SLOTS], in_charge: 0, commit_cycle: 0, probation: None }
+        Self { times, slots: [SlotState::EMPTY; SLOTS], in_charge: 0, commit_cycle: 0, probation: None }
     }
 
     /// The slot in charge.
@@ -289,7 +289,7 @@ impl Role {
 
     /// State of a slot.
     #[must_use]
-    pub fn slot(&self, slot: usize) -> &Slot {
+    pub fn slot(&self, slot: usize) -> &SlotState {
         &self.slots[slot]
     }
 
@@ -309,7 +309,7 @@ impl Role {
     /// charge or standby, with the incarnation that earned it; at rest, any slot that is not in quarantine counts.
     #[must_use]
     pub fn may_use(&self, slot: usize, incarnation: u32, moving: bool) -> bool {
-        let Slot { phase, incarnation: known, .. } = self.slots[slot];
+        let SlotState { phase, incarnation: known, .. } = self.slots[slot];
         phase != Phase::Quarantined
             && (!moving || ((phase == Phase::Active || phase.is_standby()) && incarnation == known))
     }
@@ -405,7 +405,7 @@ impl Role {
         let counts = report.reply == Reply::Good && (known || (!moving && slot.phase != Phase::Quarantined));
         if counts {
             if !known {
-                *slot = Slot { phase: Phase::Active, incarnation: report.incarnation, ..Slot::EMPTY };
+                *slot = SlotState { phase: Phase::Active, incarnation: report.incarnation, ..SlotState::EMPTY };
             }
             slot.absent = 0;
             slot.well = slot.well.saturating_add(1);
@@ -510,7 +510,7 @@ impl Role {
         self.slots[slot].falls = 0;
         match self.slots[slot].phase {
             Phase::Quarantined => {
-                self.slots[slot] = Slot::EMPTY;
+                self.slots[slot] = SlotState::EMPTY;
                 Ok(())
             }
             Phase::Active => Err(Refusal::InCharge),

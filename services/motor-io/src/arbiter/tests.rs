@@ -54,7 +54,7 @@ impl Table {
         table
     }
 
-    fn cycle(&mut self) -> Option<Chosen> {
+    fn cycle(&mut self) -> Option<ChosenCommand> {
         self.input.header.cycle += 1;
         for slot in 0..SLOTS {
             self.input.estimate_cycle[slot] = self.input.header.cycle - 1;
@@ -62,13 +62,17 @@ impl Table {
         self.cycle_as_it_is()
     }
 
-    fn cycle_as_it_is(&mut self) -> Option<Chosen> {
+    fn cycle_as_it_is(&mut self) -> Option<ChosenCommand> {
         let mut input = self.input;
         for command in &mut input.command {
             command.based_on_cycle = command.based_on_cycle.wrapping_add(input.header.cycle - 1);
         }
-        let context =
-            ArbiterInput { epoch: EPOCH, moving: self.moving, sent_m_s: self.sent, starved: [self.starved; SEATS] };
+        let context = ArbiterInput {
+            epoch: EPOCH,
+            moving: self.moving,
+            sent_m_s: self.sent,
+            starved: [self.starved; ROLE_SLOTS],
+        };
         let chosen = self.arbiter.choose(&input, &context, |segment| segment == 1);
         if let Some(chosen) = chosen {
             self.sent = chosen.velocity_m_s;
@@ -104,7 +108,7 @@ fn the_first_good_pair_is_used() {
 }
 
 #[test]
-fn what_is_not_current_finite_and_sane_is_refused_with_its_reason() {
+fn commands_that_are_old_not_finite_or_beyond_limits_are_rejected_with_the_verdict() {
     type Spoil = fn(&mut MotorCommand);
     let cases: [(u8, Spoil); 9] = [
         (MotorAuthority::VERDICT_STALE, |c| c.based_on_cycle = u64::MAX),
@@ -155,7 +159,7 @@ fn a_restarted_controller_is_rejected_while_the_robot_moves() {
 }
 
 #[test]
-fn a_newcomer_is_used_in_flight_only_after_it_has_qualified() {
+fn a_new_process_is_used_in_flight_only_after_it_has_qualified() {
     let mut table = Table::new();
     table.input.command_arrived[1] = 0;
     table.cycles(5);
@@ -173,7 +177,7 @@ fn a_newcomer_is_used_in_flight_only_after_it_has_qualified() {
 }
 
 #[test]
-fn death_of_one_in_charge_costs_no_cycle_and_a_hiccup_not_its_place() {
+fn a_failover_loses_no_cycle_and_one_missed_cycle_causes_no_failover() {
     type Kill = fn(&mut MotorInput, bool);
     let kills: [(Kill, usize); 2] = [
         (|input, dead| input.command_arrived[0] = u8::from(!dead), CONTROLLERS),
@@ -201,7 +205,7 @@ fn death_of_one_in_charge_costs_no_cycle_and_a_hiccup_not_its_place() {
 }
 
 #[test]
-fn garbage_from_one_in_charge_costs_it_its_place_at_once() {
+fn invalid_commands_of_the_slot_in_charge_cause_a_failover_at_once() {
     let mut table = Table::flying();
     table.input.command[0].velocity_m_s[1] = f64::NAN;
     table.input.command[0].valid = [1, 0];
@@ -248,7 +252,7 @@ fn a_swap_is_announced_takes_effect_in_that_cycle_and_fades() {
 }
 
 #[test]
-fn in_probation_the_first_missed_cycle_brings_the_old_one_back() {
+fn in_probation_the_first_missed_cycle_reinstates_the_old_process() {
     let mut table = Table::flying();
     let commit = table.arbiter.announce(CONTROLLERS, 1, table.input.header.cycle).unwrap();
     while table.input.header.cycle < commit + 5 {
@@ -262,7 +266,7 @@ fn in_probation_the_first_missed_cycle_brings_the_old_one_back() {
 }
 
 #[test]
-fn in_probation_one_that_had_no_processor_is_stood_in_for() {
+fn in_probation_the_old_process_bridges_a_cycle_without_a_processor() {
     for role in [CONTROLLERS, ESTIMATORS] {
         let mut table = Table::flying();
         let commit = table.arbiter.announce(role, 1, table.input.header.cycle).unwrap();
@@ -293,7 +297,7 @@ fn in_probation_one_that_had_no_processor_is_stood_in_for() {
 }
 
 #[test]
-fn a_swap_waits_for_one_that_had_no_processor_in_the_announced_cycle() {
+fn a_swap_waits_for_a_process_that_had_no_processor_in_the_announced_cycle() {
     for missed in [GONE_CYCLES, GONE_CYCLES + 1] {
         let mut table = Table::flying();
         let commit = table.arbiter.announce(CONTROLLERS, 1, table.input.header.cycle).unwrap();
@@ -308,7 +312,7 @@ fn a_swap_waits_for_one_that_had_no_processor_in_the_announced_cycle() {
 }
 
 #[test]
-fn a_law_of_zeros_that_misses_a_cycle_now_and_then_does_not_qualify() {
+fn a_law_of_zeros_that_misses_some_cycles_does_not_qualify() {
     let mut table = Table::new();
     for command in &mut table.input.command {
         command.velocity_m_s = [0.11; 16];
@@ -324,7 +328,7 @@ fn a_law_of_zeros_that_misses_a_cycle_now_and_then_does_not_qualify() {
 }
 
 #[test]
-fn a_swap_is_refused_with_its_reason() {
+fn a_swap_is_rejected_with_its_reason() {
     let mut table = Table::new();
     table.input.command_arrived[1] = 0;
     table.input.command[1].velocity_m_s = [0.5; 16];
@@ -345,7 +349,7 @@ fn a_swap_is_refused_with_its_reason() {
 }
 
 #[test]
-fn a_swap_to_one_that_is_not_there_when_it_was_announced_is_off() {
+fn a_swap_to_a_process_that_is_absent_in_the_announced_cycle_is_cancelled() {
     let mut table = Table::flying();
     let commit = table.arbiter.announce(CONTROLLERS, 1, table.input.header.cycle).unwrap();
     while table.input.header.cycle + 1 < commit {
@@ -359,7 +363,7 @@ fn a_swap_to_one_that_is_not_there_when_it_was_announced_is_off() {
 }
 
 #[test]
-fn one_that_comes_and_goes_is_set_aside_until_it_is_admitted() {
+fn a_slot_that_fails_repeatedly_is_quarantined_until_it_is_admitted() {
     let mut table = Table::flying();
     for fall in 1..=config().quarantine_falls {
         assert_eq!(table.phases()[1], Phase::Qualified, "before fall {fall}");
@@ -381,7 +385,7 @@ fn one_that_comes_and_goes_is_set_aside_until_it_is_admitted() {
 }
 
 #[test]
-fn answers_that_are_missing_everywhere_are_no_fall() {
+fn answers_missing_from_both_slots_are_no_failure() {
     let mut table = Table::flying();
     // The drives are silent for a while, so there is no estimate and nothing to answer.
     table.input.estimate_valid = [0, 0];
@@ -396,7 +400,7 @@ fn answers_that_are_missing_everywhere_are_no_fall() {
 }
 
 #[test]
-fn the_dead_of_an_earlier_life_are_not_mixed_in() {
+fn samples_of_an_earlier_life_are_not_mixed_in() {
     let mut table = Table::flying();
     let commit = table.arbiter.announce(CONTROLLERS, 1, table.input.header.cycle).unwrap();
     while table.input.header.cycle < commit + 3 {
@@ -415,7 +419,7 @@ fn the_dead_of_an_earlier_life_are_not_mixed_in() {
 }
 
 #[test]
-fn a_swap_may_be_asked_for_while_a_death_still_fades() {
+fn a_swap_is_accepted_while_a_failover_still_fades() {
     let mut table = Table::flying();
     table.input.command[1].velocity_m_s[CABLES..].fill(0.13);
     table.input.command_arrived[0] = 0;

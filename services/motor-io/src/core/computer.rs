@@ -3,7 +3,7 @@
 use super::starved::Evidence;
 use super::{Core, LONGEST_GAP_S};
 use messages::faults::Faults;
-use messages::{MotorAuthority, MotorInput, SEATS, SLOTS};
+use messages::{MotorAuthority, MotorInput, ROLE_SLOTS, SLOTS};
 
 /// Share of a period after which a cycle begins late. It can begin at its scheduled time, or at the end of a longer
 /// previous exchange. The wait for an answer is always shorter.
@@ -97,7 +97,7 @@ impl Core {
 
     /// Controllers and estimators that may have had no processor or no time to answer to the previous cycle, each
     /// beside the one in charge of the other role.
-    pub(super) fn starved_seats(&self) -> [bool; SEATS] {
+    pub(super) fn starved_slots(&self) -> [bool; ROLE_SLOTS] {
         let (controller, estimator) = self.arbiter.in_charge();
         std::array::from_fn(|seat| {
             let pair = if seat < SLOTS { (seat, estimator) } else { (controller, seat - SLOTS) };
@@ -111,7 +111,7 @@ impl Core {
         let recent = missing.min(RECENT_CYCLES);
         let waits = missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
         if waits {
-            self.safety.note_stop(MotorAuthority::FAULT_COMPUTER);
+            self.safety.record_stop(MotorAuthority::FAULT_COMPUTER);
             self.starved.said = self.config.cycles(SAID_S);
         }
         waits

@@ -1,7 +1,7 @@
 //! Velocities that each mode asks for: holding, following, stopping on the path.
 
 use super::{Beat, Core};
-use crate::arbiter::Chosen;
+use crate::arbiter::ChosenCommand;
 use crate::mode::{Braking, Following, Mode, Steering, Stop};
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
@@ -33,7 +33,7 @@ impl Core {
             && self.who_is_lost() == 0
             && self.odometry.position() == MotorState::POSITION_KNOWN
             && !self.unit_trouble
-            && self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
+            && self.motion.is_offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
             && self.begins_here(input)
         {
             self.motion.begin(input);
@@ -42,7 +42,7 @@ impl Core {
     }
 
     /// The chosen command if the pair in charge gave it. A motion does not begin with the command of a stand-in.
-    pub(crate) fn chosen_in_charge(&self) -> Option<Chosen> {
+    pub(crate) fn chosen_in_charge(&self) -> Option<ChosenCommand> {
         self.chosen.filter(|chosen| (chosen.controller, chosen.estimator) == self.arbiter.in_charge())
     }
 
@@ -55,7 +55,7 @@ impl Core {
     }
 
     /// Enters Following from Holding, at the start of a motion or on resume. `chosen` answers for the motion.
-    pub(crate) fn follow(&mut self, chosen: &Chosen) {
+    pub(crate) fn follow(&mut self, chosen: &ChosenCommand) {
         debug_assert!(self.limits.last_speed() == 0.0, "a motion begins before the robot is at rest");
         self.safety.clear_stops(messages::faults::STOPS);
         self.safety.enter(Mode::Following(Following::from_rest(self.ttl_cycles(chosen))));
@@ -70,14 +70,14 @@ impl Core {
             // motor-io is short of processor time: stop while some cycles still reach the drives.
             return self.stop_on_path(&state, MotorAuthority::FAULT_LONG_GAP, input);
         }
-        let ended = self.motion.ended(self.clock.time_s());
-        if lost != 0 || (self.motion.orphaned() > ORPHANED_CYCLES && !ended) {
+        let ended = self.motion.is_over(self.clock.time_s());
+        if lost != 0 || (self.motion.cycles_without_plan() > ORPHANED_CYCLES && !ended) {
             // The known part of the motion is flown to its end; see `settle`.
-            self.safety.note_stop(MotorAuthority::FAULT_PLANNER_LOST);
+            self.safety.record_stop(MotorAuthority::FAULT_PLANNER_LOST);
         }
         state.settled = if ended { state.settled.saturating_add(1) } else { 0 };
         let run = !state.pausing && !ended && !self.unit_trouble && state.gap_wait == 0;
-        self.clock.set_ease(self.watch.ease());
+        self.clock.set_slowdown(self.watch.slowdown());
         let usable = self.chosen.filter(|chosen| self.motion.has(chosen.segment) || (ended && chosen.segment == 0));
         let wanted = if let Some(chosen) = usable {
             self.note_command();
@@ -140,7 +140,7 @@ impl Core {
     }
 
     /// Uses a command at the present rate of the plan clock, and returns its velocities.
-    fn use_command(&mut self, steering: &mut Steering, input: &MotorInput, chosen: &Chosen) -> [f64; CABLES] {
+    fn use_command(&mut self, steering: &mut Steering, input: &MotorInput, chosen: &ChosenCommand) -> [f64; CABLES] {
         self.motion.follow(if chosen.segment == 0 { self.motion.segment() } else { chosen.segment });
         steering.record(&chosen.velocity_m_s, self.clock.rate(), self.ttl_cycles(chosen));
         self.decision.fresh = true;
@@ -149,7 +149,7 @@ impl Core {
     }
 
     /// Number of cycles for which a command remains in use when later ones are missing.
-    fn ttl_cycles(&self, chosen: &Chosen) -> u32 {
+    fn ttl_cycles(&self, chosen: &ChosenCommand) -> u32 {
         self.config.ttl_cycles.min(chosen.ttl_cycles)
     }
 
@@ -159,7 +159,7 @@ impl Core {
             // The controller has no estimate to answer to.
             return MotorAuthority::FAULT_ESTIMATE_LOST;
         }
-        if self.motion.orphaned() > 0 {
+        if self.motion.cycles_without_plan() > 0 {
             return MotorAuthority::FAULT_PLANNER_LOST;
         }
         match self.arbiter.verdict()[controller] {
@@ -178,7 +178,7 @@ impl Core {
             self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP | MotorAuthority::FAULT_COMPUTER);
         }
         debug_assert!(self.safety.mode().on_motion(), "a stop without a motion, in {:?}", self.safety.mode());
-        self.safety.note_stop(cause);
+        self.safety.record_stop(cause);
         self.safety.enter(Mode::Stopping(stop));
     }
 
@@ -186,7 +186,7 @@ impl Core {
     pub(crate) fn abandon(&mut self) {
         self.motion.finish(self.clock.time_s());
         if *self.safety.mode() == Mode::EmergencyStop {
-            self.clock.stand();
+            self.clock.stop_at_once();
         }
     }
 }

@@ -78,7 +78,7 @@ impl Core {
         // False for NaN.
         let here = off_m <= self.config.start_bound_m;
         if !here {
-            self.safety.note_stop(MotorAuthority::FAULT_OFF_START);
+            self.safety.record_stop(MotorAuthority::FAULT_OFF_START);
         }
         here
     }

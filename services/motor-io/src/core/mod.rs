@@ -17,7 +17,7 @@ use account::Account;
 use starved::Starved;
 
 use crate::answer::Answer;
-use crate::arbiter::{Arbiter, ArbiterInput, Chosen};
+use crate::arbiter::{Arbiter, ArbiterInput, ChosenCommand};
 use crate::commanded_envelope::CommandedEnvelope;
 use crate::energy::EnergyMeter;
 use crate::limits::Limits;
@@ -82,7 +82,7 @@ pub struct Core {
     pub(crate) node: Node,
     envelope: CommandedEnvelope,
     pub(crate) watch: Watch,
-    pub(crate) chosen: Option<Chosen>,
+    pub(crate) chosen: Option<ChosenCommand>,
     pub(crate) arbiter: Arbiter,
     energy: EnergyMeter,
     answers: ArrayVec<Answer, REQUESTS>,
@@ -200,9 +200,9 @@ impl Core {
         let moving = self.safety.mode().on_motion();
         self.supervisor.note(input.supervisor_beat);
         self.planner.note(input.planner_beat);
-        self.motion.note(input);
-        let ended = self.motion.ended(self.clock.time_s());
-        let starved = self.starved_seats();
+        self.motion.update(input);
+        let ended = self.motion.is_over(self.clock.time_s());
+        let starved = self.starved_slots();
         let context = ArbiterInput { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s, starved };
         let motion = &self.motion;
         self.chosen = self.arbiter.choose(input, &context, |segment| motion.has(segment) || (ended && segment == 0));
@@ -330,13 +330,13 @@ impl Core {
     /// `long`: only on request.
     fn restart_from_rest(&mut self, long: bool) {
         self.limits.zero();
-        self.clock.stand();
+        self.clock.stop_at_once();
         match self.safety.mode_mut() {
             Mode::Jogging(jog) => jog.cancelled = true,
             Mode::Following(_) if long => self.begin_stop(Stop::open(), MotorAuthority::FAULT_LONG_GAP),
             Mode::Following(Following { gap_wait, .. }) => {
                 *gap_wait = self.config.cycles(AFTER_GAP_S);
-                self.safety.note_stop(MotorAuthority::FAULT_LONG_GAP);
+                self.safety.record_stop(MotorAuthority::FAULT_LONG_GAP);
             }
             Mode::Stopping(stop) if long => stop.braking = Braking::Open,
             _ => {}

@@ -3,7 +3,7 @@
 use super::{Core, Observation, account};
 use crate::mode::Mode;
 use crate::odometry::Reading;
-use crate::watch::Situation;
+use crate::watch::SafetySnapshot;
 use messages::faults::Faults;
 use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
 
@@ -27,7 +27,7 @@ impl Core {
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
             let driven = self.safety.energised() && !self.sent.released[i];
-            self.envelope.note(i, self.sent.speed_m_s[i], driven, ok[i]);
+            self.envelope.record(i, self.sent.speed_m_s[i], driven, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
             } else if ok[i] {
@@ -41,7 +41,7 @@ impl Core {
             }
         }
         let velocity: [f64; CABLES] = std::array::from_fn(|i| if i < n { self.odometry.velocity_m_s(i) } else { 0.0 });
-        let situation = Situation {
+        let situation = SafetySnapshot {
             energised: self.safety.energised(),
             following: self.safety.mode().on_motion(),
             sent_m_s: self.sent.speed_m_s,

@@ -18,7 +18,7 @@ const REACTION_S: f64 = 0.2;
 impl Core {
     pub(super) fn jogging(&mut self, mut jog: Jog) -> [f64; CABLES] {
         if self.who_is_lost() & MotorAuthority::FAULT_SUPERVISOR_LOST != 0 {
-            self.safety.note_stop(MotorAuthority::FAULT_SUPERVISOR_LOST);
+            self.safety.record_stop(MotorAuthority::FAULT_SUPERVISOR_LOST);
             jog.cancelled = true;
             self.safety.enter(Mode::Jogging(jog));
         }
@@ -67,7 +67,7 @@ impl Core {
                 self.clock.shrink(speed_m_s / before_m_s);
             }
             if speed_m_s == 0.0 {
-                self.clock.stand();
+                self.clock.stop_at_once();
             }
         }
         match mode {
@@ -127,10 +127,10 @@ impl Core {
     /// Enters Holding after Stopping.
     fn rest(&mut self, dropped: bool) {
         debug_assert!(self.limits.last_speed() == 0.0, "the robot holds before it is at rest");
-        self.clock.stand();
+        self.clock.stop_at_once();
         if dropped {
             self.motion.finish(self.clock.time_s());
-            self.safety.bump();
+            self.safety.start_epoch();
         }
         self.safety.enter(Mode::Holding);
     }

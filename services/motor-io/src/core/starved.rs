@@ -3,7 +3,7 @@
 //! The evidence is in `motor/input` and in the clock. What coincides with it is not held against a drive, an estimator
 //! or a cable: see `computer` and `follow`.
 
-use messages::{SEATS, SLOTS};
+use messages::{ROLE_SLOTS, SLOTS};
 
 /// Evidence of one cycle. A counter that was 0 before was unknown.
 #[derive(Debug, Clone, Copy, Default)]
@@ -20,7 +20,7 @@ pub(super) struct Evidence {
     /// The virtual motor box left out time because it had no processor.
     pub(super) left_out: bool,
     /// Threads of controllers a, b and estimators a, b waited for a processor.
-    pub(super) chain: [bool; SEATS],
+    pub(super) chain: [bool; ROLE_SLOTS],
 }
 
 impl Evidence {
@@ -49,7 +49,7 @@ impl Evidence {
 pub(super) struct Starved {
     pub(super) now: Evidence,
     pub(super) run_delay_ns: u64,
-    pub(super) chain_delay_ns: [u64; SEATS],
+    pub(super) chain_delay_ns: [u64; ROLE_SLOTS],
     pub(super) box_left_out_ns: u64,
     /// Time that the virtual motor box left out since the previous cycle, s: nothing moved in it.
     pub(super) left_out_s: f64,
@@ -68,7 +68,7 @@ impl Default for Starved {
         Self {
             now: Evidence::default(),
             run_delay_ns: 0,
-            chain_delay_ns: [0; SEATS],
+            chain_delay_ns: [0; ROLE_SLOTS],
             box_left_out_ns: 0,
             left_out_s: 0.0,
             own_age: u32::MAX,

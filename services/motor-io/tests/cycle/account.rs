@@ -36,7 +36,7 @@ fn a_flight_is_steered_from_its_first_period_to_its_last() {
 }
 
 #[test]
-fn a_missing_answer_is_the_computers_only_where_the_one_in_charge_had_no_processor() {
+fn a_missing_answer_counts_as_the_computers_only_if_the_process_in_charge_had_no_processor() {
     let mut rig = Rig::following(VELOCITY);
     rig.chain_delay_ns = [1; 4];
     rig.step();
@@ -62,7 +62,7 @@ fn a_missing_answer_is_the_computers_only_where_the_one_in_charge_had_no_process
 }
 
 #[test]
-fn a_hold_counts_as_what_it_was_for() {
+fn a_hold_counts_by_its_cause() {
     for (delay_ns, stops) in [(0, [0, 0, 0, 1]), (9_000_000, [1, 0, 0, 0])] {
         let mut rig = Rig::following(VELOCITY);
         rig.chain_delay_ns = [1; 4];
@@ -80,7 +80,7 @@ fn a_hold_counts_as_what_it_was_for() {
 }
 
 #[test]
-fn one_answer_that_the_computer_does_not_explain_speaks_for_the_row() {
+fn one_late_answer_that_load_does_not_explain_classifies_the_whole_gap() {
     let mut rig = Rig::following(VELOCITY);
     rig.chain_delay_ns = [1; 4];
     rig.steps(2);
@@ -98,7 +98,7 @@ fn one_answer_that_the_computer_does_not_explain_speaks_for_the_row() {
 }
 
 #[test]
-fn a_pause_of_any_length_counts_as_paused_whichever_process_stands_still() {
+fn a_pause_of_any_length_counts_as_paused_in_every_process() {
     let mut rig = Rig::following(VELOCITY);
     rig.demand(Request::Pause);
     rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
@@ -112,7 +112,7 @@ fn a_pause_of_any_length_counts_as_paused_whichever_process_stands_still() {
 }
 
 #[test]
-fn a_drive_that_is_silent_is_the_cause_of_bringing_its_port_back_into_step() {
+fn a_drive_without_answers_is_the_cause_of_resynchronising_its_port() {
     for (outcome, cause) in [(I::UNIT_SILENT, 1), (I::UNIT_RESYNC, 2)] {
         for held_up in [false, true] {
             let mut rig = Rig::following(VELOCITY);

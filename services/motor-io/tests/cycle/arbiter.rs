@@ -5,8 +5,8 @@
 use crate::rig;
 
 use bytemuck::bytes_of;
-use messages::{CABLES, MotorAuthority as A, MotorInput, MotorSlots as P, SEATS, SLOTS};
-use motor_io::{Arbiter, ArbiterInput, Chosen};
+use messages::{CABLES, MotorAuthority as A, MotorInput, MotorSlots as P, ROLE_SLOTS, SLOTS};
+use motor_io::{Arbiter, ArbiterInput, ChosenCommand};
 use proptest::prelude::*;
 
 /// Answer of a process.
@@ -42,11 +42,11 @@ fn event() -> impl Strategy<Value = Event> {
     let run = prop_oneof![2 => 1..6u32, 2 => 6..60u32, 3 => 100..250u32];
     prop_oneof![
         8 => run.prop_map(Event::Run),
-        2 => (0..SEATS).prop_map(Event::Kill),
-        4 => (0..SEATS).prop_map(Event::Start),
-        3 => (0..SEATS, lie, prop_oneof![1..5u32, 5..40u32]).prop_map(|(seat, lie, cycles)| Event::Lie(seat, lie, cycles)),
-        4 => (0..SEATS).prop_map(Event::Swap),
-        1 => (0..SEATS).prop_map(Event::Admit),
+        2 => (0..ROLE_SLOTS).prop_map(Event::Kill),
+        4 => (0..ROLE_SLOTS).prop_map(Event::Start),
+        3 => (0..ROLE_SLOTS, lie, prop_oneof![1..5u32, 5..40u32]).prop_map(|(seat, lie, cycles)| Event::Lie(seat, lie, cycles)),
+        4 => (0..ROLE_SLOTS).prop_map(Event::Swap),
+        1 => (0..ROLE_SLOTS).prop_map(Event::Admit),
         2 => prop::bool::weighted(0.8).prop_map(Event::Move),
         1 => Just(Event::Epoch),
     ]
@@ -65,13 +65,13 @@ const SEGMENT: u32 = 1;
 /// One cycle of the arbiter, as published.
 struct Cycle {
     input: MotorInput,
-    chosen: Option<Chosen>,
+    chosen: Option<ChosenCommand>,
     authority: A,
     slots: P,
     /// Incarnation that answers in each slot; 0: none.
-    processes: [u32; SEATS],
+    processes: [u32; ROLE_SLOTS],
     /// Slots whose process was trusted before.
-    trusted: [bool; SEATS],
+    trusted: [bool; ROLE_SLOTS],
 }
 
 /// Processes around the arbiter, and an account of them that is independent of the arbiter's implementation.
@@ -81,18 +81,18 @@ struct World {
     epoch: u32,
     moving: bool,
     lives: u32,
-    processes: [Option<Process>; SEATS],
+    processes: [Option<Process>; ROLE_SLOTS],
     /// Constant answer of each controller to each estimate, m/s; it differs by process.
     velocity: [[f64; SLOTS]; SLOTS],
     sent: [f64; CABLES],
     before: A,
     slots: P,
     /// Incarnation trusted in each slot after the last cycle; 0: none.
-    trusted: [u32; SEATS],
+    trusted: [u32; ROLE_SLOTS],
     announced: Option<(usize, u64)>,
     admitted: Option<usize>,
-    waiting: [u64; SEATS],
-    record: Vec<(MotorInput, ArbiterInput, Option<Chosen>, A, P)>,
+    waiting: [u64; ROLE_SLOTS],
+    record: Vec<(MotorInput, ArbiterInput, Option<ChosenCommand>, A, P)>,
     swaps: u32,
 }
 
@@ -110,16 +110,16 @@ impl World {
             epoch: 3,
             moving: false,
             lives: 0,
-            processes: [None; SEATS],
+            processes: [None; ROLE_SLOTS],
             velocity,
             sent: [0.0; CABLES],
             slots: arbiter.slots(&before),
             arbiter,
             before,
-            trusted: [0; SEATS],
+            trusted: [0; ROLE_SLOTS],
             announced: None,
             admitted: None,
-            waiting: [0; SEATS],
+            waiting: [0; ROLE_SLOTS],
             record: Vec::new(),
             swaps: 0,
         }
@@ -139,7 +139,7 @@ impl World {
     fn input(&mut self) -> MotorInput {
         let mut input = MotorInput::default();
         input.header.cycle = self.cycle;
-        let lies: [Option<Lie>; SEATS] =
+        let lies: [Option<Lie>; ROLE_SLOTS] =
             std::array::from_fn(|seat| self.processes[seat].and_then(|process| process.lie).map(|(lie, _)| lie));
         for e in 0..SLOTS {
             let Some(process) = self.processes[SLOTS + e].filter(|_| lies[SLOTS + e] != Some(Lie::Nothing)) else {
@@ -205,7 +205,7 @@ impl World {
             epoch: self.epoch,
             moving: self.moving,
             sent_m_s: self.sent,
-            starved: [false; messages::SEATS],
+            starved: [false; messages::ROLE_SLOTS],
         };
         let chosen = self.arbiter.choose(&input, &context, |segment| segment == SEGMENT);
         let mut authority = A::default();
@@ -223,7 +223,7 @@ impl World {
         self.check_bump(&now)?;
         self.check_phases(&now)?;
         self.check_swap(&now)?;
-        for seat in 0..SEATS {
+        for seat in 0..ROLE_SLOTS {
             // The slot in charge keeps its place during a silence without a standby.
             let in_charge = usize::from(authority.in_charge[seat / SLOTS]) == seat % SLOTS;
             if !is_trusted(slots.phase[seat]) {
@@ -348,7 +348,7 @@ proptest! {
         alone in 0..4u8,
     ) {
         let mut world = World::new(velocity);
-        for seat in (0..SEATS).filter(|seat| alone == 0 || seat % SLOTS == 0) {
+        for seat in (0..ROLE_SLOTS).filter(|seat| alone == 0 || seat % SLOTS == 0) {
             world.start(seat);
         }
         for event in events {
@@ -387,7 +387,7 @@ proptest! {
     #[test]
     fn a_replay_gives_the_same_choices(events in prop::collection::vec(event(), 10..40)) {
         let mut world = World::new([[0.02, 0.03], [0.01, -0.02]]);
-        (0..SEATS).for_each(|seat| world.start(seat));
+        (0..ROLE_SLOTS).for_each(|seat| world.start(seat));
         let mut asked = Vec::new();
         for event in events {
             match event {
@@ -426,7 +426,7 @@ proptest! {
 #[test]
 fn swaps_happen_in_the_model() {
     let mut world = World::new([[0.02, 0.03], [0.01, -0.02]]);
-    (0..SEATS).for_each(|seat| world.start(seat));
+    (0..ROLE_SLOTS).for_each(|seat| world.start(seat));
     for seat in [1, 0, 3, 2] {
         world.moving = true;
         if world.cycle < 5 {

@@ -5,6 +5,7 @@ use crate::rig;
 use messages::{MotorAuthority as A, MotorInput, MotorState, Request, UNITS};
 use motor_io::{Core, Inbox};
 use rig::Rig;
+use robot_state::Reason;
 
 fn released(rig: &Rig) -> [bool; 3] {
     let all = rig.last.as_ref().unwrap().sent.released;
@@ -33,7 +34,7 @@ fn expect(rig: &mut Rig, within: u32, bit: u32, cable: Option<usize>) {
 }
 
 #[test]
-fn a_stalled_cable_is_let_go_and_the_others_hold() {
+fn a_stalled_cable_is_released_and_the_others_hold() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.dead[1] = true;
     rig.duty[1] = 0.9;
@@ -58,7 +59,7 @@ fn a_motor_that_pushes_but_moves_is_not_stalled() {
 }
 
 #[test]
-fn a_cable_that_runs_without_command_is_let_go() {
+fn a_cable_that_moves_without_command_is_released() {
     let mut rig = Rig::default().ready();
     for _ in 0..60 {
         rig.count_offset[2] += 12_000 / 200; // half a metre per second
@@ -69,7 +70,7 @@ fn a_cable_that_runs_without_command_is_let_go() {
 }
 
 #[test]
-fn an_encoder_glitch_is_refused_and_a_jump_is_a_fault() {
+fn an_encoder_glitch_is_rejected_and_a_jump_is_a_fault() {
     let mut rig = Rig::following([0.05, -0.05, 0.0]);
     rig.count_offset[0] = 40_000;
     rig.step();
@@ -104,7 +105,7 @@ fn a_restarted_unit_has_lost_its_count_but_not_the_lengths() {
 }
 
 #[test]
-fn a_lost_unit_is_survived_while_holding_and_nothing_moves_by_itself() {
+fn a_lost_unit_while_holding_moves_nothing() {
     let mut rig = Rig::default().ready();
     rig.unit[0] = MotorInput::UNIT_LOST;
     rig.steps(2);
@@ -114,8 +115,8 @@ fn a_lost_unit_is_survived_while_holding_and_nothing_moves_by_itself() {
         (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[0]),
         (A::MODE_FAULTED, A::FAULT_LOST_UNIT, 1)
     );
-    let (accepted, sentence) = rig.ask(Request::Reset);
-    assert!(!accepted && sentence.contains("unit 1"), "{sentence}");
+    let reason = rig.reason(Request::Reset);
+    assert!(matches!(reason, Reason::NotResetFaults { .. }), "{reason}");
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.steps(50);
     assert_eq!(rig.mode(), A::MODE_FAULTED);
@@ -126,7 +127,7 @@ fn a_lost_unit_is_survived_while_holding_and_nothing_moves_by_itself() {
 }
 
 #[test]
-fn a_line_that_moved_while_its_unit_was_away_needs_confirmation() {
+fn a_cable_that_moved_while_its_unit_did_not_answer_needs_confirmation() {
     let mut rig = Rig::default().ready();
     rig.unit[0] = MotorInput::UNIT_LOST;
     rig.steps(100);
@@ -161,7 +162,7 @@ fn periods_lost_to_noise_slow_the_plan_down_and_count_as_resync() {
 
 /// motor-io's own lateness is not taken for a silent unit.
 #[test]
-fn lateness_of_this_program_stops_the_robot_and_loses_no_unit() {
+fn a_late_motor_io_stops_the_robot_and_loses_no_unit() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.unit[0] = MotorInput::UNIT_LATE;
     rig.step();
@@ -185,7 +186,7 @@ fn lateness_of_this_program_stops_the_robot_and_loses_no_unit() {
 
 /// A cable that is reeled in without the current for its tension.
 #[test]
-fn a_line_without_the_current_of_its_tension_is_slack() {
+fn a_cable_without_the_current_of_its_tension_is_slack() {
     let motor = rig::config().robot.motor().to_owned();
     for reading_every in [1, 4] {
         let mut rig = Rig::following([0.05, -0.1, 0.0]);
@@ -204,7 +205,7 @@ fn a_line_without_the_current_of_its_tension_is_slack() {
 /// Inertia turns rotor and gear while a cable is reeled in more and more slowly, so the motor of a lightly loaded cable
 /// draws hardly any current.
 #[test]
-fn a_motor_that_slows_down_is_not_taken_for_a_slack_line() {
+fn a_motor_that_slows_down_causes_no_slack_cable() {
     let (motor, tension_n, slowing_m_s2) = (rig::config().robot.motor().to_owned(), 6.0, 0.3);
     let mut rig = Rig::following([0.05, -0.18, 0.0]);
     rig.tension_n = [tension_n; messages::CABLES];
@@ -230,7 +231,7 @@ fn one_reading_that_is_not_followed_by_another_is_no_fault() {
 }
 
 #[test]
-fn a_line_that_does_not_come_when_it_is_paid_out_is_slack() {
+fn a_cable_that_does_not_leave_its_drum_is_slack() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.dead[0] = true;
     rig.duty[0] = 0.9;
@@ -272,7 +273,7 @@ fn slack_and_over_tension_are_faults_while_following_only() {
 }
 
 #[test]
-fn over_current_and_a_line_beyond_its_limit_are_seen_in_the_current() {
+fn over_current_and_over_tension_are_detected_from_the_current() {
     let mut rig = Rig::following([0.05, -0.05, 0.0]);
     rig.current_a[2] = 5.5;
     expect(&mut rig, 40, A::FAULT_OVER_CURRENT, Some(2));
@@ -317,7 +318,7 @@ fn a_warning_of_a_drive_is_no_fault() {
 
 /// A sample without a time would appear as old as the machine.
 #[test]
-fn what_is_said_before_an_encoder_was_read_is_as_old_as_the_cycle() {
+fn before_an_encoder_was_read_the_state_is_as_old_as_the_cycle() {
     let mut core = Core::new(rig::config());
     let mut inbox = Inbox::new(3, 2);
     for cycle in 1..=3u64 {

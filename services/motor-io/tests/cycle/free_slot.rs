@@ -102,7 +102,7 @@ fn whisper(rig: &mut Rig, (command, estimate): &(Option<Stranger>, Option<Strang
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
-    fn a_stranger_on_the_free_slots_changes_nothing(
+    fn an_unqualified_process_in_a_free_slot_changes_nothing(
         events in prop::collection::vec(event(), 10..60),
         strangers in prop::collection::vec(foreign_instance(), 1..200),
     ) {

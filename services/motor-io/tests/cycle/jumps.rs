@@ -43,7 +43,7 @@ proptest! {
     }
 
     #[test]
-    fn what_drives_do_by_command_is_no_jump(
+    fn commanded_motion_of_a_drive_is_no_jump(
         lag_s in 0.011..0.08f64,
         delay_cycles in 0..6usize,
         events in prop::collection::vec((prop::array::uniform3(-0.8..0.8f64), 1..60u32, 0..6u32, 0..80u32), 1..20),
@@ -87,7 +87,7 @@ proptest! {
 }
 
 #[test]
-fn a_line_that_nothing_holds_may_be_moved_by_hand() {
+fn a_released_cable_may_be_moved_by_hand() {
     let mut rig = Rig::default().ready();
     rig.demand(messages::Request::Disarm);
     for _ in 0..50 {

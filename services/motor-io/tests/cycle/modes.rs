@@ -11,7 +11,7 @@ fn speed(rig: &Rig) -> f64 {
 }
 
 #[test]
-fn it_starts_disarmed_and_lets_go() {
+fn it_starts_disarmed_with_released_drives() {
     let mut rig = Rig::default();
     rig.steps(5);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_DISARMED, 0));
@@ -20,7 +20,7 @@ fn it_starts_disarmed_and_lets_go() {
 }
 
 #[test]
-fn arming_is_refused_while_a_unit_is_missing_and_says_which() {
+fn arming_is_rejected_while_a_unit_is_missing_and_the_unit_is_named() {
     let mut rig = Rig::default();
     rig.unit[1] = MotorInput::UNIT_LOST;
     rig.steps(10);
@@ -28,8 +28,8 @@ fn arming_is_refused_while_a_unit_is_missing_and_says_which() {
         (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[1]),
         (A::MODE_DISARMED, A::FAULT_LOST_UNIT, 1)
     );
-    let (accepted, sentence) = rig.ask(Request::Arm);
-    assert!(!accepted && sentence.contains("unit 2"), "{sentence}");
+    let reason = rig.reason(Request::Arm);
+    assert!(matches!(reason, Reason::NotArmedFaults { .. }), "{reason}");
     rig.unit[1] = MotorInput::UNIT_OK;
     rig.steps(5);
     assert_eq!(rig.faults(), 0);
@@ -95,7 +95,7 @@ fn nothing_starts_without_position_epoch_controller_or_a_new_start() {
 }
 
 #[test]
-fn pause_keeps_the_motion_and_resume_goes_on() {
+fn pause_keeps_the_motion_and_resume_continues_it() {
     let mut rig = Rig::following([0.02, -0.02, 0.0]);
     let epoch = rig.seen().authority.epoch;
     rig.demand(Request::Pause);
@@ -112,7 +112,7 @@ fn pause_keeps_the_motion_and_resume_goes_on() {
 }
 
 #[test]
-fn stop_gives_the_motion_up_on_the_path() {
+fn stop_ends_the_motion_on_the_path() {
     let mut rig = Rig::following([0.02, -0.02, 0.0]);
     let epoch = rig.seen().authority.epoch;
     rig.demand(Request::Stop);
@@ -139,7 +139,7 @@ fn the_speed_is_a_ramp_of_the_plan_clock() {
 }
 
 #[test]
-fn a_dead_controller_stops_the_robot_on_the_path_and_the_motion_can_go_on() {
+fn a_dead_controller_stops_the_robot_on_the_path_and_the_motion_can_be_resumed() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.controller = None;
     rig.until(20, |rig| rig.mode() == A::MODE_STOPPING);
@@ -169,7 +169,7 @@ fn one_missing_command_is_bridged_and_counted() {
 }
 
 #[test]
-fn an_invalid_estimate_is_told_apart_from_a_dead_controller() {
+fn an_invalid_estimate_has_another_fault_than_a_dead_controller() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.estimate_valid = false;
     rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
@@ -191,7 +191,7 @@ fn a_lost_supervisor_stops_the_robot_on_its_path() {
 }
 
 #[test]
-fn a_lost_planner_lets_what_is_known_be_finished() {
+fn without_a_planner_the_known_part_of_the_motion_is_finished() {
     let mut rig = Rig::default().ready();
     rig.offer(4.0);
     // The known segments are flown to their end.
@@ -246,7 +246,7 @@ fn jogging_moves_one_cable_the_distance_and_no_other() {
 }
 
 #[test]
-fn a_jog_is_as_long_as_it_was_asked_for_where_the_machine_stands_still_meanwhile() {
+fn a_jog_has_the_requested_length_after_a_stall_of_the_machine() {
     let mut rig = Rig::default();
     rig.steps(3);
     rig.demand(Request::Arm);
@@ -260,7 +260,7 @@ fn a_jog_is_as_long_as_it_was_asked_for_where_the_machine_stands_still_meanwhile
 }
 
 #[test]
-fn a_jog_beyond_the_length_limit_is_refused_once_lengths_are_known() {
+fn a_jog_beyond_the_length_limit_is_rejected_once_lengths_are_known() {
     let mut rig = Rig::default().ready();
     rig.demand(rig::lengths([13.5, 5.0, 5.0]));
     let (accepted, sentence) = rig.ask(Request::Jog { cable: 1, distance_m: 0.8 });
@@ -269,7 +269,7 @@ fn a_jog_beyond_the_length_limit_is_refused_once_lengths_are_known() {
 }
 
 #[test]
-fn running_into_a_length_limit_stops_everything_and_the_way_back_is_open() {
+fn reaching_a_length_limit_stops_every_cable_and_the_way_back_is_accepted() {
     let mut rig = Rig::default().ready();
     rig.demand(rig::lengths([13.5, 5.0, 5.0]));
     rig.offer(100.0);
@@ -309,8 +309,7 @@ fn the_emergency_stop_is_at_once_and_stays_until_reset() {
 #[test]
 fn disarming_needs_rest() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
-    let (accepted, sentence) = rig.ask(Request::Disarm);
-    assert!(!accepted && sentence.contains("stop first"), "{sentence}");
+    assert_eq!(rig.reason(Request::Disarm), Reason::NotDisarmedMoving);
     rig.demand(Request::Stop);
     rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
     rig.demand(Request::Disarm);
@@ -371,7 +370,7 @@ fn the_position_from_before_the_cut_has_to_be_confirmed() {
 }
 
 #[test]
-fn a_freeze_is_the_computers_and_the_plan_keeps_up_with_the_drives() {
+fn a_stall_counts_as_the_computers_and_the_plan_catches_up_with_the_drives() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     let before = rig.seen().authority;
     rig.step_after(190_000_000, 190_000_000);
@@ -385,7 +384,7 @@ fn a_freeze_is_the_computers_and_the_plan_keeps_up_with_the_drives() {
 }
 
 #[test]
-fn a_command_that_is_missing_because_the_machine_stood_still_is_the_computers_too() {
+fn a_command_missing_after_a_stall_of_the_machine_counts_as_the_computers() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     let before = rig.seen().authority;
     let velocity = rig.controller.take();
@@ -406,7 +405,7 @@ fn a_command_that_is_missing_because_the_machine_stood_still_is_the_computers_to
 }
 
 #[test]
-fn a_freeze_of_the_drives_too_is_not_caught_up_with() {
+fn the_plan_does_not_catch_up_after_a_stall_that_includes_the_drives() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     let before = rig.seen().authority;
     let frozen = rig.length_m;
@@ -421,7 +420,7 @@ fn a_freeze_of_the_drives_too_is_not_caught_up_with() {
 }
 
 #[test]
-fn after_a_gap_beyond_the_watchdog_the_robot_waits_and_goes_on_by_itself() {
+fn after_a_gap_beyond_the_watchdog_the_robot_waits_and_continues() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.velocity_m_s = [0.0; 8];
     rig.step_after(500_000_000, 500_000_000);
@@ -447,7 +446,7 @@ fn after_a_long_gap_the_robot_holds_until_a_resume() {
 }
 
 #[test]
-fn a_request_that_comes_too_late_may_only_calm_the_robot() {
+fn a_late_request_can_only_bring_the_robot_to_rest() {
     for request in [Request::Arm, Request::Jog { cable: 1, distance_m: 0.1 }, Request::Resume] {
         let mut rig = Rig::default().ready();
         let made_ns = rig.now_ns;
@@ -466,7 +465,7 @@ fn a_request_that_comes_too_late_may_only_calm_the_robot() {
 }
 
 #[test]
-fn a_dead_estimator_is_not_called_a_dead_controller() {
+fn a_dead_estimator_is_not_reported_as_a_dead_controller() {
     let mut rig = Rig::following([0.05, -0.05, 0.0]);
     rig.estimator_alone = false;
     rig.controller = None;
@@ -494,7 +493,7 @@ fn a_jog_up_to_the_length_limit_is_made() {
 }
 
 #[test]
-fn without_its_supervisor_nothing_is_jogged_or_begun() {
+fn without_a_supervisor_no_jog_or_motion_begins() {
     let mut rig = Rig::default().ready();
     rig.demand(Request::Jog { cable: 1, distance_m: 1.5 });
     rig.steps(50);

@@ -39,7 +39,7 @@ fn a_starved_chain_slows_the_robot_down_without_a_stop() {
 }
 
 #[test]
-fn starved_for_longer_it_holds_by_that_name_and_can_be_resumed() {
+fn starved_for_longer_the_robot_holds_with_that_fault_and_can_be_resumed() {
     let mut rig = following();
     let velocity = rig.controller.take();
     for _ in 0..150 {
@@ -54,7 +54,7 @@ fn starved_for_longer_it_holds_by_that_name_and_can_be_resumed() {
 }
 
 #[test]
-fn a_dead_controller_is_no_busy_computer_even_where_it_was_one_a_moment_ago() {
+fn a_dead_controller_is_not_reported_as_load_even_just_after_load() {
     let mut rig = following();
     rig.controller = None;
     rig.steps(30);
@@ -70,7 +70,7 @@ fn a_dead_controller_is_no_busy_computer_even_where_it_was_one_a_moment_ago() {
 
 /// The waiting slot is not the one in charge.
 #[test]
-fn a_starved_standby_excuses_nothing() {
+fn a_starved_standby_does_not_change_the_cause() {
     let mut rig = following();
     rig.controller = None;
     waits(&mut rig, CONTROLLER_A + 1, 30);
@@ -93,7 +93,7 @@ fn a_resynchronising_unit_is_not_lost_while_motor_io_starves() {
 }
 
 #[test]
-fn a_silent_drive_is_named_and_a_busy_computer_beside_it_too() {
+fn a_drive_without_answers_and_simultaneous_load_are_both_reported() {
     let mut rig = following();
     rig.unit[1] = MotorInput::UNIT_LOST;
     rig.until(10, |rig| rig.mode() == A::MODE_FAULTED);
@@ -125,7 +125,7 @@ fn a_silent_drive_is_named_and_a_busy_computer_beside_it_too() {
 
 /// Waiting for a silent drive takes the time that estimator and controller need, but no processor was missing.
 #[test]
-fn silent_drives_that_delay_the_chain_are_no_busy_computer() {
+fn drives_without_answers_that_delay_the_chain_are_not_reported_as_load() {
     let mut rig = following();
     rig.controller = None;
     rig.exchange_ns = 8 * PERIOD_NS / 10;
@@ -156,7 +156,7 @@ fn tensions_from_late_readings_make_no_cable_slack() {
 }
 
 #[test]
-fn a_slow_or_silent_drive_is_no_busy_computer() {
+fn a_slow_drive_or_one_without_answers_is_not_reported_as_load() {
     let mut rig = following();
     let before = rig.seen().authority;
     // The exchange waits for the unit until half a period after the next cycle is due, so one due time falls into it.

@@ -83,7 +83,7 @@ pub fn fly(robot: &mut Robot, mission: &MissionText, start: &[f64; 3], planned_s
 }
 
 /// Returns why a mission was aborted or refused: the faults if there are any, because the planner's reason does not
-/// name them.
+/// name their cures.
 fn abort_reason(robot: &Robot, plan: &PlanStatus) -> String {
     let faults = robot.authority().map(robot_state::sentences::faults_of).unwrap_or_default();
     match faults.is_empty() {
@@ -227,7 +227,7 @@ mod tests {
     const SECOND_NS: u64 = 1_000_000_000;
 
     #[test]
-    fn a_late_mission_may_go_on_and_one_without_progress_may_not() {
+    fn a_late_mission_continues_and_one_without_progress_is_ended() {
         let mut limits = TimeLimits::new(20.0, 0);
         for second in 1..=100_u32 {
             limits.record(f64::from(second) / 200.0, u64::from(second) * SECOND_NS);

@@ -1,7 +1,7 @@
 //! The robot of the demonstration: starts a supervisor, monitors its processes, and ends it.
 
 use crate::programs::sibling;
-use bus::{Bus, Domain, Party, Subscriber, clock};
+use bus::{Bus, Domain, Participant, Subscriber, clock};
 use client::{Running, SUPERVISOR};
 use command::{Answer, Failure, StopFlag};
 use messages::{Heartbeat, MotorAuthority, ProcessState, text_of};
@@ -72,10 +72,10 @@ impl Robot {
         let mut child = command.spawn().map_err(Failure::not_now)?;
         let stdin = child.stdin.take();
         let domain = Domain::parse(options.domain)?;
-        while Running::of(&domain).is_none_or(|running| running.pid != child.id()) {
+        while Running::read(&domain).is_none_or(|running| running.pid != child.id()) {
             wait_for_start(&mut child, &stop)?;
         }
-        let bus = Bus::join_as(&domain, NAME, Party::Command)?;
+        let bus = Bus::join_as(&domain, NAME, Participant::Command)?;
         let mut beats = bus.subscriber::<Heartbeat>(&format!("system/heartbeat/{SUPERVISOR}"))?;
         let ready = |beat: &Heartbeat| beat.state == Heartbeat::STATE_READY;
         let own = child.id();

@@ -145,12 +145,16 @@ fn place(snapshot: &Snapshot, authority: &MotorAuthority) -> Vec<Span<'static>> 
 
 fn cycle(authority: &MotorAuthority) -> Line<'static> {
     let milliseconds = |ns: u64| ns as f64 * 1e-6;
-    let periods = Periods::of(authority);
+    let periods = Periods::from_authority(authority);
     labelled(
         "cycle",
         vec![
             Span::raw(format!("{} at {:.0} Hz; ", authority.header.cycle, 1.0 / authority.period_s)),
-            if periods.unsteered() == 0 { Span::raw(periods.words()) } else { styled(periods.words(), Color::Yellow) },
+            if periods.unsteered() == 0 {
+                Span::raw(periods.summary())
+            } else {
+                styled(periods.summary(), Color::Yellow)
+            },
             Span::raw(format!(
                 "; bus {:.1} ms, woke {:.1} ms late, command {:.1} ms old",
                 milliseconds(authority.bus_ns),

@@ -1,7 +1,7 @@
 //! Fills snapshots from the bus.
 
 use super::snapshot::{ChannelRow, Recording, Scale, Snapshot};
-use bus::{Bus, Domain, Party, Subscriber, clock};
+use bus::{Bus, Domain, Participant, Subscriber, clock};
 use client::Running;
 use command::Answer;
 use messages::{
@@ -97,10 +97,10 @@ impl Feed {
         if !is_alive(&domain) {
             return Err(command::Failure::NotNow(format!("no robot runs in the domain `{}`", domain.name())));
         }
-        let bus = Bus::join_as(&domain, NAME, Party::Guest)?;
+        let bus = Bus::join_as(&domain, NAME, Participant::Guest)?;
         let slot = |kind: &str, slot: usize| format!("{kind}/{}", SLOT_NAMES[slot]);
         Ok(Self {
-            run: Running::of(&domain).map(|running| running.run.display().to_string()).unwrap_or_default(),
+            run: Running::read(&domain).map(|running| running.run.display().to_string()).unwrap_or_default(),
             scale: scale(&bus).unwrap_or_default(),
             checked_ns: clock::now_ns(),
             authority: Newest::subscribe(&bus, "motor/authority")?,

@@ -13,7 +13,7 @@ use crate::scan::{self, Stop};
 /// From this length on the acceleration at both ends of a move is negligible, m.
 const LONG_M: f64 = 2.0;
 
-/// Halvings in the search for the largest share of a sag or swing that can be flown: to one in 128.
+/// Halvings in the search for the largest share of a sag, swing or speed that can be flown: to one in 128.
 const HALVINGS: usize = 7;
 
 impl Plan {
@@ -245,7 +245,7 @@ impl<'a> Builder<'a> {
     /// Returns a point in the coordinates of this robot.
     fn point(&self, leg: usize, point: &Point) -> Result<Vector3<f64>, PlanError> {
         let planar = self.config.robot.is_planar();
-        point.on(planar).map(Vector3::from).map_err(|why| PlanError::Point { leg, why })
+        point.resolve(planar).map(Vector3::from).map_err(|why| PlanError::Point { leg, why })
     }
 
     fn line(&mut self, number: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
@@ -361,7 +361,29 @@ impl<'a> Builder<'a> {
 
     fn path(&mut self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(), PlanError> {
         let profile = self.profile(leg, &path, speed_m_s)?;
-        self.push(leg, path, profile)
+        self.push(leg, path, profile).map_err(|error| self.advised(error, path, speed_m_s))
+    }
+
+    /// Adds to a refusal the speed at which the path can be flown, if a lower one helps.
+    fn advised(&self, mut error: PlanError, path: Path, speed_m_s: Option<f64>) -> PlanError {
+        if let PlanError::Refused { leg, refusal, feasible_m_s, .. } = &mut error
+            && refusal.cause.depends_on_speed()
+        {
+            *feasible_m_s = self.feasible_m_s(*leg, path, speed_m_s);
+        }
+        error
+    }
+
+    /// Searches the highest cruise speed below the rejected one at which a path can be flown, m/s.
+    fn feasible_m_s(&self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Option<f64> {
+        let (mut flown_m_s, mut refused_m_s) = (0.0, self.cruise_m_s(leg, speed_m_s).ok()?);
+        for _ in 0..HALVINGS {
+            // To a whole millimetre per second, as the advice states it.
+            let middle_m_s = (500.0 * (flown_m_s + refused_m_s)).floor() / 1000.0;
+            let flies = middle_m_s > flown_m_s && self.tried(leg, path, Some(middle_m_s)).is_ok();
+            if flies { flown_m_s = middle_m_s } else { refused_m_s = middle_m_s }
+        }
+        (flown_m_s > 0.0).then_some(flown_m_s)
     }
 
     fn checked(&self, leg: usize, path: Path, profile: Profile) -> Result<(Segment, Report), PlanError> {
@@ -370,7 +392,7 @@ impl<'a> Builder<'a> {
         let report = segment.check(&config.robot, config.distribution, config.check_step_m).map_err(|refusal| {
             let (a, b) = (path.start(), path.end());
             let segment = format!(" from [{:.3}, {:.3}, {:.3}] to [{:.3}, {:.3}, {:.3}]", a.x, a.y, a.z, b.x, b.y, b.z);
-            PlanError::Refused { leg, segment, refusal }
+            PlanError::Refused { leg, segment, refusal: Box::new(refusal), feasible_m_s: None }
         })?;
         Ok((segment, report))
     }

@@ -8,6 +8,7 @@ use planner::plan::Plan;
 use planner::{Inputs, Planner, PlannerConfig, Progress, dry_run, requests};
 use proptest::prelude::*;
 use robot_state::Reason;
+use robot_state::answers::detail;
 
 const START_M: [f64; 3] = [4.8, 3.0, 0.5];
 
@@ -120,7 +121,7 @@ fn dwelt_s(segments: &[Segment]) -> f64 {
 }
 
 #[test]
-fn a_scan_says_before_what_it_comes_to() {
+fn the_answer_to_a_scan_gives_its_length_and_duration() {
     let summary = dry_run(&mission(EVERYTHING), &config(), START_M).unwrap();
     // four lines of 1.2 m, 0.2 m apart
     let raster = dry_run(
@@ -143,7 +144,7 @@ fn a_scan_says_before_what_it_comes_to() {
 }
 
 #[test]
-fn what_a_scan_cannot_reach_is_refused_with_where_and_how_much() {
+fn a_scan_beyond_the_limits_is_rejected_with_place_and_excess() {
     for (text, says) in [
         (
             "raster = { corner_m = [4, 3, 0.5], opposite_m = [9.7, 4, 0.5], pitch_m = 0.2 }",
@@ -171,14 +172,15 @@ fn what_a_scan_cannot_reach_is_refused_with_where_and_how_much() {
 }
 
 #[test]
-fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
+fn continuing_needs_the_same_mission_begun_and_not_done() {
     let scan = mission(EVERYTHING);
     let mut world = World::at(START_M);
     let mut planner = Planner::new(config());
     let refused = |planner: &mut Planner, world: &World, mission: &Mission| {
-        planner.go_on(mission, &world.seen()).unwrap_err().to_string()
+        planner.go_on(mission, &world.seen()).unwrap_err().reason()
     };
-    assert!(refused(&mut planner, &world, &scan).contains("was not begun"));
+    let name = detail(&scan.name);
+    assert_eq!(refused(&mut planner, &world, &scan), Reason::MissionNotBegun { mission: name });
     planner.run(&scan, &world.seen()).unwrap();
     assert_eq!(world.fly(&mut planner, 20.0).state, PlanStatus::STATE_ABORTED);
     // a single move in between changes nothing
@@ -188,11 +190,13 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     assert_eq!(world.fly(&mut planner, end_s + 0.1).state, PlanStatus::STATE_DONE);
     (world.estimate.position_m, world.share) = ([4.9, 3.0, 0.6], share);
     let other = Mission { speed_m_s: Some(0.1), ..scan.clone() };
-    assert!(refused(&mut planner, &world, &other).contains("was changed"));
+    assert_eq!(refused(&mut planner, &world, &other), Reason::MissionChanged { mission: name });
     let mut elsewhere = Planner::new(PlannerConfig { check_step_m: 0.05, ..config() });
     let moved = Progress { at_m: [1.0, 1.0, 1.0], ..planner.progress().unwrap().clone() };
     elsewhere.remember(moved);
-    assert!(refused(&mut elsewhere, &world, &scan).contains("configured otherwise"));
+    let (_, status) = elsewhere.step(&world.seen());
+    assert_eq!(Reason::of_plan(&status), Some(Reason::LeftUnfinished { mission: name }));
+    assert_eq!(refused(&mut elsewhere, &world, &scan), Reason::PlanOther);
     // by request
     let run = tempfile::tempdir().unwrap();
     let hash = config::store_mission(run.path(), &toml::to_string(&scan).unwrap()).unwrap();
@@ -202,7 +206,7 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     let end_s = planner.step(&world.seen()).0.end_s;
     let done = world.fly(&mut planner, end_s + 0.1);
     assert_eq!((done.state, done.progress), (PlanStatus::STATE_DONE, 1.0));
-    assert!(refused(&mut planner, &world, &scan).contains("is done"));
+    assert_eq!(refused(&mut planner, &world, &scan), Reason::MissionDone { mission: name });
 }
 
 const ADAPTIVE: &str = r#"
@@ -228,14 +232,16 @@ fn block(stamp_ns: u64) -> Box<FieldMap> {
 }
 
 #[test]
-fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an_interruption() {
+fn an_adaptive_leg_waits_for_its_map_and_continues_after_an_interruption() {
     let (scan, config) = (mission(ADAPTIVE), config());
     let mut world = World::at(START_M);
     let mut planner = Planner::new(config);
-    let sentence = planner.run(&scan, &world.seen()).unwrap().sentence();
-    assert!(sentence.contains("at most") && planner.wants_map() == Some("height"), "{sentence}");
+    let planned = planner.run(&scan, &world.seen()).unwrap();
+    assert_eq!(planner.wants_map(), Some("height"));
     let all_j = dry_run(&scan, &config, START_M).unwrap().energy_j.unwrap();
-    assert!(sentence.ends_with(&format!(", {all_j:.0} J in all")), "{sentence}");
+    // The sentence itself: the energy of the present and of the later legs together.
+    assert!(matches!(planned, Reason::Planned { continues: false, later: Some(_), .. }), "{planned}");
+    assert!(planned.sentence().ends_with(&format!(", {all_j:.0} J in all")), "{planned}");
     let (first, status) = planner.step(&world.seen());
     assert_eq!((status.leg, status.legs), (1, 3));
     let waiting = world.fly(&mut planner, first.end_s + 0.1);
@@ -273,8 +279,8 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     again.remember(toml::from_str(&kept).unwrap());
     let here = position(&second, until_s);
     world = World { share: world.share, ..World::at(here.into()) };
-    let sentence = again.go_on(&scan, &world.seen()).unwrap().sentence();
-    assert!(sentence.contains("goes on") && again.wants_map().is_none(), "{sentence}");
+    let planned = again.go_on(&scan, &world.seen()).unwrap();
+    assert!(matches!(planned, Reason::Planned { continues: true, .. }) && again.wants_map().is_none(), "{planned}");
     let (_, status) = world.step(&mut again);
     assert!((status.elapsed_s - broken.elapsed_s).abs() < 1e-6 && status.progress > 0.5, "{status:?}");
     let rest = again.segments().to_vec();
@@ -295,7 +301,8 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     authority.header.stamp_ns = late.now_ns;
     let (_, status) = none.step(&Inputs { authority: Some(&authority), ..late });
     assert_eq!(status.state, PlanStatus::STATE_ABORTED);
-    assert!(messages::text_of(&status.reason).contains("sensor-logger"));
+    let without_map = Reason::EndedWithoutMap { map: detail("height"), within_s: 20.0 };
+    assert_eq!(Reason::of_plan(&status), Some(without_map));
 }
 
 proptest! {
@@ -304,7 +311,7 @@ proptest! {
     /// Broken off twice anywhere, by whatever, and found elsewhere: what is flown then is what was left, no more and no
     /// less.
     #[test]
-    fn what_is_flown_after_an_interruption_is_what_was_left(
+    fn after_an_interruption_exactly_the_rest_is_flown(
         first in 0.0..1.0f64,
         second in 0.0..1.0f64,
         away in prop_oneof![Just(0.0), 0.0..0.003f64, 0.003..0.3f64],
@@ -329,7 +336,8 @@ proptest! {
             planner.remember(toml::from_str(&text).unwrap());
             world = World { share: world.share, ..World::at([stopped_at.x, stopped_at.y, stopped_at.z + away]) };
             if let Err(refusal) = planner.go_on(&scan, &world.seen()) {
-                prop_assert!(refusal.to_string().contains("is done") && (stopped_at - whole.end()).norm() < 0.002);
+                let done = Reason::MissionDone { mission: detail(&scan.name) };
+                prop_assert!(refusal.reason() == done && (stopped_at - whole.end()).norm() < 0.002);
                 return Ok(());
             }
             let rest = planner.segments().to_vec();

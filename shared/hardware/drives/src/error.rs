@@ -7,14 +7,14 @@ use arrayvec::ArrayString;
 
 /// A command or question to a unit, in the words of its family: `read watchdog (command 15)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Asked {
+pub struct CommandName {
     /// What it does.
     pub words: &'static str,
     /// Its number in the protocol, where it has one.
     pub code: Option<u16>,
 }
 
-impl fmt::Display for Asked {
+impl fmt::Display for CommandName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.code {
             Some(code) => write!(f, "{} (command {code})", self.words),
@@ -28,7 +28,7 @@ pub type Said = ArrayString<32>;
 
 /// Formats an answer for [`Error::Unexpected`]; cut off at the end of the buffer.
 #[must_use]
-pub fn said(answer: fmt::Arguments<'_>) -> Said {
+pub fn reply_text(answer: fmt::Arguments<'_>) -> Said {
     struct Cut(Said);
     impl fmt::Write for Cut {
         fn write_str(&mut self, part: &str) -> fmt::Result {
@@ -46,19 +46,19 @@ pub fn said(answer: fmt::Arguments<'_>) -> Said {
 pub enum Error {
     /// No byte arrived in time.
     #[error("{port}, {unit}: no answer to {asked} within {waited_us} us; check power, wiring, address and baud")]
-    NoAnswer { port: Arc<str>, unit: Arc<str>, asked: Asked, waited_us: u32 },
+    NoAnswer { port: Arc<str>, unit: Arc<str>, asked: CommandName, waited_us: u32 },
     /// The answer ended early.
     #[error("{port}, {unit}: the answer to {asked} broke off after {got} of {wanted} bytes")]
-    CutShort { port: Arc<str>, unit: Arc<str>, asked: Asked, got: usize, wanted: usize },
+    CutShort { port: Arc<str>, unit: Arc<str>, asked: CommandName, got: usize, wanted: usize },
     /// The answer was changed on the wire, or belongs to another question.
     #[error("{port}, {unit}: the answer to {asked} has a wrong checksum; look for noise or two units of one address")]
-    Garbled { port: Arc<str>, unit: Arc<str>, asked: Asked },
+    Garbled { port: Arc<str>, unit: Arc<str>, asked: CommandName },
     /// The answer is not one that the protocol has for this question.
     #[error("{port}, {unit}: {asked} was answered by {said}")]
-    Unexpected { port: Arc<str>, unit: Arc<str>, asked: Asked, said: Said },
+    Unexpected { port: Arc<str>, unit: Arc<str>, asked: CommandName, said: Said },
     /// Bytes that answer no question had arrived, so the next answer could not have been trusted.
     #[error("{port}, {unit}: {bytes} unexpected bytes received before {asked}")]
-    Stray { port: Arc<str>, unit: Arc<str>, asked: Asked, bytes: usize },
+    Stray { port: Arc<str>, unit: Arc<str>, asked: CommandName, bytes: usize },
     /// The bus resynchronises after an error; nothing was sent.
     #[error("{port}: resynchronising with the units after an error on the bus")]
     Resynchronising { port: Arc<str> },
@@ -115,12 +115,12 @@ pub enum Error {
     Serial(#[from] serial::Error),
     /// The configuration cannot be used.
     #[error("{port}: {what}")]
-    Configuration { port: Arc<str>, what: Misfit },
+    Configuration { port: Arc<str>, what: InvalidConfig },
 }
 
 /// Reason why a configuration cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Misfit {
+pub enum InvalidConfig {
     /// A port without units.
     #[error("no units on this port; name at least one address")]
     NoUnits,

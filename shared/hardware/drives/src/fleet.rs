@@ -10,7 +10,7 @@ use std::time::Duration;
 use serial::{PortClock, monotonic_ns};
 
 use crate::bus::{Capabilities, DriveBus, UnitCommand};
-use crate::error::{Error, Misfit};
+use crate::error::{Error, InvalidConfig};
 use crate::report::{Counters, StopInput, UnitAnswer, UnitInfo, UnitReport};
 
 /// Most units of a fleet: one for each of the most cables.
@@ -151,16 +151,16 @@ impl Fleet {
         let wrong = |port: &Arc<str>, what| Err(Error::Configuration { port: Arc::clone(port), what });
         for (index, (name, bus)) in names.iter().zip(&buses).enumerate() {
             if names[..index].contains(name) {
-                return wrong(name, Misfit::PortTwice);
+                return wrong(name, InvalidConfig::PortTwice);
             }
             if let Some(missing) = bus.capabilities().first_missing(needed) {
-                return wrong(name, Misfit::Lacks(missing));
+                return wrong(name, InvalidConfig::Lacks(missing));
             }
         }
         let port_of_unit: Vec<usize> =
             buses.iter().enumerate().flat_map(|(port, bus)| std::iter::repeat_n(port, bus.unit_count())).collect();
         if port_of_unit.len() > MAX_FLEET {
-            return wrong(&names[0], Misfit::TooManyUnits);
+            return wrong(&names[0], InvalidConfig::TooManyUnits);
         }
         let slot = |bus: &B| Slot {
             stop: false,
@@ -189,7 +189,7 @@ impl Fleet {
                 std::thread::Builder::new().name(format!("port-{index}")).spawn(move || work(bus, &board, index));
             match spawned {
                 Ok(thread) => fleet.threads.push(thread),
-                Err(_) => return wrong(&fleet.names[index], Misfit::NoThread),
+                Err(_) => return wrong(&fleet.names[index], InvalidConfig::NoThread),
             }
         }
         Ok(fleet)

@@ -4,13 +4,13 @@
 
 use std::sync::Arc;
 
-use drives::{Asked, DriveStatus, Error, Misfit, said};
+use drives::{CommandName, DriveStatus, Error, InvalidConfig, reply_text};
 
 fn errors() -> Vec<Error> {
     let port = || Arc::from("/dev/drives");
     let unit = || Arc::from("unit 0x81");
-    let asked = Asked { words: "read watchdog", code: Some(15) };
-    let text = Asked { words: "?C (read counts)", code: None };
+    let asked = CommandName { words: "read watchdog", code: Some(15) };
+    let text = CommandName { words: "?C (read counts)", code: None };
     let mut all = vec![
         Error::NoAnswer { port: port(), unit: unit(), asked, waited_us: 1500 },
         Error::NoAnswer { port: port(), unit: unit(), asked: text, waited_us: 1500 },
@@ -20,9 +20,14 @@ fn errors() -> Vec<Error> {
             port: port(),
             unit: unit(),
             asked,
-            said: said(format_args!("{:#04x} instead of {:#04x}", 0x12, 0xff)),
+            said: reply_text(format_args!("{:#04x} instead of {:#04x}", 0x12, 0xff)),
         },
-        Error::Unexpected { port: port(), unit: unit(), asked: text, said: said(format_args!("{}", "-".repeat(99))) },
+        Error::Unexpected {
+            port: port(),
+            unit: unit(),
+            asked: text,
+            said: reply_text(format_args!("{}", "-".repeat(99))),
+        },
         Error::Stray { port: port(), unit: unit(), asked, bytes: 4 },
         Error::Resynchronising { port: port() },
         Error::Silent { port: port(), unit: unit() },
@@ -40,14 +45,14 @@ fn errors() -> Vec<Error> {
         Error::Serial(serial::Error::Missing { port: port() }),
     ];
     let misfits = [
-        Misfit::NoUnits,
-        Misfit::Address { given: 1, accepted: "128 to 135 (0x80 to 0x87)" },
-        Misfit::AddressTwice,
-        Misfit::Watchdog { given_ms: 0, accepted: "100 to 25500 ms in steps of 100" },
-        Misfit::Lacks("closed-loop velocity"),
-        Misfit::PortTwice,
-        Misfit::TooManyUnits,
-        Misfit::NoThread,
+        InvalidConfig::NoUnits,
+        InvalidConfig::Address { given: 1, accepted: "128 to 135 (0x80 to 0x87)" },
+        InvalidConfig::AddressTwice,
+        InvalidConfig::Watchdog { given_ms: 0, accepted: "100 to 25500 ms in steps of 100" },
+        InvalidConfig::Lacks("closed-loop velocity"),
+        InvalidConfig::PortTwice,
+        InvalidConfig::TooManyUnits,
+        InvalidConfig::NoThread,
     ];
     all.extend(misfits.map(|what| Error::Configuration { port: port(), what }));
     all

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use roboclaw::codec::Motor;
 use roboclaw::unit::{Target, Unit, UnitBus, UnitOptions};
-use serial::{Device, Jack, Paced, monotonic_ns, sleep_until};
+use serial::{Device, PtyLink, WireQueue, monotonic_ns, sleep_until};
 
 /// Short beside the time of one byte at most speeds.
 const TICK_NS: u64 = 100_000;
@@ -27,9 +27,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .map(|text| u8::from_str_radix(text.trim_start_matches("0x"), 16).map(|at| Unit::new(UnitOptions::new(at))))
         .collect();
     let mut line = UnitBus::new(units?);
-    let mut jack = Jack::new(Path::new(link));
+    let mut jack = PtyLink::new(Path::new(link));
     jack.plug()?;
-    let (mut arriving, mut leaving) = (Paced::new(baud), Paced::new(baud));
+    let (mut arriving, mut leaving) = (WireQueue::new(baud), WireQueue::new(baud));
     let mut counts = vec![[0.0; 2]; line.units().len()];
     let mut tick_ns = monotonic_ns();
     loop {

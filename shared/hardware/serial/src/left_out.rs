@@ -2,9 +2,9 @@
 //!
 //! A simulated device and the program that drives it share a computer. Where that computer has no time for one of them,
 //! the other must not count it as a fault: a deadline that passes while the device has no processor says nothing about
-//! the device. The device therefore keeps a small file beside its port, [`LeftOut`], in which both write their threads
-//! and the device the time that it left out. For a program that does not use the file the device runs on the machine's
-//! clock.
+//! the device. The device therefore keeps a small file beside its port, [`LeftOutClock`], in which both write their
+//! threads and the device the time that it left out. For a program that does not use the file the device runs on the
+//! machine's clock.
 //!
 //! A killed device leaves its file; the owner of the domain removes it (`Domain::sweep` of the crate `bus`, which has
 //! its suffix).
@@ -43,12 +43,12 @@ pub struct Program {
 
 /// The device's side of the file.
 #[derive(Debug)]
-pub struct LeftOut {
+pub struct LeftOutClock {
     file: File,
     path: PathBuf,
 }
 
-impl LeftOut {
+impl LeftOutClock {
     /// Creates the file beside a port. The calling thread is the one that runs the device.
     ///
     /// # Errors
@@ -67,7 +67,7 @@ impl LeftOut {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn tell(&self, left_out_ns: u64) -> io::Result<()> {
+    pub fn write(&self, left_out_ns: u64) -> io::Result<()> {
         write(&self.file, LEFT_OUT, left_out_ns)
     }
 
@@ -87,7 +87,7 @@ impl LeftOut {
     }
 }
 
-impl Drop for LeftOut {
+impl Drop for LeftOutClock {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.path);
     }
@@ -125,10 +125,10 @@ impl PortClock {
             let both = u64::from(std::process::id()) << 32 | thread_id();
             // Without this entry the device runs on the machine's clock.
             let _ = write(file, PROGRAM, both);
-            let device = read(file, DEVICE).and_then(|tid| Thread::of(tid as u32).ok());
+            let device = read(file, DEVICE).and_then(|tid| Thread::with_id(tid as u32).ok());
             far_side.device = device;
         }
-        far_side.port = Thread::of(thread_id() as u32).ok();
+        far_side.port = Thread::with_id(thread_id() as u32).ok();
     }
 
     /// Removes this program from the file after the port was closed.
@@ -161,7 +161,7 @@ impl PortClock {
         let mut far_side = self.far_side();
         let FarSide { file, device: Some(device), .. } = &mut *far_side else { return false };
         let now_ns = monotonic_ns();
-        match device.look(now_ns).map(|_| device.state()) {
+        match device.run_delay_ns(now_ns).map(|_| device.state()) {
             Some(State::Runnable | State::Blocked) => true,
             Some(State::Asleep) => file
                 .as_ref()
@@ -186,7 +186,8 @@ impl PortClock {
 
     fn port_sleeps(&self) -> bool {
         let mut far_side = self.far_side();
-        let sleeps = |thread: &mut Thread| thread.look(monotonic_ns()).is_some() && thread.state() == State::Asleep;
+        let sleeps =
+            |thread: &mut Thread| thread.run_delay_ns(monotonic_ns()).is_some() && thread.state() == State::Asleep;
         far_side.port.as_mut().is_some_and(sleeps)
     }
 
@@ -241,14 +242,14 @@ mod tests {
     #[test]
     fn both_sides_learn_of_each_other() -> io::Result<()> {
         let link = link("both");
-        let device = LeftOut::create(&link)?;
+        let device = LeftOutClock::create(&link)?;
         assert_eq!(device.program(), None);
         let port = PortClock::new(&link.to_string_lossy());
         assert_eq!((port.left_out_ns(), port.is_simulated()), (0, false));
         port.connected();
         let own = Program { main: std::process::id(), port: thread_id() as u32 };
         assert_eq!((device.program(), port.is_simulated()), (Some(own), true));
-        device.tell(7)?;
+        device.write(7)?;
         assert_eq!(port.left_out_ns(), 7);
         // The device is this thread.
         assert!(port.device_wants_to_run());
@@ -267,7 +268,7 @@ mod tests {
         let (end, ended) = std::sync::mpsc::channel::<()>();
         let path = link.clone();
         let device = std::thread::spawn(move || {
-            let _ = tell.send(LeftOut::create(&path));
+            let _ = tell.send(LeftOutClock::create(&path));
             let _ = ended.recv();
         });
         let Ok(file) = told.recv() else { panic!("no device") };
@@ -293,14 +294,14 @@ mod tests {
     fn what_was_left_out_never_goes_back() -> io::Result<()> {
         let link = link("back");
         let port = PortClock::new(&link.to_string_lossy());
-        let first = LeftOut::create(&link)?;
+        let first = LeftOutClock::create(&link)?;
         port.connected();
-        first.tell(5)?;
+        first.write(5)?;
         assert_eq!(port.left_out_ns(), 5);
         // Another device in the same file.
-        let second = LeftOut::create(&link)?;
+        let second = LeftOutClock::create(&link)?;
         assert_eq!(port.left_out_ns(), 5);
-        second.tell(2)?;
+        second.write(2)?;
         assert_eq!(port.left_out_ns(), 7);
         // The same device again.
         port.connected();
@@ -311,7 +312,7 @@ mod tests {
     #[test]
     fn half_a_number_is_none() -> io::Result<()> {
         let link = link("half");
-        let device = LeftOut::create(&link)?;
+        let device = LeftOutClock::create(&link)?;
         pwrite(&device.file, &[1], LEFT_OUT)?;
         assert_eq!(read(&device.file, LEFT_OUT), None);
         assert_eq!(read(&device.file, 1000), None);

@@ -8,19 +8,19 @@
 //! * [`Pipe`]: the same in memory, with a simulated device at the far end, a virtual clock, bytes paced like on a wire
 //!   and faults on request. It does not depend on the machine's speed, so tests with it are deterministic.
 //!
-//! [`Pty`] and [`Jack`] are the other side of the first two: a pseudo-terminal that a simulated device offers to
-//! programs. Where such a device keeps a [`LeftOut`] beside its port, a [`ReopeningPort`] uses the device's time and
-//! leaves out what the device left out.
+//! [`Pty`] and [`PtyLink`] are the other side of the first two: a pseudo-terminal that a simulated device offers to
+//! programs. Where such a device keeps a [`LeftOutClock`] beside its port, a [`ReopeningPort`] uses the device's time
+//! and leaves out what the device left out.
 //!
 //! Architecture invariants: this is the only crate that names `serialport`; it contains no protocol; no call waits
 //! longer than its deadline on the transport's clock.
 //!
 //! ```
-//! use serial::{Device, Paced, Pipe, Transport};
+//! use serial::{Device, WireQueue, Pipe, Transport};
 //!
 //! struct Echo;
 //! impl Device for Echo {
-//!     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+//!     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
 //!         reply.push(now_ns, &[byte]);
 //!     }
 //! }
@@ -48,11 +48,11 @@ mod transport;
 
 pub use clock::{monotonic_ns, sleep_until};
 pub use error::Error;
-pub use left_out::{LeftOut, PortClock, Program};
-pub use pace::{Paced, byte_time_ns};
+pub use left_out::{LeftOutClock, PortClock, Program};
+pub use pace::{WireQueue, byte_time_ns};
 pub use pipe::{Device, Faults, Pipe, PipeCounts};
 pub use port::{Latency, Port};
-pub use pty::{Jack, Pty};
+pub use pty::{Pty, PtyLink};
 pub use random::Random;
 pub use reopening::{PortState, REOPEN_EVERY_NS, ReopeningPort};
 pub use transport::{StatusPin, Transport};

@@ -13,7 +13,7 @@ pub fn byte_time_ns(baud: u32) -> u64 {
 
 /// One direction of a wire: bytes that were sent and not taken yet.
 #[derive(Debug, Clone)]
-pub struct Paced {
+pub struct WireQueue {
     byte_ns: u64,
     /// Time at which the wire is free for the next byte, ns.
     free_ns: u64,
@@ -21,12 +21,12 @@ pub struct Paced {
     on_the_way: VecDeque<(u64, u8)>,
 }
 
-impl Paced {
+impl WireQueue {
     /// An empty wire of `baud` bits per second (0: no baud rate).
     #[must_use]
-    pub fn new(baud: u32) -> Paced {
+    pub fn new(baud: u32) -> WireQueue {
         // 512 bytes is more than any exchange of the protocols here, so that a wire in use does not allocate.
-        Paced { byte_ns: byte_time_ns(baud), free_ns: 0, on_the_way: VecDeque::with_capacity(512) }
+        WireQueue { byte_ns: byte_time_ns(baud), free_ns: 0, on_the_way: VecDeque::with_capacity(512) }
     }
 
     /// Sends `bytes` from `start_ns`, or as soon as the wire is free after that.

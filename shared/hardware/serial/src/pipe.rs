@@ -5,14 +5,14 @@
 
 use std::sync::Arc;
 
-use crate::pace::Paced;
+use crate::pace::WireQueue;
 use crate::{Error, Random, StatusPin, Transport};
 
 /// Device at the far end of a [`Pipe`].
 pub trait Device: Send {
-    /// Receives a byte at `now_ns`. The answer goes onto the wire with [`Paced::push`], at the time at which the device
-    /// begins to send.
-    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced);
+    /// Receives a byte at `now_ns`. The answer goes onto the wire with [`WireQueue::push`], at the time at which the
+    /// device begins to send.
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue);
 
     /// Advances the device to `now_ns`. Called in order, before the bytes that arrive at that time.
     fn advance(&mut self, now_ns: u64) {
@@ -55,10 +55,10 @@ pub struct PipeCounts {
 pub struct Pipe<D> {
     name: Arc<str>,
     now_ns: u64,
-    to_device: Paced,
-    from_device: Paced,
+    to_device: WireQueue,
+    from_device: WireQueue,
     /// The device writes here first, so that faults can change its bytes.
-    outbox: Paced,
+    outbox: WireQueue,
     device: D,
     faults: Faults,
     random: Random,
@@ -76,10 +76,10 @@ impl<D: Device> Pipe<D> {
         Pipe {
             name: name.into(),
             now_ns: 0,
-            to_device: Paced::new(baud),
-            from_device: Paced::new(baud),
+            to_device: WireQueue::new(baud),
+            from_device: WireQueue::new(baud),
             // The device's bytes are paced once, on the wire.
-            outbox: Paced::new(0),
+            outbox: WireQueue::new(0),
             device,
             faults: Faults::default(),
             random: Random::new(0),
@@ -150,7 +150,7 @@ impl<D: Device> Pipe<D> {
     }
 
     /// Puts a byte onto one direction of the wire, with faults.
-    fn send(faults: &Faults, random: &mut Random, counts: &mut PipeCounts, wire: &mut Paced, at_ns: u64, byte: u8) {
+    fn send(faults: &Faults, random: &mut Random, counts: &mut PipeCounts, wire: &mut WireQueue, at_ns: u64, byte: u8) {
         if random.chance(faults.insert) {
             counts.faults += 1;
             let noise = random.byte();

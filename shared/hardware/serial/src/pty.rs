@@ -96,16 +96,16 @@ impl AsFd for Pty {
 
 /// A stable link to a pseudo-terminal that can be unplugged and plugged in again.
 #[derive(Debug)]
-pub struct Jack {
+pub struct PtyLink {
     link: PathBuf,
     pty: Option<Pty>,
 }
 
-impl Jack {
+impl PtyLink {
     /// An empty jack; nothing is published yet.
     #[must_use]
-    pub fn new(link: &Path) -> Jack {
-        Jack { link: link.to_owned(), pty: None }
+    pub fn new(link: &Path) -> PtyLink {
+        PtyLink { link: link.to_owned(), pty: None }
     }
 
     /// Name that programs use.
@@ -154,7 +154,7 @@ impl Jack {
     }
 }
 
-impl Drop for Jack {
+impl Drop for PtyLink {
     fn drop(&mut self) {
         self.unplug();
     }

@@ -22,7 +22,7 @@
 //! singular.
 //! A planar robot has the wheel in the plane y = 0, with outward to +x or -x.
 //!
-//! Positions and lengths in m. No direction exists where [`Undefined`] says why.
+//! Positions and lengths in m. No direction exists where [`NoDirection`] says why.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -31,7 +31,7 @@ const SMALLEST_M: f64 = 1e-9;
 
 /// Why a cable has no direction at a position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Undefined {
+pub enum NoDirection {
     /// The node is at the anchor, or its position is not finite.
     AtAnchor,
     /// The node is inside the wheel or on its rim, in the wheel's plane.
@@ -109,16 +109,16 @@ impl Pulley {
     /// Computes length, direction and curvature at a position.
     ///
     /// ```
-    /// use cable_robot::{Vector3, leg::{Pulley, Undefined}};
+    /// use cable_robot::{Vector3, leg::{Pulley, NoDirection}};
     /// let pulley = Pulley { anchor: Vector3::new(0.0, 0.0, 3.0), radius_m: 0.04, planar: false };
     /// // Below the outer rim the cable hangs straight down, after half a turn around the wheel.
     /// let below = pulley.leg(&Vector3::new(0.08, 0.0, 1.0)).unwrap();
     /// assert!((below.length_m - (2.0 + 0.04 * std::f64::consts::PI)).abs() < 1e-12);
     /// assert!((below.direction + Vector3::z()).norm() < 1e-12);
-    /// assert_eq!(pulley.leg(&Vector3::new(0.05, 0.0, 3.0)).unwrap_err(), Undefined::InsidePulley);
-    /// assert_eq!(pulley.leg(&Vector3::new(0.0, 0.0, 1.0)).unwrap_err(), Undefined::OnAxis);
+    /// assert_eq!(pulley.leg(&Vector3::new(0.05, 0.0, 3.0)).unwrap_err(), NoDirection::InsidePulley);
+    /// assert_eq!(pulley.leg(&Vector3::new(0.0, 0.0, 1.0)).unwrap_err(), NoDirection::OnAxis);
     /// ```
-    pub fn leg(&self, position: &Vector3<f64>) -> Result<Leg, Undefined> {
+    pub fn leg(&self, position: &Vector3<f64>) -> Result<Leg, NoDirection> {
         if self.radius_m == 0.0 {
             return self.straight(position);
         }
@@ -134,7 +134,7 @@ impl Pulley {
     }
 
     /// Computes the direction alone, which needs no trigonometric function.
-    pub fn direction(&self, position: &Vector3<f64>) -> Result<Vector3<f64>, Undefined> {
+    pub fn direction(&self, position: &Vector3<f64>) -> Result<Vector3<f64>, NoDirection> {
         if self.radius_m == 0.0 {
             return self.straight(position).map(|leg| leg.direction);
         }
@@ -142,12 +142,12 @@ impl Pulley {
     }
 
     /// The cable of an eye.
-    fn straight(&self, position: &Vector3<f64>) -> Result<Leg, Undefined> {
+    fn straight(&self, position: &Vector3<f64>) -> Result<Leg, NoDirection> {
         let d = position - self.anchor;
         let length_m = d.norm();
         // Also false for NaN.
         if !(length_m >= SMALLEST_M && length_m.is_finite()) {
-            return Err(Undefined::AtAnchor);
+            return Err(NoDirection::AtAnchor);
         }
         let (direction, sideways_per_m) = (d / length_m, 1.0 / length_m);
         Ok(Leg { length_m, direction, free_m: length_m, sideways_per_m, across: None })
@@ -168,15 +168,15 @@ impl Pulley {
         Tangent { p, outward, free, out: (r * z + free * q) * per_square, up: (free * z - r * q) * per_square, z }
     }
 
-    fn direction_of(&self, at: &Tangent) -> Result<Vector3<f64>, Undefined> {
+    fn direction_of(&self, at: &Tangent) -> Result<Vector3<f64>, NoDirection> {
         if !at.p.is_finite() || !at.z.is_finite() {
-            return Err(Undefined::AtAnchor);
+            return Err(NoDirection::AtAnchor);
         }
         if !(at.free >= SMALLEST_M) {
-            return Err(Undefined::InsidePulley);
+            return Err(NoDirection::InsidePulley);
         }
         if at.p < SMALLEST_M {
-            return Err(Undefined::OnAxis);
+            return Err(NoDirection::OnAxis);
         }
         Ok(Vector3::new(at.outward[0] * at.out, at.outward[1] * at.out, at.up))
     }

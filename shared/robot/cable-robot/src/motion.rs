@@ -4,10 +4,13 @@
 //! Positions in m, velocities in m/s, accelerations in m/s², plan time in s. A check returns a [`Report`] or a
 //! [`Refusal`] with the position on the path and the violated limit, including tensions after (15)-(16).
 
+use core::fmt;
+
 use nalgebra::Vector3;
 use thiserror::Error;
 
 use crate::kinematics::{Jacobian, inverse_kinematics};
+use crate::motor::DriveLoad;
 use crate::path::{Path, PathPoint};
 use crate::profile::{Profile, slope, speed_between};
 use crate::tension::{TensionError, Violation};
@@ -170,6 +173,10 @@ pub struct Report {
     pub least_tension_n: f64,
     /// Highest cable speed, m/s.
     pub peak_cable_speed_m_s: f64,
+    /// Highest current of a motor, A.
+    pub peak_current_a: f64,
+    /// Highest voltage of a motor, V.
+    pub peak_voltage_v: f64,
     /// Shortest measured length per cable, m.
     pub shortest_m: CableVec,
     /// Longest measured length per cable, m.
@@ -185,6 +192,8 @@ impl Report {
             peak_tension_n: 0.0,
             least_tension_n: f64::INFINITY,
             peak_cable_speed_m_s: 0.0,
+            peak_current_a: 0.0,
+            peak_voltage_v: 0.0,
             shortest_m: CableVec::repeat(n, f64::INFINITY),
             longest_m: CableVec::zeros(n),
             duration_s,
@@ -225,6 +234,32 @@ pub enum Cause {
         speed_m_s: f64,
         /// The limit, m/s.
         limit_m_s: f64,
+    },
+    /// A motor would draw too much current.
+    #[error(
+        "the motor of cable {} would draw {:.2} A to {}, and current_limit_a is {limit_a:.2} A",
+        cable + 1, load.current_a.abs(), Work(load)
+    )]
+    Current {
+        /// Index of the cable, from 0.
+        cable: usize,
+        /// What the motor would need.
+        load: DriveLoad,
+        /// The limit, A.
+        limit_a: f64,
+    },
+    /// A motor would need more voltage than the drive has.
+    #[error(
+        "the motor of cable {} would need {:.1} V to {}, and supply_min_v leaves it {limit_v:.1} V",
+        cable + 1, load.voltage_v.abs(), Work(load)
+    )]
+    Voltage {
+        /// Index of the cable, from 0.
+        cable: usize,
+        /// What the motor would need.
+        load: DriveLoad,
+        /// The limit, V.
+        limit_v: f64,
     },
     /// The node would move too fast.
     #[error("the node would move at {speed_m_s:.3} m/s, and the speed limit is {limit_m_s:.3} m/s")]
@@ -299,6 +334,41 @@ pub enum Cause {
     },
 }
 
+/// What a motor has to do, as a clause.
+struct Work<'a>(&'a DriveLoad);
+
+impl fmt::Display for Work<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let DriveLoad { tension_n, reel_in_m_s, .. } = *self.0;
+        if reel_in_m_s == 0.0 {
+            return write!(f, "hold {tension_n:.1} N");
+        }
+        let direction = if reel_in_m_s > 0.0 { "reel in" } else { "pay out" };
+        write!(f, "{direction} at {:.3} m/s under {tension_n:.1} N", reel_in_m_s.abs())
+    }
+}
+
+impl Cause {
+    /// True if a lower speed of the node can help.
+    pub fn depends_on_speed(&self) -> bool {
+        matches!(self, Self::Current { .. } | Self::Voltage { .. } | Self::CableSpeed { .. })
+    }
+}
+
+fn check_drive(robot: &Robot, cable: usize, load: DriveLoad, report: &mut Report) -> Result<(), Cause> {
+    let limits = robot.drive_limits();
+    // Also true for NaN.
+    if !(load.current_a.abs() <= limits.current_a * (1.0 + ROUNDING)) {
+        return Err(Cause::Current { cable, load, limit_a: limits.current_a });
+    }
+    if !(load.voltage_v.abs() <= limits.voltage_v * (1.0 + ROUNDING)) {
+        return Err(Cause::Voltage { cable, load, limit_v: limits.voltage_v });
+    }
+    report.peak_current_a = report.peak_current_a.max(load.current_a.abs());
+    report.peak_voltage_v = report.peak_voltage_v.max(load.voltage_v.abs());
+    Ok(())
+}
+
 fn check_pose(
     robot: &Robot,
     distribution: Distribution,
@@ -357,6 +427,8 @@ fn check_pose(
         if !(*length_m >= min_m && *length_m <= max_m) {
             return Err(Cause::Length { cable, length_m: *length_m, min_m, max_m });
         }
+        check_drive(robot, cable, robot.drive_load(resting[cable], 0.0), report)?;
+        check_drive(robot, cable, robot.drive_load(tensions[cable], -speed), report)?;
         report.shortest_m[cable] = report.shortest_m[cable].min(*length_m);
         report.longest_m[cable] = report.longest_m[cable].max(*length_m);
         report.peak_cable_speed_m_s = report.peak_cable_speed_m_s.max(speed.abs());

@@ -1,7 +1,7 @@
 //! Electrical model of a winch motor, with forces and speeds at the cable. Speeds are reel-in speeds:
 //! positive winds up cable.
 
-use crate::robot_error::{RobotError, not_negative, positive};
+use crate::robot_error::{RobotError, not_negative, positive, refuse};
 
 /// A geared winch motor, with quantities at the cable; the keys of `[motor]` in the robot file.
 ///
@@ -101,10 +101,63 @@ impl Motor {
         (share > 1e-3).then(|| force / share)
     }
 
+    /// Voltage at the terminals, V: I R + force_constant v. In SI units, the force per current is also the voltage that
+    /// the motor generates per speed.
+    pub fn voltage_v(&self, current_a: f64, reel_in_m_s: f64) -> f64 {
+        current_a * self.resistance_ohm + self.force_constant_n_a * reel_in_m_s
+    }
+
     /// Loss in the armature, W: I² R.
     pub fn loss_w(&self, current_a: f64) -> f64 {
         current_a * current_a * self.resistance_ohm
     }
+}
+
+/// What a drive can deliver to its motor; infinite where it is unknown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveLimits {
+    /// Highest continuous current, A.
+    pub current_a: f64,
+    /// Highest voltage, V.
+    pub voltage_v: f64,
+}
+
+impl Default for DriveLimits {
+    fn default() -> Self {
+        Self { current_a: f64::INFINITY, voltage_v: f64::INFINITY }
+    }
+}
+
+impl DriveLimits {
+    /// True if the drive can deliver this load.
+    pub fn allow(&self, load: &DriveLoad) -> bool {
+        load.current_a.abs() <= self.current_a && load.voltage_v.abs() <= self.voltage_v
+    }
+
+    /// Rejects limits that are not positive.
+    pub fn check(&self) -> Result<(), RobotError> {
+        let above_0 = |value: f64| value > 0.0;
+        if !above_0(self.current_a) {
+            return refuse("current_limit_a", format!("is {}", self.current_a), "a current above 0, in amperes");
+        }
+        if !above_0(self.voltage_v) {
+            return refuse("supply_min_v", format!("leaves {} V", self.voltage_v), "a voltage above 0, in volts");
+        }
+        Ok(())
+    }
+}
+
+/// Load of a drive: what its motor needs at a tension and a speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveLoad {
+    /// Tension of the cable, N.
+    pub tension_n: f64,
+    /// Reel-in speed, m/s.
+    pub reel_in_m_s: f64,
+    /// Current, A.
+    pub current_a: f64,
+    /// Voltage, V.
+    pub voltage_v: f64,
 }
 
 /// Efficiency of an ideal brushed motor (24): ω / (ω + I R / K_T); 0 at standstill.
@@ -146,6 +199,16 @@ mod tests {
         }
         let locked = Motor { gear_friction: 1.0, ..motor };
         assert_eq!(locked.tension_n(0.1, -0.4), None);
+    }
+
+    #[test]
+    fn electrical_power_is_the_loss_and_the_power_at_the_cable() {
+        let motor = Motor::ideal(40.0, 1.2);
+        for (tension_n, reel_in_m_s) in [(20.0, 0.3), (20.0, -0.3), (0.0, 0.4), (50.0, 0.0)] {
+            let current_a = motor.current_a(tension_n, reel_in_m_s);
+            let power_w = motor.voltage_v(current_a, reel_in_m_s) * current_a;
+            assert!((power_w - motor.loss_w(current_a) - tension_n * reel_in_m_s).abs() < 1e-12);
+        }
     }
 
     #[test]

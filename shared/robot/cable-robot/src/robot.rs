@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::energy::{Current, CurrentTable, MotorTable};
-use crate::motor::Motor;
+use crate::motor::{DriveLimits, DriveLoad, Motor};
 pub use crate::robot_error::RobotError;
 use crate::robot_error::{FARTHEST_M, not_negative, positive, refuse};
 use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
@@ -93,6 +93,8 @@ pub struct RobotParts {
     pub motor: Motor,
     /// Measured current of the motors; None for the model. At most 24 speeds and 16 tensions.
     pub motor_table: Option<CurrentTable>,
+    /// What the drives can deliver to the motors; default unlimited.
+    pub drive_limits: DriveLimits,
     /// Covariance of x1, y1, z1, x2, .. of the anchors, a row per coordinate, m²; None if unknown.
     pub anchor_covariance_m2: Option<Vec<Vec<f64>>>,
 }
@@ -118,6 +120,7 @@ impl Default for RobotParts {
             length_limits_m: None,
             motor: Motor::default(),
             motor_table: None,
+            drive_limits: DriveLimits::default(),
             anchor_covariance_m2: None,
         }
     }
@@ -142,6 +145,7 @@ pub struct Robot {
     length_limits_m: [[f64; 2]; MAX_CABLES],
     motor: Motor,
     motor_table: Option<MotorTable>,
+    drive_limits: DriveLimits,
     anchor_covariance: Option<AnchorBlocks>,
 }
 
@@ -179,6 +183,7 @@ impl Robot {
         let routed_length_m = routed_lengths(parts.routed_length_m.as_deref(), n)?;
         let length_limits_m = length_limits(parts.length_limits_m.as_deref(), n)?;
         parts.motor.check()?;
+        parts.drive_limits.check()?;
         let motor_table = match &parts.motor_table {
             None => None,
             Some(table) => match MotorTable::new(table) {
@@ -206,6 +211,7 @@ impl Robot {
             length_limits_m,
             motor: parts.motor,
             motor_table,
+            drive_limits: parts.drive_limits,
             anchor_covariance,
         })
     }
@@ -316,6 +322,19 @@ impl Robot {
     /// Measured current of the winch motors, if any.
     pub fn motor_table(&self) -> Option<&MotorTable> {
         self.motor_table.as_ref()
+    }
+
+    /// What the drives can deliver to the motors.
+    pub fn drive_limits(&self) -> DriveLimits {
+        self.drive_limits
+    }
+
+    /// Computes what the motor of a cable needs at a tension, N, and a reel-in speed, m/s: by the measured table where
+    /// it covers the point, otherwise by the friction model.
+    pub fn drive_load(&self, tension_n: f64, reel_in_m_s: f64) -> DriveLoad {
+        let modelled = |_| self.motor.current_a(tension_n, reel_in_m_s);
+        let current_a = self.current().current_a(tension_n, reel_in_m_s).unwrap_or_else(modelled);
+        DriveLoad { tension_n, reel_in_m_s, current_a, voltage_v: self.motor.voltage_v(current_a, reel_in_m_s) }
     }
 
     /// Covariance between the positions of two anchors, counted from 0, m²; None if unknown.

@@ -7,7 +7,7 @@
 //! assert!(["invalid_argument", "rank_deficient"].contains(&refusal.kind()));
 //! ```
 
-use super::{TwoPlaces, Undetermined};
+use super::{Ambiguity, Undetermined};
 use thiserror::Error;
 
 /// Why a calibration has no result. Every message says what is wrong, where, and what to do; it counts anchors, cables
@@ -25,7 +25,7 @@ pub enum CalibrationError {
     Unreachable(String),
     /// Two mirror solutions without a criterion to select one.
     #[error("{0}")]
-    Ambiguous(TwoPlaces),
+    Ambiguous(Ambiguity),
     /// The measurements do not determine the anchors.
     #[error("{0}")]
     RankDeficient(Undetermined),

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::error::{CalibrationError, degenerate, invalid, undetermined};
-use super::{TwoPlaces, Undetermined};
+use super::{Ambiguity, Undetermined};
 use cable_robot::kinematics::{KinematicsError, LONGEST_M, trilaterate};
 
 /// Bound of the refinement, which needs about five steps.
@@ -84,7 +84,7 @@ fn upper_intersection(p: [Vector3<f64>; 3], l: [f64; 3], lenient: bool) -> Resul
     let [a, b] = pair.points;
     let apart = (a - b).norm();
     if apart > 1e-9 && (a.z - b.z).abs() < 1e-9 * apart.max(1.0) {
-        return Err(CalibrationError::Ambiguous(TwoPlaces::VerticalPlane));
+        return Err(CalibrationError::Ambiguous(Ambiguity::VerticalPlane));
     }
     Ok(if a.z >= b.z { a } else { b })
 }

@@ -91,4 +91,4 @@ pub use measurements::{
     Outlier, calibrate,
 };
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
-pub use undetermined::{TwoPlaces, Undetermined};
+pub use undetermined::{Ambiguity, Undetermined};

@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::error::{CalibrationError, degenerate, invalid, undetermined};
-use super::{TwoPlaces, Undetermined};
+use super::{Ambiguity, Undetermined};
 use cable_robot::MAX_CABLES;
 
 /// Three anchors count as collinear if their triangle is flatter than this share of its longest side; below it rounding
@@ -208,7 +208,7 @@ pub fn fourth_anchor(
     }
     match (ranges_m, side) {
         ([r1, r2], Some(side)) => intersect(&anchors_xy_m[0], &anchors_xy_m[1], *r1, *r2, side),
-        ([_, _], None) => Err(CalibrationError::Ambiguous(TwoPlaces::Fourth)),
+        ([_, _], None) => Err(CalibrationError::Ambiguous(Ambiguity::Fourth)),
         ([_, _, _], _) => {
             check_anchors(anchors_xy_m)?;
             let known: Vec<_> = anchors_xy_m.iter().zip(ranges_m).map(|(a, r)| (*a, *r, 1.0)).collect();
@@ -383,7 +383,7 @@ pub fn survey_network(n: usize, ranges: &[Range], sides: &[Option<Side>]) -> Res
                 Some(side) => intersect(a, b, *ra, *rb, side)?,
                 None => {
                     let (anchor, from, to) = (next + 1, i + 1, j + 1);
-                    return Err(CalibrationError::Ambiguous(TwoPlaces::Anchor { anchor, from, to }));
+                    return Err(CalibrationError::Ambiguous(Ambiguity::Anchor { anchor, from, to }));
                 }
             },
             several => {

@@ -132,7 +132,7 @@ impl Undetermined {
 
 /// Two equally good positions. Anchors are counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-pub enum TwoPlaces {
+pub enum Ambiguity {
     /// Positions of a fourth anchor with two ranges.
     #[error(
         "two ranges allow two positions of the fourth anchor; give its side of the line from anchor 1 to anchor 2, \

@@ -25,7 +25,7 @@ pub enum Merit {
 
 /// Current knowledge of the field.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Known {
+pub struct KnownField {
     /// Grid of the cells.
     pub spec: GridSpec,
     /// Every cell, row by row from the lowest y; `None` for unknown cells.
@@ -43,7 +43,7 @@ pub struct KnownCell {
     pub sampled: bool,
 }
 
-impl From<&GridMap> for Known {
+impl From<&GridMap> for KnownField {
     fn from(map: &GridMap) -> Self {
         let cells = map
             .cells()
@@ -89,7 +89,7 @@ struct Tile {
 /// always the nearest one next.
 #[must_use]
 pub fn patches(
-    known: &Known,
+    known: &KnownField,
     low_m: [f64; 2],
     high_m: [f64; 2],
     from_m: [f64; 2],
@@ -118,7 +118,13 @@ pub fn patches(
     visiting_order(found.collect(), from_m)
 }
 
-fn tiles(known: &Known, low_m: [f64; 2], size_m: [f64; 2], [columns, rows]: [usize; 2], merit: Merit) -> Vec<Tile> {
+fn tiles(
+    known: &KnownField,
+    low_m: [f64; 2],
+    size_m: [f64; 2],
+    [columns, rows]: [usize; 2],
+    merit: Merit,
+) -> Vec<Tile> {
     let mut tiles = vec![Tile::default(); columns * rows];
     let spec = &known.spec;
     let changes = changes(known);
@@ -145,7 +151,7 @@ fn tiles(known: &Known, low_m: [f64; 2], size_m: [f64; 2], [columns, rows]: [usi
 
 /// Change of the field along x and along y from one sampled cell to the next, for both of them and for all cells
 /// between, where the edge may be as well. Changes on one track are extended to the cells between it and the next.
-fn changes(known: &Known) -> [Vec<f64>; 2] {
+fn changes(known: &KnownField) -> [Vec<f64>; 2] {
     let spec = &known.spec;
     let sampled = |at: usize| known.cells[at].filter(|cell| cell.sampled).map(|cell| cell.value);
     let mut changes = [vec![0.0f64; spec.cells()], vec![0.0; spec.cells()]];

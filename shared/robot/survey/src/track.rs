@@ -42,7 +42,7 @@ impl Place {
 
 /// Result of a request for an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Placing {
+pub enum TrackPosition {
     /// The position at the instant.
     At(Place),
     /// The instant is newer than the newest estimate: try again later.
@@ -95,7 +95,7 @@ impl Track {
 
     /// Adds an estimate. One with the time of the newest replaces it; an older one, or one with a value that is not
     /// finite, is ignored. Returns whether it was added.
-    pub fn note(&mut self, fix: &Fix) -> bool {
+    pub fn add(&mut self, fix: &Fix) -> bool {
         let numbers = fix.position_m.iter().chain(&fix.velocity_m_s).chain(&fix.covariance_m2);
         if !numbers.chain([&fix.residual_m]).all(|number| number.is_finite()) {
             return false;
@@ -124,18 +124,18 @@ impl Track {
     /// Computes the position at `time_ns` of a sensor at `lever_m` from the node (in the axes of the site, because the
     /// node does not rotate), if the standard deviation of the time is `time_sigma_s`.
     #[must_use]
-    pub fn at(&self, time_ns: u64, time_sigma_s: f64, lever_m: [f64; 3]) -> Placing {
+    pub fn at(&self, time_ns: u64, time_sigma_s: f64, lever_m: [f64; 3]) -> TrackPosition {
         let after = self.fixes.partition_point(|fix| fix.stamp_ns < time_ns);
-        let Some(b) = self.fixes.get(after) else { return Placing::Early };
+        let Some(b) = self.fixes.get(after) else { return TrackPosition::Early };
         let a = match after.checked_sub(1).and_then(|before| self.fixes.get(before)) {
             Some(a) => a,
             None if b.stamp_ns == time_ns => b,
-            None => return Placing::Old,
+            None => return TrackPosition::Old,
         };
         let (a, b) = if b.stamp_ns == time_ns { (b, b) } else { (a, b) };
         let apart_s = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9;
         if apart_s > self.options.gap_s || a.epoch != b.epoch {
-            return Placing::Gap;
+            return TrackPosition::Gap;
         }
         let share = if apart_s > 0.0 { (time_ns - a.stamp_ns) as f64 * 1e-9 / apart_s } else { 0.0 };
         let between = |a: f64, b: f64| a + share * (b - a);
@@ -152,6 +152,6 @@ impl Track {
             }
         }
         let position_m = std::array::from_fn(|k| between(a.position_m[k], b.position_m[k]) + lever_m[k]);
-        Placing::At(Place { position_m, covariance_m2, velocity_m_s })
+        TrackPosition::At(Place { position_m, covariance_m2, velocity_m_s })
     }
 }

@@ -1,6 +1,6 @@
 //! Tracking accuracy of a run, from the run file alone.
 
-use crate::counters::Count;
+use crate::counters::PeriodCounter;
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::Vector3;
 use command::{Answer, Failure};
@@ -142,11 +142,11 @@ impl AccuracySum {
 /// The run cannot be read, or nothing moved in it.
 pub fn analyse(run: &Path) -> Answer<Analysis> {
     let (mut tracker, mut tally, mut track) = (Tracker::default(), AccuracySum::default(), Vec::new());
-    let mut count = Count::default();
+    let mut count = PeriodCounter::default();
     let mut each = |cycle: &Cycle<'_>| track.extend(tally.add(cycle));
     let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
-        count.note(&recorded);
+        count.record(&recorded);
         tracker.record(&recorded, &mut each);
     }
     tracker.finish(&mut each);

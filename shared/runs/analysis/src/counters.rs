@@ -29,7 +29,7 @@ struct AuthorityRecord {
 
 /// Counts the periods of a run over all its lives of motor-io. Requires every sample in file order.
 #[derive(Debug, Default)]
-pub struct Count {
+pub struct PeriodCounter {
     inputs: VecDeque<InputRecord>,
     authorities: VecDeque<AuthorityRecord>,
     last: Option<(InputRecord, AuthorityRecord)>,
@@ -39,12 +39,12 @@ pub struct Count {
     carried: Option<u32>,
 }
 
-impl Count {
+impl PeriodCounter {
     /// Records a sample; ignores other channels.
-    pub fn note(&mut self, recorded: &RecordedSample<'_>) {
+    pub fn record(&mut self, recorded: &RecordedSample<'_>) {
         match recorded.channel.name.as_str() {
-            "motor/input" => _ = recorded.to::<MotorInput>().map(|input| self.input(&input)),
-            "motor/authority" => _ = recorded.to::<MotorAuthority>().map(|authority| self.authority(&authority)),
+            "motor/input" => _ = recorded.decode::<MotorInput>().map(|input| self.input(&input)),
+            "motor/authority" => _ = recorded.decode::<MotorAuthority>().map(|authority| self.authority(&authority)),
             _ => {}
         }
     }
@@ -63,7 +63,7 @@ impl Count {
     pub fn authority(&mut self, authority: &MotorAuthority) {
         self.authorities.push_back(AuthorityRecord {
             at: life_and_cycle(authority),
-            periods: Periods::of(authority),
+            periods: Periods::from_authority(authority),
             period: authority.period,
             period_s: authority.period_s,
             motion: authority.motion,
@@ -146,7 +146,7 @@ mod tests {
     const PERIOD_NS: u64 = 10_000_000;
 
     struct Run {
-        count: Count,
+        count: PeriodCounter,
         authority: MotorAuthority,
     }
 
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn dead_time_between_lives_counts_until_the_mission_ends() {
-        let mut run = Run { count: Count::default(), authority: MotorAuthority::default() };
+        let mut run = Run { count: PeriodCounter::default(), authority: MotorAuthority::default() };
         run.cycle(1, 1, 5, 0, MotorAuthority::PERIOD_NO_MISSION);
         run.cycle(1, 2, 5, 1, MotorAuthority::PERIOD_NO_MISSION);
         run.cycle(1, 3, 5, 1, MotorAuthority::PERIOD_STEERED);

@@ -1,6 +1,6 @@
 //! `nims export`: writes the channels of a run as tables for other tools.
 
-use crate::runs::{progress, there};
+use crate::runs::{progress, require_run};
 use clap::ValueEnum;
 use command::values::finite;
 use command::{Answer, Failure, Output};
@@ -60,7 +60,7 @@ const CONTENTS: &str = "tables.json";
 /// # Errors
 /// The run does not exist or lacks what was requested, or a table cannot be written.
 pub fn run(args: &Args) -> Answer<Output> {
-    there(&args.run)?;
+    require_run(&args.run)?;
     let request = ExportRequest {
         format: args.format.into(),
         folder: args.out.clone().unwrap_or_else(|| default_folder(&args.run)),

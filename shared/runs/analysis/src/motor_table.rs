@@ -58,17 +58,17 @@ pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
         match recorded.channel.name.as_str() {
             "motor/state" => {
-                if let Some(state) = recorded.to::<MotorState>() {
+                if let Some(state) = recorded.decode::<MotorState>() {
                     cycles.entry(state.header.cycle).or_default().state = Some(state);
                 }
             }
             "node/estimate/a" => {
-                if let Some(estimate) = recorded.to::<NodeEstimate>().filter(|estimate| estimate.valid == 1) {
+                if let Some(estimate) = recorded.decode::<NodeEstimate>().filter(|estimate| estimate.valid == 1) {
                     cycles.entry(estimate.header.cycle).or_default().estimate = Some(estimate);
                 }
             }
             "motor/authority" => {
-                if let Some(authority) = recorded.to::<MotorAuthority>()
+                if let Some(authority) = recorded.decode::<MotorAuthority>()
                     && authority.mode == MotorAuthority::MODE_FOLLOWING
                 {
                     cycles.entry(authority.header.cycle).or_default().period_s = authority.period_s;

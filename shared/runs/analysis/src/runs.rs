@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// The run does not exist or cannot be read.
 pub fn info(run: &Path) -> Answer<Output> {
-    there(run)?;
+    require_run(run)?;
     let report = runlog::info_with(run, &mut progress("reading"))?;
     let mut value = serde_json::to_value(&report).map_err(Failure::not_now)?;
     let mut words = report.to_string();
@@ -90,7 +90,7 @@ fn manifest_text(manifest: &Value, report: &runlog::RunReport) -> String {
 /// # Errors
 /// The run does not exist, or nothing in it can be read.
 pub fn recover(run: &Path) -> Answer<Output> {
-    there(run)?;
+    require_run(run)?;
     let files = if run.is_dir() { unfinished_files(run)? } else { vec![run.to_path_buf()] };
     let mut recovered = Vec::new();
     let mut words = Vec::new();
@@ -133,7 +133,7 @@ pub fn progress(what: &'static str) -> impl FnMut(u64, u64) {
 }
 
 /// Checks that a run exists.
-pub fn there(run: &Path) -> Answer {
+pub fn require_run(run: &Path) -> Answer {
     if run.exists() {
         Ok(())
     } else {

@@ -104,8 +104,8 @@ impl Tracker {
             "control/status/a" | "control/status/b" => {
                 self.store(recorded, each, |row, sample| row.controls[slot] = Some(sample))
             }
-            "truth/node" => recorded.to::<TruthNode>().map(|truth| self.truth.push_back(truth)).is_some(),
-            "plan/motion" => recorded.to::<PlanMotion>().map(|motion| self.motion(&motion)).is_some(),
+            "truth/node" => recorded.decode::<TruthNode>().map(|truth| self.truth.push_back(truth)).is_some(),
+            "plan/motion" => recorded.decode::<PlanMotion>().map(|motion| self.motion(&motion)).is_some(),
             _ => true,
         }
     }
@@ -123,7 +123,7 @@ impl Tracker {
         each: &mut impl FnMut(&Cycle<'_>),
         set: impl FnOnce(&mut CycleRow, T),
     ) -> bool {
-        let Some(sample) = recorded.to::<T>() else { return false };
+        let Some(sample) = recorded.decode::<T>() else { return false };
         let (life, cycle) = (sample.header().life, sample.header().cycle);
         let last = self.rows.back().map_or((0, 0), |row| row.place);
         // A sample from outside the control chain has no life: it belongs to the current one.

@@ -42,7 +42,7 @@ impl Decoder {
     ///
     /// # Errors
     /// One sentence: why its samples cannot be decoded.
-    pub fn of(config: &SensorConfig, type_name: &str, schema: &str, size: usize) -> Result<Self, String> {
+    pub fn new(config: &SensorConfig, type_name: &str, schema: &str, size: usize) -> Result<Self, String> {
         let format = if type_name == Reading::type_name() && size == size_of::<Reading>() {
             Format::Reading
         } else {
@@ -87,7 +87,7 @@ impl Decoder {
                 let header: Header = pod_read_unaligned(bytes.get(..size_of::<Header>())?);
                 let mut sample = Sample { header: self.header(&header), reading_seq: header.seq, ..**empty };
                 let numbers =
-                    fields.iter().filter_map(|field| Value::of(field, bytes)).flat_map(|value| value.numbers());
+                    fields.iter().filter_map(|field| Value::read(field, bytes)).flat_map(|value| value.numbers());
                 for (into, number) in sample.value.iter_mut().zip(numbers) {
                     *into = number.as_f64();
                 }

@@ -23,4 +23,4 @@ pub use logger::{Counts, Logger};
 pub use map::SensorMap;
 pub use plane::Plane;
 pub use settings::{LoggerConfig, SensorConfig};
-pub use text::complaint;
+pub use text::unused_readings_sentence;

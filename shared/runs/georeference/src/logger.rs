@@ -3,7 +3,7 @@
 use messages::{MotorAuthority, NodeEstimate, Rule, SLOTS, Sample, blended_estimate, newer};
 use std::collections::VecDeque;
 use survey::SurveyError;
-use survey::track::{Fix, Placing, Track, TrackOptions};
+use survey::track::{Fix, Track, TrackOptions, TrackPosition};
 
 use crate::decode::DecodedReading;
 use crate::{Decoder, LoggerConfig, SensorConfig};
@@ -79,7 +79,7 @@ impl Logger {
         let newest = [a.as_ref(), b.as_ref()];
         let Some(node) = blended_estimate(self.authority.as_ref(), newest, Rule::History) else { return };
         if node.valid == 1 {
-            self.track.note(&Fix {
+            self.track.add(&Fix {
                 stamp_ns: node.header.stamp_ns,
                 position_m: node.position_m,
                 velocity_m_s: node.velocity_m_s,
@@ -139,17 +139,17 @@ impl Logger {
         while let Some((arrived_ns, reading)) = sensor.waiting.front() {
             let placing = self.track.at(reading.sample.header.stamp_ns, sensor.time_sigma_s, reading.lever_m);
             let place = match placing {
-                Placing::Early if now_ns < arrived_ns.saturating_add(self.wait_ns) => return None,
-                Placing::At(place) => Some(place),
-                Placing::Early => {
+                TrackPosition::Early if now_ns < arrived_ns.saturating_add(self.wait_ns) => return None,
+                TrackPosition::At(place) => Some(place),
+                TrackPosition::Early => {
                     sensor.counts.unplaced += 1;
                     None
                 }
-                Placing::Old => {
+                TrackPosition::Old => {
                     sensor.counts.old += 1;
                     None
                 }
-                Placing::Gap => {
+                TrackPosition::Gap => {
                     sensor.counts.gaps += 1;
                     None
                 }

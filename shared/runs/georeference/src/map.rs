@@ -30,9 +30,9 @@ impl Mapping {
         }
         let number = *sample.value.get(self.value)?;
         let value = if self.looks_down { sample.position_m[2] - number } else { number };
-        let [xx, yy] = self.plane.of(sample.position_std_m).map(|std_m| std_m * std_m);
+        let [xx, yy] = self.plane.project(sample.position_std_m).map(|std_m| std_m * std_m);
         Some(GridSample {
-            position_m: self.plane.of(sample.position_m),
+            position_m: self.plane.project(sample.position_m),
             position_covariance_m2: [xx, 0.0, yy],
             value,
             value_sigma: self.sigma,

@@ -12,7 +12,7 @@ pub enum Plane {
 impl Plane {
     /// Projects a position onto the plane.
     #[must_use]
-    pub fn of(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
+    pub fn project(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
         match self {
             Self::Level => [x, y],
             Self::Upright => [x, z],

@@ -30,9 +30,9 @@ pub struct SensorConfig {
 impl LoggerConfig {
     /// Resolves the settings for a robot.
     #[must_use]
-    pub fn of(section: &SensorLoggerSection, robot: &Robot) -> Self {
+    pub fn from_section(section: &SensorLoggerSection, robot: &Robot) -> Self {
         let plane = if robot.is_planar() { Plane::Upright } else { Plane::Level };
-        let anchors = || robot.anchors().iter().map(|anchor| plane.of((*anchor).into()));
+        let anchors = || robot.anchors().iter().map(|anchor| plane.project((*anchor).into()));
         let corner = |from: f64, pick: fn(f64, f64) -> f64| {
             std::array::from_fn(|k| anchors().map(|anchor| anchor[k]).fold(from, pick))
         };

@@ -5,7 +5,7 @@ use crate::Counts;
 /// Returns one sentence about readings since `before` that got no position or were malformed; `None` if all others were
 /// only stale.
 #[must_use]
-pub fn complaint(name: &str, now: &Counts, before: &Counts) -> Option<String> {
+pub fn unused_readings_sentence(name: &str, now: &Counts, before: &Counts) -> Option<String> {
     let counts = [
         (now.unplaced - before.unplaced, "without a newer estimate"),
         (now.old - before.old, "older than any estimate"),

@@ -31,7 +31,7 @@ pub struct Difference {
 
 /// Result of the comparison for one channel.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Tally {
+pub struct ChannelComparison {
     /// Channel name.
     pub channel: String,
     /// Number of samples in the run.
@@ -50,7 +50,7 @@ pub struct Tally {
 
 /// The samples of one channel.
 pub(super) struct Channel<T> {
-    tally: Tally,
+    tally: ChannelComparison,
     known: Option<Arc<RecordedChannel>>,
     waiting: VecDeque<(u64, T)>,
     t0_ns: u64,
@@ -58,7 +58,7 @@ pub(super) struct Channel<T> {
 
 impl<T: Message> Channel<T> {
     pub(super) fn new(name: &str) -> Self {
-        let tally = Tally { channel: name.to_owned(), ..Tally::default() };
+        let tally = ChannelComparison { channel: name.to_owned(), ..ChannelComparison::default() };
         Self { tally, known: None, waiting: VecDeque::new(), t0_ns: 0 }
     }
 
@@ -69,7 +69,7 @@ impl<T: Message> Channel<T> {
         if !self.known.as_ref().is_some_and(|channel| Arc::ptr_eq(channel, recorded.channel)) {
             self.known = Some(Arc::clone(recorded.channel));
         }
-        let sample = recorded.to();
+        let sample = recorded.decode();
         match &sample {
             Some(_) => self.tally.definition_changed |= self.conversion().is_some_and(|by| !by.is_same()),
             None => self.skip(DEFINITION),
@@ -145,13 +145,13 @@ impl<T: Message> Channel<T> {
     }
 
     /// Returns the result of a channel that also carries samples which are not recomputed.
-    pub(super) fn end_of_some(mut self) -> Option<Tally> {
+    pub(super) fn end_of_some(mut self) -> Option<ChannelComparison> {
         self.tally.recorded = self.tally.equal + self.tally.different;
         self.end()
     }
 
     /// Returns the result, if anything was recorded.
-    pub(super) fn end(mut self) -> Option<Tally> {
+    pub(super) fn end(mut self) -> Option<ChannelComparison> {
         let tally = &mut self.tally;
         let accounted = tally.equal + tally.different + tally.not_compared.values().sum::<u64>();
         if tally.recorded > accounted {

@@ -6,7 +6,7 @@ use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
-use runlog::{Attachment, FORMER_SYSTEM_FILE, SYSTEM_FILE};
+use runlog::{Attachment, SYSTEM_FILE, is_system_file};
 use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
@@ -40,7 +40,7 @@ impl Configuration {
         let folder = tempfile::tempdir().map_err(Failure::not_now)?;
         // The name of an attachment must not lead out of the folder.
         for (attachment, name) in attachments.iter().filter_map(|one| Some((one, Path::new(&one.name).file_name()?))) {
-            let name = if name == FORMER_SYSTEM_FILE { Path::new(SYSTEM_FILE) } else { Path::new(name) };
+            let name = if name.to_str().is_some_and(is_system_file) { Path::new(SYSTEM_FILE) } else { Path::new(name) };
             fs::write(folder.path().join(name), &attachment.data).map_err(Failure::not_now)?;
         }
         let plain = |problem: &dyn std::fmt::Display| {
@@ -141,7 +141,7 @@ impl Configuration {
         if let Some(method) = method.filter(|_| !self.method_changed) {
             section.method = method;
         }
-        Ok(EstimatorConfig::of(&section, self.robot.robot()?, incarnation)?)
+        Ok(EstimatorConfig::from_section(&section, self.robot.robot()?, incarnation)?)
     }
 
     fn controller_config(&self, incarnation: u32, law: Option<ControlLaw>) -> anyhow::Result<ControllerConfig> {
@@ -149,7 +149,7 @@ impl Configuration {
         if let Some(law) = law.filter(|_| !self.law_changed) {
             file.controller.law = law;
         }
-        ControllerConfig::of(&file, &self.robot, incarnation)
+        ControllerConfig::from_files(&file, &self.robot, incarnation)
     }
 }
 

@@ -23,7 +23,7 @@ impl EarlierRequests {
         }
         let Some(schema) = &self.schema else { return };
         let numbers = |name: &str| -> Vec<f64> {
-            let value = schema.field(name).and_then(|field| Value::of(field, recorded.sample));
+            let value = schema.field(name).and_then(|field| Value::read(field, recorded.sample));
             value.map(|value| value.numbers().map(|number| number.as_f64()).collect()).unwrap_or_default()
         };
         let (verbs, args) = (numbers("request_verb"), numbers("request_args"));

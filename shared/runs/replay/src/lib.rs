@@ -9,22 +9,22 @@
 mod changes;
 mod channel;
 mod command_line;
+mod comparison;
 mod config;
 mod earlier;
-mod instead;
 mod parts;
 mod reported;
 
 pub use changes::Changes;
-pub use channel::{Difference, Tally};
+pub use channel::{ChannelComparison, Difference};
 pub use command_line::{Args, replay};
-pub use instead::{Instead, Spread};
+pub use comparison::{Comparison, Spread};
 
 use channel::{Channel, History};
 use command::{Answer, Failure};
+use comparison::Collector;
 use config::Configuration;
 use earlier::EarlierRequests;
-use instead::Collector;
 use messages::{
     ControlStatus, Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
     OperatorRequest, PlanMotion, SLOT_NAMES, SLOTS, SystemConfig, text_of,
@@ -49,7 +49,7 @@ const EVERY_NS: u64 = 20_000_000;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Replayed {
     /// Channels with recorded samples.
-    pub channels: Vec<Tally>,
+    pub channels: Vec<ChannelComparison>,
     /// Number of control cycles.
     pub cycles: u64,
     /// Time from the first to the last cycle, s.
@@ -57,7 +57,7 @@ pub struct Replayed {
     /// Unreadable parts of the run, one sentence each.
     pub damage: Vec<String>,
     /// With changes: their effect.
-    pub instead: Option<Instead>,
+    pub instead: Option<Comparison>,
     /// Version of the build that recorded the run.
     pub recorded_by: Option<String>,
 }
@@ -88,7 +88,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     // The attachments with the configuration precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
     let configuration = Configuration::of(reader.attachments(), changes)?;
-    let recorded_by = reader.about().get("nims_version").cloned();
+    let recorded_by = reader.metadata().get("nims_version").cloned();
     let total = reader.bytes().max(1) as f64;
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
     let mut replay = Replay::new(configuration, !changes.is_empty());

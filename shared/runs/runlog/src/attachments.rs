@@ -8,7 +8,7 @@ use crate::Attachment;
 /// The run's copy of the system file.
 pub const SYSTEM_FILE: &str = "system.toml";
 /// The name of that copy in older runs.
-pub const FORMER_SYSTEM_FILE: &str = "box.toml";
+const FORMER_SYSTEM_FILE: &str = "box.toml";
 /// Subfolders of a run for files added while it runs, numbered in order of arrival: the missions that were executed,
 /// and the configuration files of processes started later.
 pub const ATTACHED_FOLDERS: [&str; 2] = ["missions", "processes"];
@@ -25,6 +25,24 @@ pub fn run_attachments(folder: &Path) -> Vec<Attachment> {
         paths.into_iter().filter_map(move |path| attachment(&path, place)).collect::<Vec<_>>()
     };
     [None].into_iter().chain(ATTACHED_FOLDERS.into_iter().map(Some)).flat_map(of).collect()
+}
+
+/// Returns whether a file of a run is the copy of the system file, by its name.
+#[must_use]
+pub fn is_system_file(name: &str) -> bool {
+    name == SYSTEM_FILE || name == FORMER_SYSTEM_FILE
+}
+
+/// Returns the text of a run's system file: from the folder of the run, else from the attachments of its run file.
+#[must_use]
+pub fn system_file_text(run: &Path, attachments: &[Attachment]) -> Option<String> {
+    let folder = if run.is_dir() { Some(run) } else { run.parent() };
+    let names = [SYSTEM_FILE, FORMER_SYSTEM_FILE];
+    let beside = folder.and_then(|folder| names.iter().find_map(|name| fs::read_to_string(folder.join(name)).ok()));
+    beside.or_else(|| {
+        let attached = attachments.iter().find(|one| is_system_file(&one.name))?;
+        Some(String::from_utf8_lossy(&attached.data).into_owned())
+    })
 }
 
 fn files_in(folder: &Path) -> Vec<PathBuf> {
@@ -59,6 +77,26 @@ fn attachment(path: &Path, place: Option<&str>) -> Option<Attachment> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_system_file_is_read_from_the_folder_or_else_from_the_attachments() {
+        let folder = tempfile::tempdir().unwrap();
+        let attached = |name: &str| {
+            [Attachment { name: name.into(), media_type: "application/toml".into(), data: b"attached".to_vec() }]
+        };
+        let text = |attachments: &[Attachment]| system_file_text(folder.path(), attachments);
+        assert_eq!(text(&attached("robot.toml")), None);
+        for name in [SYSTEM_FILE, FORMER_SYSTEM_FILE] {
+            assert!(is_system_file(name));
+            assert_eq!(text(&attached(name)).as_deref(), Some("attached"));
+        }
+        for name in [FORMER_SYSTEM_FILE, SYSTEM_FILE] {
+            fs::write(folder.path().join(name), name).unwrap();
+            assert_eq!(text(&attached(SYSTEM_FILE)).as_deref(), Some(name));
+            let run_file = folder.path().join("run.mcap");
+            assert_eq!(system_file_text(&run_file, &[]).as_deref(), Some(name), "beside a run file");
+        }
+    }
 
     #[test]
     fn the_configuration_comes_first_and_then_what_was_flown_in_its_order() {

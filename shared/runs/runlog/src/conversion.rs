@@ -37,7 +37,7 @@ impl Conversion {
     /// `None` if the type is a different one, or its definition cannot be parsed. `type_name` is e.g.
     /// `nims_msgs/MotorState/1a2b3c4d`.
     #[must_use]
-    pub fn of<T: Message>(type_name: &str, schema: &str) -> Option<Self> {
+    pub fn new<T: Message>(type_name: &str, schema: &str) -> Option<Self> {
         if schema == T::schema() {
             return Some(Self { same: true, spans: Vec::new() });
         }
@@ -93,7 +93,7 @@ impl Conversion {
             let (old, new) = (was.get(bytes.clone())?, is.get(bytes)?);
             let at =
                 old.chunks(field.primitive.size()).zip(new.chunks(field.primitive.size())).position(|(a, b)| a != b)?;
-            let shown = |sample| Value::of(field, sample)?.numbers().nth(at).map(|number| number.to_string());
+            let shown = |sample| Value::read(field, sample)?.numbers().nth(at).map(|number| number.to_string());
             let name = if field.count.is_some() { format!("{}[{at}]", field.path) } else { field.path.clone() };
             Some((name, shown(was)?, shown(is)?))
         })
@@ -123,7 +123,7 @@ mod tests {
         // life is the first field of the header, published_ns the fifth
         let bytes = bytemuck::bytes_of(&state);
         let old = [&bytes[8..32], &bytes[40..]].concat();
-        let conversion = Conversion::of::<MotorState>("nims_msgs/MotorState/00000000", &before()).unwrap();
+        let conversion = Conversion::new::<MotorState>("nims_msgs/MotorState/00000000", &before()).unwrap();
         assert!(!conversion.is_same());
         assert_eq!(conversion.apply::<MotorState>(&old), Some(state));
         assert_eq!(conversion.apply::<MotorState>(&old[..40]), None);
@@ -132,14 +132,14 @@ mod tests {
     #[test]
     fn a_field_that_was_renamed_is_read_by_its_earlier_name() {
         let earlier = MotorSlots::schema().replace(" deviation\n", " apart\n").replace(" failures\n", " falls\n");
-        let conversion = Conversion::of::<MotorSlots>("nims_msgs/MotorSlots/00000000", &earlier).unwrap();
+        let conversion = Conversion::new::<MotorSlots>("nims_msgs/MotorSlots/00000000", &earlier).unwrap();
         let slots = MotorSlots { deviation: [0.5; 4], failures: [1, 2, 3, 4], ..MotorSlots::default() };
         assert_eq!(conversion.apply::<MotorSlots>(bytemuck::bytes_of(&slots)), Some(slots));
     }
 
     #[test]
     fn another_type_is_not_converted() {
-        assert_eq!(Conversion::of::<MotorState>("nims_msgs/MotorInput/00000000", &before()), None);
-        assert_eq!(Conversion::of::<MotorState>("", &before()), None);
+        assert_eq!(Conversion::new::<MotorState>("nims_msgs/MotorInput/00000000", &before()), None);
+        assert_eq!(Conversion::new::<MotorState>("", &before()), None);
     }
 }

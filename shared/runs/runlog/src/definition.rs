@@ -23,7 +23,7 @@ pub struct ChannelSpec {
 impl ChannelSpec {
     /// The channel `name` with a type of this build.
     #[must_use]
-    pub fn of<T: Payload>(name: &str) -> Self {
+    pub fn for_type<T: Payload>(name: &str) -> Self {
         Self { name: name.into(), type_name: T::type_name().into(), schema: T::schema().into(), size: size_of::<T>() }
     }
 }
@@ -50,7 +50,7 @@ const ROUNDS: usize = 64;
 
 impl Definitions {
     /// The schema of a channel: its own, its own under another name, or plain bytes.
-    pub fn of(&mut self, spec: &ChannelSpec) -> Definition {
+    pub fn definition_of(&mut self, spec: &ChannelSpec) -> Definition {
         match check(spec) {
             Ok(name) => self.unique(spec, name),
             Err(why) => opaque(spec, &why),
@@ -167,12 +167,12 @@ mod tests {
     fn known_types_keep_their_text_also_where_they_are_nested() {
         let mut definitions = Definitions::default();
         for spec in [
-            ChannelSpec::of::<MotorInput>("motor/input"),
-            ChannelSpec::of::<MotorCommand>("motor/command/a"),
-            ChannelSpec::of::<MotorCommand>("motor/command/b"),
-            ChannelSpec::of::<MotorState>("motor/state"),
+            ChannelSpec::for_type::<MotorInput>("motor/input"),
+            ChannelSpec::for_type::<MotorCommand>("motor/command/a"),
+            ChannelSpec::for_type::<MotorCommand>("motor/command/b"),
+            ChannelSpec::for_type::<MotorState>("motor/state"),
         ] {
-            let definition = definitions.of(&spec);
+            let definition = definitions.definition_of(&spec);
             assert_eq!(definition.text, spec.schema);
             assert_eq!(definition.schema_name, schema_name(&spec.type_name).unwrap());
             assert!(!definition.metadata.contains_key("refused"));
@@ -183,11 +183,11 @@ mod tests {
     fn one_name_stands_for_one_text() {
         let separator = "=".repeat(80);
         let mut definitions = Definitions::default();
-        definitions.of(&ChannelSpec::of::<MotorState>("motor/state"));
+        definitions.definition_of(&ChannelSpec::for_type::<MotorState>("motor/state"));
         let text = format!(
             "nims_msgs/Header header\nnims_msgs/Header[2] more\n{separator}\nMSG: nims_msgs/Header\nuint64 other\n"
         );
-        let definition = definitions.of(&foreign("nims_msgs/MotorState/00000000", &text, 24));
+        let definition = definitions.definition_of(&foreign("nims_msgs/MotorState/00000000", &text, 24));
         assert!(definition.schema_name.starts_with("nims_msgs/msg/MotorStateX"), "{}", definition.schema_name);
         assert_eq!(definition.metadata["original_schema"], text);
         let nested = split(&definition.text)[1].0.to_owned();
@@ -197,7 +197,7 @@ mod tests {
         assert_eq!(parsed.size(), 24);
         assert!(is_type_name(&nested));
         // the same type again gets the same names
-        assert_eq!(definitions.of(&foreign("nims_msgs/MotorState/00000000", &text, 24)), definition);
+        assert_eq!(definitions.definition_of(&foreign("nims_msgs/MotorState/00000000", &text, 24)), definition);
     }
 
     #[test]
@@ -211,7 +211,7 @@ mod tests {
             (foreign("my_pkg/Wind/1", "string x\n", 8), SchemaRefusal::Schema(string)),
             (foreign("my_pkg/Wind/1", "float64 x\nuint8 y\n", 16), SchemaRefusal::Size { described: 9, sample: 16 }),
         ] {
-            let definition = definitions.of(&spec);
+            let definition = definitions.definition_of(&spec);
             assert_eq!(definition.schema_name, format!("nims_msgs/msg/Opaque{}", spec.size));
             assert_eq!(definition.text, format!("uint8[{}] data\n", spec.size));
             assert_eq!(check(&spec).as_ref(), Err(&why));

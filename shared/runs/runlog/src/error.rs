@@ -26,7 +26,7 @@ pub enum RunError {
         why: String,
     },
     /// The file was removed or moved while it was being written.
-    #[error("the run file {}; its samples are missing here: {}", RunError::REMOVED, path.display())]
+    #[error("the run file was removed or moved while it was written; its samples are missing here: {}", path.display())]
     Removed {
         /// The file.
         path: PathBuf,
@@ -108,10 +108,6 @@ pub enum NotARunReason {
 }
 
 impl RunError {
-    /// Part of the sentence of [`RunError::Removed`]. A program that receives only the sentence recognises the error by
-    /// it.
-    pub const REMOVED: &'static str = "was removed or moved while it was written";
-
     pub(crate) fn io(path: &Path, what: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), what, source }
     }
@@ -130,16 +126,5 @@ pub(crate) fn cause_text(error: &mcap::McapError) -> String {
     match error {
         mcap::McapError::Io(cause) => cause.to_string(),
         other => other.to_string(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_removed_file_is_known_by_its_sentence() {
-        let said = RunError::Removed { path: PathBuf::from("/runs/one/run.mcap.part") }.to_string();
-        assert!(said.contains(RunError::REMOVED) && said.ends_with("/runs/one/run.mcap.part"), "{said}");
     }
 }

@@ -178,7 +178,7 @@ impl RunInspection {
             count.unrecorded_ns += if missing > 0 { silence_ns } else { 0 };
         }
         self.bounds = Some(self.bounds.map_or((now, now), |(first, last)| (first.min(now), last.max(now))));
-        if let Some(gap) = recorded.to::<RecorderGap>().filter(|_| self.gaps.len() < GAPS) {
+        if let Some(gap) = recorded.decode::<RecorderGap>().filter(|_| self.gaps.len() < GAPS) {
             self.gaps.push(gap);
         }
     }
@@ -309,7 +309,7 @@ fn report(
         channels,
         gaps: gaps.iter().map(|gap| gap_report(gap, reader, begin)).collect(),
         attachments: reader.attachments().iter().map(|attachment| attachment.name.clone()).collect(),
-        about: reader.about().clone(),
+        about: reader.metadata().clone(),
         ended: reader.ends().last().and_then(|end| end.get("reason").cloned()),
     }
 }

@@ -22,7 +22,7 @@
 //!
 //! let path = folder.path().join("run.mcap");
 //! let mut writer = RunWriter::create(&path, RunClock::now(), &Default::default(), &[])?;
-//! let channel = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node"))?;
+//! let channel = writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node"))?;
 //! let mut sample = TruthNode::default();
 //! sample.header_mut().stamp_ns = 1_000;
 //! writer.write(channel, 1, 1_000, 1_000, bytemuck::bytes_of(&sample))?;
@@ -55,7 +55,9 @@ mod sequence;
 mod sync;
 mod write;
 
-pub use attachments::{ATTACHED_ENDINGS, ATTACHED_FOLDERS, FORMER_SYSTEM_FILE, SYSTEM_FILE, run_attachments};
+pub use attachments::{
+    ATTACHED_ENDINGS, ATTACHED_FOLDERS, SYSTEM_FILE, is_system_file, run_attachments, system_file_text,
+};
 pub use clock::{RunClock, published_ns, utc};
 pub use conversion::Conversion;
 pub use definition::{ChannelSpec, Definition, Definitions, SchemaRefusal};

@@ -66,7 +66,7 @@ impl RecordedChannel {
         if self.schema_name.rsplit('/').next() != Some(T::NAME) {
             return None;
         }
-        self.conversion.get_or_init(|| Conversion::of::<T>(&self.type_name, &self.schema)).as_ref()
+        self.conversion.get_or_init(|| Conversion::new::<T>(&self.type_name, &self.schema)).as_ref()
     }
 }
 
@@ -74,7 +74,7 @@ impl RecordedSample<'_> {
     /// The sample as this build's type; `None` if it has another type. Samples of another build are converted by field
     /// name; new fields are zero.
     #[must_use]
-    pub fn to<T: Message>(&self) -> Option<T> {
+    pub fn decode<T: Message>(&self) -> Option<T> {
         self.channel.conversion::<T>()?.apply(self.sample)
     }
 }
@@ -270,7 +270,7 @@ impl RunReader {
 
     /// Metadata of the run: origin, content, versions.
     #[must_use]
-    pub fn about(&self) -> &BTreeMap<String, String> {
+    pub fn metadata(&self) -> &BTreeMap<String, String> {
         &self.about
     }
 
@@ -377,7 +377,7 @@ pub fn read_channel<T: Message>(path: &Path, channel: &str) -> Result<Vec<(u64, 
         if recorded.channel.name != channel {
             continue;
         }
-        match recorded.to::<T>() {
+        match recorded.decode::<T>() {
             Some(sample) => found.push((recorded.log_time_ns, sample)),
             None => {
                 return Err(RunError::Type {

@@ -184,7 +184,7 @@ impl RunWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn add_channel(&mut self, spec: &ChannelSpec) -> Result<ChannelId, RunError> {
-        let definition = self.definitions.of(spec);
+        let definition = self.definitions.definition_of(spec);
         let topic = format!("/{}", spec.name);
         let failed = RunError::write(&self.part);
         let schema_id = self.writer.add_schema(&definition.schema_name, "ros2msg", definition.text.as_bytes());
@@ -322,7 +322,7 @@ impl RunWriter {
     ///
     /// # Errors
     /// The metadata cannot be read, so it is unknown whether the file exists.
-    pub fn is_there(&self) -> io::Result<bool> {
+    pub fn exists(&self) -> io::Result<bool> {
         match fs::metadata(&self.part) {
             Ok(meta) => Ok((meta.dev(), meta.ino()) == self.identity),
             // NotADirectory: a component of the path is not a folder.

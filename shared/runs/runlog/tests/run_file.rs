@@ -47,8 +47,8 @@ fn run(folder: &Path, cycles: u64) -> (RunWriter, PathBuf) {
     let config =
         Attachment { name: "system.toml".into(), media_type: "application/toml".into(), data: b"a = 1".to_vec() };
     let mut writer = RunWriter::create(&path, clock, &about, &[config]).unwrap();
-    let state = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
-    let truth = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap();
+    let state = writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap();
+    let truth = writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node")).unwrap();
     let mut random = Random(42);
     for cycle in 1..=cycles {
         write(&mut writer, state, &random.sample::<MotorState>(cycle, START + cycle * PERIOD));
@@ -83,18 +83,18 @@ fn samples_come_back_bit_for_bit_with_their_times() {
         let expected: MotorState = random.sample(cycle, stamp);
         let recorded = reader.next_sample().unwrap().unwrap();
         assert_eq!(recorded.sample, bytemuck::bytes_of(&expected));
-        assert!(recorded.to::<TruthNode>().is_none());
+        assert!(recorded.decode::<TruthNode>().is_none());
         assert_eq!(recorded.channel.type_name, MotorState::type_name());
         assert_eq!(recorded.sequence, cycle as u32);
         assert_eq!(recorded.publish_time_ns, 1_700_000_000_000_000_000 + cycle * PERIOD);
         assert_eq!(recorded.log_time_ns, recorded.publish_time_ns + 100);
         let expected: TruthNode = random.sample(cycle, stamp);
         let recorded = reader.next_sample().unwrap().unwrap();
-        assert_eq!(bytemuck::bytes_of(&recorded.to::<TruthNode>().unwrap()), bytemuck::bytes_of(&expected));
+        assert_eq!(bytemuck::bytes_of(&recorded.decode::<TruthNode>().unwrap()), bytemuck::bytes_of(&expected));
     }
     assert!(reader.next_sample().unwrap().is_none());
     assert_eq!(reader.clock().unwrap().t0_mono_ns, START);
-    assert_eq!(reader.about()["robot"], "lab3");
+    assert_eq!(reader.metadata()["robot"], "lab3");
 
     let report = info(folder.path()).unwrap();
     assert!(report.healthy, "{:?}", report.verdict);
@@ -116,7 +116,7 @@ fn losses_are_seen_by_number() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
     let mut writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
-    let channel = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap();
     let mut random = Random(1);
     for seq in [1_u64, 2, 5, 6, 9] {
         write(&mut writer, channel, &random.sample::<MotorState>(seq, seq));
@@ -199,8 +199,8 @@ fn a_recovered_file_lacks_what_the_numbers_of_the_next_one_show() {
         recover(&part, &mut quiet).unwrap();
         let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: START };
         let mut writer = RunWriter::create(&next_file(folder.path()), clock, &BTreeMap::new(), &[]).unwrap();
-        let state = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
-        let truth = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap();
+        let state = writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap();
+        let truth = writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node")).unwrap();
         let mut random = Random(43);
         for seq in next..next + 100 {
             write(&mut writer, state, &random.sample::<MotorState>(seq, START + seq * PERIOD));
@@ -335,7 +335,7 @@ fn a_power_cut_leaves_all_but_the_last_moments() {
     let now = || begun.elapsed().as_nanos() as u64;
     let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: 0 };
     let mut writer = RunWriter::create(&path, clock, &BTreeMap::new(), &[]).unwrap();
-    let channel = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap();
     let mut random = Random(5);
     // flushed fifty times as often as the recorder does: the count of unsafe flushes must never exceed two, whatever
     // the speed of the disk

@@ -5,7 +5,7 @@ use std::time::Duration;
 use iceoryx2::prelude::PortName;
 
 use crate::memory::{CONNECTION_BYTES, SHORT, need, room};
-use crate::places::{Party, Refused};
+use crate::places::{Participant, Refused};
 use crate::{Bus, BusError};
 
 /// Number of further attempts to create a port: another process may be leaving, or giving back a place in excess.
@@ -22,14 +22,12 @@ impl Bus {
     ) -> Result<R, Refused<E>> {
         let party = self.party;
         // A process that has died since this one joined may hold a place.
-        if !party.within(&taken(), limit, 1) {
-            self.clean();
-            if !party.within(&taken(), limit, 1) {
-                return Err(Refused::NoPlace(party.ceiling(limit)));
-            }
+        let is_free = || party.within(&taken(), limit, 1).then_some(()).ok_or(());
+        if is_free().or_else(|()| self.after_cleaning(is_free)).is_err() {
+            return Err(Refused::NoPlace(party.ceiling(limit)));
         }
         let mut port = make().or_else(|_| self.after_cleaning(&make));
-        for _ in 0..if party == Party::Guest { 0 } else { ATTEMPTS } {
+        for _ in 0..if party == Participant::Guest { 0 } else { ATTEMPTS } {
             if port.is_ok() || taken().len() < limit {
                 break;
             }

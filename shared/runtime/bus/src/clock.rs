@@ -102,7 +102,7 @@ impl Schedule {
     }
 
     /// Records the start of the tick that was due at `scheduled_ns`.
-    pub fn begun(&mut self, scheduled_ns: u64, woke_ns: u64) {
+    pub fn record_start(&mut self, scheduled_ns: u64, woke_ns: u64) {
         (self.last_ns, self.last_woke_ns) = (scheduled_ns, woke_ns);
     }
 
@@ -132,7 +132,7 @@ impl Pacer {
         let (scheduled_ns, skipped) = self.schedule.next(now_ns());
         sleep_until(scheduled_ns);
         let woke_ns = now_ns();
-        self.schedule.begun(scheduled_ns, woke_ns);
+        self.schedule.record_start(scheduled_ns, woke_ns);
         Tick { scheduled_ns, woke_ns, skipped }
     }
 
@@ -153,18 +153,18 @@ mod tests {
         for k in 1..50 {
             let (due, skipped) = schedule.next(1000 + 10 * (k - 1) + 3);
             assert_eq!((due, skipped), (1000 + 10 * k, 0));
-            schedule.begun(due, due + 1);
+            schedule.record_start(due, due + 1);
         }
     }
 
     #[test]
     fn periods_of_a_stall_are_skipped_and_the_grid_is_kept() {
         let mut schedule = Schedule::new(0, 10);
-        schedule.begun(10, 10);
+        schedule.record_start(10, 10);
         // At 137, the newest due time that has passed is 130; 20..=120 are skipped.
         let (due, skipped) = schedule.next(137);
         assert_eq!((due, skipped), (130, 11));
-        schedule.begun(due, 137);
+        schedule.record_start(due, 137);
         // 140 would be only 3 after the last start, so it is skipped too.
         assert_eq!(schedule.next(138), (150, 1));
     }
@@ -179,7 +179,7 @@ mod tests {
             let (due, _) = schedule.next(now);
             now = now.max(due);
             assert!(due % 1000 == 0 && (pass == 0 || now >= last + 500), "{last} {now}");
-            schedule.begun(due, now);
+            schedule.record_start(due, now);
             last = now;
         }
     }

@@ -13,7 +13,7 @@ use rustix::fs::{FlockOperation, flock, statfs};
 use rustix::process::geteuid;
 
 use crate::clock::WallClock;
-use crate::error::{BadName, BusError, Unfit};
+use crate::error::{BadName, BusError, UnusableFolder};
 
 /// Folder of POSIX shared memory on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
@@ -182,36 +182,36 @@ impl Domain {
     /// Creates the folder with mode 0700, or checks that an existing one is a domain of this user and closed to others.
     /// The mode of an existing folder is not changed, because the folder may have another purpose.
     fn make_folder(&self) -> Result<(), BusError> {
-        let unusable = |why: Unfit| BusError::DomainFolder { path: self.root.clone(), why };
+        let unusable = |why: UnusableFolder| BusError::DomainFolder { path: self.root.clone(), why };
         if self.is_chosen() {
             let existing = if self.root.exists() { Some(self.root.as_path()) } else { self.root.parent() };
             let found = existing.and_then(|path| statfs(path).ok());
             if found.is_some_and(|found| !MEMORY_FILE_SYSTEMS.contains(&(found.f_type as u32))) {
-                return Err(unusable(Unfit::NotInMemory));
+                return Err(unusable(UnusableFolder::NotInMemory));
             }
         }
         match fs::DirBuilder::new().mode(0o700).create(&self.root) {
             Ok(()) => return self.mark(),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(unusable(Unfit::NotMade(error.to_string()))),
+            Err(error) => return Err(unusable(UnusableFolder::NotMade(error.to_string()))),
         }
         let found = fs::symlink_metadata(&self.root).map_err(|error| unusable(error.into()))?;
         if !found.is_dir() {
-            return Err(unusable(Unfit::NotAFolder));
+            return Err(unusable(UnusableFolder::NotAFolder));
         }
         let user = geteuid().as_raw();
         if found.uid() != user {
-            return Err(unusable(Unfit::OtherUser { owner: found.uid(), user }));
+            return Err(unusable(UnusableFolder::OtherUser { owner: found.uid(), user }));
         }
         if self.is_chosen() && !self.is_marked() {
             let empty = fs::read_dir(&self.root).map_err(|error| unusable(error.into()))?.flatten().next().is_none();
             // Check the mark again: another process may have set it between the two checks.
             if !empty && !self.is_marked() {
-                return Err(unusable(Unfit::OtherFiles));
+                return Err(unusable(UnusableFolder::OtherFiles));
             }
         }
         if found.mode() & 0o077 != 0 {
-            return Err(unusable(Unfit::Open { mode: found.mode() & 0o777 }));
+            return Err(unusable(UnusableFolder::Open { mode: found.mode() & 0o777 }));
         }
         self.mark()
     }
@@ -346,7 +346,7 @@ impl Domain {
 
     /// Gives up the domain: if no process runs in it, removes its objects in shared memory, and its folder unless the
     /// user gave its path. Returns whether no process was left.
-    pub fn retire(&self, claim: Claim) -> bool {
+    pub fn release(&self, claim: Claim) -> bool {
         if !self.alive().is_empty() {
             return false;
         }

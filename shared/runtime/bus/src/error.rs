@@ -20,7 +20,7 @@ pub enum BusError {
         /// Path of the folder.
         path: PathBuf,
         /// The problem.
-        why: Unfit,
+        why: UnusableFolder,
     },
     /// Another supervisor runs this domain.
     #[error(
@@ -215,7 +215,7 @@ pub enum BadName {
 
 /// Reason why the folder of a domain cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Unfit {
+pub enum UnusableFolder {
     /// The folder is on a disk.
     #[error("it is not in memory; give a folder on tmpfs, such as one in /dev/shm or /run")]
     NotInMemory,
@@ -253,7 +253,7 @@ pub enum Unfit {
     System(String),
 }
 
-impl From<std::io::Error> for Unfit {
+impl From<std::io::Error> for UnusableFolder {
     fn from(error: std::io::Error) -> Self {
         Self::System(error.to_string())
     }

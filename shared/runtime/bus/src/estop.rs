@@ -6,7 +6,9 @@
 //! a datagram too.
 //!
 //! A datagram consists of a magic number, a number that the answer repeats, and the bytes of the request. The request
-//! is for the log only: a request of another build, or none, stops the robot too.
+//! is for the log only: a request of another build, or none, stops the robot too. The answer has a magic number of its
+//! own, the same number, whether the stop was accepted, and the number of the reason with its parameters; its reader
+//! makes the sentence.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;
@@ -14,7 +16,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
 use arrayvec::ArrayVec;
-use messages::{OperatorRequest, Request, RequestAnswer, put_sentence};
+use messages::{DETAIL_BYTES, OperatorRequest, Request, RequestAnswer};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::domain::ESTOP_SOCKET;
@@ -22,12 +24,13 @@ use crate::requester::sign_from_memory;
 use crate::{BusError, Domain};
 
 const MAGIC: [u8; 16] = *b"nims emergency 1";
-const NUMBER: std::ops::Range<usize> = 16..24;
+/// Of an answer. Another one than that of a stop, so that a change of the answer never makes a stop unknown.
+const ANSWER_MAGIC: [u8; 16] = *b"nims emergency 2";
 const BODY: usize = 24;
 /// Size of a datagram with a request, bytes.
 const LONGEST: usize = BODY + size_of::<OperatorRequest>();
-/// Size of the longest answer, bytes: `accepted` and a sentence.
-const ANSWER: usize = BODY + 1 + 512;
+/// Size of an answer, bytes: `accepted`, the reason, its numbers, its values and its texts.
+const ANSWER: usize = BODY + 1 + 2 + 6 * 8 + 6 * 8 + DETAIL_BYTES;
 /// Largest number of stops that are answered in one cycle; further ones are answered in the next cycle.
 pub const AT_ONCE: usize = 8;
 /// Time between two polls for the answer, and between attempts while the receiver's queue of about ten is full, ns.
@@ -97,17 +100,43 @@ impl Receiver {
         stops
     }
 
-    /// Sends the answer, without the parameters of its reason. It is no error if the sender has ended.
+    /// Sends the answer, without its sentence. It is no error if the sender has ended.
     pub fn answer(&self, stop: &Stop, answer: &RequestAnswer) {
         let Some(to) = &stop.from else { return };
-        let mut bytes = [0_u8; ANSWER];
-        bytes[..MAGIC.len()].copy_from_slice(&MAGIC);
-        bytes[NUMBER].copy_from_slice(&stop.number);
-        bytes[BODY] = answer.accepted;
-        let length = answer.text.iter().position(|byte| *byte == 0).unwrap_or(answer.text.len());
-        bytes[BODY + 1..][..length].copy_from_slice(&answer.text[..length]);
-        let _ = self.socket.send_to_addr(&bytes[..BODY + 1 + length], to);
+        let _ = self.socket.send_to_addr(&datagram_of(&stop.number, answer), to);
     }
+}
+
+/// Returns the datagram of an answer; nothing is allocated.
+fn datagram_of(number: &[u8; 8], answer: &RequestAnswer) -> ArrayVec<u8, ANSWER> {
+    let mut bytes = ArrayVec::new();
+    bytes.extend(ANSWER_MAGIC);
+    bytes.extend(*number);
+    bytes.push(answer.accepted);
+    bytes.extend(answer.reason.to_le_bytes());
+    bytes.extend(answer.number.iter().flat_map(|number| number.to_le_bytes()));
+    bytes.extend(answer.value.iter().flat_map(|value| value.to_le_bytes()));
+    bytes.extend(answer.detail);
+    bytes
+}
+
+/// Returns the answer in a datagram, if it is one to the stop of that number.
+fn answer_in(bytes: &[u8], number: &[u8; 8]) -> Option<RequestAnswer> {
+    let rest = bytes.strip_prefix(&ANSWER_MAGIC)?.strip_prefix(number)?;
+    let (accepted, rest) = rest.split_first()?;
+    let (reason, rest) = rest.split_first_chunk()?;
+    let (numbers, rest) = rest.split_at_checked(6 * 8)?;
+    let (values, rest) = rest.split_at_checked(6 * 8)?;
+    let mut answer = RequestAnswer {
+        accepted: *accepted,
+        reason: u16::from_le_bytes(*reason),
+        detail: *rest.first_chunk()?,
+        ..RequestAnswer::default()
+    };
+    let of = |bytes: &[u8], i: usize| bytes[8 * i..].first_chunk().copied().unwrap_or_default();
+    answer.number = std::array::from_fn(|i| u64::from_le_bytes(of(numbers, i)));
+    answer.value = std::array::from_fn(|i| f64::from_le_bytes(of(values, i)));
+    Some(answer)
 }
 
 /// Returns whether a motor-io has created its socket in this domain; it may have been killed since.
@@ -116,7 +145,7 @@ pub fn is_heard(domain: &Domain) -> bool {
     domain.root().join(ESTOP_SOCKET).exists()
 }
 
-/// Sends an emergency stop and waits for its answer: the request with `answered`, `accepted` and `answer` filled in.
+/// Sends an emergency stop and waits for its answer: the request with its answer, but without the sentence.
 /// Repeats the stop until then, and calls `uneasy` once if there is no answer after `patience`. A stop remains in the
 /// queue of a suspended motor-io even if this process ends.
 ///
@@ -167,11 +196,9 @@ pub fn send(
             }
         }
         while let Ok(length) = socket.recv(&mut bytes) {
-            if length > BODY && bytes[..MAGIC.len()] == MAGIC && bytes[NUMBER] == number {
-                let mut answer = sent;
-                (answer.answered, answer.accepted) = (1, bytes[BODY]);
-                put_sentence(&mut answer.answer, &String::from_utf8_lossy(&bytes[BODY + 1..length]));
-                return Ok(answer);
+            if let Some(answer) = answer_in(&bytes[..length], &number) {
+                sent.put_answer(&answer);
+                return Ok(sent);
             }
         }
         if now >= deadline {
@@ -192,4 +219,24 @@ fn secret() -> Option<[u8; 8]> {
     let mut bytes = [0; 8];
     std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes)).ok()?;
     Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_travels_with_its_parameters_and_only_to_its_stop() {
+        let mut answer = RequestAnswer { accepted: 1, reason: 0x1234, ..RequestAnswer::default() };
+        answer.number = [1, u64::MAX, 3, 4, 5, 6];
+        answer.value = [0.25, -1.0, f64::NAN, f64::INFINITY, 1e-300, 6.0];
+        answer.detail = std::array::from_fn(|i| i as u8);
+        let bytes = datagram_of(&[7; 8], &answer);
+        assert_eq!(bytes.len(), ANSWER);
+        assert_eq!(answer_in(&bytes, &[7; 8]), Some(answer));
+        assert_eq!(answer_in(&bytes, &[8; 8]), None);
+        for length in 0..bytes.len() {
+            assert_eq!(answer_in(&bytes[..length], &[7; 8]), None, "{length}");
+        }
+    }
 }

@@ -9,7 +9,8 @@
 //! * Ports stay in the thread that created them. After creation, receiving and waiting do not allocate; sending
 //!   allocates and frees one counter of fixed size, inside iceoryx2.
 //! * A created object has all its memory: no later page fault ends a process because /dev/shm is full ([`Memory`]).
-//! * Observers leave places to control processes ([`Party`]); an emergency stop needs no place at all ([`estop`]).
+//! * Observers leave places to control processes ([`Participant`]); an emergency stop needs no place at all
+//!   ([`estop`]).
 //! * Only the user who runs a domain can access its objects.
 //! * The next `send` or `receive` connects to a new peer, which costs about 0.1 ms once.
 //!
@@ -53,14 +54,14 @@ mod tap;
 mod waiter;
 
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
-pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, Unfit};
+pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, UnusableFolder};
 pub use memory::Memory;
 pub use node::Bus;
-pub use places::Party;
+pub use places::Participant;
 pub use port::{Publisher, Subscriber};
 pub use privacy::make_private;
 pub use request::{Call, Client, Server, request_event};
-pub use sweep::Swept;
+pub use sweep::SweepReport;
 pub use tap::{ChannelInfo, ChannelWatch, Raw, Tap};
 pub use waiter::{Waiter, Wake};
 

@@ -22,7 +22,7 @@ use rustix::fs::{FallocateFlags, fallocate, fstatfs, statvfs};
 use rustix::io::Errno;
 
 use crate::domain::{MEMORY_FILE_SYSTEMS, SHARED_MEMORY};
-use crate::places::Party;
+use crate::places::Participant;
 use crate::{BusError, Domain};
 
 /// Largest number of interruptions of one reservation by signals.
@@ -89,7 +89,7 @@ impl Domain {
     }
 }
 
-pub(crate) fn need(bytes: usize, party: Party, what: &str) -> Result<(), BusError> {
+pub(crate) fn need(bytes: usize, party: Participant, what: &str) -> Result<(), BusError> {
     let Some((total, free)) = room() else { return Ok(()) };
     let needed = bytes as u64 + party.margin();
     if total == 0 || free >= needed {

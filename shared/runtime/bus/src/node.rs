@@ -23,7 +23,7 @@ use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, SchemaContinuation};
 use crate::domain::info_of;
 use crate::error::{PlaceKind, THIS_PROCESS};
-use crate::places::{Party, Refused, collect_listed};
+use crate::places::{Participant, Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
@@ -34,6 +34,10 @@ const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 const JOIN_TIMEOUT_NS: u64 = SECOND_NS;
 /// Time between two attempts to join.
 const JOIN_PAUSE: Duration = Duration::from_millis(20);
+/// Number of attempts to free a place while other processes clean up, and the time between two. Removing all processes
+/// of a robot takes tens of milliseconds, plus the stalls of the machine.
+const CLEANING_ATTEMPTS: usize = 100;
+const CLEANING_PAUSE: Duration = Duration::from_millis(20);
 /// Largest number of notifiers and of listeners of an event: all processes use `system/channels`, and a channel may
 /// have one notifier more than publishers, that of a successor.
 const EVENT_PORTS: usize = 64;
@@ -52,7 +56,7 @@ pub struct Bus {
     pub(crate) node: Node<ipc::Service>,
     domain: Domain,
     process: String,
-    pub(crate) party: Party,
+    pub(crate) party: Participant,
     pub(crate) port_name: PortName,
     announcer: OnceCell<Notifier<ipc::Service>>,
     /// Continuations of long schema texts by type name, open as long as this value exists.
@@ -67,14 +71,14 @@ impl Bus {
     /// [`BusError::Join`] if the name is longer than 63 bytes or the folder cannot be used, [`BusError::NoMemory`] if
     /// there is not enough shared memory.
     pub fn join(domain: &Domain, process: &str) -> Result<Self, BusError> {
-        Self::join_as(domain, process, Party::Member)
+        Self::join_as(domain, process, Participant::Member)
     }
 
     /// As [`Bus::join`], as a participant of this kind, which leaves places to more important kinds.
     ///
     /// # Errors
     /// As [`Bus::join`].
-    pub fn join_as(domain: &Domain, process: &str, party: Party) -> Result<Self, BusError> {
+    pub fn join_as(domain: &Domain, process: &str, party: Participant) -> Result<Self, BusError> {
         let failed =
             |why: String| BusError::Join { process: process.to_owned(), domain: domain.name().to_owned(), why };
         set_log_level(LogLevel::Fatal); // iceoryx2 also returns its problems as errors
@@ -317,9 +321,18 @@ impl Bus {
         BusError::Full { channel: channel.to_owned(), limit, what, holders: self.holders_of(channel, pattern) }
     }
 
-    /// Calls `make` after a clean-up, because a process that has died since this one joined may hold a place.
-    pub(crate) fn after_cleaning<R>(&self, make: impl Fn() -> R) -> R {
-        self.clean();
+    /// Calls `make` after a clean-up, because a process that has died since this one joined may hold a place. Only one
+    /// process at a time can clean up: if another one has begun, this one waits for it and tries again.
+    pub(crate) fn after_cleaning<R, E>(&self, make: impl Fn() -> Result<R, E>) -> Result<R, E> {
+        for _ in 1..CLEANING_ATTEMPTS {
+            let dead = self.domain.dead() > 0;
+            self.clean();
+            let made = make();
+            if made.is_ok() || !dead {
+                return made;
+            }
+            std::thread::sleep(CLEANING_PAUSE);
+        }
         make()
     }
 

@@ -7,7 +7,7 @@ use iceoryx2::prelude::{PortName, SemanticStringError};
 
 /// Kind of participant, in ascending order of importance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub enum Party {
+pub enum Participant {
     /// An observer: `nims channel echo`, `nims top`, the viewer.
     Guest,
     /// A command of an operator: `nims status`, `nims swap`.
@@ -17,7 +17,7 @@ pub enum Party {
     Member,
 }
 
-impl Party {
+impl Participant {
     /// Returns how many of `limit` places this kind and the less important kinds may have together.
     #[must_use]
     pub const fn ceiling(self, limit: usize) -> usize {
@@ -88,14 +88,15 @@ mod tests {
     use super::*;
     use messages::CHANNELS;
 
-    fn port(party: Party) -> PortName {
+    fn port(party: Participant) -> PortName {
         party.port_name("x").unwrap_or_else(|_| PortName::new_empty())
     }
 
     #[test]
     fn each_kind_leaves_places_to_more_important_kinds() {
         for limit in 1..100 {
-            let [guests, commands, all] = [Party::Guest, Party::Command, Party::Member].map(|one| one.ceiling(limit));
+            let [guests, commands, all] =
+                [Participant::Guest, Participant::Command, Participant::Member].map(|one| one.ceiling(limit));
             assert!(guests <= commands && commands <= all && all == limit);
             assert!(limit < 8 || (guests >= 3 && commands - guests >= 2 && all - commands >= 3), "{limit}");
         }
@@ -106,16 +107,18 @@ mod tests {
     fn the_robot_has_six_places_on_every_channel() {
         for row in CHANNELS {
             let limit = row.quality.subscribers;
-            assert!(limit - Party::Command.ceiling(limit) >= 6, "{}", row.pattern);
+            assert!(limit - Participant::Command.ceiling(limit) >= 6, "{}", row.pattern);
         }
     }
 
     #[test]
     fn a_kind_counts_itself_and_less_important_kinds() {
         let taken: Vec<PortName> =
-            [Party::Guest, Party::Guest, Party::Guest, Party::Command, Party::Member].map(port).to_vec();
-        assert!(!Party::Guest.within(&taken, 8, 1) && Party::Guest.within(&taken, 8, 0));
-        assert!(Party::Command.within(&taken, 8, 1) && !Party::Command.within(&taken, 8, 2));
-        assert!(Party::Member.within(&taken, 5, 1), "iceoryx2 itself enforces the limit");
+            [Participant::Guest, Participant::Guest, Participant::Guest, Participant::Command, Participant::Member]
+                .map(port)
+                .to_vec();
+        assert!(!Participant::Guest.within(&taken, 8, 1) && Participant::Guest.within(&taken, 8, 0));
+        assert!(Participant::Command.within(&taken, 8, 1) && !Participant::Command.within(&taken, 8, 2));
+        assert!(Participant::Member.within(&taken, 5, 1), "iceoryx2 itself enforces the limit");
     }
 }

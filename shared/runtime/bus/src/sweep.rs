@@ -10,7 +10,7 @@ use rustix::process::geteuid;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::domain::SHARED_MEMORY;
-use crate::error::Unfit;
+use crate::error::UnusableFolder;
 use crate::{BusError, Domain};
 
 /// Age from which an incomplete object is abandoned. Creating one takes a millisecond, plus the stalls of the machine.
@@ -20,7 +20,7 @@ const CLEANER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Result of [`Domain::sweep`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Swept {
+pub struct SweepReport {
     /// Number of running processes in the domain.
     pub alive: usize,
     /// Number of dead processes whose objects were removed.
@@ -40,13 +40,13 @@ impl Domain {
     /// # Errors
     /// [`BusError::DomainFolder`] if the cleaner hangs. Then every process of the domain must be ended and started
     /// again.
-    pub fn sweep(&self) -> Result<Swept, BusError> {
+    pub fn sweep(&self) -> Result<SweepReport, BusError> {
         let (alive, dead) = self.nodes();
         if alive.is_empty() {
-            return Ok(Swept { files: self.wipe(), ..Swept::default() });
+            return Ok(SweepReport { files: self.wipe(), ..SweepReport::default() });
         }
         let files = self.remove_half_made();
-        let mut swept = Swept { alive: alive.len(), files, ..Swept::default() };
+        let mut swept = SweepReport { alive: alive.len(), files, ..SweepReport::default() };
         if dead > 0 {
             self.before_cleaning();
             // Runs in a thread, because the cleaner can hang on the objects of a process killed in its first
@@ -62,11 +62,11 @@ impl Domain {
                 let _ = done.send(node.map(|node| node.try_cleanup_dead_nodes()).ok());
             });
             let hangs = |why| BusError::DomainFolder { path: self.root().to_owned(), why };
-            cleaner.map_err(|error| hangs(Unfit::NoCleaner(error.to_string())))?;
+            cleaner.map_err(|error| hangs(UnusableFolder::NoCleaner(error.to_string())))?;
             match result.recv_timeout(CLEANER_TIMEOUT) {
                 Ok(Some(state)) => (swept.removed, swept.failed) = (state.cleanups, state.failed_cleanups),
                 Ok(None) => swept.failed = dead as u64,
-                Err(_) => return Err(hangs(Unfit::CleanerHangs)),
+                Err(_) => return Err(hangs(UnusableFolder::CleanerHangs)),
             }
         }
         Ok(swept)

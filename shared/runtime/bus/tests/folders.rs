@@ -1,7 +1,7 @@
 //! The folder of a domain: which files are created, removed, and left unchanged.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use bus::{Bus, BusError, Domain, Unfit};
+use bus::{Bus, BusError, Domain, UnusableFolder};
 use messages::{OperatorRequest, Request};
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -12,7 +12,7 @@ fn in_memory() -> tempfile::TempDir {
     tempfile::Builder::new().prefix("nims-f").tempdir_in("/dev/shm").unwrap()
 }
 
-fn refused(root: &Path) -> Unfit {
+fn refused(root: &Path) -> UnusableFolder {
     match Domain::from_root(root).unwrap_err() {
         BusError::DomainFolder { path, why } if path == root => why,
         other => panic!("{other}"),
@@ -25,7 +25,7 @@ fn a_folder_with_other_files_is_rejected_and_not_modified() {
     fs::create_dir(place.path().join("photos")).unwrap();
     fs::write(place.path().join("photos/one"), "1").unwrap();
     fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
-    assert_eq!(refused(place.path()), Unfit::OtherFiles);
+    assert_eq!(refused(place.path()), UnusableFolder::OtherFiles);
     assert!(Domain::existing(place.path().to_str().unwrap()).unwrap().is_none(), "it is no domain");
     assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
     assert_eq!(fs::metadata(place.path()).unwrap().permissions().mode() & 0o777, 0o755);
@@ -36,7 +36,7 @@ fn a_folder_with_other_files_is_rejected_and_not_modified() {
 fn a_folder_that_others_may_enter_is_rejected_and_keeps_its_mode() {
     let place = in_memory();
     fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
-    assert_eq!(refused(place.path()), Unfit::Open { mode: 0o755 });
+    assert_eq!(refused(place.path()), UnusableFolder::Open { mode: 0o755 });
     assert_eq!(fs::metadata(place.path()).unwrap().permissions().mode() & 0o777, 0o755);
     assert_eq!(fs::read_dir(place.path()).unwrap().count(), 0);
 }
@@ -47,7 +47,7 @@ fn a_folder_on_a_disk_is_rejected() {
     if rustix::fs::statfs("/").unwrap().f_type == 0x0102_1994 {
         return notes::left_out("a domain's folder on a disk is refused", "the root of this machine is in memory");
     }
-    assert_eq!(refused(&on_disk), Unfit::NotInMemory);
+    assert_eq!(refused(&on_disk), UnusableFolder::NotInMemory);
     assert!(!on_disk.exists());
 }
 
@@ -80,7 +80,7 @@ fn a_domain_that_is_given_up_leaves_no_files_and_can_be_claimed_again() {
     let bus = Bus::join(&domain, "test").unwrap();
     let _port = bus.subscriber::<OperatorRequest>("operator/request").unwrap();
     drop((_port, bus));
-    assert!(domain.retire(claim));
+    assert!(domain.release(claim));
     assert!(!domain.root().exists());
     let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(domain.prefix());
     assert_eq!(fs::read_dir("/dev/shm").unwrap().flatten().filter(ours).count(), 0);
@@ -88,10 +88,10 @@ fn a_domain_that_is_given_up_leaves_no_files_and_can_be_claimed_again() {
     let claim = domain.claim().unwrap();
     assert!(matches!(domain.claim(), Err(BusError::Claimed { .. })));
     let bus = Bus::join(&domain, "observer").unwrap();
-    assert!(!domain.retire(claim), "a process runs in it");
+    assert!(!domain.release(claim), "a process runs in it");
     assert!(domain.root().exists());
     drop(bus);
-    assert!(domain.retire(domain.claim().unwrap()));
+    assert!(domain.release(domain.claim().unwrap()));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use bus::{Bus, BusError, Client, Domain, Party, Subscriber, THIS_PROCESS, Tap};
+use bus::{Bus, BusError, Client, Domain, Participant, Subscriber, THIS_PROCESS, Tap};
 use messages::{LogEvent, MotorState, Quality, Request, quality_of};
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
@@ -82,16 +82,16 @@ fn observers_and_commands_leave_places_to_the_robot() {
     let domain = Domain::for_test();
     let limit = quality_of(STATE).subscribers;
     let bus = |party| Bus::join_as(&domain, "x", party).unwrap();
-    let _publisher = bus(Party::Member).publisher::<MotorState>(STATE).unwrap();
-    let guests = bus(Party::Guest);
+    let _publisher = bus(Participant::Member).publisher::<MotorState>(STATE).unwrap();
+    let guests = bus(Participant::Guest);
     let looking: Vec<Tap> = (0..limit).map_while(|_| guests.tap(STATE).ok()).collect();
-    assert_eq!(looking.len(), Party::Guest.ceiling(limit));
+    assert_eq!(looking.len(), Participant::Guest.ceiling(limit));
     assert!(matches!(guests.subscriber::<MotorState>(STATE), Err(BusError::Full { .. })));
     // Without the reserved places, nine observers left none to `nims status`.
-    let commands = bus(Party::Command);
+    let commands = bus(Participant::Command);
     let commanding: Vec<_> = (0..limit).map_while(|_| commands.subscriber::<MotorState>(STATE).ok()).collect();
-    assert_eq!(commanding.len() + looking.len(), Party::Command.ceiling(limit));
-    let members = bus(Party::Member);
+    assert_eq!(commanding.len() + looking.len(), Participant::Command.ceiling(limit));
+    let members = bus(Participant::Member);
     let controlling: Vec<_> = (0..limit).map_while(|_| members.subscriber::<MotorState>(STATE).ok()).collect();
     assert_eq!(controlling.len() + commanding.len() + looking.len(), limit);
     // The same applies to notifiers, listeners and clients.
@@ -168,11 +168,11 @@ fn without_memory_new_objects_are_rejected_and_existing_ones_still_work() {
     let mut subscriber = bus.deep_subscriber::<MotorState>(STATE).unwrap();
     let filler = File::create("/dev/shm/filler").unwrap();
     let files = || std::fs::read_dir("/dev/shm").unwrap().count();
-    let guest = Bus::join_as(&domain, "guest", Party::Guest).unwrap();
+    let guest = Bus::join_as(&domain, "guest", Participant::Guest).unwrap();
     fill(&filler, 3 << 20);
     let before = files();
     assert!(matches!(guest.tap(STATE), Err(BusError::NoMemory { .. })));
-    assert!(matches!(Bus::join_as(&domain, "guest", Party::Guest), Err(BusError::NoMemory { .. })));
+    assert!(matches!(Bus::join_as(&domain, "guest", Participant::Guest), Err(BusError::NoMemory { .. })));
     assert_eq!(files(), before);
     let _tap = bus.tap(STATE).expect("the robot's processes may use the margin");
     fill(&filler, 0);
@@ -189,14 +189,14 @@ fn without_memory_new_objects_are_rejected_and_existing_ones_still_work() {
     assert_eq!(std::iter::from_fn(|| subscriber.receive().unwrap()).count(), quality_of(STATE).buffer);
     let request = Request::Estop.encode().unwrap();
     let mut emergency = bus::estop::Receiver::open(&domain).unwrap();
-    let mut stands = messages::RequestAnswer { accepted: 1, ..Default::default() };
-    messages::put_text(&mut stands.text, "It stands.");
+    let mut stands = messages::RequestAnswer { accepted: 1, reason: 70, ..Default::default() };
+    messages::put_text(&mut stands.detail, "It stands.");
     let answer = std::thread::scope(|scope| {
         let asked = scope.spawn(|| bus::estop::send(&domain, &request, Duration::from_secs(20), Duration::ZERO, || ()));
         while emergency.take().iter().map(|stop| emergency.answer(stop, &stands)).count() == 0 {}
         asked.join().unwrap()
     });
-    assert_eq!(messages::text_of(&answer.unwrap().answer), "It stands.");
+    assert_eq!(answer.unwrap().recorded_answer(), Some(stands));
 }
 
 /// A thread repeatedly fills and frees shared memory while channels are created and used.

@@ -327,7 +327,7 @@ fn a_domain_has_one_owner() {
     assert!(matches!(&error, BusError::Claimed { pid, .. } if *pid == std::process::id()), "{error}");
     drop(claim);
     let _claim = domain.claim().unwrap();
-    assert_eq!(domain.sweep().unwrap(), bus::Swept::default());
+    assert_eq!(domain.sweep().unwrap(), bus::SweepReport::default());
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::clock::now_ns;
-use bus::{Bus, BusError, Domain, Subscriber, Unfit, Waiter};
+use bus::{Bus, BusError, Domain, Subscriber, UnusableFolder, Waiter};
 use messages::{MotorState, Request};
 
 /// A running peer process; killed when dropped.
@@ -134,6 +134,27 @@ fn a_dead_server_is_an_error_and_never_a_hang() {
 }
 
 #[test]
+fn the_places_of_killed_processes_are_free_while_other_processes_clean_up() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    for round in 0..20 {
+        let (server, publisher) =
+            (Peer::start(domain.name(), "nims", "serve"), Peer::start(domain.name(), "motor-io", "publish"));
+        server.kill();
+        publisher.kill();
+        std::thread::scope(|scope| {
+            // A process that joins cleans up, and only one process at a time can.
+            for _ in 0..3 {
+                scope.spawn(|| drop(Bus::join(&domain, "joining").unwrap()));
+            }
+            let (server, publisher) = (bus.server("nims"), bus.publisher::<MotorState>("motor/state"));
+            assert!(server.is_ok(), "round {round}: {}", server.unwrap_err());
+            assert!(publisher.is_ok(), "round {round}: {}", publisher.unwrap_err());
+        });
+    }
+}
+
+#[test]
 fn a_sweep_removes_dead_processes_and_wipes_an_empty_domain() {
     let domain = Domain::for_test();
     for _ in 0..3 {
@@ -183,7 +204,10 @@ fn it_works_for_a_user_without_privileges() {
     let _second = Peer::run(&mut as_unprivileged_user("publish", "motor-io"));
     // Root, which is another user, is rejected; it must not stall them.
     let error = Domain::parse(&format!("/dev/shm/nims-65534-{name}")).unwrap_err();
-    assert!(matches!(error, BusError::DomainFolder { why: Unfit::OtherUser { owner: 65534, user: 0 }, .. }), "{error}");
+    assert!(
+        matches!(error, BusError::DomainFolder { why: UnusableFolder::OtherUser { owner: 65534, user: 0 }, .. }),
+        "{error}"
+    );
 }
 
 /// Removes the objects of another user's domain when dropped.

@@ -21,7 +21,7 @@ pub fn follow(bus: &Bus, asked: &Request, mut seen: impl FnMut(&ProcessState)) -
     let mut waiter = bus.waiter(&["system/process"])?;
     let asked_ns = clock::now_ns();
     let answer = ask(bus, SUPERVISOR, asked)?;
-    let sentence = Failure::of(&answer)?;
+    let sentence = Failure::unless_accepted(&answer)?;
     let give_up = clock::now_ns() + PATIENCE_NS;
     loop {
         while let Some(row) = table.receive()? {

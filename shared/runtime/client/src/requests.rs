@@ -19,7 +19,7 @@ pub const SUPERVISOR: &str = "nims";
 /// # Errors
 /// Refused, with the reason, or not answered.
 pub fn send(bus: &Bus, process: &str, request: &Request) -> Answer<String> {
-    Failure::of(&ask(bus, process, request)?)
+    Failure::unless_accepted(&ask(bus, process, request)?)
 }
 
 /// The system file of the run of this domain, without the true world of a virtual motor box.
@@ -52,7 +52,7 @@ fn copy_of(bus: &Bus, name: &str) -> Answer<SystemFile> {
 /// # Errors
 /// The supervisor left no record of the run.
 pub fn running(bus: &Bus) -> Answer<Running> {
-    Running::of(bus.domain()).ok_or_else(|| {
+    Running::read(bus.domain()).ok_or_else(|| {
         Failure::NotNow(format!("the robot in the domain `{}` was not started by `nims up`", bus.domain().name()))
     })
 }

@@ -1,10 +1,13 @@
 //! Finding a running robot, and reading its samples.
 
-use bus::{Bus, Domain, Party};
+use bus::{Bus, Domain, Participant};
 use command::{Answer, Failure};
 use messages::{
-    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES, blended_estimate,
+    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES,
+    blended_estimate, put_sentence,
 };
+use robot_state::Reason;
+use robot_state::answers::detail;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -28,7 +31,7 @@ pub struct Running {
 impl Running {
     /// Reads the record of a domain; `None` without a run.
     #[must_use]
-    pub fn of(domain: &Domain) -> Option<Self> {
+    pub fn read(domain: &Domain) -> Option<Self> {
         let text = std::fs::read_to_string(domain.root().join(RUNNING_FILE)).ok()?;
         serde_json::from_str(&text).ok()
     }
@@ -73,14 +76,14 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
 /// # Errors
 /// As [`domain`].
 pub fn join(name: Option<&str>) -> Answer<Bus> {
-    join_as(name, Party::Command)
+    join_as(name, Participant::Command)
 }
 
 /// [`join`] as another party: a command that stops the robot may take every place, an observer leaves places free.
 ///
 /// # Errors
 /// As [`domain`].
-pub fn join_as(name: Option<&str>, party: Party) -> Answer<Bus> {
+pub fn join_as(name: Option<&str>, party: Participant) -> Answer<Bus> {
     bus::make_private();
     Ok(Bus::join_as(&domain(name)?, "nims-command", party)?)
 }
@@ -123,7 +126,16 @@ pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
     let answer = bus::estop::send(&listening(name)?, &request, ANSWER, UNEASY, || {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });
-    Failure::of(&answer.map_err(helped)?)
+    let mut answer = answer.map_err(helped)?;
+    let sentence = Reason::of(&answer).map(|reason| reason.sentence());
+    let sentence = sentence.unwrap_or_else(|| {
+        detail(format_args!(
+            "motor-io answered with number {}, which this program does not know; look whether the robot stands",
+            answer.reason
+        ))
+    });
+    put_sentence(&mut answer.answer, &sentence);
+    Failure::unless_accepted(&answer)
 }
 
 /// Returns the newest estimate in charge that arrives within `patience`.

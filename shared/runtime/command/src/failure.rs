@@ -47,7 +47,7 @@ impl Failure {
     ///
     /// # Errors
     /// The request was not accepted.
-    pub fn of(answer: &OperatorRequest) -> Answer<String> {
+    pub fn unless_accepted(answer: &OperatorRequest) -> Answer<String> {
         let sentence = messages::text_of(&answer.answer);
         match answer.accepted {
             OperatorRequest::ACCEPTED => Ok(sentence),

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 /// # Errors
 /// The point has another number of coordinates than the robot needs.
 pub fn position(robot: &Robot, point: &Point) -> Answer<[f64; 3]> {
-    point.on(robot.is_planar()).map_err(Failure::BadInput)
+    point.resolve(robot.is_planar()).map_err(Failure::BadInput)
 }
 
 /// Returns a position as JSON: [x, y, z], or [x, z] for a planar robot.

@@ -4,9 +4,10 @@ use super::{
     ArbiterSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role, SystemFile, UnitSection,
 };
 use crate::number::number;
-use crate::{DriveFamily, Problem, Slot};
+use crate::{DriveFamily, Problem};
 use cable_robot::anchors::RADII_M;
 use cable_robot::control_bounds::{MAX_LENGTH_GAIN, MAX_PREVIEW, MAX_WINDOW};
+use messages::Slot;
 
 /// Longest name, characters: it becomes part of the path of a socket, whose length is limited.
 const NAME_MAX: usize = 16;
@@ -56,7 +57,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
     number("robot.drag_n_s2_m2", robot.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
     for corner in robot.keep_out.iter().flatten() {
         corner
-            .on(robot.anchors_m.is_planar())
+            .resolve(robot.anchors_m.is_planar())
             .map_err(|why| Problem::of("robot.keep_out", format!("is not usable: {why}")))?;
     }
     // A floating node is pulled down by cables from below, so its anchors may be below the ground level.

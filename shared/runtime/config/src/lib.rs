@@ -38,7 +38,8 @@ pub use number::{Given, number};
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
-pub use slot::Slot;
+
+pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::{
     ArbiterSection, ControllerSection, EstimatorSection, MotorIoSection, PlannerSection, PortSection, ProcessSection,
     RealtimeSection, RecorderSection, Role, SystemFile, UnitSection,

@@ -8,9 +8,13 @@ use super::{
 use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
 use crate::{Problem, PulleyKind, TensionDistribution};
-use cable_robot::motor::Motor;
+use cable_robot::motor::{DriveLimits, Motor};
 use cable_robot::{Distribution, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
+
+/// Share of the supply voltage that does not reach the motor, or that the drive's speed loop needs to correct: a bridge
+/// of transistors and its wiring lose some tenths of a volt, and at full duty a loop cannot correct.
+const DRIVE_RESERVE: f64 = 0.05;
 
 impl RobotFile {
     /// Reads and checks a robot file and the measured files that it names.
@@ -106,6 +110,10 @@ impl RobotFile {
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
             motor: self.motor.motor(),
             motor_table: self.motor_table.as_ref().and_then(|file| file.table(self.motor.resistance_ohm).ok()),
+            drive_limits: DriveLimits {
+                current_a: self.motor.current_limit_a,
+                voltage_v: self.supply_min_v.map_or(f64::INFINITY, |supply_v| supply_v * (1.0 - DRIVE_RESERVE)),
+            },
             anchor_covariance_m2: self.calibration.as_ref().map(|file| file.covariance_m2.clone()),
         }
     }
@@ -233,7 +241,9 @@ impl SystemFile {
     /// # Errors
     /// As [`RobotFile::load`].
     pub fn robot_file(&self) -> Result<RobotFile, ConfigError> {
-        RobotFile::load(&self.robot)
+        // 0: the supply is not monitored.
+        let supply_min_v = Some(self.motor_io.supply_min_v).filter(|supply_v| *supply_v > 0.0);
+        RobotFile::load(&self.robot).map(|robot| RobotFile { supply_min_v, ..robot })
     }
 
     /// Returns the period of a control cycle, s.

@@ -48,8 +48,7 @@ pub fn mission_hash(text: &str) -> [u8; 32] {
 /// Where the mission of that hash lies in the folder of the run.
 #[must_use]
 pub fn mission_copy(run: &Path, hash: &[u8; 32]) -> PathBuf {
-    let name: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
-    run.join(INBOX).join(format!("{name}.toml"))
+    run.join(INBOX).join(format!("{}.toml", messages::hex(hash)))
 }
 
 /// Stores the text of a mission for the planner of the run; returns its hash.

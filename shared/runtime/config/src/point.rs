@@ -36,7 +36,7 @@ impl Point {
     ///
     /// # Errors
     /// The point is of the other kind: one clause.
-    pub fn on(&self, planar: bool) -> Result<[f64; 3], String> {
+    pub fn resolve(&self, planar: bool) -> Result<[f64; 3], String> {
         match (self.position_m, self.planar, planar) {
             ([x, _, z], true, false) => {
                 Err(format!("[{x}, {z}] is a point of a plane, and this robot moves in space; give x, y and z"))
@@ -149,9 +149,9 @@ mod tests {
     #[test]
     fn the_error_for_a_point_of_the_other_kind_contains_its_coordinates() {
         let (flat, space) = (Point::from_numbers(&[1.0, 2.0]).unwrap(), Point::from([1.0, 0.0, 2.0]));
-        assert_eq!((flat.on(true), space.on(true)), (Ok([1.0, 0.0, 2.0]), Ok([1.0, 0.0, 2.0])));
-        assert_eq!(space.on(false), Ok([1.0, 0.0, 2.0]));
-        assert!(flat.on(false).unwrap_err().contains("[1, 2]"));
-        assert!(Point::from([1.0, 0.5, 2.0]).on(true).unwrap_err().contains("[1, 0.5, 2]"));
+        assert_eq!((flat.resolve(true), space.resolve(true)), (Ok([1.0, 0.0, 2.0]), Ok([1.0, 0.0, 2.0])));
+        assert_eq!(space.resolve(false), Ok([1.0, 0.0, 2.0]));
+        assert!(flat.resolve(false).unwrap_err().contains("[1, 2]"));
+        assert!(Point::from([1.0, 0.5, 2.0]).resolve(true).unwrap_err().contains("[1, 0.5, 2]"));
     }
 }

@@ -26,6 +26,9 @@ pub struct RobotFile {
     /// The table that `motor.table` names.
     #[serde(skip)]
     pub motor_table: Option<MotorTableFile>,
+    /// Lowest supply voltage of the drives, V, if a system file names this robot.
+    #[serde(skip)]
+    pub supply_min_v: Option<f64>,
 }
 
 /// `[robot]`.

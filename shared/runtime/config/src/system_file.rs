@@ -1,7 +1,8 @@
 //! The system file: processes, drives, control rate and parameters of a robot.
 
 use super::{MotorBoxTable, SensorLoggerSection, ViewerSection};
-use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, Slot, StopPin, TensionDistribution};
+use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution};
+use messages::Slot;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -86,7 +87,8 @@ pub struct MotorIoSection {
     /// Cycles after which a stall or a runaway is a fault.
     #[serde(default = "default_stall_cycles")]
     pub stall_cycles: u32,
-    /// Lowest supply voltage, V.
+    /// Lowest supply voltage, V: below it the robot warns, and the planner rejects what the motors cannot do at it less
+    /// 5 %. 0 for neither.
     #[serde(default = "default_supply_min")]
     pub supply_min_v: f64,
     /// Fraction by which the node may exceed the robot's speed limit.
@@ -394,6 +396,7 @@ pub struct ProcessSection {
     #[serde(default)]
     pub command: Vec<String>,
     /// Slot of a controller or estimator. Default: a, or b for a standby.
+    #[serde(default, with = "crate::slot")]
     pub slot: Option<Slot>,
     /// A second controller or estimator, in slot b, that takes over when the first one dies.
     #[serde(default)]

@@ -10,7 +10,7 @@ const CROWDED: f64 = 2.0;
 
 /// The present load of the computer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Busy {
+pub struct SystemLoad {
     /// Fraction of the last ten seconds in which a thread waited for a CPU; `None` if the kernel has no such
     /// statistics.
     pub pressure: Option<f64>,
@@ -18,16 +18,16 @@ pub struct Busy {
     pub load: Option<Load>,
 }
 
-impl Busy {
+impl SystemLoad {
     /// Reads the statistics.
     #[must_use]
-    pub fn look() -> Self {
+    pub fn read() -> Self {
         Self { pressure: Pressure::open().and_then(|pressure| pressure.some_share()), load: Load::read() }
     }
 
     /// Returns a clause about the load if the computer is busy.
     #[must_use]
-    pub fn words(&self) -> Option<String> {
+    pub fn clause(&self) -> Option<String> {
         let pressed = self.pressure.filter(|share| *share >= BUSY_SHARE);
         let crowded = self.load.filter(|load| f64::from(load.now) > CROWDED * load.processors as f64);
         if pressed.is_none() && crowded.is_none() {
@@ -51,7 +51,7 @@ impl Busy {
     /// Returns a sentence with the cure if the computer is busy.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
-        self.words().map(|words| format!("{words}; {CURE}"))
+        self.clause().map(|words| format!("{words}; {CURE}"))
     }
 }
 
@@ -82,11 +82,11 @@ impl Watch {
     }
 
     /// Reads the pressure every two seconds; returns a change.
-    pub fn look(&mut self, now_ns: u64) -> Option<Change> {
+    pub fn poll(&mut self, now_ns: u64) -> Option<Change> {
         if self.last.is_some_and(|(then_ns, _)| now_ns < then_ns + POLL_NS) {
             return None;
         }
-        let some_us = self.pressure.as_ref()?.some_us()?;
+        let some_us = self.pressure.as_ref()?.waiting_us()?;
         self.step(now_ns, some_us)
     }
 
@@ -122,19 +122,19 @@ mod tests {
 
     #[test]
     fn a_computer_with_little_load_causes_no_warning() {
-        assert_eq!(Busy { pressure: Some(0.1), load: load(4) }.warning(), None);
-        assert_eq!(Busy { pressure: None, load: None }.warning(), None);
+        assert_eq!(SystemLoad { pressure: Some(0.1), load: load(4) }.warning(), None);
+        assert_eq!(SystemLoad { pressure: None, load: None }.warning(), None);
     }
 
     #[test]
     fn the_warning_contains_the_known_figures_and_the_cure() {
-        let words = Busy { pressure: Some(0.93), load: load(13) }.warning().unwrap();
+        let words = SystemLoad { pressure: Some(0.93), load: load(13) }.warning().unwrap();
         for part in ["13 threads", "2 processors", "93 %", "nims doctor"] {
             assert!(words.contains(part), "{words}");
         }
         // Each of the two statistics alone suffices.
-        assert!(Busy { pressure: None, load: load(13) }.words().is_some());
-        assert!(Busy { pressure: Some(0.3), load: None }.words().is_some());
+        assert!(SystemLoad { pressure: None, load: load(13) }.clause().is_some());
+        assert!(SystemLoad { pressure: Some(0.3), load: None }.clause().is_some());
     }
 
     #[test]

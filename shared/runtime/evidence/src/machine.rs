@@ -16,12 +16,12 @@ impl Pressure {
     pub fn open() -> Option<Self> {
         // A kernel started with psi=0 has the file, but reading it fails.
         let pressure = Self { file: File::open("/proc/pressure/cpu").ok()? };
-        pressure.some_us().is_some().then_some(pressure)
+        pressure.waiting_us().is_some().then_some(pressure)
     }
 
     /// Returns the time since the start of the machine in which at least one thread had to wait for a CPU, µs.
     #[must_use]
-    pub fn some_us(&self) -> Option<u64> {
+    pub fn waiting_us(&self) -> Option<u64> {
         let mut buffer = [0; 128];
         let length = pread(&self.file, &mut buffer, 0).ok()?;
         total_us(buffer.get(..length)?)
@@ -102,8 +102,8 @@ mod tests {
     #[test]
     fn the_pressure_of_this_machine_never_decreases() {
         let Some(pressure) = Pressure::open() else { return };
-        let first = pressure.some_us();
-        assert!(first.is_some() && pressure.some_us() >= first);
+        let first = pressure.waiting_us();
+        assert!(first.is_some() && pressure.waiting_us() >= first);
         assert!(pressure.some_share().is_some_and(|share| (0.0..=1.0).contains(&share)));
     }
 }

@@ -49,7 +49,7 @@ impl Thread {
     ///
     /// # Errors
     /// The kernel has no such statistics.
-    pub fn own() -> io::Result<Self> {
+    pub fn current() -> io::Result<Self> {
         Self::open("/proc/thread-self", true)
     }
 
@@ -57,7 +57,7 @@ impl Thread {
     ///
     /// # Errors
     /// There is no such thread, or the kernel has no such statistics.
-    pub fn of(tid: u32) -> io::Result<Self> {
+    pub fn with_id(tid: u32) -> io::Result<Self> {
         Self::open(&format!("/proc/{tid}"), false)
     }
 
@@ -84,7 +84,7 @@ impl Thread {
     /// A thread that runs from one reading to the next may look like a waiting one until the next scheduler tick of the
     /// kernel counts its time. This makes the total too large by at most one tick, independent of the number of
     /// readings.
-    pub fn look(&mut self, now_ns: u64) -> Option<u64> {
+    pub fn run_delay_ns(&mut self, now_ns: u64) -> Option<u64> {
         let Some((state, counts)) = self.read() else {
             self.state = State::Dead;
             return None;
@@ -100,10 +100,10 @@ impl Thread {
         Some(self.delay_ns)
     }
 
-    /// As [`Thread::look`], for a thread that sleeps until it is given work: `given_ns` is the time when it was given
-    /// work that is not done yet. If the thread is runnable and has not run since the last reading, it has waited since
-    /// `given_ns`. Without work, only the kernel's counts are read, which is cheaper.
-    pub fn look_since(&mut self, now_ns: u64, given_ns: Option<u64>) -> Option<u64> {
+    /// As [`Thread::run_delay_ns`], for a thread that sleeps until it is given work: `given_ns` is the time when it was
+    /// given work that is not done yet. If the thread is runnable and has not run since the last reading, it has waited
+    /// since `given_ns`. Without work, only the kernel's counts are read, which is cheaper.
+    pub fn run_delay_since_ns(&mut self, now_ns: u64, given_ns: Option<u64>) -> Option<u64> {
         let before = self.counts;
         let Some(given_ns) = given_ns else {
             let mut buffer = [0; 96];
@@ -115,7 +115,7 @@ impl Thread {
             self.delay_ns = self.delay_ns.max(counts.waited_ns);
             return Some(self.delay_ns);
         };
-        self.look(now_ns)?;
+        self.run_delay_ns(now_ns)?;
         if self.state == State::Runnable && self.counts == before && !self.own {
             self.pending_ns = self.pending_ns.max(now_ns.saturating_sub(given_ns));
             self.delay_ns = self.delay_ns.max(self.counts.waited_ns.saturating_add(self.pending_ns));
@@ -125,7 +125,7 @@ impl Thread {
 
     /// Returns whether the thread waited for a CPU at the last two readings.
     #[must_use]
-    pub fn waits(&self) -> bool {
+    pub fn was_waiting(&self) -> bool {
         self.pending_ns > 0
     }
 
@@ -187,7 +187,7 @@ mod tests {
     fn poll_until(thread: &mut Thread, wanted: impl Fn(&Thread, Option<u64>) -> bool) -> bool {
         let began = Instant::now();
         while began.elapsed() < Duration::from_secs(20) {
-            let delay = thread.look(began.elapsed().as_nanos() as u64 + 1);
+            let delay = thread.run_delay_ns(began.elapsed().as_nanos() as u64 + 1);
             if wanted(thread, delay) {
                 return true;
             }
@@ -212,19 +212,19 @@ mod tests {
         let mut child =
             KilledOnDrop(Command::new("sleep").arg("100").spawn().unwrap_or_else(|error| panic!("{error}")));
         let pid = rustix::process::Pid::from_child(&child.0);
-        let mut thread = Thread::of(child.0.id()).unwrap_or_else(|error| panic!("{error}"));
+        let mut thread = Thread::with_id(child.0.id()).unwrap_or_else(|error| panic!("{error}"));
         assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Asleep));
         let _ = rustix::process::kill_process(pid, rustix::process::Signal::STOP);
         assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Stopped));
-        let before = thread.look(1);
+        let before = thread.run_delay_ns(1);
         std::thread::sleep(Duration::from_millis(30));
-        assert_eq!(thread.look(30_000_001), before);
-        assert!(!thread.waits());
+        assert_eq!(thread.run_delay_ns(30_000_001), before);
+        assert!(!thread.was_waiting());
         let _ = child.0.kill();
         let _ = child.0.wait();
-        assert_eq!(thread.look(2), None);
+        assert_eq!(thread.run_delay_ns(2), None);
         assert_eq!(thread.state(), State::Dead);
-        assert!(Thread::of(child.0.id()).is_err());
+        assert!(Thread::with_id(child.0.id()).is_err());
     }
 
     #[test]
@@ -235,7 +235,7 @@ mod tests {
         };
         // Skip the test without taskset.
         let (Some(one), Some(_two)) = (busy(), busy()) else { return };
-        let mut thread = Thread::of(one.0.id()).unwrap_or_else(|error| panic!("{error}"));
+        let mut thread = Thread::with_id(one.0.id()).unwrap_or_else(|error| panic!("{error}"));
         assert!(poll_until(&mut thread, |_, delay| delay.is_some_and(|delay_ns| delay_ns > 50_000_000)));
     }
 
@@ -244,26 +244,26 @@ mod tests {
         let mut child =
             KilledOnDrop(Command::new("sleep").arg("100").spawn().unwrap_or_else(|error| panic!("{error}")));
         let pid = rustix::process::Pid::from_child(&child.0);
-        let mut thread = Thread::of(child.0.id()).unwrap_or_else(|error| panic!("{error}"));
+        let mut thread = Thread::with_id(child.0.id()).unwrap_or_else(|error| panic!("{error}"));
         assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Asleep));
-        let before = thread.look_since(1_000, None);
-        assert_eq!(thread.look_since(50_000_000, Some(2_000)), before);
+        let before = thread.run_delay_since_ns(1_000, None);
+        assert_eq!(thread.run_delay_since_ns(50_000_000, Some(2_000)), before);
         let _ = rustix::process::kill_process(pid, rustix::process::Signal::STOP);
         assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Stopped));
-        let stopped = thread.look_since(100_000_000, None);
-        assert_eq!(thread.look_since(150_000_000, Some(100_000_000)), stopped);
+        let stopped = thread.run_delay_since_ns(100_000_000, None);
+        assert_eq!(thread.run_delay_since_ns(150_000_000, Some(100_000_000)), stopped);
         let _ = child.0.kill();
         let _ = child.0.wait();
-        assert_eq!((thread.look_since(1, None), thread.state()), (None, State::Dead));
+        assert_eq!((thread.run_delay_since_ns(1, None), thread.state()), (None, State::Dead));
     }
 
     #[test]
     fn the_total_never_decreases_and_the_calling_thread_runs() {
-        let mut own = Thread::own().unwrap_or_else(|error| panic!("{error}"));
+        let mut own = Thread::current().unwrap_or_else(|error| panic!("{error}"));
         let mut last = 0;
         for now_ns in (0..100).map(|k| k * 1_000_000) {
-            let delay = own.look(now_ns);
-            assert!(delay >= Some(last) && !own.waits());
+            let delay = own.run_delay_ns(now_ns);
+            assert!(delay >= Some(last) && !own.was_waiting());
             last = delay.unwrap_or_default();
         }
         assert_eq!(own.state(), State::Runnable);

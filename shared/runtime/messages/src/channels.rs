@@ -126,37 +126,63 @@ const fn row<T: Payload>(pattern: &'static str, quality: Quality) -> Channel {
     Channel { pattern, type_name: Some(T::type_name), schema: Some(T::schema), quality }
 }
 
-/// Every channel of a robot.
-pub const CHANNELS: &[Channel] = &[
-    row::<MotorState>("motor/state", CYCLE),
-    row::<MotorAuthority>("motor/authority", CYCLE),
-    row::<MotorSlots>("motor/slots", CYCLE),
-    row::<MotorInput>("motor/input", CYCLE),
-    row::<MotorCommand>("motor/command/*", CYCLE),
-    row::<NodeEstimate>("node/estimate/*", CYCLE),
-    row::<PlanMotion>("plan/motion", SLOW),
-    row::<PlanStatus>("plan/status", SLOW),
-    row::<ControlStatus>("control/status/*", CYCLE),
-    row::<OperatorRequest>("operator/request", BURST),
-    row::<Reading>("sensor/*", SENSOR),
-    row::<Sample>("sample/*", SENSOR),
-    row::<FieldMap>("map/*", MAP),
-    Channel { pattern: "cloud/*", type_name: None, schema: None, quality: CLOUD },
-    row::<Energy>("energy", CYCLE),
-    row::<Heartbeat>("system/heartbeat/*", SLOW),
-    row::<LogEvent>("system/log/*", BURST),
-    row::<SystemConfig>("system/config/*", CONFIG),
-    row::<ProcessState>("system/process", BURST),
-    row::<RecorderStatus>("recorder/status", BURST),
-    row::<TruthNode>("truth/node", CYCLE),
-    row::<TfMessage>("tf", VISUALIZATION),
-    row::<PoseStamped>("visualization/pose", VISUALIZATION),
-    row::<MarkerArray>("visualization/robot", VISUALIZATION),
-    row::<Path>("visualization/plan", SLOW_VISUALIZATION),
-    row::<Path>("visualization/track", SLOW_VISUALIZATION),
-    row::<PointCloud2>("visualization/samples/*", SLOW_VISUALIZATION),
-    row::<Log>("log", BURST),
-];
+/// Receives channels with the types of their samples.
+pub trait ChannelVisitor {
+    /// Receives a channel.
+    fn visit<T: Payload>(&mut self, name: &'static str);
+}
+
+/// Declares the table. A row is `pattern: type, quality;` with the type `any` for samples of any type. The names after
+/// `first` are channels whose first sample is recorded: the recorder creates them before their publishers do. Other
+/// channels are discovered when they appear; their history bridges the time until then.
+macro_rules! channels {
+    (@row $pattern:literal any $quality:ident) => {
+        Channel { pattern: $pattern, type_name: None, schema: None, quality: $quality }
+    };
+    (@row $pattern:literal $type:ident $quality:ident) => { row::<$type>($pattern, $quality) };
+    (@visit $visitor:ident any) => {};
+    (@visit $visitor:ident $type:ident $($name:literal)*) => { $($visitor.visit::<$type>($name);)* };
+    ($($pattern:literal: $type:ident, $quality:ident $(, first $($name:literal)+)?;)+) => {
+        /// Every channel of a robot.
+        pub const CHANNELS: &[Channel] = &[$(channels!(@row $pattern $type $quality)),+];
+
+        /// Visits the channels whose first sample is recorded.
+        pub fn visit_first_channels(visitor: &mut impl ChannelVisitor) {
+            $(channels!(@visit visitor $type $($($name)+)?);)+
+        }
+    };
+}
+
+channels! {
+    "motor/state": MotorState, CYCLE, first "motor/state";
+    "motor/authority": MotorAuthority, CYCLE, first "motor/authority";
+    "motor/slots": MotorSlots, CYCLE, first "motor/slots";
+    "motor/input": MotorInput, CYCLE, first "motor/input";
+    "motor/command/*": MotorCommand, CYCLE, first "motor/command/a" "motor/command/b";
+    "node/estimate/*": NodeEstimate, CYCLE, first "node/estimate/a" "node/estimate/b";
+    "plan/motion": PlanMotion, SLOW, first "plan/motion";
+    "plan/status": PlanStatus, SLOW, first "plan/status";
+    "control/status/*": ControlStatus, CYCLE, first "control/status/a" "control/status/b";
+    "operator/request": OperatorRequest, BURST, first "operator/request";
+    "sensor/*": Reading, SENSOR;
+    "sample/*": Sample, SENSOR;
+    "map/*": FieldMap, MAP;
+    "cloud/*": any, CLOUD;
+    "energy": Energy, CYCLE, first "energy";
+    "system/heartbeat/*": Heartbeat, SLOW;
+    "system/log/*": LogEvent, BURST;
+    "system/config/*": SystemConfig, CONFIG;
+    "system/process": ProcessState, BURST, first "system/process";
+    "recorder/status": RecorderStatus, BURST;
+    "truth/node": TruthNode, CYCLE, first "truth/node";
+    "tf": TfMessage, VISUALIZATION;
+    "visualization/pose": PoseStamped, VISUALIZATION;
+    "visualization/robot": MarkerArray, VISUALIZATION;
+    "visualization/plan": Path, SLOW_VISUALIZATION;
+    "visualization/track": Path, SLOW_VISUALIZATION;
+    "visualization/samples/*": PointCloud2, SLOW_VISUALIZATION;
+    "log": Log, BURST;
+}
 
 /// Returns the row of a channel name.
 #[must_use]
@@ -177,4 +203,27 @@ pub fn quality_of(name: &str) -> Quality {
 #[must_use]
 pub fn quality_for(name: &str, bytes: usize) -> Quality {
     quality_of(name).sized(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_channels_have_the_type_of_their_row() {
+        #[derive(Default)]
+        struct Names(Vec<&'static str>);
+        impl ChannelVisitor for Names {
+            fn visit<T: Payload>(&mut self, name: &'static str) {
+                let row = channel_of(name).unwrap();
+                assert_eq!(row.type_name.unwrap()(), T::type_name(), "{name}");
+                self.0.push(name);
+            }
+        }
+        let mut names = Names::default();
+        visit_first_channels(&mut names);
+        for control in ["motor/state", "motor/command/a", "motor/command/b", "plan/motion", "operator/request"] {
+            assert!(names.0.contains(&control), "{control}");
+        }
+    }
 }

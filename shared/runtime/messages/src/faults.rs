@@ -67,6 +67,14 @@ pub struct Faults {
 }
 
 impl Faults {
+    /// Returns the faults that a sample names.
+    #[must_use]
+    pub fn of(authority: &MotorAuthority) -> Self {
+        let named = |mark: u8| mark == 1;
+        let (cables, units) = (authority.fault_cable.map(named), authority.fault_unit.map(named));
+        Self { bits: authority.faults, cables, units, ..Self::default() }
+    }
+
     /// Adds a fault of the whole robot.
     pub fn robot(&mut self, bit: u32) {
         self.bits |= bit;

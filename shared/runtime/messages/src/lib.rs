@@ -34,9 +34,11 @@ pub mod schema;
 mod system;
 mod text;
 
-pub use channels::{CHANNELS, Channel, Quality, channel_of, quality_for, quality_of};
+pub use channels::{
+    CHANNELS, Channel, ChannelVisitor, Quality, channel_of, quality_for, quality_of, visit_first_channels,
+};
 pub use config::SystemConfig;
-pub use live::{AUTHORITY_LAG, Rule, Standing, blended_estimate, newer, same_life, standing};
+pub use live::{AUTHORITY_LAG, Freshness, Rule, blended_estimate, freshness, newer, same_life};
 #[doc(hidden)]
 pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
@@ -47,7 +49,7 @@ pub use request::{
     SlotRole,
 };
 pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
-pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
+pub use text::{MORE, hex, parted, put_sentence, put_text, text_of, words_within};
 
 /// Most cables of one robot; every per-cable array has this length.
 pub const CABLES: usize = 8;
@@ -60,7 +62,7 @@ pub const CONTROLLERS: usize = 0;
 /// Index of the estimators in arrays per role.
 pub const ESTIMATORS: usize = 1;
 /// Length of arrays per role and slot; the index is [`SLOTS`] x role + slot.
-pub const SEATS: usize = ROLES * SLOTS;
+pub const ROLE_SLOTS: usize = ROLES * SLOTS;
 /// Slots per role (controller, estimator): a and b.
 pub const SLOTS: usize = 2;
 /// Names of the slots in channel names.

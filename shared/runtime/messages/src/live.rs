@@ -2,7 +2,7 @@
 //!
 //! The header of a sample of the chain names the life of motor-io and the cycle that it belongs to. motor-io counts its
 //! cycles from 1 in every life, and a channel may still hold samples of a dead or a faulty process. A consumer that
-//! acts on samples therefore calls [`standing`] and acts only on [`Standing::Live`]; one that keeps history, such as
+//! acts on samples therefore calls [`freshness`] and acts only on [`Freshness::Live`]; one that keeps history, such as
 //! the sensor logger or an analysis, calls [`same_life`]; the recorder records everything.
 
 use crate::{ESTIMATORS, Header, Message, MotorAuthority, NodeEstimate, SLOTS};
@@ -13,7 +13,7 @@ pub const AUTHORITY_LAG: u64 = 3;
 
 /// Validity of a sample of the chain beside the newest motor/authority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
+pub enum Freshness {
     /// It may be acted on.
     Live,
     /// It belongs to another life of motor-io.
@@ -26,12 +26,12 @@ pub enum Standing {
 
 /// Judges a sample beside the newest motor/authority, by their headers.
 #[must_use]
-pub fn standing(sample: &Header, authority: &Header, ttl_cycles: u32) -> Standing {
+pub fn freshness(sample: &Header, authority: &Header, ttl_cycles: u32) -> Freshness {
     match () {
-        () if !same_life(sample, authority) => Standing::OtherLife,
-        () if sample.cycle > authority.cycle.saturating_add(AUTHORITY_LAG) => Standing::Ahead,
-        () if sample.cycle.saturating_add(ttl_cycles.into()) < authority.cycle => Standing::Expired,
-        () => Standing::Live,
+        () if !same_life(sample, authority) => Freshness::OtherLife,
+        () if sample.cycle > authority.cycle.saturating_add(AUTHORITY_LAG) => Freshness::Ahead,
+        () if sample.cycle.saturating_add(ttl_cycles.into()) < authority.cycle => Freshness::Expired,
+        () => Freshness::Live,
     }
 }
 
@@ -55,7 +55,7 @@ pub fn newer<T: Message>(kept: Option<T>, arrived: Option<T>) -> Option<T> {
 /// Rule by which estimates are used beside an authority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
-    /// Estimates that may be acted on now; see [`standing`].
+    /// Estimates that may be acted on now; see [`freshness`].
     Live {
         /// Time to live of an estimate, cycles.
         ttl_cycles: u32,
@@ -87,7 +87,7 @@ pub fn blended_estimate(
         (None, Rule::Live { .. }) => return None,
     };
     let counts = |estimate: &&NodeEstimate| match rule {
-        Rule::Live { ttl_cycles } => standing(&estimate.header, &authority.header, ttl_cycles) == Standing::Live,
+        Rule::Live { ttl_cycles } => freshness(&estimate.header, &authority.header, ttl_cycles) == Freshness::Live,
         Rule::History => same_life(&estimate.header, &authority.header),
     };
     let active = usize::from(authority.active_estimator).min(SLOTS - 1);
@@ -146,19 +146,19 @@ mod tests {
     fn a_sample_stands_by_life_then_cycle_then_age() {
         let now = header(5, 100);
         for (life, cycle, expected) in [
-            (5, 100, Standing::Live),
-            (5, 103, Standing::Live),
-            (5, 104, Standing::Ahead),
-            (5, 1 << 63, Standing::Ahead),
-            (5, u64::MAX, Standing::Ahead),
-            (5, 97, Standing::Live),
-            (5, 96, Standing::Expired),
-            (5, 0, Standing::Expired),
-            (4, 100, Standing::OtherLife),
-            (6, 100, Standing::OtherLife),
-            (0, u64::MAX, Standing::OtherLife),
+            (5, 100, Freshness::Live),
+            (5, 103, Freshness::Live),
+            (5, 104, Freshness::Ahead),
+            (5, 1 << 63, Freshness::Ahead),
+            (5, u64::MAX, Freshness::Ahead),
+            (5, 97, Freshness::Live),
+            (5, 96, Freshness::Expired),
+            (5, 0, Freshness::Expired),
+            (4, 100, Freshness::OtherLife),
+            (6, 100, Freshness::OtherLife),
+            (0, u64::MAX, Freshness::OtherLife),
         ] {
-            assert_eq!(standing(&header(life, cycle), &now, 3), expected, "life {life}, cycle {cycle}");
+            assert_eq!(freshness(&header(life, cycle), &now, 3), expected, "life {life}, cycle {cycle}");
         }
     }
 

@@ -1,7 +1,7 @@
 //! Motion segments and the state of the mission.
 
 use crate::CABLES;
-use crate::{Header, layout, message};
+use crate::{DETAIL_BYTES, Header, RequestAnswer, layout, message, put_sentence, text_of};
 
 /// Most knots of a speed profile.
 pub const KNOTS: usize = 32;
@@ -66,9 +66,34 @@ message! {
         mission: [u8; 64],
         /// As in plan/motion.
         mission_number: u32,
-        pad2: [u8; 4],
-        /// Why a mission was refused or ended, in one sentence.
+        /// Why a mission was refused or ended: a number of the catalogue of answers; 0: none.
+        reason_code: u32,
+        /// Parameters of `reason_code`; the catalogue of answers defines their order.
+        reason_value: [f64; 6],
+        reason_number: [u64; 6],
+        /// Text parameters of `reason_code`.
+        detail: [u8; 512],
+        /// `reason_code` in English.
         reason: [u8; 256],
         pad1: [u8; CABLES],
+    }
+}
+
+impl PlanStatus {
+    /// Sets the reason with its parameters and its sentence. The default of the argument removes it.
+    pub fn put_reason(&mut self, answer: &RequestAnswer) {
+        self.reason_code = answer.reason.into();
+        (self.reason_number, self.reason_value, self.detail) = (answer.number, answer.value, answer.detail);
+        put_sentence(&mut self.reason, &text_of(&answer.text));
+    }
+
+    /// The reason, if there is one; without a verdict, and with the sentence as it is recorded here.
+    #[must_use]
+    pub fn recorded_reason(&self) -> Option<RequestAnswer> {
+        let reason = u16::try_from(self.reason_code).ok().filter(|reason| *reason != 0)?;
+        let (number, value, detail): (_, _, [u8; DETAIL_BYTES]) = (self.reason_number, self.reason_value, self.detail);
+        let mut answer = RequestAnswer { reason, number, value, detail, ..RequestAnswer::default() };
+        answer.text[..self.reason.len()].copy_from_slice(&self.reason);
+        Some(answer)
     }
 }

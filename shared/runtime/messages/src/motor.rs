@@ -1,6 +1,6 @@
 //! Samples of the control cycle.
 
-use crate::{CABLES, ROLES, SEATS, SLOTS, UNITS};
+use crate::{CABLES, ROLE_SLOTS, ROLES, SLOTS, UNITS};
 use crate::{Header, RequestBody, message};
 
 message! {
@@ -172,23 +172,23 @@ message! {
         fade: [f64; ROLES],
         /// Per role and slot (controller a, b, estimator a, b): difference from the slot in charge. Controllers: m/s of
         /// the cable that differs most; estimators: m. Negative: nothing to compare.
-        deviation: [f64; SEATS],
+        deviation: [f64; ROLE_SLOTS],
         /// Per role and slot: consecutive cycles with a good answer beside the slot in charge; `qualify_cycles` make it
         /// a standby.
-        good_cycles: [u32; SEATS],
+        good_cycles: [u32; ROLE_SLOTS],
         qualify_cycles: u32,
         /// Per role and slot: phase of qualification.
-        phase: [u8; SEATS] {
+        phase: [u8; ROLE_SLOTS] {
             PHASE_EMPTY = 0, PHASE_ATTACHED = 1, PHASE_SHADOW = 2, PHASE_QUALIFIED = 3, PHASE_SWITCHING = 4, PHASE_ACTIVE = 5,
             PHASE_PROBATION = 6, PHASE_QUARANTINED = 7,
         },
         /// Per role and slot: cause of the last loss of trust.
-        cause: [u8; SEATS] {
+        cause: [u8; ROLE_SLOTS] {
             CAUSE_NONE = 0, CAUSE_ABSENT = 1, CAUSE_RESTARTED = 2, CAUSE_NOT_FINITE = 3, CAUSE_OUT_OF_LIMITS = 4, CAUSE_DEVIATION = 5,
             CAUSE_NOT_VALID = 6, CAUSE_PROBATION = 7,
         },
         /// Per role and slot: losses of trust without a period of good answers between them.
-        failures: [u8; SEATS],
+        failures: [u8; ROLE_SLOTS],
         /// As in motor/authority.
         in_charge: [u8; ROLES],
         pad0: [u8; 6],
@@ -209,7 +209,7 @@ message! {
         /// ns; the same of controllers a, b and estimators a, b (0: unknown); time for which any task of the computer
         /// waited for a processor, us (0: unknown); time that the virtual motor box left out, ns.
         run_delay_ns: u64,
-        chain_delay_ns: [u64; SEATS],
+        chain_delay_ns: [u64; ROLE_SLOTS],
         pressure_us: u64,
         box_left_out_ns: u64,
         /// Setpoint at the plan time of this cycle, for the checks of motor-io: position, m, and velocity at rate 1,

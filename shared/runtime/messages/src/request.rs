@@ -161,12 +161,13 @@ impl SlotRole {
     }
 }
 
-/// One of the two slots of a role.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// One of the two slots of a role: a process can be swapped for the one in the other slot while both run.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub enum Slot {
-    /// Slot a.
+    /// First slot.
+    #[default]
     A,
-    /// Slot b.
+    /// Second slot.
     B,
 }
 

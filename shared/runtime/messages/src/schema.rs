@@ -194,7 +194,7 @@ impl Schema {
 
     /// Every field with its value, in the order of the bytes; bytes that are missing at the end leave their fields out.
     pub fn decode<'a>(&'a self, sample: &'a [u8]) -> impl Iterator<Item = (&'a SchemaField, Value<'a>)> {
-        self.fields.iter().filter_map(|field| Some((field, Value::of(field, sample)?)))
+        self.fields.iter().filter_map(|field| Some((field, Value::read(field, sample)?)))
     }
 }
 
@@ -209,7 +209,7 @@ pub struct Value<'a> {
 impl<'a> Value<'a> {
     /// The value of `field` in a sample; `None` if the sample ends before it.
     #[must_use]
-    pub fn of(field: &SchemaField, sample: &'a [u8]) -> Option<Self> {
+    pub fn read(field: &SchemaField, sample: &'a [u8]) -> Option<Self> {
         let bytes = sample.get(field.offset..field.offset + field.size())?;
         Some(Self { primitive: field.primitive, array: field.count.is_some(), bytes })
     }

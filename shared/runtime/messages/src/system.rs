@@ -83,7 +83,9 @@ message! {
         /// Longest time from receiving a sample to writing it into the buffer of the file, ns.
         worst_lag_ns: u64,
         state: u8 { STATE_RECORDING = 1, STATE_DISK_FULL = 2, STATE_FAILED = 3 },
-        pad0: [u8; 7],
+        /// 1: the file or its folder was removed, so what was recorded is lost.
+        removed: u8,
+        pad0: [u8; 6],
         channel: [u8; 64],
         file: [u8; 128],
         /// Why nothing is being recorded and what to do, in one sentence; empty while recording.

@@ -53,6 +53,16 @@ pub fn text_of(from: &[u8]) -> String {
     String::from_utf8_lossy(&from[..end]).into_owned()
 }
 
+/// Returns two lower-case hexadecimal digits for each byte.
+///
+/// ```
+/// assert_eq!(messages::hex(&[0x00, 0x1f, 0xe0]), "001fe0");
+/// ```
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,267 +2,21 @@
 //! parameters and its English sentence.
 //!
 //! A process answers with a [`Reason`]. The sample on `operator/request` carries its number, its parameters and the
-//! sentence, so that a program acts on the number and an analyst reads the sentence in the run. Numbers are never
-//! reused. Reasons of motor-io are typed throughout. Where a refusal is made from an error of a library (a plan that
-//! breaks a limit, a process that does not start), the number names the class and the text parameter `why` holds the
-//! error's own sentence.
+//! sentence, so that a program acts on the number and an analyst reads the sentence in the run. `plan/status` carries
+//! the reason for which a mission was refused or ended in the same way. Numbers are never reused, and a reason whose
+//! parameters change gets a new number. Where a refusal is made from an error of a library (a mission file that cannot
+//! be parsed, a process that does not start), the text parameter `why` holds the error's own sentence.
 
 use std::fmt::{self, Display, Formatter};
 
-use arrayvec::ArrayString;
 use messages::faults::Faults;
-use messages::{DETAIL_BYTES, MORE, OperatorRequest, RequestAnswer, Slot, SlotRole, parted, put_sentence, text_of};
+use messages::{MotorAuthority, OperatorRequest, PlanStatus, RequestAnswer, Slot, SlotRole, put_sentence};
 
-use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
+use crate::parameter::{Parameter, Reader, Writer};
+use crate::sentences::{FaultList, ROLE_NAMES, StandbyRefusal};
+use crate::stop::Stop;
 
-/// Text parameter of a reason.
-pub type Detail = ArrayString<DETAIL_BYTES>;
-
-/// Text of a reason or of its parameter, in a fixed place: nothing is allocated. A text that does not fit loses what
-/// stands before its cure: see [`parted`].
-#[must_use]
-pub fn detail(text: impl Display) -> Detail {
-    use fmt::Write;
-    struct Cut<'a>(&'a mut ArrayString<{ 4 * DETAIL_BYTES }>);
-    impl Write for Cut<'_> {
-        fn write_str(&mut self, text: &str) -> fmt::Result {
-            let mut end = text.len().min(self.0.remaining_capacity());
-            while !text.is_char_boundary(end) {
-                end -= 1;
-            }
-            self.0.push_str(&text[..end]);
-            Ok(())
-        }
-    }
-    let mut draft = ArrayString::new();
-    // Cut never fails.
-    let _ = write!(Cut(&mut draft), "{text}");
-    let mut detail = Detail::new();
-    let (end, from) =
-        if draft.len() > DETAIL_BYTES { parted(&draft, DETAIL_BYTES) } else { (draft.len(), draft.len()) };
-    let parts = [&draft[..end], if from > end { MORE } else { "" }, &draft[from..]];
-    // They fit: `parted` leaves room for all three.
-    parts.iter().for_each(|part| detail.push_str(part));
-    detail
-}
-
-/// A parameter of a reason, as it stands in the sample.
-trait Parameter: Sized {
-    fn put(&self, into: &mut Writer<'_>);
-    fn take(from: &mut Reader<'_>) -> Option<Self>;
-    #[cfg(test)]
-    fn example() -> Self;
-}
-
-/// Writes parameters in their order.
-struct Writer<'a> {
-    answer: &'a mut RequestAnswer,
-    numbers: usize,
-    values: usize,
-}
-
-impl Writer<'_> {
-    fn number(&mut self, number: u64) {
-        if let Some(place) = self.answer.number.get_mut(self.numbers) {
-            *place = number;
-        }
-        self.numbers += 1;
-    }
-
-    fn value(&mut self, value: f64) {
-        if let Some(place) = self.answer.value.get_mut(self.values) {
-            *place = value;
-        }
-        self.values += 1;
-    }
-}
-
-/// Reads parameters in their order.
-struct Reader<'a> {
-    answer: &'a RequestAnswer,
-    numbers: usize,
-    values: usize,
-}
-
-impl Reader<'_> {
-    fn number(&mut self) -> Option<u64> {
-        self.numbers += 1;
-        self.answer.number.get(self.numbers - 1).copied()
-    }
-
-    fn value(&mut self) -> Option<f64> {
-        self.values += 1;
-        self.answer.value.get(self.values - 1).copied()
-    }
-}
-
-macro_rules! number {
-    ($($type:ty),*) => { $(impl Parameter for $type {
-        fn put(&self, into: &mut Writer<'_>) {
-            into.number(*self as u64);
-        }
-        fn take(from: &mut Reader<'_>) -> Option<Self> {
-            Self::try_from(from.number()?).ok()
-        }
-        #[cfg(test)]
-        fn example() -> Self {
-            3
-        }
-    })* };
-}
-number!(u8, u32, u64, usize);
-
-impl Parameter for bool {
-    fn put(&self, into: &mut Writer<'_>) {
-        into.number(u64::from(*self));
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        from.number().map(|number| number == 1)
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        true
-    }
-}
-
-impl Parameter for f64 {
-    fn put(&self, into: &mut Writer<'_>) {
-        into.value(*self);
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        from.value()
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        0.25
-    }
-}
-
-impl Parameter for [f64; 3] {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.iter().for_each(|value| into.value(*value));
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        Some([from.value()?, from.value()?, from.value()?])
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        [1.0, -2.5, 0.75]
-    }
-}
-
-/// A number that says whether it is there, and then the parameter.
-impl<T: Parameter> Parameter for Option<T> {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.is_some().put(into);
-        self.iter().for_each(|value| value.put(into));
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        if bool::take(from)? { T::take(from).map(Some) } else { Some(None) }
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        Some(T::example())
-    }
-}
-
-impl<A: Parameter, B: Parameter> Parameter for (A, B) {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.0.put(into);
-        self.1.put(into);
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        Some((A::take(from)?, B::take(from)?))
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        (A::example(), B::example())
-    }
-}
-
-/// Parameters that are recorded as their index in `ALL`; each with its example for tests.
-macro_rules! by_index {
-    ($($kind:ident: $example:ident),+) => {$(
-        impl Parameter for $kind {
-            fn put(&self, into: &mut Writer<'_>) {
-                self.index().put(into);
-            }
-            fn take(from: &mut Reader<'_>) -> Option<Self> {
-                Self::ALL.get(usize::take(from)?).copied()
-            }
-            #[cfg(test)]
-            fn example() -> Self {
-                Self::$example
-            }
-        }
-    )+};
-}
-
-by_index!(SlotRole: Estimator, Slot: B);
-
-/// The bits, and the cables and units as masks.
-impl Parameter for Faults {
-    fn put(&self, into: &mut Writer<'_>) {
-        let mask = |named: &[bool]| named.iter().rev().fold(0_u64, |mask, named| mask << 1 | u64::from(*named));
-        self.bits.put(into);
-        into.number(mask(&self.cables));
-        into.number(mask(&self.units));
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        let bits = u32::take(from)?;
-        let (cables, units) = (from.number()?, from.number()?);
-        let named = |mask: u64| std::array::from_fn(|i| mask >> i & 1 == 1);
-        Some(Self { bits, cables: named(cables), units: named(units), ..Self::default() })
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        let mut faults = Self::default();
-        faults.cable(messages::MotorAuthority::FAULT_SLACK, 2);
-        faults.unit(messages::MotorAuthority::FAULT_SUPPLY, 1);
-        faults
-    }
-}
-
-impl Parameter for WhyNot {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.role.put(into);
-        self.phase.put(into);
-        self.cause.put(into);
-        self.verdict.put(into);
-        self.well_s.put(into);
-        self.qualify_s.put(into);
-        self.moves_off.put(into);
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        Some(Self {
-            role: usize::take(from)?,
-            phase: u8::take(from)?,
-            cause: u8::take(from)?,
-            verdict: u8::take(from)?,
-            well_s: f64::take(from)?,
-            qualify_s: f64::take(from)?,
-            moves_off: Parameter::take(from)?,
-        })
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        let phase = messages::MotorSlots::PHASE_SHADOW;
-        Self { role: 1, phase, cause: 4, verdict: 2, well_s: 0.0, qualify_s: 1.0, moves_off: Some((0.5, 2.0)) }
-    }
-}
-
-impl Parameter for Detail {
-    fn put(&self, into: &mut Writer<'_>) {
-        put_sentence(&mut into.answer.detail, self);
-    }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        Some(detail(text_of(&from.answer.detail)))
-    }
-    #[cfg(test)]
-    fn example() -> Self {
-        detail("this is why; do that")
-    }
-}
+pub use crate::parameter::{Detail, detail};
 
 /// A number as it was given; huge and tiny ones in powers of ten, so that they leave room for the rest of the sentence.
 struct Given(f64);
@@ -274,6 +28,15 @@ impl Display for Given {
         } else {
             write!(f, "{:e}", self.0)
         }
+    }
+}
+
+/// The speed at which a rejected segment can be flown, as a clause.
+struct SpeedAdvice(Option<f64>);
+
+impl Display for SpeedAdvice {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |speed_m_s| write!(f, "; fly it at {speed_m_s:.3} m/s"))
     }
 }
 
@@ -297,6 +60,24 @@ impl Display for Later {
             Some((later_j, now_j)) => write!(f, " and about {later_j:.0} J, {:.0} J in all", now_j + later_j),
             None => Ok(()),
         }
+    }
+}
+
+/// A value of a key; an empty one was not given.
+struct OrNone<'a>(&'a str);
+
+impl Display for OrNone<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.0.is_empty() { "not given" } else { self.0 })
+    }
+}
+
+/// The other cure where a process has slots.
+struct OrSwap(Option<SlotRole>);
+
+impl Display for OrSwap {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |role| write!(f, ", or swap it for another with `nims swap {}`", role_name(role)))
     }
 }
 
@@ -454,11 +235,11 @@ answers! {
     141 InCharge { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} is in charge already.", role_name(*role), slot.name();
     142 SwapUnderWay REFUSED, "Not swapped: another swap is under way; try again in a second.";
     143 SwapMovesOff { role: SlotRole, slot: Slot, off_m: f64, within_s: f64, most_m: f64 } REFUSED, "Not swapped: the {} in slot {} would move the node {off_m:.2} m off its path within {within_s:.1} s (accepted: {most_m} m); look at its configuration, or swap where the robot holds.", role_name(*role), slot.name();
-    144 NotSwapped { slot: Slot, why: WhyNot } REFUSED, "Not swapped: the {} in slot {} {why}.", ROLE_NAMES.get(why.role).unwrap_or(&"process"), slot.name();
+    144 NotSwapped { slot: Slot, why: StandbyRefusal } REFUSED, "Not swapped: the {} in slot {} {why}.", ROLE_NAMES.get(why.role).unwrap_or(&"process"), slot.name();
     145 Admitted { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} is admitted again; it qualifies from the beginning.", role_name(*role), slot.name();
     146 NotQuarantined { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} was not quarantined.", role_name(*role), slot.name();
 
-    // planner
+    // planner; 220 held the sentence alone
     200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} segments, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "goes on" } else { "accepted" }, Energy(*energy_j), Later(*later, *energy_j);
     201 MotorIoAbsent REFUSED, "motor-io does not answer; start the robot with nims up";
     202 MissionPaused { mission: Detail } REFUSED, "mission \"{mission}\" is paused; resume it with nims resume, or give it up with nims stop";
@@ -476,20 +257,23 @@ answers! {
     214 MissionChanged { mission: Detail } REFUSED, "mission \"{mission}\" was changed since it was begun; run it from its beginning, without --continue";
     215 MissionDone { mission: Detail } REFUSED, "mission \"{mission}\" is done; nothing is left of it, run it without --continue";
     216 RequesterTimedOut REFUSED, "not started: the request timed out while the motion was being planned; request it again, or fly a shorter mission";
-    220 CopyUnusable { why: Detail } BAD_INPUT, "{why}";
     221 MissionInvalid { why: Detail } BAD_INPUT, "{why}";
-    230 PlanLimit { why: Detail } BAD_INPUT, "{why}";
-    231 PlanTooFast { why: Detail } BAD_INPUT, "{why}";
-    232 PlanTooHard { why: Detail } BAD_INPUT, "{why}";
-    233 PlanPath { why: Detail } BAD_INPUT, "{why}";
-    234 PlanProfile { why: Detail } BAD_INPUT, "{why}";
-    235 PlanPoint { why: Detail } BAD_INPUT, "{why}";
-    236 PlanEnergy { why: Detail } BAD_INPUT, "{why}";
-    237 PlanPattern { why: Detail } BAD_INPUT, "{why}";
-    238 PlanTooLong { why: Detail } BAD_INPUT, "{why}";
-    239 PlanOther { why: Detail } REFUSED, "{why}";
-    240 AlreadyThere { why: Detail } REFUSED, "{why}";
-    241 NoStart { why: Detail } REFUSED, "{why}";
+    222 CopyUnreadable { copy: Detail, why: Detail } BAD_INPUT, "the copy {copy} of the mission cannot be read: {why}; request the mission again";
+    223 CopyChanged { copy: Detail } BAD_INPUT, "{copy} is not the mission that was requested: its SHA-256 differs; request the mission again";
+    224 MissionValue { leg: Option<usize>, key: Detail, why: Detail } BAD_INPUT, "{why}";
+    // 230 to 241 held these classes without their parameters
+    250 PlanLimit { leg: usize, segment: Detail, why: Detail, feasible_m_s: Option<f64> } BAD_INPUT, "leg {leg}{segment}: {why}{}", SpeedAdvice(*feasible_m_s);
+    251 PlanTooFast { leg: usize, speed_m_s: f64, limit_m_s: f64 } BAD_INPUT, "leg {leg} asks for {speed_m_s} m/s, above the robot's speed_limit_m_s of {limit_m_s} m/s; ask for less";
+    252 PlanTooHard { asked_m_s2: f64, limit_m_s2: f64 } BAD_INPUT, "the mission asks for {asked_m_s2} m/s², above the robot's acceleration_limit_m_s2 of {limit_m_s2} m/s²; ask for less";
+    253 PlanPath { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    254 PlanProfile { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    255 PlanPoint { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    256 PlanEnergy { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: no path that saves energy can be flown: {why}";
+    257 PlanPattern { leg: usize, why: Detail } BAD_INPUT, "leg {leg}: {why}";
+    258 PlanTooLong { most: usize } BAD_INPUT, "the mission has more than {most} segments; split it into several missions";
+    259 PlanOther REFUSED, "the rest of the mission is unknown: the robot or the planner was configured otherwise when it began; run it from the beginning";
+    260 AlreadyThere REFUSED, "the node is already there";
+    261 NoStart { position_m: [f64; 3] } REFUSED, "the position of the node is not known ({} {} {}); set it with nims zero --at x,y,z", position_m[0], position_m[1], position_m[2];
 
     // supervisor
     300 ProcessStarts { process: Detail } ACCEPTED, "starting {process}";
@@ -500,14 +284,59 @@ answers! {
     305 ProcessSucceeds { process: Detail } ACCEPTED, "starting the new {process} beside the running one, until it has published its first sample";
     306 ProcessStays { process: Detail } ACCEPTED, "{process} is not started again";
     307 ProcessUnplugged { process: Detail } ACCEPTED, "{process} is unplugged";
-    308 ParameterSet { what: Detail } ACCEPTED, "{what}";
-    320 SupervisorRefuses { why: Detail } REFUSED, "{why}";
-    321 SupervisorBadInput { why: Detail } BAD_INPUT, "{why}";
+    // 308, 320 and 321 held sentences alone
+    309 ParameterUnchanged { key: Detail, value: Detail } ACCEPTED, "{key} is {value} already";
+    310 ParameterChanged { cycle: u64, key: Detail, value: Detail, before: Detail } ACCEPTED, "{key} is {value} from cycle {cycle} on (before: {}), in every {}, until this run ends", OrNone(before), key.split('.').next().unwrap_or_default();
+    324 UnknownProcess { process: Detail, known: Detail } BAD_INPUT, "there is no process \"{process}\" here; there are {known}";
+    325 NameTaken { process: Detail } BAD_INPUT, "the name \"{process}\" is taken; choose another, or see `nims status`";
+    326 NameRuns { process: Detail } BAD_INPUT, "the name \"{process}\" is taken; choose another, or unplug that process first, or put this one in its place with --replace";
+    327 NameInvalid { process: Detail, most: usize } BAD_INPUT, "the name \"{process}\" cannot be used; accepted: 1 to {most} of a-z, 0-9 and `-`";
+    328 CommandEmpty { process: Detail } BAD_INPUT, "the command of process \"{process}\" is empty; give a program and its arguments";
+    329 ProgramIsFolder { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": {program} is a folder; name a program";
+    330 NoProgram { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": there is no program {program}{}", if program.contains('/') { "" } else { ", neither in the folder of nims nor in PATH" };
+    331 NotBuilt { program: Detail } REFUSED, "there is no program {program}: build all of them with `cargo build --workspace`";
+    332 OwnPathUnknown { why: Detail } REFUSED, "{why}";
+    333 LawUnknown { why: Detail } BAD_INPUT, "{why}";
+    340 NotPluggable { process: Detail, role: Detail } BAD_INPUT, "{process} is the robot's {role}, which cannot be unplugged; `nims stop-process {process}` ends it";
+    341 InOtherSlot { process: Detail, slot: Slot, given: Slot } BAD_INPUT, "{process} is in slot {}, not {}", slot.name(), given.name();
+    342 HasOwnLaw { process: Detail } BAD_INPUT, "the process \"{process}\" of the system file has its own law; leave out the law of the request";
+    343 NoSlotNoLaw { process: Detail } BAD_INPUT, "{process} has no slot and no law; only controllers and estimators have them";
+    344 NoMotorBox BAD_INPUT, "this system has real drives and no virtual motor box";
+    345 SlotsTaken { role: SlotRole } REFUSED, "both slots of the role {0} are taken: first stop the one that is not in charge, with `nims stop-process {0}` or `nims stop-process {0}-b`", role_name(*role);
+    346 ProcessRuns { process: Detail, pid: u32 } REFUSED, "{process} runs already (process {pid}); `nims restart {process}` ends it first";
+    347 ProcessRunsNot { process: Detail } REFUSED, "{process} does not run";
+    348 ProcessEndsAlready { process: Detail } REFUSED, "{process} is ending already";
+    349 ProcessNeeded { process: Detail, role: Option<SlotRole> } REFUSED, "the robot moves and needs {process}: hold first with `nims hold`{}", OrSwap(*role);
+    350 ProcessSucceeded { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new process publishes or has been ended, which takes {within_s:.0} s at most";
+    351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{why}";
+    352 SupervisorBus { why: Detail } REFUSED, "{why}";
+    360 ParameterInvalid { key: Detail, why: Detail } BAD_INPUT, "{why}";
+    361 ParameterNotRecorded { key: Detail, before: Detail, why: Detail } REFUSED, "{key} stays {before}, because the change cannot be recorded: {why}";
 
     // faults on request
     400 FaultDone { fault: Detail } ACCEPTED, "done: {fault}";
     401 FaultRefused { why: Detail } REFUSED, "{why}";
     402 FaultInvalid { why: Detail } BAD_INPUT, "{why}";
+
+    // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
+    // with the reason of that limit.
+    500 LeftUnfinished { mission: Detail } REFUSED, "mission \"{mission}\" was left unfinished; nims run with --continue flies the rest";
+    501 EndedByEmergencyStop { faults: Faults } REFUSED, "{}", Stop { what: "emergency stop", faults, which: MotorAuthority::FAULT_EMERGENCY_INPUT };
+    502 EndedByFault { faults: Faults } REFUSED, "{}", Stop { what: "a fault stopped the robot", faults, which: u32::MAX };
+    503 EndedByDisarm REFUSED, "the robot was disarmed";
+    504 EndedByRestart REFUSED, "motor-io was restarted";
+    505 EndedAfterFault { faults: Faults } REFUSED, "{}", Stop { what: "the robot was stopped after this", faults, which: u32::MAX };
+    506 EndedByStop REFUSED, "the robot was stopped";
+    510 EndedWithoutMap { map: Detail, within_s: f64 } REFUSED, "no map \"{map}\" came for the adaptive leg within {within_s:.0} s; is the sensor-logger running, and is there a map of that name? See nims channel list";
+    511 EndedOffStart REFUSED, "the position of the node by motor-io differs from the estimate, so the motion was not started; see nims status, restart the estimator, and try again";
+    512 EndedNotTakenUp { within_s: f64 } REFUSED, "the motion was not taken up within {within_s:.0} s; is the controller running? See nims status";
+    513 EndedCommandsRefused { within_s: f64 } REFUSED, "the motion was not taken up within {within_s:.0} s, because the controller sent NaN or commands far beyond the limits; swap to another controller, then start a new motion";
+}
+
+/// A sentence of the catalogue without its cure, which follows the first semicolon.
+#[must_use]
+pub fn without_cure(sentence: &str) -> &str {
+    sentence.split_once("; ").map_or(sentence, |(clause, _)| clause)
 }
 
 impl Reason {
@@ -515,6 +344,12 @@ impl Reason {
     #[must_use]
     pub fn is_accepted(&self) -> bool {
         self.accepted() == OperatorRequest::ACCEPTED
+    }
+
+    /// True where what was given makes no sense here, whenever it is requested.
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        self.accepted() == OperatorRequest::BAD_INPUT
     }
 
     /// The sentence, in a fixed place.
@@ -527,17 +362,33 @@ impl Reason {
     #[must_use]
     pub fn answer(&self) -> RequestAnswer {
         let mut answer = RequestAnswer { accepted: self.accepted(), reason: self.code(), ..RequestAnswer::default() };
-        self.put(&mut Writer { answer: &mut answer, numbers: 0, values: 0 });
+        self.put(&mut Writer::new(&mut answer));
         put_sentence(&mut answer.text, &self.sentence());
         answer
+    }
+
+    /// The sentence without its cure: see [`without_cure`].
+    #[must_use]
+    pub fn clause(&self) -> String {
+        without_cure(&self.to_string()).to_owned()
     }
 
     /// The reason of a recorded answer; `None` for a number that this program does not know, or an unanswered request.
     /// A text parameter longer than its field comes back shortened.
     #[must_use]
     pub fn of(request: &OperatorRequest) -> Option<Self> {
-        let answer = request.recorded_answer()?;
-        Self::take(answer.reason, &mut Reader { answer: &answer, numbers: 0, values: 0 })
+        Self::recorded(&request.recorded_answer()?)
+    }
+
+    /// The reason for which a mission was refused or ended, in the same way; `None` also in a run of an earlier
+    /// version, which has the sentence alone.
+    #[must_use]
+    pub fn of_plan(status: &PlanStatus) -> Option<Self> {
+        Self::recorded(&status.recorded_reason()?)
+    }
+
+    fn recorded(answer: &RequestAnswer) -> Option<Self> {
+        Self::take(answer.reason, &mut Reader::new(answer))
     }
 }
 
@@ -545,6 +396,7 @@ impl Reason {
 mod tests {
     use super::*;
     use crate::sentences::FAULTS;
+    use messages::{MORE, text_of};
     use std::collections::BTreeSet;
 
     #[test]
@@ -555,7 +407,13 @@ mod tests {
             assert_eq!(Reason::of(&request), Some(reason));
             assert_eq!(text_of(&request.answer), reason.to_string());
             assert_eq!((request.accepted, request.reason), (reason.accepted(), reason.code()));
-            let mut writer = Writer { answer: &mut answer.clone(), numbers: 0, values: 0 };
+            let mut status = PlanStatus::default();
+            status.put_reason(&answer);
+            assert_eq!(Reason::of_plan(&status), Some(reason));
+            status.put_reason(&RequestAnswer::default());
+            assert_eq!(status, PlanStatus::default());
+            let mut copy = answer;
+            let mut writer = Writer::new(&mut copy);
             reason.put(&mut writer);
             assert!(writer.numbers <= 6 && writer.values <= 6, "{reason:?} has too many parameters");
         }
@@ -580,14 +438,5 @@ mod tests {
             let answer = Reason::NotArmedFaults { faults }.sentence();
             assert!(answer.contains(what) && answer.contains(cure) && !answer.contains(MORE), "{answer}");
         }
-    }
-
-    #[test]
-    fn a_long_sentence_ends_at_a_word_or_at_least_a_character() {
-        let words = detail(format!("{} end.", "word ".repeat(200)));
-        assert!(words.ends_with("word ...") && words.len() > DETAIL_BYTES - 10, "{words}");
-        assert!(detail("ü".repeat(400)).ends_with("ü ..."));
-        let whole = "x".repeat(DETAIL_BYTES);
-        assert_eq!(detail(&whole).as_str(), whole);
     }
 }

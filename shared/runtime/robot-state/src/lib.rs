@@ -2,12 +2,14 @@
 //!
 //! Invariants:
 //! * No clock, no I/O, no bus: samples in, data and sentences out.
-//! * Each mode, fault, verdict, phase, cause and answer has its sentence here and nowhere else.
+//! * Each mode, fault, verdict, phase, cause, answer and end of a mission has its sentence here and nowhere else.
 #![forbid(unsafe_code)]
 
 pub mod answers;
+mod parameter;
 pub mod periods;
 pub mod sentences;
+mod stop;
 
 pub use answers::Reason;
 pub use periods::Periods;

@@ -23,7 +23,7 @@ pub struct Periods {
 impl Periods {
     /// Returns the counts of motor-io since its life began.
     #[must_use]
-    pub fn of(authority: &MotorAuthority) -> Self {
+    pub fn from_authority(authority: &MotorAuthority) -> Self {
         Self {
             steered: authority.steered,
             paused: authority.paused,
@@ -66,7 +66,7 @@ impl Periods {
 
     /// Returns the leading number with the causes that occurred.
     #[must_use]
-    pub fn words(&self) -> String {
+    pub fn summary(&self) -> String {
         let causes = self.causes().into_iter().filter(|(_, count)| *count > 0);
         let causes: Vec<String> = causes.map(|(cause, count)| format!("{cause} {count}")).collect();
         match (self.all(), causes.is_empty()) {

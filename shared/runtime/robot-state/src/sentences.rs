@@ -110,12 +110,23 @@ fn each_fault(bits: u32) -> impl Iterator<Item = (u32, String)> {
 /// Returns the sentences of the faults of a sample; those of cables or units end with the named ones.
 #[must_use]
 pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
-    let place = |bit: u32| match bit {
+    let text_of = |(bit, text): (u32, String)| format!("{}{}.", text.trim_end_matches('.'), place(authority, bit));
+    each_fault(authority.faults).map(text_of).collect()
+}
+
+/// Returns the faults of a sample: the bit of each, and its clause without its cure, with the named cables or units.
+#[must_use]
+pub fn fault_clauses(authority: &MotorAuthority) -> Vec<(u32, String)> {
+    let present = FAULTS.iter().filter(|(bit, _, _)| authority.faults & bit != 0);
+    present.map(|(bit, what, _)| (*bit, format!("{what}{}", place(authority, *bit)))).collect()
+}
+
+fn place(authority: &MotorAuthority, bit: u32) -> String {
+    match bit {
         bit if bit & OF_CABLES != 0 => named(&authority.fault_cable, "cable"),
         bit if bit & OF_UNITS != 0 => named(&authority.fault_unit, "unit"),
         _ => String::new(),
-    };
-    each_fault(authority.faults).map(|(bit, text)| format!("{}{}.", text.trim_end_matches('.'), place(bit))).collect()
+    }
 }
 
 /// Returns the numbers of the marked ones in parentheses: ` (units 1, 2)`; empty without any.
@@ -263,7 +274,7 @@ pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
 
 /// Why a slot is not a standby, and what to do; formatted as the predicate of a sentence.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WhyNot {
+pub struct StandbyRefusal {
     /// Index of the role.
     pub role: usize,
     /// Phase of the slot.
@@ -280,7 +291,7 @@ pub struct WhyNot {
     pub moves_off: Option<(f64, f64)>,
 }
 
-impl fmt::Display for WhyNot {
+impl fmt::Display for StandbyRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { role, cause, well_s, qualify_s, .. } = *self;
         let failed = cause_phrase(role, cause);

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use config::{ConfigError, Slot, SystemFile};
+use config::{ConfigError, SystemFile};
+use messages::Slot;
 
 /// The arguments of every process, to be flattened into those of a program.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -17,7 +18,7 @@ pub struct CommonArgs {
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// Slot of this process in its role.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = config::slot_argument(), default_value = Slot::A.name())]
     pub slot: Slot,
     /// Log debug events too.
     #[arg(long, short)]

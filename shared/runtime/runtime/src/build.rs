@@ -28,7 +28,7 @@ pub fn described(version: &str) -> String {
 
 /// Returns version, profile and commit of nims.
 #[must_use]
-pub fn own() -> &'static str {
+pub fn description() -> &'static str {
     static OWN: std::sync::OnceLock<String> = std::sync::OnceLock::new();
     OWN.get_or_init(|| described(VERSION))
 }

@@ -8,15 +8,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bus::clock::now_ns;
-use bus::{Bus, BusError, Domain, Party, Publisher, Waiter, Wake};
-use messages::{Heartbeat, Message, put_text};
+use bus::{Bus, BusError, Domain, Participant, Publisher, Waiter, Wake};
+use messages::{Heartbeat, Message, Slot, put_text};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
 
 use crate::args::CommonArgs;
 use crate::bad_input::BadInput;
 use crate::build::{self, Program};
-use crate::declared::{DeclaredConfig, Since};
+use crate::declared::{DeclaredConfig, FirstOutput};
 use crate::lease;
 use crate::logging::{self, Log};
 use crate::output::{Output, OutputFaultInjector};
@@ -24,7 +24,6 @@ use crate::realtime;
 use crate::timing::Timing;
 use crate::tuning::{TUNED_CHANNEL, Tuning};
 use config::ConfigError;
-use config::Slot;
 use config::file;
 use config::{RealtimeSection, RobotFile, SystemFile};
 
@@ -51,7 +50,7 @@ fn from_the_supervisor(variable: &str) -> Option<String> {
 
 /// State of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Life {
+pub enum ProcessStatus {
     /// The process is starting.
     Starting,
     /// The process is ready.
@@ -75,7 +74,7 @@ pub struct Chassis {
     next_beat_ns: u64,
     timing: Timing,
     fault_injector: Option<OutputFaultInjector>,
-    life: Life,
+    life: ProcessStatus,
 }
 
 impl Chassis {
@@ -86,14 +85,14 @@ impl Chassis {
     /// [`ConfigError`] for the system file, [`BadInput`] without a domain or if a process of that name already runs
     /// there, [`BusError`] otherwise.
     pub fn start(role: &str, args: &CommonArgs) -> anyhow::Result<Self> {
-        Self::start_as(role, args, Party::Member)
+        Self::start_as(role, args, Participant::Member)
     }
 
     /// As [`Chassis::start`], as a participant of this kind, which leaves places to more important kinds.
     ///
     /// # Errors
     /// As [`Chassis::start`].
-    pub fn start_as(role: &str, args: &CommonArgs, party: Party) -> anyhow::Result<Self> {
+    pub fn start_as(role: &str, args: &CommonArgs, party: Participant) -> anyhow::Result<Self> {
         let system_file = args.load_system()?;
         let named = args.domain.clone().or_else(|| from_the_supervisor(DOMAIN_VARIABLE));
         let domain = match (&named, &system_file) {
@@ -151,7 +150,7 @@ impl Chassis {
             next_beat_ns: 0,
             timing: Timing::new(),
             fault_injector: None,
-            life: Life::Starting,
+            life: ProcessStatus::Starting,
         };
         chassis.idle()?;
         Ok(chassis)
@@ -195,7 +194,7 @@ impl Chassis {
     /// Those of publishing.
     pub fn ready(&mut self) -> Result<(), BusError> {
         self.declared.ready(now_ns())?;
-        self.life = Life::Ready;
+        self.life = ProcessStatus::Ready;
         self.send_beat(now_ns())
     }
 
@@ -216,7 +215,7 @@ impl Chassis {
     ///
     /// # Errors
     /// Those of publishing.
-    pub fn uses_since(&mut self, law: &str, parameters: &str, since: Since) -> Result<(), BusError> {
+    pub fn uses_since(&mut self, law: &str, parameters: &str, since: FirstOutput) -> Result<(), BusError> {
         self.declared.uses(law, parameters);
         self.declared.since(since, now_ns())
     }
@@ -353,9 +352,9 @@ impl Chassis {
         beat.busy_p99_ns = self.timing.quantile_ns(0.99);
         beat.busy_max_ns = self.timing.max_ns();
         beat.state = match self.life {
-            Life::Starting => Heartbeat::STATE_STARTING,
-            Life::Ready => Heartbeat::STATE_READY,
-            Life::Stopping => Heartbeat::STATE_STOPPING,
+            ProcessStatus::Starting => Heartbeat::STATE_STARTING,
+            ProcessStatus::Ready => Heartbeat::STATE_READY,
+            ProcessStatus::Stopping => Heartbeat::STATE_STOPPING,
         };
         self.next_beat_ns = now + BEAT_NS;
         self.heartbeat.as_mut().map_or(Ok(()), |port| port.send(beat).map(|_| ()))
@@ -365,7 +364,7 @@ impl Chassis {
 impl Drop for Chassis {
     /// Publishes the remaining log events and the last heartbeat.
     fn drop(&mut self) {
-        self.life = Life::Stopping;
+        self.life = ProcessStatus::Stopping;
         while matches!(self.log.publish(), Ok(false)) {}
         let _ = self.send_beat(now_ns());
         logging::flush();
@@ -385,11 +384,11 @@ pub fn main<A>(role: &str, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result
 where
     A: clap::Parser + AsRef<CommonArgs>,
 {
-    main_as(role, Party::Member, body)
+    main_as(role, Participant::Member, body)
 }
 
 /// As [`main`], for a participant of this kind, which leaves places to more important kinds.
-pub fn main_as<A>(role: &str, party: Party, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result<()>) -> ExitCode
+pub fn main_as<A>(role: &str, party: Participant, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result<()>) -> ExitCode
 where
     A: clap::Parser + AsRef<CommonArgs>,
 {

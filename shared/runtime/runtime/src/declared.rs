@@ -14,7 +14,7 @@ const MORE: &str = "# and more: see the file";
 
 /// The first output of the control chain to which a configuration applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Since {
+pub struct FirstOutput {
     /// Life of motor-io; 0: from the start of the process.
     pub life: u64,
     /// Control cycle in that life.
@@ -100,7 +100,7 @@ impl DeclaredConfig {
     }
 
     /// Sets the first output to which the configuration applies; publishes it if the process is ready.
-    pub(crate) fn since(&mut self, since: Since, now_ns: u64) -> Result<(), BusError> {
+    pub(crate) fn since(&mut self, since: FirstOutput, now_ns: u64) -> Result<(), BusError> {
         self.life = since.life;
         (self.sample.from_cycle, self.sample.from_seq, self.sample.changes) = (since.cycle, since.seq, since.changes);
         if self.is_ready { self.publish(now_ns) } else { Ok(()) }

@@ -44,7 +44,7 @@ pub fn hash_of(files: &[PathBuf]) -> Option<String> {
     for path in files {
         std::io::copy(&mut file::open(path).ok()?, &mut hash).ok()?;
     }
-    Some(hash.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    Some(messages::hex(&hash.0.finalize()))
 }
 
 struct Hasher(Sha256);

@@ -49,9 +49,9 @@ mod declared;
 mod hash;
 mod lease;
 mod logging;
+mod loop_schedule;
 mod output;
 pub mod realtime;
-mod rhythm;
 mod timing;
 mod tuning;
 
@@ -60,12 +60,12 @@ pub use bad_input::BadInput;
 pub use build::Program;
 pub use bus::clock::now_ns;
 pub use chassis::{
-    CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, ENDED, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
-    main_as,
+    CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, ENDED, NAME_VARIABLE, ProcessStatus, SUCCESSOR_VARIABLE, exit_code,
+    main, main_as,
 };
-pub use declared::{Since, parts_of};
+pub use declared::{FirstOutput, parts_of};
 pub use hash::{ProgramHash, hash_of};
+pub use loop_schedule::LoopSchedule;
 pub use output::{OUTPUT_FAULTS, Output};
-pub use rhythm::Rhythm;
 pub use timing::Timing;
 pub use tuning::{Change, TUNED_CHANNEL, Tuning};

@@ -10,7 +10,7 @@ use std::io::Write;
 
 /// Settings that are in effect; see [`apply`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Reached {
+pub struct AppliedSettings {
     /// SCHED_FIFO at the configured priority.
     pub fifo: bool,
     /// Bound to the configured CPU.
@@ -34,11 +34,11 @@ pub fn priority_step(role: &str) -> Option<u8> {
 /// Applies the settings to the calling thread; existing other threads are not changed. Settings that the system does
 /// not permit are skipped, and the returned sentence names them and how to permit them. To avoid repetitions, only
 /// motor-io returns it; an estimator or controller does so only if it is permitted less than motor-io.
-pub fn apply(section: &RealtimeSection, role: &str) -> (Reached, Option<String>) {
+pub fn apply(section: &RealtimeSection, role: &str) -> (AppliedSettings, Option<String>) {
     let (reached, warning) = match priority_step(role) {
         Some(0) => set_up(section, 0),
         Some(step) => later_in_the_chain(section, step),
-        None => (Reached::default(), None),
+        None => (AppliedSettings::default(), None),
     };
     if answers_in_a_cycle(role) && !reached.fifo {
         // Without the support of the kernel nothing changes, so there is no warning.
@@ -47,7 +47,7 @@ pub fn apply(section: &RealtimeSection, role: &str) -> (Reached, Option<String>)
     (reached, warning)
 }
 
-fn later_in_the_chain(section: &RealtimeSection, step: u8) -> (Reached, Option<String>) {
+fn later_in_the_chain(section: &RealtimeSection, step: u8) -> (AppliedSettings, Option<String>) {
     let (reached, warning) = set_up(section, step);
     if warning.is_none() {
         return (reached, None);
@@ -68,7 +68,7 @@ fn answers_in_a_cycle(role: &str) -> bool {
 /// Applies the settings of a process to the calling thread before it starts the process, which inherits them. Settings
 /// that the system does not permit are skipped, and the returned sentence names them and how to permit them.
 #[must_use]
-pub fn bequeath(priority: u8, cpu: Option<usize>) -> Option<String> {
+pub fn apply_for_child(priority: u8, cpu: Option<usize>) -> Option<String> {
     // Locked memory is not inherited.
     set_up(&RealtimeSection { priority, cpu, ..RealtimeSection::default() }, 0).1
 }
@@ -112,8 +112,8 @@ pub fn ordinary() {
     let _ = sched_setaffinity(None, &all);
 }
 
-fn set_up(section: &RealtimeSection, step: u8) -> (Reached, Option<String>) {
-    let (mut reached, mut refused) = (Reached::default(), Vec::new());
+fn set_up(section: &RealtimeSection, step: u8) -> (AppliedSettings, Option<String>) {
+    let (mut reached, mut refused) = (AppliedSettings::default(), Vec::new());
     if section.priority > 0 {
         let priority = section.priority.saturating_add(step);
         match fifo(priority) {
@@ -159,7 +159,7 @@ mod tests {
     #[test]
     fn settings_that_are_not_permitted_cause_one_sentence_with_the_cure() {
         let section = RealtimeSection { cpu: Some(100_000), ..RealtimeSection::default() };
-        assert_eq!(apply(&section, "recorder"), (Reached::default(), None));
+        assert_eq!(apply(&section, "recorder"), (AppliedSettings::default(), None));
         let (reached, warning) = apply(&section, "motor-io");
         assert!(!reached.pinned);
         let warning = warning.unwrap();

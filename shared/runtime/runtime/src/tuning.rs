@@ -52,7 +52,7 @@ impl<T> Tuning<T> {
     ///
     /// # Errors
     /// Those of receiving.
-    pub fn hear(&mut self) -> Result<(), BusError> {
+    pub fn poll(&mut self) -> Result<(), BusError> {
         while let Some(announced) = self.announcements.receive()? {
             if announced.changes <= self.received {
                 continue;

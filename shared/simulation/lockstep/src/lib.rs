@@ -235,13 +235,13 @@ impl Chain {
     ///
     /// # Errors
     /// An error of the file.
-    pub fn of(file: &SystemFile) -> Result<Self> {
+    pub fn from_file(file: &SystemFile) -> Result<Self> {
         let robot = file.robot_file()?;
         Ok(Self {
             core: Core::new(CoreConfig::from_files(file, &robot)?),
-            estimator: Estimator::new(&EstimatorConfig::of(&file.estimator, robot.robot()?, 1)?),
-            controller: Controller::new(ControllerConfig::of(file, &robot, 2)?),
-            planner: Planner::new(PlannerConfig::of(file, robot.robot()?)),
+            estimator: Estimator::new(&EstimatorConfig::from_section(&file.estimator, robot.robot()?, 1)?),
+            controller: Controller::new(ControllerConfig::from_files(file, &robot, 2)?),
+            planner: Planner::new(PlannerConfig::from_files(file, robot.robot()?)),
         })
     }
 }
@@ -432,7 +432,7 @@ impl Lockstep {
         input.motion_start_s = current.start_s;
         input.motion_end_s = self.motion.end_s;
         input.motion_known_s = last.start_s + last.duration_s;
-        self.setpoints.take(&self.motion, self.core.motion());
+        self.setpoints.update(&self.motion, self.core.motion());
         self.setpoints.write(self.core.plan_time_s(), &mut input);
         self.slots.write_input(&mut input);
         input

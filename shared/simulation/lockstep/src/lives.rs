@@ -46,7 +46,7 @@ impl Lockstep {
     }
 
     /// Returns whether a drive does not hold its cable.
-    pub fn lets_go(&self) -> bool {
+    pub fn releases_a_cable(&self) -> bool {
         self.drives[..self.plant.cable_count()].contains(&DriveInput::RELEASED)
     }
 

@@ -1,5 +1,7 @@
 //! Compares all sentences of a crate with one file, `tests/sentences.txt`. After a change of wording, read the
-//! difference that the test prints and renew the file. No other test matches wording.
+//! difference that the test prints and renew the file. Other tests compare variants, codes, exit codes and counts; of a
+//! text they compare the names, numbers and commands in it, and more only where the text itself is what they test,
+//! which a comment there states.
 #![forbid(unsafe_code)]
 
 use std::collections::BTreeMap;
@@ -9,14 +11,14 @@ use std::path::Path;
 /// Set to `1`, the file is written, and not compared.
 pub const RENEW: &str = "NIMS_RENEW";
 
-/// Compares what was said with `tests/sentences.txt` in `folder`, which is the `CARGO_MANIFEST_DIR` of the test: one
-/// line for each sentence, a name and what is said, in the order given.
+/// Compares named sentences with `tests/sentences.txt` in `folder`, which is the `CARGO_MANIFEST_DIR` of the test: one
+/// text line for each sentence, its name and its text, in the order given.
 ///
 /// # Panics
-/// The file says something else: with every line that differs, and how to renew it.
-pub fn compare<N: Display, S: Display>(folder: &str, said: impl IntoIterator<Item = (N, S)>) {
+/// The file differs: with every text line that differs, and how to renew it.
+pub fn compare<N: Display, S: Display>(folder: &str, sentences: impl IntoIterator<Item = (N, S)>) {
     let file = Path::new(folder).join("tests/sentences.txt");
-    let text: String = said.into_iter().fold(String::new(), |mut text, (name, sentence)| {
+    let text: String = sentences.into_iter().fold(String::new(), |mut text, (name, sentence)| {
         let _ = writeln!(text, "{name}: {}", sentence.to_string().replace('\n', "\\n"));
         text
     });

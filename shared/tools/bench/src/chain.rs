@@ -71,14 +71,14 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<C
             break;
         }
     }
-    let ours = Spread::of(&ours);
-    let [limited, unlimited] = tensions.map(|timing| Spread::of(&timing).divided(poses.at.len() as u64));
+    let ours = Spread::from_timing(&ours);
+    let [limited, unlimited] = tensions.map(|timing| Spread::from_timing(&timing).divided(poses.at.len() as u64));
     Ok(ChainResult {
         cables: scenario.robot.cable_count(),
         ours,
         median_share: ours.median_s / scenario.period_s,
         p999_share: ours.p999_s / scenario.period_s,
-        tensions: Tensions { ours: limited, plain: unlimited, ratio: Ratio::of(&unlimited, &limited) },
+        tensions: Tensions { ours: limited, plain: unlimited, ratio: Ratio::between(&unlimited, &limited) },
     })
 }
 

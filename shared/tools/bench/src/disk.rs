@@ -118,7 +118,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<D
         }
     }
     let (in_file, ours, plain) = (run.writer.bytes(), run.times.stats(bytes), plain.times.stats(bytes));
-    let ratio = Ratio::of(&plain.batch, &ours.batch);
+    let ratio = Ratio::between(&plain.batch, &ours.batch);
     let needed_mb_s = bytes_per_cycle as f64 * settings.rate_hz * 1e-6;
     let compressed_to = in_file as f64 / bytes as f64;
     Ok(DiskResult { ours, plain, ratio, needed_mb_s, compressed_to, in_memory: in_memory(&settings.runs) })
@@ -152,7 +152,11 @@ impl WriteTimes {
 
     fn stats(&self, bytes: u64) -> WriteStats {
         let seconds = self.total_ns.max(1) as f64 / SECOND_NS as f64;
-        WriteStats { mb_s: bytes as f64 * 1e-6 / seconds, batch: Spread::of(&self.batch), sync: Spread::of(&self.sync) }
+        WriteStats {
+            mb_s: bytes as f64 * 1e-6 / seconds,
+            batch: Spread::from_timing(&self.batch),
+            sync: Spread::from_timing(&self.sync),
+        }
     }
 }
 
@@ -211,14 +215,14 @@ impl RunFile {
 
 fn channels() -> Vec<ChannelSpec> {
     let specs = [
-        ChannelSpec::of::<messages::MotorInput>,
-        ChannelSpec::of::<messages::MotorState>,
-        ChannelSpec::of::<messages::MotorAuthority>,
-        ChannelSpec::of::<messages::MotorSlots>,
-        ChannelSpec::of::<messages::NodeEstimate>,
-        ChannelSpec::of::<messages::MotorCommand>,
-        ChannelSpec::of::<messages::ControlStatus>,
-        ChannelSpec::of::<messages::Energy>,
+        ChannelSpec::for_type::<messages::MotorInput>,
+        ChannelSpec::for_type::<messages::MotorState>,
+        ChannelSpec::for_type::<messages::MotorAuthority>,
+        ChannelSpec::for_type::<messages::MotorSlots>,
+        ChannelSpec::for_type::<messages::NodeEstimate>,
+        ChannelSpec::for_type::<messages::MotorCommand>,
+        ChannelSpec::for_type::<messages::ControlStatus>,
+        ChannelSpec::for_type::<messages::Energy>,
     ];
     specs.iter().zip(flight::CHANNELS).map(|(spec, name)| spec(name)).collect()
 }

@@ -20,7 +20,7 @@ impl Spread {
     /// Summarises the recorded times, to two digits except for the maximum. Times below the resolution of the clock
     /// count as 1 ns.
     #[must_use]
-    pub fn of(timing: &Timing) -> Self {
+    pub fn from_timing(timing: &Timing) -> Self {
         let worst_ns = timing.max_ns().max(1);
         let quantile_s = |fraction| timing.quantile_ns(fraction).clamp(1, worst_ns) as f64 * 1e-9;
         Self {
@@ -51,7 +51,7 @@ pub struct Ratio {
 impl Ratio {
     /// Divides two distributions.
     #[must_use]
-    pub fn of(plain: &Spread, ours: &Spread) -> Self {
+    pub fn between(plain: &Spread, ours: &Spread) -> Self {
         Self { median: plain.median_s / ours.median_s, p999: plain.p999_s / ours.p999_s }
     }
 }
@@ -79,32 +79,32 @@ pub(super) mod tests {
 
     #[test]
     fn medians_and_tails_match_the_durations() {
-        let spread = Spread::of(&timing((1..=10_000).map(|k| k * 1000)));
+        let spread = Spread::from_timing(&timing((1..=10_000).map(|k| k * 1000)));
         assert_eq!(spread.count, 10_000);
         assert!(near(spread.median_s, 5e-3) && near(spread.p999_s, 9.99e-3), "{spread:?}");
         assert_eq!(spread.worst_s, 1e-2);
         // One in a thousand lies beyond the 99.9 % quantile.
-        let spread = Spread::of(&timing(std::iter::repeat_n(1000, 999).chain([5_000_000])));
+        let spread = Spread::from_timing(&timing(std::iter::repeat_n(1000, 999).chain([5_000_000])));
         assert!(near(spread.p999_s, 1e-6) && spread.worst_s == 5e-3, "{spread:?}");
-        let spread = Spread::of(&timing(std::iter::repeat_n(1000, 998).chain([5_000_000; 2])));
+        let spread = Spread::from_timing(&timing(std::iter::repeat_n(1000, 998).chain([5_000_000; 2])));
         assert!(near(spread.p999_s, 5e-3), "{spread:?}");
     }
 
     #[test]
     fn quantiles_never_exceed_the_maximum() {
         for took in [0, 1, 7, 1023, 1_234_567, u64::MAX - 5] {
-            let spread = Spread::of(&timing([took]));
+            let spread = Spread::from_timing(&timing([took]));
             assert!(spread.median_s <= spread.p999_s && spread.p999_s <= spread.worst_s, "{spread:?}");
             assert!(spread.median_s > 0.0, "{spread:?}");
         }
-        let none = Spread::of(&timing([]));
+        let none = Spread::from_timing(&timing([]));
         assert!(none.count == 0 && none.median_s > 0.0, "{none:?}");
     }
 
     #[test]
     fn ratios_and_parts() {
-        let (ours, plain) = (Spread::of(&timing([1000; 10])), Spread::of(&timing([4000; 10])));
-        let ratio = Ratio::of(&plain, &ours);
+        let (ours, plain) = (Spread::from_timing(&timing([1000; 10])), Spread::from_timing(&timing([4000; 10])));
+        let ratio = Ratio::between(&plain, &ours);
         assert!(near(ratio.median, 4.0) && near(ratio.p999, 4.0), "{ratio:?}");
         let part = plain.divided(4);
         assert!(near(part.median_s, ours.median_s) && near(part.worst_s, 1e-6) && part.count == 10, "{part:?}");

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 /// Measure whether this machine is suitable for a robot, each figure compared with a plain alternative.
 #[derive(Debug, Parser)]
-#[command(name = "nims bench", version = runtime::build::own())]
+#[command(name = "nims bench", version = runtime::build::description())]
 struct Cli {
     #[command(flatten)]
     args: Args,

@@ -225,7 +225,7 @@ fn measure_in_thread(settings: &Settings, domain: &PrivateDomain, wanted: u64, w
             break;
         }
     }
-    let (ours, plain) = (Spread::of(&ours), Spread::of(&plain));
-    let ratio = Ratio::of(&plain, &ours);
+    let (ours, plain) = (Spread::from_timing(&ours), Spread::from_timing(&plain));
+    let ratio = Ratio::between(&plain, &ours);
     Ok(BusResult { sample_bytes: size_of::<MotorState>(), ours, plain, ratio, scheduling })
 }

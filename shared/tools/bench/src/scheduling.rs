@@ -92,7 +92,7 @@ pub fn apply(section: &RealtimeSection) -> (AchievedScheduling, Option<File>) {
 impl AchievedScheduling {
     /// Returns one line for the achieved scheduling and one for each refused setting.
     #[must_use]
-    pub fn words(&self) -> Vec<String> {
+    pub fn lines(&self) -> Vec<String> {
         let mut parts = vec![match self.fifo_priority {
             Some(priority) => format!("SCHED_FIFO priority {priority}"),
             None => "ordinary priority".to_owned(),
@@ -149,7 +149,7 @@ mod tests {
         let section = RealtimeSection { cpu: Some(100_000), ..RealtimeSection::default() };
         let (reached, _) = std::thread::spawn(move || apply(&section)).join().unwrap();
         assert_eq!((reached.fifo_priority, reached.cpu, reached.idle_latency_us), (None, None, None));
-        let words = reached.words();
+        let words = reached.lines();
         assert_eq!(words.len(), 3, "{words:?}");
         assert!(words[0].contains("ordinary") && words[1].contains("motor-box ordinary"), "{words:?}");
         assert!(words[2].contains("100000"), "{words:?}");
@@ -165,7 +165,7 @@ mod tests {
             refused: Vec::new(),
             given: Vec::new(),
         };
-        let words = reached.words().join("\n");
+        let words = reached.lines().join("\n");
         for word in ["priority 50", "processor 1", "locked", "20 µs"] {
             assert!(words.contains(word), "{words}");
         }

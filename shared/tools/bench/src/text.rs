@@ -40,7 +40,7 @@ pub fn report(report: &BenchReport) -> String {
     let (rate_hz, verdicts) = (report.rate_hz, report.verdicts());
     let mut part = |mut table: Vec<String>, name: &str| {
         let verdict = verdicts.iter().find(|(part, _)| part.name() == name);
-        table.extend(verdict.map(|(_, finding)| check::to_words(std::slice::from_ref(finding))));
+        table.extend(verdict.map(|(_, finding)| check::to_text(std::slice::from_ref(finding))));
         table.push(String::new());
         lines.extend(table);
     };
@@ -51,7 +51,7 @@ pub fn report(report: &BenchReport) -> String {
         let mut table = bus_table(found);
         // Omitted if it has already been printed for the wake-ups.
         if report.tick.is_none() {
-            table.extend(found.scheduling.words());
+            table.extend(found.scheduling.lines());
         }
         part(table, "bus");
     }
@@ -77,7 +77,7 @@ fn tick_table(found: &tick::TickResult, rate_hz: f64) -> Vec<String> {
         lines.push(row(label, &[spread_cells(&ticks.lateness), counts.to_vec()].concat()));
     }
     lines.push(row("  ordinary to motor-io", &ratio_cells(&found.ratio)));
-    lines.extend(found.scheduling.words());
+    lines.extend(found.scheduling.lines());
     lines
 }
 

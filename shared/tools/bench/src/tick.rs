@@ -72,7 +72,7 @@ impl WakeUpCounter {
     }
 
     fn result(&self) -> Ticks {
-        let lateness = Spread::of(&self.lateness);
+        let lateness = Spread::from_timing(&self.lateness);
         Ticks { lateness, late: self.late, skipped: self.skipped, periods: self.periods }
     }
 }
@@ -102,7 +102,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<T
                 let (scheduled_ns, skipped) = schedule.next(now_ns());
                 std::thread::sleep(Duration::from_nanos(scheduled_ns.saturating_sub(now_ns())));
                 let woke_ns = now_ns();
-                schedule.begun(scheduled_ns, woke_ns);
+                schedule.record_start(scheduled_ns, woke_ns);
                 count.add(&Tick { scheduled_ns, woke_ns, skipped });
             }
             count.result()
@@ -117,7 +117,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<T
     let ended = || Failure::NotNow("a measuring thread ended early".to_owned());
     let (ours, scheduling) = ours.map_err(|_| ended())?;
     let plain = plain.map_err(|_| ended())?;
-    let ratio = Ratio::of(&plain.lateness, &ours.lateness);
+    let ratio = Ratio::between(&plain.lateness, &ours.lateness);
     Ok(TickResult { ours, plain, ratio, scheduling })
 }
 

@@ -5,7 +5,7 @@ mod file;
 pub mod places;
 mod text;
 
-pub use file::{Doubt, HeightBy, HeightEntry, MeasurementsFile, PointEntry, RangeEntry, Setup};
+pub use file::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
 
 use calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
 use clap::ValueEnum;

@@ -1,9 +1,11 @@
 //! `nims check`: findings about a configuration, each with its remedy.
 
+use crate::config_kind::{ConfigKind, config_kind};
 use cable_robot::energy::MotorTable;
+use cable_robot::motor::DriveLoad;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use command::{Answer, Failure, Output, points};
-use config::{CalibrationFile, PlannerSection, RobotFile, SystemFile, toml_file};
+use config::{CalibrationFile, PlannerSection, RobotFile, SystemFile};
 use motor_box::{GroundFile, MotorBoxSection};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
@@ -88,7 +90,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         let file = args.config.display();
         Failure::BadInput(format!("{file} cannot be used: {errors} error(s), listed on stdout"))
     });
-    Ok(Output::new(to_json(&found), to_words(&found)).failing(failure))
+    Ok(Output::new(to_json(&found), to_text(&found)).failing(failure))
 }
 
 /// Returns the number of findings that are errors.
@@ -148,7 +150,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
 pub fn can_be_built(file: &SystemFile) -> Answer {
     let robot = file.robot_file().map_err(Failure::bad)?;
     motor_io::CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
-    MotorBoxSection::of(file, &robot).map_err(Failure::bad)?;
+    MotorBoxSection::from_file(file, &robot).map_err(Failure::bad)?;
     chain_can_be_built(file, &robot)
 }
 
@@ -157,10 +159,10 @@ pub fn can_be_built(file: &SystemFile) -> Answer {
 /// # Errors
 /// Which key is wrong and what is accepted.
 pub fn chain_can_be_built(file: &SystemFile, robot: &RobotFile) -> Answer {
-    controller::ControllerConfig::of(file, robot, 1)
+    controller::ControllerConfig::from_files(file, robot, 1)
         .map_err(|error| Failure::BadInput(format!("[controller] {error}")))?;
     let parts = robot.robot().map_err(Failure::bad)?;
-    estimator::EstimatorConfig::of(&file.estimator, parts, 1)
+    estimator::EstimatorConfig::from_section(&file.estimator, parts, 1)
         .map_err(|error| Failure::BadInput(format!("[estimator] {error}")))?;
     Ok(())
 }
@@ -173,7 +175,7 @@ pub fn to_json(findings: &[Finding]) -> Value {
 
 /// Returns the findings as text, one line each.
 #[must_use]
-pub fn to_words(findings: &[Finding]) -> String {
+pub fn to_text(findings: &[Finding]) -> String {
     let lines: Vec<String> = findings
         .iter()
         .map(|finding| match (finding.level, finding.cure.as_str()) {
@@ -191,38 +193,9 @@ pub fn usable(findings: &[Finding]) -> bool {
     findings.iter().all(|finding| finding.level != Level::Error)
 }
 
-enum ConfigKind {
-    Robot,
-    System,
-    Mission,
-    Sensor,
-    Ground,
-}
-
-/// Determines the kind of a configuration file from the keys that only this kind has.
-fn config_kind(path: &Path) -> Answer<ConfigKind> {
-    let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
-    if table.contains_key("leg") {
-        Ok(ConfigKind::Mission)
-    } else if table.contains_key("motor_io") || table.get("robot").is_some_and(toml::Value::is_str) {
-        Ok(ConfigKind::System)
-    } else if table.contains_key("robot") {
-        Ok(ConfigKind::Robot)
-    } else if table.contains_key("port") {
-        Ok(ConfigKind::Sensor)
-    } else if ["ground_m", "cylinder", "prism"].iter().any(|key| table.contains_key(*key)) {
-        Ok(ConfigKind::Ground)
-    } else {
-        Err(Failure::BadInput(format!(
-            "{} is not a configuration file of a known kind: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
-            path.display()
-        )))
-    }
-}
-
 /// Describes the values that a sensor file defines.
 fn sensor(file: &SensorFile) -> Finding {
-    let (quantities, units) = file.words();
+    let (quantities, units) = file.quantities_and_units();
     let values: Vec<String> =
         quantities.iter().zip(&units).map(|(quantity, unit)| format!("{quantity} in {unit}")).collect();
     note(format!(
@@ -298,21 +271,27 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     findings.extend(collinear_anchors(&robot));
     findings.extend(file.calibration.as_ref().map(calibration_finding));
     findings.extend(robot.motor_table().map(|table| motor_table_finding(&robot, table)));
-    let (fastest, tightest) = (robot.speed_limit_m_s(), robot.tension_limits_n()[1]);
-    let modelled = |_| robot.motor().current_a(tightest, fastest);
-    let current = robot.current().current_a(tightest, fastest).unwrap_or_else(modelled);
-    if current > file.motor.current_limit_a {
-        findings.push(warning(
-            format!(
-                "reeling in at {} m/s under {} N takes {current:.1} A, above current_limit_a = {} A",
-                robot.speed_limit_m_s(),
-                robot.tension_limits_n()[1],
-                file.motor.current_limit_a
-            ),
-            "lower tension_limits_n or speed_limit_m_s, or fit larger motors; slower and lighter moves are not affected",
-        ));
-    }
+    findings.extend(motor_finding(&robot));
     Ok(findings)
+}
+
+/// Warns of a node speed that the motors do not reach at the highest tension.
+fn motor_finding(robot: &Robot) -> Option<Finding> {
+    let limits = robot.drive_limits();
+    let load = robot.drive_load(robot.tension_limits_n()[1], robot.speed_limit_m_s());
+    let excess = match load {
+        DriveLoad { current_a, .. } if current_a > limits.current_a => {
+            format!("takes {current_a:.1} A, above current_limit_a = {} A", limits.current_a)
+        }
+        DriveLoad { voltage_v, .. } if voltage_v > limits.voltage_v => {
+            format!("takes {voltage_v:.1} V, and supply_min_v leaves {:.1} V", limits.voltage_v)
+        }
+        _ => return None,
+    };
+    Some(warning(
+        format!("reeling in at {} m/s under {} N {excess}", load.reel_in_m_s, load.tension_n),
+        "lower tension_limits_n or speed_limit_m_s, or fit larger motors; slower and lighter moves are not affected",
+    ))
 }
 
 /// Describes the calibration of the anchors and its accuracy.
@@ -437,7 +416,9 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
             ));
         }
     }
-    findings.extend(MotorBoxSection::of(file, &robot).map_err(Failure::bad)?.and_then(|drives| horizon(file, &drives)));
+    findings.extend(
+        MotorBoxSection::from_file(file, &robot).map_err(Failure::bad)?.and_then(|drives| horizon(file, &drives)),
+    );
     if file.estimator.stretch != file.controller.stretch {
         findings.push(warning(
             "`stretch` differs between [estimator] and [controller]".to_owned(),
@@ -452,7 +433,7 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
 /// # Errors
 /// `[motor_box]` is not accepted.
 pub fn virtual_start_m(file: &SystemFile, robot: &RobotFile) -> Answer<Option<[f64; 3]>> {
-    let section = MotorBoxSection::of(file, robot).map_err(Failure::bad)?;
+    let section = MotorBoxSection::from_file(file, robot).map_err(Failure::bad)?;
     Ok(section.map(|section| section.start_m.position_m))
 }
 
@@ -485,7 +466,7 @@ pub struct Flight {
 impl Flight {
     /// Returns one line of text.
     #[must_use]
-    pub fn words(&self) -> String {
+    pub fn line(&self) -> String {
         let energy = self.energy_j.map_or(String::new(), |joules| format!(", about {joules:.0} J in the motors"));
         format!("{} segments, {:.2} m, {:.1} s{energy}", self.segments, self.length_m, self.duration_s)
     }
@@ -542,7 +523,7 @@ fn mission_finding(
             "mission \"{}\" can be flown from {}: {}",
             mission.name,
             points::in_words(&checked, &from.into()),
-            flight.words()
+            flight.line()
         )),
         Err(why) => error(
             format!("mission \"{}\" cannot be flown: {why}", mission.name),

@@ -1,18 +1,18 @@
 //! Kinematics and statics without a running robot: `ik`, `fk`, `tension`.
 
-use crate::plan;
 use crate::plan::Method;
-use cable_robot::{Robot, Vector3, kinematics, tension};
+use crate::{config_kind, plan};
+use cable_robot::{Vector3, kinematics, tension};
 use command::values::{Numbers, numbers, point};
 use command::{Answer, Failure, Output, points};
-use config::{Point, RobotFile};
+use config::Point;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// `nims ik`.
 #[derive(Debug, clap::Args)]
 pub struct IkArgs {
-    /// Robot file.
+    /// Robot file or system file.
     #[arg(long)]
     pub config: PathBuf,
     /// Position of the node, m.
@@ -23,7 +23,7 @@ pub struct IkArgs {
 /// `nims fk`.
 #[derive(Debug, clap::Args)]
 pub struct FkArgs {
-    /// Robot file.
+    /// Robot file or system file.
     #[arg(long)]
     pub config: PathBuf,
     /// One length per cable, m.
@@ -34,7 +34,7 @@ pub struct FkArgs {
 /// `nims tension`.
 #[derive(Debug, clap::Args)]
 pub struct TensionArgs {
-    /// Robot file.
+    /// Robot file or system file.
     #[arg(long)]
     pub config: PathBuf,
     /// Position of the node, m.
@@ -48,17 +48,12 @@ pub struct TensionArgs {
     pub method: Option<Method>,
 }
 
-/// Loads the robot of a file. [`RobotFile::load`] rejects anchors that determine no position.
-fn robot(path: &Path) -> Answer<Robot> {
-    RobotFile::load(path).map_err(Failure::bad)?.robot().map_err(Failure::bad)
-}
-
 /// `nims ik`: lengths from the anchors, (6), with the part on the pulleys if there are any.
 ///
 /// # Errors
 /// A robot file or a point that cannot be used.
 pub fn ik(args: &IkArgs) -> Answer<Output> {
-    let robot = robot(&args.config)?;
+    let robot = config_kind::robot(&args.config)?;
     let at = points::position(&robot, &args.at)?.into();
     let lengths = kinematics::lengths_at(robot.anchors(), &at).map_err(Failure::bad)?;
     Ok(Output::json(json!({ "lengths_m": lengths.to_vec() })))
@@ -69,7 +64,7 @@ pub fn ik(args: &IkArgs) -> Answer<Output> {
 /// # Errors
 /// A robot file that cannot be used, or lengths that match no position.
 pub fn fk(args: &FkArgs) -> Answer<Output> {
-    let robot = robot(&args.config)?;
+    let robot = config_kind::robot(&args.config)?;
     let found = kinematics::forward_kinematics(robot.anchors(), &args.lengths.0, None).map_err(Failure::bad)?;
     let position = points::written(&robot, &found.position);
     Ok(Output::json(json!({ "position_m": position, "residual_m": found.residual_rms_m })))
@@ -80,7 +75,7 @@ pub fn fk(args: &FkArgs) -> Answer<Output> {
 /// # Errors
 /// A robot file, pose or method that cannot be used.
 pub fn tension(args: &TensionArgs) -> Answer<Output> {
-    let robot = robot(&args.config)?;
+    let robot = config_kind::robot(&args.config)?;
     let distribution = plan::distribution(args.method, &robot);
     let at = Vector3::from(points::position(&robot, &args.at)?);
     let acceleration = match &args.accel {

@@ -8,6 +8,7 @@
 pub mod calibrate;
 pub mod check;
 mod command_line;
+mod config_kind;
 pub mod doctor;
 pub mod kinematics;
 pub mod plan;

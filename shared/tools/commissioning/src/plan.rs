@@ -1,5 +1,6 @@
 //! `nims plan`: the cost of a move, and the parabola with the least cost, without a running robot.
 
+use crate::config_kind;
 use cable_robot::energy::optimum::{Precision, best};
 use cable_robot::energy::{Best, Bounds, Cost, EnergyError, WinchEnergy, flight, parabola};
 use cable_robot::path::{Lateral, Parabola};
@@ -8,14 +9,14 @@ use cable_robot::{Distribution, Path, Robot, Vector3};
 use clap::ValueEnum;
 use command::values::{finite, not_negative, point};
 use command::{Answer, Failure, Output, points};
-use config::{Point, RobotFile};
+use config::Point;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// `nims plan`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Robot file.
+    /// Robot file, or system file, which also states the lowest voltage of the drives.
     #[arg(long)]
     pub config: PathBuf,
     /// Start of the move, m.
@@ -95,7 +96,7 @@ pub fn run(args: &Args) -> Answer<Output> {
 }
 
 fn plan_move(args: &Args) -> Answer<Value> {
-    let robot = RobotFile::load(&args.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+    let robot = config_kind::robot(&args.config)?;
     let speed_m_s = args.speed.unwrap_or(robot.speed_limit_m_s());
     if !(speed_m_s > 0.0 && speed_m_s <= robot.speed_limit_m_s()) {
         return Err(Failure::BadInput(format!(

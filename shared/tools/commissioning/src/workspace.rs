@@ -1,12 +1,12 @@
 //! `nims workspace`: the region where the cables can hold the node at rest, its size, and its margins to the limits.
 //! For a planar robot the region is an area.
 
+use crate::config_kind;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::tension;
 use cable_robot::{Distribution, Robot, Vector3, elastic};
 use command::values::finite;
 use command::{Answer, Failure, Output, points};
-use config::RobotFile;
 use plot::{Axis, BLACK, Chart, Legend, Picture, Series, SeriesStyle, save_png};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// `nims workspace`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Robot file.
+    /// Robot file, or system file, which also states the lowest voltage of the drives.
     #[arg(long)]
     pub config: PathBuf,
     /// Plot of slices at several heights; for a planar robot, of its plane.
@@ -97,6 +97,9 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     if tension::worst_violation(&feasible.tensions_n, limits).is_some() {
         return None;
     }
+    if feasible.tensions_n.iter().any(|tension_n| !robot.drive_limits().allow(&robot.drive_load(*tension_n, 0.0))) {
+        return None;
+    }
     let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), at), &feasible.tensions_n);
     let long_enough = lengths.iter().zip(robot.length_limits_m()).all(|(l, [min, max])| (*min..=*max).contains(l));
     long_enough.then_some(feasible.margin_n)
@@ -125,7 +128,7 @@ pub fn run(args: &Args) -> Answer<Output> {
 }
 
 fn evaluate(args: &Args) -> Answer<Value> {
-    let robot = RobotFile::load(&args.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+    let robot = config_kind::robot(&args.config)?;
     let grid = Grid::new(&robot, args.step)?;
     let layers = layers(&robot, &grid);
     let cell = grid.cell();

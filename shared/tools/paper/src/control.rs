@@ -134,7 +134,7 @@ pub fn fig7(effort: Effort) -> Result<Section> {
     let quick = sweep(mission, DRIVES[0], &horizons)?;
     let slow = sweep(mission, DRIVES[1], &horizons)?;
     let (horizon, track) = &quick[best(&quick)?];
-    let [estimate, truth] = [millimetres(track, Track::by_estimate), millimetres(track, Track::by_truth)];
+    let [estimate, truth] = [millimetres(track, Track::by_estimate), millimetres(track, Track::errors_of_truth_m)];
     let trace = Chart {
         caption: format!("x along straight lines, Delta = {horizon}"),
         x: Axis::auto("time, s"),
@@ -184,7 +184,7 @@ pub fn fig8(effort: Effort) -> Result<Section> {
     let quick = sweep(mission, DRIVES[0], &horizons)?;
     let slow = sweep(mission, DRIVES[1], &horizons)?;
     let (horizon, track) = &quick[best(&quick)?];
-    let [estimate, truth] = [millimetres(track, Track::by_estimate), millimetres(track, Track::by_truth)];
+    let [estimate, truth] = [millimetres(track, Track::by_estimate), millimetres(track, Track::errors_of_truth_m)];
     let [first, last] = [track.instants.first(), track.instants.last()].map(|at| at.map(|at| at.setpoint));
     let rise = match (first, last) {
         (Some(first), Some(last)) => last.z - first.z,

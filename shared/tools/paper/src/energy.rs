@@ -234,7 +234,7 @@ struct MoveComparison {
 
 impl MoveComparison {
     fn fly(effort: Effort) -> Result<Self> {
-        let rig = WinchSetup::new(&stand_in::three(), stand_in::geared())?;
+        let rig = WinchSetup::new(&stand_in::three_cable_anchors(), stand_in::geared())?;
         let mut moves = moves(&stand_in::TRIANGLE_PATH);
         if effort == Effort::Quick {
             moves.truncate(1);
@@ -296,7 +296,7 @@ fn track_path(track: &Track, name: &str, colour: usize, onto: fn(&Vector3<f64>) 
 
 /// Projects the flown paths onto a plane.
 fn path_view(moves: &MoveComparison, caption: &str, y: &str, onto: fn(&Vector3<f64>) -> [f64; 2]) -> Chart {
-    let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| onto(&Vector3::from(*a))).collect();
+    let anchors: Vec<[f64; 2]> = stand_in::three_cable_anchors().iter().map(|a| onto(&Vector3::from(*a))).collect();
     let mut outline = anchors.clone();
     outline.push(anchors[0]);
     // The legend is in the view that has space for it.
@@ -326,7 +326,7 @@ pub fn fig12(effort: Effort) -> Result<Section> {
     let view = |caption, y, onto| path_view(&moves, caption, y, onto);
     let charts = vec![view("from above", "y, m", |p| [p.x, p.y]), view("from the side", "z, m", |p| [p.x, p.z])];
     let distance =
-        |k: usize| 1e3 * rms(&moves.flown.iter().flat_map(|tracks| tracks[k].by_truth()).collect::<Vec<_>>());
+        |k: usize| 1e3 * rms(&moves.flown.iter().flat_map(|tracks| tracks[k].errors_of_truth_m()).collect::<Vec<_>>());
     let deepest: Vec<f64> = moves
         .expected
         .iter()
@@ -373,7 +373,7 @@ pub fn fig12(effort: Effort) -> Result<Section> {
 
 /// Returns the current of a motor over a flight according to statics and the friction model, A.
 fn expected_current(track: &Track, motor: &Motor, cable: usize) -> Result<Vec<[f64; 2]>> {
-    let anchors = stand_in::anchors(&stand_in::three())?;
+    let anchors = stand_in::anchors(&stand_in::three_cable_anchors())?;
     track
         .instants
         .windows(3)
@@ -457,7 +457,7 @@ pub fn fig13(effort: Effort) -> Result<Section> {
 
 /// Returns the height of a move and the loss of its optimal parabola as a share of the line's, with ideal motors.
 fn shares_by_height(effort: Effort) -> Result<Vec<[f64; 2]>> {
-    let rig = WinchSetup::new(&stand_in::three(), stand_in::ideal())?;
+    let rig = WinchSetup::new(&stand_in::three_cable_anchors(), stand_in::ideal())?;
     let mut regions = Vec::new();
     for height in effort.select(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
         let (a, b) = moves(&stand_in::TRIANGLE_PATH)[0];
@@ -477,7 +477,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
     let mut ordered = true;
     let mut largest: f64 = 0.0;
     for (name, motor) in [("ideal", stand_in::ideal()), ("geared", stand_in::geared())] {
-        let rig = WinchSetup::new(&stand_in::three(), motor)?;
+        let rig = WinchSetup::new(&stand_in::three_cable_anchors(), motor)?;
         for (k, ends) in moves(&stand_in::TRIANGLE_PATH).into_iter().enumerate() {
             let (line, best) = rig.line_and_best(Distribution::Unique, ends)?;
             let [e, t] = [best.cost.energy_j / line.energy_j, best.cost.duration_s / line.duration_s];

@@ -118,7 +118,7 @@ impl ClosedLoopFlight {
     /// Returns the scenario for the lockstep simulation.
     pub fn scenario(&self) -> Result<Scenario> {
         let robot = stand_in::three_cable_robot()?;
-        let mut plant = PlantConfig::new(stand_in::three().to_vec(), self.start_m);
+        let mut plant = PlantConfig::new(stand_in::three_cable_anchors().to_vec(), self.start_m);
         plant.node.mass_kg = stand_in::MASS_KG;
         plant.start_limits_n = stand_in::LIMITS_N;
         plant.line.stiffness_n *= self.stiffness_share;
@@ -132,7 +132,7 @@ impl ClosedLoopFlight {
             period_s: self.period_s,
             law: self.law,
             horizon: self.horizon,
-            method: Method::of(&EstimatorSection::default())?,
+            method: Method::from_section(&EstimatorSection::default())?,
             stretch: self.stretch,
             distribution: Distribution::Unique,
             longest_s: 300.0,
@@ -218,7 +218,7 @@ impl Track {
     }
 
     /// Returns the distances of the truth from the setpoint, m.
-    pub fn by_truth(&self) -> Vec<f64> {
+    pub fn errors_of_truth_m(&self) -> Vec<f64> {
         self.distances(|instant| (instant.truth - instant.setpoint).norm())
     }
 

@@ -166,11 +166,15 @@ pub fn run(args: &Args) -> Answer<Output> {
     }
     let sections = compute(&entries, Effort::Full, &progress)?;
     write(folder, &sections)?;
-    let verdicts: serde_json::Map<String, Value> =
-        sections.iter().map(|section| (section.key.to_owned(), json!(Verdict::of(&section.checks).words()))).collect();
+    let verdicts: serde_json::Map<String, Value> = sections
+        .iter()
+        .map(|section| (section.key.to_owned(), json!(Verdict::from_checks(&section.checks).text())))
+        .collect();
     let mut words: Vec<String> = sections
         .iter()
-        .map(|section| format!("{:<10} {:<22} {}", section.key, Verdict::of(&section.checks).words(), section.title))
+        .map(|section| {
+            format!("{:<10} {:<22} {}", section.key, Verdict::from_checks(&section.checks).text(), section.title)
+        })
         .collect();
     let page = folder.join("index.html");
     words.push(format!("page: {}", page.display()));
@@ -214,7 +218,7 @@ mod tests {
                     assert!(files.get(&name).is_some_and(|bytes| bytes.len() > 2000), "{name}");
                 }
             }
-            let words = Verdict::of(&section.checks).words();
+            let words = Verdict::from_checks(&section.checks).text();
             let markdown = String::from_utf8(files["index.md"].clone()).unwrap();
             assert!(markdown.contains(&format!("## {}", section.title)) && markdown.contains(words));
         }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 /// Reproduce every figure and table of the paper on one page, with the paper's claims.
 #[derive(Debug, Parser)]
-#[command(name = "nims paper", version = runtime::build::own())]
+#[command(name = "nims paper", version = runtime::build::description())]
 struct Cli {
     #[command(flatten)]
     args: Args,

@@ -39,7 +39,7 @@ fn summary(sections: &[Section]) -> Table {
     let mut table = Table::new("Summary", &["", "verdict", "ratio to the paper's method"]);
     for section in sections {
         let ratio = section.ratio.clone().unwrap_or_default();
-        table.row([section.title.to_owned(), Verdict::of(&section.checks).words().to_owned(), ratio]);
+        table.row([section.title.to_owned(), Verdict::from_checks(&section.checks).text().to_owned(), ratio]);
     }
     table
 }
@@ -56,7 +56,7 @@ pub fn html(sections: &[Section]) -> String {
     );
     out.push_str(&html_table(&summary(sections)));
     for section in sections {
-        let verdict = Verdict::of(&section.checks);
+        let verdict = Verdict::from_checks(&section.checks);
         let _ = writeln!(out, "<h2 id=\"{}\">{}</h2>", section.key, escape(section.title));
         let _ = writeln!(out, "<p><b>{}.</b> {}</p>", claim_word(section), escape(&section.claim));
         let _ = writeln!(out, "<p><b>Setup.</b> {}</p>", escape(&capital(&section.stand_in)));
@@ -71,7 +71,7 @@ pub fn html(sections: &[Section]) -> String {
         for table in &section.tables {
             out.push_str(&html_table(table));
         }
-        let _ = writeln!(out, "<p><span class=\"verdict {}\">{}</span></p>\n<ul>", class(verdict), verdict.words());
+        let _ = writeln!(out, "<p><span class=\"verdict {}\">{}</span></p>\n<ul>", class(verdict), verdict.text());
         for check in &section.checks {
             let (class, mark) = if check.held { ("yes", "\u{2713}") } else { ("no", "\u{2717}") };
             let _ = writeln!(out, "<li><b class=\"{class}\">{mark}</b> {}</li>", escape(&check.statement));
@@ -103,7 +103,7 @@ pub fn markdown(sections: &[Section]) -> String {
     let mut out = format!("# {TITLE}\n\n{FOREWORD}\n\n");
     out.push_str(&markdown_table(&summary(sections)));
     for section in sections {
-        let verdict = Verdict::of(&section.checks);
+        let verdict = Verdict::from_checks(&section.checks);
         let _ = write!(out, "\n## {}\n\n", section.title);
         let _ = write!(out, "**{}.** {}\n\n", claim_word(section), section.claim);
         let _ = write!(out, "**Setup.** {}\n\n", capital(&section.stand_in));
@@ -114,7 +114,7 @@ pub fn markdown(sections: &[Section]) -> String {
             out.push_str(&markdown_table(table));
             out.push('\n');
         }
-        let _ = write!(out, "**Verdict: {}.**\n\n", verdict.words());
+        let _ = write!(out, "**Verdict: {}.**\n\n", verdict.text());
         for Check { statement, held, .. } in &section.checks {
             let _ = writeln!(out, "* {} {statement}", if *held { "yes:" } else { "no:" });
         }

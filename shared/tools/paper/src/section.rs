@@ -71,7 +71,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// Computes the verdict from the checks alone.
-    pub fn of(checks: &[Check]) -> Self {
+    pub fn from_checks(checks: &[Check]) -> Self {
         let fails = |weight| checks.iter().any(|check| check.weight == weight && !check.held);
         if checks.is_empty() || fails(Weight::Claim) {
             Self::DoesNotHold
@@ -83,7 +83,7 @@ impl Verdict {
     }
 
     /// Returns the verdict as text.
-    pub fn words(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             Self::Holds => "holds",
             Self::UnderConditions => "holds under conditions",
@@ -156,10 +156,10 @@ mod tests {
     fn the_verdict_follows_from_the_checks() {
         let claim = |held| Check::claim(held, String::new());
         let condition = |held| Check::condition(held, String::new());
-        assert_eq!(Verdict::of(&[claim(true), condition(true)]), Verdict::Holds);
-        assert_eq!(Verdict::of(&[claim(true), condition(false)]), Verdict::UnderConditions);
-        assert_eq!(Verdict::of(&[claim(false), condition(true)]), Verdict::DoesNotHold);
-        assert_eq!(Verdict::of(&[]), Verdict::DoesNotHold);
+        assert_eq!(Verdict::from_checks(&[claim(true), condition(true)]), Verdict::Holds);
+        assert_eq!(Verdict::from_checks(&[claim(true), condition(false)]), Verdict::UnderConditions);
+        assert_eq!(Verdict::from_checks(&[claim(false), condition(true)]), Verdict::DoesNotHold);
+        assert_eq!(Verdict::from_checks(&[]), Verdict::DoesNotHold);
     }
 
     #[test]

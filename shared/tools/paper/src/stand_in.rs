@@ -24,7 +24,7 @@ pub const FOUR: &str =
     "four anchors on a square of 10 m at a height of 6 m, a node of 2 kg at 0.2 m/s, tensions of 1 to 150 N";
 
 /// Returns the anchors of the three-cable configuration, (1)-(2), m.
-pub fn three() -> [[f64; 3]; 3] {
+pub fn three_cable_anchors() -> [[f64; 3]; 3] {
     let [d1, d2, d3] = RANGES_M;
     let x3 = (d1 * d1 + d2 * d2 - d3 * d3) / (2.0 * d2);
     let y3 = (d1 * d1 - x3 * x3).sqrt();
@@ -32,8 +32,8 @@ pub fn three() -> [[f64; 3]; 3] {
 }
 
 /// Returns x and y of these anchors, m.
-pub fn three_xy() -> [[f64; 2]; 3] {
-    three().map(|[x, y, _]| [x, y])
+pub fn three_cable_anchors_xy() -> [[f64; 2]; 3] {
+    three_cable_anchors().map(|[x, y, _]| [x, y])
 }
 
 /// Anchors of the four-cable configuration, m.
@@ -68,7 +68,7 @@ pub fn anchors(points: &[[f64; 3]]) -> Result<Anchors, cable_robot::RobotError> 
 /// Returns the three-cable robot as described by a robot file.
 pub fn three_cable_robot() -> Result<Robot, cable_robot::RobotError> {
     Robot::new(RobotParts {
-        anchors_m: three().to_vec(),
+        anchors_m: three_cable_anchors().to_vec(),
         node_mass_kg: MASS_KG,
         tension_limits_n: LIMITS_N,
         speed_limit_m_s: 0.5,

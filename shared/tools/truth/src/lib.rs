@@ -67,7 +67,7 @@ fn spread(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> Answer<Output> {
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
     let robot = file.robot_file().map_err(Failure::bad)?;
-    let Some(section) = MotorBoxSection::of(&file, &robot).map_err(Failure::bad)? else {
+    let Some(section) = MotorBoxSection::from_file(&file, &robot).map_err(Failure::bad)? else {
         let system = args.system.display();
         return Err(Failure::BadInput(format!("{system} has no [motor_box]; only a virtual robot has a drawn world")));
     };

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 /// Draw a plausible world that is not the robot's model, for the virtual motor box.
 #[derive(Debug, Parser)]
-#[command(name = "nims truth", version = runtime::build::own())]
+#[command(name = "nims truth", version = runtime::build::description())]
 struct Cli {
     #[command(flatten)]
     args: Args,

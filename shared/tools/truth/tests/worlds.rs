@@ -18,7 +18,7 @@ fn drawn(name: &str, seed: u64, spread: f64, out: &Path) -> String {
 
 fn truth(path: &Path) -> motor_box::section::TruthSection {
     let file = SystemFile::load(path).unwrap();
-    MotorBoxSection::of(&file, &file.robot_file().unwrap()).unwrap().unwrap().truth.unwrap()
+    MotorBoxSection::from_file(&file, &file.robot_file().unwrap()).unwrap().unwrap().truth.unwrap()
 }
 
 #[test]

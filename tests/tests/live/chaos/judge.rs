@@ -72,8 +72,8 @@ impl Evidence {
         let mut reader = RunReader::open(run).unwrap();
         while let Some(recorded) = reader.next_sample().unwrap() {
             match recorded.channel.name.as_str() {
-                "motor/authority" => evidence.cycles.extend(recorded.to::<MotorAuthority>()),
-                "truth/node" => evidence.truth.extend(recorded.to::<TruthNode>()),
+                "motor/authority" => evidence.cycles.extend(recorded.decode::<MotorAuthority>()),
+                "truth/node" => evidence.truth.extend(recorded.decode::<TruthNode>()),
                 _ => {}
             }
         }

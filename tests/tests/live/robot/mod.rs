@@ -6,7 +6,10 @@ mod steady;
 pub use steady::steadily;
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
-use messages::{GotoPath, MotorAuthority, MotorInput, MotorSlots, Request, TruthNode, text_of};
+use messages::{
+    GotoPath, MotorAuthority, MotorInput, MotorSlots, OperatorRequest, RecorderStatus, Request, TruthNode, text_of,
+};
+use robot_state::answers::Reason;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::collections::HashMap;
@@ -211,6 +214,22 @@ impl Robot {
         output.status.code()
     }
 
+    /// Runs a command whose request is rejected in one sentence; returns the reason that the process gave.
+    pub fn rejected(&self, args: &[&str]) -> Reason {
+        let mut requests = self.bus.subscriber::<OperatorRequest>("operator/request").unwrap();
+        let begun_ns = clock::now_ns();
+        self.refused(args, &[]);
+        loop {
+            let answered = requests.receive().unwrap();
+            let answered = answered.filter(|request| request.header.published_ns >= begun_ns && request.answered == 1);
+            if let Some(reason) = answered.and_then(|request| Reason::of(&request)) {
+                return reason;
+            }
+            assert!(clock::now_ns() < begun_ns + LONG.as_nanos() as u64, "{args:?}: no answer on operator/request");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
     /// Output of `nims status`; null if there is none.
     pub fn status(&self) -> Value {
         serde_json::from_slice(&self.nims(&["status", "--json"]).stdout).unwrap_or(Value::Null)
@@ -291,7 +310,7 @@ impl Robot {
 
     fn not_in_vain(&self, what: &str, give_up: u64) {
         let MotorAuthority { mode, faults, .. } = self.last;
-        let periods = robot_state::Periods::of(&self.last).words();
+        let periods = robot_state::Periods::from_authority(&self.last).summary();
         assert!(
             clock::now_ns() < give_up,
             "{what}: in vain; mode {mode}, faults {faults:#x}, {periods}\n{}",
@@ -324,8 +343,32 @@ impl Robot {
         assert!(accepted, "{sentence}");
     }
 
-    /// One request and its answer; `None` if the process does not exist or does not answer.
+    /// Waits until the recorder is in that state of [`RecorderStatus`].
+    pub fn until_recorder(&mut self, state: u8) {
+        let mut states = self.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
+        let give_up = clock::now_ns() + LONG.as_nanos() as u64;
+        loop {
+            self.look();
+            if states.latest().unwrap().is_some_and(|row| row.state == state) {
+                return;
+            }
+            self.not_in_vain(&format!("the recorder in state {state}"), give_up);
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// One request and whether it was accepted, with the answer's sentence; `None` if the process does not exist or
+    /// does not answer.
     pub fn request(&mut self, process: &str, request: &Request) -> Option<(bool, String)> {
+        self.answered(process, request).map(|answer| (answer.accepted == 1, text_of(&answer.answer)))
+    }
+
+    /// One request and the reason of its answer; `None` if the process does not exist or does not answer.
+    pub fn reason(&mut self, process: &str, request: &Request) -> Option<Reason> {
+        self.answered(process, request).and_then(|answer| Reason::of(&answer))
+    }
+
+    fn answered(&mut self, process: &str, request: &Request) -> Option<OperatorRequest> {
         let request = request.encode().unwrap();
         if !self.clients.contains_key(process) {
             self.clients.insert(process.to_owned(), self.bus.client(process).unwrap());
@@ -334,7 +377,7 @@ impl Robot {
         if answer.is_none() {
             self.clients.remove(process);
         }
-        answer.map(|answer| (answer.accepted == 1, text_of(&answer.answer)))
+        answer
     }
 
     /// The request to fly a mission of the folder of missions, which is first copied into the run.

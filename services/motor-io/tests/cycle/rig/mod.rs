@@ -5,6 +5,7 @@ use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3};
 use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, Request, RequestBody, UNITS};
 use motor_io::{Answer, Core, CoreConfig, DriveCommand, Inbox, Observation};
+use robot_state::Reason;
 use segments::segment_message;
 use std::collections::VecDeque;
 
@@ -107,7 +108,7 @@ pub struct Rig {
     pub planner: bool,
     pub supervisor: Option<u64>,
     /// Time that each slot of the chain, and motor-io, has waited for a processor, ns; 0: unknown.
-    pub chain_delay_ns: [u64; messages::SEATS],
+    pub chain_delay_ns: [u64; messages::ROLE_SLOTS],
     pub run_delay_ns: u64,
     pub last: Option<Step>,
 }
@@ -153,7 +154,7 @@ impl Rig {
             motion: PlanMotion::default(),
             planner: true,
             supervisor: Some(1),
-            chain_delay_ns: [1; messages::SEATS],
+            chain_delay_ns: [1; messages::ROLE_SLOTS],
             run_delay_ns: 1,
             last: None,
         }
@@ -281,9 +282,18 @@ impl Rig {
     }
 
     pub fn ask_body(&mut self, body: &RequestBody) -> (bool, String) {
-        assert!(self.inbox.request(self.cycle + 100, body));
-        let answer = self.step().answers[0];
+        let answer = self.answer_to(body);
         (answer.is_accepted(), answer.sentence().to_string())
+    }
+
+    /// The reason of the answer to a request.
+    pub fn reason(&mut self, request: Request) -> Reason {
+        self.answer_to(&request.body()).reason
+    }
+
+    fn answer_to(&mut self, body: &RequestBody) -> Answer {
+        assert!(self.inbox.request(self.cycle + 100, body));
+        self.step().answers[0]
     }
 
     pub fn demand(&mut self, request: Request) {

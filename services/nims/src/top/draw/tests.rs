@@ -91,7 +91,7 @@ fn flying() -> Snapshot {
 }
 
 #[test]
-fn everything_that_matters_is_on_one_screen() {
+fn modes_faults_and_processes_fit_on_one_screen() {
     for (width, height) in [(100, 40), (160, 30)] {
         let picture = picture(&flying(), width, height);
         for (word, with) in [

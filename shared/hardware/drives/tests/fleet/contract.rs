@@ -1,6 +1,6 @@
 //! The contract of a drive family, on a wire with a virtual clock.
 
-use drives::{Command, DriveBus, DriveStatus, Error, Misfit, UnitAnswer, UnitReport};
+use drives::{Command, DriveBus, DriveStatus, Error, InvalidConfig, UnitAnswer, UnitReport};
 use serial::{Pipe, Transport};
 
 use crate::fake::{FakeBus, FakeUnit, FakeWire};
@@ -63,7 +63,7 @@ fn a_unit_is_in_use_only_with_its_watchdog_set_and_read_back() {
     assert!(!rig.bus.is_settled() && rig.bus.unit(0).unwrap().watchdog_ms.is_none());
 
     let off = FakeBus::new(Pipe::new("fake", 0, FakeWire::new(&[1])), &[1], 0).unwrap_err();
-    assert!(matches!(off, Error::Configuration { what: Misfit::Watchdog { given_ms: 0, .. }, .. }));
+    assert!(matches!(off, Error::Configuration { what: InvalidConfig::Watchdog { given_ms: 0, .. }, .. }));
 }
 
 #[test]

@@ -9,10 +9,10 @@ use std::sync::Arc;
 
 use arrayvec::ArrayString;
 use drives::{
-    Asked, Capabilities, Command, Counters, DriveBus, DriveStatus, Error, Misfit, StopInput, Timed, UnitAnswer,
-    UnitCommand, UnitInfo, UnitReport, said,
+    Capabilities, Command, CommandName, Counters, DriveBus, DriveStatus, Error, InvalidConfig, StopInput, Timed,
+    UnitAnswer, UnitCommand, UnitInfo, UnitReport, reply_text,
 };
-use serial::{Device, Paced, Transport};
+use serial::{Device, Transport, WireQueue};
 
 pub const COUNTS_PER_TURN: f64 = 1000.0;
 /// Time for one question and its answer, ns.
@@ -57,7 +57,7 @@ impl FakeWire {
         Self { units: addresses.iter().map(unit).collect(), ..Self::default() }
     }
 
-    fn answer(&mut self, now_ns: u64, reply: &mut Paced) {
+    fn answer(&mut self, now_ns: u64, reply: &mut WireQueue) {
         let text = std::mem::take(&mut self.text);
         let words: Vec<&str> = text.trim_start_matches('@').split(' ').collect();
         let &[address, tag, verb, value] = words.as_slice() else { return };
@@ -78,7 +78,7 @@ impl FakeWire {
 }
 
 impl Device for FakeWire {
-    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         match byte {
             b'\n' => self.answer(now_ns, reply),
             byte => self.text.push(char::from(byte)),
@@ -135,7 +135,7 @@ struct Reading {
 impl<T: Transport> FakeBus<T> {
     pub fn new(wire: T, addresses: &[u8], watchdog_ms: u32) -> Result<Self, Error> {
         if watchdog_ms == 0 {
-            let what = Misfit::Watchdog { given_ms: 0, accepted: "1 to 65000 ms" };
+            let what = InvalidConfig::Watchdog { given_ms: 0, accepted: "1 to 65000 ms" };
             return Err(Error::Configuration { port: Arc::clone(wire.name()), what });
         }
         let unit = |&address| Unit {
@@ -179,7 +179,7 @@ impl<T: Transport> FakeBus<T> {
     }
 
     fn ask(&mut self, unit: usize, words: &'static str, verb: char, value: f64) -> Result<Reading, Error> {
-        let asked = Asked { words, code: None };
+        let asked = CommandName { words, code: None };
         self.tag += 1;
         self.counters.exchanges += 1;
         let at_ns = self.wire.now_ns();
@@ -200,7 +200,7 @@ impl<T: Transport> FakeBus<T> {
                 let _ = line.try_push(char::from(byte[0]));
             }
             let Some((tag, reading)) = parse(&line, at_ns) else {
-                let said = said(format_args!("{}", line.trim_end()));
+                let said = reply_text(format_args!("{}", line.trim_end()));
                 return Err(self.error(unit, |port, unit| Error::Unexpected { port, unit, asked, said }));
             };
             if tag == self.tag {

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use drives::{Capabilities, Command, DriveBus, Error, Fleet, FleetCommand, FleetReply, Misfit};
-use serial::{Device, Paced, Pipe, monotonic_ns};
+use drives::{Capabilities, Command, DriveBus, Error, Fleet, FleetCommand, FleetReply, InvalidConfig};
+use serial::{Device, Pipe, WireQueue, monotonic_ns};
 
 use crate::fake::{FakeBus, FakeWire};
 
@@ -53,7 +53,7 @@ fn ports_of_different_kinds_run_side_by_side() {
 struct Slow;
 
 impl Device for Slow {
-    fn receive(&mut self, _now_ns: u64, _byte: u8, _reply: &mut Paced) {
+    fn receive(&mut self, _now_ns: u64, _byte: u8, _reply: &mut WireQueue) {
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -77,12 +77,15 @@ fn a_fleet_that_cannot_serve_its_caller_is_refused() {
     let wrong = |what| Error::Configuration { port: Arc::from("a"), what };
     let refuse = |buses, needed| Fleet::open(buses, needed).map(|_| ()).unwrap_err();
     let needed = Capabilities { velocity: true, watchdog: true, ..Capabilities::NONE };
-    assert_eq!(refuse(vec![bus("a", &[1]), bus("a", &[1])], needed), wrong(Misfit::PortTwice));
-    assert_eq!(refuse(vec![bus("a", &[1, 2, 3, 4, 5]), bus("b", &[1, 2, 3, 4])], needed), wrong(Misfit::TooManyUnits));
+    assert_eq!(refuse(vec![bus("a", &[1]), bus("a", &[1])], needed), wrong(InvalidConfig::PortTwice));
+    assert_eq!(
+        refuse(vec![bus("a", &[1, 2, 3, 4, 5]), bus("b", &[1, 2, 3, 4])], needed),
+        wrong(InvalidConfig::TooManyUnits)
+    );
     let mut open_loop = bus("a", &[1]);
     open_loop.offers.velocity = false;
-    assert_eq!(refuse(vec![open_loop], needed), wrong(Misfit::Lacks("closed-loop velocity")));
+    assert_eq!(refuse(vec![open_loop], needed), wrong(InvalidConfig::Lacks("closed-loop velocity")));
     let mut unguarded = bus("a", &[1]);
     unguarded.offers.watchdog = false;
-    assert_eq!(refuse(vec![unguarded], needed), wrong(Misfit::Lacks("a watchdog")));
+    assert_eq!(refuse(vec![unguarded], needed), wrong(InvalidConfig::Lacks("a watchdog")));
 }

@@ -14,7 +14,7 @@ pub use fields::{MAX_VERSION, Motor, Pid};
 pub use read::{Flaw, READS, Read, Reply, ReplyLength, Version};
 pub use write::{SAVE_KEY, Write};
 
-use drives::Asked;
+use drives::CommandName;
 
 /// Answer to every accepted [`Write`].
 pub const ACK: u8 = 0xFF;
@@ -37,10 +37,10 @@ pub enum Command {
 impl Command {
     /// Its name and number for messages.
     #[must_use]
-    pub fn asked(self) -> Asked {
+    pub fn command_name(self) -> CommandName {
         match self {
-            Command::Write(write) => write.asked(),
-            Command::Read(read) => read.asked(),
+            Command::Write(write) => write.command_name(),
+            Command::Read(read) => read.command_name(),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use drives::Asked;
+use drives::CommandName;
 
 use super::fields::{Fields, MAX_VERSION, Pid, with_reply_crc};
 use crate::crc::Crc;
@@ -236,7 +236,7 @@ impl Read {
 impl Read {
     /// Its name and number for messages.
     #[must_use]
-    pub fn asked(self) -> Asked {
+    pub fn command_name(self) -> CommandName {
         let words = match self {
             Read::Watchdog => "read watchdog",
             Read::Encoder1 | Read::Encoder2 | Read::Encoders => "read encoders",
@@ -253,7 +253,7 @@ impl Read {
             Read::Status => "read status",
             Read::MaxCurrent1 | Read::MaxCurrent2 => "read largest current",
         };
-        Asked { words, code: Some(self.code().into()) }
+        CommandName { words, code: Some(self.code().into()) }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Commands that change something.
 
-use drives::Asked;
+use drives::CommandName;
 
 use super::fields::{Fields, Motor, Pid, by_motor};
 use crate::crc::crc16;
@@ -148,7 +148,7 @@ impl Write {
 impl Write {
     /// Its name and number for messages.
     #[must_use]
-    pub fn asked(self) -> Asked {
+    pub fn command_name(self) -> CommandName {
         let words = match self {
             Write::Watchdog(_) => "set watchdog",
             Write::ResetEncoders => "reset encoders",
@@ -160,7 +160,7 @@ impl Write {
             Write::Save => "save settings",
             Write::MaxCurrent(..) => "set largest current",
         };
-        Asked { words, code: Some(self.code().into()) }
+        CommandName { words, code: Some(self.code().into()) }
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serial::Transport;
 
 use super::{Bus, Phase, step::Step};
-use drives::{Error, said};
+use drives::{Error, reply_text};
 
 use crate::codec::{ACK, Command, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
 use crate::packet::{MAX_PACKET, Packet};
@@ -29,11 +29,11 @@ impl<T: Transport> Bus<T> {
         if ack != [ACK] {
             self.counters.wrong_acks += 1;
             self.out_of_step(unit);
-            let said = said(format_args!("{:#04x} instead of {ACK:#04x}", ack[0]));
+            let said = reply_text(format_args!("{:#04x} instead of {ACK:#04x}", ack[0]));
             return Err(Error::Unexpected {
                 port: self.port(),
                 unit: self.unit_name(unit),
-                asked: write.asked(),
+                asked: write.command_name(),
                 said,
             });
         }
@@ -58,12 +58,18 @@ impl<T: Transport> Bus<T> {
             }
             Err(Flaw::Length) if got < wanted => {
                 self.too_late(unit);
-                Err(Error::CutShort { port: self.port(), unit: self.unit_name(unit), asked: read.asked(), got, wanted })
+                Err(Error::CutShort {
+                    port: self.port(),
+                    unit: self.unit_name(unit),
+                    asked: read.command_name(),
+                    got,
+                    wanted,
+                })
             }
             Err(_) => {
                 self.counters.garbled += 1;
                 self.out_of_step(unit);
-                Err(Error::Garbled { port: self.port(), unit: self.unit_name(unit), asked: read.asked() })
+                Err(Error::Garbled { port: self.port(), unit: self.unit_name(unit), asked: read.command_name() })
             }
         }
     }
@@ -112,7 +118,7 @@ impl<T: Transport> Bus<T> {
         if stray > 0 {
             // Counted when they are drained.
             self.out_of_step(self.last_unit);
-            let (unit, asked) = (self.unit_name(unit), command.asked());
+            let (unit, asked) = (self.unit_name(unit), command.command_name());
             return Err(Error::Stray { port: self.port(), unit, asked, bytes: stray });
         }
         self.last_unit = unit;
@@ -152,7 +158,7 @@ impl<T: Transport> Bus<T> {
     fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
         self.too_late(unit);
         let waited_us = u32::try_from((self.transport.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
-        Error::NoAnswer { port: self.port(), unit: self.unit_name(unit), asked: command.asked(), waited_us }
+        Error::NoAnswer { port: self.port(), unit: self.unit_name(unit), asked: command.command_name(), waited_us }
     }
 
     /// Records an answer that did not arrive in time, or not completely.

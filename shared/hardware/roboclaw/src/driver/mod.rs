@@ -24,7 +24,7 @@ mod sync;
 
 use std::sync::Arc;
 
-use drives::{CountBound, Counters, Error, Misfit, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, InvalidConfig, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Version};
@@ -53,13 +53,13 @@ fn watchdog_ms(tenths: u8) -> u32 {
 ///
 /// # Errors
 /// The units cannot be set to this time, or would be switched off by it.
-pub fn watchdog_tenths(seconds: f64) -> Result<u8, Misfit> {
+pub fn watchdog_tenths(seconds: f64) -> Result<u8, InvalidConfig> {
     let tenths = (seconds * 10.0).round();
     if (1.0..=255.0).contains(&tenths) && (seconds * 10.0 - tenths).abs() < 1e-6 {
         return Ok(tenths as u8);
     }
     // `as` saturates, and turns a NaN into 0.
-    Err(Misfit::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
+    Err(InvalidConfig::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
 }
 
 /// Command of the protocol for one motor.
@@ -184,17 +184,17 @@ impl<T: Transport> Bus<T> {
         let port = Arc::clone(transport.name());
         let wrong = |what| Err(Error::Configuration { port: Arc::clone(&port), what });
         if config.units.is_empty() {
-            return wrong(Misfit::NoUnits);
+            return wrong(InvalidConfig::NoUnits);
         }
         for (index, unit) in config.units.iter().enumerate() {
             if !ADDRESSES.contains(&unit.address) {
-                return wrong(Misfit::Address { given: unit.address, accepted: ACCEPTED_ADDRESSES });
+                return wrong(InvalidConfig::Address { given: unit.address, accepted: ACCEPTED_ADDRESSES });
             }
             if config.units[..index].iter().any(|other| other.address == unit.address) {
-                return wrong(Misfit::AddressTwice);
+                return wrong(InvalidConfig::AddressTwice);
             }
             if unit.watchdog_tenths == 0 {
-                return wrong(Misfit::Watchdog { given_ms: 0, accepted: ACCEPTED_WATCHDOGS });
+                return wrong(InvalidConfig::Watchdog { given_ms: 0, accepted: ACCEPTED_WATCHDOGS });
             }
         }
         let unit = |config: &UnitConfig| Unit {

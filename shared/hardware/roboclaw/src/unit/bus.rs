@@ -1,6 +1,6 @@
 //! Several units on one bus.
 
-use serial::{Device, Paced};
+use serial::{Device, WireQueue};
 
 use super::answer::{Form, form};
 use super::{Measured, Unit};
@@ -111,7 +111,7 @@ impl UnitBus {
 
 impl Device for UnitBus {
     /// Receives a byte; puts the answer onto the wire when a packet is complete.
-    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         self.advance(now_ns);
         match self.parser.take(now_ns, byte) {
             Progress::Incomplete => {}

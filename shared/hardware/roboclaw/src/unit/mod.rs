@@ -247,14 +247,14 @@ impl Unit {
 
     /// True while the unit has no supply.
     #[must_use]
-    pub fn is_deaf(&self) -> bool {
+    pub fn has_no_supply(&self) -> bool {
         self.now_ns < self.deaf_until_ns
     }
 
     /// Executes a packet for this unit, its checksum already checked; returns the answer and its delay after the
     /// packet.
     fn handle(&mut self, code: u8, payload: &[u8]) -> Option<(Packet, u64)> {
-        if self.is_deaf() {
+        if self.has_no_supply() {
             return None;
         }
         self.heard_ns = self.now_ns;

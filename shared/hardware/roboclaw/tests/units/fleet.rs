@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use drives::{Capabilities, Command, CountBound, Error, Fleet, FleetCommand, FleetReply, Misfit};
+use drives::{Capabilities, Command, CountBound, Error, Fleet, FleetCommand, FleetReply, InvalidConfig};
 use roboclaw::driver::WIRE_MARGIN_NS;
 use roboclaw::unit::{Unit, UnitBus, UnitOptions};
 use roboclaw::{Bus, BusConfig, UnitConfig};
-use serial::{Device, Jack, Paced, Pipe, ReopeningPort, monotonic_ns, sleep_until};
+use serial::{Device, Pipe, PtyLink, ReopeningPort, WireQueue, monotonic_ns, sleep_until};
 
 const MS: u64 = 1_000_000;
 /// Long enough that a machine which stands still for a quarter of a second makes no test fail.
@@ -18,7 +18,7 @@ const PATIENCE_NS: u64 = 400 * MS;
 
 /// Units behind a jack, answered by a thread.
 struct Socket {
-    jack: Arc<Mutex<Jack>>,
+    jack: Arc<Mutex<PtyLink>>,
     bus: Arc<Mutex<UnitBus>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -30,7 +30,7 @@ impl Socket {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let name = format!("nims-fleet-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
         let folder = std::env::temp_dir().join(name);
-        let mut jack = Jack::new(&folder.join("port"));
+        let mut jack = PtyLink::new(&folder.join("port"));
         jack.plug().unwrap();
         let units = addresses.iter().map(|&address| Unit::new(UnitOptions::new(address))).collect();
         let jack = Arc::new(Mutex::new(jack));
@@ -63,8 +63,8 @@ impl Drop for Socket {
     }
 }
 
-fn serve(jack: &Mutex<Jack>, line: &Mutex<UnitBus>, stop: &AtomicBool) {
-    let mut reply = Paced::new(0);
+fn serve(jack: &Mutex<PtyLink>, line: &Mutex<UnitBus>, stop: &AtomicBool) {
+    let mut reply = WireQueue::new(0);
     while !stop.load(Ordering::Relaxed) {
         let now_ns = monotonic_ns();
         if let Some(pty) = jack.lock().unwrap().pty() {
@@ -187,7 +187,7 @@ fn a_silent_port_is_busy_at_the_deadline_and_the_other_has_answered() {
 struct Stuck;
 
 impl Device for Stuck {
-    fn receive(&mut self, _now_ns: u64, _byte: u8, _reply: &mut Paced) {
+    fn receive(&mut self, _now_ns: u64, _byte: u8, _reply: &mut WireQueue) {
         sleep_until(monotonic_ns() + 200 * MS);
     }
 }
@@ -211,8 +211,11 @@ fn ports_and_units_are_counted_and_named_once() {
     };
     let refuse = |buses: Vec<Bus<ReopeningPort>>, needed| Fleet::open(buses, needed).map(|_| ()).unwrap_err();
     let wrong = |what| Error::Configuration { port: "/dev/a".into(), what };
-    assert_eq!(refuse(vec![bus("/dev/a", 1), bus("/dev/a", 1)], Capabilities::NONE), wrong(Misfit::PortTwice));
-    assert_eq!(refuse(vec![bus("/dev/a", 5), bus("/dev/b", 4)], Capabilities::NONE), wrong(Misfit::TooManyUnits));
+    assert_eq!(refuse(vec![bus("/dev/a", 1), bus("/dev/a", 1)], Capabilities::NONE), wrong(InvalidConfig::PortTwice));
+    assert_eq!(
+        refuse(vec![bus("/dev/a", 5), bus("/dev/b", 4)], Capabilities::NONE),
+        wrong(InvalidConfig::TooManyUnits)
+    );
     let torque = Capabilities { torque: true, ..Capabilities::NONE };
-    assert_eq!(refuse(vec![bus("/dev/a", 1)], torque), wrong(Misfit::Lacks("closed-loop torque")));
+    assert_eq!(refuse(vec![bus("/dev/a", 1)], torque), wrong(InvalidConfig::Lacks("closed-loop torque")));
 }

@@ -5,7 +5,7 @@ use roboclaw::codec::{Motor, Read, Reply, Write};
 use roboclaw::crc16;
 use roboclaw::unit::{Feeds, Measured, Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Status, StatusWidth};
-use serial::{Device, Paced};
+use serial::{Device, WireQueue};
 
 const MS: u64 = 1_000_000;
 
@@ -35,7 +35,7 @@ impl Bench {
 
     /// Send bytes without a pause; all that is answered, and when the first byte of it is ready.
     fn send(&mut self, bytes: &[u8]) -> (Vec<u8>, Option<u64>) {
-        let mut wire = Paced::new(0);
+        let mut wire = WireQueue::new(0);
         for &byte in bytes {
             self.bus.receive(self.now_ns, byte, &mut wire);
         }

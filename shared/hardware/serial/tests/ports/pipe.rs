@@ -1,7 +1,7 @@
 //! The pipe: pacing, virtual time, faults.
 
 use proptest::prelude::*;
-use serial::{Device, Error, Faults, Paced, Pipe, Transport, byte_time_ns};
+use serial::{Device, Error, Faults, Pipe, Transport, WireQueue, byte_time_ns};
 
 /// Answers each byte with itself after a pause, and remembers when the clock was shown to it.
 #[derive(Debug, Default)]
@@ -12,7 +12,7 @@ struct Echo {
 }
 
 impl Device for Echo {
-    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         assert_eq!(now_ns, self.last_ns, "the clock is shown before the byte");
         self.heard.push(byte);
         reply.push(now_ns + self.pause_ns, &[byte]);
@@ -33,7 +33,7 @@ fn a_byte_takes_ten_bit_times() {
 
 #[test]
 fn bytes_follow_each_other_on_the_wire_and_never_overtake() {
-    let mut wire = Paced::new(1_000_000);
+    let mut wire = WireQueue::new(1_000_000);
     wire.push(100_000, b"ab");
     wire.push(0, b"c"); // asked for earlier, but the wire is busy
     assert_eq!(wire.arrived(110_000), 1);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use serial::{Error, Jack, Port, PortState, Pty, ReopeningPort, Transport, monotonic_ns};
+use serial::{Error, Port, PortState, Pty, PtyLink, ReopeningPort, Transport, monotonic_ns};
 
 const MS: u64 = 1_000_000;
 /// Far longer than any of this takes, even on a machine that stands still for a quarter of a second now and then.
@@ -115,7 +115,7 @@ fn a_missing_device_and_a_thing_that_is_no_port_are_told_apart() {
 #[test]
 fn a_line_finds_its_device_gone_at_once_and_back_after_replugging() {
     let folder = Folder::new();
-    let mut jack = Jack::new(&folder.0.join("box/port-0"));
+    let mut jack = PtyLink::new(&folder.0.join("box/port-0"));
     let mut line = ReopeningPort::new(jack.link().to_str().unwrap(), 115_200);
     assert!(matches!(line.connection(), Err(Error::Missing { .. })));
 
@@ -156,14 +156,14 @@ fn a_jack_replaces_an_old_link_but_never_a_file_and_leaves_nothing_behind() {
     let folder = Folder::new();
     let link = folder.0.join("port");
     std::os::unix::fs::symlink("/nowhere", &link).unwrap();
-    let mut jack = Jack::new(&link);
+    let mut jack = PtyLink::new(&link);
     jack.plug().unwrap();
     assert_eq!(fs::read_link(&link).unwrap(), jack.pty().unwrap().path());
     drop(jack);
     assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 0);
 
     fs::write(&link, "precious").unwrap();
-    let error = Jack::new(&link).plug().unwrap_err();
+    let error = PtyLink::new(&link).plug().unwrap_err();
     assert_eq!(error, Error::NotALink { port: link.to_str().unwrap().into() });
     assert_eq!(fs::read_to_string(&link).unwrap(), "precious");
 }
@@ -185,7 +185,7 @@ fn bytes_nobody_reads_can_be_discarded() {
 fn what_a_device_leaves_out_does_not_count_against_it() {
     let folder = Folder::new();
     let link = folder.0.join("drive0");
-    let mut jack = Jack::new(&link);
+    let mut jack = PtyLink::new(&link);
     jack.plug().unwrap();
     let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
     line.connection().unwrap();
@@ -197,11 +197,11 @@ fn what_a_device_leaves_out_does_not_count_against_it() {
     let device = {
         let link = link.clone();
         std::thread::spawn(move || {
-            let left_out = serial::LeftOut::create(&link).unwrap();
+            let left_out = serial::LeftOutClock::create(&link).unwrap();
             say.send(()).unwrap();
             goes.recv().unwrap();
             assert!(left_out.program().is_some());
-            left_out.tell(300 * MS).unwrap();
+            left_out.write(300 * MS).unwrap();
             goes.recv().unwrap();
         })
     };

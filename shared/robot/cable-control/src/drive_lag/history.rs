@@ -27,14 +27,14 @@ impl CommandHistory {
     }
 
     /// Records the command sent in a cycle, m/s. A cycle older than the newest restarts the history.
-    pub fn note(&mut self, cycle: u64, command_m_s: &CableVec) {
+    pub fn record(&mut self, cycle: u64, command_m_s: &CableVec) {
         let len = self.ring.len();
         let command =
             CableVec::from_fn(MAX_CABLES, |i| command_m_s.get(i).copied().filter(|v| v.is_finite()).unwrap_or(0.0));
         if self.kept == 0 || cycle <= self.newest || cycle - self.newest > len as u64 {
             (self.newest, self.kept) = (cycle, 0);
         }
-        let before = self.ago(0);
+        let before = self.delayed(0);
         let from = if self.kept == 0 { cycle } else { self.newest + 1 };
         for missing in from..cycle {
             self.ring[(missing % len as u64) as usize] = before;
@@ -50,7 +50,7 @@ impl CommandHistory {
     }
 
     /// Command sent `cycles` before the newest, m/s; before the oldest known cycle, the oldest known command, or zeros.
-    pub fn ago(&self, cycles: usize) -> CableVec {
+    pub fn delayed(&self, cycles: usize) -> CableVec {
         if self.kept == 0 {
             return CableVec::zeros(MAX_CABLES);
         }

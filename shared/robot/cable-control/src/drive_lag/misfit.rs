@@ -65,7 +65,7 @@ impl MisfitMeter {
         for (i, (winch, reading_s)) in self.winch.iter_mut().zip(reading_s).enumerate() {
             let early_s = (period_s - reading_s).clamp(0.0, period_s);
             let Ok(model) = CycleModel::new(lag, period_s, early_s) else { return };
-            let command = |ago: usize| sent.ago(ago)[i];
+            let command = |ago: usize| sent.delayed(ago)[i];
             winch.velocity_m_s = command(MAX_DELAY_CYCLES + 1);
             for ago in (0..MAX_DELAY_CYCLES).rev() {
                 *winch =
@@ -77,7 +77,7 @@ impl MisfitMeter {
 
     /// Records one cycle: the length change of each cable between the last reading and this one, m, taken `reading_s`
     /// after the newest command of the history. Values outside the range of a model are ignored.
-    pub fn note(&mut self, lag: &DriveLag, period_s: f64, reading_s: &[f64], moved_m: &[f64], sent: &CommandHistory) {
+    pub fn record(&mut self, lag: &DriveLag, period_s: f64, reading_s: &[f64], moved_m: &[f64], sent: &CommandHistory) {
         let none = DriveLag { delay_s: 0.0, lag_s: 0.0 };
         let keep = 1.0 - (period_s / WASHOUT_S).clamp(0.0, 1.0);
         let (mut model, mut naive) = (0.0, 0.0);
@@ -86,7 +86,7 @@ impl MisfitMeter {
             let early_s = (period_s - reading_s[i]).clamp(0.0, period_s);
             let cycle = |lag| CycleModel::new(lag, period_s, early_s);
             let (Ok(with), Ok(without)) = (cycle(lag), cycle(&none)) else { return };
-            let command = |ago: usize| sent.ago(ago)[i];
+            let command = |ago: usize| sent.delayed(ago)[i];
             let before = self.winch[i];
             let after = with.step(before, command(with.delay_cycles() + 1), command(with.delay_cycles()));
             let at_once =

@@ -91,7 +91,7 @@ impl DriveObserver {
         let lag_s = self.lag.lag_s();
         let before = Piece::new(reading_s.min(self.model.before.h), lag_s);
         let after = Piece::new(reading_s - before.h, lag_s);
-        let (older, newer) = (sent.ago(self.model.delay_cycles() + 1), sent.ago(self.model.delay_cycles()));
+        let (older, newer) = (sent.delayed(self.model.delay_cycles() + 1), sent.delayed(self.model.delay_cycles()));
         for i in 0..n {
             let winch = &mut self.winches[i];
             let there = after.step(before.step(*winch, older[i]), newer[i]);
@@ -112,7 +112,7 @@ impl DriveObserver {
     /// Advances by one cycle, the one that begins with the command sent `ago` cycles before the newest.
     fn advance(&mut self, ago: usize, sent: &CommandHistory) {
         let d = self.model.delay_cycles() + ago;
-        let (older, newer) = (sent.ago(d + 1), sent.ago(d));
+        let (older, newer) = (sent.delayed(d + 1), sent.delayed(d));
         for (i, winch) in self.winches.iter_mut().enumerate() {
             *winch = self.model.step(*winch, older[i], newer[i]);
         }
@@ -124,7 +124,7 @@ impl DriveObserver {
         let mut ahead = *self;
         // The command sent `ago` cycles before the newest takes effect in the first of these cycles.
         for ago in (0..self.model.delay_cycles()).rev() {
-            let (older, newer) = (sent.ago(ago + 1), sent.ago(ago));
+            let (older, newer) = (sent.delayed(ago + 1), sent.delayed(ago));
             for (i, winch) in ahead.winches.iter_mut().enumerate() {
                 *winch = self.model.step(*winch, older[i], newer[i]);
             }

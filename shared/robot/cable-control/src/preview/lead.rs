@@ -14,7 +14,7 @@ const JUMP_M: f64 = 5e-3;
 
 /// Reference of the winches in the cycle in which the next command takes effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Led {
+pub struct LeadCommand {
     /// Desired states at its beginning.
     pub winches: [Winch; MAX_CABLES],
     /// The previous command, m/s.
@@ -31,8 +31,8 @@ pub struct Led {
 /// ```
 /// use cable_robot::CableVec;
 /// use cable_control::drive_lag::DriveLag;
-/// use cable_control::preview::Lead;
-/// let mut lead = Lead::new(&DriveLag::new(0.03, 0.04)?, 0.01, 40)?;
+/// use cable_control::preview::LeadFilter;
+/// let mut lead = LeadFilter::new(&DriveLag::new(0.03, 0.04)?, 0.01, 40)?;
 /// // A ramp of 0.2 m/s: its speed is the command, and the winch runs on it.
 /// let wanted = |cycle: u64| 6.0 + 0.002 * cycle as f64;
 /// for cycle in 1..100 {
@@ -43,13 +43,13 @@ pub struct Led {
 /// # Ok::<(), cable_control::preview::PreviewError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lead {
+pub struct LeadFilter {
     gain: PreviewGain,
     /// Cycle and result of the last step.
-    last: Option<(u64, Led)>,
+    last: Option<(u64, LeadCommand)>,
 }
 
-impl Lead {
+impl LeadFilter {
     /// Builds a lead for a model of the winches, a control period (s) and a preview of 2 to
     /// [`super::MAX_PREVIEW`] cycles.
     pub fn new(lag: &DriveLag, period_s: f64, horizon: usize) -> Result<Self, PreviewError> {
@@ -59,9 +59,9 @@ impl Lead {
     /// Advances to a cycle. `ahead_m` are the desired lengths at the end of the cycle in which the command takes effect
     /// and of the following ones, at least two and as many as the preview is long. The same cycle again returns the
     /// same result; after a gap, or if the desired lengths have jumped, the lead restarts on them.
-    pub fn step(&mut self, cycle: u64, ahead_m: &[CableVec]) -> Led {
+    pub fn step(&mut self, cycle: u64, ahead_m: &[CableVec]) -> LeadCommand {
         let (Some(first), Some(second)) = (ahead_m.first(), ahead_m.get(1)) else {
-            return Led {
+            return LeadCommand {
                 winches: Default::default(),
                 previous_m_s: CableVec::zeros(0),
                 command_m_s: CableVec::zeros(0),
@@ -94,7 +94,7 @@ impl Lead {
         }
         let command_m_s =
             CableVec::from_fn(n, |i| self.gain.command(winches[i], previous_m_s[i], ahead_m.iter().map(|at| at[i])));
-        let led = Led { winches, previous_m_s, command_m_s };
+        let led = LeadCommand { winches, previous_m_s, command_m_s };
         self.last = Some((cycle, led));
         led
     }

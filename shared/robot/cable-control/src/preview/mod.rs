@@ -15,7 +15,7 @@
 //! model with the commands that were actually sent, corrected by the measured lengths.
 //!
 //! **Two bandwidths.** A feedback fast enough to follow a ramp of speed closely would oscillate with a model error
-//! of a tenth. Therefore the known and the measured parts are separate: a [`Lead`] simulates the model along the
+//! of a tenth. Therefore the known and the measured parts are separate: a [`LeadFilter`] simulates the model along the
 //! desired lengths under a fast law, and the feedback, [`PreviewGain::correct`], only brings the winches to the
 //! state of the lead.
 //!
@@ -25,7 +25,7 @@ mod drive_observer;
 mod lead;
 
 pub use drive_observer::DriveObserver;
-pub use lead::{Lead, Led};
+pub use lead::{LeadCommand, LeadFilter};
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;

@@ -90,8 +90,8 @@ proptest! {
         let lag = DriveLag::new(delay_s, lag_s).unwrap().scaled(factor);
         let (mut meter, mut sent) = (MisfitMeter::new(), CommandHistory::new());
         for (k, (u, v)) in commands.iter().zip(&velocities).enumerate() {
-            sent.note(k as u64 + 1, &CableVec::repeat(1, *u));
-            meter.note(&lag, PERIOD_S, &[0.004], &[v * PERIOD_S], &sent);
+            sent.record(k as u64 + 1, &CableVec::repeat(1, *u));
+            meter.record(&lag, PERIOD_S, &[0.004], &[v * PERIOD_S], &sent);
         }
         let misfit = meter.misfit().unwrap();
         prop_assert!((misfit - (1.0 - factor).abs()).abs() < 0.05 + 0.2 * (1.0 - factor).abs(), "{misfit} {factor}");
@@ -152,19 +152,19 @@ fn records_without_information_are_refused() {
 #[test]
 fn the_history_handles_gaps_and_restarts() {
     let mut sent = CommandHistory::new();
-    assert_eq!(sent.ago(3)[0], 0.0);
+    assert_eq!(sent.delayed(3)[0], 0.0);
     for (cycle, u) in [(10, 0.1), (11, 0.2), (14, 0.3)] {
-        sent.note(cycle, &CableVec::repeat(1, u));
+        sent.record(cycle, &CableVec::repeat(1, u));
     }
-    let seen: Vec<f64> = (0..6).map(|ago| sent.ago(ago)[0]).collect();
+    let seen: Vec<f64> = (0..6).map(|ago| sent.delayed(ago)[0]).collect();
     assert_eq!(seen, [0.3, 0.2, 0.2, 0.2, 0.1, 0.1]);
-    sent.note(2, &CableVec::repeat(1, 0.5));
-    assert_eq!((sent.newest(), sent.ago(0)[0], sent.ago(5)[0]), (2, 0.5, 0.5));
+    sent.record(2, &CableVec::repeat(1, 0.5));
+    assert_eq!((sent.newest(), sent.delayed(0)[0], sent.delayed(5)[0]), (2, 0.5, 0.5));
     // Longer than any gap allowed, and once around the ring.
     for cycle in 1000..1400 {
-        sent.note(cycle, &CableVec::repeat(1, cycle as f64));
+        sent.record(cycle, &CableVec::repeat(1, cycle as f64));
     }
-    assert_eq!((sent.ago(0)[0], sent.ago(100)[0]), (1399.0, 1299.0));
+    assert_eq!((sent.delayed(0)[0], sent.delayed(100)[0]), (1399.0, 1299.0));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
-use cable_control::preview::{DriveObserver, Lead, PreviewError, PreviewGain};
+use cable_control::preview::{DriveObserver, LeadFilter, PreviewError, PreviewGain};
 use cable_robot::CableVec;
 use proptest::prelude::*;
 
@@ -145,8 +145,8 @@ fn follow(
     let mut at_reading = at_tick;
     let (mut u, mut worst) = (0.0, 0.0f64);
     for k in 1..=cycles {
-        sent.note(k, &CableVec::repeat(1, u));
-        let command = |ago: usize| sent.ago(ago)[0];
+        sent.record(k, &CableVec::repeat(1, u));
+        let command = |ago: usize| sent.delayed(ago)[0];
         at_reading = reading.step(at_reading, command(reading.delay_cycles() + 1), command(reading.delay_cycles()));
         at_tick = model.step(at_tick, command(model.delay_cycles() + 1), command(model.delay_cycles()));
         let measured = CableVec::repeat(1, (at_reading.length_m * 1e4).round() * 1e-4);
@@ -189,7 +189,7 @@ fn trapezoid(t: f64) -> f64 {
 
 /// Largest error of a modelled winch, driven open loop by the lead alone, on a trapezoid, m.
 fn lead_error(lag: &DriveLag) -> f64 {
-    let (mut lead, model) = (Lead::new(lag, PERIOD_S, 40).unwrap(), CycleModel::new(lag, PERIOD_S, 0.0).unwrap());
+    let (mut lead, model) = (LeadFilter::new(lag, PERIOD_S, 40).unwrap(), CycleModel::new(lag, PERIOD_S, 0.0).unwrap());
     let mut sent = CommandHistory::new();
     let (mut winch, mut worst) = (Winch { length_m: 6.0, velocity_m_s: 0.0 }, 0.0f64);
     for k in 0..500u64 {
@@ -199,8 +199,8 @@ fn lead_error(lag: &DriveLag) -> f64 {
             (1..=40).map(|j| CableVec::repeat(1, trapezoid((first + j) as f64 * PERIOD_S - 1.0))).collect();
         let led = lead.step(k, &ahead);
         assert_eq!(lead.step(k, &ahead), led, "a second step in the same cycle changes nothing");
-        sent.note(k, &led.command_m_s);
-        winch = model.step(winch, sent.ago(model.delay_cycles() + 1)[0], sent.ago(model.delay_cycles())[0]);
+        sent.record(k, &led.command_m_s);
+        winch = model.step(winch, sent.delayed(model.delay_cycles() + 1)[0], sent.delayed(model.delay_cycles())[0]);
         worst = worst.max((winch.length_m - trapezoid((k + 1) as f64 * PERIOD_S - 1.0)).abs());
     }
     worst
@@ -223,7 +223,7 @@ proptest! {
 
 #[test]
 fn after_a_jump_or_a_gap_the_lead_restarts_on_the_desired_lengths() {
-    let mut lead = Lead::new(&DriveLag::new(0.03, 0.04).unwrap(), PERIOD_S, 40).unwrap();
+    let mut lead = LeadFilter::new(&DriveLag::new(0.03, 0.04).unwrap(), PERIOD_S, 40).unwrap();
     let still = |at: f64| vec![CableVec::repeat(2, at); 40];
     lead.step(1, &still(6.0));
     for (cycle, at) in [(2, 6.02), (9, 6.021), (10, f64::NAN), (11, 6.021)] {

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use crate::leg::{Pulley, Undefined};
+use crate::leg::{NoDirection, Pulley};
 
 /// Longest accepted length, m; beyond it, squares and their differences lose millimetres.
 pub const LONGEST_M: f64 = 1e5;
@@ -98,12 +98,12 @@ impl KinematicsError {
     }
 
     /// Creates the error for a cable, counted from 0, that has no direction at a position.
-    pub fn of_leg(why: Undefined, cable: usize, pulley: &Pulley, position: &Vector3<f64>) -> Self {
+    pub fn of_leg(why: NoDirection, cable: usize, pulley: &Pulley, position: &Vector3<f64>) -> Self {
         let (cable, position_m, radius_m) = (cable + 1, (*position).into(), pulley.radius_m);
         match why {
-            Undefined::AtAnchor => Self::singular(position),
-            Undefined::InsidePulley => Self::InsidePulley { cable, radius_m, position_m },
-            Undefined::OnAxis => Self::OnPulleyAxis { cable, position_m },
+            NoDirection::AtAnchor => Self::singular(position),
+            NoDirection::InsidePulley => Self::InsidePulley { cable, radius_m, position_m },
+            NoDirection::OnAxis => Self::OnPulleyAxis { cable, position_m },
         }
     }
 

@@ -27,7 +27,7 @@ pub struct Knot {
 
 /// Position along the path at a time, with its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Along {
+pub struct ProfilePoint {
     /// Arc length, m.
     pub s_m: f64,
     /// Speed, m/s.
@@ -202,13 +202,13 @@ impl Profile {
 
     /// Position along the path at a time since its start, s. Before the start and after the end, the profile rests
     /// there; exactly at an end, the speed and acceleration of the profile apply.
-    pub fn at(&self, t_s: f64) -> Along {
+    pub fn at(&self, t_s: f64) -> ProfilePoint {
         // Also true for NaN.
         if !(t_s >= 0.0) {
-            return Along::default();
+            return ProfilePoint::default();
         }
         if t_s > self.duration_s || self.count < 2 {
-            return Along { s_m: self.length(), ..Along::default() };
+            return ProfilePoint { s_m: self.length(), ..ProfilePoint::default() };
         }
         let times = &self.times[1..self.count];
         let i = times.partition_point(|t| *t < t_s).min(self.count - 2);
@@ -218,7 +218,7 @@ impl Profile {
         let s = a.s_m + (a.v_m_s + 0.5 * acceleration * tau) * tau;
         let (low, high) = if a.v_m_s < b.v_m_s { (a.v_m_s, b.v_m_s) } else { (b.v_m_s, a.v_m_s) };
         let v = (a.v_m_s + acceleration * tau).clamp(low, high);
-        Along { s_m: s.clamp(a.s_m, b.s_m), v_m_s: v, a_m_s2: acceleration }
+        ProfilePoint { s_m: s.clamp(a.s_m, b.s_m), v_m_s: v, a_m_s2: acceleration }
     }
 
     /// Time at which an arc length is reached, s; 0 before the start, the duration after the end.
@@ -441,10 +441,10 @@ mod tests {
     #[test]
     fn before_and_after_it_rests() {
         let profile = Profile::plan(&line(1.0), &ProfileLimits::rest_to_rest(0.2, 0.4)).unwrap();
-        assert_eq!(profile.at(-1.0), Along::default());
-        assert_eq!(profile.at(1e9), Along { s_m: profile.length(), ..Along::default() });
+        assert_eq!(profile.at(-1.0), ProfilePoint::default());
+        assert_eq!(profile.at(1e9), ProfilePoint { s_m: profile.length(), ..ProfilePoint::default() });
         let dwell = Profile::dwell(3.0).unwrap();
-        assert_eq!((dwell.duration(), dwell.at(1.0)), (3.0, Along::default()));
+        assert_eq!((dwell.duration(), dwell.at(1.0)), (3.0, ProfilePoint::default()));
         assert_eq!(Profile::from_knots(profile.knots()).unwrap(), profile);
     }
 }

@@ -1,6 +1,7 @@
 //! Motions: setpoints over time, and refusals with position, cable and excess.
 
 use cable_robot::motion::Cause;
+use cable_robot::motor::DriveLimits;
 use cable_robot::path::{Parabola, Spiral};
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Distribution, Motion, Path, Profile, Robot, RobotParts, Segment, Vector3, kinematics, tension};
@@ -204,4 +205,56 @@ fn a_thin_box_between_samples_is_detected() {
     let thin = RobotParts { keep_out_m: vec![[[4.7503, 2.0, 0.0], [4.7504, 3.5, 3.0]]], ..parts() };
     let refusal = fine.check(&Robot::new(thin).unwrap(), Distribution::Unique, 0.2).unwrap_err();
     assert_eq!(refusal.cause, Cause::KeepOut { number: 0 });
+}
+
+/// Largest current and voltage of any motor along a segment, in motion and if the node rests there, from the formulas
+/// of the robot file at 2,000 instants.
+fn motor_peaks(robot: &Robot, segment: &Segment) -> [f64; 2] {
+    let m = robot.motor();
+    let mut peaks = [0.0f64; 2];
+    for i in 0..=2000 {
+        let setpoint = segment.setpoint(segment.start_s + segment.profile.duration() * f64::from(i) / 2000.0);
+        let directions: Vec<_> = robot.anchors().iter().map(|a| (a - setpoint.position).normalize()).collect();
+        let columns = nalgebra::Matrix3::from_columns(&directions);
+        for (velocity, acceleration) in [(setpoint.velocity, setpoint.acceleration), Default::default()] {
+            let force = (acceleration + at(0.0, 0.0, cable_robot::STANDARD_GRAVITY)) * robot.node_mass_kg();
+            let tensions = columns.lu().solve(&force).unwrap();
+            for (direction, tension) in directions.iter().zip(tensions.iter()) {
+                let v = direction.dot(&velocity);
+                let s = (v / m.transition_m_s).tanh();
+                let torque = tension * (1.0 + m.gear_friction * s) + m.coulomb_n * s + m.viscous_n_s_m * v;
+                let current = torque / m.force_constant_n_a;
+                let voltage = current * m.resistance_ohm + m.force_constant_n_a * v;
+                peaks = [peaks[0].max(current.abs()), peaks[1].max(voltage.abs())];
+            }
+        }
+    }
+    peaks
+}
+
+proptest! {
+    #[test]
+    fn what_the_motors_cannot_do_is_rejected(path in paths(), current_a in 0.2..1.5f64, voltage_v in 4.0..14.0f64) {
+        let segment = segment(1, path, 0.0);
+        let free = Robot::new(parts()).unwrap();
+        prop_assume!(segment.check(&free, Distribution::Unique, 0.01).is_ok());
+        let [peak_a, peak_v] = motor_peaks(&free, &segment);
+        let limited = RobotParts { drive_limits: DriveLimits { current_a, voltage_v }, ..parts() };
+        match check(limited, &segment) {
+            Ok(report) => {
+                prop_assert!(peak_a <= current_a * 1.01 && peak_v <= voltage_v * 1.01);
+                prop_assert!((report.peak_current_a / peak_a - 1.0).abs() < 0.01, "{} {peak_a}", report.peak_current_a);
+                prop_assert!((report.peak_voltage_v / peak_v - 1.0).abs() < 0.01, "{} {peak_v}", report.peak_voltage_v);
+            }
+            Err(refusal) => match refusal.cause {
+                Cause::Current { load, limit_a, .. } => {
+                    prop_assert!(limit_a == current_a && load.current_a.abs() > current_a && peak_a > current_a * 0.99);
+                }
+                Cause::Voltage { load, limit_v, .. } => {
+                    prop_assert!(limit_v == voltage_v && load.voltage_v.abs() > voltage_v && peak_v > voltage_v * 0.99);
+                }
+                other => prop_assert!(false, "{other}"),
+            },
+        }
+    }
 }

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use cable_robot::energy::WinchEnergy;
 use cable_robot::kinematics::{Pair, forward_kinematics, inverse_kinematics, lengths_at, trilaterate};
-use cable_robot::leg::{Pulley, Undefined};
+use cable_robot::leg::{NoDirection, Pulley};
 use cable_robot::motor::Motor;
 use cable_robot::path::{Parabola, Path};
 use cable_robot::profile::{Profile, ProfileLimits};
@@ -314,14 +314,13 @@ fn poses_without_a_direction_are_typed_errors() {
     assert!(matches!(inside, KinematicsError::InsidePulley { cable: 1, .. }), "{inside}");
     let axis = lengths_at(&anchors, &at(0.0, -1.0)).unwrap_err();
     assert!(matches!(axis, KinematicsError::OnPulleyAxis { cable: 1, .. }), "{axis}");
-    assert!(axis.to_string().contains("may turn to any side") && inside.to_string().contains("0.05 m"));
     for position in [at(-0.06, 0.01), at(0.0, -1.0)] {
         assert_eq!(Jacobian::at(&anchors, &position).unwrap_err().kind(), "singular");
         let held = tension::hold(&anchors, &position, &Vector3::z(), [0.0, 9.0], Distribution::Unique);
         assert_eq!(held.unwrap_err().kind(), "singular");
     }
     assert!(inverse_kinematics(&anchors, &at(-0.06, 0.01))[0].is_nan());
-    assert_eq!(anchors.pulley(0).leg(&Vector3::repeat(f64::NAN)).unwrap_err(), Undefined::AtAnchor);
+    assert_eq!(anchors.pulley(0).leg(&Vector3::repeat(f64::NAN)).unwrap_err(), NoDirection::AtAnchor);
     for (lengths, kind) in [
         (&[1.0, 1.0, 1.0][..], "unreachable"),
         (&[5.0, 5.0], "invalid_argument"),

@@ -2,7 +2,7 @@
 
 use cable_robot::{CableVec, Vector3};
 use calibration::{
-    CalibrationError, JointInput, Loss, Measurements, Method, Range, Side, TwoPlaces, Undetermined, calibrate,
+    Ambiguity, CalibrationError, JointInput, Loss, Measurements, Method, Range, Side, Undetermined, calibrate,
     calibrate_heights, calibrate_joint, fourth_anchor, gps_anchor, hold_out, placement, points_from_rows,
     survey_anchors, survey_network,
 };
@@ -79,7 +79,7 @@ fn a_network_names_the_range_that_is_missing() {
     let mut two = triangle.to_vec();
     two.extend([range(0, 3, 6.0), range(3, 1, 10.0)]);
     let error = expect_error(survey_network(4, &two, &[]), "ambiguous");
-    assert_eq!(error, CalibrationError::Ambiguous(TwoPlaces::Anchor { anchor: 4, from: 1, to: 2 }));
+    assert_eq!(error, CalibrationError::Ambiguous(Ambiguity::Anchor { anchor: 4, from: 1, to: 2 }));
     let found = survey_network(4, &two, &[None, None, None, Some(Side::Right)]).unwrap();
     assert!((found.anchors_xy_m[3][1] + 6.0).abs() < 1e-9);
     let error = expect_error(survey_network(3, &[range(0, 1, 8.0), range(1, 1, 1.0)], &[]), "invalid_argument");

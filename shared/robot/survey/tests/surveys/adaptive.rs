@@ -1,7 +1,7 @@
 //! Patches for a finer scan: they cover every edge that a coarse scan may have seen, and nothing else.
 
 use proptest::prelude::*;
-use survey::adaptive::{Known, Merit, Patch, PatchOptions, patches};
+use survey::adaptive::{KnownField, Merit, Patch, PatchOptions, patches};
 use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
 
 const LOW_M: [f64; 2] = [0.0, 0.0];
@@ -9,7 +9,7 @@ const HIGH_M: [f64; 2] = [3.0, 2.4];
 const PITCH_M: f64 = 0.3;
 
 /// A field sampled on lines along x with a pitch of 0.3 m.
-fn seen(field: impl Fn([f64; 2]) -> f64) -> Known {
+fn seen(field: impl Fn([f64; 2]) -> f64) -> KnownField {
     let spec = GridSpec::covering(LOW_M, HIGH_M, 0.05).unwrap();
     let mut map = GridMap::new(spec, GridOptions { reach_m: PITCH_M, ..GridOptions::for_cell(0.05) }).unwrap();
     for line in 0..8 {
@@ -19,7 +19,7 @@ fn seen(field: impl Fn([f64; 2]) -> f64) -> Known {
         }
     }
     map.refresh_all();
-    Known::from(&map)
+    KnownField::from(&map)
 }
 
 fn options(share: f64) -> PatchOptions {

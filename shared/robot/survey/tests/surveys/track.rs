@@ -1,7 +1,7 @@
 //! Properties of a track: the position at an instant, its uncertainty, and no position without estimates.
 
 use proptest::prelude::*;
-use survey::track::{Fix, Place, Placing, Track, TrackOptions};
+use survey::track::{Fix, Place, Track, TrackOptions, TrackPosition};
 
 const MS: u64 = 1_000_000;
 
@@ -11,9 +11,9 @@ fn fix(stamp_ns: u64, position_m: [f64; 3], velocity_m_s: [f64; 3]) -> Fix {
     Fix { stamp_ns, position_m, velocity_m_s, covariance_m2, residual_m: 0.0, epoch: 1 }
 }
 
-fn place(placing: Placing) -> Place {
+fn place(placing: TrackPosition) -> Place {
     match placing {
-        Placing::At(place) => place,
+        TrackPosition::At(place) => place,
         other => panic!("{other:?}"),
     }
 }
@@ -28,7 +28,7 @@ fn circle(seconds: u64) -> Track {
     let mut track = Track::new(TrackOptions::default()).unwrap();
     for i in 0..100 * seconds {
         let (position, velocity) = on_a_circle(i as f64 * 0.01);
-        assert!(track.note(&fix(i * 10 * MS, position, velocity)));
+        assert!(track.add(&fix(i * 10 * MS, position, velocity)));
     }
     track
 }
@@ -48,8 +48,8 @@ proptest! {
     #[test]
     fn an_uncertain_instant_spreads_along_the_motion(sigma_s in 0.0..0.1_f64) {
         let mut track = Track::new(TrackOptions::default()).unwrap();
-        track.note(&fix(0, [0.0; 3], [0.4, 0.0, 0.0]));
-        track.note(&fix(10 * MS, [0.004, 0.0, 0.0], [0.4, 0.0, 0.0]));
+        track.add(&fix(0, [0.0; 3], [0.4, 0.0, 0.0]));
+        track.add(&fix(10 * MS, [0.004, 0.0, 0.0], [0.4, 0.0, 0.0]));
         let std_m = place(track.at(5 * MS, sigma_s, [0.0; 3])).std_m();
         prop_assert!((std_m[0] - (1e-6 + (0.4 * sigma_s).powi(2)).sqrt()).abs() < 1e-12);
         prop_assert!((std_m[1] - 2e-3).abs() < 1e-12);
@@ -60,32 +60,32 @@ proptest! {
 fn instants_too_new_too_old_and_between() {
     let track = circle(20);
     let oldest_ns = (2000 - 1024) * 10 * MS;
-    assert_eq!(track.at(19_990 * MS + 1, 0.0, [0.0; 3]), Placing::Early);
-    assert!(matches!(track.at(19_990 * MS, 0.0, [0.0; 3]), Placing::At(_)));
-    assert!(matches!(track.at(oldest_ns, 0.0, [0.0; 3]), Placing::At(_)));
-    assert_eq!(track.at(oldest_ns - 1, 0.0, [0.0; 3]), Placing::Old);
-    assert_eq!(Track::new(TrackOptions::default()).unwrap().at(5, 0.0, [0.0; 3]), Placing::Early);
+    assert_eq!(track.at(19_990 * MS + 1, 0.0, [0.0; 3]), TrackPosition::Early);
+    assert!(matches!(track.at(19_990 * MS, 0.0, [0.0; 3]), TrackPosition::At(_)));
+    assert!(matches!(track.at(oldest_ns, 0.0, [0.0; 3]), TrackPosition::At(_)));
+    assert_eq!(track.at(oldest_ns - 1, 0.0, [0.0; 3]), TrackPosition::Old);
+    assert_eq!(Track::new(TrackOptions::default()).unwrap().at(5, 0.0, [0.0; 3]), TrackPosition::Early);
 }
 
 #[test]
 fn gaps_and_epochs_are_not_interpolated() {
     let mut track = circle(1);
     let (position, velocity) = on_a_circle(2.0);
-    track.note(&fix(2_000 * MS, position, velocity));
-    track.note(&Fix { epoch: 2, ..fix(2_010 * MS, [9.0; 3], velocity) });
-    assert_eq!(track.at(1_500 * MS, 0.0, [0.0; 3]), Placing::Gap);
-    assert_eq!(track.at(2_005 * MS, 0.0, [0.0; 3]), Placing::Gap);
-    assert!(matches!(track.at(2_010 * MS, 0.0, [0.0; 3]), Placing::At(_)));
+    track.add(&fix(2_000 * MS, position, velocity));
+    track.add(&Fix { epoch: 2, ..fix(2_010 * MS, [9.0; 3], velocity) });
+    assert_eq!(track.at(1_500 * MS, 0.0, [0.0; 3]), TrackPosition::Gap);
+    assert_eq!(track.at(2_005 * MS, 0.0, [0.0; 3]), TrackPosition::Gap);
+    assert!(matches!(track.at(2_010 * MS, 0.0, [0.0; 3]), TrackPosition::At(_)));
 }
 
 #[test]
 fn invalid_estimates_are_ignored_and_the_same_instant_is_replaced() {
     let mut track = circle(1);
     let newest = *track.newest().unwrap();
-    assert!(!track.note(&Fix { stamp_ns: newest.stamp_ns - 1, ..newest }));
-    assert!(!track.note(&Fix { stamp_ns: newest.stamp_ns + 1, residual_m: f64::NAN, ..newest }));
+    assert!(!track.add(&Fix { stamp_ns: newest.stamp_ns - 1, ..newest }));
+    assert!(!track.add(&Fix { stamp_ns: newest.stamp_ns + 1, residual_m: f64::NAN, ..newest }));
     assert_eq!(track.newest(), Some(&newest));
-    assert!(track.note(&Fix { position_m: [7.0; 3], ..newest }));
+    assert!(track.add(&Fix { position_m: [7.0; 3], ..newest }));
     assert_eq!(place(track.at(newest.stamp_ns, 0.0, [0.0; 3])).position_m, [7.0; 3]);
     assert!(Track::new(TrackOptions { kept: 1, gap_s: 1.0 }).is_err());
     assert!(Track::new(TrackOptions { kept: 9, gap_s: 0.0 }).is_err());

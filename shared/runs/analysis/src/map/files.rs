@@ -58,7 +58,7 @@ pub(super) fn write(
         columns: spec.columns,
         rows: spec.rows,
         values,
-        path: track.iter().map(|place| plane.of(*place)).collect(),
+        path: track.iter().map(|place| plane.project(*place)).collect(),
         from_zero,
     };
     let main = plot(format!("{name}: {with_unit}"), with_unit.clone(), values, false);

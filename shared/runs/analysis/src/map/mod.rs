@@ -10,7 +10,7 @@ pub use contour::{contours, levels};
 use globe::Globe;
 pub use read::{Origin, logger_config, read_samples};
 
-use crate::runs::there;
+use crate::runs::require_run;
 use command::values::above_zero;
 use command::{Answer, Failure, Output};
 use georeference::{LoggerConfig, SensorMap};
@@ -72,7 +72,7 @@ struct SensorSamples {
 /// # Errors
 /// The run does not exist or has no such sensor, or a file cannot be written.
 pub fn run(args: &Args) -> Answer<Output> {
-    there(&args.run)?;
+    require_run(&args.run)?;
     let (robot, section) = read::files_of(&args.run)?;
     let mut config = read::config(&robot, &section)?;
     let globe = robot.site.as_ref().map(Globe::of);

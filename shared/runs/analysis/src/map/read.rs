@@ -7,7 +7,7 @@ use command::{Answer, Failure};
 use config::{RobotFile, SensorLoggerSection};
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{MotorAuthority, NodeEstimate, Sample};
-use runlog::{Attachment, FORMER_SYSTEM_FILE, RecordedSample, RunReader, SYSTEM_FILE};
+use runlog::{Attachment, RecordedSample, RunReader, system_file_text};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -35,7 +35,7 @@ pub fn logger_config(run: &Path) -> Answer<LoggerConfig> {
 
 /// Resolves the sensor settings.
 pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer<LoggerConfig> {
-    Ok(LoggerConfig::of(section, &robot.robot().map_err(Failure::not_now)?))
+    Ok(LoggerConfig::from_section(section, &robot.robot().map_err(Failure::not_now)?))
 }
 
 /// Reads the robot file of a run and the section `[sensor_logger]` of its system file.
@@ -52,20 +52,8 @@ pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
     Ok((robot, section_of(run, reader.attachments())?))
 }
 
-/// Names of the system file's copy.
-const NAMES: [&str; 2] = [SYSTEM_FILE, FORMER_SYSTEM_FILE];
-
 fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> {
-    let folder = if run.is_dir() { Some(run) } else { run.parent() };
-    let beside =
-        folder.and_then(|folder| NAMES.iter().find_map(|name| std::fs::read_to_string(folder.join(name)).ok()));
-    let kept = || {
-        inside
-            .iter()
-            .find(|one| NAMES.contains(&one.name.as_str()))
-            .map(|one| String::from_utf8_lossy(&one.data).into_owned())
-    };
-    let Some(text) = beside.or_else(kept) else { return Ok(SensorLoggerSection::default()) };
+    let Some(text) = system_file_text(run, inside) else { return Ok(SensorLoggerSection::default()) };
     let table: toml::Table = text
         .parse()
         .map_err(|error| Failure::BadInput(format!("the system file of the run cannot be read: {error}")))?;
@@ -132,7 +120,7 @@ impl SampleReader<'_> {
     ) {
         let channel = recorded.channel.name.as_str();
         if let Some(slot) = ["node/estimate/a", "node/estimate/b"].iter().position(|name| *name == channel) {
-            if let Some(estimate) = recorded.to::<NodeEstimate>() {
+            if let Some(estimate) = recorded.decode::<NodeEstimate>() {
                 self.logger.estimate(slot, &estimate);
                 self.now_ns = self.now_ns.max(estimate.header.stamp_ns);
                 if estimate.valid == 1 && self.track.last().is_none_or(|last| is_apart(last, &estimate.position_m)) {
@@ -141,11 +129,11 @@ impl SampleReader<'_> {
                 self.emit(self.now_ns, take);
             }
         } else if channel == "motor/authority" {
-            if let Some(authority) = recorded.to::<MotorAuthority>() {
+            if let Some(authority) = recorded.decode::<MotorAuthority>() {
                 self.logger.authority(&authority);
             }
         } else if let Some(name) = channel.strip_prefix("sample/") {
-            if let Some(sample) = recorded.to::<Sample>() {
+            if let Some(sample) = recorded.decode::<Sample>() {
                 add_name(sensors, name);
                 take(name, Origin::Recorded, &sample);
             }
@@ -164,7 +152,7 @@ impl SampleReader<'_> {
     fn sensor(&mut self, name: &str, recorded: &RecordedSample<'_>) -> Option<usize> {
         let config = self.config.sensor(name)?;
         let channel = recorded.channel;
-        let decoder = Decoder::of(&config, &channel.type_name, &channel.schema, recorded.sample.len()).ok()?;
+        let decoder = Decoder::new(&config, &channel.type_name, &channel.schema, recorded.sample.len()).ok()?;
         let number = self.logger.sensor(name, &config, decoder);
         if number == self.names.len() {
             self.names.push(name.to_owned());

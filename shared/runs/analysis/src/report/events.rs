@@ -1,7 +1,7 @@
 //! Events of a run, one sentence each.
 
 use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, text_of};
-use robot_state::sentences::{fault_sentences, faults_of, mode_name, mode_sentence};
+use robot_state::sentences::{fault_clauses, faults_of, mode_name, mode_sentence};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -72,6 +72,8 @@ pub struct Events {
     processes: BTreeMap<String, ProcessEntry>,
     /// Time and name of each process that died.
     deaths: Vec<(f64, String)>,
+    /// Time, bit and clause of each fault.
+    clauses: Vec<(f64, u32, String)>,
 }
 
 /// Last entry of a process in the process table.
@@ -86,24 +88,6 @@ struct ProcessEntry {
 /// Returns whether a process in this state ended unexpectedly.
 fn is_dead(state: u8) -> bool {
     matches!(state, ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP)
-}
-
-/// Removes the last log line from a reason in the process table unless it is a warning or an error; other lines do not
-/// explain the end.
-fn without_log_line(reason: &str) -> &str {
-    let begins = [": INFO ", ": DEBUG ", ": TRACE "].iter().filter_map(|level| reason.find(level)).min();
-    begins.map_or(reason, |at| &reason[..at])
-}
-
-/// Returns the clause of a fault sentence without the remedy, for use inside a sentence; keeps the named cables or
-/// drive units.
-pub fn fault_clause(sentence: &str) -> String {
-    let sentence = sentence.trim_end_matches('.');
-    let (what, cure) = sentence.split_once(": ").unwrap_or((sentence, ""));
-    let named = [" (cable", " (unit"].iter().find_map(|named| cure.rfind(named)).map_or("", |at| &cure[at..]);
-    let mut letters = what.chars();
-    let first: String = letters.next().map(|letter| letter.to_lowercase().collect()).unwrap_or_default();
-    format!("{first}{}{named}", letters.as_str())
 }
 
 impl Events {
@@ -135,13 +119,13 @@ impl Events {
     pub fn cycle(&mut self, time_s: f64, authority: &MotorAuthority) {
         let fresh = authority.faults & !self.bits;
         if fresh != 0 {
-            let new: Vec<String> = fault_sentences(fresh).collect();
-            let stem = |text: &str| text.trim_end_matches('.').to_owned();
-            for text in faults_of(authority) {
-                if new.iter().any(|new| text.starts_with(&stem(new))) {
-                    self.faults += 1;
-                    self.push(time_s, EventKind::Fault, text);
+            let new = MotorAuthority { faults: fresh, ..*authority };
+            for (text, (bit, clause)) in faults_of(&new).into_iter().zip(fault_clauses(&new)) {
+                self.faults += 1;
+                if self.clauses.len() < MAX_EVENTS {
+                    self.clauses.push((time_s, bit, clause));
                 }
+                self.push(time_s, EventKind::Fault, text);
             }
         }
         self.bits = authority.faults;
@@ -215,7 +199,6 @@ impl Events {
         }
         let before = before.map(|before| before.restarts);
         let reason = text_of(&process.reason);
-        let reason = without_log_line(&reason);
         let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
         if is_dead(state) {
             self.deaths.push((time_s, name.clone()));
@@ -264,12 +247,11 @@ impl Events {
         within.map(|(_, name)| name.as_str())
     }
 
-    /// Returns the clause of the last fault between these times, s since the start of the run.
+    /// Returns bit and clause of the last fault between these times, s since the start of the run.
     #[must_use]
-    pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<String> {
-        let faults = self.events.iter().filter(|event| event.kind == EventKind::Fault);
-        let within = faults.filter(|event| event.time_s >= from_s && event.time_s <= to_s);
-        within.max_by(|a, b| a.time_s.total_cmp(&b.time_s)).map(|event| fault_clause(&event.text))
+    pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<(u32, String)> {
+        let within = self.clauses.iter().filter(|(at_s, ..)| (from_s..=to_s).contains(at_s));
+        within.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, bit, clause)| (*bit, clause.clone()))
     }
 
     /// Sorts the events by time.
@@ -281,6 +263,7 @@ impl Events {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use robot_state::sentences::fault_sentences;
 
     #[test]
     fn a_process_that_died_is_counted_once() {
@@ -311,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn dead_processes_are_found_by_role_without_their_last_log_line() {
+    fn dead_processes_are_found_by_role() {
         let mut events = Events::default();
         let mut row = ProcessState { state: ProcessState::STATE_READY, ..ProcessState::default() };
         messages::put_text(&mut row.name, "estimator-a");
@@ -322,7 +305,7 @@ mod tests {
         events.process(1.5, &row);
         assert_eq!((events.silent("estimator"), events.dead("estimator")), (Some("estimator-a"), None));
         row.state = ProcessState::STATE_DIED;
-        messages::put_text(&mut row.reason, "was ended by signal 9: INFO  estimator: parameters.toml is read");
+        messages::put_text(&mut row.reason, "was ended by signal 9");
         events.process(2.0, &row);
         assert_eq!(events.all()[1].text, "estimator-a died: was ended by signal 9");
         assert_eq!((events.dead("estimator"), events.dead("planner")), (Some("estimator-a"), None));
@@ -331,22 +314,6 @@ mod tests {
         assert_eq!(events.dead("estimator"), None, "it was restarted");
         assert_eq!(events.died_between("estimator", 1.5, 2.5), Some("estimator-a"));
         assert_eq!(events.died_between("estimator", 2.5, 9.0), None);
-        let warned = "ended with exit code 1: WARN  estimator: the port: INFO is gone";
-        assert_eq!(
-            without_log_line("ended with exit code 1: the port is gone"),
-            "ended with exit code 1: the port is gone"
-        );
-        assert!(without_log_line(warned).contains("WARN  estimator: the port"));
-    }
-
-    #[test]
-    fn a_fault_clause_keeps_the_cable_and_drops_the_remedy() {
-        let fault = "A cable is slack or broken: support the node, then reset (cable 2).";
-        assert_eq!(fault_clause(fault), "a cable is slack or broken (cable 2)");
-        let lost = "The supervisor is gone, so the robot stopped and holds: start nims up again, confirm the position, arm, and run the mission with --continue.";
-        assert_eq!(fault_clause(lost), "the supervisor is gone, so the robot stopped and holds");
-        let busy = "The computer was busy: end other programs (see `nims doctor`).";
-        assert_eq!(fault_clause(busy), "the computer was busy");
     }
 
     #[test]
@@ -369,5 +336,10 @@ mod tests {
         }
         assert!(events.all()[1].text.contains("cable 2"));
         assert_eq!(events.faults, 2);
+        let slack = (MotorAuthority::FAULT_SLACK, "a cable is slack or broken (cable 2)".to_owned());
+        assert_eq!(events.fault_between(1.5, 2.5), Some(slack));
+        let supply = (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low".to_owned());
+        assert_eq!(events.fault_between(1.5, 3.5), Some(supply));
+        assert_eq!(events.fault_between(4.0, 9.0), None);
     }
 }

@@ -5,7 +5,7 @@ use super::legs::Legs;
 use super::samples::Sensors;
 use super::trace::{DecimatedPoints, Trace};
 use crate::accuracy::{AccuracySum, Analysis, Distances};
-use crate::counters::Count;
+use crate::counters::PeriodCounter;
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::{Robot, Vector3};
 use command::{Answer, Failure};
@@ -15,7 +15,7 @@ use messages::{
     CABLES, Heartbeat, LogEvent, MotorAuthority, MotorState, OperatorRequest, PlanStatus, ProcessState, RecorderStatus,
     text_of,
 };
-use robot_state::Periods;
+use robot_state::{Periods, Reason};
 use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -119,8 +119,10 @@ pub struct Mission {
     pub name: String,
     /// Completed share, 0 to 1.
     pub progress: f64,
-    /// Reason for an abort or a rejection.
-    pub reason: String,
+    /// Reason for an abort or a rejection; `None` also in a run of an earlier version.
+    pub why: Option<Reason>,
+    /// The same as a sentence.
+    pub sentence: String,
     /// Start of the current state, s since the start of the run.
     pub since_s: f64,
 }
@@ -237,7 +239,7 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<RunData> {
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
         inspection.observe(&recorded);
         collector.clock(&recorded);
-        collector.count.note(&recorded);
+        collector.count.record(&recorded);
         let known = tracker.record(&recorded, &mut |cycle: &Cycle<'_>| collector.cycle(cycle))
             && collector.outside_cycles(&recorded);
         if !known {
@@ -267,7 +269,7 @@ struct Collector {
     mono_ns: Option<i128>,
     last_s: f64,
     tally: AccuracySum,
-    count: Count,
+    count: PeriodCounter,
     path: DecimatedPoints<PathPoint>,
     data: RunData,
 }
@@ -311,7 +313,7 @@ impl Collector {
             mono_ns: None,
             last_s: 0.0,
             tally: AccuracySum::default(),
-            count: Count::default(),
+            count: PeriodCounter::default(),
             path: DecimatedPoints::default(),
             data,
         })
@@ -320,7 +322,7 @@ impl Collector {
     fn clock(&mut self, recorded: &RecordedSample<'_>) {
         let begin_ns = *self.begin_ns.get_or_insert(recorded.log_time_ns);
         if self.mono_ns.is_none()
-            && let Some(authority) = recorded.to::<MotorAuthority>()
+            && let Some(authority) = recorded.decode::<MotorAuthority>()
         {
             let since = i128::from(recorded.log_time_ns) - i128::from(begin_ns);
             self.mono_ns = Some(i128::from(authority.header.stamp_ns) - since);
@@ -405,12 +407,12 @@ impl Collector {
         let data = &mut self.data;
         let name = recorded.channel.name.as_str();
         if let Some(process) = name.strip_prefix("system/heartbeat/") {
-            let Some(beat) = recorded.to::<Heartbeat>() else { return false };
+            let Some(beat) = recorded.decode::<Heartbeat>() else { return false };
             data.processes.insert(process.to_owned(), beat);
             return true;
         }
         if name.starts_with("system/log/") {
-            return recorded.to::<LogEvent>().map(|event| data.events.log(time_s, &event)).is_some();
+            return recorded.decode::<LogEvent>().map(|event| data.events.log(time_s, &event)).is_some();
         }
         if name.starts_with("sensor/") || name.starts_with("sample/") {
             data.sensors.record(time_s, recorded);
@@ -418,27 +420,34 @@ impl Collector {
         }
         match name {
             "operator/request" => {
-                recorded.to::<OperatorRequest>().map(|request| data.events.request(time_s, &request)).is_some()
+                recorded.decode::<OperatorRequest>().map(|request| data.events.request(time_s, &request)).is_some()
             }
             "system/process" => {
-                recorded.to::<ProcessState>().map(|process| data.events.process(time_s, &process)).is_some()
+                recorded.decode::<ProcessState>().map(|process| data.events.process(time_s, &process)).is_some()
             }
             "plan/status" => {
-                let Some(status) = recorded.to::<PlanStatus>() else { return false };
+                let Some(status) = recorded.decode::<PlanStatus>() else { return false };
                 let mission = text_of(&status.mission);
                 if data.events.plan(time_s, &status) && status.state == PlanStatus::STATE_DONE {
                     *data.missions.entry(mission.clone()).or_default() += 1;
                 }
                 if status.state != PlanStatus::STATE_IDLE {
-                    let (state, progress, reason) = (status.state, status.progress, text_of(&status.reason));
+                    let (state, progress, sentence) = (status.state, status.progress, text_of(&status.reason));
                     let same = data.mission.as_ref().filter(|known| known.state == state && known.name == mission);
                     let since_s = same.map_or(time_s, |known| known.since_s);
-                    data.mission = Some(Mission { state, name: mission, progress, reason, since_s });
+                    data.mission = Some(Mission {
+                        state,
+                        name: mission,
+                        progress,
+                        why: Reason::of_plan(&status),
+                        sentence,
+                        since_s,
+                    });
                 }
                 true
             }
             "recorder/status" => {
-                let Some(status) = recorded.to::<RecorderStatus>() else { return false };
+                let Some(status) = recorded.decode::<RecorderStatus>() else { return false };
                 let free = data.least_free_bytes.unwrap_or(u64::MAX).min(status.disk_free_bytes);
                 data.least_free_bytes = Some(free);
                 data.recorder.insert(text_of(&status.channel), status);

@@ -119,7 +119,7 @@ pub fn page(runs: &[RunAssessment]) -> String {
     let _ = writeln!(
         out,
         "<footer>Created by nims {} from the run {}. Bands show the least and the greatest value of each time interval, lines the mean.</footer>\n</main>\n</body>\n</html>",
-        escape(runtime::build::own()),
+        escape(runtime::build::description()),
         if runs.len() == 1 { "file alone" } else { "files alone" }
     );
     out

@@ -25,7 +25,7 @@ fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]
     for (channel, sensor) in sensors.channels() {
         let Some((_, name)) = channel.split_once('/') else { continue };
         for (place, _) in sensor.places.points() {
-            let point = config.plane.of(*place);
+            let point = config.plane.project(*place);
             let area = areas.entry(name.to_owned()).or_insert([point; 2]);
             let [low, high] = area;
             for (k, x) in point.into_iter().enumerate() {

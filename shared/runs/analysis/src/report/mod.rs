@@ -1,6 +1,7 @@
 //! `nims report`: one page about a run, or about several side by side, that a field team understands at once.
 
 mod charts;
+mod completeness;
 mod events;
 mod gather;
 mod html;
@@ -33,7 +34,7 @@ pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<Output> {
         return Err(Failure::BadInput("give a run folder or a run file".to_owned()));
     };
     for run in runs {
-        crate::runs::there(run)?;
+        crate::runs::require_run(run)?;
     }
     let path = out.map_or_else(|| place(first, runs.len() > 1), Path::to_path_buf);
     let mut assessments = Vec::new();

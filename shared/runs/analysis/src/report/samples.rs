@@ -57,8 +57,8 @@ impl Sensors {
 
     /// Records a sensor sample.
     pub fn record(&mut self, time_s: f64, recorded: &RecordedSample<'_>) {
-        let reading = recorded.to::<Reading>();
-        let sample = recorded.to::<Sample>();
+        let reading = recorded.decode::<Reading>();
+        let sample = recorded.decode::<Sample>();
         let place = match (&sample, &reading) {
             (Some(sample), _) => Some(sample.position_m),
             (None, Some(reading)) => self.position_at(reading.header.stamp_ns),
@@ -124,7 +124,7 @@ impl Sensor {
             self.schema = Some((schema, fields));
         }
         let Some((_, fields)) = &self.schema else { return Vec::new() };
-        let value = |field: &SchemaField| Some(Value::of(field, recorded.sample)?.number()?.as_f64());
+        let value = |field: &SchemaField| Some(Value::read(field, recorded.sample)?.number()?.as_f64());
         fields.iter().filter_map(|field| Some((field.path.clone(), value(field)?))).collect()
     }
 }

@@ -183,7 +183,7 @@ fn begin_table(
     wanted: &ExportRequest,
     names: &mut Vec<String>,
 ) -> Result<Result<Channel, String>, RunError> {
-    let table = match Table::of(&channel.schema, size) {
+    let table = match Table::from_definition(&channel.schema, size) {
         Ok(table) => table,
         Err(why) => return Ok(Err(why)),
     };

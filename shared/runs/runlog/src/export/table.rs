@@ -41,7 +41,7 @@ pub(super) const TIMES: [&str; 3] = ["t_s", "log_time_ns", "publish_time_ns"];
 impl Table {
     /// Columns of a definition; one column of plain bytes if there is none, or if it does not give the offset of each
     /// number.
-    pub fn of(definition: &str, size: usize) -> Result<Self, String> {
+    pub fn from_definition(definition: &str, size: usize) -> Result<Self, String> {
         let schema = Schema::parse(definition)
             .ok()
             .filter(|schema| schema.size() == size)
@@ -117,11 +117,7 @@ pub(super) fn text(bytes: &[u8], into: &mut String) {
         }
         _ => {
             into.push_str("0x");
-            for byte in bytes {
-                for digit in [byte >> 4, byte & 15] {
-                    into.push(char::from(b"0123456789abcdef"[usize::from(digit)]));
-                }
-            }
+            into.push_str(&messages::hex(bytes));
         }
     }
 }
@@ -133,13 +129,13 @@ mod tests {
 
     #[test]
     fn columns_have_the_names_that_analysts_expect() {
-        let names = Table::of(OperatorRequest::schema(), size_of::<OperatorRequest>()).unwrap().names();
+        let names = Table::from_definition(OperatorRequest::schema(), size_of::<OperatorRequest>()).unwrap().names();
         assert_eq!(names[..7], ["t_s", "log_time_ns", "publish_time_ns", "life", "cycle", "seq", "stamp_ns"]);
         for name in ["body_length_m_1", "body_verb", "hash", "text", "answer"] {
             assert!(names.iter().any(|found| found == name), "{name}");
         }
         assert!(!names.iter().any(|name| name.starts_with("pad") || name == "text_1"), "{names:?}");
-        let names = Table::of(MotorInput::schema(), size_of::<MotorInput>()).unwrap().names();
+        let names = Table::from_definition(MotorInput::schema(), size_of::<MotorInput>()).unwrap().names();
         assert!(names.iter().any(|name| name == "command_2_velocity_m_s_4"), "{names:?}");
         let mut sorted = names.clone();
         sorted.sort();
@@ -150,10 +146,10 @@ mod tests {
     #[test]
     fn what_has_no_definition_is_bytes() {
         for definition in ["", "string name\n", "float64 x\n"] {
-            let table = Table::of(definition, 5).unwrap();
+            let table = Table::from_definition(definition, 5).unwrap();
             assert_eq!(table.columns, [Column { name: "data".into(), kind: ColumnKind::Text(5), offset: 0 }]);
         }
-        assert!(Table::of("", 0).is_err());
+        assert!(Table::from_definition("", 0).is_err());
         let mut said = String::new();
         text(b"ab\n\0\0", &mut said);
         text(&[1, 0xff], &mut said);

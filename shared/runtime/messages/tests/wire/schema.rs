@@ -67,18 +67,18 @@ fn offsets_names_and_texts_are_those_of_the_struct() {
             + size_of::<MotorCommand>()
             + std::mem::offset_of!(MotorCommand, epoch)
     );
-    assert_eq!(Value::of(epoch, bytes).unwrap().number(), Some(Number::Unsigned(77)));
+    assert_eq!(Value::read(epoch, bytes).unwrap().number(), Some(Number::Unsigned(77)));
     let unit = schema.field("unit").unwrap();
-    let third = Value::of(unit, bytes).unwrap().numbers().nth(2).unwrap();
+    let third = Value::read(unit, bytes).unwrap().numbers().nth(2).unwrap();
     assert_eq!(unit.name_of(third), Some("UNIT_LOST"));
 
     let mut log = LogEvent::default();
     put_text(&mut log.text, "höhe 3 m");
     let schema = Schema::parse(LogEvent::schema()).unwrap();
-    let text = Value::of(schema.field("text").unwrap(), bytemuck::bytes_of(&log)).unwrap();
+    let text = Value::read(schema.field("text").unwrap(), bytemuck::bytes_of(&log)).unwrap();
     assert_eq!(text.text().as_deref(), Some("höhe 3 m"));
     assert_eq!(schema.decode(&bytemuck::bytes_of(&log)[..32]).count(), 4, "a short sample gives what it has");
-    assert_eq!(Value::of(schema.field("level").unwrap(), bytemuck::bytes_of(&log)).unwrap().to_string(), "0");
+    assert_eq!(Value::read(schema.field("level").unwrap(), bytemuck::bytes_of(&log)).unwrap().to_string(), "0");
 }
 
 #[test]

@@ -58,7 +58,7 @@ pub struct MeasurementsFile {
     pub point: Vec<PointEntry>,
     /// Decisions about points that do not fit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub doubt: Vec<Doubt>,
+    pub doubt: Vec<PointDecision>,
 }
 
 /// Answers in `nims setup` that are not measurements; other commands read only `pulleys`.
@@ -89,7 +89,7 @@ pub struct Setup {
 /// Decision about a point that does not fit the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct Doubt {
+pub struct PointDecision {
     /// Number of the point, from 1.
     pub point: usize,
     /// Whether the point is used.

@@ -38,7 +38,7 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
     }
     clocks(machine, &mut findings);
     if let Some(busy) = machine.busy {
-        findings.push(match (busy.words(), busy.load) {
+        findings.push(match (busy.clause(), busy.load) {
             (Some(words), _) => warning(words, evidence::busy::CURE),
             (None, Some(load)) => note(format!(
                 "processors: {}, and {} threads are runnable ({:.1} on average over the last minute)",
@@ -287,7 +287,7 @@ mod tests {
     use super::*;
     use crate::check::Level;
     use crate::check::usable;
-    use evidence::busy::Busy;
+    use evidence::busy::SystemLoad;
 
     fn sound() -> Machine {
         Machine {
@@ -353,7 +353,7 @@ mod tests {
         });
         found(Level::Warning, &["root"], |machine| machine.user = 0);
         found(Level::Warning, &["busy", "93 %", "[realtime]"], |machine| {
-            machine.busy = Some(Busy { pressure: Some(0.93), load: None });
+            machine.busy = Some(SystemLoad { pressure: Some(0.93), load: None });
         });
         found(Level::Warning, &["3 files (20 MB)", "find /dev/shm"], |machine| machine.ownerless = (20_000_000, 3));
         found(Level::Error, &["256 files", "LimitNOFILE"], |machine| machine.limits.open_files = Some(256));

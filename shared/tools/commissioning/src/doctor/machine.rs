@@ -1,6 +1,6 @@
 //! Facts about a machine as plain data, so that they can be judged in tests without that machine.
 
-use evidence::busy::Busy;
+use evidence::busy::SystemLoad;
 use std::path::PathBuf;
 
 /// Facts about a machine, as far as a system needs them.
@@ -31,7 +31,7 @@ pub struct Machine {
     /// Number of processors.
     pub processors: usize,
     /// Load by other programs.
-    pub busy: Option<Busy>,
+    pub busy: Option<SystemLoad>,
     /// Folders of this user's domains that other users may enter; nims refuses to use them.
     pub open_folders: Vec<PathBuf>,
     /// Folder of the runs.

@@ -29,5 +29,5 @@ pub fn run(args: &Args) -> Answer<Output> {
     let errors = check::errors(&found);
     let failure = (errors > 0)
         .then(|| Failure::NotNow(format!("{errors} error(s) on this machine would stop the robot, listed on stdout")));
-    Ok(Output::new(check::to_json(&found), check::to_words(&found)).failing(failure))
+    Ok(Output::new(check::to_json(&found), check::to_text(&found)).failing(failure))
 }

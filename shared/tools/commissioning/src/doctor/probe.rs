@@ -4,7 +4,7 @@ use super::machine::{DomainFacts, Limits, Machine, Memory, PortFacts, Runs};
 use bus::{Domain, clock};
 use client::Running;
 use config::{Role, SystemFile};
-use evidence::busy::Busy;
+use evidence::busy::SystemLoad;
 use rustix::fs::{Access, access, statfs, statvfs};
 use rustix::process::{Pid, Resource, geteuid, getrlimit, test_kill_process};
 use std::fs;
@@ -32,7 +32,7 @@ pub fn probe(file: Option<&SystemFile>) -> Machine {
         unix_s: clock::unix_ns() / 1_000_000_000,
         governors: governors(),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
-        busy: Some(Busy::look()),
+        busy: Some(SystemLoad::read()),
         open_folders: Domain::open_folders(),
         runs: file.map(runs),
         programs_missing: programs_missing(file),
@@ -81,7 +81,7 @@ fn domain_facts(domain: &Domain) -> DomainFacts {
         open: domain.open_to_others(),
         alive: domain.alive().into_iter().map(|node| node.name).collect(),
         dead: domain.dead(),
-        is_run: Running::of(domain).is_some_and(runs),
+        is_run: Running::read(domain).is_some_and(runs),
     }
 }
 

@@ -17,7 +17,7 @@ const NOTEWORTHY_M: f64 = 0.02;
 
 /// A point that does not fit the others.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Doubtful {
+pub struct DoubtfulPoint {
     /// Number in the file, from 1.
     pub point: usize,
     /// Its deviation from the others, one clause.
@@ -26,7 +26,7 @@ pub struct Doubtful {
 
 /// Finds the point that fits worst, if it does not fit and has no decision yet; of several equal candidates, the
 /// newest. Points that were kept despite their misfit are excluded, so that no other point is blamed for them.
-pub fn find(file: &MeasurementsFile) -> Option<Doubtful> {
+pub fn find(file: &MeasurementsFile) -> Option<DoubtfulPoint> {
     let kept = |index: &usize| file.doubt.iter().any(|doubt| doubt.point == index + 1);
     let open: Vec<usize> = file.used(Method::Survey).into_iter().filter(|index| !kept(index)).collect();
     let mut measured = file.measurements(Method::Survey).ok()?;
@@ -64,7 +64,7 @@ pub fn find(file: &MeasurementsFile) -> Option<Doubtful> {
     } else if best_fit(&rest).is_some_and(|(rest, left)| left > 0.0 && rest > quantile(left as usize)) {
         description.push_str(" (and the others do not fit each other either: a distance or a height may be wrong)");
     }
-    Some(Doubtful { point: open[index] + 1, description })
+    Some(DoubtfulPoint { point: open[index] + 1, description })
 }
 
 /// Returns the sum of squared residuals of the best fit in units of variance, and its degrees of freedom; `None` if the

@@ -6,7 +6,7 @@ use super::question::{self, POINTS, Question, pulleys};
 use super::shape;
 use super::text::metres;
 use super::undo::undo;
-use crate::calibrate::{Doubt, HeightBy, HeightEntry, MeasurementsFile, PointEntry, RangeEntry, Setup};
+use crate::calibrate::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
 use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, Method, calibrate};
 
 /// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser
@@ -93,7 +93,7 @@ impl Guide {
             return Err(format!("a [[point]] does not have one length for each of the {count} pulleys"));
         }
         let points = file.point.len();
-        let odd = |doubt: &Doubt| !(1..=doubt.after).contains(&doubt.point) || doubt.after > points;
+        let odd = |doubt: &PointDecision| !(1..=doubt.after).contains(&doubt.point) || doubt.after > points;
         if file.doubt.iter().any(odd) || setup.plan.iter().any(|plan| plan[0] > points || plan[1] > 2 * MOST) {
             return Err("a [[doubt]] or the plan refers to points that do not exist".to_owned());
         }
@@ -223,7 +223,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
     if done && !matches!(question, Question::Lengths { .. }) {
         return Err(match question {
             Question::Finish => "the points are complete: press Enter to write the calibration".to_owned(),
-            Question::Doubt { .. } => "answer keep or again first".to_owned(),
+            Question::PointDecision { .. } => "answer keep or again first".to_owned(),
             _ => "done ends the points, which come after this question".to_owned(),
         });
     }
@@ -256,13 +256,13 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
         Question::Points => number_of_points(file, line),
         Question::Lengths { .. } if done => end_early(file),
         Question::Lengths { place } => lengths(file, *place, line),
-        Question::Doubt { doubtful, .. } => {
+        Question::PointDecision { doubtful, .. } => {
             let used = match line.to_lowercase().as_str() {
                 "keep" | "k" => true,
                 "again" | "a" => false,
                 _ => return Err(format!("`{}` is neither keep nor again", excerpt(line))),
             };
-            file.doubt.push(Doubt { point: doubtful.point, used, after: file.point.len() });
+            file.doubt.push(PointDecision { point: doubtful.point, used, after: file.point.len() });
             Ok(String::new())
         }
         Question::Finish => {

@@ -1,6 +1,6 @@
 //! The next question: the first item that the measurements so far leave open.
 
-use super::doubt::{self, Doubtful};
+use super::doubt::{self, DoubtfulPoint};
 use super::shape;
 use super::text::{listed, metres};
 use crate::calibrate;
@@ -49,11 +49,11 @@ pub enum Question {
         place: usize,
     },
     /// Whether to use a point that does not fit.
-    Doubt {
+    PointDecision {
         /// Planned place, from 0.
         place: usize,
         /// The point.
-        doubtful: Doubtful,
+        doubtful: DoubtfulPoint,
     },
     /// Confirmation that the measurements are complete.
     Finish,
@@ -114,7 +114,7 @@ impl Question {
             && let Some(doubtful) = doubt::find(file)
         {
             let place = places.iter().position(|point| *point == Some(doubtful.point - 1)).unwrap_or(0);
-            return Self::Doubt { place, doubtful };
+            return Self::PointDecision { place, doubtful };
         }
         if places.iter().flatten().count() >= wanted {
             return Self::Finish;
@@ -161,7 +161,7 @@ impl Question {
                 )
             }
             Self::Lengths { place } => lengths_text(file, *place),
-            Self::Doubt { place, doubtful } => format!(
+            Self::PointDecision { place, doubtful } => format!(
                 "Point {} does not fit the others: {}.\nUse it anyway (keep), or measure it again (again)?",
                 place + 1,
                 doubtful.description

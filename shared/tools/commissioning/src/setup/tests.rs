@@ -68,7 +68,7 @@ impl Team {
             Question::Height { .. } | Question::Points | Question::Finish => String::new(),
             Question::ApproximateHeight => "3".to_owned(),
             Question::Lengths { place } => self.lengths(place),
-            Question::Doubt { .. } => "again".to_owned(),
+            Question::PointDecision { .. } => "again".to_owned(),
         }
     }
 
@@ -268,12 +268,12 @@ fn a_point_that_does_not_fit_is_named_and_can_be_kept() {
     for count in [3, 4] {
         let mut team = Team { wrong_at: Some(6), share: 0.0, ..Team::new(3, count) };
         let mut guide = Guide::default();
-        while !matches!(guide.pending(), Question::Doubt { .. }) {
+        while !matches!(guide.pending(), Question::PointDecision { .. }) {
             assert_ne!(guide.pending(), &Question::Finish, "a wrong reading of half a metre was not detected");
             let line = team.answer(guide.pending());
             guide.answer(&line);
         }
-        let Question::Doubt { place, doubtful } = guide.pending().clone() else { panic!() };
+        let Question::PointDecision { place, doubtful } = guide.pending().clone() else { panic!() };
         assert_eq!((place, doubtful.point), (6, 7), "{}", guide.question());
         let mut kept = guide.clone();
         let message = kept.answer("keep").message;
@@ -292,7 +292,7 @@ fn a_point_that_does_not_fit_is_named_and_can_be_kept() {
 fn a_wrong_height_is_suggested_when_a_point_does_not_fit() {
     let mut team = Team { share: 0.0, ..Team::new(5, 3) };
     let mut guide = Guide::default();
-    while !matches!(guide.pending(), Question::Doubt { .. }) {
+    while !matches!(guide.pending(), Question::PointDecision { .. }) {
         let line = match guide.pending() {
             Question::Finish => panic!("a height that is wrong by 30 cm was not detected"),
             Question::Height { pulley: 2 } => format!("{:.2}", team.site[1][2] + 0.3),

@@ -71,7 +71,7 @@ fn savings(effort: Effort) -> Result<Savings> {
     let mut saved = [Vec::new(), Vec::new()];
     let mut vertical = [Vec::new(), Vec::new()];
     let mut moves = Vec::new();
-    let three = stand_in::three();
+    let three = stand_in::three_cable_anchors();
     let rigs = [
         ("three", &three[..], &stand_in::TRIANGLE_PATH[..], Distribution::Unique),
         ("four", &stand_in::UNEVEN[..], &stand_in::SQUARE_PATH[..], Distribution::LeastNorm),

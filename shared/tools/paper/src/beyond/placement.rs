@@ -22,7 +22,8 @@ pub fn placement(effort: Effort) -> Result<Section> {
     for count in &counts {
         let (count, seed) = (*count, 1000 + *count as u64);
         let spread = mean_height_error(seed, trials, &|random| random_points(random, count))?;
-        let cornered = mean_height_error(seed + 100, trials, &|_| corners(&stand_in::three_xy(), count, 0.9))?;
+        let cornered =
+            mean_height_error(seed + 100, trials, &|_| corners(&stand_in::three_cable_anchors_xy(), count, 0.9))?;
         curves[0].push([count as f64, 1e3 * spread]);
         curves[1].push([count as f64, 1e3 * cornered]);
         if count > 3 {

@@ -19,7 +19,7 @@ fn preview_law(lag_s: Option<[f64; 2]>) -> Result<Law> {
         misfit_limit: if lag_s.is_some() { 1e3 } else { ControllerSection::default().misfit_limit },
         ..ControllerSection::default()
     };
-    Ok(Law::of(&section)?)
+    Ok(Law::from_section(&section)?)
 }
 
 /// The first legs, out and back: a step test for a law that identifies the drives. Errors count after them.
@@ -31,7 +31,7 @@ const STEP_TEST_SEGMENTS: u64 = 2;
 
 /// Error measures and their names.
 type Measure = fn(&Track) -> Vec<f64>;
-const MEASURES: [(&str, Measure); 2] = [("measured lengths", Track::by_lengths), ("truth", Track::by_truth)];
+const MEASURES: [(&str, Measure); 2] = [("measured lengths", Track::by_lengths), ("truth", Track::errors_of_truth_m)];
 
 /// Returns the errors of a law by each measure, mm, and the track; NaN where the robot stopped by itself.
 fn fly(mission: &str, drives: Drives, law: Option<Law>, horizon: u32) -> Result<([f64; 2], Track)> {

@@ -28,7 +28,7 @@ pub fn scaled(triangle: [[f64; 2]; 3], share: f64) -> [[f64; 2]; 3] {
 
 /// Returns random points under the robot, m.
 pub fn random_points(random: &mut Random, count: usize) -> Vec<[f64; 2]> {
-    let triangle = scaled(stand_in::three_xy(), REACH);
+    let triangle = scaled(stand_in::three_cable_anchors_xy(), REACH);
     (0..count).map(|_| random.in_triangle(triangle)).collect()
 }
 
@@ -51,7 +51,7 @@ impl Encoders {
 
     /// Measures the lengths to points on the floor.
     pub fn measure(&self, random: &mut Random, points: &[[f64; 2]]) -> Vec<CableVec> {
-        let anchors = stand_in::three();
+        let anchors = stand_in::three_cable_anchors();
         points
             .iter()
             .map(|point| {
@@ -83,7 +83,7 @@ pub fn calibrate(anchors_xy: &[[f64; 2]; 3], lengths: &[CableVec]) -> Result<([[
 
 /// Returns the mean error over the anchors of the heights and of the positions, m.
 pub fn errors(found: &[[f64; 3]; 3]) -> [f64; 2] {
-    let truth = stand_in::three();
+    let truth = stand_in::three_cable_anchors();
     let mut sums = [0.0; 2];
     for (found, truth) in found.iter().zip(&truth) {
         let d = [0, 1, 2].map(|k| found[k] - truth[k]);

@@ -125,7 +125,7 @@ pub fn fig3(effort: Effort) -> Result<Section> {
 /// positions, m.
 fn simulate_baseline(seed: u64, trials: usize, sigma_length: f64, share: f64) -> Result<[f64; 2]> {
     let mut random = Random::new(seed);
-    let places = scaled(stand_in::three_xy(), share);
+    let places = scaled(stand_in::three_cable_anchors_xy(), share);
     let points = places.map(|[x, y]| [x, y, 0.0]);
     let mut all = [Vec::new(), Vec::new()];
     for _ in 0..trials {

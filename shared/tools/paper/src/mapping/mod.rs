@@ -46,7 +46,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
         ("uniform, one line per row of cells", ROWS_M, &rows),
         ("adaptive", PATCH_M, &adaptive),
     ];
-    let errors = flown.map(|(_, _, scan)| MapErrors::of(&scan.map, &ground, band_m));
+    let errors = flown.map(|(_, _, scan)| MapErrors::compute(&scan.map, &ground, band_m));
     Ok(Section {
         key: "fig10",
         title: "Figure 10: multiscale topographical mapping",

@@ -13,7 +13,7 @@ use planner::mission::{Leg, Polyline};
 use planner::scan::{over_patches, raster};
 use plant::ground::Ground;
 use segments::motion_of;
-use survey::adaptive::{Known, Merit, Patch, PatchOptions, patches};
+use survey::adaptive::{KnownField, Merit, Patch, PatchOptions, patches};
 use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
 
 /// The ground file of the robot.
@@ -199,7 +199,7 @@ impl<'a> ScanFlight<'a> {
 
     fn judge(&mut self) {
         self.scan.map.refresh();
-        let error = MapErrors::of(&self.scan.map, self.finder.ground, 0.0);
+        let error = MapErrors::compute(&self.scan.map, self.finder.ground, 0.0);
         self.scan.rmse_by_length.push([self.scan.length_m, error.all_m]);
     }
 }
@@ -228,7 +228,7 @@ pub fn adaptive(area: &Area, ground: &Ground, fine_m: f64, share: f64) -> Result
     flown.scan.second = flown.scan.path.len();
     let here = path[path.len() - 1];
     let options = PatchOptions { merit: Merit::Gradient, tile_m: 0.5 * COARSE_M, share, least: 0.2 };
-    let chosen = patches(&Known::from(&flown.scan.map), area.low_m, area.high_m, [here.x, here.y], &options);
+    let chosen = patches(&KnownField::from(&flown.scan.map), area.low_m, area.high_m, [here.x, here.y], &options);
     let path = over_patches(&chosen, HEIGHT_M, fine_m, here)?;
     flown.scan.patches = chosen;
     flown.fly(&path, 4.0)?;
@@ -254,7 +254,7 @@ pub struct MapErrors {
 
 impl MapErrors {
     /// Computes the errors of all cells, and of those farther than `band_m` from every edge.
-    pub fn of(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
+    pub fn compute(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
         let spec = map.spec();
         let (mut all, mut away, mut count, mut unknown, mut within) = (0.0, 0.0, 0usize, 0, 0usize);
         for (at, cell) in map.cells().iter().enumerate() {

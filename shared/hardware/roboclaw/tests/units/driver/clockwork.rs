@@ -4,7 +4,7 @@ use drives::{CountBound, UnitAnswer};
 use roboclaw::driver::WIRE_MARGIN_NS;
 use roboclaw::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Bus, BusConfig, Drive, UnitConfig};
-use serial::{Device, Paced, Pipe, Transport};
+use serial::{Device, Pipe, Transport, WireQueue};
 
 pub const MS: u64 = 1_000_000;
 pub const PERIOD_NS: u64 = 10 * MS;
@@ -36,7 +36,7 @@ impl Clockwork {
 }
 
 impl Device for Clockwork {
-    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         self.bus.receive(now_ns, byte, reply);
         self.show(now_ns);
     }

@@ -1,10 +1,10 @@
 //! Cycles in order: what is sent, what is asked, what is left out, what configuration is refused.
 
-use drives::{AXES, Capabilities, Command, DriveBus, DriveStatus, Error, Misfit};
+use drives::{AXES, Capabilities, Command, DriveBus, DriveStatus, Error, InvalidConfig};
 use roboclaw::codec::Write;
 use roboclaw::unit::{Measured, Target, UnitBus, UnitOptions};
 use roboclaw::{Bus, Drive, Status, StatusWidth, UnitConfig, watchdog_tenths};
-use serial::{Device, Paced, Pipe, Transport};
+use serial::{Device, Pipe, Transport, WireQueue};
 
 use super::clockwork::*;
 
@@ -143,7 +143,7 @@ fn encoders_go_on_over_the_wrap_of_their_32_bits() {
         [(roboclaw::codec::Motor::One, i32::MAX - 20_000), (roboclaw::codec::Motor::Two, i32::MIN + 20_000)]
     {
         let packet = Write::SetEncoder(motor, count).encode(0x80);
-        let mut reply = Paced::new(0);
+        let mut reply = WireQueue::new(0);
         for &byte in packet.iter() {
             bus.transport_mut().device_mut().receive(0, byte, &mut reply);
         }
@@ -168,18 +168,21 @@ fn configurations_that_cannot_be_meant_are_refused() {
         Bus::new(Pipe::new("test line", BAUD, device), &config(units)).unwrap_err()
     };
     let wrong = |what| Error::Configuration { port: "test line".into(), what };
-    assert_eq!(refuse(vec![]), wrong(Misfit::NoUnits));
+    assert_eq!(refuse(vec![]), wrong(InvalidConfig::NoUnits));
     for address in [0x7f, 0x88] {
-        let misfit = Misfit::Address { given: address, accepted: "128 to 135 (0x80 to 0x87)" };
+        let misfit = InvalidConfig::Address { given: address, accepted: "128 to 135 (0x80 to 0x87)" };
         assert_eq!(refuse(vec![unit_config(address)]), wrong(misfit));
     }
-    assert_eq!(refuse(vec![unit_config(0x80), unit_config(0x80)]), wrong(Misfit::AddressTwice));
+    assert_eq!(refuse(vec![unit_config(0x80), unit_config(0x80)]), wrong(InvalidConfig::AddressTwice));
     let off = refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]);
-    assert!(matches!(off, Error::Configuration { what: Misfit::Watchdog { given_ms: 0, .. }, .. }), "{off}");
+    assert!(matches!(off, Error::Configuration { what: InvalidConfig::Watchdog { given_ms: 0, .. }, .. }), "{off}");
     assert_eq!([0.1, 0.3, 25.5].map(watchdog_tenths), [Ok(1), Ok(3), Ok(255)]);
     for (seconds, given_ms) in [(0.0, 0), (0.04, 40), (0.25, 250), (25.6, 25_600), (-1.0, 0), (f64::NAN, 0)] {
         let misfit = watchdog_tenths(seconds).unwrap_err();
-        assert!(matches!(misfit, Misfit::Watchdog { given_ms: given, .. } if given == given_ms), "{seconds}: {misfit}");
+        assert!(
+            matches!(misfit, InvalidConfig::Watchdog { given_ms: given, .. } if given == given_ms),
+            "{seconds}: {misfit}"
+        );
     }
 }
 

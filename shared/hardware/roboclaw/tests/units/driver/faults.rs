@@ -5,7 +5,7 @@ use roboclaw::codec::{Version, Write};
 use roboclaw::driver::WIRE_MARGIN_NS;
 use roboclaw::unit::{Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Bus, BusConfig, Drive};
-use serial::{Device, Faults, Paced, Pipe, Transport};
+use serial::{Device, Faults, Pipe, Transport, WireQueue};
 
 use super::clockwork::*;
 
@@ -188,7 +188,7 @@ fn an_encoder_that_jumps_is_refused_once_and_counted_when_it_stays() {
     let before = run.answers[0].report.counts.value[0];
     let packet = Write::SetEncoder(roboclaw::codec::Motor::Two, 1_000_000_000).encode(0x80);
     let now_ns = run.bus.transport().now_ns();
-    let mut reply = Paced::new(0);
+    let mut reply = WireQueue::new(0);
     for &byte in packet.iter() {
         run.bus.transport_mut().device_mut().receive(now_ns, byte, &mut reply);
     }

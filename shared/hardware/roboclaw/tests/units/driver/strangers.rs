@@ -2,7 +2,7 @@
 
 use drives::{Error, UnitAnswer};
 use roboclaw::{Bus, Drive};
-use serial::{Device, Paced, Pipe, Random, Transport};
+use serial::{Device, Pipe, Random, Transport, WireQueue};
 
 use super::clockwork::{BAUD, BUDGET_NS, MS, PERIOD_NS, config, unit_config};
 
@@ -22,7 +22,7 @@ enum Stranger {
 }
 
 impl Device for Stranger {
-    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         match self {
             Self::Mute => {}
             Self::Loopback => reply.push(now_ns, &[byte]),

@@ -9,9 +9,9 @@ use crate::Chassis;
 const RATES_HZ: [f64; 2] = [1e-3, 1e4];
 
 /// The schedule of a periodic loop at absolute times: no drift and no bursts after a stall. Created by
-/// [`Chassis::rhythm`].
+/// [`Chassis::loop_schedule`].
 #[derive(Debug)]
-pub struct Rhythm {
+pub struct LoopSchedule {
     waiter: Waiter,
     schedule: Schedule,
 }
@@ -21,25 +21,25 @@ impl Chassis {
     ///
     /// # Errors
     /// Those of [`Chassis::waiter`].
-    pub fn rhythm(&self, rate_hz: f64) -> Result<Rhythm, BusError> {
+    pub fn loop_schedule(&self, rate_hz: f64) -> Result<LoopSchedule, BusError> {
         let period_ns = SECOND_NS as f64 / rate_hz.clamp(RATES_HZ[0], RATES_HZ[1]);
-        Ok(Rhythm { waiter: self.waiter(&[])?, schedule: Schedule::new(now_ns(), period_ns as u64) })
+        Ok(LoopSchedule { waiter: self.waiter(&[])?, schedule: Schedule::new(now_ns(), period_ns as u64) })
     }
 
     /// Waits until the next turn and does the housekeeping meanwhile; returns false when the process must end. The loop
-    /// of a sensor is `while chassis.turn(&mut rhythm)? { .. }`.
+    /// of a sensor is `while chassis.wait_for_turn(&mut schedule)? { .. }`.
     ///
     /// # Errors
     /// Those of [`Chassis::wait`].
-    pub fn turn(&mut self, rhythm: &mut Rhythm) -> Result<bool, BusError> {
-        let (due_ns, _) = rhythm.schedule.next(now_ns());
+    pub fn wait_for_turn(&mut self, schedule: &mut LoopSchedule) -> Result<bool, BusError> {
+        let (due_ns, _) = schedule.schedule.next(now_ns());
         loop {
-            self.wait(&mut rhythm.waiter, Some(due_ns))?;
+            self.wait(&mut schedule.waiter, Some(due_ns))?;
             if !self.running() || now_ns() >= due_ns {
                 break;
             }
         }
-        rhythm.schedule.begun(due_ns, now_ns());
+        schedule.schedule.record_start(due_ns, now_ns());
         Ok(self.running())
     }
 }

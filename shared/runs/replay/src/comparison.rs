@@ -42,7 +42,7 @@ pub struct Spread {
 
 /// Differences over the cycles in which the robot followed a motion with the compared controller and estimate.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Instead {
+pub struct Comparison {
     /// Cycles with a command from both.
     pub cycles: u64,
     /// Cycles with a command only in the recording.
@@ -99,7 +99,7 @@ pub(super) struct Collector {
     command: [DifferenceSum; CABLES],
     sent: [DifferenceSum; CABLES],
     position: DifferenceSum,
-    instead: Instead,
+    instead: Comparison,
 }
 
 impl Collector {
@@ -162,9 +162,9 @@ impl Collector {
         }
     }
 
-    pub(super) fn end(self) -> Instead {
+    pub(super) fn end(self) -> Comparison {
         let spreads = |sums: &[DifferenceSum; CABLES]| sums[..self.cables].iter().map(DifferenceSum::spread).collect();
-        Instead {
+        Comparison {
             command_m_s: spreads(&self.command),
             sent_m_s: spreads(&self.sent),
             position_m: self.position.spread(),
@@ -173,7 +173,7 @@ impl Collector {
     }
 }
 
-impl Instead {
+impl Comparison {
     /// Returns the differences as a text table.
     pub(super) fn words(&self) -> String {
         let mm = |spread: &Spread| format!("{:>10.3} {:>10.3}", 1e3 * spread.rms, 1e3 * spread.max);
