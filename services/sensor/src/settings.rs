@@ -30,6 +30,7 @@ pub struct SensorFile {
     pub latency_s: f64,
     /// Position of the sensor relative to the node, in the axes of the site, m.
     #[serde(default)]
+    #[serde(deserialize_with = "config::exactly")]
     pub lever_m: [f64; 3],
     /// Time without a reading after which the last one is repeated as stale, s.
     #[serde(default = "default_stale")]

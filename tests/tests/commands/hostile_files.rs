@@ -183,3 +183,23 @@ fn numbers_beyond_any_robot_are_refused_with_what_is_accepted() {
         refused(&["check", path.to_str().unwrap()], &["1.7e150;", accepted]);
     }
 }
+
+#[test]
+fn a_number_too_many_or_too_few_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused_as = |name: &str, from: &str, to: &str, accepted: &str| {
+        let text = fs::read_to_string(root().join("configs").join(name)).unwrap();
+        assert!(text.contains(from), "{name} has no {from}");
+        let text = text.replace(from, to).replace("../robots", root().join("configs/robots").to_str().unwrap());
+        let path = folder.path().join("changed.toml");
+        fs::write(&path, text).unwrap();
+        refused(&["check", path.to_str().unwrap()], &["changed.toml, line", accepted]);
+    };
+    for numbers in ["[2.0, 60.0, 99.0, -7.0]", "[2.0]"] {
+        let key = format!("tension_limits_n = {numbers}");
+        refused_as("robots/lab3.toml", "tension_limits_n = [2.0, 60.0]", &key, "accepted: 2");
+    }
+    refused_as("systems/aq4.toml", "[planner] ", "[estimator]\nprior = [0.6, 0.4, 5.0]\n\n[planner] ", "accepted: 2");
+    refused_as("systems/fast3.toml", "horizon_cycles = 31", "drive_lag_s = [0.03, 0.04, 0.05]", "accepted: 2");
+    refused_as("ground/fig10.toml", "[3.9, 2.6]", "[3.9, 2.6, 0.0]", "accepted: 2");
+}

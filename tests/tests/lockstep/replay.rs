@@ -175,5 +175,6 @@ fn the_golden_run_still_computes_to_the_same_bits() {
         );
     }
     assert_eq!(replayed.channels.len(), 10);
-    assert!(golden::file().metadata().unwrap().len() < 300_000);
+    let bytes = golden::file().metadata().unwrap().len();
+    assert!(bytes < 500_000, "the golden run has {bytes} bytes, which is much for a repository");
 }

@@ -24,6 +24,7 @@ pub struct DeviceSection {
     pub latency_s: f64,
     /// Position relative to the node, m.
     #[serde(default)]
+    #[serde(deserialize_with = "config::exactly")]
     pub lever_m: [f64; 3],
     /// Standard deviation of its values, in their unit.
     #[serde(default)]
@@ -69,6 +70,7 @@ pub struct FieldSection {
     /// Value at the origin.
     pub base: f64,
     /// Change per metre along x, y and z.
+    #[serde(deserialize_with = "config::exactly")]
     pub slope_per_m: [f64; 3],
     /// A Gaussian peak.
     pub peak: Option<PeakSection>,
@@ -79,6 +81,7 @@ pub struct FieldSection {
 #[serde(deny_unknown_fields)]
 pub struct PeakSection {
     /// Position of the maximum, m.
+    #[serde(deserialize_with = "config::exactly")]
     pub at_m: [f64; 3],
     /// Value added at the maximum.
     pub height: f64,
@@ -106,6 +109,7 @@ pub struct GroundFile {
 #[serde(deny_unknown_fields)]
 pub struct CylinderSection {
     /// x and y of its axis, m.
+    #[serde(deserialize_with = "config::exactly")]
     pub center_m: [f64; 2],
     /// Radius, m.
     pub radius_m: f64,
@@ -118,8 +122,10 @@ pub struct CylinderSection {
 #[serde(deny_unknown_fields)]
 pub struct PrismSection {
     /// x and y of its centre, m.
+    #[serde(deserialize_with = "config::exactly")]
     pub center_m: [f64; 2],
     /// Size along its own axes, m.
+    #[serde(deserialize_with = "config::exactly")]
     pub size_m: [f64; 2],
     /// Angle from the x axis of the site to its own x axis, counterclockwise, degrees.
     #[serde(default)]
@@ -135,8 +141,10 @@ pub struct PrismSection {
 #[serde(deny_unknown_fields)]
 pub struct CavitySection {
     /// One corner, in the axes of the prism, relative to its centre, m.
+    #[serde(deserialize_with = "config::exactly")]
     pub from_m: [f64; 2],
     /// The opposite corner, m.
+    #[serde(deserialize_with = "config::exactly")]
     pub to_m: [f64; 2],
     /// Depth below the top, m.
     pub depth_m: f64,

@@ -85,6 +85,7 @@ pub struct TruthSection {
     /// Horizontal stiffness of the poles at the anchors, N/m.
     pub pole_stiffness_n_m: Option<PerCable>,
     /// Mean velocity of the air along x and y, m/s.
+    #[serde(deserialize_with = "config::exactly")]
     pub wind_m_s: [f64; 2],
     /// Standard deviation of the gusts, m/s.
     pub gust_m_s: f64,

@@ -55,6 +55,7 @@ pub struct LoggedSensorSection {
     /// Standard deviation of the time of its readings, s. Default: that of `[sensor_logger]`.
     pub time_sigma_s: Option<f64>,
     /// Position of the sensor relative to the node, m. Default: as in its readings, otherwise zero.
+    #[serde(default, deserialize_with = "crate::exactly_if_given")]
     pub lever_m: Option<[f64; 3]>,
     /// For readings of a custom type: the numeric fields that are values, at most eight. Default: the first
     /// floating-point fields, or the first numbers if it has none.

@@ -23,6 +23,7 @@ pub struct CalibrationFile {
     /// Good, usable or poor, with the reason.
     pub verdict: String,
     /// Points where the cables leave their pulleys, m.
+    #[serde(deserialize_with = "crate::each_exactly")]
     pub anchors_m: Vec<[f64; 3]>,
     /// Covariance of x1, y1, z1, x2, .., m².
     pub covariance_m2: Vec<Vec<f64>>,

@@ -57,6 +57,7 @@ pub struct RobotSection {
     #[serde(default)]
     pub pulley_radius_m: Vec<f64>,
     /// Smallest and largest allowed cable tension, N.
+    #[serde(deserialize_with = "crate::exactly")]
     pub tension_limits_n: [f64; 2],
     /// Largest speed of the node, m/s.
     pub speed_limit_m_s: f64,
@@ -66,6 +67,7 @@ pub struct RobotSection {
     pub cable_speed_limit_m_s: Option<f64>,
     /// Shortest and longest cable beyond the pulley, m.
     #[serde(default = "default_length_limits")]
+    #[serde(deserialize_with = "crate::exactly")]
     pub length_limits_m: [f64; 2],
     /// Smallest height of the node, m.
     #[serde(default)]

@@ -196,6 +196,7 @@ pub struct EstimatorSection {
     /// Weight that pulls the motor model towards `prior`, (m/s)².
     pub ridge: f64,
     /// `[phi1, phi2]` of a window without excitation.
+    #[serde(deserialize_with = "crate::exactly")]
     pub prior: [f64; 2],
     /// Correct for the stretch of the cables (needs `stiffness_n` in the robot file).
     pub stretch: bool,
@@ -259,6 +260,7 @@ pub struct ControllerSection {
     /// of the feedback is about this value to the power -1/4, in rad/s; the known motion is followed faster than that.
     pub move_penalty_s4: f64,
     /// `preview`: `[delay, lag]` of the drives, s, if known; otherwise `lq-endpoint` is used until they are identified.
+    #[serde(default, deserialize_with = "crate::exactly_if_given")]
     pub drive_lag_s: Option<[f64; 2]>,
     /// `preview`: identify delay and lag while the robot moves.
     pub identify: bool,

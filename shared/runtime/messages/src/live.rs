@@ -104,12 +104,19 @@ pub fn blended_estimate(
         return Some(*new);
     }
     let mut mixed = *new;
-    mix(&mut mixed.position_m, &old.position_m, share);
-    mix(&mut mixed.velocity_m_s, &old.velocity_m_s, share);
-    mix(&mut mixed.covariance_m2, &old.covariance_m2, share);
-    mix(&mut mixed.predicted_m, &old.predicted_m, share);
-    mix(&mut mixed.cable_velocity_m_s, &old.cable_velocity_m_s, share);
-    mix(&mut mixed.tension_n, &old.tension_n, share);
+    // A new field fails to compile here until it is decided whether it fades.
+    #[rustfmt::skip]
+    let NodeEstimate {
+        position_m, velocity_m_s, covariance_m2, predicted_m, cable_velocity_m_s, tension_n,
+        header: _, measured_m: _, phi1: _, phi2: _, residual_m: _, based_on_authority: _, epoch: _, incarnation: _,
+        slack: _, valid: _, cable_count: _, method: _, pad0: _, thread: _,
+    } = old;
+    mix(&mut mixed.position_m, position_m, share);
+    mix(&mut mixed.velocity_m_s, velocity_m_s, share);
+    mix(&mut mixed.covariance_m2, covariance_m2, share);
+    mix(&mut mixed.predicted_m, predicted_m, share);
+    mix(&mut mixed.cable_velocity_m_s, cable_velocity_m_s, share);
+    mix(&mut mixed.tension_n, tension_n, share);
     mixed.header.oldest_input_ns = new.header.oldest_input_ns.min(old.header.oldest_input_ns);
     Some(mixed)
 }

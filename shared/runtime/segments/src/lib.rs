@@ -5,10 +5,10 @@
 
 use cable_robot::path::{Bow, Lateral, Line, Parabola, Spiral};
 use cable_robot::profile::{Knot, MAX_KNOTS};
-use cable_robot::{Motion, Path, Profile, Segment, Vector3};
-use messages::{KNOTS, PlanMotion, PlanSegment};
+use cable_robot::{MAX_CABLES, Motion, Path, Profile, Segment, Vector3};
+use messages::{CABLES, KNOTS, PlanMotion, PlanSegment};
 
-const _: () = assert!(KNOTS == MAX_KNOTS);
+const _: () = assert!(KNOTS == MAX_KNOTS && CABLES == MAX_CABLES);
 
 /// Returns the message of a segment.
 #[must_use]

@@ -22,6 +22,9 @@ use plant::{MotorInput as DriveInput, Plant, PlantConfig};
 use robot_state::Reason;
 use segments::motion_of;
 
+// Lengths of the same arrays.
+const _: () = assert!(plant::MAX_CABLES == messages::CABLES);
+
 /// Time from the start of a cycle to the answer of a drive unit, ns: two units at 230400 baud, 37 bytes out and
 /// 39 bytes back each.
 const ANSWER_NS: u64 = 2_000_000;
