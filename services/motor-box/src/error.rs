@@ -51,9 +51,9 @@ pub enum ConfigError {
         "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
     )]
     NoSection,
-    /// The ground file cannot be used.
+    /// The section or its ground file cannot be used.
     #[error("{0}")]
-    Ground(String),
+    File(String),
     /// A port that is not in the domain's folder.
     #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
     NotOurPort(String),

@@ -170,7 +170,7 @@ impl MotorBox {
             if device.is_due(now_ns) {
                 self.machine.advance(now_ns)?;
             }
-            device.live(now_ns, self.machine.plant().position_m(), &self.ground)?;
+            device.live(now_ns, self.machine.plant(), &self.ground)?;
         }
         if now_ns >= self.maintained_ns + MAINTAIN_NS {
             self.maintained_ns = now_ns;

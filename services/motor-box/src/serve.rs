@@ -9,9 +9,10 @@ use messages::{OperatorRequest, Request, TruthNode};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use runtime::{BadInput, Chassis};
+use serde::Serialize;
 use tracing::{info, warn};
 
-use crate::{BoxConfig, BoxError, FaultRequest, Kept, Machine, MotorBox};
+use crate::{BoxConfig, BoxError, FaultRequest, Kept, Machine, MotorBox, MotorBoxSection};
 
 /// Period of samples of truth, ns: that of the control cycle.
 const TRUTH_NS: u64 = 10_000_000;
@@ -28,6 +29,8 @@ const WORD_NS: u64 = 1_000_000_000;
 /// The system file is not for a virtual box, or a port or the bus failed.
 pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
     let config = configuration(chassis.system_file()?, chassis.bus().domain().root())?;
+    let parameters = parameters(chassis.system_file()?)?;
+    chassis.uses("", &parameters);
     let mut motor_box = MotorBox::new(&config).map_err(bad_configuration)?;
     let mut truth = chassis.bus().publisher::<TruthNode>("truth/node")?;
     let mut requests = chassis.bus().server(chassis.name())?;
@@ -112,6 +115,19 @@ impl Notice {
 fn configuration(system_file: &SystemFile, folder: &Path) -> anyhow::Result<BoxConfig> {
     let robot = system_file.robot_file()?;
     Ok(BoxConfig::from_files(system_file, &robot, folder).map_err(|error| BadInput(error.to_string()))?)
+}
+
+/// The section with its defaults, for `system/config`. The true world stays out of the channels that processes of the
+/// chain could read: the run folder has it.
+fn parameters(system_file: &SystemFile) -> anyhow::Result<String> {
+    #[derive(Serialize)]
+    struct Parameters {
+        rate_hz: f64,
+        motor_box: MotorBoxSection,
+    }
+    let section = MotorBoxSection::from_file(system_file, &system_file.robot_file()?)?.unwrap_or_default();
+    let motor_box = MotorBoxSection { truth: None, ..section };
+    Ok(toml::to_string(&Parameters { rate_hz: system_file.rate_hz, motor_box })?)
 }
 
 /// Turns a rejected plant into bad input: the files describe it.

@@ -2,10 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use config::{
-    DeviceKind as Speaks, DeviceSection, DriveProtocol, FieldSection, GroundFile, MotorBoxSection, RobotFile,
-    SystemFile,
-};
+use config::{DriveProtocol, RobotFile, SystemFile};
 use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
@@ -13,6 +10,8 @@ use plant::motor::MotorConfig;
 
 use crate::device::{DeviceConfig, DeviceKind};
 pub use crate::error::ConfigError;
+use crate::section::{DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection, TruthSection};
+use crate::world;
 
 /// Placeholder for the domain's folder in a port's path.
 const DOMAIN: &str = "{domain}";
@@ -58,13 +57,14 @@ pub struct BoxConfig {
 }
 
 impl BoxConfig {
-    /// Configuration from `system_file` and its `robot` (both checked by [`SystemFile::load`]), with its ports in
-    /// `folder`.
+    /// Configuration from `system_file` and its `robot`, with its ports in `folder`.
     ///
     /// # Errors
-    /// The system file is for real hardware, or some of its ports are.
+    /// The system file is for real hardware, some of its ports are, or its `[motor_box]` is not accepted.
     pub fn from_files(system_file: &SystemFile, robot: &RobotFile, folder: &Path) -> Result<Self, ConfigError> {
-        let section = system_file.motor_box.as_ref().ok_or(ConfigError::NoSection)?;
+        let section =
+            MotorBoxSection::from_file(system_file, robot).map_err(|error| ConfigError::File(error.to_string()))?;
+        let section = &section.ok_or(ConfigError::NoSection)?;
         let counts_per_m = &system_file.motor_io.counts_per_m;
         Ok(Self {
             plant: plant_config(section, robot, counts_per_m),
@@ -73,10 +73,11 @@ impl BoxConfig {
             turnaround_ns: (section.turnaround_s * 1e9).round() as u64,
             devices: section.device.iter().map(|device| device_config(device, folder)).collect(),
             ground: match &section.ground {
-                Some(path) => {
-                    ground_of(&GroundFile::load(path).map_err(|error| ConfigError::Ground(error.to_string()))?)
+                Some(path) => ground_of(&GroundFile::load(path).map_err(|error| ConfigError::File(error.to_string()))?),
+                None => {
+                    let truth_m = section.truth.as_ref().and_then(|truth| truth.ground_m);
+                    Ground { ground_m: truth_m.unwrap_or(robot.robot.ground_m), ..Ground::default() }
                 }
-                None => Ground { ground_m: robot.robot.ground_m, ..Ground::default() },
             },
         })
     }
@@ -115,6 +116,11 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
         .map(|counts| IdlerConfig { counts_per_m: counts.abs(), ..IdlerConfig::default() })
         .collect();
     config.start_limits_n = robot.robot.tension_limits_n;
+    // Without the section, wheels of the robot file are part of the world too.
+    let truth = section.truth.as_ref();
+    if truth.is_some() || !robot.robot.pulley_radius_m.is_empty() {
+        world::apply(truth.unwrap_or(&TruthSection::default()), robot, counts_per_m, &mut config);
+    }
     config
 }
 

@@ -304,16 +304,13 @@ fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
             (box_of(&bus)?, present(&bus)?)
         }
     };
-    let from = match (asked.from, here, &file.motor_box) {
-        (Some(from), ..) => {
-            let robot = file.robot_file().map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
-            points::position(&robot, &from)?
-        }
-        (None, Some(from), _) => from,
-        (None, None, Some(virtual_box)) => virtual_box.start_m.position_m,
-        (None, None, None) => {
-            return Err(Failure::BadInput("the start of the mission is unknown; give it with --from X,Y,Z".to_owned()));
-        }
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    let from = match (asked.from, here) {
+        (Some(from), _) => points::position(&robot.robot().map_err(Failure::bad)?, &from)?,
+        (None, Some(from)) => from,
+        (None, None) => commissioning::check::virtual_start_m(&file, &robot)?.ok_or_else(|| {
+            Failure::BadInput("the start of the mission is unknown; give it with --from X,Y,Z".to_owned())
+        })?,
     };
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let mission = Mission::read(&path).map_err(Failure::bad)?;

@@ -9,7 +9,8 @@ use std::process::Command;
 
 /// Help text about the programs that come with nims.
 pub const HELP: &str = "Programs in the same folder:\n  bench  Measure whether this machine is good enough for a robot\n  \
-                        paper  Compute every figure and table of the paper\nAny other `nims X` runs the program nims-X.";
+                        paper  Compute every figure and table of the paper\n  \
+                        truth  Draw a plausible world for the virtual motor box that is not the robot's model\nAny other `nims X` runs the program nims-X.";
 
 /// Replaces this process by the supervisor. Returns only if that fails.
 pub fn run_supervisor(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {

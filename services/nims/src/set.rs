@@ -8,6 +8,7 @@ use config::{EstimatorSection, RobotFile, Role, SystemFile, TUNABLE, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
 use messages::{ProcessState, Request, Slot, SystemConfig, text_of};
+use motor_box::MotorBoxSection;
 use runtime::TUNED_CHANNEL;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -95,7 +96,8 @@ fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot:
         );
     }
     let idle = if idle.is_empty() { String::new() } else { format!("; {} does not use it", idle.join(" or ")) };
-    let warning = check::horizon(after).filter(|_| key == HORIZON);
+    let drives = MotorBoxSection::from_file(&client::true_box_of(bus)?, robot).map_err(Failure::not_now)?;
+    let warning = drives.and_then(|drives| check::horizon(after, &drives)).filter(|_| key == HORIZON);
     let warning = warning.map_or(String::new(), |found| format!("; warning: {}; {}", found.finding, found.cure));
     Ok(idle + &warning)
 }

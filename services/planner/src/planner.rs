@@ -15,7 +15,7 @@ use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
 use crate::refusal::{Refusal, of_plan_error};
-use crate::stopped::stopped_by;
+use crate::stopped::{not_taken_up, stopped_by};
 
 /// An estimate this many cycles behind motor-io is stale.
 const STALE_CYCLES: u64 = 20;
@@ -35,15 +35,6 @@ const SILENT_NS: u64 = 1_000_000_000;
 
 fn seconds(ns: u64) -> f64 {
     ns as f64 * 1e-9
-}
-
-/// Returns whether motor-io rejects the commands of the controller in charge.
-fn is_refused(authority: &MotorAuthority) -> bool {
-    let [slot, _] = authority.in_charge;
-    let verdict = authority.verdict.get(usize::from(slot));
-    verdict.is_some_and(|verdict| {
-        [MotorAuthority::VERDICT_NOT_FINITE, MotorAuthority::VERDICT_OUT_OF_LIMITS].contains(verdict)
-    })
 }
 
 /// Planner of missions and single moves. Pure: time and samples are arguments of every call.
@@ -448,7 +439,8 @@ impl Planner {
         {
             let since_ns = *flight.waits_ns.get_or_insert(now_ns);
             status.state = PlanStatus::STATE_RUNNING;
-            (now_ns.saturating_sub(since_ns) > MAP_NS).then(|| Err(flight.without_map(seconds(MAP_NS))))
+            let late = now_ns.saturating_sub(since_ns) > MAP_NS;
+            if late { Some(Err(flight.without_map(seconds(MAP_NS)))) } else { None }
         } else if !moving && time_s >= end_s {
             Some(Ok(()))
         } else if !matches!(authority.mode, MotorAuthority::MODE_HOLDING) && !moving {
@@ -456,11 +448,7 @@ impl Planner {
         } else if !flight.taken_up && authority.faults & MotorAuthority::FAULT_OFF_START != 0 {
             Some(Err(Reason::EndedOffStart))
         } else if !flight.taken_up && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
-            let within_s = seconds(TAKE_UP_NS);
-            Some(Err(match is_refused(authority) {
-                true => Reason::EndedCommandsRefused { within_s },
-                false => Reason::EndedNotTakenUp { within_s },
-            }))
+            Some(Err(not_taken_up(authority, seconds(TAKE_UP_NS))))
         } else {
             status.state = if !flight.taken_up {
                 PlanStatus::STATE_READY

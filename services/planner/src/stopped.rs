@@ -1,4 +1,4 @@
-//! Reason for which motor-io ended a motion.
+//! Reason for which motor-io ended a motion, or did not take it up.
 
 use messages::MotorAuthority;
 use messages::faults::Faults;
@@ -16,6 +16,23 @@ pub(crate) fn stopped_by(authority: &MotorAuthority, life: u64) -> Reason {
         _ if !faults.is_empty() => Reason::EndedAfterFault { faults },
         _ => Reason::EndedByStop,
     }
+}
+
+/// Returns why motor-io did not take up a motion within that time, s.
+pub(crate) fn not_taken_up(authority: &MotorAuthority, within_s: f64) -> Reason {
+    match is_refused(authority) {
+        true => Reason::EndedCommandsRefused { within_s },
+        false => Reason::EndedNotTakenUp { within_s },
+    }
+}
+
+/// Returns whether motor-io rejects the commands of the controller in charge.
+fn is_refused(authority: &MotorAuthority) -> bool {
+    let [slot, _] = authority.in_charge;
+    let verdict = authority.verdict.get(usize::from(slot));
+    verdict.is_some_and(|verdict| {
+        [MotorAuthority::VERDICT_NOT_FINITE, MotorAuthority::VERDICT_OUT_OF_LIMITS].contains(verdict)
+    })
 }
 
 #[cfg(test)]

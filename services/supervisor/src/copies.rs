@@ -3,14 +3,14 @@
 //! An edit of the originals takes effect in the next run. The supervisor holds the content and restores edited copies.
 
 use command::{Answer, Failure};
-use config::RESOLVED;
+use config::{MOTOR_BOX, RESOLVED};
 use runlog::SYSTEM_FILE;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 /// Names that the run folder uses for its own files.
-const RESERVED: [&str; 5] = [SYSTEM_FILE, "mission.toml", "manifest.json", "set.toml", RESOLVED];
+const RESERVED: [&str; 6] = [SYSTEM_FILE, "mission.toml", "manifest.json", "set.toml", RESOLVED, MOTOR_BOX];
 /// Largest configuration file, bytes; a motor table has a few thousand.
 const LARGEST: u64 = 16 << 20;
 

@@ -79,8 +79,10 @@ pub struct Site {
     pub file: SystemFile,
     /// Path of the original system file; relative paths start at its folder.
     pub system_path: PathBuf,
-    /// The run's copy of the system file, which the processes read.
+    /// The run's copy of the system file, which the processes read; without the true world.
     pub config: PathBuf,
+    /// The complete copy, which only the virtual motor box reads.
+    pub motor_box_config: PathBuf,
     /// Files that commands in the system file name, and the run's copy of each.
     pub copies: BTreeMap<PathBuf, PathBuf>,
     /// The domain, in the form that `--domain` accepts.
@@ -166,7 +168,7 @@ impl Site {
         if name.is_empty() || name.len() > NAME_MAX || !name.bytes().all(usable) {
             return Err(Reason::NameInvalid { process: detail(name), most: NAME_MAX }.into());
         }
-        let (program, args) = self.command(name, command, folder)?;
+        let (program, args) = self.command(Role::Other, name, command, folder)?;
         Ok(ProcessSpec {
             name: name.to_owned(),
             alias: None,
@@ -198,11 +200,13 @@ impl Site {
         let own = section.filter(|section| !section.command.is_empty());
         let folder = own.map(|_| self.system_path.parent().unwrap_or(Path::new("/")).to_path_buf());
         let (program, mut args) = match own {
-            Some(section) => self.command(&name, &section.command, folder.as_deref().unwrap_or(Path::new("/")))?,
+            Some(section) => {
+                self.command(role, &name, &section.command, folder.as_deref().unwrap_or(Path::new("/")))?
+            }
             None => (sibling_program(role.name())?, Vec::new()),
         };
         if role != Role::Other {
-            args.extend(["--system".into(), self.config.clone().into()]);
+            args.extend(["--system".into(), self.config_of(role).into()]);
             args.extend(["--name".into(), name.clone().into(), "--domain".into(), self.domain.clone().into()]);
         }
         if slot == Some(Slot::B) {
@@ -241,8 +245,13 @@ impl Site {
         })
     }
 
+    /// The copy of the system file for a process of this role.
+    fn config_of(&self, role: Role) -> &Path {
+        if role == Role::MotorBox { &self.motor_box_config } else { &self.config }
+    }
+
     /// Program and arguments of a configured command, with its placeholders substituted.
-    fn command(&self, name: &str, command: &[String], folder: &Path) -> Decision<(PathBuf, Vec<OsString>)> {
+    fn command(&self, role: Role, name: &str, command: &[String], folder: &Path) -> Decision<(PathBuf, Vec<OsString>)> {
         let Some((first, rest)) = command.split_first().filter(|(first, _)| !first.is_empty()) else {
             return Err(Reason::CommandEmpty { process: detail(name) }.into());
         };
@@ -264,7 +273,7 @@ impl Site {
                 argument
                     .replace("{name}", name)
                     .replace("{domain}", &self.domain)
-                    .replace("{system}", &self.config.to_string_lossy())
+                    .replace("{system}", &self.config_of(role).to_string_lossy())
                     .replace("{run}", &self.run.to_string_lossy()),
             )
         };
@@ -309,31 +318,60 @@ mod tests {
     use super::*;
 
     #[test]
+    fn only_the_motor_box_is_started_with_the_true_world() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
+        let file = SystemFile::load(&path).unwrap();
+        let (config, motor_box_config) = (PathBuf::from("/run/resolved.toml"), PathBuf::from("/run/motor-box.toml"));
+        let site = Site {
+            file,
+            system_path: path,
+            config: config.clone(),
+            motor_box_config: motor_box_config.clone(),
+            copies: BTreeMap::new(),
+            domain: "demo3".to_owned(),
+            run: "/run".into(),
+        };
+        for role in Role::ALL {
+            let section = format!("name = \"p\"\nrole = \"{role}\"\ncommand = [\"/bin/true\", \"--own={{system}}\"]");
+            let section: ProcessSection = toml::from_str(&section).unwrap();
+            let args = site.configured(&section, None).unwrap().args;
+            let (mine, other) =
+                if *role == Role::MotorBox { (&motor_box_config, &config) } else { (&config, &motor_box_config) };
+            let named = |path: &Path| args.iter().any(|one| one.to_string_lossy().ends_with(&*path.to_string_lossy()));
+            assert!(named(mine) && !named(other), "{role}: {args:?}");
+        }
+        let plugged = site.plugged("sensor", Path::new("/"), &["/bin/true".to_owned(), "{system}".to_owned()]).unwrap();
+        assert_eq!(plugged.args, [config.into_os_string()]);
+    }
+
+    #[test]
     fn what_cannot_be_started_is_refused_with_its_own_reason() {
         let system_path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
         let site = Site {
             file: SystemFile::load(&system_path).unwrap(),
             config: system_path.clone(),
             system_path,
+            motor_box_config: PathBuf::from("/run/motor-box.toml"),
             copies: BTreeMap::new(),
             domain: "test".to_owned(),
             run: PathBuf::from("/run"),
         };
         let plugged = |name: &str, command: &[&str]| {
             let command: Vec<String> = command.iter().map(ToString::to_string).collect();
-            site.plugged(name, Path::new("/"), &command).map_err(|refused| *refused.0).map(|member| member.program)
+            site.plugged(name, Path::new("/"), &command).map(|member| member.program)
         };
+        let refused = |name: &str, command: &[&str]| *plugged(name, command).unwrap_err().0;
         let (process, long) = (detail("wind"), "a".repeat(NAME_MAX + 1));
         for name in ["", "Wind", "a b", &long] {
-            assert_eq!(plugged(name, &["sh"]), Err(Reason::NameInvalid { process: detail(name), most: NAME_MAX }));
+            assert_eq!(refused(name, &["sh"]), Reason::NameInvalid { process: detail(name), most: NAME_MAX });
         }
-        assert_eq!(plugged("wind", &[]), Err(Reason::CommandEmpty { process }));
-        assert_eq!(plugged("wind", &[""]), Err(Reason::CommandEmpty { process }));
+        assert_eq!(refused("wind", &[]), Reason::CommandEmpty { process });
+        assert_eq!(refused("wind", &[""]), Reason::CommandEmpty { process });
         let program = detail("no-such-program");
-        assert_eq!(plugged("wind", &["no-such-program"]), Err(Reason::NoProgram { process, program }));
+        assert_eq!(refused("wind", &["no-such-program"]), Reason::NoProgram { process, program });
         let program = detail("/usr");
-        assert_eq!(plugged("wind", &["/usr"]), Err(Reason::ProgramIsFolder { process, program }));
-        assert_eq!(plugged("wind", &["/bin/sh"]), Ok(PathBuf::from("/bin/sh")));
+        assert_eq!(refused("wind", &["/usr"]), Reason::ProgramIsFolder { process, program });
+        assert_eq!(plugged("wind", &["/bin/sh"]).unwrap(), PathBuf::from("/bin/sh"));
         let unknown = site.with_law(Role::Controller, Slot::A, "none").unwrap_err();
         assert!(matches!(*unknown.0, Reason::LawUnknown { .. }), "{unknown:?}");
     }

@@ -3,14 +3,16 @@
 use super::archive::replace;
 use super::copies::Copies;
 use command::{Answer, Failure};
-use config::{RESOLVED, SystemFile};
+use config::{MOTOR_BOX, MotorBoxTable, RESOLVED, SystemFile};
 use runtime::build;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 const RESOLVED_HEAD: &str = "# The system file at the start of the run: every key, defaults included; `robot` is the robot file in this folder.\n\
-                             # Every process of the run reads it.\n\n";
+                             # Every process of the run reads it, except the virtual motor box, which alone reads the true world.\n\n";
+const MOTOR_BOX_HEAD: &str =
+    "# resolved.toml with the content of [motor_box]: only the virtual motor box reads it.\n\n";
 
 /// The folder of a run.
 #[derive(Debug, Clone)]
@@ -93,6 +95,12 @@ impl RunFolder {
         self.path.join(RESOLVED)
     }
 
+    /// The resolved system file for the virtual motor box, if there is one.
+    #[must_use]
+    pub fn for_motor_box(&self) -> PathBuf {
+        self.path.join(MOTOR_BOX)
+    }
+
     /// Copies of the configuration.
     pub(super) fn copies(&mut self) -> &mut Copies {
         &mut self.copies
@@ -148,21 +156,25 @@ impl RunFolder {
     }
 }
 
-/// The configuration that every process of the run reads. The recorder attaches it to the run file, which is then
+/// The configuration that every process of the run reads. Only the copy for the virtual motor box contains the true
+/// world. The recorder attaches it to the run file, which is then
 /// complete without other files.
 fn copies_of(file: &SystemFile) -> Answer<Copies> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let named = robot.named_files(file.robot.parent().unwrap_or(Path::new("")));
-    let ground = file.motor_box.as_ref().and_then(|section| section.ground.as_deref());
+    let ground = file.motor_box.as_ref().and_then(MotorBoxTable::ground);
     let mut copies = Copies::default();
-    for (original, name) in [(Some(file.robot.as_path()), "robot.toml"), (ground, "ground.toml")] {
+    for (original, name) in [(Some(file.robot.as_path()), "robot.toml"), (ground.as_deref(), "ground.toml")] {
         original.map(|original| copies.read(original, name.as_ref())).transpose()?;
     }
     for original in &named {
         copies.read(original, Path::new(original.file_name().unwrap_or_default()))?;
     }
-    let text = file.resolved("robot.toml").map_err(Failure::NotNow)?;
-    copies.add(RESOLVED, format!("{RESOLVED_HEAD}{text}"));
+    let text = |file: &SystemFile| file.resolved("robot.toml").map_err(Failure::NotNow);
+    copies.add(RESOLVED, format!("{RESOLVED_HEAD}{}", text(&file.without_truth())?));
+    if file.motor_box.is_some() {
+        copies.add(MOTOR_BOX, format!("{MOTOR_BOX_HEAD}{}", text(file)?));
+    }
     Ok(copies)
 }
 
@@ -182,4 +194,35 @@ fn free(path: &Path) -> PathBuf {
         number += 1;
     }
     candidate
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_copy_for_the_motor_box_has_the_true_world_and_the_run_keeps_it() {
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+        let place = tempfile::tempdir().unwrap();
+        let original = place.path().join("system.toml");
+        let text = fs::read_to_string(configs.join("systems/demo3.toml")).unwrap();
+        let robot = configs.join("robots/lab3.toml").canonicalize().unwrap();
+        let text = text.replace("../robots/lab3.toml", &robot.to_string_lossy());
+        let truth = "stiffness_n = 5555.0\n\n[motor_box.truth]\nnode_mass_kg = 1.2345\n";
+        fs::write(&original, text.replace("[motor_box] ", &format!("[motor_box]\n{truth}# "))).unwrap();
+        let mut file = SystemFile::load(&original).unwrap();
+        file.runs = place.path().join("runs");
+        let folder = RunFolder::create(&file, &original, None, None).unwrap();
+        for entry in fs::read_dir(folder.path()).unwrap() {
+            let path = entry.unwrap().path();
+            let Ok(text) = fs::read_to_string(&path) else { continue };
+            let has_all = text.contains("node_mass_kg = 1.2345") && text.contains("stiffness_n = 5555");
+            let may = ["motor-box.toml", "system.toml"].iter().any(|name| path.ends_with(name));
+            assert_eq!(has_all, may, "{}", path.display());
+        }
+        let chain = SystemFile::load(&folder.resolved()).unwrap();
+        assert!(chain.motor_box.is_some_and(|table| format!("{table:?}") == "{}"), "only its presence is left");
+        let whole = SystemFile::load(&folder.for_motor_box()).unwrap();
+        assert_eq!(format!("{:?}", whole.motor_box), format!("{:?}", file.motor_box));
+    }
 }

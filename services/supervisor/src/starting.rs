@@ -45,6 +45,7 @@ fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain
         file,
         system_path: system_path.to_path_buf(),
         config,
+        motor_box_config: folder.for_motor_box(),
         copies: BTreeMap::new(),
         domain: domain.name().to_owned(),
         run: folder.path().to_path_buf(),

@@ -55,7 +55,7 @@ impl Offer {
             size: info.size,
         };
         let has_header = Layout::parse(&spec.schema).is_ok_and(|layout| layout.has_header());
-        let definition = definitions.of(&spec);
+        let definition = definitions.definition_of(&spec);
         let channel = context
             .channel_builder(format!("/{}", info.name))
             .message_encoding("cdr")

@@ -9,8 +9,17 @@ use std::path::PathBuf;
 
 /// Crates of `shared/` and `tests/` that link the services' pure libraries, and the command. No other crate does, and
 /// no service links these.
-const LINKS_SERVICES: [&str; 8] =
-    ["lockstep", "replay", "commissioning", "nims-bench", "nims-paper", "nims", "nims-tests", "benchmarks"];
+const LINKS_SERVICES: [&str; 9] = [
+    "lockstep",
+    "replay",
+    "commissioning",
+    "nims-bench",
+    "nims-paper",
+    "nims-truth",
+    "nims",
+    "nims-tests",
+    "benchmarks",
+];
 
 fn packages() -> BTreeMap<String, Package> {
     architecture::packages().unwrap()
@@ -169,6 +178,25 @@ fn drive_families_are_named_in_one_place() {
         }
     }
     assert_eq!(named.len(), may.len(), "a listed file names no drive family; remove it from the list");
+}
+
+/// The true world is in `[motor_box]`. Of the services only the virtual motor box has its types, the supervisor writes
+/// the copies of the configuration, and the operator's command links tools that judge the robot. The others can only
+/// ask whether the drives are virtual.
+#[test]
+fn no_process_of_the_chain_reads_the_true_world() {
+    for (name, package) in packages().iter().filter(|(_, package)| package.place == "services") {
+        assert!(!package.dependencies.contains("motor-box") || name == "nims", "{name} links the virtual motor box");
+        if ["motor-box", "supervisor", "nims"].contains(&name.as_str()) {
+            continue;
+        }
+        for (path, text) in sources(package) {
+            let asks = text.replace("motor_box.is_some()", "").replace("motor_box.is_none()", "");
+            for banned in [".motor_box", "MotorBoxTable", "MOTOR_BOX"] {
+                assert!(!asks.contains(banned), "{} reads {banned}", path.display());
+            }
+        }
+    }
 }
 
 #[test]

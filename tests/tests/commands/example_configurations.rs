@@ -12,13 +12,14 @@ fn every_example_configuration_loads() {
         config::RobotFile::load(&path).unwrap();
     }
     for path in files("systems") {
-        config::SystemFile::load(&path).unwrap();
+        let file = config::SystemFile::load(&path).unwrap();
+        motor_box::MotorBoxSection::from_file(&file, &file.robot_file().unwrap()).unwrap();
     }
     for path in files("sensors") {
         sensor::SensorFile::load(&path).unwrap();
     }
     for path in files("ground") {
-        config::GroundFile::load(&path).unwrap();
+        motor_box::GroundFile::load(&path).unwrap();
     }
     for path in files("missions") {
         planner::mission::Mission::read(&path).unwrap();

@@ -163,7 +163,8 @@ fn every_process_publishes_its_configuration() {
             let own = program.with_file_name(if process == "nims" { "supervisor" } else { process });
             assert_eq!(text_of(&said.program_sha256), hash(&own), "{process}");
             assert!(text_of(&said.version).starts_with(env!("CARGO_PKG_VERSION")), "{process}");
-            assert_eq!(text_of(&said.file), robot.run().join("resolved.toml").to_string_lossy(), "{process}");
+            let file = if process == "motor-box" { "motor-box.toml" } else { "resolved.toml" };
+            assert_eq!(text_of(&said.file), robot.run().join(file).to_string_lossy(), "{process}");
         }
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
         let kept = runlog::read_channel::<SystemConfig>(&robot.run(), "system/config/controller").unwrap();

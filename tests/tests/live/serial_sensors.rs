@@ -3,8 +3,8 @@
 
 use crate::robot::{Robot, THREE_LINES, root, steadily};
 use bus::{Subscriber, clock};
-use config::GroundFile;
 use messages::{MotorAuthority, Reading, TruthNode, text_of};
+use motor_box::GroundFile;
 use std::time::Duration;
 
 /// Text after the section [motor_box] of the system file. Ports are numbered after those of the drives: 2, 3 and 4.

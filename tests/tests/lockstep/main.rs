@@ -24,3 +24,4 @@ mod scale;
 mod takeover;
 mod tuning;
 mod walk;
+mod worlds;

@@ -3,9 +3,10 @@
 
 use analysis::map::{Args, run as map};
 use command::{Failure, Output};
-use config::{GroundFile, SensorLoggerSection};
+use config::SensorLoggerSection;
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{Header, Message, Reading, put_text};
+use motor_box::GroundFile;
 use nims_tests::lockstep::Lockstep;
 use nims_tests::python;
 use nims_tests::record::Tape;

@@ -3,6 +3,7 @@
 
 use config::SystemFile;
 use messages::PlanStatus;
+use motor_box::MotorBoxSection;
 use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::scenarios::Case;
 use planner::plan::{Plan, PlanError};
@@ -61,8 +62,9 @@ fn fly(file: &SystemFile, mission: &Mission) -> (u8, u32) {
 fn the_fastest_accepted_flight_is_flown_at_the_lowest_supply_and_a_rejected_one_is_not() {
     let folder = tempfile::tempdir().unwrap();
     let checked = system(folder.path(), 20.0);
-    let config = PlannerConfig::from_files(&checked, checked.robot_file().unwrap().robot().unwrap());
-    let start = checked.motor_box.as_ref().unwrap().start_m.position_m.into();
+    let robot_file = checked.robot_file().unwrap();
+    let config = PlannerConfig::from_files(&checked, robot_file.robot().unwrap());
+    let start = MotorBoxSection::from_file(&checked, &robot_file).unwrap().unwrap().start_m.position_m.into();
     let plan = |speed_m_s| Plan::new(&mission(speed_m_s), &config, start, 0.0, 1);
     // Each refusal states the speed of its segment; the slowest segment decides.
     let mut speed_m_s = 1.0;

@@ -6,6 +6,7 @@ mod tfmini;
 
 use std::collections::VecDeque;
 
+use plant::Plant;
 use plant::ground::{Field, Ground};
 use serial::Random;
 
@@ -115,14 +116,13 @@ impl Device {
         now_ns >= self.next_ns
     }
 
-    /// Advances to `now_ns`, with the node at `node_m`.
-    pub fn live(&mut self, now_ns: u64, node_m: [f64; 3], ground: &Ground) -> Result<(), BoxError> {
+    /// Advances to `now_ns`; `plant` places the device.
+    pub fn live(&mut self, now_ns: u64, plant: &Plant, ground: &Ground) -> Result<(), BoxError> {
         if self.is_due(now_ns) {
             // Readings missed in a pause are not made up for.
             let missed = (now_ns - self.next_ns) / self.config.period_ns;
             self.next_ns += (missed + 1) * self.config.period_ns;
-            let place_m = std::array::from_fn(|axis| node_m[axis] + self.config.lever_m[axis]);
-            let values = self.measure(place_m, ground);
+            let values = self.measure(plant.place_m(self.config.lever_m), ground);
             self.measured.push_back((now_ns + self.config.latency_ns, values));
         }
         self.wire.take_in(now_ns)?;

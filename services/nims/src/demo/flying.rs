@@ -83,7 +83,7 @@ pub fn fly(robot: &mut Robot, mission: &MissionText, start: &[f64; 3], planned_s
 }
 
 /// Returns why a mission was aborted or refused: the faults if there are any, because the planner's reason does not
-/// name them.
+/// name their cures.
 fn abort_reason(robot: &Robot, plan: &PlanStatus) -> String {
     let faults = robot.authority().map(robot_state::sentences::faults_of).unwrap_or_default();
     match faults.is_empty() {

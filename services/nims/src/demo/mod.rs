@@ -41,7 +41,8 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
         None => default_system()?,
     };
     let file = SystemFile::load(&config).map_err(Failure::bad)?;
-    let Some(start) = file.motor_box.as_ref().map(|section| section.start_m.position_m) else {
+    let robot_file = file.robot_file().map_err(Failure::bad)?;
+    let Some(start) = check::virtual_start_m(&file, &robot_file)? else {
         return Err(Failure::BadInput(format!(
             "{} has no [motor_box]; the demonstration needs the virtual motor box: use `nims up` for a real robot",
             config.display()

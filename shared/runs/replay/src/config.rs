@@ -53,12 +53,6 @@ impl Configuration {
         };
         let (mut file, mut robot) = (table(SYSTEM_FILE)?, table(ROBOT)?);
         file.insert("robot".to_owned(), Value::String(ROBOT.to_owned()));
-        // Sensor readings are recorded and not recomputed, so the ground is not needed.
-        if let Some(Value::Table(section)) = file.get_mut("motor_box") {
-            for key in ["ground", "scene"] {
-                section.remove(key); // `scene`: as older runs name it
-            }
-        }
         for (key, value) in &changes.set {
             let first = key.split('.').next().unwrap_or_default();
             let into = if ROBOT_TABLES.contains(&first) { &mut robot } else { &mut file };

@@ -4,7 +4,7 @@ use crate::robot::{Running, ask};
 use bus::Bus;
 use cable_robot::Robot;
 use command::{Answer, Failure};
-use config::{RESOLVED, SystemFile};
+use config::{MOTOR_BOX, RESOLVED, SystemFile};
 use messages::Request;
 
 /// Process that moves the robot.
@@ -22,13 +22,26 @@ pub fn send(bus: &Bus, process: &str, request: &Request) -> Answer<String> {
     Failure::unless_accepted(&ask(bus, process, request)?)
 }
 
-/// The system file of the run of this domain.
+/// The system file of the run of this domain, without the true world of a virtual motor box.
 ///
 /// # Errors
 /// The supervisor left no record of the run, or the file cannot be read any more.
 pub fn box_of(bus: &Bus) -> Answer<SystemFile> {
+    copy_of(bus, RESOLVED)
+}
+
+/// The system file of the run of this domain with the true world of a virtual motor box: for tools that judge the
+/// robot, not for its processes.
+///
+/// # Errors
+/// As [`box_of`].
+pub fn true_box_of(bus: &Bus) -> Answer<SystemFile> {
+    copy_of(bus, MOTOR_BOX)
+}
+
+fn copy_of(bus: &Bus, name: &str) -> Answer<SystemFile> {
     let running = running(bus)?;
-    let copy = running.run.join(RESOLVED);
+    let copy = running.run.join(name);
     // The robot can still be landed after its run folder was deleted.
     let path = if copy.is_file() { &copy } else { &running.system_file };
     SystemFile::load(path).map_err(Failure::not_now)

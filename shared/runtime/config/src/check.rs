@@ -1,8 +1,7 @@
 //! Checks of the values in configuration files. Each problem is one clause: key, value, accepted values.
 
 use super::{
-    ArbiterSection, MotorBoxSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role,
-    SystemFile, UnitSection,
+    ArbiterSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role, SystemFile, UnitSection,
 };
 use crate::number::number;
 use crate::{DriveFamily, Problem};
@@ -178,9 +177,6 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     number("recorder.flush_s", file.recorder.flush_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
     number("viewer.rate_hz", file.viewer.rate_hz, "1 to 200 samples per second", |v| (1.0..=200.0).contains(&v))?;
     super::logger::check(&file.sensor_logger)?;
-    if let Some(section) = &file.motor_box {
-        motor_box(section, robot)?;
-    }
     if file.realtime.priority > 90 {
         let clause = format!("is {}; accepted: 0 (ordinary) to 90", file.realtime.priority);
         return Err(Problem::of("realtime.priority", clause));
@@ -342,29 +338,6 @@ fn drive_unit(
         }
     }
     Ok(())
-}
-
-fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), Problem> {
-    let start_m = section
-        .start_m
-        .resolve(robot.robot.anchors_m.is_planar())
-        .map_err(|why| Problem::of("motor_box.start_m", format!("is not usable: {why}")))?;
-    for value in start_m {
-        number("motor_box.start_m", value, "[x, y, z] in metres", |v| v.abs() <= 1000.0)?;
-    }
-    if start_m[2] < robot.robot.ground_m {
-        let (height, ground_m) = (start_m[2], robot.robot.ground_m);
-        let clause = format!("is at height {height} m; accepted: at or above the robot's `ground_m` of {ground_m} m");
-        return Err(Problem::of("motor_box.start_m", clause));
-    }
-    number("motor_box.delay_s", section.delay_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
-    number("motor_box.lag_s", section.lag_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
-    number("motor_box.stiffness_n", section.stiffness_n, "100 to 1e7 N", |v| (100.0..=1e7).contains(&v))?;
-    number("motor_box.drag_n_s2_m2", section.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
-    number("motor_box.drum_radius_m", section.drum_radius_m, "0.001 to 1 m", |v| (0.001..=1.0).contains(&v))?;
-    number("motor_box.line_diameter_m", section.line_diameter_m, "0.00001 to 0.05 m", |v| (1e-5..=0.05).contains(&v))?;
-    number("motor_box.turnaround_s", section.turnaround_s, "0 to 0.1 s", |v| (0.0..=0.1).contains(&v))?;
-    number("motor_box.supply_v", section.supply_v, "1 to 60 V", |v| (1.0..=60.0).contains(&v))
 }
 
 fn processes(list: &[ProcessSection]) -> Result<(), Problem> {

@@ -8,13 +8,13 @@
 
 mod check;
 mod choice;
-mod devices;
 mod drive_family;
 pub mod file;
 mod load;
 mod logger;
 mod measured;
 mod mission_copy;
+mod motor_box;
 mod number;
 mod point;
 mod problem;
@@ -29,22 +29,20 @@ mod viewer;
 pub use choice::{
     Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, PulleyKind, StopPin, TensionDistribution, UnknownChoice,
 };
-pub use devices::{
-    CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
-};
 pub use drive_family::DriveFamily;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
-pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
+pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
 pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
-pub use number::Given;
+pub use motor_box::MotorBoxTable;
+pub use number::{Given, number};
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
 
 pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::{
-    ArbiterSection, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection, PortSection,
-    ProcessSection, RealtimeSection, RecorderSection, Role, SystemFile, UnitSection,
+    ArbiterSection, ControllerSection, EstimatorSection, MotorIoSection, PlannerSection, PortSection, ProcessSection,
+    RealtimeSection, RecorderSection, Role, SystemFile, UnitSection,
 };
 pub use toml_file::ConfigError;
 pub use tuning::{TUNABLE, Tunable, Tuned};

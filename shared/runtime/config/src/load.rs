@@ -2,8 +2,8 @@
 
 use super::measured::resolve_named_file;
 use super::{
-    CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile,
-    check, devices,
+    CalibrationFile, ControllerSection, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection,
+    SystemFile, check,
 };
 use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
@@ -201,9 +201,8 @@ impl SystemFile {
         for inner in [&mut file.robot, &mut file.runs, &mut file.planner.missions] {
             *inner = join_normalized(folder, inner);
         }
-        if let Some(section) = &mut file.motor_box {
-            let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.clone()).collect();
-            devices::check(&section.device, &mut section.ground, folder, &ports).map_err(refuse)?;
+        if let Some(table) = &mut file.motor_box {
+            table.set_source(&source);
         }
         if !file.robot.is_file() {
             let clause = format!("is {}; there is no such file", file.robot.display());
@@ -218,17 +217,22 @@ impl SystemFile {
         Ok(file)
     }
 
-    /// Returns the text of a system file with every key, including defaults; `robot` is the path of its robot file
-    /// relative to the new file. [`SystemFile::load`] reads it back.
+    /// Returns this configuration without the content of `[motor_box]`, for every process except the virtual motor
+    /// box. The empty table still states that the drives are virtual.
+    #[must_use]
+    pub fn without_truth(&self) -> Self {
+        Self { motor_box: self.motor_box.as_ref().map(|_| MotorBoxTable::default()), ..self.clone() }
+    }
+
+    /// Returns the text of a system file with every key, including defaults except those of `[motor_box]`; `robot` is
+    /// the path of its robot file relative to the new file. [`SystemFile::load`] reads it back.
     ///
     /// # Errors
     /// A value that TOML cannot represent; no loaded file has one.
     pub fn resolved(&self, robot: &str) -> Result<String, String> {
         let mut file = Self { robot: robot.into(), ..self.clone() };
         // The ground file is copied next to the new file, like the robot file.
-        if let Some(ground) = file.motor_box.as_mut().and_then(|section| section.ground.as_mut()) {
-            *ground = "ground.toml".into();
-        }
+        file.motor_box = file.motor_box.map(|table| table.with_ground("ground.toml"));
         toml::to_string(&file).map_err(|error| error.to_string())
     }
 

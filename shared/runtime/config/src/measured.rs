@@ -9,6 +9,9 @@ use std::path::{Path, PathBuf};
 /// Name of the run's system file with every key, in the run folder; every process of the run reads it.
 pub const RESOLVED: &str = "resolved.toml";
 
+/// Name of the resolved system file for the virtual motor box, which alone has `[motor_box]` with its content.
+pub const MOTOR_BOX: &str = "motor-box.toml";
+
 /// A calibration as written by `nims calibrate --out`. Other keys of the file (measurements, residuals) are information
 /// for the reader.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

@@ -17,7 +17,10 @@ impl std::fmt::Display for Given {
 }
 
 /// Refuses `value` unless it is finite and accepted.
-pub(crate) fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -> Result<(), Problem> {
+///
+/// # Errors
+/// A problem at the key that states the value and what is accepted.
+pub fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -> Result<(), Problem> {
     if value.is_finite() && ok(value) {
         Ok(())
     } else {

@@ -82,6 +82,18 @@ impl Points {
     pub fn is_planar(&self) -> bool {
         self.planar
     }
+
+    /// Returns the points with other positions, of the same kind.
+    #[must_use]
+    pub fn moved_to(&self, positions_m: Vec<[f64; 3]>) -> Self {
+        Self { positions_m, planar: self.planar }
+    }
+}
+
+impl Serialize for Points {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.positions_m.iter().map(|&position_m| Point { position_m, planar: self.planar }))
+    }
 }
 
 impl From<Vec<[f64; 3]>> for Points {

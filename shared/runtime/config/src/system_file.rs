@@ -1,6 +1,6 @@
 //! The system file: processes, drives, control rate and parameters of a robot.
 
-use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
+use super::{MotorBoxTable, SensorLoggerSection, ViewerSection};
 use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution};
 use messages::Slot;
 use serde::{Deserialize, Serialize};
@@ -44,7 +44,7 @@ pub struct SystemFile {
     #[serde(default)]
     pub sensor_logger: SensorLoggerSection,
     /// The virtual motor box; omit it on real hardware.
-    pub motor_box: Option<MotorBoxSection>,
+    pub motor_box: Option<MotorBoxTable>,
     /// Scheduling of the control chain.
     #[serde(default)]
     pub realtime: RealtimeSection,
@@ -339,55 +339,6 @@ impl Default for RecorderSection {
             segment_bytes: 2_000_000_000,
             segment_s: 900.0,
             exclude: Vec::new(),
-        }
-    }
-}
-
-/// `[motor_box]`: the virtual motor control box.
-#[derive(Debug, Clone, Deserialize, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct MotorBoxSection {
-    /// Position of the node at the start, m; `[x, z]` for a planar robot.
-    pub start_m: Point,
-    /// Delay between a speed command and the drive's reaction, s.
-    pub delay_s: f64,
-    /// First-order lag of the drive's speed, s.
-    pub lag_s: f64,
-    /// True cable stiffness EA, N; independent of the robot file.
-    pub stiffness_n: f64,
-    /// Drag of the node in air or water, N s²/m².
-    pub drag_n_s2_m2: f64,
-    /// Radius of the empty drum, m.
-    pub drum_radius_m: f64,
-    /// Cable diameter, m.
-    pub line_diameter_m: f64,
-    /// Time in which a drive unit answers, s.
-    pub turnaround_s: f64,
-    /// Supply voltage, V.
-    pub supply_v: f64,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Ground file: the objects on the ground, for rangefinders. Default: none.
-    pub ground: Option<PathBuf>,
-    /// Simulated sensors on the node, each with its own port.
-    pub device: Vec<DeviceSection>,
-}
-
-impl Default for MotorBoxSection {
-    fn default() -> Self {
-        Self {
-            start_m: [4.8, 3.0, 0.3].into(),
-            delay_s: 0.03,
-            lag_s: 0.04,
-            stiffness_n: 6000.0,
-            drag_n_s2_m2: 0.02,
-            drum_radius_m: 0.02,
-            line_diameter_m: 0.000_33,
-            turnaround_s: 0.000_15,
-            supply_v: 12.0,
-            seed: 1,
-            ground: None,
-            device: Vec::new(),
         }
     }
 }

@@ -82,6 +82,17 @@ impl Source {
         Ok(Self { path: path.to_owned(), text })
     }
 
+    /// Creates a source from a text; the path is used in errors only.
+    pub(crate) fn of(path: PathBuf, text: String) -> Self {
+        Self { path, text }
+    }
+
+    /// Returns the path of the file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Parses the text. Whether unknown keys are errors depends on the type (`deny_unknown_fields`).
     ///
     /// # Errors

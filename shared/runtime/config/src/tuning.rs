@@ -120,6 +120,7 @@ impl SystemFile {
             file = file.with_value(key, value)?;
         }
         check::system_file(&file, robot)?;
+        file.motor_box.clone_from(&self.motor_box);
         Ok(file)
     }
 

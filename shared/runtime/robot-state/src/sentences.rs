@@ -114,11 +114,11 @@ pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
     each_fault(authority.faults).map(text_of).collect()
 }
 
-/// Returns the faults of a sample as clauses without their cures, each with the named cables or units.
+/// Returns the faults of a sample: the bit of each, and its clause without its cure, with the named cables or units.
 #[must_use]
-pub fn fault_clauses(authority: &MotorAuthority) -> Vec<String> {
+pub fn fault_clauses(authority: &MotorAuthority) -> Vec<(u32, String)> {
     let present = FAULTS.iter().filter(|(bit, _, _)| authority.faults & bit != 0);
-    present.map(|(bit, what, _)| format!("{what}{}", place(authority, *bit))).collect()
+    present.map(|(bit, what, _)| (*bit, format!("{what}{}", place(authority, *bit)))).collect()
 }
 
 fn place(authority: &MotorAuthority, bit: u32) -> String {

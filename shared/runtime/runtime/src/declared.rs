@@ -159,7 +159,8 @@ fn sections_of(role: &str) -> &'static [&'static str] {
         "planner" => &["planner"],
         "recorder" => &["recorder"],
         "sensor-logger" => &["sensor_logger"],
-        "motor-box" => &["motor_box", "rate_hz"],
+        // It states its section itself, without the true world.
+        "motor-box" => &["rate_hz"],
         "viewer" => &["viewer"],
         _ => &[],
     }

@@ -6,6 +6,7 @@ use crate::error::{PlantError, check};
 use crate::line::{CableConfig, IdlerConfig};
 use crate::motor::MotorConfig;
 use crate::node::NodeConfig;
+use crate::world::World;
 use crate::{MAX_CABLES, STANDARD_GRAVITY};
 
 /// Configuration of the plant: geometry, parts and initial state.
@@ -45,8 +46,10 @@ pub struct PlantConfig {
     /// plant (a rigid cable of 3 m on a node of 1 kg) is near 250 rad/s and the speed loop runs at 300 Hz; a quarter of
     /// a millisecond resolves both.
     pub substep_s: f64,
-    /// Seed of the winding irregularities of the drums.
+    /// Seed of the winding irregularities of the drums, and of the gusts.
     pub seed: u64,
+    /// What a real robot has and its model leaves out.
+    pub world: World,
 }
 
 impl PlantConfig {
@@ -70,6 +73,7 @@ impl PlantConfig {
             start_limits_n: [0.5, 1000.0],
             substep_s: 0.000_25,
             seed: 1,
+            world: World::default(),
         }
     }
 
@@ -129,6 +133,7 @@ impl PlantConfig {
         }
         self.drum.validate()?;
         self.motor.validate()?;
+        self.world.validate(n)?;
         self.drive.validate()
     }
 }

@@ -15,6 +15,8 @@
 //! | [`mod@line`] | elastic cable that cannot push; the idler and its encoder |
 //! | [`node`] | point mass with weight or buoyancy, drag and soft ground; in space or in a plane |
 //! | [`ground`] | input of sensors on the node: objects on the ground, quantities that vary with position |
+//! | [`pulley`] | eyes and wheels from which the cables leave, with geometry of their own |
+//! | [`world`] | what a model leaves out: play, friction of pulleys, weight, temperature, poles, wind, swing |
 //! | [`statics`] | tensions that hold the node at rest at the start |
 //!
 //! # Invariants
@@ -39,6 +41,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod cable;
 pub mod config;
 pub mod drive;
 pub mod drum;
@@ -48,12 +51,18 @@ pub mod line;
 pub mod motor;
 pub mod node;
 mod plant;
+pub mod pulley;
+pub mod random;
 pub mod statics;
+mod swing;
+mod weather;
+pub mod world;
 
 pub use config::PlantConfig;
 pub use drive::{MotorInput, SpeedGains};
 pub use error::PlantError;
 pub use plant::{Fault, Plant};
+pub use world::World;
 
 /// Largest number of cables of a plant.
 pub const MAX_CABLES: usize = 8;

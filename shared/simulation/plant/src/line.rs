@@ -82,6 +82,8 @@ pub struct Idler {
     pub(crate) slip: f64,
     /// Whether the encoder has stopped counting.
     pub(crate) dead: bool,
+    /// Length on the wheel of a metre of unstretched cable, m: 1 if the idler counts unstretched cable.
+    pub(crate) stretch: f64,
     /// Cable that has passed the idler, m, unstretched.
     passed_m: f64,
     /// Rotation of the wheel since the start, m.
@@ -90,16 +92,23 @@ pub struct Idler {
 }
 
 impl Idler {
-    /// An idler next to a drum with `paid_out_m` paid out; the encoder starts at zero.
-    pub fn new(config: IdlerConfig, paid_out_m: f64) -> Self {
+    /// An idler next to a drum with `paid_out_m` paid out; the encoder starts at zero and has `scale` times the
+    /// configured counts.
+    pub fn new(config: IdlerConfig, scale: f64, paid_out_m: f64) -> Self {
         Self {
-            counts_per_m: config.counts_per_m,
+            counts_per_m: config.counts_per_m * scale,
             slip: config.slip,
             dead: false,
+            stretch: 1.0,
             passed_m: paid_out_m,
             turned_m: 0.0,
             offset_counts: 0,
         }
+    }
+
+    /// Sets the cable off the drum without turning the wheel.
+    pub(crate) fn restart(&mut self, paid_out_m: f64) {
+        self.passed_m = paid_out_m;
     }
 
     /// Updates the idler: `paid_out_m` is off the drum, `stretched_m` is the distance from the drum to the node along
@@ -107,7 +116,7 @@ impl Idler {
     pub fn follow(&mut self, paid_out_m: f64, stretched_m: f64) {
         let passed_m = self.passed_m.max(stretched_m).min(paid_out_m);
         if !self.dead {
-            self.turned_m += (passed_m - self.passed_m) * (1.0 - self.slip);
+            self.turned_m += (passed_m - self.passed_m) * (1.0 - self.slip) * self.stretch;
         }
         self.passed_m = passed_m;
     }
@@ -143,7 +152,7 @@ mod tests {
     #[test]
     fn a_taut_line_turns_the_idler_and_a_slack_one_does_not() {
         let config = IdlerConfig { counts_per_m: 1024.0, slip: 0.0 };
-        let mut idler = Idler::new(config, 10.0);
+        let mut idler = Idler::new(config, 1.0, 10.0);
         idler.follow(10.5, 10.625);
         assert_eq!(idler.counts(), 512);
         // The node no longer takes up the cable: it collects between drum and idler.
@@ -163,7 +172,7 @@ mod tests {
     #[test]
     fn slip_jump_and_failure_change_the_counts() {
         let config = IdlerConfig { counts_per_m: 1000.0, slip: 0.5 };
-        let mut idler = Idler::new(config, 1.0);
+        let mut idler = Idler::new(config, 1.0, 1.0);
         idler.follow(2.0, 3.0);
         assert_eq!(idler.counts(), 500);
         idler.jump(-70);

@@ -10,6 +10,9 @@
 
 use crate::error::{PlantError, check};
 
+/// Width of the change of sign of a friction that sticks, relative to that of the smooth law.
+const STICKING: f64 = 0.1;
+
 /// Constants of a motor and its gear, referred to the cable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorConfig {
@@ -30,6 +33,10 @@ pub struct MotorConfig {
     pub inertia_kg: f64,
     /// Current limit of the drive, A.
     pub current_limit_a: f64,
+    /// Excess of the break-away friction over the friction in motion: 0 none. With it, a slow motor sticks and slips.
+    pub stiction: f64,
+    /// Speed at which the excess has fallen to 1 / e, m/s; below `transition_m_s`.
+    pub stiction_m_s: f64,
 }
 
 impl Default for MotorConfig {
@@ -43,6 +50,8 @@ impl Default for MotorConfig {
             transition_m_s: 0.02,
             inertia_kg: 20.0,
             current_limit_a: 15.0,
+            stiction: 0.0,
+            stiction_m_s: 0.01,
         }
     }
 }
@@ -57,7 +66,9 @@ impl MotorConfig {
         check("viscous_n_s_m", self.viscous_n_s_m, "zero or more N s/m", |x| x >= 0.0)?;
         check("transition_m_s", self.transition_m_s, positive, |x| x > 0.0)?;
         check("inertia_kg", self.inertia_kg, positive, |x| x > 0.0)?;
-        check("current_limit_a", self.current_limit_a, positive, |x| x > 0.0)
+        check("current_limit_a", self.current_limit_a, positive, |x| x > 0.0)?;
+        check("stiction", self.stiction, "zero to two", |x| (0.0..=2.0).contains(&x))?;
+        check("stiction_m_s", self.stiction_m_s, positive, |x| x > 0.0)
     }
 
     /// Steady reel-in speed of a released motor (leads shorted) under `tension_n`, m/s: zero if the gear locks,
@@ -81,6 +92,8 @@ pub enum Bridge {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motor {
     config: MotorConfig,
+    /// Current limit of the configuration, A; a lower one can be set.
+    most_a: f64,
     reel_in_m_s: f64,
     current_a: f64,
     /// Jammed: does not turn with any current.
@@ -90,7 +103,7 @@ pub struct Motor {
 impl Motor {
     /// A motor at rest.
     pub fn new(config: MotorConfig) -> Self {
-        Self { config, reel_in_m_s: 0.0, current_a: 0.0, jammed: false }
+        Self { config, most_a: config.current_limit_a, reel_in_m_s: 0.0, current_a: 0.0, jammed: false }
     }
 
     /// Reel-in speed at the bare drum's radius, m/s.
@@ -104,8 +117,8 @@ impl Motor {
     }
 
     /// Sets the drive's current limit, A; never above the initial [`MotorConfig::current_limit_a`].
-    pub(crate) fn set_current_limit(&mut self, limit_a: f64) {
-        self.config.current_limit_a = limit_a;
+    pub(crate) fn limit_current(&mut self, limit_a: f64) {
+        self.config.current_limit_a = limit_a.min(self.most_a);
     }
 
     /// Advances by `h` seconds under `load_n`, the cable tension referred to the bare drum (N).
@@ -117,17 +130,24 @@ impl Motor {
     pub fn step(&mut self, h: f64, bridge: Bridge, load_n: f64) {
         let MotorConfig { force_constant_n_a: kf, resistance_ohm: r, gear_friction, coulomb_n, viscous_n_s_m, .. } =
             self.config;
-        let friction_n = gear_friction * load_n + coulomb_n;
+        let mut friction_n = gear_friction * load_n + coulomb_n;
         let v = if self.jammed { 0.0 } else { self.reel_in_m_s };
+        let mut transition_m_s = self.config.transition_m_s;
+        if self.config.stiction > 0.0 {
+            // Stribeck's law, which needs a sharp change of sign.
+            let slow = v / self.config.stiction_m_s;
+            friction_n *= 1.0 + self.config.stiction * libm::exp(-slow * slow);
+            transition_m_s *= STICKING;
+        }
         match bridge {
             Bridge::Voltage(u) => {
                 let limit_a = self.config.current_limit_a;
                 let free_a = (u - kf * v) / r;
                 self.current_a = free_a.clamp(-limit_a, limit_a);
-                let s = libm::tanh(v / self.config.transition_m_s);
+                let s = libm::tanh(v / transition_m_s);
                 let force_n = kf * self.current_a - load_n - friction_n * s - viscous_n_s_m * v;
                 let electrical = if free_a.abs() < limit_a { kf * kf / r } else { 0.0 };
-                let slope = electrical + friction_n * (1.0 - s * s) / self.config.transition_m_s + viscous_n_s_m;
+                let slope = electrical + friction_n * (1.0 - s * s) / transition_m_s + viscous_n_s_m;
                 self.reel_in_m_s = v + h * force_n / (self.config.inertia_kg + h * slope);
             }
             Bridge::Shorted => {

@@ -51,8 +51,20 @@ impl NodeConfig {
 
     /// Force of weight, drag and ground on a node at `position_m` moving at `velocity_m_s`, N.
     pub fn force_n(&self, position_m: Vector3<f64>, velocity_m_s: Vector3<f64>, gravity_m_s2: f64) -> Vector3<f64> {
+        self.force_in_air_n(position_m, velocity_m_s, Vector3::zeros(), gravity_m_s2)
+    }
+
+    /// As [`NodeConfig::force_n`], in air that moves with `air_m_s`.
+    pub fn force_in_air_n(
+        &self,
+        position_m: Vector3<f64>,
+        velocity_m_s: Vector3<f64>,
+        air_m_s: Vector3<f64>,
+        gravity_m_s2: f64,
+    ) -> Vector3<f64> {
         let weight_n = self.net_weight_n.unwrap_or(self.mass_kg * gravity_m_s2);
-        let drag = velocity_m_s * (-self.drag_n_s2_m2 * velocity_m_s.norm());
+        let through_air_m_s = velocity_m_s - air_m_s;
+        let drag = through_air_m_s * (-self.drag_n_s2_m2 * through_air_m_s.norm());
         Vector3::new(0.0, 0.0, -weight_n) + drag + self.ground_force_n(position_m, velocity_m_s)
     }
 

@@ -2,22 +2,20 @@
 
 use nalgebra::Vector3;
 
+use crate::cable::{Cable, Surroundings};
 use crate::config::PlantConfig;
-use crate::drive::{Drive, MotorInput, SpeedGains};
-use crate::drum::Drum;
+use crate::drive::{MotorInput, SpeedGains};
 use crate::error::{PlantError, check};
-use crate::line::Idler;
-use crate::motor::{Bridge, Motor};
 use crate::statics::hanging_tensions_n;
-
-/// Time constant of the current measurement of a drive, s; a drive averages over several bridge periods.
-const CURRENT_FILTER_S: f64 = 0.005;
-
-/// The direction of a shorter cable is undefined, m.
-const SHORTEST_M: f64 = 1e-6;
+use crate::swing::Swing;
+use crate::weather::Weather;
 
 /// Shortest free cable for which step size and damping are designed, m.
 const SHORTEST_FREE_M: f64 = 0.3;
+
+/// Largest number of steps in which poles, bows and tensions at the start agree, and the change that ends them, m.
+const SETTLING_STEPS: usize = 60;
+const SETTLED_M: f64 = 1e-9;
 
 /// A fault, or its end. Cables are numbered from 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,28 +62,6 @@ pub enum Fault {
     },
 }
 
-/// One winch with its cable.
-#[derive(Debug, Clone, PartialEq)]
-struct Cable {
-    anchor_m: Vector3<f64>,
-    routed_m: f64,
-    drive: Drive,
-    motor: Motor,
-    drum: Drum,
-    idler: Idler,
-    /// Unstretched cable off the drum, m.
-    paid_out_m: f64,
-    /// Rate of `paid_out_m`, m/s.
-    paid_out_m_s: f64,
-    tension_n: f64,
-    filtered_current_a: f64,
-    /// Heat in the armature and electrical work on the motor since the start, J.
-    loss_j: f64,
-    averaged_loss_j: f64,
-    electrical_j: f64,
-    broken: bool,
-}
-
 /// Motors, drums, cables and node of a robot.
 ///
 /// [`Plant::new`] creates a plant and [`Plant::step`] advances it; the other methods read the state or inject faults. A
@@ -94,6 +70,8 @@ struct Cable {
 pub struct Plant {
     config: PlantConfig,
     cables: Vec<Cable>,
+    weather: Weather,
+    swing: Swing,
     position_m: Vector3<f64>,
     velocity_m_s: Vector3<f64>,
     supply_v: f64,
@@ -107,65 +85,63 @@ impl Plant {
     ///
     /// # Errors
     /// An invalid configuration, or a start position at which the node cannot hang.
-    pub fn new(mut config: PlantConfig) -> Result<Self, PlantError> {
+    pub fn new(config: PlantConfig) -> Result<Self, PlantError> {
         config.validate()?;
         // Stiff cables on a light node require finer steps: an eighth of a radian of the fastest possible mode. Damping
         // of such a mode stays below a tenth of critical, which is more than any cable has.
         let fastest_rad_s = fastest_mode_rad_s(&config);
         let substep_ns = ((config.substep_s.min(0.125 / fastest_rad_s)) * 1e9) as u64;
-        config.line.damping_s = config.line.damping_s.min(0.2 / fastest_rad_s);
-        let position_m = Vector3::from(config.start_m);
-        let pulls: Vec<Vector3<f64>> = config
-            .anchors_m
-            .iter()
-            .map(|anchor| {
-                let leg = Vector3::from(*anchor) - position_m;
-                leg / leg.norm().max(SHORTEST_M)
-            })
-            .collect();
-        let tensions = start_tensions_n(&config, &pulls)?;
-        let full_speed_m_s = config.supply_v.max(1.0) / config.motor.force_constant_n_a;
-        let cables = (0..config.cable_count())
-            .map(|i| {
-                let anchor_m = Vector3::from(config.anchors_m[i]);
-                let routed_m = config.routed_length_m[i];
-                let stretched_m = (position_m - anchor_m).norm().max(SHORTEST_M) + routed_m;
-                let gains = config.drive.gains.unwrap_or(SpeedGains {
-                    p: 1.0,
-                    i: 0.25,
-                    d: 0.0,
-                    full_speed_counts_s: full_speed_m_s * config.idlers[i].counts_per_m,
-                });
-                let paid_out_m = config.line.unstretched_m(stretched_m, tensions[i]);
-                Cable {
-                    anchor_m,
-                    routed_m,
-                    drive: Drive::new(config.drive, gains),
-                    motor: Motor::new(config.motor),
-                    drum: Drum::new(config.drum, config.seed.wrapping_mul(31).wrapping_add(i as u64)),
-                    idler: Idler::new(config.idlers[i], paid_out_m),
-                    paid_out_m,
-                    paid_out_m_s: 0.0,
-                    tension_n: tensions[i],
-                    filtered_current_a: 0.0,
-                    loss_j: 0.0,
-                    averaged_loss_j: 0.0,
-                    electrical_j: 0.0,
-                    broken: false,
-                }
-            })
-            .collect();
+        let cables = (0..config.cable_count()).map(|i| Cable::new(&config, i, 0.2 / fastest_rad_s)).collect();
         let supply_v = config.supply_v;
-        Ok(Self {
-            config,
+        let mut plant = Self {
             cables,
-            position_m,
+            weather: Weather::new(config.world.wind, config.seed),
+            swing: Swing::new(config.world.pendulum),
+            position_m: Vector3::from(config.start_m),
             velocity_m_s: Vector3::zeros(),
             supply_v,
             supply_current_a: 0.0,
             time_ns: 0,
             substep_ns: substep_ns.max(1),
-        })
+            config,
+        };
+        plant.settle()?;
+        Ok(plant)
+    }
+
+    /// Hangs the node at rest at the start. Poles and bows give way to the tensions, which then change a little.
+    fn settle(&mut self) -> Result<(), PlantError> {
+        let around = self.surroundings();
+        for _ in 0..SETTLING_STEPS {
+            let pulls: Vec<Vector3<f64>> =
+                self.cables.iter().map(|cable| -cable.path(self.position_m).direction).collect();
+            let at_rest = Vector3::zeros();
+            let air = around.air_m_s.unwrap_or_default();
+            let node_n = self.config.node.force_in_air_n(self.position_m, at_rest, air, around.gravity_m_s2);
+            let cables_n: Vec<Vector3<f64>> =
+                self.cables.iter().map(|cable| cable.half_load_n(self.position_m, &around)).collect();
+            let wrench_n = -cables_n.iter().fold(node_n, |sum, half_n| sum + half_n);
+            let tensions = start_tensions_n(&self.config, &pulls, wrench_n)?;
+            let mut change_m = 0.0;
+            for (cable, tension_n) in self.cables.iter_mut().zip(tensions) {
+                change_m += cable.settle(self.position_m, tension_n, &around);
+            }
+            if change_m < SETTLED_M {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn surroundings(&mut self) -> Surroundings {
+        let world = &self.config.world;
+        let air_m_s = (!world.wind.is_calm()).then(|| self.weather.air_m_s(self.time_ns));
+        Surroundings {
+            air_m_s,
+            warming_k: world.warming.at_k(self.time_ns as f64 * 1e-9),
+            gravity_m_s2: self.config.gravity_m_s2,
+            cable_drag_n: world.wind.cable_drag_n,
+        }
     }
 
     /// Applies each drive's command and advances by `dt_s`, in equal steps no longer than the configured one.
@@ -205,46 +181,21 @@ impl Plant {
     /// Semi-implicit integration: forces from the present positions, then speeds, then positions from the new speeds.
     fn substep(&mut self, h: f64, smoothing: f64) {
         let voltage_v = self.voltage_v();
-        let mut force = self.config.node.force_n(self.position_m, self.velocity_m_s, self.config.gravity_m_s2);
+        let around = self.surroundings();
+        let air = around.air_m_s.unwrap_or_default();
+        let mut force =
+            self.config.node.force_in_air_n(self.position_m, self.velocity_m_s, air, self.config.gravity_m_s2);
         let mut drawn_a = 0.0;
         for cable in &mut self.cables {
-            let leg = self.position_m - cable.anchor_m;
-            let length_m = leg.norm().max(SHORTEST_M);
-            let direction = leg / length_m;
-            let stretched_m = length_m + cable.routed_m;
-            cable.tension_n = if cable.broken {
-                0.0
-            } else {
-                let stretched_m_s = direction.dot(&self.velocity_m_s);
-                self.config.line.tension_n(stretched_m, cable.paid_out_m, stretched_m_s, cable.paid_out_m_s)
-            };
-            force -= direction * cable.tension_n;
-
-            cable.idler.follow(cable.paid_out_m, if cable.broken { 0.0 } else { stretched_m });
+            force += cable.pull(h, self.position_m, self.velocity_m_s, &around);
             cable.drive.advance(self.time_ns, smoothing, cable.idler.counts());
-            let bridge =
-                if cable.drive.released() { Bridge::Shorted } else { Bridge::Voltage(-cable.drive.duty() * voltage_v) };
-            let ratio = cable.drum.radius_ratio(cable.paid_out_m);
-            cable.motor.step(h, bridge, cable.tension_n * ratio);
-            cable.paid_out_m_s = -cable.motor.reel_in_m_s() * ratio;
-            // At least a few centimetres of cable stay off the drum. The end of the cable on an empty
-            // drum is not modelled.
-            cable.paid_out_m = (cable.paid_out_m + h * cable.paid_out_m_s).max(0.05);
-            let current_a = cable.motor.current_a();
-            cable.filtered_current_a += (current_a - cable.filtered_current_a) * (h / (h + CURRENT_FILTER_S));
-            cable.loss_j += h * current_a * current_a * self.config.motor.resistance_ohm;
-            cable.averaged_loss_j +=
-                h * cable.filtered_current_a * cable.filtered_current_a * self.config.motor.resistance_ohm;
-            if let Bridge::Voltage(u) = bridge {
-                cable.electrical_j += h * u * current_a;
-            }
-            // Current that the bridge takes from the supply: it steps the voltage down and the current up.
-            drawn_a += (-cable.drive.duty() * current_a).max(0.0);
+            drawn_a += cable.wind(h, voltage_v);
         }
         self.supply_current_a = drawn_a;
         if self.config.planar {
             (force.y, self.velocity_m_s.y, self.position_m.y) = (0.0, 0.0, 0.0);
         }
+        self.swing.step(h, force / self.config.node.mass_kg, self.config.gravity_m_s2);
         self.velocity_m_s += force * (h / self.config.node.mass_kg);
         self.position_m += self.velocity_m_s * h;
     }
@@ -287,8 +238,7 @@ impl Plant {
     /// A cable that does not exist, or a limit that is not positive.
     pub fn set_current_limit(&mut self, cable: usize, limit_a: f64) -> Result<(), PlantError> {
         check("limit_a", limit_a, "more than zero", |x| x > 0.0)?;
-        let most_a = self.config.motor.current_limit_a;
-        self.cable_mut(cable)?.motor.set_current_limit(limit_a.min(most_a));
+        self.cable_mut(cable)?.motor.limit_current(limit_a);
         Ok(())
     }
 
@@ -326,6 +276,14 @@ impl Plant {
     /// True position of the node, m.
     pub fn position_m(&self) -> [f64; 3] {
         self.position_m.into()
+    }
+
+    /// True position of a point of the body at `lever_m` from the node while the body hangs straight, m. A body that
+    /// swings below the node tilts its sensors.
+    pub fn place_m(&self, lever_m: [f64; 3]) -> [f64; 3] {
+        let (lever, turn) = (Vector3::from(lever_m), self.swing.rotation());
+        let moved = turn.cross(&lever);
+        (self.position_m + (lever + moved + turn.cross(&moved) * 0.5)).into()
     }
 
     /// True velocity of the node, m/s.
@@ -430,24 +388,18 @@ impl Plant {
         let node = &self.config.node;
         let weight_n = node.net_weight_n.unwrap_or(node.mass_kg * self.config.gravity_m_s2);
         let motion = 0.5 * node.mass_kg * self.velocity_m_s.norm_squared();
-        let stretch: f64 = self
-            .cables
-            .iter()
-            .filter(|cable| !cable.broken)
-            .map(|cable| {
-                let stretched_m = (self.position_m - cable.anchor_m).norm() + cable.routed_m;
-                let extension_m = (stretched_m - cable.paid_out_m).max(0.0);
-                0.5 * self.config.line.stiffness_n / cable.paid_out_m * extension_m * extension_m
-            })
-            .sum();
+        let stretch: f64 = self.cables.iter().map(|cable| cable.stretch_j(self.position_m)).sum();
         motion + weight_n * self.position_m.z + stretch
     }
 }
 
 /// Tensions that hold the node at rest at the start, N: the configured ones if they balance the forces, otherwise the
 /// least-norm ones.
-fn start_tensions_n(config: &PlantConfig, pulls: &[Vector3<f64>]) -> Result<Vec<f64>, PlantError> {
-    let wrench_n = -config.node.force_n(Vector3::from(config.start_m), Vector3::zeros(), config.gravity_m_s2);
+fn start_tensions_n(
+    config: &PlantConfig,
+    pulls: &[Vector3<f64>],
+    wrench_n: Vector3<f64>,
+) -> Result<Vec<f64>, PlantError> {
     let Some(given) = &config.start_tensions_n else {
         let (position_m, limits_n) = (config.start_m, config.start_limits_n);
         let tensions = hanging_tensions_n(pulls, wrench_n, limits_n);
@@ -463,7 +415,10 @@ fn start_tensions_n(config: &PlantConfig, pulls: &[Vector3<f64>]) -> Result<Vec<
 
 /// Upper bound of the frequency of the node on its cables, rad/s: all of them in one direction, at their shortest.
 fn fastest_mode_rad_s(config: &PlantConfig) -> f64 {
-    let stiffness_n_m: f64 =
-        config.routed_length_m.iter().map(|routed| config.line.stiffness_n / (routed + SHORTEST_FREE_M)).sum();
+    let of_cable = |(i, routed): (usize, &f64)| {
+        let line = config.world.cables.get(i).and_then(|cable| cable.line).unwrap_or(config.line);
+        line.stiffness_n / (routed + SHORTEST_FREE_M)
+    };
+    let stiffness_n_m: f64 = config.routed_length_m.iter().enumerate().map(of_cable).sum();
     (stiffness_n_m / config.node.mass_kg).sqrt()
 }

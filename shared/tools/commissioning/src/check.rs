@@ -5,7 +5,8 @@ use cable_robot::energy::MotorTable;
 use cable_robot::motor::DriveLoad;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use command::{Answer, Failure, Output, points};
-use config::{CalibrationFile, GroundFile, PlannerSection, RobotFile, SystemFile};
+use config::{CalibrationFile, PlannerSection, RobotFile, SystemFile};
+use motor_box::{GroundFile, MotorBoxSection};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
 use sensor::SensorFile;
@@ -126,8 +127,8 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             Ok(vec![match config_kind(on)? {
                 ConfigKind::System => {
                     let file = SystemFile::load(on).map_err(Failure::bad)?;
-                    let start = file.motor_box.as_ref().map(|section| section.start_m.position_m);
                     let robot = file.robot_file().map_err(Failure::bad)?;
+                    let start = virtual_start_m(&file, &robot)?;
                     let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
                     mission_finding(&mission, &robot, &file.planner, distribution, start)
                 }
@@ -149,6 +150,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
 pub fn can_be_built(file: &SystemFile) -> Answer {
     let robot = file.robot_file().map_err(Failure::bad)?;
     motor_io::CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
+    MotorBoxSection::from_file(file, &robot).map_err(Failure::bad)?;
     chain_can_be_built(file, &robot)
 }
 
@@ -414,7 +416,9 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
             ));
         }
     }
-    findings.extend(horizon(file));
+    findings.extend(
+        MotorBoxSection::from_file(file, &robot).map_err(Failure::bad)?.and_then(|drives| horizon(file, &drives)),
+    );
     if file.estimator.stretch != file.controller.stretch {
         findings.push(warning(
             "`stretch` differs between [estimator] and [controller]".to_owned(),
@@ -424,10 +428,19 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
     Ok(findings)
 }
 
-/// Warns of a horizon of the paper's law that does not suit the drives, where their delay and lag are known.
-pub fn horizon(file: &SystemFile) -> Option<Finding> {
-    let section = file.motor_box.as_ref()?;
-    let best = (2.0 * (section.delay_s + section.lag_s) / file.period_s() + 3.0).round() as usize;
+/// Returns the position at which a virtual node starts, m; `None`: the drives are real.
+///
+/// # Errors
+/// `[motor_box]` is not accepted.
+pub fn virtual_start_m(file: &SystemFile, robot: &RobotFile) -> Answer<Option<[f64; 3]>> {
+    let section = MotorBoxSection::from_file(file, robot).map_err(Failure::bad)?;
+    Ok(section.map(|section| section.start_m.position_m))
+}
+
+/// Warns of a horizon of the paper's law that does not suit the drives, whose delay and lag are known if they are
+/// virtual.
+pub fn horizon(file: &SystemFile, drives: &MotorBoxSection) -> Option<Finding> {
+    let best = (2.0 * (drives.delay_s + drives.lag_s) / file.period_s() + 3.0).round() as usize;
     let horizon = file.controller.horizon_cycles;
     (horizon < best / 2 || horizon > 2 * best).then(|| {
         warning(

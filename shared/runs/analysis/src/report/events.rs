@@ -72,8 +72,8 @@ pub struct Events {
     processes: BTreeMap<String, ProcessEntry>,
     /// Time and name of each process that died.
     deaths: Vec<(f64, String)>,
-    /// Time and clause of each fault.
-    clauses: Vec<(f64, String)>,
+    /// Time, bit and clause of each fault.
+    clauses: Vec<(f64, u32, String)>,
 }
 
 /// Last entry of a process in the process table.
@@ -120,10 +120,10 @@ impl Events {
         let fresh = authority.faults & !self.bits;
         if fresh != 0 {
             let new = MotorAuthority { faults: fresh, ..*authority };
-            for (text, clause) in faults_of(&new).into_iter().zip(fault_clauses(&new)) {
+            for (text, (bit, clause)) in faults_of(&new).into_iter().zip(fault_clauses(&new)) {
                 self.faults += 1;
                 if self.clauses.len() < MAX_EVENTS {
-                    self.clauses.push((time_s, clause));
+                    self.clauses.push((time_s, bit, clause));
                 }
                 self.push(time_s, EventKind::Fault, text);
             }
@@ -247,11 +247,11 @@ impl Events {
         within.map(|(_, name)| name.as_str())
     }
 
-    /// Returns the clause of the last fault between these times, s since the start of the run.
+    /// Returns bit and clause of the last fault between these times, s since the start of the run.
     #[must_use]
-    pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<String> {
-        let within = self.clauses.iter().filter(|(at_s, _)| (from_s..=to_s).contains(at_s));
-        within.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, clause)| clause.clone())
+    pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<(u32, String)> {
+        let within = self.clauses.iter().filter(|(at_s, ..)| (from_s..=to_s).contains(at_s));
+        within.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, bit, clause)| (*bit, clause.clone()))
     }
 
     /// Sorts the events by time.
@@ -336,8 +336,10 @@ mod tests {
         }
         assert!(events.all()[1].text.contains("cable 2"));
         assert_eq!(events.faults, 2);
-        assert_eq!(events.fault_between(1.5, 2.5).as_deref(), Some("a cable is slack or broken (cable 2)"));
-        assert_eq!(events.fault_between(1.5, 3.5).as_deref(), Some("the supply voltage is low"));
+        let slack = (MotorAuthority::FAULT_SLACK, "a cable is slack or broken (cable 2)".to_owned());
+        assert_eq!(events.fault_between(1.5, 2.5), Some(slack));
+        let supply = (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low".to_owned());
+        assert_eq!(events.fault_between(1.5, 3.5), Some(supply));
         assert_eq!(events.fault_between(4.0, 9.0), None);
     }
 }

@@ -1,6 +1,7 @@
 //! `nims report`: one page about a run, or about several side by side, that a field team understands at once.
 
 mod charts;
+mod completeness;
 mod events;
 mod gather;
 mod html;

@@ -1,12 +1,12 @@
 //! Assessment of a run in one sentence, with a grade.
 
+use super::completeness::recording;
 use super::gather::{Mission, RunData};
-use crate::runs::ENDS;
 use messages::{MotorAuthority, PlanStatus};
 use robot_state::answers::without_cure;
 use robot_state::sentences::fault_clauses;
 use robot_state::{Periods, Reason};
-use runlog::{FileReport, RunReport};
+use runlog::RunReport;
 use serde::Serialize;
 
 /// Maximum time between a fault and the planner's abort of the mission because of it, s.
@@ -44,9 +44,9 @@ pub fn verdict(run: &RunData) -> Verdict {
     let mut parts: Vec<String> = Vec::new();
 
     let flown = run.legs.flown_m();
-    let (mission, worse) = mission(run, flown);
+    let Outcome { sentence, grade: worse, faults: named } = mission(run, flown);
     worsen(worse);
-    parts.push(mission);
+    parts.push(sentence);
     match &run.analysis {
         Some(analysis) => {
             let (error, by) = match &analysis.truth {
@@ -81,7 +81,7 @@ pub fn verdict(run: &RunData) -> Verdict {
         worsen(Grade::Remarks);
         rest.push(format!("{} died", died.join(" and ")));
     }
-    let stopped = final_stop(run, &parts);
+    let stopped = final_stop(run, named);
     let well = died.is_empty() && stopped.is_none() && worse < Grade::Bad && run.recording.silent_s == 0;
     match run.events.faults {
         0 if well => rest.push("nothing failed".to_owned()),
@@ -96,59 +96,88 @@ pub fn verdict(run: &RunData) -> Verdict {
         worsen(Grade::Bad);
         rest.push(stopped);
     }
-    let (recording, worse) = recording(run);
-    worsen(worse);
+    let (recording, is_complete) = recording(run);
+    worsen(if is_complete { Grade::Good } else { Grade::Remarks });
     rest.push(recording);
     let last = rest.pop().unwrap_or_default();
     let rest = if rest.is_empty() { last } else { format!("{} and {last}", rest.join(", ")) };
     Verdict { grade, sentence: format!("{}; {rest}.", parts.join(": ")) }
 }
 
+/// Outcome of the mission.
+struct Outcome {
+    sentence: String,
+    grade: Grade,
+    /// Bits of the faults that the sentence names.
+    faults: u32,
+}
+
 /// Describes the outcome of the mission.
-fn mission(run: &RunData, flown_m: f64) -> (String, Grade) {
-    let Some(mission) = &run.mission else {
-        let what = if flown_m > 0.0 { "The robot moved" } else { "No mission was flown" };
-        return (what.to_owned(), Grade::Good);
-    };
+fn mission(run: &RunData, flown_m: f64) -> Outcome {
+    let outcome = |sentence: String, grade: Grade| Outcome { sentence, grade, faults: 0 };
+    let moved = if flown_m > 0.0 { "The robot moved" } else { "No mission was flown" };
+    let Some(mission) = &run.mission else { return outcome(moved.to_owned(), Grade::Good) };
     let (name, done) = (&mission.name, 100.0 * mission.progress);
-    let because = in_brackets(abort_reason(run, mission));
     match mission.state {
-        PlanStatus::STATE_DONE => (format!("The mission \"{name}\" was completed"), Grade::Good),
+        PlanStatus::STATE_DONE => outcome(format!("The mission \"{name}\" was completed"), Grade::Good),
         PlanStatus::STATE_ABORTED => {
-            (format!("The mission \"{name}\" was aborted at {done:.0} %{because}"), Grade::Bad)
+            let (because, faults) = in_brackets(abort_reason(run, mission));
+            let sentence = format!("The mission \"{name}\" was aborted at {done:.0} %{because}");
+            Outcome { sentence, grade: Grade::Bad, faults }
         }
         PlanStatus::STATE_REFUSED if flown_m == 0.0 => {
-            (format!("The mission \"{name}\" was rejected{because}"), Grade::Remarks)
+            let (because, faults) = in_brackets(abort_reason(run, mission));
+            let sentence = format!("The mission \"{name}\" was rejected{because}");
+            Outcome { sentence, grade: Grade::Remarks, faults }
         }
         PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED => {
             unfinished_mission(run, mission)
         }
-        _ if flown_m > 0.0 => ("The robot moved".to_owned(), Grade::Good),
-        _ => ("No mission was flown".to_owned(), Grade::Good),
+        _ => outcome(moved.to_owned(), Grade::Good),
     }
 }
 
-/// Formats a reason in brackets.
-fn in_brackets(why: Option<String>) -> String {
-    why.map(|why| format!(" ({why})")).unwrap_or_default()
+/// A cause as a clause, with the bits of the faults that it names.
+struct Cause {
+    clause: String,
+    faults: u32,
+}
+
+impl Cause {
+    fn of(clause: impl Into<String>) -> Self {
+        Self { clause: clause.into(), faults: 0 }
+    }
+
+    fn of_fault((faults, clause): (u32, String)) -> Self {
+        Self { clause, faults }
+    }
+}
+
+/// Formats a cause in brackets; returns also the bits of its faults.
+fn in_brackets(cause: Option<Cause>) -> (String, u32) {
+    cause.map(|cause| (format!(" ({})", cause.clause), cause.faults)).unwrap_or_default()
 }
 
 /// Returns the reason for an abort or a rejection.
-fn abort_reason(run: &RunData, mission: &Mission) -> Option<String> {
+fn abort_reason(run: &RunData, mission: &Mission) -> Option<Cause> {
     let at_s = mission.since_s;
     let known = match mission.why {
         Some(Reason::EndedByFault { faults }) if faults.is_empty() => {
-            run.events.fault_between(at_s - FAULT_WINDOW_S, at_s + SAME_INSTANT_S)
+            run.events.fault_between(at_s - FAULT_WINDOW_S, at_s + SAME_INSTANT_S).map(Cause::of_fault)
         }
         Some(Reason::EndedByRestart) => {
             let died = run.events.died_between("motor-io", at_s - RESTART_WINDOW_S, at_s + SAME_INSTANT_S);
-            died.map(|name| format!("{name} died"))
+            died.map(|name| Cause::of(format!("{name} died")))
         }
         _ => None,
     };
+    let faults = match mission.why {
+        Some(Reason::EndedByFault { faults }) => faults.bits,
+        _ => 0,
+    };
     // The cure only applies during the flight.
     let stated = mission.why.map_or_else(|| without_cure(&mission.sentence).to_owned(), |why| why.clause());
-    known.or(Some(stated)).filter(|why| !why.is_empty())
+    known.or(Some(Cause { clause: stated, faults })).filter(|cause| !cause.clause.is_empty())
 }
 
 /// Returns whether the run is being recorded, so that its last samples describe the present.
@@ -165,17 +194,17 @@ fn is_following(run: &RunData) -> bool {
 }
 
 /// Returns why an unfinished mission does not continue, as far as the run shows.
-fn cause(run: &RunData, mission: &Mission) -> Option<String> {
-    let dead = |role: &str| run.events.dead(role).map(|name| format!("{name} died"));
+fn cause(run: &RunData, mission: &Mission) -> Option<Cause> {
+    let dead = |role: &str| run.events.dead(role).map(|name| Cause::of(format!("{name} died")));
     let died = |role: &str, from_s: f64| {
         let died = run.events.died_between(role, from_s, f64::INFINITY);
-        died.map(|name| format!("{name} died")).or_else(|| dead(role))
+        died.map(|name| Cause::of(format!("{name} died"))).or_else(|| dead(role))
     };
     if let Some(died) = dead("motor-io") {
         return Some(died);
     }
     if let Some(name) = run.events.silent("motor-io") {
-        return Some(format!("{name} sent no heartbeat"));
+        return Some(Cause::of(format!("{name} sent no heartbeat")));
     }
     if is_following(run) {
         // While the robot follows a motion, a fault in motor-io's status is over, except for a lost planner.
@@ -183,7 +212,7 @@ fn cause(run: &RunData, mission: &Mission) -> Option<String> {
     }
     let last = run.authority.as_ref()?;
     if last.mode == MotorAuthority::MODE_EMERGENCY_STOP {
-        return Some("emergency stop".to_owned());
+        return Some(Cause::of("emergency stop"));
     }
     let answers = [
         (MotorAuthority::FAULT_ESTIMATE_LOST, "estimator"),
@@ -195,13 +224,13 @@ fn cause(run: &RunData, mission: &Mission) -> Option<String> {
     process.or_else(|| current_fault(last)).or_else(|| died("planner", mission.since_s))
 }
 
-/// Returns the clause of the first fault of a cycle.
-fn current_fault(authority: &MotorAuthority) -> Option<String> {
-    fault_clauses(authority).into_iter().next()
+/// Returns the first fault of a cycle.
+fn current_fault(authority: &MotorAuthority) -> Option<Cause> {
+    fault_clauses(authority).into_iter().next().map(Cause::of_fault)
 }
 
 /// Describes a mission that was neither completed nor aborted.
-fn unfinished_mission(run: &RunData, mission: &Mission) -> (String, Grade) {
+fn unfinished_mission(run: &RunData, mission: &Mission) -> Outcome {
     let (name, done) = (&mission.name, 100.0 * mission.progress);
     let cause = cause(run, mission);
     if is_live(run) {
@@ -212,7 +241,8 @@ fn unfinished_mission(run: &RunData, mission: &Mission) -> (String, Grade) {
             _ if cause.is_some() && !is_following(run) => format!("is stopped at {done:.0} %"),
             _ => format!("is running, {done:.0} % complete"),
         };
-        return (format!("The mission \"{name}\" {state}{}", in_brackets(cause)), grade);
+        let (because, faults) = in_brackets(cause);
+        return Outcome { sentence: format!("The mission \"{name}\" {state}{because}"), grade, faults };
     }
     let grade = if cause.is_some() { Grade::Bad } else { Grade::Remarks };
     let state = match mission.state {
@@ -221,8 +251,8 @@ fn unfinished_mission(run: &RunData, mission: &Mission) -> (String, Grade) {
         _ => format!("was unfinished at {done:.0} %"),
     };
     let when = if run.recording.recording { "at the last write of its recorder" } else { "when the recording ended" };
-    let because = in_brackets(cause.or_else(|| run.end_reason.clone()));
-    (format!("The mission \"{name}\" {state} {when}{because}"), grade)
+    let (because, faults) = in_brackets(cause.or_else(|| run.end_reason.clone().map(Cause::of)));
+    Outcome { sentence: format!("The mission \"{name}\" {state} {when}{because}"), grade, faults }
 }
 
 /// Returns the current activity on the last leg of a run that is being recorded, if that leg is unfinished.
@@ -244,101 +274,16 @@ pub fn at_least(run: &RunData) -> &'static str {
     if short { "at least " } else { "" }
 }
 
-/// Describes a robot that is stopped at the end; names the fault unless `earlier` already does.
-fn final_stop(run: &RunData, earlier: &[String]) -> Option<String> {
+/// Describes a robot that is stopped at the end; names the fault unless it is one of `named`, which were named before.
+fn final_stop(run: &RunData, named: u32) -> Option<String> {
     let last = run.authority.as_ref()?;
     let (is, end) = if is_live(run) { ("is", "") } else { ("was", " at the end") };
     match last.mode {
         MotorAuthority::MODE_EMERGENCY_STOP => Some(format!("the robot {is} in emergency stop{end}")),
         MotorAuthority::MODE_FAULTED => Some(match current_fault(last) {
-            Some(fault) if earlier.iter().any(|part| part.contains(&fault)) => {
-                format!("the robot {is} stopped by this fault{end}")
-            }
-            fault => format!("the robot {is} stopped by a fault{end}{}", in_brackets(fault)),
+            Some(fault) if fault.faults & named != 0 => format!("the robot {is} stopped by this fault{end}"),
+            fault => format!("the robot {is} stopped by a fault{end}{}", in_brackets(fault).0),
         }),
-        _ => None,
-    }
-}
-
-/// Describes the completeness of the recording.
-fn recording(run: &RunData) -> (String, Grade) {
-    let report = &run.recording;
-    let mut lacks = Vec::new();
-    if report.unrecorded_s >= RunReport::LEAST_S {
-        lacks.push(format!("{:.1} s were not recorded", report.unrecorded_s));
-    }
-    for (seconds, which) in run.unrecorded_ends_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
-        lacks.push(format!("the {which} {seconds:.1} s were not recorded"));
-    }
-    let lost: u64 = report.channels.iter().map(|channel| channel.lost).sum();
-    if lost > 0 {
-        let channels = report.channels.iter().filter(|channel| channel.lost > 0).count();
-        lacks.push(format!("{lost} samples of {channels} channels are missing"));
-    }
-    let short = !lacks.is_empty();
-    lacks.extend(report.files.iter().filter_map(|file| file_defect(file, short)));
-    // No samples are known to be missing, but these files were closed by a recovery.
-    let last = report.files.len().saturating_sub(1);
-    let recovered = report.files.iter().enumerate().filter(|(_, file)| !short && is_recovered_intact(file));
-    let recovered: Vec<String> = recovered.map(|(at, file)| recovery_text(file, at == last)).collect();
-    if report.silent_s > 0 {
-        lacks.insert(
-            0,
-            format!("nothing has been written for {} s, although a recorder has the file open", report.silent_s),
-        );
-        lacks.extend(recovered);
-        return (format!("the run is not being recorded ({})", lacks.join("; ")), Grade::Remarks);
-    }
-    let sentence = match (lacks.is_empty(), recovered.is_empty(), report.recording) {
-        (true, true, true) => return ("the run is still being recorded".to_owned(), Grade::Good),
-        (true, true, false) if report.healthy => return ("the recording is complete".to_owned(), Grade::Good),
-        (true, true, false) => format!("the recording is incomplete ({})", report.verdict.join("; ")),
-        (true, false, true) => format!("the run is still being recorded ({})", recovered.join("; ")),
-        (true, false, false) => format!("the recording has no known gap ({})", recovered.join("; ")),
-        (false, _, live) => {
-            lacks.extend(recovered);
-            let lacks = lacks.join("; ");
-            if live {
-                format!("the run is still being recorded, but {lacks}")
-            } else {
-                format!("the recording is incomplete ({lacks})")
-            }
-        }
-    };
-    (sentence, Grade::Remarks)
-}
-
-fn file_name(file: &FileReport) -> String {
-    file.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// Returns whether the file was closed by a recovery and has no damage inside.
-fn is_recovered_intact(file: &FileReport) -> bool {
-    file.recovered && file.finished && file.damage.iter().all(|damage| damage.torn_end)
-}
-
-/// Describes the end of a recovered file without missing sample numbers.
-fn recovery_text(file: &FileReport, last: bool) -> String {
-    // After the last file, no sample number shows what is missing.
-    let missing = if last {
-        "at most the last half second before the end of its recorder is missing (two seconds after a power cut)"
-    } else {
-        "the sample numbers show no loss after it"
-    };
-    format!("{} was recovered, and {missing}", file_name(file))
-}
-
-/// Describes the defect of a file, if any; `short`: samples are known to be missing.
-fn file_defect(file: &FileReport, short: bool) -> Option<String> {
-    let name = file_name(file);
-    let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
-    match file {
-        FileReport { recording: true, .. } => None,
-        _ if holes > 0 => Some(format!("{name} is damaged in {holes} places: run `nims recover`")),
-        FileReport { finished: false, .. } => Some(format!("{name} was not closed: run `nims recover`")),
-        FileReport { recovered: true, .. } if short => {
-            Some(format!("{name} was recovered without the last buffer of its recorder"))
-        }
         _ => None,
     }
 }
@@ -358,7 +303,7 @@ mod tests {
     use crate::report::gather::blank;
     use crate::runs::tests::whole_file as file;
     use messages::{ProcessState, put_text};
-    use runlog::ChannelReport;
+    use runlog::{ChannelReport, FileReport};
 
     /// A run with a mission at 43 % and a robot in `mode`.
     fn run(state: u8, mode: u8) -> RunData {
@@ -383,7 +328,7 @@ mod tests {
     }
 
     fn clause_of(fault: u32) -> String {
-        fault_clauses(&MotorAuthority { faults: fault, ..MotorAuthority::default() }).remove(0)
+        fault_clauses(&MotorAuthority { faults: fault, ..MotorAuthority::default() }).remove(0).1
     }
 
     fn grade_of(run: &RunData, parts: &[&str]) -> Grade {
@@ -447,7 +392,11 @@ mod tests {
         assert_eq!(grade_of(&faulted, &parts), Grade::Bad);
         let faults = messages::faults::Faults::of(&last);
         faulted.mission.as_mut().unwrap().why = Some(Reason::EndedByFault { faults });
-        grade_of(&faulted, &["aborted at 43 % (a fault stopped the robot: a cable is slack or broken (cable 2))"]);
+        let aborted = "aborted at 43 % (a fault stopped the robot: a cable is slack or broken (cable 2))";
+        grade_of(&faulted, &[aborted, "the robot was stopped by this fault at the end"]);
+        faulted.authority.as_mut().unwrap().faults = M::FAULT_SUPPLY;
+        let other = format!("stopped by a fault at the end ({})", clause_of(M::FAULT_SUPPLY));
+        grade_of(&faulted, &[aborted, &other]);
         let mut again = run(PlanStatus::STATE_ABORTED, M::MODE_DISARMED);
         again.mission.as_mut().unwrap().why = Some(Reason::EndedByRestart);
         grade_of(&again, &["aborted at 43 % (motor-io was restarted)"]);

@@ -2,11 +2,11 @@
 #![allow(clippy::unwrap_used)]
 
 use config::{
-    ArbiterSection, ControllerSection, DeviceSection, EstimatorSection, FieldSection, LinesSection,
-    LoggedSensorSection, MotorBoxSection, MotorIoSection, MotorSection, PeakSection, PlannerSection, PortSection,
-    ProcessSection, RealtimeSection, RecorderSection, RobotFile, RobotSection, SensorLoggerSection, SiteSection,
-    SystemFile, UnitSection, ViewerSection,
+    ArbiterSection, ControllerSection, EstimatorSection, LinesSection, LoggedSensorSection, MotorIoSection,
+    MotorSection, PlannerSection, PortSection, ProcessSection, RealtimeSection, RecorderSection, RobotFile,
+    RobotSection, SensorLoggerSection, SiteSection, SystemFile, UnitSection, ViewerSection,
 };
+use motor_box::section::{DeviceSection, FieldSection, MotorBoxSection, PeakSection};
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ fn keys<T: DeserializeOwned>() -> Vec<String> {
 }
 
 fn files(folder: &str) -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs").join(folder);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs").join(folder);
     std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
 }
 
@@ -89,7 +89,7 @@ fn every_key_of_a_system_file_is_in_each_of_them() {
             ("[viewer]", keys::<ViewerSection>()),
             ("[sensor_logger]", without(keys::<SensorLoggerSection>(), "sensor")),
             ("[[sensor_logger.sensor]]", keys::<LoggedSensorSection>()),
-            ("[motor_box]", without(keys::<MotorBoxSection>(), "device")),
+            ("[motor_box]", without(without(keys::<MotorBoxSection>(), "device"), "truth")),
             ("[[motor_box.device]]", without(keys::<DeviceSection>(), "value")),
             ("[[motor_box.device.value]]", [keys::<FieldSection>(), keys::<PeakSection>()].concat()),
             ("[realtime]", keys::<RealtimeSection>()),

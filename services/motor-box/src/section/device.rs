@@ -1,11 +1,9 @@
 //! Simulated sensors of the virtual motor box, each on its own serial port, and the ground that they measure.
 
-use crate::Problem;
-use crate::file::join_normalized;
-use crate::number::number;
-use crate::toml_file::{ConfigError, Source};
+use config::toml_file::{ConfigError, Source};
+use config::{Problem, number};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// `[[motor_box.device]]`: a sensor on the node, with its own serial port.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
@@ -52,7 +50,7 @@ pub struct DeviceSection {
     pub values: Vec<FieldSection>,
 }
 
-crate::choice! {
+config::choice! {
     /// Protocol of a device of the virtual motor box.
     pub enum DeviceKind {
         /// A Benewake TFmini or TF-Luna rangefinder that points straight down: frames of nine bytes.
@@ -207,19 +205,8 @@ impl PrismSection {
     }
 }
 
-/// Checks the devices and the ground file, and makes the path of the ground file independent of `folder`, the folder of
-/// the system file.
-pub(super) fn check(
-    devices: &[DeviceSection],
-    ground: &mut Option<PathBuf>,
-    folder: &Path,
-    ports: &[String],
-) -> Result<(), Problem> {
-    if let Some(ground) = ground {
-        *ground = join_normalized(folder, ground);
-        let unusable = |error: ConfigError| Problem::of("motor_box.ground", format!("is not usable: {error}"));
-        GroundFile::load(ground).map_err(unusable)?;
-    }
+/// Checks the devices; `ports` are the paths of the drives' ports.
+pub(super) fn check(devices: &[DeviceSection], ports: &[String]) -> Result<(), Problem> {
     for (index, device) in devices.iter().enumerate() {
         let own = &device.name;
         let here =

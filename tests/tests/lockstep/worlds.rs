@@ -1,0 +1,80 @@
+//! Flights in drawn worlds: the robot is not its model there, so the truth differs from the estimate.
+//!
+//! The table is printed: `cargo test -p nims-tests --test lockstep drawn_worlds -- --nocapture`.
+
+use config::SystemFile;
+use controller::Law;
+use estimator::Method;
+use messages::PlanStatus;
+use motor_box::BoxConfig;
+use nims_tests::lockstep::{Flight, Scenario, fly};
+use nims_truth::Args;
+use planner::Mission;
+use std::path::{Path, PathBuf};
+
+fn demo3() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/systems/demo3.toml")
+}
+
+/// The demonstration's flight with a system file.
+fn flown(system: &Path) -> Flight {
+    let file = SystemFile::load(system).unwrap();
+    let robot_file = file.robot_file().unwrap();
+    let robot = robot_file.robot().unwrap();
+    fly(Scenario {
+        robot,
+        plant: BoxConfig::from_files(&file, &robot_file, Path::new("/")).unwrap().plant,
+        mission: Mission::read(&file.planner.missions.join(&file.planner.demo).with_extension("toml")).unwrap(),
+        period_s: file.period_s(),
+        law: Law::from_section(&file.controller).unwrap(),
+        horizon: u32::try_from(file.controller.horizon_cycles).unwrap(),
+        method: Method::from_section(&file.estimator).unwrap(),
+        stretch: true,
+        distribution: file.controller.distribution_for(&robot),
+        longest_s: 300.0,
+    })
+    .unwrap()
+}
+
+fn drawn(seed: u64, spread: f64, warming: f64, wind: f64) -> Flight {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("system.toml");
+    let args = Args { system: demo3(), seed, spread, warming, wind, out: Some(out.clone()) };
+    nims_truth::run(&args).unwrap();
+    flown(&out)
+}
+
+fn row(name: &str, flight: &Flight) {
+    let mm = |deviation: nims_tests::lockstep::Deviation| (deviation.rms_m * 1e3, deviation.max_m * 1e3);
+    let ((e, e_max), (t, t_max)) = (mm(flight.estimate), mm(flight.truth));
+    let (b, b_max) = mm(flight.between);
+    println!("| {name:28} | {e:6.2} / {e_max:6.2} | {t:6.2} / {t_max:6.2} | {b:6.2} / {b_max:6.2} |");
+}
+
+#[test]
+fn the_robot_flies_in_drawn_worlds_and_its_estimate_is_not_the_truth() {
+    println!("| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate |");
+    let model = flown(&demo3());
+    row("the model", &model);
+    assert!(model.between.max_m < 0.005, "{model:?}");
+    for seed in 1..=3 {
+        let flight = drawn(seed, 1.0, 0.0, 0.0);
+        row(&format!("seed {seed}, spread 1"), &flight);
+        assert_eq!(flight.state, PlanStatus::STATE_DONE, "{flight:?}");
+        // It follows its own estimate as well as in the model's world, and that says nothing about the truth.
+        assert!(flight.estimate.rms_m < 0.003, "{flight:?}");
+        assert!(flight.between.rms_m > 3.0 * model.between.rms_m, "{flight:?}");
+        assert!(flight.truth.max_m < 0.15, "{flight:?}");
+    }
+    let windy = drawn(1, 1.0, 15.0, 8.0);
+    row("seed 1, 15 K, 8 m/s", &windy);
+    assert_eq!(windy.state, PlanStatus::STATE_DONE, "{windy:?}");
+}
+
+#[test]
+fn a_world_without_spread_is_the_model() {
+    let (model, drawn) = (flown(&demo3()), drawn(5, 0.0, 0.0, 0.0));
+    // Parts that have no effect are computed in another order, so that the last bits may differ.
+    assert!((model.truth.rms_m - drawn.truth.rms_m).abs() < 1e-6, "{model:?} {drawn:?}");
+    assert!((model.between.max_m - drawn.between.max_m).abs() < 1e-6, "{model:?} {drawn:?}");
+}
