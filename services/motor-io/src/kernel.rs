@@ -75,8 +75,8 @@ impl Evidence {
 }
 
 impl Evidence {
-    /// Time since which each thread owes an answer to the previous cycle, ns: an estimator since the state, a controller
-    /// since the first estimate.
+    /// Time since which each thread owes an answer to the previous cycle, ns: an estimator since the state,
+    /// a controller since the first estimate.
     fn given_ns(&self, published_ns: u64, input: &MotorInput) -> [Option<u64>; ROLE_SLOTS] {
         if published_ns == 0 {
             return [None; ROLE_SLOTS];
