@@ -39,7 +39,7 @@ pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read
 pub use number::Given;
 pub use point::{Point, Points};
 pub use problem::Problem;
-pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
+pub use robot_file::{LinesSection, MotorSection, ObstacleSection, RobotFile, RobotSection, SiteSection};
 
 pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::{
