@@ -3,8 +3,8 @@
 
 use config::{
     ArbiterSection, ControllerSection, EstimatorSection, LinesSection, LoggedSensorSection, MotorIoSection,
-    MotorSection, PlannerSection, PortSection, ProcessSection, RealtimeSection, RecorderSection, RobotFile,
-    RobotSection, SensorLoggerSection, SiteSection, SystemFile, UnitSection, ViewerSection,
+    MotorSection, ObstacleSection, PlannerSection, PortSection, ProcessSection, RealtimeSection, RecorderSection,
+    RobotFile, RobotSection, SensorLoggerSection, SiteSection, SystemFile, UnitSection, ViewerSection,
 };
 use motor_box::section::{DeviceSection, FieldSection, MotorBoxSection, PeakSection};
 use serde::de::DeserializeOwned;
@@ -102,6 +102,7 @@ fn every_key_of_a_robot_file_is_in_lab3() {
             ("[lines]", keys::<LinesSection>()),
             ("[motor]", keys::<MotorSection>()),
             ("[site]", keys::<SiteSection>()),
+            ("[[obstacle]]", keys::<ObstacleSection>()),
         ],
     );
 }

@@ -17,6 +17,7 @@ mod map;
 mod method;
 mod motor_table;
 mod motors;
+mod obstacles;
 mod planar;
 mod replay;
 mod report;

@@ -50,6 +50,7 @@ pub mod limits;
 pub mod linalg;
 pub mod motion;
 pub mod motor;
+pub mod obstacle;
 pub mod path;
 pub mod planar;
 pub mod profile;
@@ -62,9 +63,10 @@ pub use cables::{CableVec, MAX_CABLES};
 pub use kinematics::{Jacobian, KinematicsError, NodeJacobian, StructureMatrix};
 pub use motion::{Motion, Segment, Setpoint};
 pub use nalgebra::{Matrix3, Vector3};
+pub use obstacle::Obstacle;
 pub use path::Path;
 pub use profile::Profile;
-pub use robot::{KeepOut, PulleyKind, Robot, RobotError, RobotParts};
+pub use robot::{Contact, KeepOut, PulleyKind, Robot, RobotError, RobotParts};
 pub use tension::Distribution;
 
 /// Standard acceleration of gravity, m/s² (CODATA, exact by convention).

@@ -14,7 +14,7 @@ use crate::motor::DriveLoad;
 use crate::path::{Path, PathPoint};
 use crate::profile::{Profile, slope, speed_between};
 use crate::tension::{TensionError, Violation};
-use crate::{CableVec, Distribution, Robot, elastic, tension};
+use crate::{CableVec, Contact, Distribution, Robot, elastic, tension};
 
 /// Largest difference between the arc lengths of path and profile, m: a message may have rounded the profile.
 const LENGTH_TOLERANCE_M: f64 = 1e-6;
@@ -309,6 +309,17 @@ pub enum Cause {
         /// Index of the box, from 0.
         number: usize,
     },
+    /// The node or a cable would touch an obstacle.
+    #[error(
+        "{} would come closer than {clearance_m:.2} m to obstacle {}",
+        Body(contact.cable), contact.obstacle + 1
+    )]
+    Obstacle {
+        /// What touches what.
+        contact: Contact,
+        /// The clearance, m.
+        clearance_m: f64,
+    },
     /// The path is not valid.
     #[error("{0}")]
     BadPath(crate::path::PathError),
@@ -332,6 +343,18 @@ pub enum Cause {
         /// The step, m.
         step_m: f64,
     },
+}
+
+/// The node or a cable, as a subject.
+struct Body(Option<usize>);
+
+impl fmt::Display for Body {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(cable) => write!(f, "cable {}", cable + 1),
+            None => f.write_str("the node"),
+        }
+    }
 }
 
 /// What a motor has to do, as a clause.
@@ -391,6 +414,9 @@ fn check_pose(
     }
     if let Some(number) = robot.keep_out().iter().position(|b| b.touches(previous, position)) {
         return Err(Cause::KeepOut { number });
+    }
+    if let Some(contact) = robot.contact(previous, position) {
+        return Err(Cause::Obstacle { contact, clearance_m: robot.clearance_m() });
     }
     let limit_m_s = robot.speed_limit_m_s();
     if v > limit_m_s * (1.0 + ROUNDING) {

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::energy::{Current, CurrentTable, MotorTable};
 use crate::motor::{DriveLimits, DriveLoad, Motor};
+use crate::obstacle::Obstacle;
 pub use crate::robot_error::RobotError;
 use crate::robot_error::{FARTHEST_M, not_negative, positive, refuse};
 use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
@@ -41,6 +42,18 @@ impl KeepOut {
         }
         enter <= leave
     }
+}
+
+/// Largest number of obstacles of a robot.
+pub const MAX_OBSTACLES: usize = 32;
+
+/// Contact with an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Contact {
+    /// Index of the obstacle, from 0.
+    pub obstacle: usize,
+    /// Index of the cable, from 0; None for the node.
+    pub cable: Option<usize>,
 }
 
 /// Kind of the points where the cables of a robot leave for the node.
@@ -83,6 +96,10 @@ pub struct RobotParts {
     pub ground_m: f64,
     /// Keep-out boxes, each with its lower and upper corner, m.
     pub keep_out_m: Vec<[[f64; 3]; 2]>,
+    /// Bodies that neither the node nor a cable may touch.
+    pub obstacles: Vec<Obstacle>,
+    /// Smallest distance of node and cables from every obstacle, m.
+    pub clearance_m: f64,
     /// EA of the cables, N; None for rigid cables.
     pub stiffness_n: Option<f64>,
     /// Cable between drum and anchor per cable, m, which also stretches; default 0.
@@ -115,6 +132,8 @@ impl Default for RobotParts {
             acceleration_limit_m_s2: 0.0,
             ground_m: 0.0,
             keep_out_m: Vec::new(),
+            obstacles: Vec::new(),
+            clearance_m: 0.0,
             stiffness_n: None,
             routed_length_m: None,
             length_limits_m: None,
@@ -140,6 +159,8 @@ pub struct Robot {
     ground_m: f64,
     keep_out: [KeepOut; MAX_KEEP_OUT],
     keep_out_count: usize,
+    obstacles: [Option<Obstacle>; MAX_OBSTACLES],
+    clearance_m: f64,
     stiffness_n: Option<f64>,
     routed_length_m: CableVec,
     length_limits_m: [[f64; 2]; MAX_CABLES],
@@ -177,6 +198,8 @@ impl Robot {
             return refuse("ground_m", format!("is {}", parts.ground_m), "a finite height in metres");
         }
         let (keep_out, keep_out_count) = keep_out_boxes(&parts.keep_out_m)?;
+        let obstacles = obstacle_places(&parts.obstacles)?;
+        not_negative("clearance_m", parts.clearance_m, "a finite distance of 0 or more, in metres")?;
         if let Some(stiffness) = parts.stiffness_n {
             positive("stiffness_n", stiffness, "a finite EA above 0, in newtons, or no key for rigid cables")?;
         }
@@ -206,6 +229,8 @@ impl Robot {
             ground_m: parts.ground_m,
             keep_out,
             keep_out_count,
+            obstacles,
+            clearance_m: parts.clearance_m,
             stiffness_n: parts.stiffness_n,
             routed_length_m,
             length_limits_m,
@@ -289,6 +314,40 @@ impl Robot {
     /// Keep-out boxes.
     pub fn keep_out(&self) -> &[KeepOut] {
         &self.keep_out[..self.keep_out_count]
+    }
+
+    /// Bodies that neither the node nor a cable may touch.
+    pub fn obstacles(&self) -> impl Iterator<Item = &Obstacle> {
+        self.obstacles.iter().flatten()
+    }
+
+    /// Smallest distance of node and cables from every obstacle, m.
+    pub fn clearance_m(&self) -> f64 {
+        self.clearance_m
+    }
+
+    /// Finds the first contact of the node or a cable with an obstacle, on the way of the node from `before` to
+    /// `position`, m. A cable is the straight line from its eye, or from its pulley, to the node. In a short way every
+    /// point of it moves by at most the way of the node, by which the clearance grows.
+    ///
+    /// An obstacle that contains the anchor of a cable carries it: it stands in the way of the other cables and of the
+    /// node only. At an anchor beside an obstacle, the clearance of its cable is at most half their distance.
+    pub fn contact(&self, before: &Vector3<f64>, position: &Vector3<f64>) -> Option<Contact> {
+        let way_m = (position - before).norm();
+        for (number, obstacle) in self.obstacles().enumerate() {
+            if obstacle.is_near(before, position, self.clearance_m) {
+                return Some(Contact { obstacle: number, cable: None });
+            }
+            for (cable, pulley) in self.anchors.pulleys().enumerate() {
+                let beside_m = obstacle.distance_m(&pulley.anchor);
+                let start = pulley.leg(position).map_or(pulley.anchor, |leg| position - leg.direction * leg.free_m);
+                let margin_m = (self.clearance_m + way_m).min(0.5 * beside_m);
+                if beside_m > 0.0 && obstacle.is_near(&start, position, margin_m) {
+                    return Some(Contact { obstacle: number, cable: Some(cable) });
+                }
+            }
+        }
+        None
     }
 
     /// EA of the cables, N; None for rigid cables.
@@ -426,6 +485,13 @@ fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result<CableVec, 
         return refuse(KEY, problem, "finite lengths of 0 or more, in metres");
     }
     Ok(CableVec::from_fn(cables, |i| lengths[i]))
+}
+
+fn obstacle_places(obstacles: &[Obstacle]) -> Result<[Option<Obstacle>; MAX_OBSTACLES], RobotError> {
+    if obstacles.len() > MAX_OBSTACLES {
+        return refuse("obstacle", format!("has {} entries", obstacles.len()), "at most 32 obstacles");
+    }
+    Ok(std::array::from_fn(|i| obstacles.get(i).copied()))
 }
 
 fn length_limits(limits_m: Option<&[[f64; 2]]>, cables: usize) -> Result<[[f64; 2]; MAX_CABLES], RobotError> {

@@ -101,6 +101,7 @@ fn limits(robot: &RobotSection) -> Result<(), Problem> {
     for length in robot.length_limits_m {
         number("robot.length_limits_m", length, "two lengths above 0, at most 2000 m", |v| v > 0.0 && v <= 2000.0)?;
     }
+    number("robot.clearance_m", robot.clearance_m, "0 to 10 m", |v| (0.0..=10.0).contains(&v))?;
     for coordinate in robot.keep_out.iter().flatten().flat_map(|corner| corner.position_m) {
         number("robot.keep_out", coordinate, "corners within 1e4 m of the origin", |v| v.abs() <= 1e4)?;
     }

@@ -2,14 +2,14 @@
 
 use super::measured::resolve_named_file;
 use super::{
-    CalibrationFile, ControllerSection, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection,
-    SystemFile, check,
+    CalibrationFile, ControllerSection, MotorBoxTable, MotorSection, MotorTableFile, ObstacleSection, Point, RobotFile,
+    RobotSection, SystemFile, check,
 };
 use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
 use crate::{Problem, PulleyKind, TensionDistribution};
 use cable_robot::motor::{DriveLimits, Motor};
-use cable_robot::{Distribution, Robot, RobotError, RobotParts};
+use cable_robot::{Distribution, Obstacle, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
 
 /// Share of the supply voltage that does not reach the motor, or that the drive's speed loop needs to correct: a bridge
@@ -26,7 +26,7 @@ impl RobotFile {
         let mut file: Self = source.parse()?;
         file.measured(path, &source)?;
         check::robot(&file).map_err(|problem| source.error(&problem))?;
-        let robot = Robot::new(file.parts()).map_err(|error| source.error(&robot_problem(&error)))?;
+        let robot = file.robot().map_err(|error| source.error(&robot_problem(&error)))?;
         if robot.anchors().are_on_a_line() {
             let clause = "lie on one straight line, so cable lengths determine no position; move an anchor sideways, or give all \
                           points as [x, z] for a planar robot";
@@ -77,7 +77,7 @@ impl RobotFile {
     /// # Errors
     /// As [`Robot::new`]; a file that [`RobotFile::load`] accepted causes none.
     pub fn robot(&self) -> Result<Robot, RobotError> {
-        Robot::new(self.parts())
+        Robot::new(self.parts()?)
     }
 
     /// Returns the largest velocity of a cable, m/s; default: twice the speed limit of the node.
@@ -86,9 +86,16 @@ impl RobotFile {
         self.robot.cable_speed_limit_m_s.unwrap_or(2.0 * self.robot.speed_limit_m_s)
     }
 
-    fn parts(&self) -> RobotParts {
+    fn obstacles(&self) -> Result<Vec<Obstacle>, RobotError> {
+        let numbered =
+            |i, error: RobotError| RobotError { problem: format!("number {} {}", i + 1, error.problem), ..error };
+        let obstacles = self.obstacle.iter().enumerate();
+        obstacles.map(|(i, section)| section.obstacle().map_err(|error| numbered(i, error))).collect()
+    }
+
+    fn parts(&self) -> Result<RobotParts, RobotError> {
         let cables = self.robot.anchors_m.len();
-        RobotParts {
+        Ok(RobotParts {
             anchors_m: self.robot.anchors_m.to_vec(),
             planar: self.robot.anchors_m.is_planar(),
             pulley: match self.robot.pulley {
@@ -105,6 +112,8 @@ impl RobotFile {
             acceleration_limit_m_s2: self.robot.acceleration_limit_m_s2,
             ground_m: self.robot.ground_m,
             keep_out_m: self.robot.keep_out.iter().map(|corners| self.robot.keep_out_box(corners)).collect(),
+            obstacles: self.obstacles()?,
+            clearance_m: self.robot.clearance_m,
             stiffness_n: self.lines.stiffness_n,
             routed_length_m: (!self.lines.routed_length_m.is_empty()).then(|| self.lines.routed_length_m.clone()),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
@@ -115,7 +124,7 @@ impl RobotFile {
                 voltage_v: self.supply_min_v.map_or(f64::INFINITY, |supply_v| supply_v * (1.0 - DRIVE_RESERVE)),
             },
             anchor_covariance_m2: self.calibration.as_ref().map(|file| file.covariance_m2.clone()),
-        }
+        })
     }
 }
 
@@ -125,10 +134,32 @@ fn robot_problem(error: &RobotError) -> Problem {
         "stiffness_n" | "routed_length_m" => "lines",
         "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
         | "transition_m_s" | "table" => "motor",
+        "obstacle" => return Problem::at("obstacle", error.to_string()),
         "covariance_m2" => return Problem::at("robot.calibration", error.to_string()),
         _ => "robot",
     };
     Problem::at(format!("{table}.{}", error.key), error.to_string())
+}
+
+impl ObstacleSection {
+    /// Creates the obstacle.
+    ///
+    /// # Errors
+    /// Keys of both shapes or of none, or values that make no body.
+    pub fn obstacle(&self) -> Result<Obstacle, RobotError> {
+        match (self.center_m, self.radius_m, &self.corners_m[..]) {
+            (Some(center_m), Some(radius_m), []) => Obstacle::cylinder(center_m, radius_m, self.height_m),
+            (None, None, [[x0, y0], [x1, y1]]) => {
+                Obstacle::prism(&[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]], self.height_m)
+            }
+            (None, None, [_, ..]) => Obstacle::prism(&self.corners_m, self.height_m),
+            _ => Err(RobotError {
+                key: "obstacle",
+                problem: "has not the keys of one shape".to_owned(),
+                accepted: "center_m and radius_m for a cylinder, or corners_m for a prism",
+            }),
+        }
+    }
 }
 
 impl RobotSection {

@@ -18,6 +18,9 @@ pub struct RobotFile {
     /// The motors, with all quantities at the cable.
     #[serde(default)]
     pub motor: MotorSection,
+    /// Bodies that neither the node nor a cable may touch.
+    #[serde(default)]
+    pub obstacle: Vec<ObstacleSection>,
     /// Geographic position; only for georeferenced maps.
     pub site: Option<SiteSection>,
     /// The calibration that `robot.calibration` names.
@@ -76,6 +79,25 @@ pub struct RobotSection {
     /// a planar robot.
     #[serde(default)]
     pub keep_out: Vec<[Point; 2]>,
+    /// Smallest distance of node and cables from every `[[obstacle]]`, m.
+    #[serde(default = "default_clearance")]
+    pub clearance_m: f64,
+}
+
+/// `[[obstacle]]`: an upright cylinder, with `center_m` and `radius_m`, or an upright prism, with `corners_m`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObstacleSection {
+    /// x and y of the axis of a cylinder, m.
+    pub center_m: Option<[f64; 2]>,
+    /// Radius of a cylinder, m.
+    pub radius_m: Option<f64>,
+    /// x and y of the corners of a prism in their order around it, 3 to 8, m; two are opposite corners of a rectangle
+    /// along the axes.
+    #[serde(default)]
+    pub corners_m: Vec<[f64; 2]>,
+    /// Height of its bottom and of its top, m.
+    pub height_m: [f64; 2],
 }
 
 /// `[lines]`.
@@ -141,6 +163,11 @@ pub struct SiteSection {
     pub longitude_deg: f64,
     /// Azimuth of the x axis, degrees clockwise from north.
     pub azimuth_deg: f64,
+}
+
+/// The largest position error of a robot of 10 m that is stated as good, and a hand's breadth of swing.
+fn default_clearance() -> f64 {
+    0.1
 }
 
 fn default_length_limits() -> [f64; 2] {

@@ -29,6 +29,9 @@ use crate::motion::{Cause, Refusal};
 use crate::profile::ProfileLimits;
 use crate::{Distribution, Path, Profile, Robot, Segment, path};
 
+/// Longest step of the check for obstacles, m: cables are kept away by the step in addition to the clearance.
+const OBSTACLE_STEP_M: f64 = 0.05;
+
 /// Simpson intervals for the result and for the scan: 32 have an error of 5e-5 with the default motor.
 const INTERVALS: [usize; 2] = [32, 16];
 
@@ -151,6 +154,28 @@ fn check_keep_out(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize
             return Err(Refusal { position, path_s_m: (position - from).norm(), cause }.into());
         }
         before = position;
+    }
+    check_obstacles(robot, at, pieces)
+}
+
+/// Rejects a path on which the node or a cable would touch an obstacle, in steps of at most [`OBSTACLE_STEP_M`].
+fn check_obstacles(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize) -> Result<(), EnergyError> {
+    if robot.obstacles().next().is_none() {
+        return Ok(());
+    }
+    let from = at(0.0);
+    let mut before = from;
+    for i in 0..pieces {
+        let way_m = (at((i + 1) as f64 / pieces as f64) - at(i as f64 / pieces as f64)).norm();
+        let steps = (way_m / OBSTACLE_STEP_M).ceil().max(1.0);
+        for k in 1..=steps as usize {
+            let position = at((i as f64 + k as f64 / steps) / pieces as f64);
+            if let Some(contact) = robot.contact(&before, &position) {
+                let cause = Cause::Obstacle { contact, clearance_m: robot.clearance_m() };
+                return Err(Refusal { position, path_s_m: (position - from).norm(), cause }.into());
+            }
+            before = position;
+        }
     }
     Ok(())
 }

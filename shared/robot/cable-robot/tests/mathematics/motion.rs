@@ -4,7 +4,9 @@ use cable_robot::motion::Cause;
 use cable_robot::motor::DriveLimits;
 use cable_robot::path::{Parabola, Spiral};
 use cable_robot::profile::ProfileLimits;
-use cable_robot::{Distribution, Motion, Path, Profile, Robot, RobotParts, Segment, Vector3, kinematics, tension};
+use cable_robot::{
+    Distribution, Motion, Obstacle, Path, Profile, Robot, RobotParts, Segment, Vector3, kinematics, tension,
+};
 use proptest::prelude::*;
 
 fn parts() -> RobotParts {
@@ -257,4 +259,62 @@ proptest! {
             },
         }
     }
+}
+
+/// Least distance of the node and of every cable from an obstacle along a segment, m, at 300 instants and 200 points of
+/// each cable.
+fn least_distance_m(robot: &Robot, segment: &Segment, obstacle: &Obstacle) -> f64 {
+    let mut least_m = f64::INFINITY;
+    for i in 0..=300 {
+        let node = segment.path.point(segment.path.length() * f64::from(i) / 300.0);
+        for anchor in robot.anchors().iter() {
+            for k in 0..=200 {
+                least_m = least_m.min(obstacle.distance_m(&(anchor + (node - anchor) * (f64::from(k) / 200.0))));
+            }
+        }
+    }
+    least_m
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn no_accepted_path_brings_node_or_cables_near_a_trunk(
+        path in paths(), x in 1.0..8.0f64, y in 0.5..7.0f64, radius_m in 0.1..0.4f64, top_m in 0.5..3.0f64,
+    ) {
+        const CLEARANCE_M: f64 = 0.15;
+        let trunk = Obstacle::cylinder([x, y], radius_m, [0.0, top_m]).unwrap();
+        let wood = RobotParts { obstacles: vec![trunk], clearance_m: CLEARANCE_M, ..parts() };
+        let robot = Robot::new(wood.clone()).unwrap();
+        // At an anchor beside the trunk the clearance is smaller.
+        prop_assume!(robot.anchors().iter().all(|anchor| trunk.distance_m(anchor) > 2.5 * CLEARANCE_M));
+        let segment = segment(1, path, 0.0);
+        prop_assume!(check(parts(), &segment).is_ok());
+        let least_m = least_distance_m(&robot, &segment, &trunk);
+        match check(wood, &segment) {
+            Ok(_) => prop_assert!(least_m >= CLEARANCE_M, "{least_m}"),
+            Err(refusal) => {
+                let Cause::Obstacle { contact, .. } = refusal.cause else { panic!("{refusal}") };
+                prop_assert!(contact.obstacle == 0 && least_m < (CLEARANCE_M + 0.02) * std::f64::consts::SQRT_2, "{least_m}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_trunk_carries_its_own_cable_and_is_in_the_way_of_the_others() {
+    let segment = segment(1, Path::line(at(4.0, 2.0, 0.5), at(5.5, 3.5, 1.0)), 0.0);
+    let wood = |x, y| RobotParts {
+        obstacles: vec![Obstacle::cylinder([x, y], 0.2, [0.0, 5.0]).unwrap()],
+        clearance_m: 0.1,
+        ..parts()
+    };
+    // Around an anchor, beside it, and between another anchor and the node.
+    check(wood(0.0, 0.0), &segment).unwrap();
+    check(wood(-0.3, 0.0), &segment).unwrap();
+    let refusal = check(wood(2.0, 1.2), &segment).unwrap_err();
+    let Cause::Obstacle { contact, .. } = refusal.cause else { panic!("{refusal}") };
+    assert_eq!(contact.cable, Some(0), "{refusal}");
+    let refusal = check(wood(5.5, 3.5), &segment).unwrap_err();
+    assert!(matches!(refusal.cause, Cause::Obstacle { .. }), "{refusal}");
 }

@@ -1,0 +1,237 @@
+//! Obstacles: upright bodies, e.g. trunks and walls, that neither the node nor a cable may touch.
+//!
+//! An obstacle is a footprint in x and y, a disc or a polygon, between two heights. Lengths in m. The distance to a
+//! body is 0 inside it.
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::robot_error::{FARTHEST_M, RobotError, refuse};
+
+/// Largest number of corners of a footprint.
+pub const MAX_CORNERS: usize = 8;
+
+const KEY: &str = "obstacle";
+
+/// An upright body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Obstacle {
+    footprint: Footprint,
+    bottom_m: f64,
+    top_m: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Footprint {
+    Disc { center: Vector2<f64>, radius_m: f64 },
+    Polygon { corners: [Vector2<f64>; MAX_CORNERS], count: usize },
+}
+
+impl Obstacle {
+    /// Creates an upright cylinder between two heights.
+    ///
+    /// # Errors
+    /// A radius that is not above 0, heights in the wrong order, or coordinates that are not finite.
+    pub fn cylinder(center_m: [f64; 2], radius_m: f64, heights_m: [f64; 2]) -> Result<Self, RobotError> {
+        coordinates(&center_m)?;
+        if !(radius_m > 0.0 && radius_m <= FARTHEST_M) {
+            return refuse(KEY, format!("has a radius of {radius_m} m"), "a finite radius above 0, in metres");
+        }
+        Self::between(heights_m, Footprint::Disc { center: center_m.into(), radius_m })
+    }
+
+    /// Creates an upright prism over a polygon, whose corners may have any order of rotation, between two heights.
+    ///
+    /// ```
+    /// use cable_robot::{Obstacle, Vector3};
+    /// let wall = Obstacle::prism(&[[0.0, 0.0], [4.0, 0.0], [4.0, 0.2], [0.0, 0.2]], [0.0, 2.0])?;
+    /// let above = Vector3::new(1.0, 0.1, 2.5);
+    /// assert_eq!(wall.distance_m(&above), 0.5);
+    /// assert!(!wall.is_near(&above, &Vector3::new(3.0, 0.1, 2.2), 0.1));
+    /// assert!(wall.is_near(&above, &Vector3::new(1.0, 3.0, 1.9), 0.6));
+    /// # Ok::<(), cable_robot::RobotError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Fewer than 3 or more than [`MAX_CORNERS`] corners, a polygon without area, heights in the wrong order, or
+    /// coordinates that are not finite.
+    pub fn prism(corners_m: &[[f64; 2]], heights_m: [f64; 2]) -> Result<Self, RobotError> {
+        if !(3..=MAX_CORNERS).contains(&corners_m.len()) {
+            return refuse(KEY, format!("has {} corners", corners_m.len()), "3 to 8 corners, [x, y] in metres");
+        }
+        let mut corners = [Vector2::zeros(); MAX_CORNERS];
+        for (corner, given) in corners.iter_mut().zip(corners_m) {
+            coordinates(given)?;
+            *corner = (*given).into();
+        }
+        let count = corners_m.len();
+        let twice_the_area: f64 = edges(&corners[..count]).map(|(a, b)| a.perp(&b)).sum();
+        if twice_the_area.abs() < 1e-9 {
+            return refuse(KEY, "has a polygon without area".to_owned(), "corners in their order around the body");
+        }
+        Self::between(heights_m, Footprint::Polygon { corners, count })
+    }
+
+    fn between([bottom_m, top_m]: [f64; 2], footprint: Footprint) -> Result<Self, RobotError> {
+        coordinates(&[bottom_m, top_m])?;
+        if bottom_m >= top_m {
+            let problem = format!("extends from {bottom_m} m to {top_m} m");
+            return refuse(KEY, problem, "[lowest, highest] in metres, the lowest first");
+        }
+        Ok(Self { footprint, bottom_m, top_m })
+    }
+
+    /// Computes the distance from a position to the body, m; 0 inside.
+    pub fn distance_m(&self, position: &Vector3<f64>) -> f64 {
+        let beside_m = self.footprint.distance_m(&position.xy(), &position.xy());
+        let above_m = (self.bottom_m - position.z).max(position.z - self.top_m).max(0.0);
+        libm::hypot(beside_m, above_m)
+    }
+
+    /// True if the straight line from `a` to `b` comes closer than `margin_m` to the body. Around its upper and lower
+    /// rim the margin is up to a factor √2 larger.
+    pub fn is_near(&self, a: &Vector3<f64>, b: &Vector3<f64>, margin_m: f64) -> bool {
+        let (low, high) = (self.bottom_m - margin_m, self.top_m + margin_m);
+        let rise = b.z - a.z;
+        let (mut enter, mut leave) = (0.0f64, 1.0f64);
+        if rise == 0.0 {
+            if a.z < low || a.z > high {
+                return false;
+            }
+        } else {
+            let (t0, t1) = ((low - a.z) / rise, (high - a.z) / rise);
+            (enter, leave) = (enter.max(t0.min(t1)), leave.min(t0.max(t1)));
+        }
+        if enter > leave {
+            return false;
+        }
+        let along = |t: f64| (a + (b - a) * t).xy();
+        // Also true for NaN.
+        !(self.footprint.distance_m(&along(enter), &along(leave)) > margin_m)
+    }
+}
+
+impl Footprint {
+    /// Computes the distance from the straight line from `a` to `b` to the footprint; 0 if they touch.
+    fn distance_m(&self, a: &Vector2<f64>, b: &Vector2<f64>) -> f64 {
+        match self {
+            Self::Disc { center, radius_m } => (to_segment_m(center, a, b) - radius_m).max(0.0),
+            Self::Polygon { corners, count } => {
+                let corners = &corners[..*count];
+                // A line that enters the polygon has its start inside or crosses an edge.
+                if contains(corners, a) {
+                    return 0.0;
+                }
+                edges(corners).map(|(c, d)| between_segments_m(a, b, &c, &d)).fold(f64::INFINITY, f64::min)
+            }
+        }
+    }
+}
+
+fn coordinates(values: &[f64; 2]) -> Result<(), RobotError> {
+    match values.iter().find(|value| !(value.is_finite() && value.abs() <= FARTHEST_M)) {
+        None => Ok(()),
+        Some(value) => refuse(KEY, format!("contains {value}"), "finite coordinates in metres"),
+    }
+}
+
+fn edges(corners: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + '_ {
+    corners.iter().zip(corners.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
+}
+
+/// True if a point is inside a polygon: a ray toward +x crosses its edges an odd number of times.
+fn contains(corners: &[Vector2<f64>], p: &Vector2<f64>) -> bool {
+    edges(corners)
+        .filter(|(a, b)| (a.y > p.y) != (b.y > p.y) && p.x < a.x + (b.x - a.x) * ((p.y - a.y) / (b.y - a.y)))
+        .count()
+        % 2
+        == 1
+}
+
+/// Computes the distance from a point to a segment.
+fn to_segment_m(p: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>) -> f64 {
+    let along = b - a;
+    let squared = along.norm_squared();
+    let t = if squared > 0.0 { ((p - a).dot(&along) / squared).clamp(0.0, 1.0) } else { 0.0 };
+    (p - (a + along * t)).norm()
+}
+
+/// Computes the distance between two segments; 0 if they cross.
+fn between_segments_m(a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2<f64>, d: &Vector2<f64>) -> f64 {
+    let side = |p: &Vector2<f64>, q: &Vector2<f64>, r: &Vector2<f64>| (q - p).perp(&(r - p));
+    if side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0 {
+        return 0.0;
+    }
+    [to_segment_m(a, c, d), to_segment_m(b, c, d), to_segment_m(c, a, b), to_segment_m(d, a, b)]
+        .into_iter()
+        .fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn obstacle() -> impl Strategy<Value = Obstacle> {
+        let heights = || (-1.0..1.0f64, 0.1..3.0f64).prop_map(|(bottom, height)| [bottom, bottom + height]);
+        // A star around a centre: neither convex nor crossing itself.
+        let star = (proptest::collection::vec(0.2..1.5f64, 3..=MAX_CORNERS), -1.0..1.0f64, -1.0..1.0f64);
+        prop_oneof![
+            (-1.0..1.0f64, -1.0..1.0f64, 0.05..1.0f64, heights())
+                .prop_map(|(x, y, radius_m, heights_m)| Obstacle::cylinder([x, y], radius_m, heights_m).unwrap()),
+            (star, heights()).prop_map(|((radii, x, y), heights_m)| {
+                let turn = std::f64::consts::TAU / radii.len() as f64;
+                let corner = |(i, r): (usize, &f64)| {
+                    let (sin, cos) = (i as f64 * turn).sin_cos();
+                    [x + r * cos, y + r * sin]
+                };
+                let corners: Vec<_> = radii.iter().enumerate().map(corner).collect();
+                Obstacle::prism(&corners, heights_m).unwrap()
+            }),
+        ]
+    }
+
+    fn point() -> impl Strategy<Value = Vector3<f64>> {
+        [-3.0..3.0f64, -3.0..3.0f64, -3.0..4.0f64].prop_map(Vector3::from)
+    }
+
+    proptest! {
+        #[test]
+        fn a_line_is_near_if_one_of_its_points_is(body in obstacle(), a in point(), b in point(), margin_m in 0.0..0.5f64) {
+            const PIECES: usize = 2000;
+            let least_m = (0..=PIECES)
+                .map(|i| body.distance_m(&(a + (b - a) * (i as f64 / PIECES as f64))))
+                .fold(f64::INFINITY, f64::min);
+            let step_m = (b - a).norm() / PIECES as f64;
+            if least_m < margin_m {
+                prop_assert!(body.is_near(&a, &b, margin_m), "{least_m}");
+            }
+            if least_m > margin_m * std::f64::consts::SQRT_2 + step_m {
+                prop_assert!(!body.is_near(&a, &b, margin_m), "{least_m}");
+            }
+        }
+
+        #[test]
+        fn distances_change_by_at_most_the_way(body in obstacle(), a in point(), b in point()) {
+            prop_assert!((body.distance_m(&a) - body.distance_m(&b)).abs() <= (a - b).norm() + 1e-12);
+        }
+    }
+
+    #[test]
+    fn bodies_without_extent_are_rejected() {
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        Obstacle::prism(&square, [0.0, 1.0]).unwrap();
+        assert!(Obstacle::prism(&square, [1.0, 1.0]).is_err());
+        assert!(Obstacle::prism(&square[..2], [0.0, 1.0]).is_err());
+        assert!(Obstacle::prism(&[[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]], [0.0, 1.0]).is_err());
+        assert!(Obstacle::prism(&[[0.0; 2]; 9], [0.0, 1.0]).is_err());
+        assert!(Obstacle::cylinder([0.0, 0.0], 0.0, [0.0, 1.0]).is_err());
+        assert!(Obstacle::cylinder([f64::NAN, 0.0], 0.1, [0.0, 1.0]).is_err());
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_near() {
+        let trunk = Obstacle::cylinder([0.0, 0.0], 0.2, [0.0, 5.0]).unwrap();
+        let nowhere = Vector3::repeat(f64::NAN);
+        assert!(trunk.is_near(&nowhere, &nowhere, 0.1));
+    }
+}
