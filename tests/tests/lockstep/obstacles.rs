@@ -74,7 +74,8 @@ fn an_accepted_mission_touches_no_trunk_with_node_or_cables() {
     let flights = std::env::var("PROPTEST_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(FLIGHTS);
     let (flown, rejected, least_m) = (Cell::new(0), Cell::new(0), Cell::new(f64::INFINITY));
     let clearance_m = 0.1;
-    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(flights));
+    let config = ProptestConfig { cases: flights, max_global_rejects: 20 * flights, ..ProptestConfig::default() };
+    let mut runner = proptest::test_runner::TestRunner::new(config);
     let missions = (proptest::collection::vec(trunk(), 1..4), proptest::collection::vec(point(), 1..4));
     let result = runner.run(&missions, |(trunks, points)| {
         let near = |section: &ObstacleSection| {
