@@ -14,7 +14,7 @@ use crate::lockstep::{Flight, Scenario};
 /// Where the node hangs at the start, m.
 pub const START_M: [f64; 3] = [4.8, 3.0, 0.3];
 
-/// Encoder counts per metre of cable: an idler of 15 mm radius with 1024 counts per turn.
+/// Encoder counts per metre of cable: 1024 counts per turn on an idler where the cable's middle runs at 15 mm.
 pub const COUNTS_PER_M: f64 = 10_865.0;
 
 /// One flight.

@@ -44,6 +44,7 @@ pub mod cables;
 pub mod control_bounds;
 pub mod elastic;
 pub mod energy;
+mod keep_out;
 pub mod kinematics;
 pub mod leg;
 pub mod limits;
@@ -56,17 +57,21 @@ pub mod planar;
 pub mod profile;
 pub mod robot;
 mod robot_error;
+mod robot_parts;
 pub mod tension;
 
 pub use anchors::Anchors;
 pub use cables::{CableVec, MAX_CABLES};
+pub use keep_out::KeepOut;
 pub use kinematics::{Jacobian, KinematicsError, NodeJacobian, StructureMatrix};
 pub use motion::{Motion, Segment, Setpoint};
 pub use nalgebra::{Matrix3, Vector3};
-pub use obstacle::Obstacle;
+pub use obstacle::{Contact, Obstacle};
 pub use path::Path;
 pub use profile::Profile;
-pub use robot::{Contact, KeepOut, PulleyKind, Robot, RobotError, RobotParts};
+pub use robot::Robot;
+pub use robot_error::RobotError;
+pub use robot_parts::{DEFAULT_LENGTH_LIMITS_M, PulleyKind, RobotParts};
 pub use tension::Distribution;
 
 /// Standard acceleration of gravity, m/s² (CODATA, exact by convention).

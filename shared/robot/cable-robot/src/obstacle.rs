@@ -12,6 +12,18 @@ pub const MAX_CORNERS: usize = 8;
 
 const KEY: &str = "obstacle";
 
+/// Largest number of obstacles of a robot.
+pub const MAX_OBSTACLES: usize = 32;
+
+/// Contact with an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Contact {
+    /// Index of the obstacle, from 0.
+    pub obstacle: usize,
+    /// Index of the cable, from 0; None for the node.
+    pub cable: Option<usize>,
+}
+
 /// An upright body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Obstacle {

@@ -2,148 +2,16 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::energy::{Current, CurrentTable, MotorTable};
+use crate::energy::{Current, MotorTable};
+use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, DriveLoad, Motor};
-use crate::obstacle::Obstacle;
-pub use crate::robot_error::RobotError;
-use crate::robot_error::{FARTHEST_M, not_negative, positive, refuse};
+use crate::obstacle::{Contact, MAX_OBSTACLES, Obstacle};
+use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
+use crate::robot_parts::{
+    AnchorBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_limits, obstacle_places, routed_lengths,
+    with_pulleys,
+};
 use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
-
-/// Largest number of keep-out boxes of a robot.
-pub const MAX_KEEP_OUT: usize = 8;
-
-/// Length limits if the robot file has none, m: the width of a hand, and longer than any winch holds.
-pub const DEFAULT_LENGTH_LIMITS_M: [f64; 2] = [0.05, 1e3];
-
-/// An axis-aligned box that the node may not enter, m.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct KeepOut {
-    /// Lower corner.
-    pub min: Vector3<f64>,
-    /// Upper corner.
-    pub max: Vector3<f64>,
-}
-
-impl KeepOut {
-    /// True if the straight line from `a` to `b` touches the box.
-    pub fn touches(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
-        let (mut enter, mut leave) = (0.0f64, 1.0f64);
-        for k in 0..3 {
-            let d = b[k] - a[k];
-            if d == 0.0 {
-                if a[k] < self.min[k] || a[k] > self.max[k] {
-                    return false;
-                }
-                continue;
-            }
-            let (t0, t1) = ((self.min[k] - a[k]) / d, (self.max[k] - a[k]) / d);
-            enter = enter.max(t0.min(t1));
-            leave = leave.min(t0.max(t1));
-        }
-        enter <= leave
-    }
-}
-
-/// Largest number of obstacles of a robot.
-pub const MAX_OBSTACLES: usize = 32;
-
-/// Contact with an obstacle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Contact {
-    /// Index of the obstacle, from 0.
-    pub obstacle: usize,
-    /// Index of the cable, from 0; None for the node.
-    pub cable: Option<usize>,
-}
-
-/// Kind of the points where the cables of a robot leave for the node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum PulleyKind {
-    /// Eyes: the cables leave from the anchors themselves.
-    #[default]
-    Eye,
-    /// Pulleys that swivel about the vertical axis through the anchor, see [`crate::leg`].
-    Swivel,
-}
-
-/// The parts of a robot: the keys of the robot file. [`RobotParts::default`] sets only parts with a default; anchors,
-/// mass, tension limits, speed and acceleration must be given.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RobotParts {
-    /// Anchor positions, m, z up.
-    pub anchors_m: Vec<[f64; 3]>,
-    /// Whether the node moves only in the plane y = 0, in which all anchors lie.
-    pub planar: bool,
-    /// Kind of the points where the cables leave for the node.
-    pub pulley: PulleyKind,
-    /// Radius of the pulley per cable to the middle of the cable, m; 0 for a cable through an eye. None: eyes.
-    pub pulley_radius_m: Option<Vec<f64>>,
-    /// Mass of the node, kg; in water including the added mass.
-    pub node_mass_kg: f64,
-    /// Weight less buoyancy, N; default mass x standard gravity.
-    pub net_weight_n: Option<f64>,
-    /// Drag divided by squared speed, N s²/m²; default 0.
-    pub drag_n_s2_m2: f64,
-    /// Lowest and highest tension of a cable, N.
-    pub tension_limits_n: [f64; 2],
-    /// Highest speed of the node, m/s.
-    pub speed_limit_m_s: f64,
-    /// Highest speed of every cable, m/s; default twice that of the node.
-    pub cable_speed_limit_m_s: Option<f64>,
-    /// Highest acceleration of the node, m/s².
-    pub acceleration_limit_m_s2: f64,
-    /// Lowest height of the node, m.
-    pub ground_m: f64,
-    /// Keep-out boxes, each with its lower and upper corner, m.
-    pub keep_out_m: Vec<[[f64; 3]; 2]>,
-    /// Bodies that neither the node nor a cable may touch.
-    pub obstacles: Vec<Obstacle>,
-    /// Smallest distance of node and cables from every obstacle, m.
-    pub clearance_m: f64,
-    /// EA of the cables, N; None for rigid cables.
-    pub stiffness_n: Option<f64>,
-    /// Cable between drum and anchor per cable, m, which also stretches; default 0.
-    pub routed_length_m: Option<Vec<f64>>,
-    /// Shortest and longest measured length per cable, m; default [`DEFAULT_LENGTH_LIMITS_M`].
-    pub length_limits_m: Option<Vec<[f64; 2]>>,
-    /// The winch motors, with quantities at the cable.
-    pub motor: Motor,
-    /// Measured current of the motors; None for the model. At most 24 speeds and 16 tensions.
-    pub motor_table: Option<CurrentTable>,
-    /// What the drives can deliver to the motors; default unlimited.
-    pub drive_limits: DriveLimits,
-    /// Covariance of x1, y1, z1, x2, .. of the anchors, a row per coordinate, m²; None if unknown.
-    pub anchor_covariance_m2: Option<Vec<Vec<f64>>>,
-}
-
-impl Default for RobotParts {
-    fn default() -> Self {
-        Self {
-            anchors_m: Vec::new(),
-            planar: false,
-            pulley: PulleyKind::Eye,
-            pulley_radius_m: None,
-            node_mass_kg: 0.0,
-            net_weight_n: None,
-            drag_n_s2_m2: 0.0,
-            tension_limits_n: [0.0, 0.0],
-            speed_limit_m_s: 0.0,
-            cable_speed_limit_m_s: None,
-            acceleration_limit_m_s2: 0.0,
-            ground_m: 0.0,
-            keep_out_m: Vec::new(),
-            obstacles: Vec::new(),
-            clearance_m: 0.0,
-            stiffness_n: None,
-            routed_length_m: None,
-            length_limits_m: None,
-            motor: Motor::default(),
-            motor_table: None,
-            drive_limits: DriveLimits::default(),
-            anchor_covariance_m2: None,
-        }
-    }
-}
 
 /// A checked robot. It is `Copy`, so that every process and every test has its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -169,9 +37,6 @@ pub struct Robot {
     drive_limits: DriveLimits,
     anchor_covariance: Option<AnchorBlocks>,
 }
-
-/// Covariance between any two anchors, m².
-type AnchorBlocks = [[Matrix3<f64>; MAX_CABLES]; MAX_CABLES];
 
 impl Robot {
     /// Checks a description. The error names the key and the accepted values.
@@ -459,103 +324,11 @@ impl Robot {
     }
 }
 
-fn with_pulleys(anchors: Anchors, kind: PulleyKind, radii_m: Option<&[f64]>) -> Result<Anchors, RobotError> {
-    match (kind, radii_m) {
-        (PulleyKind::Eye, None) => Ok(anchors),
-        (PulleyKind::Swivel, None) => {
-            refuse("pulley_radius_m", "is missing for pulleys that swivel", "one radius per cable, in metres")
-        }
-        (PulleyKind::Eye, Some(radii_m)) => match radii_m.iter().find(|r| **r != 0.0) {
-            Some(r) => refuse("pulley_radius_m", format!("contains {r} for an eye"), "0, or `pulley = \"swivel\"`"),
-            None => anchors.with_pulleys(radii_m),
-        },
-        (PulleyKind::Swivel, Some(radii_m)) => anchors.with_pulleys(radii_m),
-    }
-}
-
-fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result<CableVec, RobotError> {
-    const KEY: &str = "routed_length_m";
-    let Some(lengths) = lengths_m else { return Ok(CableVec::zeros(cables)) };
-    if lengths.len() != cables {
-        let problem = format!("has {} values for {cables} cables", lengths.len());
-        return refuse(KEY, problem, "one length per cable, in metres");
-    }
-    if let Some(i) = lengths.iter().position(|l| !(l.is_finite() && (0.0..=FARTHEST_M).contains(l))) {
-        let problem = format!("number {} is {}", i + 1, lengths[i]);
-        return refuse(KEY, problem, "finite lengths of 0 or more, in metres");
-    }
-    Ok(CableVec::from_fn(cables, |i| lengths[i]))
-}
-
-fn obstacle_places(obstacles: &[Obstacle]) -> Result<[Option<Obstacle>; MAX_OBSTACLES], RobotError> {
-    if obstacles.len() > MAX_OBSTACLES {
-        return refuse("obstacle", format!("has {} entries", obstacles.len()), "at most 32 obstacles");
-    }
-    Ok(std::array::from_fn(|i| obstacles.get(i).copied()))
-}
-
-fn length_limits(limits_m: Option<&[[f64; 2]]>, cables: usize) -> Result<[[f64; 2]; MAX_CABLES], RobotError> {
-    const KEY: &str = "length_limits_m";
-    let mut length_limits_m = [DEFAULT_LENGTH_LIMITS_M; MAX_CABLES];
-    let Some(limits) = limits_m else { return Ok(length_limits_m) };
-    if limits.len() != cables {
-        let problem = format!("has {} pairs for {cables} cables", limits.len());
-        return refuse(KEY, problem, "one [min, max] per cable, in metres");
-    }
-    for (i, [min, max]) in limits.iter().enumerate() {
-        if !(*min > 0.0 && max > min && *max <= FARTHEST_M) {
-            let problem = format!("number {} is [{min}, {max}]", i + 1);
-            return refuse(KEY, problem, "[min, max] in metres with 0 < min < max <= 1e5");
-        }
-        length_limits_m[i] = [*min, *max];
-    }
-    Ok(length_limits_m)
-}
-
-fn anchor_blocks(rows: &[Vec<f64>], anchors: usize) -> Result<AnchorBlocks, RobotError> {
-    const KEY: &str = "covariance_m2";
-    let size = 3 * anchors;
-    let accepted = "a symmetric matrix of x1, y1, z1, x2, .. in m²";
-    if rows.len() != size || rows.iter().any(|row| row.len() != size) {
-        return refuse(KEY, format!("is not {size} x {size} for {anchors} anchors"), accepted);
-    }
-    let sound = |i: usize, j: usize| {
-        let (value, largest) = (rows[i][j], (rows[i][i] * rows[j][j]).sqrt());
-        // Also false for NaN.
-        rows[i][i] >= 0.0 && value.abs() <= largest * (1.0 + 1e-6) && (value - rows[j][i]).abs() <= 1e-6 * largest
-    };
-    if let Some(at) = (0..size * size).find(|at| !sound(at / size, at % size)) {
-        let (i, j) = (at / size, at % size);
-        return refuse(KEY, format!("has {} in row {}, column {}", rows[i][j], i + 1, j + 1), accepted);
-    }
-    let mut blocks = [[Matrix3::zeros(); MAX_CABLES]; MAX_CABLES];
-    for (i, blocks) in blocks.iter_mut().enumerate().take(anchors) {
-        for (j, block) in blocks.iter_mut().enumerate().take(anchors) {
-            *block = Matrix3::from_fn(|row, column| rows[3 * i + row][3 * j + column]);
-        }
-    }
-    Ok(blocks)
-}
-
-fn keep_out_boxes(given: &[[[f64; 3]; 2]]) -> Result<([KeepOut; MAX_KEEP_OUT], usize), RobotError> {
-    const KEY: &str = "keep_out";
-    if given.len() > MAX_KEEP_OUT {
-        return refuse(KEY, format!("has {} boxes", given.len()), "at most 8 boxes [[min], [max]]");
-    }
-    let mut boxes = [KeepOut { min: Vector3::zeros(), max: Vector3::zeros() }; MAX_KEEP_OUT];
-    for (i, [min, max]) in given.iter().enumerate() {
-        if !(0..3).all(|k| min[k].is_finite() && max[k].is_finite() && min[k] < max[k]) {
-            let problem = format!("box {} goes from {min:?} to {max:?}", i + 1);
-            return refuse(KEY, problem, "[[min], [max]] with finite min below max in x, y and z");
-        }
-        boxes[i] = KeepOut { min: Vector3::from(*min), max: Vector3::from(*max) };
-    }
-    Ok((boxes, given.len()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::energy::CurrentTable;
+    use crate::robot_parts::{DEFAULT_LENGTH_LIMITS_M, PulleyKind};
 
     fn parts() -> RobotParts {
         RobotParts {
@@ -659,16 +432,5 @@ mod tests {
         let wrong = moved.with_pulleys(&[0.05; 3]).unwrap();
         assert_eq!(robot.with_anchors(wrong).unwrap_err().key, "pulley_radius_m");
         assert_eq!(robot.with_pulleys(&[0.0; 3]).unwrap(), Robot::new(parts()).unwrap());
-    }
-
-    #[test]
-    fn a_box_is_touched_by_lines_through_it_only() {
-        let b = KeepOut { min: Vector3::new(0.0, 0.0, 0.0), max: Vector3::new(1.0, 1.0, 1.0) };
-        let at = |x: f64, y: f64, z: f64| Vector3::new(x, y, z);
-        assert!(b.touches(&at(-1.0, 0.5, 0.5), &at(2.0, 0.5, 0.5)));
-        assert!(b.touches(&at(0.5, 0.5, 0.5), &at(0.5, 0.5, 0.5)));
-        assert!(!b.touches(&at(-1.0, 1.5, 0.5), &at(2.0, 1.5, 0.5)));
-        assert!(!b.touches(&at(-1.0, 0.5, 0.5), &at(-0.1, 0.5, 0.5)));
-        assert!(b.touches(&at(-0.1, 0.9, 0.5), &at(0.2, 1.05, 0.5)));
     }
 }
