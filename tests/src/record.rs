@@ -151,7 +151,7 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
 ///
 /// # Errors
 /// If the files are wrong.
-pub fn box_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Result<PathBuf> {
+pub fn system_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Result<PathBuf> {
     let path = format!("{}/../configs/systems/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     let file = SystemFile::load(Path::new(&path))?;
     fs::copy(&file.robot, folder.join("robot.toml"))?;

@@ -365,7 +365,7 @@ fn to_output(words: &[String]) -> Answer<(String, String)> {
 /// Its drives are not virtual.
 fn virtual_only(domain: Option<&str>) -> Answer<Bus> {
     let bus = client::join(domain)?;
-    if client::box_of(&bus)?.motor_box.is_none() {
+    if client::system_of(&bus)?.motor_box.is_none() {
         return Err(Failure::NotNow(
             "this robot has real drives, so nothing was done: nims fault works with the virtual motor box only"
                 .to_owned(),

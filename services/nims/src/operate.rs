@@ -2,7 +2,7 @@
 
 use bus::{Bus, Participant};
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
-use client::{MOTOR_IO, PLANNER, box_of, robot_of, send};
+use client::{MOTOR_IO, PLANNER, robot_of, send, system_of};
 use command::values::{Numbers, finite, numbers, point};
 use command::{Answer, Failure, Output, points};
 use commissioning::plan::PathKind;
@@ -281,7 +281,7 @@ fn planned(answer: &OperatorRequest) -> Answer<Output> {
 /// # Errors
 /// The mission cannot be read or flown, or the request is refused or not answered.
 fn run(bus: &Bus, asked: &RunArgs) -> Answer<Output> {
-    let file = box_of(bus)?;
+    let file = system_of(bus)?;
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let text = MissionText::read(&path)?;
     if let Some(why) = client::unrecorded(bus)?.filter(|_| !asked.unrecorded) {
@@ -301,7 +301,7 @@ fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
         Some(config) => (SystemFile::load(config).map_err(Failure::bad)?, None),
         None => {
             let bus = client::join(domain)?;
-            (box_of(&bus)?, present(&bus)?)
+            (system_of(&bus)?, present(&bus)?)
         }
     };
     let robot = file.robot_file().map_err(Failure::bad)?;

@@ -72,7 +72,7 @@ pub fn set(domain: Option<&str>, args: &Args) -> Answer<Output> {
 /// # Errors
 /// The value is out of range, or a law or method does not work with it.
 fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(SystemFile, SystemFile, RobotFile)> {
-    let file = client::box_of(bus)?;
+    let file = client::system_of(bus)?;
     let robot = file.robot_file().map_err(Failure::not_now)?;
     let published = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
     let tuned = Tuned::parse(&text_of(&published.parameters)).map_err(Failure::NotNow)?;
@@ -96,7 +96,7 @@ fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot:
         );
     }
     let idle = if idle.is_empty() { String::new() } else { format!("; {} does not use it", idle.join(" or ")) };
-    let drives = MotorBoxSection::from_file(&client::true_box_of(bus)?, robot).map_err(Failure::not_now)?;
+    let drives = MotorBoxSection::from_file(&client::true_system_of(bus)?, robot).map_err(Failure::not_now)?;
     let warning = drives.and_then(|drives| check::horizon(after, &drives)).filter(|_| key == HORIZON);
     let warning = warning.map_or(String::new(), |found| format!("; warning: {}; {}", found.finding, found.cure));
     Ok(idle + &warning)
@@ -207,7 +207,7 @@ fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
 
 /// Shows the current values of one parameter or of all.
 fn show(bus: &Bus, key: Option<&str>) -> Answer<Output> {
-    let file = client::box_of(bus)?;
+    let file = client::system_of(bus)?;
     let robot: RobotFile = file.robot_file().map_err(Failure::not_now)?;
     let published = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
     let tuned = Tuned::parse(&text_of(&published.parameters)).map_err(Failure::NotNow)?;

@@ -262,7 +262,7 @@ fn motors(authority: &MotorAuthority, row: Option<&ProcessState>, value: &mut Va
 
 /// Returns motor-io's last warning about one of its serial ports.
 fn port_warning(bus: &Bus) -> Answer<Option<String>> {
-    let Ok(file) = client::box_of(bus) else { return Ok(None) };
+    let Ok(file) = client::system_of(bus) else { return Ok(None) };
     let root = bus.domain().root().to_string_lossy().into_owned();
     let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.replace("{domain}", &root)).collect();
     let mut log = bus.subscriber::<LogEvent>("system/log/motor-io")?;

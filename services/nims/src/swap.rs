@@ -71,7 +71,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
     let (new, old) = (robot.role.process_name(name_of(slot)), robot.role.process_name(name_of(lead)));
     if let Some(law) = asked.name.as_deref().filter(|law| *law != DEFAULT) {
         // Check the law before a process is ended to free the slot.
-        client::box_of(bus)?.process_for(robot.role, law).map_err(Failure::BadInput)?;
+        client::system_of(bus)?.process_for(robot.role, law).map_err(Failure::BadInput)?;
     }
     if let Some(law) = &asked.name {
         robot.end(&new)?;
@@ -269,7 +269,7 @@ impl<'a> Robot<'a> {
 
     /// Returns whether the system file has a standby for this role.
     fn keeps_standby(&self) -> Answer<bool> {
-        let file = client::box_of(self.bus)?;
+        let file = client::system_of(self.bus)?;
         Ok(file.process.iter().any(|section| section.role == self.role && section.standby))
     }
 }

@@ -101,7 +101,7 @@ fn bad_robot_files_are_named_by_file_key_and_cure() {
 }
 
 #[test]
-fn bad_box_files_start_nothing() {
+fn bad_system_files_start_nothing() {
     let cases: &[(&str, &str, &[&str])] = &[
         ("rate_hz = 100.0", "rate_hz = 1000.0", &["rate_hz", "10 to 250"]),
         ("rate_hz = 100.0", "rate_hz = 100.0\nrate = 3", &["rate", "rate_hz"]),

@@ -1,7 +1,7 @@
 //! An adaptive leg in flight: sensor, sensor logger and planner are processes of a robot, and the live map decides what
 //! is flown next. Checked by the run file and the truth.
 
-use crate::robot::{Robot, THREE_LINES, steadily};
+use crate::robot::{Robot, THREE_CABLES, steadily};
 use messages::{FieldMap, MotorAuthority, PlanMotion, PlanStatus, Request, TruthNode};
 use robot_state::Reason;
 use std::cell::RefCell;
@@ -77,7 +77,7 @@ fn from_edge_m([x, y]: [f64; 2]) -> f64 {
 #[test]
 fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
     steadily(|| {
-        let mut robot = Robot::up_with(THREE_LINES, DEVICES, |configs| {
+        let mut robot = Robot::up_with(THREE_CABLES, DEVICES, |configs| {
             std::fs::write(configs.join("ground/corner.toml"), GROUND).unwrap();
             std::fs::write(configs.join("systems/rangefinder.toml"), RANGEFINDER).unwrap();
             std::fs::write(configs.join("missions/look-twice.toml"), MISSION).unwrap();

@@ -1,7 +1,7 @@
 //! The processes of a running robot: started, ended, restarted, plugged in and unplugged by the operator, and their
 //! states.
 
-use crate::robot::{Robot, THREE_LINES, steadily};
+use crate::robot::{Robot, THREE_CABLES, steadily};
 use messages::{MotorAuthority, SlotRole};
 use robot_state::answers::{Reason, detail};
 use rustix::process::Signal;
@@ -22,7 +22,7 @@ fn lives(pid: u32) -> bool {
 }
 
 fn begin(more: &str) -> Robot {
-    Robot::begin(THREE_LINES, more, |_| ())
+    Robot::begin(THREE_CABLES, more, |_| ())
 }
 
 fn ready(more: &str) -> Robot {

@@ -1,7 +1,7 @@
 //! The recorded configuration is the one that flew: the run's copy of the configuration, the parameters that each
 //! process publishes, and `nims set`.
 
-use crate::robot::{Robot, THREE_LINES, steadily};
+use crate::robot::{Robot, THREE_CABLES, steadily};
 use messages::{MotorAuthority, Request, SystemConfig, text_of};
 use replay::{Changes, run};
 use rustix::process::Signal;
@@ -100,7 +100,7 @@ const SENSOR: &str = "\n[[process]]\nname = \"wind\"\ncommand = [\"sensor\", \".
 #[test]
 fn an_edit_in_flight_is_for_the_next_run() {
     steadily(|| {
-        let mut robot = Robot::up_with(THREE_LINES, SENSOR, |_| ());
+        let mut robot = Robot::up_with(THREE_CABLES, SENSOR, |_| ());
         robot.arm();
         robot.fly();
         let resolved = robot.run().join("resolved.toml");

@@ -1,7 +1,7 @@
 //! Losses of the recording: they are reported at once, missions are not started, and `nims up` exits with 1. A hung
 //! process is replaced.
 
-use crate::robot::{Robot, THREE_LINES, copy_configs, program, root, steadily};
+use crate::robot::{Robot, THREE_CABLES, copy_configs, program, root, steadily};
 use messages::{MotorAuthority, RecorderStatus, Request};
 use rustix::process::Signal;
 use std::process::Command;
@@ -122,7 +122,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         let mut demo = Command::new(program())
             .args(["demo", "--json", "--domain", domain.name(), "--run"])
             .arg(&run)
-            .arg(copy_configs(folder.path()).join(format!("systems/{THREE_LINES}.toml")))
+            .arg(copy_configs(folder.path()).join(format!("systems/{THREE_CABLES}.toml")))
             .stdout(std::fs::File::create(folder.path().join("stdout")).unwrap())
             .stderr(std::fs::File::create(folder.path().join("stderr")).unwrap())
             .spawn()

@@ -137,7 +137,7 @@ fn a_mission_continues_after_a_power_cut_without_repeating_finished_legs() {
         let there = robot.seen.position_m;
         let before = robot.distance_m(START);
         // The virtual motor box starts the node at the position in its file: the last position.
-        robot.change_box(|text| text.replace("start_m = [4.8, 3.0, 0.3]", &format!("start_m = {there:?}")));
+        robot.change_system(|text| text.replace("start_m = [4.8, 3.0, 0.3]", &format!("start_m = {there:?}")));
         robot.up_again("");
         robot.ask("motor-io", Request::Arm);
         robot.ask("motor-io", Request::ZeroAt { position_m: there });

@@ -2,7 +2,7 @@
 //!
 //! `NIMS_DRIFT_S=60` sets for how long the robot without a controller hangs, s.
 
-use crate::robot::{FOUR_LINES, GOAL, Robot, THREE_LINES, program, steadily};
+use crate::robot::{FOUR_CABLES, GOAL, Robot, THREE_CABLES, program, steadily};
 use bus::clock;
 use messages::{MotorAuthority, RecorderStatus, Request, TruthNode};
 use rustix::process::Signal;
@@ -191,12 +191,12 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
 #[test]
 fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, "");
+        let mut robot = in_flight(THREE_CABLES, "");
         robot.arrive();
         robot.for_cycles(100);
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
         // The virtual motor box starts the node at the position in its file, so the file gets the last position.
-        robot.change_box(|text| {
+        robot.change_system(|text| {
             assert!(text.contains("start_m = [4.8, 3.0, 0.3]"));
             text.replace("start_m = [4.8, 3.0, 0.3]", "start_m = [5.4, 3.6, 0.7]")
         });
@@ -254,23 +254,23 @@ fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
 
 #[test]
 fn without_its_controller_the_robot_stops_on_the_path_and_holds() {
-    stops_on_the_path(THREE_LINES, "controller", MotorAuthority::FAULT_COMMAND_LOST);
+    stops_on_the_path(THREE_CABLES, "controller", MotorAuthority::FAULT_COMMAND_LOST);
 }
 
 #[test]
 fn without_its_estimator_the_robot_stops_on_the_path_and_holds() {
-    stops_on_the_path(THREE_LINES, "estimator", MotorAuthority::FAULT_ESTIMATE_LOST);
+    stops_on_the_path(THREE_CABLES, "estimator", MotorAuthority::FAULT_ESTIMATE_LOST);
 }
 
 #[test]
 fn four_lines_stop_on_the_path_and_hold_without_their_controller() {
-    stops_on_the_path(FOUR_LINES, "controller", MotorAuthority::FAULT_COMMAND_LOST);
+    stops_on_the_path(FOUR_CABLES, "controller", MotorAuthority::FAULT_COMMAND_LOST);
 }
 
 #[test]
 fn a_controller_that_stands_still_is_as_good_as_dead_until_it_goes_on() {
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, "");
+        let mut robot = in_flight(THREE_CABLES, "");
         robot.signal("controller", Signal::STOP);
         robot.until("the robot holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         assert_ne!(robot.named & MotorAuthority::FAULT_COMMAND_LOST, 0, "faults {:#x}", robot.named);
@@ -287,7 +287,7 @@ fn a_controller_that_stands_still_is_as_good_as_dead_until_it_goes_on() {
 #[test]
 fn an_emergency_stop_waits_aloud_for_a_motor_io_that_stands_still() {
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, "");
+        let mut robot = in_flight(THREE_CABLES, "");
         robot.signal("motor-io", Signal::STOP);
         let said = robot.folder().join("estop.stderr");
         let mut estop = Command::new(program())
@@ -318,7 +318,7 @@ fn a_recorder_whose_file_cannot_grow_reports_it_and_starts_another_during_the_fl
         recorder.display()
     );
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, &more);
+        let mut robot = in_flight(THREE_CABLES, &more);
         let pid = robot.pid("recorder").unwrap().to_string();
         let limit = |bytes: &str| {
             let set = Command::new("prlimit").args(["--pid", &pid, &format!("--fsize={bytes}:")]).status();
@@ -342,7 +342,7 @@ fn a_recorder_whose_file_cannot_grow_reports_it_and_starts_another_during_the_fl
 #[test]
 fn without_its_planner_the_robot_finishes_the_segment_and_holds() {
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, "");
+        let mut robot = in_flight(THREE_CABLES, "");
         robot.signal("planner", Signal::KILL);
         robot.arrive();
         until_still(&mut robot);
@@ -357,7 +357,7 @@ fn without_its_planner_the_robot_finishes_the_segment_and_holds() {
 #[test]
 fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, "");
+        let mut robot = in_flight(THREE_CABLES, "");
         robot.signal("recorder", Signal::KILL);
         robot.until_said("it is restarted", |robot| {
             robot.row("recorder").is_some_and(|row| row["restarts"] == 1 && row["state"] == "ready")
@@ -376,7 +376,7 @@ fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
 #[test]
 fn without_motor_io_the_drives_stop_the_motors() {
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, "");
+        let mut robot = in_flight(THREE_CABLES, "");
         robot.until("the node is fast", |robot| robot.speed_m_s() > 0.15);
         robot.signal("motor-io", Signal::KILL);
         robot.look();
@@ -420,7 +420,7 @@ fn a_planar_robot_that_floats_flies() {
 #[test]
 fn without_motor_io_cables_run_out_at_the_speed_that_check_computes() {
     steadily(|| {
-        let mut robot = Robot::up_with(THREE_LINES, "", |configs| {
+        let mut robot = Robot::up_with(THREE_CABLES, "", |configs| {
             let path = configs.join("robots/lab3.toml");
             let text = std::fs::read_to_string(&path).unwrap();
             std::fs::write(&path, text.replace("gear_friction = 0.85 ", "gear_friction = 0.0 ")).unwrap();
@@ -452,7 +452,7 @@ fn processes_outside_the_control_cycle_die_without_effect_on_the_flight() {
         let process = |name: &str| {
             format!("\n[[process]]\nname = \"{name}\"\ncommand = [\"{name}\", \"--system\", \"{{system}}\"]\n")
         };
-        let mut robot = in_flight(THREE_LINES, &["visualization", "sensor-logger"].map(process).concat());
+        let mut robot = in_flight(THREE_CABLES, &["visualization", "sensor-logger"].map(process).concat());
         robot.told(&["plug", "soil", "--", "my-sensor"]);
         for name in ["visualization", "sensor-logger", "soil"] {
             robot.until_said("it runs", |robot| robot.pid(name).is_some());
@@ -475,7 +475,7 @@ fn processes_outside_the_control_cycle_die_without_effect_on_the_flight() {
 #[test]
 fn without_its_supervisor_the_robot_stops_and_the_next_one_cleans_up() {
     steadily(|| {
-        let mut robot = in_flight(THREE_LINES, "");
+        let mut robot = in_flight(THREE_CABLES, "");
         let children: Vec<u32> =
             ["motor-io", "controller", "recorder"].iter().filter_map(|name| robot.pid(name)).collect();
         assert_eq!(children.len(), 3);

@@ -1,7 +1,7 @@
 //! The sensors on serial ports, on simulated devices of the virtual motor box: their values are the truth at their time
 //! stamps, and noise, silence and a pulled plug end nothing.
 
-use crate::robot::{Robot, THREE_LINES, root, steadily};
+use crate::robot::{Robot, THREE_CABLES, root, steadily};
 use bus::{Subscriber, clock};
 use messages::{MotorAuthority, Reading, TruthNode, text_of};
 use motor_box::GroundFile;
@@ -91,7 +91,7 @@ fn wait_for(readings: &mut Subscriber<Reading>, what: &str, wanted: impl Fn(&Rea
 #[test]
 fn they_say_the_truth_and_survive_what_happens_to_ports() {
     steadily(|| {
-        let mut robot = Robot::up_with(THREE_LINES, DEVICES, |configs| {
+        let mut robot = Robot::up_with(THREE_CABLES, DEVICES, |configs| {
             std::fs::write(configs.join("systems/rangefinder.toml"), rangefinder()).unwrap()
         });
         robot.arm();

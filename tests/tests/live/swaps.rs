@@ -5,7 +5,7 @@
 //! rate.
 
 use crate::counters::counted_alike;
-use crate::robot::{Robot, THREE_LINES, samples_of, steadily};
+use crate::robot::{Robot, THREE_CABLES, samples_of, steadily};
 use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorSlots, NodeEstimate, SLOT_NAMES, SLOTS,
     TruthNode,
@@ -35,8 +35,8 @@ fn standbys() -> String {
 }
 
 /// Above 100 Hz the exchange with two units on one port does not fit into a period.
-fn box_and_its_rate() -> (&'static str, &'static str) {
-    if rate_hz() > 100.0 { ("fast3", "rate_hz = 200.0") } else { (THREE_LINES, "rate_hz = 100.0") }
+fn system_and_its_rate() -> (&'static str, &'static str) {
+    if rate_hz() > 100.0 { ("fast3", "rate_hz = 200.0") } else { (THREE_CABLES, "rate_hz = 100.0") }
 }
 
 /// A processor shared by ten processes and a starting eleventh may delay one for milliseconds. At half the usual rate
@@ -47,7 +47,7 @@ fn rate_hz() -> f64 {
 
 /// Started and on a mission to and fro that is long enough not to end during a test.
 fn in_flight(more: &str) -> Robot {
-    let (file, rate) = box_and_its_rate();
+    let (file, rate) = system_and_its_rate();
     let mut robot = Robot::up_with(file, more, |configs| {
         let mut mission = "name = \"to and fro\"\nspeed_m_s = 0.15\n".to_owned();
         for _ in 0..20 {

@@ -35,7 +35,7 @@ fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
     ] {
         let folder = tempfile::tempdir().unwrap();
         let words = [("controller", "law", law), ("estimator", "method", method)];
-        let system_path = record::box_with(folder.path(), name, &words).unwrap();
+        let system_path = record::system_with(folder.path(), name, &words).unwrap();
         // The preview law identifies the drives on the way.
         let path = record::fly(&folder.path().join("run.mcap"), &system_path, &Case { robot, ..CASE }, 900).unwrap();
         let replayed = replayed(&path, &Changes::default());
@@ -49,7 +49,7 @@ fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
 
 /// A short flight, cycle by cycle, with a system file.
 fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
-    let system_path = record::box_with(folder, "demo3", &[]).unwrap();
+    let system_path = record::system_with(folder, "demo3", &[]).unwrap();
     let scenario = CASE.scenario(true).unwrap();
     let chain = Chain::from_file(&SystemFile::load(&system_path).unwrap()).unwrap();
     let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
@@ -131,7 +131,7 @@ fn one_bit_is_found_and_a_gap_is_not_hidden() {
 #[test]
 fn what_is_changed_is_compared_with_what_was_commanded() {
     let folder = tempfile::tempdir().unwrap();
-    let system_path = record::box_with(folder.path(), "demo3", &[]).unwrap();
+    let system_path = record::system_with(folder.path(), "demo3", &[]).unwrap();
     let path = record::fly(&folder.path().join("run.mcap"), &system_path, &CASE, 600).unwrap();
     let set = |key: &str, value: &str| Changes { set: vec![(key.to_owned(), value.to_owned())], ..Changes::default() };
     let instead = |changes: &Changes| replayed(&path, changes).instead.unwrap();

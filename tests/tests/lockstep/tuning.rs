@@ -20,7 +20,7 @@ struct Flight {
 
 /// In motion, one cycle before the change.
 fn flight(folder: &Path, name: &str, robot: &'static str, words: &[(&str, &str, &str)]) -> Flight {
-    let path = record::box_with(folder, name, words).unwrap();
+    let path = record::system_with(folder, name, words).unwrap();
     let file = SystemFile::load(&path).unwrap();
     let case = Case { robot, mission: "polyline", motor_s: [0.030, 0.040] };
     let scenario = case.scenario(true).unwrap();
@@ -152,7 +152,7 @@ fn a_run_in_which_parameters_were_set_replays_bit_for_bit() {
     ] {
         let folder = tempfile::tempdir().unwrap();
         let words = [("controller", "law", law), ("estimator", "method", method)];
-        let system_path = record::box_with(folder.path(), "demo3", &words).unwrap();
+        let system_path = record::system_with(folder.path(), "demo3", &words).unwrap();
         let file = SystemFile::load(&system_path).unwrap();
         let after = changes.iter().fold(file.clone(), |file, (key, value)| tuned(&file, key, value));
         let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };

@@ -204,7 +204,7 @@ fn is_alive(domain: &Domain) -> bool {
 /// Returns the full scale from the robot file; the longest possible cable joins the two anchors that are farthest
 /// apart.
 fn scale(bus: &Bus) -> Option<Scale> {
-    let file = client::box_of(bus).ok()?.robot_file().ok()?;
+    let file = client::system_of(bus).ok()?.robot_file().ok()?;
     let robot = file.robot().ok()?;
     let anchors = robot.anchors();
     let distances_m = anchors.iter().flat_map(|a| anchors.iter().map(move |b| (a - b).norm()));

@@ -5,7 +5,7 @@ use std::ops::{Deref, RangeInclusive};
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
-use crate::leg::Pulley;
+use crate::pulley::Pulley;
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// Key of the robot file.
@@ -93,7 +93,7 @@ impl Anchors {
         Ok(result)
     }
 
-    /// The same anchors with swivelling pulleys of these radii, m; 0 for an eye. See [`crate::leg`].
+    /// The same anchors with swivelling pulleys of these radii, m; 0 for an eye. See [`crate::pulley`].
     ///
     /// ```
     /// # use cable_robot::Anchors;

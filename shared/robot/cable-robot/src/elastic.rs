@@ -1,5 +1,5 @@
 //! Cables that stretch. The measured length l is the unstretched cable paid out beyond the routed part Lx.
-//! With the stiffness EA, the length L of [`crate::leg`] (a straight line from an eye) and tension T are related by
+//! With the stiffness EA, the length L of [`crate::pulley`] (a straight line from an eye) and tension T are related by
 //! (L + Lx) = (l + Lx)(1 + T / EA). Rigid cables: l = L. Pulleys turn without friction, so the tension is the same on
 //! both sides.
 //!
@@ -14,7 +14,7 @@ use crate::kinematics::{
     Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, check_pulleys, forward_kinematics,
     inverse_kinematics,
 };
-use crate::leg::Leg;
+use crate::pulley::CableGeometry;
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
 
@@ -185,8 +185,8 @@ impl Equilibrium {
 ///
 /// The position minimises a convex potential (the energy of a stretched cable is convex in the position, and cables
 /// cannot push; with pulleys this holds everywhere except within about two radii of a pulley's axis, see
-/// [`crate::leg`]). It is therefore unique wherever cables are taut in every direction, and damped Newton steps find it
-/// from any start; `guess` (the last cycle's position) saves steps. For rigid cables this is forward kinematics near
+/// [`crate::pulley`]). It is therefore unique wherever cables are taut in every direction, and damped Newton steps find
+/// it from any start; `guess` (the last cycle's position) saves steps. For rigid cables this is forward kinematics near
 /// the guess, with the unique or the least-norm tensions.
 pub fn equilibrium(
     robot: &Robot,
@@ -251,7 +251,7 @@ struct Stretched {
     /// Length from the anchor, m.
     length: f64,
     /// Curvature of the length; None for an eye.
-    leg: Option<Leg>,
+    cable: Option<CableGeometry>,
 }
 
 struct Balance {
@@ -285,25 +285,25 @@ impl ElasticCables<'_> {
     /// Geometry of a cable at a position.
     fn geometry(&self, i: usize, x: &Vector3<f64>) -> Stretched {
         let pulley = self.robot.anchors().pulley(i);
-        let (length, u, leg) = if pulley.radius_m == 0.0 {
+        let (length, u, cable) = if pulley.radius_m == 0.0 {
             let d = x - pulley.anchor;
             let length = d.norm();
             (length, if length > 0.0 { d / length } else { Vector3::zeros() }, None)
         } else {
-            match pulley.leg(x) {
-                Ok(leg) => (leg.length_m, leg.direction, Some(leg)),
+            match pulley.cable_to(x) {
+                Ok(cable) => (cable.length_m, cable.direction, Some(cable)),
                 // No step ends here, because NaN is never lower.
                 Err(_) => (f64::NAN, Vector3::repeat(f64::NAN), None),
             }
         };
         // The routed part cancels: L + Lx - (l + Lx).
-        Stretched { total: self.total(i), stretch: length - self.unstretched_m[i], u, length, leg }
+        Stretched { total: self.total(i), stretch: length - self.unstretched_m[i], u, length, cable }
     }
 
     fn evaluate(&self, x: &Vector3<f64>) -> Balance {
         let mut balance = Balance { gradient: self.wrench, hessian: Matrix3::zeros(), potential: self.wrench.dot(x) };
         for i in 0..self.robot.cable_count() {
-            let Stretched { total, stretch, u, length, leg } = self.geometry(i, x);
+            let Stretched { total, stretch, u, length, cable } = self.geometry(i, x);
             if stretch <= 0.0 || length == 0.0 {
                 continue;
             }
@@ -311,12 +311,12 @@ impl ElasticCables<'_> {
             let tension = k * stretch;
             balance.potential += 0.5 * tension * stretch;
             balance.gradient += u * tension;
-            balance.hessian += match leg {
+            balance.hessian += match cable {
                 None => {
                     let across = tension / length;
                     linalg::outer(&u, &u) * (k - across) + Matrix3::identity() * across
                 }
-                Some(leg) => linalg::outer(&u, &u) * k + leg.curvature() * tension,
+                Some(cable) => linalg::outer(&u, &u) * k + cable.curvature() * tension,
             };
         }
         balance

@@ -1,6 +1,6 @@
 //! Lengths, positions and velocities: (6)-(14).
 //!
-//! Lengths are N numbers in m: straight-line distances from eyes, and with pulleys the lengths of [`crate::leg`].
+//! Lengths are N numbers in m: straight-line distances from eyes, and with pulleys the lengths of [`crate::pulley`].
 //! Positions are 3-vectors in m. J of (14) is N x 3; its rows are unit vectors of the free cables toward the node, from
 //! the anchors or from the touching points, so that cable velocities are J times the node velocity. B is J⁻¹, or the
 //! pseudo-inverse for more than three cables; the structure matrix Λ = -Jᵀ is 3 x N. Unreachable or ambiguous lengths,

@@ -1,5 +1,5 @@
 //! The mathematics of a cable-suspended robot: a node that hangs from three to eight cables, which run through eyes or
-//! over swivelling pulleys (the *anchors*, see [`leg`]) to winches. A planar robot moves in the x-z plane (y = 0) on
+//! over swivelling pulleys (the *anchors*, see [`pulley`]) to winches. A planar robot moves in the x-z plane (y = 0) on
 //! two to eight cables; everything that takes [`Anchors`] or a [`Robot`] counts directions accordingly.
 //!
 //! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion
@@ -46,7 +46,6 @@ pub mod elastic;
 pub mod energy;
 mod keep_out;
 pub mod kinematics;
-pub mod leg;
 pub mod limits;
 pub mod linalg;
 pub mod motion;
@@ -55,6 +54,7 @@ pub mod obstacle;
 pub mod path;
 pub mod planar;
 pub mod profile;
+pub mod pulley;
 pub mod robot;
 mod robot_error;
 mod robot_parts;

@@ -205,7 +205,8 @@ impl Robot {
             }
             for (cable, pulley) in self.anchors.pulleys().enumerate() {
                 let beside_m = obstacle.distance_m(&pulley.anchor);
-                let start = pulley.leg(position).map_or(pulley.anchor, |leg| position - leg.direction * leg.free_m);
+                let start =
+                    pulley.cable_to(position).map_or(pulley.anchor, |free| position - free.direction * free.free_m);
                 let margin_m = (self.clearance_m + way_m).min(0.5 * beside_m);
                 if beside_m > 0.0 && obstacle.is_near(&start, position, margin_m) {
                     return Some(Contact { obstacle: number, cable: Some(cable) });

@@ -21,7 +21,7 @@ pub enum PulleyKind {
     /// Eyes: the cables leave from the anchors themselves.
     #[default]
     Eye,
-    /// Pulleys that swivel about the vertical axis through the anchor, see [`crate::leg`].
+    /// Pulleys that swivel about the vertical axis through the anchor, see [`crate::pulley`].
     Swivel,
 }
 

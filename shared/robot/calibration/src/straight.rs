@@ -3,10 +3,10 @@
 //! The part of a cable that a pulley adds depends on the positions of anchor and point only weakly (a share of about
 //! radius / length), so the estimate with straightened lengths and the straightening with the estimate converge in a
 //! few rounds, each ten to a hundred times closer. At the fixed point the residuals are measured lengths minus
-//! [`cable_robot::leg`] lengths.
+//! [`cable_robot::pulley`] lengths.
 
 use cable_robot::CableVec;
-use cable_robot::leg::Pulley;
+use cable_robot::pulley::Pulley;
 use nalgebra::Vector3;
 
 /// Addition of a pulley to the straight distance before anything is known, in radii: for a cable that falls by 30°.

@@ -11,7 +11,7 @@ mod requests;
 mod robot;
 
 pub use process_table::{follow, state_name};
-pub use requests::{MOTOR_IO, PLANNER, SUPERVISOR, box_of, robot_of, running, send, true_box_of};
+pub use requests::{MOTOR_IO, PLANNER, SUPERVISOR, robot_of, running, send, system_of, true_system_of};
 pub use robot::{
     ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, sample, unrecorded,
     unrecorded_of,

@@ -26,7 +26,7 @@ pub fn send(bus: &Bus, process: &str, request: &Request) -> Answer<String> {
 ///
 /// # Errors
 /// The supervisor left no record of the run, or the file cannot be read any more.
-pub fn box_of(bus: &Bus) -> Answer<SystemFile> {
+pub fn system_of(bus: &Bus) -> Answer<SystemFile> {
     copy_of(bus, RESOLVED)
 }
 
@@ -34,8 +34,8 @@ pub fn box_of(bus: &Bus) -> Answer<SystemFile> {
 /// robot, not for its processes.
 ///
 /// # Errors
-/// As [`box_of`].
-pub fn true_box_of(bus: &Bus) -> Answer<SystemFile> {
+/// As [`system_of`].
+pub fn true_system_of(bus: &Bus) -> Answer<SystemFile> {
     copy_of(bus, MOTOR_BOX)
 }
 
@@ -60,7 +60,7 @@ pub fn running(bus: &Bus) -> Answer<Running> {
 /// The robot of the run of this domain.
 ///
 /// # Errors
-/// As [`box_of`].
+/// As [`system_of`].
 pub fn robot_of(bus: &Bus) -> Answer<Robot> {
-    box_of(bus)?.robot_file().map_err(Failure::not_now)?.robot().map_err(Failure::not_now)
+    system_of(bus)?.robot_file().map_err(Failure::not_now)?.robot().map_err(Failure::not_now)
 }

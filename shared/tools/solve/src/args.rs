@@ -4,8 +4,8 @@ use super::error::SolveError;
 use cable_robot::anchors::RADII_M;
 use cable_robot::energy::CurrentTable;
 use cable_robot::kinematics::LONGEST_M;
-use cable_robot::leg::Pulley;
 use cable_robot::motor::Motor;
+use cable_robot::pulley::Pulley;
 use cable_robot::{Anchors, Distribution, MAX_CABLES, STANDARD_GRAVITY, Vector3};
 use serde_json::{Map, Value};
 

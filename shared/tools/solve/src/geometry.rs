@@ -3,7 +3,7 @@
 use super::args::{Args, Points, invalid_value};
 use super::error::{OperationResult, SolveError};
 use cable_robot::anchors::on_a_line;
-use cable_robot::leg::Pulley;
+use cable_robot::pulley::Pulley;
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};
 use serde_json::{Value, json};

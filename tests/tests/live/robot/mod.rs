@@ -19,8 +19,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Three cables, and four, in the same room.
-pub const THREE_LINES: &str = "demo3";
-pub const FOUR_LINES: &str = "demo4";
+pub const THREE_CABLES: &str = "demo3";
+pub const FOUR_CABLES: &str = "demo4";
 /// Position of the node at the start in these system files, m, and the other end of the moves here.
 pub const START: [f64; 3] = [4.8, 3.0, 0.3];
 pub const GOAL: [f64; 3] = [5.4, 3.6, 0.7];
@@ -91,7 +91,7 @@ pub fn copy_configs(folder: &Path) -> PathBuf {
 impl Robot {
     /// Three cables, with more text at the end of the system file.
     pub fn up(more: &str) -> Self {
-        Self::up_with(THREE_LINES, more, |_| ())
+        Self::up_with(THREE_CABLES, more, |_| ())
     }
 
     /// With that system file, after `change` has edited its folder of configurations.
@@ -155,7 +155,7 @@ impl Robot {
     }
 
     /// Changes the system file for the next start.
-    pub fn change_box(&self, change: impl FnOnce(String) -> String) {
+    pub fn change_system(&self, change: impl FnOnce(String) -> String) {
         let path = self.folder().join("configs/systems").join(format!("{}.toml", self.file));
         std::fs::write(&path, change(std::fs::read_to_string(&path).unwrap())).unwrap();
     }

@@ -126,9 +126,9 @@ impl Normal {
     fn at(anchors: &Anchors, lengths_m: &[f64], x: &Vector3<f64>) -> Option<Self> {
         let mut normal = Self { cost: 0.0, gradient: Vector3::zeros(), matrix: Matrix3::zeros() };
         for (pulley, length_m) in anchors.pulleys().zip(lengths_m) {
-            let leg = pulley.leg(x).ok()?;
-            let u = leg.direction;
-            let off_m = leg.length_m - length_m;
+            let cable = pulley.cable_to(x).ok()?;
+            let u = cable.direction;
+            let off_m = cable.length_m - length_m;
             normal.cost += off_m * off_m;
             normal.gradient += u * off_m;
             normal.matrix += linalg::outer(&u, &u);

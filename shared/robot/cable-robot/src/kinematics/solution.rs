@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use crate::leg::{NoDirection, Pulley};
+use crate::pulley::{NoDirection, Pulley};
 
 /// Longest accepted length, m; beyond it, squares and their differences lose millimetres.
 pub const LONGEST_M: f64 = 1e5;

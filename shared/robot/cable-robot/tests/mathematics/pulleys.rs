@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 
 use cable_robot::energy::WinchEnergy;
 use cable_robot::kinematics::{Pair, forward_kinematics, inverse_kinematics, lengths_at, trilaterate};
-use cable_robot::leg::{NoDirection, Pulley};
 use cable_robot::motor::Motor;
 use cable_robot::path::{Parabola, Path};
 use cable_robot::profile::{Profile, ProfileLimits};
+use cable_robot::pulley::{NoDirection, Pulley};
 use cable_robot::{
     Anchors, CableVec, Distribution, Jacobian, KinematicsError, PulleyKind, Robot, RobotParts, Segment, Vector3,
     elastic, tension,
@@ -100,20 +100,20 @@ proptest! {
         let anchor = Vector3::new(1.0, -2.0, 3.0);
         let outward = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
         let node = anchor + outward * p + Vector3::z() * z;
-        let leg = Pulley { anchor, radius_m: r, planar: false }.leg(&node).unwrap();
+        let cable = Pulley { anchor, radius_m: r, planar: false }.cable_to(&node).unwrap();
         let arc = touching_arc(r, p, z);
         let [x, y] = on_wheel(r, arc);
         let free = node - (anchor + outward * x + Vector3::z() * y);
-        prop_assert!((leg.length_m - free.norm() - r * arc).abs() < 1e-9, "{leg:?} {arc}");
-        prop_assert!((leg.free_m - free.norm()).abs() < 1e-7);
-        prop_assert!((leg.direction - free / free.norm()).norm() < 1e-6);
+        prop_assert!((cable.length_m - free.norm() - r * arc).abs() < 1e-9, "{cable:?} {arc}");
+        prop_assert!((cable.free_m - free.norm()).abs() < 1e-7);
+        prop_assert!((cable.direction - free / free.norm()).norm() < 1e-6);
         // The cable leaves the wheel in the direction in which it runs over it.
         let along = outward * arc.sin() + Vector3::z() * arc.cos();
-        prop_assert!(leg.direction.dot(&along) > 1.0 - 1e-9);
+        prop_assert!(cable.direction.dot(&along) > 1.0 - 1e-9);
         // The formula with two angles.
         let c = (p - r).hypot(z);
         let angle = PI + (-z).atan2(p - r) - (r / c).acos();
-        prop_assert!((leg.length_m - (c * c - r * r).sqrt() - r * angle).abs() < 1e-9);
+        prop_assert!((cable.length_m - (c * c - r * r).sqrt() - r * angle).abs() < 1e-9);
     }
 
     #[test]
@@ -131,7 +131,7 @@ proptest! {
             for i in 0..n {
                 prop_assert!(((up[i] - down[i]) / (2.0 * h) - j[i][k]).abs() < 1e-8);
                 let second = (j_up[i] - j_down[i]) / (2.0 * h);
-                let curvature = anchors.pulley(i).leg(&p).unwrap().curvature();
+                let curvature = anchors.pulley(i).cable_to(&p).unwrap().curvature();
                 prop_assert!((second - curvature.column(k)).norm() < 1e-7, "{second} {curvature}");
             }
         }
@@ -154,7 +154,7 @@ proptest! {
                 prop_assert!(((up[i] - down[i]) / (2.0 * h) - j[i].dot(&(d / h))).abs() < 1e-8);
                 prop_assert_eq!(j[i].y, 0.0);
                 let second = (j_up[i] - j_down[i]) / (2.0 * h);
-                let curvature = anchors.pulley(i).leg(&p).unwrap().curvature() * (d / h);
+                let curvature = anchors.pulley(i).cable_to(&p).unwrap().curvature() * (d / h);
                 prop_assert!((second - curvature).norm() < 1e-5, "{second} {curvature}");
             }
         }
@@ -288,7 +288,7 @@ fn nothing_jumps_where_the_node_passes_below_the_wheels_centre_or_the_radius_van
     let r = 0.05;
     let pulley = Pulley { anchor: Vector3::zeros(), radius_m: r, planar: false };
     for z in [-3.0, -0.3, 0.3, 3.0] {
-        let at = |p: f64| pulley.leg(&Vector3::new(p, 0.0, z)).unwrap();
+        let at = |p: f64| pulley.cable_to(&Vector3::new(p, 0.0, z)).unwrap();
         for p in [r, 2.0 * r] {
             let (before, after) = (at(p - 1e-9), at(p + 1e-9));
             assert!((before.length_m - after.length_m).abs() < 1e-8);
@@ -300,8 +300,8 @@ fn nothing_jumps_where_the_node_passes_below_the_wheels_centre_or_the_radius_van
         assert!((near - pulley.length_m(&Vector3::new(0.0, 0.0, z))).abs() < 2e-6);
     }
     let node = Vector3::new(2.0, 1.0, -1.5);
-    let thin = Pulley { radius_m: 1e-9, ..pulley }.leg(&node).unwrap();
-    let eye = Pulley { radius_m: 0.0, ..pulley }.leg(&node).unwrap();
+    let thin = Pulley { radius_m: 1e-9, ..pulley }.cable_to(&node).unwrap();
+    let eye = Pulley { radius_m: 0.0, ..pulley }.cable_to(&node).unwrap();
     assert!((thin.length_m - eye.length_m).abs() < 4e-9 && (thin.direction - eye.direction).norm() < 1e-8);
     assert!((thin.curvature() - eye.curvature()).norm() < 1e-8);
 }
@@ -320,7 +320,7 @@ fn poses_without_a_direction_are_typed_errors() {
         assert_eq!(held.unwrap_err().kind(), "singular");
     }
     assert!(inverse_kinematics(&anchors, &at(-0.06, 0.01))[0].is_nan());
-    assert_eq!(anchors.pulley(0).leg(&Vector3::repeat(f64::NAN)).unwrap_err(), NoDirection::AtAnchor);
+    assert_eq!(anchors.pulley(0).cable_to(&Vector3::repeat(f64::NAN)).unwrap_err(), NoDirection::AtAnchor);
     for (lengths, kind) in [
         (&[1.0, 1.0, 1.0][..], "unreachable"),
         (&[5.0, 5.0], "invalid_argument"),

@@ -53,7 +53,7 @@ pub struct Pulley {
 
 /// A cable from its anchor to the node at one position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Leg {
+pub struct CableGeometry {
     /// Length from the anchor, including the part on the wheel, m.
     pub length_m: f64,
     /// Derivative of the length with respect to the position: unit vector of the free cable toward the node.
@@ -66,7 +66,7 @@ pub struct Leg {
     across: Option<Vector3<f64>>,
 }
 
-impl Leg {
+impl CableGeometry {
     /// Second derivative of the length with respect to the position, 1/m; symmetric. For a planar robot the entry of y,
     /// which has no effect, is 1 / `free_m`.
     pub fn curvature(&self) -> Matrix3<f64> {
@@ -109,22 +109,22 @@ impl Pulley {
     /// Computes length, direction and curvature at a position.
     ///
     /// ```
-    /// use cable_robot::{Vector3, leg::{Pulley, NoDirection}};
+    /// use cable_robot::{Vector3, pulley::{Pulley, NoDirection}};
     /// let pulley = Pulley { anchor: Vector3::new(0.0, 0.0, 3.0), radius_m: 0.04, planar: false };
     /// // Below the outer rim the cable hangs straight down, after half a turn around the wheel.
-    /// let below = pulley.leg(&Vector3::new(0.08, 0.0, 1.0)).unwrap();
+    /// let below = pulley.cable_to(&Vector3::new(0.08, 0.0, 1.0)).unwrap();
     /// assert!((below.length_m - (2.0 + 0.04 * std::f64::consts::PI)).abs() < 1e-12);
     /// assert!((below.direction + Vector3::z()).norm() < 1e-12);
-    /// assert_eq!(pulley.leg(&Vector3::new(0.05, 0.0, 3.0)).unwrap_err(), NoDirection::InsidePulley);
-    /// assert_eq!(pulley.leg(&Vector3::new(0.0, 0.0, 1.0)).unwrap_err(), NoDirection::OnAxis);
+    /// assert_eq!(pulley.cable_to(&Vector3::new(0.05, 0.0, 3.0)).unwrap_err(), NoDirection::InsidePulley);
+    /// assert_eq!(pulley.cable_to(&Vector3::new(0.0, 0.0, 1.0)).unwrap_err(), NoDirection::OnAxis);
     /// ```
-    pub fn leg(&self, position: &Vector3<f64>) -> Result<Leg, NoDirection> {
+    pub fn cable_to(&self, position: &Vector3<f64>) -> Result<CableGeometry, NoDirection> {
         if self.radius_m == 0.0 {
             return self.straight(position);
         }
         let at = self.tangent(position);
         let [ex, ey] = at.outward;
-        Ok(Leg {
+        Ok(CableGeometry {
             direction: self.direction_of(&at)?,
             length_m: self.length_of(&at),
             free_m: at.free,
@@ -136,13 +136,13 @@ impl Pulley {
     /// Computes the direction alone, which needs no trigonometric function.
     pub fn direction(&self, position: &Vector3<f64>) -> Result<Vector3<f64>, NoDirection> {
         if self.radius_m == 0.0 {
-            return self.straight(position).map(|leg| leg.direction);
+            return self.straight(position).map(|cable| cable.direction);
         }
         self.direction_of(&self.tangent(position))
     }
 
     /// The cable of an eye.
-    fn straight(&self, position: &Vector3<f64>) -> Result<Leg, NoDirection> {
+    fn straight(&self, position: &Vector3<f64>) -> Result<CableGeometry, NoDirection> {
         let d = position - self.anchor;
         let length_m = d.norm();
         // Also false for NaN.
@@ -150,7 +150,7 @@ impl Pulley {
             return Err(NoDirection::AtAnchor);
         }
         let (direction, sideways_per_m) = (d / length_m, 1.0 / length_m);
-        Ok(Leg { length_m, direction, free_m: length_m, sideways_per_m, across: None })
+        Ok(CableGeometry { length_m, direction, free_m: length_m, sideways_per_m, across: None })
     }
 
     fn tangent(&self, position: &Vector3<f64>) -> Tangent {
