@@ -120,8 +120,9 @@ impl Parts {
 
 /// State of one walk.
 pub struct Walk {
-    robot: Lockstep,
-    parts: Parts,
+    // On the heap: with their robots, both are large for the stack of a thread.
+    robot: Box<Lockstep>,
+    parts: Box<Parts>,
     random: Random,
     checks: Checks,
     last: Option<Cycle>,
@@ -143,10 +144,10 @@ impl Walk {
     pub fn new(case: &Case, seed: u64, bounds: Bounds) -> Result<Self> {
         let scenario = case.scenario(true)?;
         let checks = Checks::new(bounds, scenario.period_s);
-        let mut robot = Lockstep::new(scenario)?;
+        let mut robot = Box::new(Lockstep::new(scenario)?);
         robot.supervise(true);
         robot.zero_and_arm()?;
-        let (parts, random) = (Parts::new(case)?, Random::new(seed));
+        let (parts, random) = (Box::new(Parts::new(case)?), Random::new(seed));
         let (last, log, tally) = (None, VecDeque::new(), Tally::default());
         let astray = [None; SLOTS];
         Ok(Self { robot, parts, random, checks, last, astray, log, powered_off: false, tally })

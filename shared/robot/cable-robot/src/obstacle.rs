@@ -8,12 +8,12 @@ use nalgebra::{Vector2, Vector3};
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// Largest number of corners of a footprint.
-pub const MAX_CORNERS: usize = 8;
+pub const MAX_CORNERS: usize = 6;
 
 const KEY: &str = "obstacle";
 
 /// Largest number of obstacles of a robot.
-pub const MAX_OBSTACLES: usize = 32;
+pub const MAX_OBSTACLES: usize = 16;
 
 /// Contact with an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +68,7 @@ impl Obstacle {
     /// coordinates that are not finite.
     pub fn prism(corners_m: &[[f64; 2]], heights_m: [f64; 2]) -> Result<Self, RobotError> {
         if !(3..=MAX_CORNERS).contains(&corners_m.len()) {
-            return refuse(KEY, format!("has {} corners", corners_m.len()), "3 to 8 corners, [x, y] in metres");
+            return refuse(KEY, format!("has {} corners", corners_m.len()), "3 to 6 corners, [x, y] in metres");
         }
         let mut corners = [Vector2::zeros(); MAX_CORNERS];
         for (corner, given) in corners.iter_mut().zip(corners_m) {

@@ -134,7 +134,7 @@ pub(crate) fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result
 
 pub(crate) fn obstacle_places(obstacles: &[Obstacle]) -> Result<[Option<Obstacle>; MAX_OBSTACLES], RobotError> {
     if obstacles.len() > MAX_OBSTACLES {
-        return refuse("obstacle", format!("has {} entries", obstacles.len()), "at most 32 obstacles");
+        return refuse("obstacle", format!("has {} entries", obstacles.len()), "at most 16 obstacles");
     }
     Ok(std::array::from_fn(|i| obstacles.get(i).copied()))
 }

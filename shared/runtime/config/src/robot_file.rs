@@ -92,7 +92,7 @@ pub struct ObstacleSection {
     pub center_m: Option<[f64; 2]>,
     /// Radius of a cylinder, m.
     pub radius_m: Option<f64>,
-    /// x and y of the corners of a prism in their order around it, 3 to 8, m; two are opposite corners of a rectangle
+    /// x and y of the corners of a prism in their order around it, 3 to 6, m; two are opposite corners of a rectangle
     /// along the axes.
     #[serde(default)]
     pub corners_m: Vec<[f64; 2]>,
