@@ -30,13 +30,34 @@ pub fn detail(text: impl Display) -> Detail {
     let mut draft = ArrayString::new();
     // Cut never fails.
     let _ = write!(Cut(&mut draft), "{text}");
+    within(&draft, DETAIL_BYTES)
+}
+
+/// Text of at most `room` bytes, which are at most [`DETAIL_BYTES`].
+fn within(text: &str, room: usize) -> Detail {
     let mut detail = Detail::new();
-    let (end, from) =
-        if draft.len() > DETAIL_BYTES { parted(&draft, DETAIL_BYTES) } else { (draft.len(), draft.len()) };
-    let parts = [&draft[..end], if from > end { MORE } else { "" }, &draft[from..]];
+    let (end, from) = if text.len() > room { parted(text, room) } else { (text.len(), text.len()) };
+    let parts = [&text[..end], if from > end { MORE } else { "" }, &text[from..]];
     // They fit: `parted` leaves room for all three.
     parts.iter().for_each(|part| detail.push_str(part));
     detail
+}
+
+/// Texts with separators in at most `room` bytes: if they do not fit, each gets the same share.
+fn texts_within(texts: &str, room: usize) -> Detail {
+    if texts.len() <= room {
+        return within(texts, room);
+    }
+    let count = texts.split(SEPARATOR).count();
+    let share = (room + 1) / count - 1;
+    let mut shortened = Detail::new();
+    for (i, text) in texts.split(SEPARATOR).enumerate() {
+        if i > 0 {
+            shortened.push(SEPARATOR);
+        }
+        shortened.push_str(&within(text, share));
+    }
+    shortened
 }
 
 /// A parameter of a reason, as it stands in the sample.
@@ -271,9 +292,16 @@ impl Display for OneText<'_> {
 /// The texts of a reason stand one after the other.
 impl Parameter for Detail {
     fn put(&self, into: &mut Writer<'_>) {
+        let text = detail(OneText(self));
         into.text = match into.texts {
-            0 => detail(OneText(self)),
-            _ => detail(format_args!("{}{SEPARATOR}{}", into.text, OneText(self))),
+            0 => text,
+            _ => {
+                const ROOM: usize = DETAIL_BYTES - SEPARATOR.len_utf8();
+                // The last text usually has the cause and the cure: it gets at least half.
+                let before = texts_within(&into.text, ROOM.saturating_sub(text.len()).max(ROOM / 2));
+                let text = within(&text, ROOM - before.len());
+                detail(format_args!("{before}{SEPARATOR}{text}"))
+            }
         };
         into.texts += 1;
         put_sentence(&mut into.answer.detail, &into.text);
@@ -303,6 +331,24 @@ mod tests {
         let mut from = Reader::new(&answer);
         let taken: Vec<Option<Detail>> = (0..4).map(|_| Detail::take(&mut from)).collect();
         assert_eq!(taken, [Some(detail("one")), Some(detail("")), Some(detail("three")), None]);
+    }
+
+    #[test]
+    fn long_texts_are_shortened_and_none_is_lost() {
+        for lengths in [[400, 400, 0], [400, 3, 400], [3, 500, 500], [512, 512, 512]] {
+            let mut answer = RequestAnswer::default();
+            let texts = lengths.map(|length| detail("word ".repeat(length / 5 + 1)));
+            texts.iter().fold(Writer::new(&mut answer), |mut into, text| {
+                text.put(&mut into);
+                into
+            });
+            let mut from = Reader::new(&answer);
+            for text in texts {
+                let taken = Detail::take(&mut from).unwrap();
+                let start = taken.trim_end_matches(MORE).trim_end();
+                assert!(text.starts_with(start) && start.len() >= text.len().min(60) - 5, "{lengths:?}: {taken}");
+            }
+        }
     }
 
     #[test]
