@@ -34,9 +34,9 @@ const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 const JOIN_TIMEOUT_NS: u64 = SECOND_NS;
 /// Time between two attempts to join.
 const JOIN_PAUSE: Duration = Duration::from_millis(20);
-/// Number of attempts to free a place while other processes clean up, and the time between two. Removing all processes
-/// of a robot takes tens of milliseconds, plus the stalls of the machine.
-const CLEANING_ATTEMPTS: usize = 100;
+/// Number of clean-ups without an effect after which a place counts as taken, and the time between two. Another process
+/// removes a dead one in about a millisecond, plus the stalls of the machine.
+const IDLE_CLEANINGS: usize = 25;
 const CLEANING_PAUSE: Duration = Duration::from_millis(20);
 /// Largest number of notifiers and of listeners of an event: all processes use `system/channels`, and a channel may
 /// have one notifier more than publishers, that of a successor.
@@ -322,18 +322,21 @@ impl Bus {
     }
 
     /// Calls `make` after a clean-up, because a process that has died since this one joined may hold a place. Only one
-    /// process at a time can clean up: if another one has begun, this one waits for it and tries again.
+    /// process at a time can clean up: if another one has begun, this one waits for it and tries again, as long as dead
+    /// processes disappear.
     pub(crate) fn after_cleaning<R, E>(&self, make: impl Fn() -> Result<R, E>) -> Result<R, E> {
-        for _ in 1..CLEANING_ATTEMPTS {
-            let dead = self.domain.dead() > 0;
+        let (mut least, mut idle) = (usize::MAX, 0);
+        loop {
+            let dead = self.domain.dead();
+            idle = if dead < least { 0 } else { idle + 1 };
+            least = least.min(dead);
             self.clean();
             let made = make();
-            if made.is_ok() || !dead {
+            if made.is_ok() || dead == 0 || idle >= IDLE_CLEANINGS {
                 return made;
             }
             std::thread::sleep(CLEANING_PAUSE);
         }
-        make()
     }
 
     /// Raises [`CHANNELS_EVENT`]. It is no error if no process waits for it.
