@@ -201,5 +201,13 @@ fn a_number_too_many_or_too_few_is_refused() {
     }
     refused_as("systems/aq4.toml", "[planner] ", "[estimator]\nprior = [0.6, 0.4, 5.0]\n\n[planner] ", "accepted: 2");
     refused_as("systems/fast3.toml", "horizon_cycles = 31", "drive_lag_s = [0.03, 0.04, 0.05]", "accepted: 2");
+    for (key, list) in [("height_m", "[0.0, 12.0, 5.0]"), ("corners_m", "[[8.0, 4.0, 0.0], [9.5, 4.3, 2.0]]")] {
+        let height = if key == "height_m" { "" } else { "height_m = [0.0, 2.0]\n" };
+        let center = if key == "height_m" { "center_m = [3.0, 6.0]\nradius_m = 0.2\n" } else { "" };
+        let table = format!("[[obstacle]]\n{center}{height}{key} = {list}\n\n[lines] ");
+        refused_as("robots/lab3.toml", "[lines] ", &table, "accepted: 2");
+    }
+    let boxes = "keep_out = [[[0, 0, 0], [1, 1, 1], [2, 2, 2]]]";
+    refused_as("robots/lab3.toml", "keep_out = []", boxes, "accepted: 2");
     refused_as("ground/fig10.toml", "[3.9, 2.6]", "[3.9, 2.6, 0.0]", "accepted: 2");
 }

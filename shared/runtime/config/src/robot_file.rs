@@ -77,7 +77,7 @@ pub struct RobotSection {
     pub ground_m: f64,
     /// Boxes that the node must not enter, m: `[[[x0, y0, z0], [x1, y1, z1]], ..]`, or `[[[x0, z0], [x1, z1]], ..]` for
     /// a planar robot.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "crate::each_exactly")]
     pub keep_out: Vec<[Point; 2]>,
     /// Smallest distance of node and cables from every `[[obstacle]]`, m.
     #[serde(default = "default_clearance")]
@@ -89,14 +89,16 @@ pub struct RobotSection {
 #[serde(deny_unknown_fields)]
 pub struct ObstacleSection {
     /// x and y of the axis of a cylinder, m.
+    #[serde(default, deserialize_with = "crate::exactly_if_given")]
     pub center_m: Option<[f64; 2]>,
     /// Radius of a cylinder, m.
     pub radius_m: Option<f64>,
     /// x and y of the corners of a prism in their order around it, 3 to 6, m; two are opposite corners of a rectangle
     /// along the axes.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "crate::each_exactly")]
     pub corners_m: Vec<[f64; 2]>,
     /// Height of its bottom and of its top, m.
+    #[serde(deserialize_with = "crate::exactly")]
     pub height_m: [f64; 2],
 }
 
@@ -165,7 +167,7 @@ pub struct SiteSection {
     pub azimuth_deg: f64,
 }
 
-/// The largest position error of a robot of 10 m that is stated as good, and a hand's breadth of swing.
+/// About three times the largest position error in drawn worlds of 10 m, 35 mm (`docs/truth.md`).
 fn default_clearance() -> f64 {
     0.1
 }
