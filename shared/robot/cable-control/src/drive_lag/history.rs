@@ -9,9 +9,9 @@ use cable_robot::{CableVec, MAX_CABLES};
 /// use cable_robot::CableVec;
 /// use cable_control::drive_lag::CommandHistory;
 /// let mut sent = CommandHistory::new();
-/// sent.note(7, &CableVec::repeat(3, 0.1));
-/// sent.note(9, &CableVec::repeat(3, 0.2)); // cycle 8 was skipped: the drives kept their command
-/// assert_eq!((sent.ago(0)[0], sent.ago(1)[0], sent.ago(2)[0]), (0.2, 0.1, 0.1));
+/// sent.record(7, &CableVec::repeat(3, 0.1));
+/// sent.record(9, &CableVec::repeat(3, 0.2)); // cycle 8 was skipped: the drives kept their command
+/// assert_eq!((sent.delayed(0)[0], sent.delayed(1)[0], sent.delayed(2)[0]), (0.2, 0.1, 0.1));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CommandHistory {

@@ -26,12 +26,12 @@ const MEMORY_S: f64 = 1.5;
 /// let (mut right, mut off) = (MisfitMeter::new(), MisfitMeter::new());
 /// let (mut sent, mut winch) = (CommandHistory::new(), Winch::default());
 /// for cycle in 1..200 {
-///     sent.note(cycle, &CableVec::repeat(1, if cycle % 80 < 40 { 0.2 } else { 0.0 }));
-///     let next = drive.step(winch, sent.ago(drive.delay_cycles() + 1)[0], sent.ago(drive.delay_cycles())[0]);
+///     sent.record(cycle, &CableVec::repeat(1, if cycle % 80 < 40 { 0.2 } else { 0.0 }));
+///     let next = drive.step(winch, sent.delayed(drive.delay_cycles() + 1)[0], sent.delayed(drive.delay_cycles())[0]);
 ///     let moved = [next.length_m - winch.length_m];
 ///     winch = next;
-///     right.note(&truth, 0.01, &[0.0], &moved, &sent);
-///     off.note(&wrong, 0.01, &[0.0], &moved, &sent);
+///     right.record(&truth, 0.01, &[0.0], &moved, &sent);
+///     off.record(&wrong, 0.01, &[0.0], &moved, &sent);
 /// }
 /// // 0 is perfect; a model with 30 % less delay and lag has a misfit of about 0.3.
 /// assert!(right.misfit().is_some_and(|misfit| misfit < 0.01));

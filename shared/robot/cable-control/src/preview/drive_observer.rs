@@ -27,8 +27,8 @@ const BRIDGED_CYCLES: u64 = 10;
 /// let (drive, mut observer) = (CycleModel::new(&lag, 0.01, 0.01)?, DriveObserver::new(&lag, 0.01)?);
 /// let (mut sent, mut winch) = (CommandHistory::new(), Winch { length_m: 6.0, velocity_m_s: 0.0 });
 /// for cycle in 1..100 {
-///     sent.note(cycle, &CableVec::repeat(1, if cycle < 50 { 0.0 } else { 0.2 }));
-///     winch = drive.step(winch, sent.ago(drive.delay_cycles() + 1)[0], sent.ago(drive.delay_cycles())[0]);
+///     sent.record(cycle, &CableVec::repeat(1, if cycle < 50 { 0.0 } else { 0.2 }));
+///     winch = drive.step(winch, sent.delayed(drive.delay_cycles() + 1)[0], sent.delayed(drive.delay_cycles())[0]);
 ///     // Read when the command is sent, in steps of 0.1 mm.
 ///     let read = CableVec::repeat(1, (winch.length_m * 1e4).round() * 1e-4);
 ///     observer.correct(cycle, 0.0, &read, &CableVec::repeat(1, 0.0), &sent);
