@@ -172,7 +172,8 @@ fn abort_reason(run: &RunData, mission: &Mission) -> Option<Cause> {
         _ => None,
     };
     let faults = match mission.why {
-        Some(Reason::EndedByFault { faults }) => faults.bits,
+        Some(Reason::EndedByFault { faults } | Reason::EndedAfterFault { faults }) => faults.bits,
+        Some(Reason::EndedByEmergencyStop { faults }) => faults.bits & MotorAuthority::FAULT_EMERGENCY_INPUT,
         _ => 0,
     };
     // The cure only applies during the flight.
