@@ -150,7 +150,7 @@ pub enum PlanError {
 
 /// Describes the speed at which a rejected segment can be flown.
 fn speed_advice(feasible_m_s: Option<f64>) -> String {
-    feasible_m_s.map_or_else(String::new, |speed_m_s| format!("; fly it at {speed_m_s:.3} m/s"))
+    feasible_m_s.map_or_else(String::new, |speed_m_s| format!("; this segment can be flown at {speed_m_s:.3} m/s"))
 }
 
 /// Point on the path of a mission, independent of where its flight began.

@@ -374,7 +374,8 @@ impl<'a> Builder<'a> {
         error
     }
 
-    /// Searches the highest cruise speed below the rejected one at which a path can be flown, m/s.
+    /// Searches a cruise speed below the rejected one at which a path can be flown, m/s; the highest, unless friction
+    /// makes a slower motion harder somewhere.
     fn feasible_m_s(&self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Option<f64> {
         let (mut flown_m_s, mut refused_m_s) = (0.0, self.cruise_m_s(leg, speed_m_s).ok()?);
         for _ in 0..HALVINGS {

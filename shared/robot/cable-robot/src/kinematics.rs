@@ -43,7 +43,7 @@ pub fn lengths_at(anchors: &Anchors, position: &Vector3<f64>) -> Result<CableVec
 /// Rejects positions at which the cable over a pulley has no direction; eyes are not checked.
 pub(crate) fn check_pulleys(anchors: &Anchors, position: &Vector3<f64>) -> Result<(), KinematicsError> {
     for (i, pulley) in anchors.pulleys().enumerate().filter(|(_, pulley)| pulley.radius_m != 0.0) {
-        pulley.direction(position).map_err(|why| KinematicsError::of_leg(why, i, &pulley, position))?;
+        pulley.direction(position).map_err(|why| KinematicsError::without_direction(why, i, &pulley, position))?;
     }
     Ok(())
 }

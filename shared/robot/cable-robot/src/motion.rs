@@ -250,7 +250,7 @@ pub enum Cause {
     },
     /// A motor would need more voltage than the drive has.
     #[error(
-        "the motor of cable {} would need {:.1} V to {}, and supply_min_v leaves it {limit_v:.1} V",
+        "the motor of cable {} would need {:.1} V to {}, and supply_min_v less the reserve of the drive is {limit_v:.1} V",
         cable + 1, load.voltage_v.abs(), Work(load)
     )]
     Voltage {
@@ -374,17 +374,20 @@ impl fmt::Display for Work<'_> {
 impl Cause {
     /// True if a lower speed of the node can help.
     pub fn depends_on_speed(&self) -> bool {
-        matches!(self, Self::Current { .. } | Self::Voltage { .. } | Self::CableSpeed { .. })
+        match self {
+            Self::Current { load, .. } | Self::Voltage { load, .. } => load.reel_in_m_s != 0.0,
+            Self::CableSpeed { .. } => true,
+            _ => false,
+        }
     }
 }
 
 fn check_drive(robot: &Robot, cable: usize, load: DriveLoad, report: &mut Report) -> Result<(), Cause> {
     let limits = robot.drive_limits();
-    // Also true for NaN.
-    if !(load.current_a.abs() <= limits.current_a * (1.0 + ROUNDING)) {
+    if !limits.allow_current(&load) {
         return Err(Cause::Current { cable, load, limit_a: limits.current_a });
     }
-    if !(load.voltage_v.abs() <= limits.voltage_v * (1.0 + ROUNDING)) {
+    if !limits.allow_voltage(&load) {
         return Err(Cause::Voltage { cable, load, limit_v: limits.voltage_v });
     }
     report.peak_current_a = report.peak_current_a.max(load.current_a.abs());

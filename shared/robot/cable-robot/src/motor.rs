@@ -113,6 +113,9 @@ impl Motor {
     }
 }
 
+/// Relative excess over a limit that counts as rounding.
+const ROUNDING: f64 = 1e-6;
+
 /// What a drive can deliver to its motor; infinite where it is unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveLimits {
@@ -129,9 +132,14 @@ impl Default for DriveLimits {
 }
 
 impl DriveLimits {
-    /// True if the drive can deliver this load.
-    pub fn allow(&self, load: &DriveLoad) -> bool {
-        load.current_a.abs() <= self.current_a && load.voltage_v.abs() <= self.voltage_v
+    /// True if the drive can deliver the current of this load. False for NaN.
+    pub fn allow_current(&self, load: &DriveLoad) -> bool {
+        load.current_a.abs() <= self.current_a * (1.0 + ROUNDING)
+    }
+
+    /// True if the drive can deliver the voltage of this load. False for NaN.
+    pub fn allow_voltage(&self, load: &DriveLoad) -> bool {
+        load.voltage_v.abs() <= self.voltage_v * (1.0 + ROUNDING)
     }
 
     /// Rejects limits that are not positive.

@@ -10,6 +10,14 @@ use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 /// Largest number of corners of a footprint.
 pub const MAX_CORNERS: usize = 6;
 
+/// Length of a cable from its pulley on which it may be close to a body, m: pulleys hang on trunks and masts, which are
+/// at most about that wide.
+const ROOT_M: f64 = 1.0;
+/// Steps of the check of that length.
+const ROOT_STEPS: u32 = 50;
+/// Approach within a step that counts as rounding, m.
+const APPROACH_M: f64 = 1e-9;
+
 const KEY: &str = "obstacle";
 
 /// Largest number of obstacles of a robot.
@@ -80,6 +88,9 @@ impl Obstacle {
         if twice_the_area.abs() < 1e-9 {
             return refuse(KEY, "has a polygon without area".to_owned(), "corners in their order around the body");
         }
+        if crosses_itself(&corners[..count]) {
+            return refuse(KEY, "has edges that cross or touch".to_owned(), "corners in their order around the body");
+        }
         Self::between(heights_m, Footprint::Polygon { corners, count })
     }
 
@@ -99,9 +110,32 @@ impl Obstacle {
         libm::hypot(beside_m, above_m)
     }
 
+    /// True if a cable from its pulley at `start` to the node at `end` comes closer than `margin_m` to the body. Within
+    /// [`ROOT_M`] of the pulley it may be closer, but must not approach the body.
+    pub fn blocks_cable(&self, start: &Vector3<f64>, end: &Vector3<f64>, margin_m: f64) -> bool {
+        if !self.is_near(start, end, margin_m) {
+            return false;
+        }
+        let length_m = (end - start).norm();
+        let root = start + (end - start) * (ROOT_M / length_m).min(1.0);
+        if !(length_m > 0.0) || length_m > ROOT_M && self.is_near(&root, end, margin_m) {
+            return true;
+        }
+        let mut before_m = self.distance_m(start);
+        (1..=ROOT_STEPS).any(|k| {
+            let distance_m = self.distance_m(&(start + (root - start) * (f64::from(k) / f64::from(ROOT_STEPS))));
+            let approaches = distance_m < margin_m && distance_m < before_m - APPROACH_M;
+            before_m = distance_m;
+            approaches
+        })
+    }
+
     /// True if the straight line from `a` to `b` comes closer than `margin_m` to the body. Around its upper and lower
-    /// rim the margin is up to a factor √2 larger.
+    /// rim the margin is up to a factor √2 larger. A line with an end that is not finite is near.
     pub fn is_near(&self, a: &Vector3<f64>, b: &Vector3<f64>, margin_m: f64) -> bool {
+        if !(a.iter().chain(b.iter()).all(|x| x.is_finite()) && margin_m.is_finite()) {
+            return true;
+        }
         let (low, high) = (self.bottom_m - margin_m, self.top_m + margin_m);
         let rise = b.z - a.z;
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
@@ -117,8 +151,7 @@ impl Obstacle {
             return false;
         }
         let along = |t: f64| (a + (b - a) * t).xy();
-        // Also true for NaN.
-        !(self.footprint.distance_m(&along(enter), &along(leave)) > margin_m)
+        self.footprint.distance_m(&along(enter), &along(leave)) <= margin_m
     }
 }
 
@@ -148,6 +181,15 @@ fn coordinates(values: &[f64; 2]) -> Result<(), RobotError> {
 
 fn edges(corners: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + '_ {
     corners.iter().zip(corners.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
+}
+
+/// True if two edges that are no neighbours touch, or an edge has no length.
+fn crosses_itself(corners: &[Vector2<f64>]) -> bool {
+    let count = corners.len();
+    edges(corners).enumerate().any(|(i, (a, b))| {
+        let others = edges(corners).enumerate().skip(i + 2).filter(|(k, _)| !(i == 0 && k + 1 == count));
+        (b - a).norm() < 1e-9 || others.into_iter().any(|(_, (c, d))| between_segments_m(&a, &b, &c, &d) < 1e-9)
+    })
 }
 
 /// True if a point is inside a polygon: a ray toward +x crosses its edges an odd number of times.
@@ -236,6 +278,11 @@ mod tests {
         assert!(Obstacle::prism(&square[..2], [0.0, 1.0]).is_err());
         assert!(Obstacle::prism(&[[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]], [0.0, 1.0]).is_err());
         assert!(Obstacle::prism(&[[0.0; 2]; 9], [0.0, 1.0]).is_err());
+        // Two corners in the wrong order, a star of five, and a corner twice.
+        assert!(Obstacle::prism(&[[0.0, 0.0], [3.0, 1.0], [3.0, 0.0], [0.0, 1.5]], [0.0, 1.0]).is_err());
+        let star = [[0.0, 1.0], [0.59, -0.81], [-0.95, 0.31], [0.95, 0.31], [-0.59, -0.81]];
+        assert!(Obstacle::prism(&star, [0.0, 1.0]).is_err());
+        assert!(Obstacle::prism(&[[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [0.0, 1.0]).is_err());
         assert!(Obstacle::cylinder([0.0, 0.0], 0.0, [0.0, 1.0]).is_err());
         assert!(Obstacle::cylinder([f64::NAN, 0.0], 0.1, [0.0, 1.0]).is_err());
     }
@@ -243,7 +290,11 @@ mod tests {
     #[test]
     fn what_is_not_a_number_is_near() {
         let trunk = Obstacle::cylinder([0.0, 0.0], 0.2, [0.0, 5.0]).unwrap();
-        let nowhere = Vector3::repeat(f64::NAN);
-        assert!(trunk.is_near(&nowhere, &nowhere, 0.1));
+        let wall = Obstacle::prism(&[[0.0, 0.0], [4.0, 0.0], [4.0, 0.2]], [0.0, 2.0]).unwrap();
+        let (here, nowhere) = (Vector3::new(50.0, 50.0, 50.0), Vector3::repeat(f64::NAN));
+        for body in [trunk, wall] {
+            assert!(body.is_near(&nowhere, &here, 0.1) && body.is_near(&here, &nowhere, 0.1));
+            assert!(!body.is_near(&here, &here, 0.1));
+        }
     }
 }

@@ -195,22 +195,22 @@ impl Robot {
     /// `position`, m. A cable is the straight line from its eye, or from its pulley, to the node. In a short way every
     /// point of it moves by at most the way of the node, by which the clearance grows.
     ///
-    /// An obstacle that contains the anchor of a cable carries it: it stands in the way of the other cables and of the
-    /// node only. At an anchor beside an obstacle, the clearance of its cable is at most half their distance.
+    /// The first metre of a cable may be closer to a body, which carries its pulley or stands beside it, but must not
+    /// approach it.
     pub fn contact(&self, before: &Vector3<f64>, position: &Vector3<f64>) -> Option<Contact> {
-        let way_m = (position - before).norm();
+        let hit = |obstacle, cable| Some(Contact { obstacle, cable });
         for (number, obstacle) in self.obstacles().enumerate() {
             if obstacle.is_near(before, position, self.clearance_m) {
-                return Some(Contact { obstacle: number, cable: None });
+                return hit(number, None);
             }
-            for (cable, pulley) in self.anchors.pulleys().enumerate() {
-                let beside_m = obstacle.distance_m(&pulley.anchor);
-                let start =
-                    pulley.cable_to(position).map_or(pulley.anchor, |free| position - free.direction * free.free_m);
-                let margin_m = (self.clearance_m + way_m).min(0.5 * beside_m);
-                if beside_m > 0.0 && obstacle.is_near(&start, position, margin_m) {
-                    return Some(Contact { obstacle: number, cable: Some(cable) });
-                }
+        }
+        self.obstacles().next()?;
+        let margin_m = self.clearance_m + (position - before).norm();
+        for (cable, pulley) in self.anchors.pulleys().enumerate() {
+            let start = pulley.cable_to(position).map_or(pulley.anchor, |free| position - free.direction * free.free_m);
+            let blocked = |obstacle: &Obstacle| obstacle.blocks_cable(&start, position, margin_m);
+            if let Some(number) = self.obstacles().position(blocked) {
+                return hit(number, Some(cable));
             }
         }
         None
@@ -378,6 +378,12 @@ mod tests {
             ("node_mass_kg", |p| p.node_mass_kg = 0.0),
             ("node_mass_kg", |p| p.node_mass_kg = f64::INFINITY),
             ("anchors_m", |p| p.planar = true),
+            ("clearance_m", |p| p.clearance_m = -0.1),
+            ("current_limit_a", |p| p.drive_limits.current_a = 0.0),
+            ("supply_min_v", |p| p.drive_limits.voltage_v = f64::NAN),
+            ("obstacle", |p| {
+                p.obstacles = vec![Obstacle::cylinder([0.0, 0.0], 0.2, [0.0, 1.0]).unwrap(); MAX_OBSTACLES + 1];
+            }),
             ("pulley_radius_m", |p| p.pulley_radius_m = Some(vec![0.04; 3])),
             ("pulley_radius_m", |p| p.pulley = PulleyKind::Swivel),
             ("pulley_radius_m", |p| {

@@ -31,7 +31,7 @@
 //! let mut reader = RunReader::open(&path)?;
 //! while let Some(recorded) = reader.next_sample()? {
 //!     assert_eq!(recorded.channel.name, "truth/node");
-//!     assert_eq!(recorded.to::<TruthNode>(), Some(sample));
+//!     assert_eq!(recorded.decode::<TruthNode>(), Some(sample));
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

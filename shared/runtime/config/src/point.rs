@@ -7,8 +7,8 @@ use std::ops::Deref;
 ///
 /// ```
 /// use config::Point;
-/// assert_eq!(Point::from_numbers(&[1.0, 2.0])?.on(true)?, [1.0, 0.0, 2.0]);
-/// assert!(Point::from_numbers(&[1.0, 2.0])?.on(false).is_err());
+/// assert_eq!(Point::from_numbers(&[1.0, 2.0])?.resolve(true)?, [1.0, 0.0, 2.0]);
+/// assert!(Point::from_numbers(&[1.0, 2.0])?.resolve(false).is_err());
 /// # Ok::<(), String>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -36,7 +36,7 @@ struct SpeedAdvice(Option<f64>);
 
 impl Display for SpeedAdvice {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        self.0.map_or(Ok(()), |speed_m_s| write!(f, "; fly it at {speed_m_s:.3} m/s"))
+        self.0.map_or(Ok(()), |speed_m_s| write!(f, "; this segment can be flown at {speed_m_s:.3} m/s"))
     }
 }
 

@@ -280,11 +280,14 @@ fn motor_finding(robot: &Robot) -> Option<Finding> {
     let limits = robot.drive_limits();
     let load = robot.drive_load(robot.tension_limits_n()[1], robot.speed_limit_m_s());
     let excess = match load {
-        DriveLoad { current_a, .. } if current_a > limits.current_a => {
+        DriveLoad { current_a, .. } if !limits.allow_current(&load) => {
             format!("takes {current_a:.1} A, above current_limit_a = {} A", limits.current_a)
         }
-        DriveLoad { voltage_v, .. } if voltage_v > limits.voltage_v => {
-            format!("takes {voltage_v:.1} V, and supply_min_v leaves {:.1} V", limits.voltage_v)
+        DriveLoad { voltage_v, .. } if !limits.allow_voltage(&load) => {
+            format!(
+                "takes {voltage_v:.1} V, and supply_min_v less the reserve of the drive is {:.1} V",
+                limits.voltage_v
+            )
         }
         _ => return None,
     };

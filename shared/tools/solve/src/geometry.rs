@@ -23,7 +23,7 @@ fn singular(at: &Vector3<f64>) -> SolveError {
 /// Returns the unit vectors of the free cables toward a position: the rows of J.
 pub fn directions(anchors: &Points, at: &Vector3<f64>) -> Result<Vec<Vector3<f64>>, SolveError> {
     let row = |(cable, pulley): (usize, Pulley)| {
-        pulley.direction(at).map_err(|why| KinematicsError::of_leg(why, cable, &pulley, at).into())
+        pulley.direction(at).map_err(|why| KinematicsError::without_direction(why, cable, &pulley, at).into())
     };
     anchors.pulleys().enumerate().map(row).collect()
 }

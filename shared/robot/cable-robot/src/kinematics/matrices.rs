@@ -24,7 +24,9 @@ impl Jacobian {
         for (i, (row, anchor)) in rows.iter_mut().zip(anchors.iter()).enumerate() {
             let pulley = anchors.pulley(i);
             if pulley.radius_m != 0.0 {
-                *row = pulley.direction(position).map_err(|why| KinematicsError::of_leg(why, i, &pulley, position))?;
+                *row = pulley
+                    .direction(position)
+                    .map_err(|why| KinematicsError::without_direction(why, i, &pulley, position))?;
                 continue;
             }
             // The order of these operations decides the last bit, on which the replay of recorded runs depends.

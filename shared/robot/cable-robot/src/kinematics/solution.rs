@@ -98,7 +98,7 @@ impl KinematicsError {
     }
 
     /// Creates the error for a cable, counted from 0, that has no direction at a position.
-    pub fn of_leg(why: NoDirection, cable: usize, pulley: &Pulley, position: &Vector3<f64>) -> Self {
+    pub fn without_direction(why: NoDirection, cable: usize, pulley: &Pulley, position: &Vector3<f64>) -> Self {
         let (cable, position_m, radius_m) = (cable + 1, (*position).into(), pulley.radius_m);
         match why {
             NoDirection::AtAnchor => Self::singular(position),

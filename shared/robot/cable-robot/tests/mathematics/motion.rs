@@ -309,9 +309,21 @@ fn a_trunk_carries_its_own_cable_and_is_in_the_way_of_the_others() {
         clearance_m: 0.1,
         ..parts()
     };
-    // Around an anchor, beside it, and between another anchor and the node.
+    // Around an anchor, behind it, and between another anchor and the node.
     check(wood(0.0, 0.0), &segment).unwrap();
     check(wood(-0.3, 0.0), &segment).unwrap();
+    check(wood(-0.16, -0.16), &segment).unwrap();
+    // In front of the anchor, however close.
+    for distance in [0.15, 0.21, 0.3, 0.5] {
+        let refusal = check(wood(0.9 * distance, 0.45 * distance), &segment);
+        let inside = distance < 0.2;
+        assert_eq!(refusal.is_ok(), inside, "{distance} m");
+    }
+    // A wall that carries the pulley, and along which the cable runs.
+    let wall = Obstacle::prism(&[[-0.1, -0.1], [4.0, 1.7], [4.0, 1.9], [-0.1, 0.1]], [0.0, 5.0]).unwrap();
+    let along = check(RobotParts { obstacles: vec![wall], clearance_m: 0.1, ..parts() }, &segment).unwrap_err();
+    let Cause::Obstacle { contact, .. } = along.cause else { panic!("{along}") };
+    assert_eq!(contact.cable, Some(0), "{along}");
     let refusal = check(wood(2.0, 1.2), &segment).unwrap_err();
     let Cause::Obstacle { contact, .. } = refusal.cause else { panic!("{refusal}") };
     assert_eq!(contact.cable, Some(0), "{refusal}");
