@@ -111,7 +111,7 @@ impl Obstacle {
     }
 
     /// True if a cable from its pulley at `start` to the node at `end` comes closer than `margin_m` to the body. Within
-    /// [`ROOT_M`] of the pulley it may be closer, but must not approach the body.
+    /// a metre of the pulley it may be closer, but must not approach the body.
     pub fn blocks_cable(&self, start: &Vector3<f64>, end: &Vector3<f64>, margin_m: f64) -> bool {
         if !self.is_near(start, end, margin_m) {
             return false;
