@@ -140,6 +140,8 @@ pub struct RunData {
     pub lacks: Vec<String>,
     /// The robot, if its file is available.
     pub robot: Option<Robot>,
+    /// Name of the world of a virtual run.
+    pub world: Option<String>,
     /// Accuracy; `None` if nothing moved.
     pub analysis: Option<Analysis>,
     /// Last `motor/authority`.
@@ -250,6 +252,7 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<RunData> {
     let recording = inspection.report(&reader);
     let robot = super::robot::robot_of(run, reader.attachments());
     let mut data = collector.close(run, recording, robot, &other_version);
+    data.world = super::robot::world_of(run, reader.attachments());
     data.maps = super::maps::maps_of(run, &data.sensors);
     Ok(data)
 }
@@ -284,6 +287,7 @@ impl Collector {
             recording: RunReport::default(),
             lacks: Vec::new(),
             robot: None,
+            world: None,
             analysis: None,
             authority: None,
             cables: Vec::new(),

@@ -2,7 +2,7 @@
 
 use cable_robot::Robot;
 use config::RobotFile;
-use runlog::Attachment;
+use runlog::{Attachment, system_file_text};
 use std::path::Path;
 
 /// Name of the robot file's copy in a run.
@@ -20,6 +20,17 @@ pub fn load_robot_file(run: &Path, inside: &[Attachment]) -> Option<RobotFile> {
     beside.or_else(|| unpacked(inside))
 }
 
+/// Returns the name of the world in which the truth of a virtual run lies; `None` for real hardware, or without the
+/// system file of the run.
+pub fn world_of(run: &Path, inside: &[Attachment]) -> Option<String> {
+    let system: toml::Table = system_file_text(run, inside)?.parse().ok()?;
+    let world = match system.get("motor_box")?.as_table()?.get("truth") {
+        None => "the robot's own model",
+        Some(truth) => truth.get("name").and_then(toml::Value::as_str).unwrap_or("a world without a name"),
+    };
+    Some(world.to_owned())
+}
+
 /// Extracts all attachments to a temporary folder, because the robot file refers to other files.
 fn unpacked(inside: &[Attachment]) -> Option<RobotFile> {
     let folder = tempfile::tempdir().ok()?;
@@ -29,4 +40,25 @@ fn unpacked(inside: &[Attachment]) -> Option<RobotFile> {
         std::fs::write(folder.path().join(name), &one.data).ok()?;
     }
     RobotFile::load(&folder.path().join(NAME)).ok()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_world_of_a_run_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(world_of(folder.path(), &[]), None);
+        for (text, world) in [
+            ("name = \"real\"", None),
+            ("[motor_box]", Some("the robot's own model")),
+            ("[motor_box.truth]\nslip = 0.1", Some("a world without a name")),
+            ("[motor_box.truth]\nname = \"seed 3, spread 1\"", Some("seed 3, spread 1")),
+        ] {
+            std::fs::write(folder.path().join(runlog::SYSTEM_FILE), text).unwrap();
+            assert_eq!(world_of(folder.path(), &[]).as_deref(), world, "{text}");
+        }
+    }
 }
