@@ -145,6 +145,12 @@ fn stop_once(robot: &Robot, inputs: &mut Subscriber<MotorInput>, states: &mut Su
 
 /// Fills the file system of this file.
 fn fill(file: &File) {
-    let room = fstatvfs(file).unwrap();
-    let _ = fallocate(file, FallocateFlags::empty(), file.metadata().unwrap().len(), room.f_bavail * room.f_frsize);
+    // The kernel allocates all or nothing, and another process may take a part of the room meanwhile.
+    for _ in 0..100 {
+        let room = fstatvfs(file).unwrap();
+        let bytes = room.f_bavail * room.f_frsize;
+        if bytes == 0 || fallocate(file, FallocateFlags::empty(), file.metadata().unwrap().len(), bytes).is_ok() {
+            return;
+        }
+    }
 }
