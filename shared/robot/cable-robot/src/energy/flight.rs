@@ -166,7 +166,7 @@ fn check_obstacles(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usiz
     let from = at(0.0);
     let mut before = from;
     for i in 0..pieces {
-        let way_m = (at((i + 1) as f64 / pieces as f64) - at(i as f64 / pieces as f64)).norm();
+        let way_m = (at((i + 1) as f64 / pieces as f64) - before).norm();
         let steps = (way_m / OBSTACLE_STEP_M).ceil().max(1.0);
         for k in 1..=steps as usize {
             let position = at((i as f64 + k as f64 / steps) / pieces as f64);
