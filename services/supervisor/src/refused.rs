@@ -25,7 +25,7 @@ impl From<BusError> for Refused {
     }
 }
 
-/// At start-up nobody has requested anything.
+/// At start-up there is no request to answer.
 impl From<Refused> for Failure {
     fn from(Refused(reason): Refused) -> Self {
         if reason.is_bad_input() { Self::BadInput(reason.to_string()) } else { Self::NotNow(reason.to_string()) }
