@@ -1,14 +1,17 @@
 //! What the planner accepts, the motors can do: the fastest accepted flight is flown at the lowest supply voltage
-//! without a fault, and the rejected one faults.
+//! without a fault, and the rejected one faults. `nims plan`, `nims check` and a dry run give the planner's verdict.
 
-use config::SystemFile;
+use commissioning::{check, plan};
+use config::{Point, SystemFile};
 use messages::PlanStatus;
 use motor_box::MotorBoxSection;
 use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::scenarios::Case;
 use planner::plan::{Plan, PlanError};
-use planner::{Mission, PlannerConfig};
+use planner::{Mission, PlannerConfig, dry_run};
+use proptest::prelude::*;
 use std::path::Path;
+use std::sync::LazyLock;
 
 const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.03, 0.04] };
 
@@ -82,4 +85,42 @@ fn the_fastest_accepted_flight_is_flown_at_the_lowest_supply_and_a_rejected_one_
     let unchecked = system(folder.path(), 0.0);
     let (state, faults) = fly(&unchecked, &mission(1.0));
     assert!(state == PlanStatus::STATE_ABORTED && faults != 0, "{state} {faults:#x}");
+}
+
+/// The folder of the system with which the commands are compared.
+static COMPARED: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().unwrap();
+    system(folder.path(), 20.0);
+    folder
+});
+
+fn place() -> impl Strategy<Value = [f64; 3]> {
+    (2.0..8.0f64, 0.5..6.0f64, 0.2..2.4f64).prop_map(|(x, y, z)| [x, y, z])
+}
+
+proptest! {
+    #[test]
+    fn every_command_gives_the_planners_verdict(from in place(), to in place(), speed_m_s in 0.1..1.0f64) {
+        let file = SystemFile::load(&COMPARED.path().join("system.toml")).unwrap();
+        let robot = file.robot_file().unwrap().robot().unwrap();
+        let config = PlannerConfig { check_step_m: 0.01, ..PlannerConfig::from_files(&file, robot) };
+        let mission = |speed_m_s: f64| Mission::parse(&format!(
+            "name = \"move\"\nspeed_m_s = {speed_m_s:?}\nacceleration_m_s2 = {:?}\n[[leg]]\nline = {{ to_m = {to:?} }}\n",
+            robot.acceleration_limit_m_s2()
+        )).unwrap();
+        let planned = Plan::new(&mission(speed_m_s), &config, from.into(), 0.0, 1);
+
+        let args = plan::Args {
+            config: COMPARED.path().join("system.toml"), from: Point::from(from), to: Point::from(to), path: None, mu: None,
+            time_weight: 0.0, method: None, speed: Some(speed_m_s), constant_speed: false,
+        };
+        let answer = plan::run(&args).unwrap().value;
+        prop_assert_eq!(answer["feasible"].as_bool().unwrap(), planned.is_ok(), "{} {:?}", answer, planned.err());
+        prop_assert_eq!(check::fly(&mission(speed_m_s), &file, &from).is_ok(), planned.is_ok());
+        prop_assert_eq!(dry_run(&mission(speed_m_s), &config, from).is_ok(), planned.is_ok());
+        if let Err(PlanError::Refused { feasible_m_s: Some(feasible_m_s), .. }) = planned {
+            prop_assert!(feasible_m_s < speed_m_s);
+            prop_assert!(Plan::new(&mission(feasible_m_s), &config, from.into(), 0.0, 1).is_ok());
+        }
+    }
 }
