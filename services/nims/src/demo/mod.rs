@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// System file; default: configs/systems/demo3.toml.
+    /// System file; default: configs/systems/field3.toml.
     pub config: Option<PathBuf>,
     /// Mission file; default: `planner.demo` of the system file.
     #[arg(long)]
@@ -28,7 +28,7 @@ pub struct Args {
 }
 
 /// The default system file, in the project's folder.
-const DEFAULT_SYSTEM: &str = "configs/systems/demo3.toml";
+const DEFAULT_SYSTEM: &str = "configs/systems/field3.toml";
 
 /// Runs the demonstration and writes the report.
 ///
