@@ -69,6 +69,7 @@
 
 mod covariance;
 mod error;
+mod estimate;
 pub mod gps;
 pub mod heights;
 pub mod holdout;
@@ -82,13 +83,13 @@ mod undetermined;
 
 pub use covariance::AnchorCovariance;
 pub use error::CalibrationError;
+pub use estimate::calibrate;
 pub use gps::gps_anchor;
 pub use heights::{calibrate_heights, points_from_rows};
 pub use holdout::{Holdout, hold_out};
 pub use joint::{DirectHeight, Joint, JointInput, Loss, calibrate_joint};
 pub use measurements::{
-    Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method,
-    Outlier, calibrate,
+    Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method, Outlier,
 };
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
 pub use undetermined::{Ambiguity, Undetermined};
