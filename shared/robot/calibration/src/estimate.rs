@@ -9,9 +9,11 @@ use super::error::{CalibrationError, check_sigma, invalid, undetermined};
 use super::heights::{self, Frame, check_lengths, closed_form, closed_form_with_sensitivity};
 use super::joint::{DirectHeight, JointInput, Loss, calibrate_joint};
 use super::measurements::{Calibration, Measurements, Method, Outlier};
+use super::model::{self, Layout};
+use super::refine::{Scatter, refine};
+use super::straight::{self, Geometry};
 use super::survey::survey_network;
-use super::{gps, joint, straight};
-use cable_robot::anchors::RADII_M;
+use super::{gps, joint};
 use cable_robot::{CableVec, MAX_CABLES};
 
 /// Standard deviations are widened if the probability of the observed scatter is below one in a hundred
@@ -21,12 +23,6 @@ const IMPLAUSIBLE_QUANTILE: f64 = 2.326;
 /// A length whose residual exceeds this many standard deviations is reported as an outlier: one in 16,000 for a
 /// normal distribution.
 const OUTLIER_SIGMAS: f64 = 4.0;
-
-/// Bound of the rounds with pulleys; each brings the lengths ten to a hundred times closer.
-const MAX_ROUNDS: usize = 20;
-
-/// Change of the straightened lengths below which a further round changes nothing that can be measured, m.
-const SETTLED_M: f64 = 1e-8;
 
 /// Step of the difference quotient with respect to anchor coordinates, m: its error is its square, relative to metres.
 const STEP_M: f64 = 1e-4;
@@ -78,11 +74,26 @@ pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration,
         }
         check_sigma(&format!("the standard deviation of the height of anchor {}", h.anchor + 1), h.sigma_m)?;
     }
-    let (mut found, fit) = if measured.pulley_radius_m.iter().all(|r| *r == 0.0) {
-        by_method(measured, method)?
-    } else {
-        with_pulleys(measured, method)?
-    };
+    // Radii of another number than cables must not count as eyes.
+    if !measured.pulley_radius_m.is_empty() {
+        straight::check_radii(n, &measured.pulley_radius_m)?;
+    }
+    let (mut found, mut fit) =
+        if model::has_pulleys(measured) { with_pulleys(measured, method)? } else { by_method(measured, method)? };
+    for (what, sigma) in [
+        ("the pulley radius", measured.sigma_pulley_radius_m),
+        ("the scale of a cable", measured.sigma_cable_scale),
+        ("an attachment", measured.sigma_attachment_m),
+    ] {
+        if let Some(sigma) = sigma {
+            check_sigma(&format!("the standard deviation of {what}"), sigma)?;
+        }
+    }
+    if method == Method::Joint && Layout::new(measured, method).is_extended() {
+        let (refined, scatter) = refine(measured, found)?;
+        fit = Fit { scatter, robust: measured.loss != Loss::Squared };
+        found = refined;
+    }
     assess_fit(measured, &mut found, fit);
     let (anchor, axis, std) = found.covariance.worst();
     if !(std <= measured.refuse_above_std_m) {
@@ -99,31 +110,21 @@ fn by_method(measured: &Measurements, method: Method) -> Result<(Calibration, Fi
     }
 }
 
-/// Alternates between the estimate with straightened lengths and the straightening with the estimate.
+/// Estimates with the lengths and heights that cables over eyes would have.
 fn with_pulleys(measured: &Measurements, method: Method) -> Result<(Calibration, Fit), CalibrationError> {
     let radii_m = &measured.pulley_radius_m;
-    if radii_m.len() != measured.cable_count {
-        return invalid(format!("{} pulley radii are given for {} cables", radii_m.len(), measured.cable_count));
-    }
-    if let Some(r) = radii_m.iter().find(|r| !RADII_M.contains(*r)) {
-        return invalid(format!("a pulley radius is {r} m; accepted: 0 (an eye) to {} m", RADII_M.end()));
-    }
-    let with_lengths = |lengths_m: Vec<CableVec>| Measurements { lengths_m, ..measured.clone() };
-    let mut lengths_m: Vec<_> = measured.lengths_m.iter().map(|l| straight::typical(l, radii_m)).collect();
-    let mut result = by_method(&with_lengths(lengths_m.clone()), method)?;
-    for _ in 0..MAX_ROUNDS {
-        let found = &result.0;
-        let next: Vec<_> = (measured.lengths_m.iter().zip(&found.points_m))
-            .map(|(l, point)| straight::at(l, radii_m, &found.anchors_m, point, found.scale))
-            .collect();
-        let change = next.iter().zip(&lengths_m).map(|(a, b)| a.zip_map(b, |a, b| a - b).max_abs()).fold(0.0, f64::max);
-        lengths_m = next;
-        result = by_method(&with_lengths(lengths_m.clone()), method)?;
-        if change < SETTLED_M {
-            break;
-        }
-    }
-    Ok(result)
+    let estimate = |lengths_m: &[CableVec], heights: &[DirectHeight]| {
+        let (lengths_m, heights) = (lengths_m.to_vec(), heights.to_vec());
+        by_method(&Measurements { lengths_m, heights, ..measured.clone() }, method)
+    };
+    let geometry = |(found, _): &(Calibration, Fit)| Geometry {
+        anchors_m: found.anchors_m.clone(),
+        points_m: found.points_m.clone(),
+        scale: found.scale,
+    };
+    let (mut found, fit) = straight::settle(&measured.lengths_m, &measured.heights, radii_m, estimate, geometry)?;
+    found.pulley_radius_m.clone_from(radii_m);
+    Ok((found, fit))
 }
 
 fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: usize, std: f64) -> Undetermined {
@@ -135,27 +136,27 @@ fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: us
     Undetermined::Uncertain { axis: ['x', 'y', 'z'][axis], anchor: anchor + 1, std_m: std, limit_m }
 }
 
-/// Measures of the agreement of the data with the model.
+/// Agreement of the data with the model.
 struct Fit {
-    chi_squared: f64,
-    degrees_of_freedom: f64,
+    scatter: Scatter,
     robust: bool,
 }
 
 /// Compares the scatter with the stated one, widens the covariance if chance does not explain it, reports outliers.
 fn assess_fit(measured: &Measurements, found: &mut Calibration, fit: Fit) {
-    let dof = fit.degrees_of_freedom;
+    let Scatter { chi_squared, degrees_of_freedom: dof } = fit.scatter;
     if dof >= 1.0 {
-        let ratio = (fit.chi_squared / dof).sqrt();
+        let ratio = (chi_squared / dof).sqrt();
         found.noise_ratio = Some(ratio);
         // Wilson and Hilferty: the cube root of chi-squared over its degrees of freedom is nearly normal.
         let spread = 2.0 / (9.0 * dof);
-        let normal = (libm::cbrt(fit.chi_squared / dof) - (1.0 - spread)) / spread.sqrt();
+        let normal = (libm::cbrt(chi_squared / dof) - (1.0 - spread)) / spread.sqrt();
         if normal > IMPLAUSIBLE_QUANTILE && ratio > 1.0 {
             found.widened_by = ratio;
             found.covariance = found.covariance.widened(ratio);
             found.scale_std *= ratio;
             found.offset_std_m = found.offset_std_m.map(|s| s * ratio);
+            found.pulley_radius_std_m *= ratio;
         }
     }
     let bound = OUTLIER_SIGMAS * measured.sigma_length_m * if fit.robust { found.widened_by } else { 1.0 };
@@ -178,6 +179,8 @@ fn without_scale(method: Method, anchors_m: Vec<[f64; 3]>, covariance: AnchorCov
         scale_std: 0.0,
         offsets_m: CableVec::zeros(n),
         offset_std_m: CableVec::zeros(n),
+        pulley_radius_m: Vec::new(),
+        pulley_radius_std_m: 0.0,
         noise_ratio: None,
         widened_by: 1.0,
         outliers: Vec::new(),
@@ -242,10 +245,10 @@ fn by_survey(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationE
     found.points_m = points.iter().map(|c| [c[0], c[1], 0.0]).collect();
     // The agreement of the data has to be judged with the model, not with this estimate, whose residuals also contain
     // the errors of its x and y.
-    let fit = joint_fit(measured, &xy)
-        .map(|best| Fit { chi_squared: best.chi_squared, degrees_of_freedom: best.degrees_of_freedom, robust: false })
-        .unwrap_or(Fit { chi_squared: 0.0, degrees_of_freedom: 0.0, robust: false });
-    Ok((found, fit))
+    let scatter = joint_fit(measured, &xy).map_or(Scatter { chi_squared: 0.0, degrees_of_freedom: 0.0 }, |best| {
+        Scatter { chi_squared: best.chi_squared, degrees_of_freedom: best.degrees_of_freedom }
+    });
+    Ok((found, Fit { scatter, robust: false }))
 }
 
 /// Maximum likelihood fit of the same unknowns, without scale and zeros.
@@ -343,12 +346,8 @@ fn by_joint(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationEr
     found.scale_std = joint.scale_std;
     found.offsets_m = joint.offsets_m;
     found.offset_std_m = joint.offset_std_m;
-    let fit = Fit {
-        chi_squared: joint.chi_squared,
-        degrees_of_freedom: joint.degrees_of_freedom,
-        robust: measured.loss != Loss::Squared,
-    };
-    Ok((found, fit))
+    let scatter = Scatter { chi_squared: joint.chi_squared, degrees_of_freedom: joint.degrees_of_freedom };
+    Ok((found, Fit { scatter, robust: measured.loss != Loss::Squared }))
 }
 
 fn by_gps(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationError> {
@@ -393,5 +392,6 @@ fn by_gps(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationErro
     let mut found = without_scale(Method::Gps, anchors_m, AnchorCovariance::new(covariance));
     found.points_m = measured.gps_m.clone();
     found.residuals_m = (0..m).map(|j| CableVec::from_fn(n, |i| anchors[i].residuals_m[j])).collect();
-    Ok((found, Fit { chi_squared, degrees_of_freedom: (n * m.saturating_sub(3)) as f64, robust: false }))
+    let scatter = Scatter { chi_squared, degrees_of_freedom: (n * m.saturating_sub(3)) as f64 };
+    Ok((found, Fit { scatter, robust: false }))
 }

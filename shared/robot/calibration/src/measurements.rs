@@ -36,6 +36,14 @@ pub struct Measurements {
     /// Known radius of the swivelling pulley at each anchor, m; 0 for an eye, empty if all are eyes. The lengths then
     /// include the part of the cable on the wheel.
     pub pulley_radius_m: Vec<f64>,
+    /// For [`Method::Joint`]: standard deviation of a common deviation of all radii from `pulley_radius_m`, m; None for
+    /// radii that are exact. Only with pulleys.
+    pub sigma_pulley_radius_m: Option<f64>,
+    /// Standard deviation of the scale of each cable about the common one: its wheel, and slip. None for no difference.
+    pub sigma_cable_scale: Option<f64>,
+    /// Standard deviation, per axis, of the point where each cable is tied from the point of the node that is held on
+    /// the plane, m. None for cables that meet there exactly.
+    pub sigma_attachment_m: Option<f64>,
     /// Ranges between plumb lines.
     pub ranges: Vec<Range>,
     /// Side of each anchor, for an anchor with only two ranges; may be shorter.
@@ -66,6 +74,9 @@ impl Measurements {
         Self {
             cable_count,
             pulley_radius_m: Vec::new(),
+            sigma_pulley_radius_m: None,
+            sigma_cable_scale: None,
+            sigma_attachment_m: None,
             ranges: Vec::new(),
             sides: Vec::new(),
             lengths_m: Vec::new(),
@@ -113,6 +124,10 @@ pub struct Calibration {
     pub offsets_m: CableVec,
     /// Standard deviations of the offsets, m.
     pub offset_std_m: CableVec,
+    /// Radius of the pulley at each anchor, m: as measured, or with the estimated deviation; empty if all are eyes.
+    pub pulley_radius_m: Vec<f64>,
+    /// Standard deviation of the common deviation of the radii, m; 0 if it was not estimated.
+    pub pulley_radius_std_m: f64,
     /// Scatter of the measurements divided by their stated standard deviation; about 1 if that is correct. None without
     /// redundant measurements.
     pub noise_ratio: Option<f64>,
