@@ -171,6 +171,10 @@ impl<'a> Test<'a> {
         let whole = self.solution.by_field.columns(first, columns);
         let norms: Vec<f64> = (0..columns).map(|k| left.column(k).norm() + IMITATED * whole.column(k).norm()).collect();
         let scaled = DMatrix::from_fn(left.nrows(), columns, |a, b| left[(a, b)] / norms[b].max(1e-300));
+        // Without redundant measurements nothing is left; and a decomposition of NaN would not end.
+        if left.nrows() == 0 || scaled.iter().chain(&self.solution.right_left).any(|v| !v.is_finite()) {
+            return Explained { coefficients: DVector::zeros(columns), gain: 0.0, rank: 0, norm: 0.0 };
+        }
         let svd = scaled.svd(true, true);
         let largest = svd.singular_values.max();
         let least = (1e-4 * largest).max(IMITATED);
