@@ -14,7 +14,7 @@ const PATHS: [(&str, &str, Option<&str>); 4] = [
     ("motor_box", "ground", None),
 ];
 
-/// Significant digits of a drawn number. The seventh is below a micrometre of an anchor and a thousandth of a deviation.
+/// Significant digits of a drawn number: micrometres of an anchor, and far below any deviation.
 const DIGITS: usize = 7;
 
 /// Returns the text of the system file with the world, for a file in `folder`.
