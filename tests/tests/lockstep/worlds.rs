@@ -71,6 +71,24 @@ fn the_robot_flies_in_drawn_worlds_and_its_estimate_is_not_the_truth() {
     assert_eq!(windy.state, PlanStatus::STATE_DONE, "{windy:?}");
 }
 
+/// A robot that knows the radius of its pulleys is at least twice as near to the truth as one that takes them for eyes.
+#[test]
+fn known_pulleys_bring_the_estimate_close_to_the_truth() {
+    let mut known: Vec<f64> = (1..=5).map(|seed| truth_rms_m("field3", seed)).collect();
+    let mut eyes: Vec<f64> = (1..=5).map(|seed| truth_rms_m("demo3", seed)).collect();
+    known.sort_by(f64::total_cmp);
+    eyes.sort_by(f64::total_cmp);
+    assert!(known[4] < 0.012 && known[2] < 0.5 * eyes[2], "{known:?} {eyes:?}");
+}
+
+/// Prints the flight in a drawn world, and returns the root mean square of the truth from the setpoint, m.
+fn truth_rms_m(name: &str, seed: u64) -> f64 {
+    let flight = drawn(name, seed, 1.0, 0.0, 0.0);
+    row(&format!("{name}, seed {seed}"), &flight);
+    assert_eq!(flight.state, PlanStatus::STATE_DONE, "{flight:?}");
+    flight.truth.rms_m
+}
+
 #[test]
 fn a_world_without_spread_is_the_model() {
     let (model, drawn) = (flown(&system("demo3")), drawn("demo3", 5, 0.0, 0.0, 0.0));

@@ -14,7 +14,7 @@ const PATHS: [(&str, &str, Option<&str>); 4] = [
     ("motor_box", "ground", None),
 ];
 
-/// Significant digits of a drawn number. The seventh is below a micrometre of an anchor and a thousandth of a deviation.
+/// Significant digits of a drawn number: micrometres of an anchor, and far below any deviation.
 const DIGITS: usize = 7;
 
 /// Returns the text of the system file with the world, for a file in `folder`.
@@ -41,7 +41,9 @@ pub(crate) fn with_world(system: &Path, world: &TruthSection, folder: &Path) -> 
     truth.set_position(None);
     let name = world.name.as_deref().unwrap_or_default();
     truth.decor_mut().set_prefix(format!("\n# A world that is not the robot's model: {name}, drawn by nims truth.\n"));
-    inner(document.as_table_mut(), "motor_box").insert("truth", Item::Table(truth));
+    if let Some(motor_box) = inner(document.as_table_mut(), "motor_box") {
+        motor_box.insert("truth", Item::Table(truth));
+    }
     Ok(document.to_string())
 }
 
@@ -51,19 +53,18 @@ fn absolute(path: &Path) -> Answer<PathBuf> {
         .map_err(|error| Failure::BadInput(format!("the folder {} is not usable: {error}", path.display())))
 }
 
-/// The table of a section, which is made if it is not there.
-fn inner<'a>(table: &'a mut Table, section: &str) -> &'a mut Table {
+/// The table of a section, which is made if it is not there. `None` if it is something else.
+fn inner<'a>(table: &'a mut Table, section: &str) -> Option<&'a mut Table> {
     let item = table.entry(section).or_insert_with(|| Item::Table(Table::new()));
-    if !item.is_table() {
+    if item.is_inline_table() {
         // `motor_box = { .. }` in one line.
-        let made = std::mem::take(item).into_table().unwrap_or_default();
-        *item = Item::Table(made);
+        *item = std::mem::take(item).into_table().map_or(Item::None, Item::Table);
     }
-    item.as_table_mut().expect("made a table above")
+    item.as_table_mut()
 }
 
 fn make_absolute(table: &mut Table, section: &str, key: &str, default: Option<&str>, from: &Path) {
-    let table = if section.is_empty() { table } else { inner(table, section) };
+    let Some(table) = (if section.is_empty() { Some(table) } else { inner(table, section) }) else { return };
     let given = table.get(key).and_then(Item::as_str).or(default);
     if let Some(path) = given.map(|path| from.join(path).display().to_string()) {
         match table.get_mut(key).and_then(Item::as_value_mut) {
