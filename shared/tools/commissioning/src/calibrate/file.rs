@@ -271,10 +271,11 @@ impl MeasurementsFile {
     }
 
     /// The method where none is asked for: for pulleys the joint one, which alone weighs what is not quite known about
-    /// them, and for eyes that of the paper.
+    /// them, and for lengths that `nims setup` captured, whose zeros it determines; for others that of the paper.
     #[must_use]
     pub fn usual_method(&self) -> Method {
-        if self.pulley == Some(PulleyKind::Swivel) { Method::Joint } else { Method::Survey }
+        let captured = self.setup.is_some() && self.sigma_offset_m.is_some();
+        if captured || self.pulley == Some(PulleyKind::Swivel) { Method::Joint } else { Method::Survey }
     }
 
     /// The radius of each pulley, m: zeros if the cables leave from eyes, empty if the file does not say.

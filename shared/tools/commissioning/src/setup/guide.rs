@@ -1,9 +1,11 @@
 //! The sequence of questions: the measurements so far and the open question. No input and output; the state is the
 //! measurements file.
 
+use super::capture::CapturedLengths;
 use super::numbers::{self, excerpt};
 use super::question::{self, POINTS, Question, pulleys};
 use super::shape;
+use super::text::listed;
 use super::undo::undo;
 use crate::calibrate::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
 use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, calibrate};
@@ -12,6 +14,9 @@ use config::PulleyKind;
 /// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser
 /// meter used by beginners.
 const SIGMA_RANGE_M: f64 = 0.005;
+
+/// Standard deviation of the zeros of captured lengths, m: `nims zero` at a place that is known to a few centimetres.
+const SIGMA_ZERO_M: f64 = 0.05;
 
 /// Minimum number of points of a plan.
 const FEWEST: usize = 3;
@@ -162,7 +167,20 @@ impl Guide {
                 ),
             };
         }
-        // Apply the answer to a copy, so that a rejected one changes nothing.
+        let typed = line.starts_with(|c: char| c.is_ascii_digit());
+        if typed && matches!(self.question, Question::Lengths { .. } | Question::Confirmation { .. }) {
+            if self.file.counts_per_m.is_some() && !self.file.point.is_empty() {
+                return refused(
+                    "The points so far were captured, and typed lengths have other zeros: type capture.".to_owned(),
+                );
+            }
+            (self.file.counts_per_m, self.file.sigma_offset_m) = (None, None);
+        }
+        self.apply(line)
+    }
+
+    /// Applies an answer to a copy, so that a rejected one changes nothing.
+    fn apply(&mut self, line: &str) -> Reply {
         let mut tried = self.file.clone();
         match apply_answer(&mut tried, &self.question, line) {
             Ok(message) => {
@@ -171,6 +189,42 @@ impl Guide {
             }
             Err(why) => refused(sentence(&why)),
         }
+    }
+
+    /// Returns whether this line asks for the lengths of the running robot at a point.
+    pub fn takes_capture(&self, line: &str) -> bool {
+        line.trim().eq_ignore_ascii_case("capture")
+            && matches!(self.question, Question::Lengths { .. } | Question::Confirmation { .. })
+    }
+
+    /// Applies lengths of the running robot to the open point.
+    pub fn capture(&mut self, captured: &CapturedLengths) -> Reply {
+        let count = pulleys(&self.file);
+        if captured.lengths_m.len() != count {
+            let cables = captured.lengths_m.len();
+            return refused(format!("The running robot has {cables} cables, and this site has {count} pulleys."));
+        }
+        let same = self.file.counts_per_m.as_ref().is_none_or(|counts| *counts == captured.counts_per_m);
+        if !same || (self.file.counts_per_m.is_none() && !self.file.point.is_empty()) {
+            return refused(
+                "The points so far have lengths of another source, whose zeros differ; go on in the same way, or take them back with undo."
+                    .to_owned(),
+            );
+        }
+        let before = self.clone();
+        self.file.counts_per_m = Some(captured.counts_per_m.clone());
+        self.file.sigma_offset_m = Some(SIGMA_ZERO_M);
+        self.file.setup.get_or_insert_default().lengths_so_far_m.clear();
+        self.question = Question::next(&self.file);
+        let typed: Vec<String> = captured.lengths_m.iter().map(|m| format!("{m:.4}")).collect();
+        let mut reply = self.apply(&typed.join(" "));
+        if reply.changed {
+            reply.message =
+                format!("Captured {} m.\n{}", listed(&captured.lengths_m), reply.message).trim_end().to_owned();
+        } else {
+            *self = before;
+        }
+        reply
     }
 
     /// Determines the next question and, while points are measured, the accuracy of the anchors so far.
@@ -186,7 +240,7 @@ impl Guide {
 
 /// Text for `help`.
 const HELP: &str = "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
-                    points, quit stops. All answers are saved, and the same command continues.";
+                    points, quit stops. capture takes the lengths of the running robot. All answers are saved, and the same command continues.";
 
 fn refused(message: String) -> Reply {
     Reply { message, changed: false, next_step: NextStep::Ask }

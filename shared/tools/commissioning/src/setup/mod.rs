@@ -3,8 +3,9 @@
 //! Invariants:
 //! * The measurements file is the whole state: it is on the disk before the next question, and the same command
 //!   continues from it.
-//! * It causes no motion and needs no running robot.
+//! * It causes no motion, and needs a running robot only for `capture`, which takes the lengths that it shows.
 
+mod capture;
 mod doubt;
 mod guide;
 mod input;
@@ -78,7 +79,17 @@ pub fn run(args: &Args) -> Answer<Output> {
                 return Err(left());
             }
         };
-        let reply = guide.answer(&line);
+        let reply = if guide.takes_capture(&line) {
+            match capture::capture() {
+                Ok(captured) => guide.capture(&captured),
+                Err(failure) => {
+                    print_message(&format!("{}.", failure.to_string().trim_end_matches('.')));
+                    continue;
+                }
+            }
+        } else {
+            guide.answer(&line)
+        };
         if reply.changed {
             stored.save(guide.file())?;
         }

@@ -1,3 +1,4 @@
+use super::capture::CapturedLengths;
 use super::guide::{Guide, NextStep, Reply};
 use super::question::Question;
 use super::to_toml;
@@ -179,6 +180,55 @@ fn a_length_that_is_35_cm_off_is_asked_about() {
             assert_eq!(guide.file().point.len(), place + 1);
         }
     }
+}
+
+#[test]
+fn captured_lengths_make_points_whose_zeros_are_found() {
+    let mut team = Team { share: 0.0, ..Team::new(31, 4) };
+    let (mut guide, zeros) = (Guide::default(), [0.04, -0.03, 0.02, -0.05]);
+    let mut captures = 0;
+    for _ in 0..100 {
+        if let Question::Lengths { place } = *guide.pending() {
+            assert!(guide.takes_capture(" Capture ") && !guide.takes_capture("3.1"));
+            let line = team.lengths(place).replace(',', ".");
+            let lengths_m =
+                line.split(' ').zip(zeros).map(|(text, zero)| text.parse::<f64>().unwrap() + zero).collect();
+            let captured = CapturedLengths { lengths_m, counts_per_m: vec![10_000.0; 4] };
+            assert!(guide.capture(&captured).changed, "{}", guide.question());
+            captures += 1;
+            assert_eq!(again(&guide), guide);
+            // Other lengths have other zeros.
+            if guide.pending() == &(Question::Lengths { place: place + 1 }) {
+                assert!(guide.answer("9.7 3.1 9.0 9.1").message.contains("type capture"));
+                let foreign = CapturedLengths { counts_per_m: vec![9_000.0; 4], ..captured };
+                assert!(guide.capture(&foreign).message.contains("another source"));
+            }
+            continue;
+        }
+        let line = match *guide.pending() {
+            Question::Points => "15".to_owned(),
+            ref question => team.answer(question),
+        };
+        if guide.answer(&line).next_step == NextStep::Finish {
+            break;
+        }
+    }
+    assert!(captures >= 15, "{captures}");
+    let (file, method) = (guide.file(), guide.file().usual_method());
+    assert_eq!((method, file.counts_per_m.as_deref()), (Method::Joint, Some(&[10_000.0; 4][..])));
+    let found = calibrate(&file.measurements(method).unwrap(), method).unwrap();
+    for i in 0..4 {
+        assert!((found.offsets_m[i] - zeros[i]).abs() < 3.0 * found.offset_std_m[i], "{:?}", found.offsets_m);
+        for k in 0..3 {
+            let (off, std) = (found.anchors_m[i][k] - team.site[i][k], found.covariance.std_m()[i][k]);
+            assert!(off.abs() <= 3.5 * std, "{i} {k}: {off} {std}");
+        }
+    }
+    // Without the captured points, lengths may be typed again.
+    while !guide.file().point.is_empty() {
+        assert!(guide.answer("undo").changed);
+    }
+    assert!(guide.answer("9.7").changed || guide.answer("done").message.contains("enough"));
 }
 
 /// The team measures over wheels and states their radius to the millimetre.
