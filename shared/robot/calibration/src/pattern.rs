@@ -29,6 +29,9 @@ const IMITATED: f64 = 1e-6;
 /// A radius is excluded if it is this many standard deviations from the estimated one: a wrong one stays unseen.
 const EXCLUDED_SIGMAS: f64 = 4.0;
 
+/// Least share of the stated standard deviation that is taken for the scatter of lengths: a few may agree by chance.
+const LEAST_SCATTER: f64 = 0.2;
+
 /// Least movement of an anchor that is worth a question, m.
 const NOTEWORTHY_M: f64 = 0.01;
 
@@ -142,7 +145,21 @@ struct Test<'a> {
 }
 
 impl<'a> Test<'a> {
-    fn new(measured: &'a Measurements, found: &'a Calibration) -> Option<Self> {
+    /// The test with the scatter of the lengths themselves, where it is below the stated one: what is known beforehand
+    /// about other unknowns keeps its own standard deviation, and must not count as surprising beside smaller ones.
+    fn with_own_scatter(measured: &'a Measurements, found: &'a Calibration) -> Option<Self> {
+        let stated = Self::new(measured, found)?;
+        let left = &stated.solution.right_left;
+        let ratio = (left.norm_squared() / left.len().max(1) as f64).sqrt();
+        let layout = &stated.layout;
+        if !(layout.is_extended() || layout.scale || layout.offsets) || !(ratio < 1.0) {
+            return Some(stated);
+        }
+        let sigma_length_m = measured.sigma_length_m * ratio.max(LEAST_SCATTER);
+        Self::new(&Measurements { sigma_length_m, ..measured.clone() }, found)
+    }
+
+    fn new(measured: &Measurements, found: &'a Calibration) -> Option<Self> {
         if found.method == Method::Gps || found.points_m.is_empty() {
             return None;
         }
@@ -238,7 +255,7 @@ impl<'a> Test<'a> {
 /// ```
 #[must_use]
 pub fn misfit(measured: &Measurements, found: &Calibration) -> Option<Misfit> {
-    let test = Test::new(measured, found)?;
+    let test = Test::with_own_scatter(measured, found)?;
     let level = LEVEL / test.effects.len() as f64;
     let mut best: Option<Misfit> = None;
     for (effect, first) in &test.effects {

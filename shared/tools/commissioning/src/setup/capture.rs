@@ -46,7 +46,9 @@ fn lengths(state: &MotorState, counts_per_m: Vec<f64>) -> Result<CapturedLengths
     if let Some(cable) = (0..cables).find(|i| state.fresh[*i] == 0) {
         return Err(format!("the encoder of cable {} does not answer; `nims status` says why", cable + 1));
     }
-    if let Some(cable) = (0..cables).find(|i| !(state.velocity_m_s[*i].abs() <= REST_M_S)) {
+    if let Some(cable) =
+        (0..cables).find(|i| state.velocity_m_s[*i].is_nan() || state.velocity_m_s[*i].abs() > REST_M_S)
+    {
         return Err(format!("cable {} moves; hold the node still and try again", cable + 1));
     }
     if counts_per_m.len() != cables {
@@ -63,12 +65,10 @@ mod tests {
     use super::*;
 
     fn state() -> MotorState {
-        let mut state = MotorState::default();
-        state.cable_count = 3;
-        state.position_known = MotorState::POSITION_KNOWN;
-        state.length_m[..3].copy_from_slice(&[3.1, 9.8, 9.7]);
-        state.fresh = [1; 8];
-        state
+        let mut length_m = [0.0; 8];
+        length_m[..3].copy_from_slice(&[3.1, 9.8, 9.7]);
+        let position_known = MotorState::POSITION_KNOWN;
+        MotorState { cable_count: 3, position_known, length_m, fresh: [1; 8], ..MotorState::default() }
     }
 
     #[test]

@@ -27,6 +27,8 @@ const MOST: usize = 60;
 const SIGMA_RADIUS_M: f64 = 0.001;
 /// Standard deviation of the scale of each cable, as a share: a check over five metres, good to 2.5 mm.
 const SIGMA_CABLE_SCALE: f64 = 0.0005;
+/// Standard deviation of the zero of a cable whose lengths are typed, m: where a tape begins, and poles that yield.
+const SIGMA_TYPED_ZERO_M: f64 = 0.005;
 /// Standard deviation of the point where a cable is tied, m: a ring at the node.
 const SIGMA_ATTACHMENT_M: f64 = 0.005;
 
@@ -174,7 +176,9 @@ impl Guide {
                     "The points so far were captured, and typed lengths have other zeros: type capture.".to_owned(),
                 );
             }
-            (self.file.counts_per_m, self.file.sigma_offset_m) = (None, None);
+            if self.file.counts_per_m.take().is_some() {
+                self.file.sigma_offset_m = (self.file.pulley == Some(PulleyKind::Swivel)).then_some(SIGMA_TYPED_ZERO_M);
+            }
         }
         self.apply(line)
     }
@@ -446,6 +450,7 @@ fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, Stri
     file.sigma_pulley_radius_m = Some(SIGMA_RADIUS_M);
     file.sigma_cable_scale = Some(SIGMA_CABLE_SCALE);
     file.sigma_attachment_m = Some(SIGMA_ATTACHMENT_M);
+    file.sigma_offset_m = Some(SIGMA_TYPED_ZERO_M);
     Ok(String::new())
 }
 

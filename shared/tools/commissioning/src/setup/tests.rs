@@ -217,8 +217,8 @@ fn captured_lengths_make_points_whose_zeros_are_found() {
     let (file, method) = (guide.file(), guide.file().usual_method());
     assert_eq!((method, file.counts_per_m.as_deref()), (Method::Joint, Some(&[10_000.0; 4][..])));
     let found = calibrate(&file.measurements(method).unwrap(), method).unwrap();
-    for i in 0..4 {
-        assert!((found.offsets_m[i] - zeros[i]).abs() < 3.0 * found.offset_std_m[i], "{:?}", found.offsets_m);
+    for (i, zero) in zeros.iter().enumerate() {
+        assert!((found.offsets_m[i] - zero).abs() < 3.0 * found.offset_std_m[i], "{:?}", found.offsets_m);
         for k in 0..3 {
             let (off, std) = (found.anchors_m[i][k] - team.site[i][k], found.covariance.std_m()[i][k]);
             assert!(off.abs() <= 3.5 * std, "{i} {k}: {off} {std}");

@@ -32,6 +32,7 @@ pub fn undo(file: &mut MeasurementsFile) -> Option<String> {
     if file.pulley.take().is_some() {
         let radius_m = std::mem::take(&mut file.pulley_radius_m).first().copied();
         (file.sigma_pulley_radius_m, file.sigma_cable_scale, file.sigma_attachment_m) = (None, None, None);
+        file.sigma_offset_m = None;
         return Some(match radius_m {
             Some(radius_m) => format!("the radius of the pulleys was {:.1} mm", 1000.0 * radius_m),
             None => "the cables left through eyes".to_owned(),
