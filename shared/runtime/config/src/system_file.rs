@@ -313,7 +313,7 @@ impl Default for PlannerSection {
             speed_m_s: 0.2,
             acceleration_m_s2: 0.3,
             check_step_m: 0.02,
-            swing_limit_m: 0.005,
+            swing_limit_m: cable_robot::profile::SWING_LIMIT_M,
             missions: "../missions".into(),
             demo: "demo".into(),
         }

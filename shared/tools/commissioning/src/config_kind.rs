@@ -2,7 +2,7 @@
 
 use cable_robot::Robot;
 use command::{Answer, Failure};
-use config::{RobotFile, SystemFile, toml_file};
+use config::{PlannerSection, RobotFile, SystemFile, toml_file};
 use std::path::Path;
 
 /// Kind of a configuration file.
@@ -51,4 +51,15 @@ pub(crate) fn robot(path: &Path) -> Answer<Robot> {
         _ => RobotFile::load(path),
     };
     file.map_err(Failure::bad)?.robot().map_err(Failure::bad)
+}
+
+/// Returns the swing above which the planner shapes a move, m: that of a system file, or the default.
+///
+/// # Errors
+/// A file that cannot be used.
+pub(crate) fn swing_limit_m(path: &Path) -> Answer<f64> {
+    match config_kind(path)? {
+        ConfigKind::System => Ok(SystemFile::load(path).map_err(Failure::bad)?.planner.swing_limit_m),
+        _ => Ok(PlannerSection::default().swing_limit_m),
+    }
 }

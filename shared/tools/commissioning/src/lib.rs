@@ -13,6 +13,7 @@ pub mod doctor;
 pub mod kinematics;
 pub mod plan;
 pub mod setup;
+mod swing;
 pub mod workspace;
 
 pub use command_line::Command;
