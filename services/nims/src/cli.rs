@@ -13,7 +13,7 @@ use std::path::PathBuf;
 ///
 /// Exit code 0: answered; 2: bad input; 1: it could not be done now. Diagnostics go to stderr.
 #[derive(Debug, Parser)]
-#[command(name = "nims", version = runtime::build::description(), propagate_version = true, after_help = programs::HELP)]
+#[command(name = "nims", version = runtime::build::description(), propagate_version = true, after_help = programs::help())]
 pub struct Cli {
     /// The command.
     #[command(subcommand)]

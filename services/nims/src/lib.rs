@@ -18,7 +18,7 @@ pub mod fault;
 mod new_sensor;
 mod operate;
 mod processes;
-mod programs;
+pub mod programs;
 mod set;
 mod status;
 mod swap;

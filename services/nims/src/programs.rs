@@ -7,10 +7,19 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// The programs `nims-X` that come with nims: X, and what it does.
+pub const COMPANIONS: [(&str, &str); 3] = [
+    ("bench", "Measure whether this machine is good enough for a robot"),
+    ("paper", "Compute every figure and table of the paper"),
+    ("truth", "Draw a plausible world for the virtual motor box that is not the robot's model"),
+];
+
 /// Help text about the programs that come with nims.
-pub const HELP: &str = "Programs in the same folder:\n  bench  Measure whether this machine is good enough for a robot\n  \
-                        paper  Compute every figure and table of the paper\n  \
-                        truth  Draw a plausible world for the virtual motor box that is not the robot's model\nAny other `nims X` runs the program nims-X.";
+#[must_use]
+pub fn help() -> String {
+    let lines: Vec<String> = COMPANIONS.iter().map(|(name, about)| format!("  {name:<5}  {about}")).collect();
+    format!("Programs in the same folder:\n{}\nAny other `nims X` runs the program nims-X.", lines.join("\n"))
+}
 
 /// Replaces this process by the supervisor. Returns only if that fails.
 pub fn run_supervisor(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
