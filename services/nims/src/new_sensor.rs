@@ -92,8 +92,8 @@ fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> 
     Ok((written, next))
 }
 
-/// Folder from which this program was built. A package names another one at its build, because its programs do not contain
-/// the path of the machine that built it.
+/// Folder from which this program was built. A package names another one at its build, because its programs do not
+/// contain the path of the machine that built it.
 const SOURCES: &str = match option_env!("NIMS_SOURCES") {
     Some(folder) => folder,
     None => concat!(env!("CARGO_MANIFEST_DIR"), "/../.."),
