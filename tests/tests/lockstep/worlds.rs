@@ -12,11 +12,11 @@ use nims_truth::Args;
 use planner::Mission;
 use std::path::{Path, PathBuf};
 
-fn demo3() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/systems/demo3.toml")
+fn system(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/systems").join(name).with_extension("toml")
 }
 
-/// The demonstration's flight with a system file.
+/// The flight of the demonstration of a system.
 fn flown(system: &Path) -> Flight {
     let file = SystemFile::load(system).unwrap();
     let robot_file = file.robot_file().unwrap();
@@ -36,10 +36,10 @@ fn flown(system: &Path) -> Flight {
     .unwrap()
 }
 
-fn drawn(seed: u64, spread: f64, warming: f64, wind: f64) -> Flight {
+fn drawn(name: &str, seed: u64, spread: f64, warming: f64, wind: f64) -> Flight {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("system.toml");
-    let args = Args { system: demo3(), seed, spread, warming, wind, out: Some(out.clone()) };
+    let args = Args { system: system(name), seed, spread, warming, wind, out: Some(out.clone()) };
     nims_truth::run(&args).unwrap();
     flown(&out)
 }
@@ -54,11 +54,11 @@ fn row(name: &str, flight: &Flight) {
 #[test]
 fn the_robot_flies_in_drawn_worlds_and_its_estimate_is_not_the_truth() {
     println!("| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate |");
-    let model = flown(&demo3());
+    let model = flown(&system("demo3"));
     row("the model", &model);
     assert!(model.between.max_m < 0.005, "{model:?}");
     for seed in 1..=3 {
-        let flight = drawn(seed, 1.0, 0.0, 0.0);
+        let flight = drawn("demo3", seed, 1.0, 0.0, 0.0);
         row(&format!("seed {seed}, spread 1"), &flight);
         assert_eq!(flight.state, PlanStatus::STATE_DONE, "{flight:?}");
         // It follows its own estimate as well as in the model's world, and that says nothing about the truth.
@@ -66,15 +66,51 @@ fn the_robot_flies_in_drawn_worlds_and_its_estimate_is_not_the_truth() {
         assert!(flight.between.rms_m > 3.0 * model.between.rms_m, "{flight:?}");
         assert!(flight.truth.max_m < 0.15, "{flight:?}");
     }
-    let windy = drawn(1, 1.0, 15.0, 8.0);
+    let windy = drawn("demo3", 1, 1.0, 15.0, 8.0);
     row("seed 1, 15 K, 8 m/s", &windy);
     assert_eq!(windy.state, PlanStatus::STATE_DONE, "{windy:?}");
 }
 
+/// A robot that knows the radius of its pulleys is at least twice as near to the truth as one that takes them for eyes.
+#[test]
+fn known_pulleys_bring_the_estimate_close_to_the_truth() {
+    let mut known: Vec<f64> = (1..=5).map(|seed| truth_rms_m("field3", seed)).collect();
+    let mut eyes: Vec<f64> = (1..=5).map(|seed| truth_rms_m("demo3", seed)).collect();
+    known.sort_by(f64::total_cmp);
+    eyes.sort_by(f64::total_cmp);
+    assert!(known[4] < 0.012 && known[2] < 0.5 * eyes[2], "{known:?} {eyes:?}");
+}
+
+/// Prints the flight in a drawn world, and returns the root mean square of the truth from the setpoint, m.
+fn truth_rms_m(name: &str, seed: u64) -> f64 {
+    let flight = drawn(name, seed, 1.0, 0.0, 0.0);
+    row(&format!("{name}, seed {seed}"), &flight);
+    assert_eq!(flight.state, PlanStatus::STATE_DONE, "{flight:?}");
+    flight.truth.rms_m
+}
+
 #[test]
 fn a_world_without_spread_is_the_model() {
-    let (model, drawn) = (flown(&demo3()), drawn(5, 0.0, 0.0, 0.0));
+    let (model, drawn) = (flown(&system("demo3")), drawn("demo3", 5, 0.0, 0.0, 0.0));
     // Parts that have no effect are computed in another order, so that the last bits may differ.
     assert!((model.truth.rms_m - drawn.truth.rms_m).abs() < 1e-6, "{model:?} {drawn:?}");
     assert!((model.between.max_m - drawn.between.max_m).abs() < 1e-6, "{model:?} {drawn:?}");
+}
+
+#[test]
+fn the_large_robots_fly_in_drawn_worlds() {
+    println!("| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate |");
+    // The largest distance of the truth from the setpoint that each may have, m: three times what the seeds showed.
+    for (name, bound_m) in [("river4", 0.06), ("forest4", 0.12)] {
+        let model = flown(&system(name));
+        row(&format!("{name}, the model"), &model);
+        assert!(model.between.max_m < 0.01, "{model:?}");
+        for seed in 1..=3 {
+            let flight = drawn(name, seed, 1.0, 0.0, 0.0);
+            row(&format!("{name}, seed {seed}"), &flight);
+            assert_eq!(flight.state, PlanStatus::STATE_DONE, "{flight:?}");
+            assert!(flight.estimate.rms_m < 0.003, "{flight:?}");
+            assert!(flight.truth.max_m < bound_m, "{flight:?}");
+        }
+    }
 }

@@ -6,6 +6,7 @@ mod robot;
 use crate::operate::{self, MissionText};
 use analysis::accuracy::{self, Analysis};
 use analysis::accuracy_plot;
+use analysis::report::world_of;
 use command::{Answer, Failure, Output};
 use commissioning::check::{self, Flight};
 use config::SystemFile;
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// System file; default: configs/systems/demo3.toml.
+    /// System file; default: configs/systems/field3.toml.
     pub config: Option<PathBuf>,
     /// Mission file; default: `planner.demo` of the system file.
     #[arg(long)]
@@ -28,7 +29,7 @@ pub struct Args {
 }
 
 /// The default system file, in the project's folder.
-const DEFAULT_SYSTEM: &str = "configs/systems/demo3.toml";
+const DEFAULT_SYSTEM: &str = "configs/systems/field3.toml";
 
 /// Runs the demonstration and writes the report.
 ///
@@ -163,16 +164,20 @@ fn words(
     run: &Path,
     page: &Path,
 ) -> String {
-    let millimetres = |error: &accuracy::Error| {
-        format!("RMS {:.2} mm, max {:.2} mm from the setpoint while moving", 1000.0 * error.rms_m, 1000.0 * error.max_m)
+    let millimetres = |error: &accuracy::Error, from: &str| {
+        format!("RMS {:.2} mm, max {:.2} mm from the {from} while moving", 1000.0 * error.rms_m, 1000.0 * error.max_m)
     };
     let mut lines = vec![
         format!("mission    {} on {}: {:.2} m in {:.1} s", mission.name, file.name, flight.length_m, flight.duration_s),
-        format!("estimate   {}", millimetres(&analysis.estimate)),
+        format!("estimate   {}", millimetres(&analysis.estimate, "setpoint")),
     ];
     if let Some(truth) = &analysis.truth {
-        lines.push(format!("truth      {}", millimetres(truth)));
+        lines.push(format!("truth      {}", millimetres(truth, "setpoint")));
     }
+    if let Some(model) = &analysis.model {
+        lines.push(format!("model      {}", millimetres(model, "truth to the estimate")));
+    }
+    lines.extend(world_of(run, &[]).map(|world| format!("world      {world}")));
     if let Some(tensions) = &analysis.tensions {
         lines.push(format!(
             "tensions   {:.1} to {:.1} N; within 15 % or 2 N of the chosen ones in {:.1} % of the samples, at most {:.2} N off",

@@ -43,8 +43,10 @@ pub struct Tensions {
 pub struct Analysis {
     /// Time in which the setpoint moved, s.
     pub moving_s: f64,
-    /// Error of the estimate from the setpoint, over moving cycles.
+    /// Tracking error: estimate from the setpoint, over moving cycles.
     pub estimate: Error,
+    /// Model error: truth from the estimate, over moving cycles. The robot cannot see it.
+    pub model: Option<Error>,
     /// Error of the truth from the setpoint, over moving cycles, including those without a valid estimate; only the
     /// virtual motor box publishes the truth.
     pub truth: Option<Error>,
@@ -72,6 +74,8 @@ pub struct TrackPoint {
     pub truth: Option<Vector3<f64>>,
     /// Distance of the true position from the setpoint at the time of its own sample, m.
     pub truth_off_m: Option<f64>,
+    /// Distance of the true position from the estimate at that time, m.
+    pub model_off_m: Option<f64>,
 }
 
 /// Accumulates the cycles of a run.
@@ -82,6 +86,7 @@ pub struct AccuracySum {
     moving: u64,
     begin_ns: Option<u64>,
     estimate: Distances,
+    model: Distances,
     truth: Distances,
     tensions: TensionSum,
 }
@@ -99,21 +104,27 @@ impl AccuracySum {
         for truth in cycle.truth {
             let Some(target) = cycle.setpoint_at(truth.header.stamp_ns) else { continue };
             let position = Vector3::from(truth.position_m);
-            let off_m = (position - target.position).norm();
-            self.truth.add(off_m);
-            nearest.get_or_insert((position, off_m));
+            let off = position - target.position;
+            self.truth.add(off.norm());
+            nearest.get_or_insert((position, off));
             if let Some(control) = cycle.control {
                 self.tensions.add(truth, control);
             }
         }
         let estimate = cycle.estimate?;
         let begin_ns = *self.begin_ns.get_or_insert(now.header.stamp_ns);
+        let position = Vector3::from(estimate.position_m);
+        // The truth lies up to a period after the estimate. The setpoint moves on with the node, so the difference of
+        // the two distances from it is the error at one time.
+        let model_off_m = nearest.map(|(_, off)| (off - (position - setpoint.position)).norm());
+        model_off_m.iter().for_each(|off_m| self.model.add(*off_m));
         let point = TrackPoint {
             time_s: now.header.stamp_ns.saturating_sub(begin_ns) as f64 * 1e-9,
             setpoint: setpoint.position,
-            estimate: Vector3::from(estimate.position_m),
+            estimate: position,
             truth: nearest.map(|(position, _)| position),
-            truth_off_m: nearest.map(|(_, off_m)| off_m),
+            truth_off_m: nearest.map(|(_, off)| off.norm()),
+            model_off_m,
         };
         self.moving += 1;
         self.estimate.add((point.estimate - point.setpoint).norm());
@@ -127,6 +138,7 @@ impl AccuracySum {
         Some(Analysis {
             moving_s: self.moving as f64 * last.period_s,
             estimate: self.estimate.result()?,
+            model: self.model.result(),
             truth: self.truth.result(),
             tensions: self.tensions.result(),
             cycles: last.header.cycle.saturating_sub(first.header.cycle) + 1,

@@ -90,6 +90,10 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
     let truth = found.truth.unwrap();
     assert_eq!(truth.samples as u64, moving);
     assert!(close(truth.rms_m, TRUTH_OFF_M) && close(truth.max_m, TRUTH_OFF_M), "{truth:?}");
+    // Estimate and truth are beside the setpoint in directions at a right angle.
+    let model = found.model.unwrap();
+    let apart_m = ESTIMATE_OFF_M.hypot(TRUTH_OFF_M);
+    assert!(close(model.rms_m, apart_m) && close(model.max_m, apart_m), "{model:?}");
     let tensions = found.tensions.unwrap();
     assert!((tensions.as_chosen - 0.5).abs() < 0.01, "every other sample is 2.1 N off");
     assert!(close(tensions.worst_n, 2.1) && tensions.least_n == 7.9 && tensions.greatest_n == 11.9);

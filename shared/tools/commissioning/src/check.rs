@@ -2,6 +2,7 @@
 
 use crate::config_kind::{ConfigKind, config_kind};
 use cable_robot::energy::MotorTable;
+use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::motor::DriveLoad;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use command::{Answer, Failure, Output, points};
@@ -239,6 +240,25 @@ fn collinear_anchors(robot: &Robot) -> Option<Finding> {
     })
 }
 
+/// The stretch of the cable that stretches most while the node hangs in the middle.
+fn stretch_finding(robot: &Robot, at: &Vector3<f64>, distribution: Distribution, stiffness_n: f64) -> Finding {
+    let lengths_m = inverse_kinematics(robot.anchors(), at);
+    let tensions_n = tension::at(robot, at, &Vector3::zeros(), distribution).map(|found| found.tensions_n);
+    let most = tensions_n.iter().flat_map(|tensions| tensions.iter()).enumerate().map(|(i, tension_n)| {
+        let cable_m = lengths_m[i] + robot.routed_length_m().get(i).copied().unwrap_or(0.0);
+        (tension_n * cable_m / stiffness_n, cable_m, i + 1)
+    });
+    note(match most.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        Some((stretch_m, cable_m, cable)) => {
+            let stretch_mm = 1000.0 * stretch_m;
+            format!(
+                "in the middle cable {cable}, {cable_m:.0} m with its routed part, stretches by {stretch_mm:.0} mm; this is compensated"
+            )
+        }
+        None => "the stretch of the cables is compensated".to_owned(),
+    })
+}
+
 fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     let robot = file.robot().map_err(Failure::bad)?;
     let distribution = robot.default_distribution();
@@ -258,11 +278,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
         )),
     }
     findings.push(match robot.stiffness_n() {
-        Some(stiffness) => {
-            let longest = robot.routed_length_m().iter().fold(0.0_f64, |most, length| most.max(*length)) + 6.0;
-            let stretch = 1000.0 * 20.0 * longest / stiffness;
-            note(format!("20 N stretch {longest:.0} m of cable by {stretch:.0} mm; the stretch is compensated"))
-        }
+        Some(stiffness_n) => stretch_finding(&robot, &at, distribution, stiffness_n),
         None => warning(
             "the cables are treated as rigid: their stretch, some centimetres, becomes a position error".to_owned(),
             "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",

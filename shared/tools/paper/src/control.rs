@@ -322,18 +322,23 @@ pub fn table3(effort: Effort) -> Result<Section> {
             stand_in_words("three different delays and lags")
         ),
         tables: vec![table],
-        checks: table3_checks(fine, [low, high], ridge_high, published),
-        remarks: vec![format!(
+        checks: table3_checks(fine, [low, high], ridge_high),
+        remarks: vec![
+            format!(
+                "The published ratio of 0.82 lies within those of the rows, {low:.2} to {high:.2}; the nearest is {published:.2}. \
+                 This confirms nothing: the encoder step of the paper's run is not known, and the rows were not chosen by it."
+            ),
+            format!(
             "The robot uses the same model with a ridge, which keeps the parameters stable in windows without excitation: {ridge_low:.2} to \
              {ridge_high:.2} in these runs."
-        )],
+            ),
+        ],
         ..Section::default()
     })
 }
 
-/// Checks the ranges of the ratio with the default encoder and with all, the greatest ratio with a ridge, and the ratio
-/// nearest to the published one.
-fn table3_checks(fine: [f64; 2], [low, high]: [f64; 2], ridge_high: f64, published: f64) -> Vec<Check> {
+/// Checks the ranges of the ratio with the default encoder and with all, and the greatest ratio with a ridge.
+fn table3_checks(fine: [f64; 2], [low, high]: [f64; 2], ridge_high: f64) -> Vec<Check> {
     vec![
         Check::claim(
             fine[1] < 1.0,
@@ -348,10 +353,6 @@ fn table3_checks(fine: [f64; 2], [low, high]: [f64; 2], ridge_high: f64, publish
                 "the same holds with coarser steps, where it multiplies the error by up to {high:.2}, because the steps appear as \
                  speed (with a ridge by {ridge_high:.2})"
             ),
-        ),
-        Check::condition(
-            (published - 0.82).abs() < 0.07,
-            format!("some encoder step gives a reduction of about 18 % (a ratio of 0.82): {published:.2}"),
         ),
         Check::condition(
             high - low < 0.1,

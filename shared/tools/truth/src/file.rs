@@ -1,10 +1,10 @@
-//! The system file with the world in it.
+//! The system file with the world in it: its comments and its order stay.
 
 use command::{Answer, Failure};
 use motor_box::section::TruthSection;
 use std::fs;
 use std::path::{Path, PathBuf};
-use toml::{Table, Value};
+use toml_edit::{DocumentMut, Formatted, Item, Table, Value};
 
 /// Keys that are paths, with the path that applies if the key is left out.
 const PATHS: [(&str, &str, Option<&str>); 4] = [
@@ -14,29 +14,37 @@ const PATHS: [(&str, &str, Option<&str>); 4] = [
     ("motor_box", "ground", None),
 ];
 
+/// Significant digits of a drawn number: micrometres of an anchor, and far below any deviation.
+const DIGITS: usize = 7;
+
 /// Returns the text of the system file with the world, for a file in `folder`.
 ///
 /// # Errors
 /// The system file cannot be read, or the world cannot be written as TOML.
 pub(crate) fn with_world(system: &Path, world: &TruthSection, folder: &Path) -> Answer<String> {
     let text = fs::read_to_string(system).map_err(Failure::bad)?;
-    let mut table: Table = text.parse().map_err(Failure::bad)?;
+    let mut document: DocumentMut = text.parse().map_err(Failure::bad)?;
     let from = absolute(system.parent().unwrap_or(Path::new("")))?;
     if from != absolute(folder)? {
         for (section, key, default) in PATHS {
-            make_absolute(&mut table, section, key, default, &from);
+            make_absolute(document.as_table_mut(), section, key, default, &from);
         }
-        commands_absolute(&mut table, &from);
+        commands_absolute(document.as_table_mut(), &from);
     }
-    let truth = Table::try_from(world).map_err(Failure::not_now)?;
-    let motor_box = table.entry("motor_box").or_insert_with(|| Value::Table(Table::new()));
-    if let Value::Table(motor_box) = motor_box {
-        motor_box.insert("truth".to_owned(), Value::Table(truth));
+    let drawn = toml::to_string(world).map_err(Failure::not_now)?;
+    let mut drawn: DocumentMut = drawn.parse().map_err(Failure::not_now)?;
+    // A world without spread is the model to the last bit.
+    if world.seed.is_some() {
+        drawn.iter_mut().filter_map(|(_, item)| item.as_value_mut()).for_each(round);
     }
-    let name = system.file_name().unwrap_or_default().to_string_lossy();
-    let world = world.name.clone().unwrap_or_default();
-    let body = toml::to_string(&table).map_err(Failure::not_now)?;
-    Ok(format!("# {name} in a world that is not its model: {world}, drawn by nims truth.\n\n{body}"))
+    let mut truth = std::mem::take(drawn.as_table_mut());
+    truth.set_position(None);
+    let name = world.name.as_deref().unwrap_or_default();
+    truth.decor_mut().set_prefix(format!("\n# A world that is not the robot's model: {name}, drawn by nims truth.\n"));
+    if let Some(motor_box) = inner(document.as_table_mut(), "motor_box") {
+        motor_box.insert("truth", Item::Table(truth));
+    }
+    Ok(document.to_string())
 }
 
 fn absolute(path: &Path) -> Answer<PathBuf> {
@@ -45,30 +53,62 @@ fn absolute(path: &Path) -> Answer<PathBuf> {
         .map_err(|error| Failure::BadInput(format!("the folder {} is not usable: {error}", path.display())))
 }
 
-fn make_absolute(table: &mut Table, section: &str, key: &str, default: Option<&str>, from: &Path) {
-    let into = if section.is_empty() {
-        table
-    } else {
-        let inner = table.entry(section).or_insert_with(|| Value::Table(Table::new()));
-        let Value::Table(inner) = inner else { return };
-        inner
-    };
-    let given = into.get(key).and_then(Value::as_str).or(default);
-    if let Some(path) = given.map(|path| from.join(path).display().to_string()) {
-        into.insert(key.to_owned(), Value::String(path));
+/// The table of a section, which is made if it is not there. `None` if it is something else.
+fn inner<'a>(table: &'a mut Table, section: &str) -> Option<&'a mut Table> {
+    let item = table.entry(section).or_insert_with(|| Item::Table(Table::new()));
+    if item.is_inline_table() {
+        // `motor_box = { .. }` in one line.
+        *item = std::mem::take(item).into_table().map_or(Item::None, Item::Table);
     }
+    item.as_table_mut()
+}
+
+fn make_absolute(table: &mut Table, section: &str, key: &str, default: Option<&str>, from: &Path) {
+    let Some(table) = (if section.is_empty() { Some(table) } else { inner(table, section) }) else { return };
+    let given = table.get(key).and_then(Item::as_str).or(default);
+    if let Some(path) = given.map(|path| from.join(path).display().to_string()) {
+        match table.get_mut(key).and_then(Item::as_value_mut) {
+            Some(value) => replace(value, path),
+            None => drop(table.insert(key, toml_edit::value(path))),
+        }
+    }
+}
+
+/// Replaces a text and keeps the comment beside it.
+fn replace(value: &mut Value, text: String) {
+    let decor = value.decor().clone();
+    *value = Value::from(text);
+    *value.decor_mut() = decor;
 }
 
 /// Programs and files of commands start at the folder of the system file.
 fn commands_absolute(table: &mut Table, from: &Path) {
-    let Some(Value::Array(processes)) = table.get_mut("process") else { return };
+    let Some(processes) = table.get_mut("process").and_then(Item::as_array_of_tables_mut) else { return };
     let commands = processes.iter_mut().filter_map(|process| process.get_mut("command")?.as_array_mut());
-    for argument in commands.flatten() {
+    for argument in commands.flat_map(|command| command.iter_mut()) {
         let path = argument.as_str().map(|text| from.join(text)).filter(|path| path.is_file());
         if let Some(path) = path {
-            *argument = Value::String(path.display().to_string());
+            replace(argument, path.display().to_string());
         }
     }
+}
+
+/// Rounds every number of a value.
+fn round(value: &mut Value) {
+    match value {
+        Value::Float(number) => {
+            let rounded = rounded(*number.value());
+            let decor = number.decor().clone();
+            *number = Formatted::new(rounded);
+            *number.decor_mut() = decor;
+        }
+        Value::Array(values) => values.iter_mut().for_each(round),
+        _ => {}
+    }
+}
+
+fn rounded(number: f64) -> f64 {
+    format!("{number:.digits$e}", digits = DIGITS - 1).parse().unwrap_or(number)
 }
 
 pub(crate) fn write(path: &Path, text: &str) -> Answer {

@@ -3,6 +3,7 @@
 //! Invariants:
 //! * The same system file, seed and options give the same bytes.
 //! * A spread of 0 is the model itself; each deviation grows with the spread.
+//! * Comments and order of the system file stay. A world that it has is replaced.
 //! * A written world is one in which the node can hang at its start.
 //!
 //! docs/truth.md has the distribution of every key with its origin.
@@ -62,8 +63,7 @@ fn spread(text: &str) -> Result<f64, String> {
 /// Draws the world and writes the file.
 ///
 /// # Errors
-/// The system file is not accepted, has no virtual motor box or already a world, or the node cannot hang in the drawn
-/// world.
+/// The system file is not accepted or has no virtual motor box, or the node cannot hang in the drawn world.
 pub fn run(args: &Args) -> Answer<Output> {
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
     let robot = file.robot_file().map_err(Failure::bad)?;
@@ -71,12 +71,6 @@ pub fn run(args: &Args) -> Answer<Output> {
         let system = args.system.display();
         return Err(Failure::BadInput(format!("{system} has no [motor_box]; only a virtual robot has a drawn world")));
     };
-    if section.truth.is_some() {
-        let system = args.system.display();
-        return Err(Failure::BadInput(format!(
-            "{system} already has a [motor_box.truth]; give the system file without it"
-        )));
-    }
     let options = Options { seed: args.seed, spread: args.spread, warming_k: args.warming, wind_m_s: args.wind.abs() };
     let world = draw(&options, &section, &robot, &file.motor_io.counts_per_m);
     let out = args.out.clone().unwrap_or_else(|| beside(&args.system, args.seed));

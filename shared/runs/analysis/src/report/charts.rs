@@ -192,13 +192,20 @@ pub fn site(run: &RunData) -> Vec<Figure> {
     )]
 }
 
-/// Distance from the setpoint.
+/// Distance from the setpoint, and of the truth from the estimate.
 pub fn tracking(run: &RunData) -> Vec<Figure> {
     let time = TimeAxis::of(run);
-    let [estimate, truth] = &run.errors;
+    let [estimate, truth, model] = &run.errors;
     let mut chart = time.chart("distance, mm", &[("truth", TRUTH, truth), ("estimate", ESTIMATE, estimate)], 1000.0);
     chart.series.retain(|series| !series.points.is_empty());
-    vec![Figure::new("Distance from the setpoint while it moves", WIDE, chart)]
+    let mut figures = vec![Figure::new("Distance from the setpoint while it moves", WIDE, chart)];
+    if model.extremes().is_some() {
+        let world = run.world.as_deref().unwrap_or("a virtual one");
+        let caption = format!("Model error: distance of the truth from the estimate (world: {world})");
+        let chart = time.chart("distance, mm", &[("truth from estimate", TRUTH, model)], 1000.0);
+        figures.push(Figure::new(&caption, WIDE, chart));
+    }
+    figures
 }
 
 /// Charts per cable.

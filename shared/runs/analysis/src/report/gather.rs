@@ -148,8 +148,8 @@ pub struct RunData {
     pub authority: Option<MotorAuthority>,
     /// Data of the cables.
     pub cables: Vec<CableData>,
-    /// Distance of estimate and truth from the setpoint, m.
-    pub errors: [Trace; 2],
+    /// Distance of estimate and truth from the setpoint, and of the truth from the estimate, m.
+    pub errors: [Trace; 3],
     /// Decimated path.
     pub path: Vec<PathPoint>,
     /// Electrical power and loss of all motors, W.
@@ -291,7 +291,7 @@ impl Collector {
             analysis: None,
             authority: None,
             cables: Vec::new(),
-            errors: [trace(), trace()],
+            errors: [trace(), trace(), trace()],
             path: Vec::new(),
             power: [trace(), trace()],
             periods: Periods::default(),
@@ -384,6 +384,7 @@ impl Collector {
     fn path_and_errors(&mut self, time_s: f64, cycle: &Cycle<'_>) {
         if let Some(point) = self.tally.add(cycle) {
             self.data.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
+            point.model_off_m.iter().for_each(|off_m| self.data.errors[2].add(time_s, *off_m));
             self.path.add([Some(point.setpoint), Some(point.estimate), point.truth]);
         } else if let Some(estimate) = cycle.estimate {
             self.path.add([

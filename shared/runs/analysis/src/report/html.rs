@@ -204,8 +204,9 @@ fn facts_of(assessment: &RunAssessment) -> Vec<(&'static str, String)> {
                 assessment.legs.len() + run.legs.left_out
             ),
         ),
-        ("estimate from setpoint, mm", mm(analysis.map(|analysis| &analysis.estimate))),
-        ("truth from setpoint, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
+        ("tracking: estimate from setpoint, mm", mm(analysis.map(|analysis| &analysis.estimate))),
+        ("model error: truth from estimate, mm", mm(analysis.and_then(|analysis| analysis.model.as_ref()))),
+        ("both: truth from setpoint, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
         ("world of the truth", run.world.clone().unwrap_or_else(none)),
         ("tensions", if low <= high { format!("{low:.1} to {high:.1} N") } else { none() }),
         ("electrical energy", format!("{energy:.1} J, {loss:.1} J of it lost")),

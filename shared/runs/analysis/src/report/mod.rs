@@ -13,7 +13,7 @@ mod samples;
 mod trace;
 mod verdict;
 
-pub use robot::{load_robot_file, robot_of};
+pub use robot::{load_robot_file, robot_of, world_of};
 
 use command::{Answer, Failure, Output};
 use html::RunAssessment;

@@ -50,8 +50,10 @@ pub fn verdict(run: &RunData) -> Verdict {
     match &run.analysis {
         Some(analysis) => {
             let (error, by) = match &analysis.truth {
-                Some(truth) => (truth, "(truth)"),
-                None => (&analysis.estimate, "(estimate)"),
+                Some(truth) => {
+                    (truth, run.world.as_ref().map_or("(truth)".to_owned(), |world| format!("(truth; world: {world})")))
+                }
+                None => (&analysis.estimate, "(estimate)".to_owned()),
             };
             let least = at_least(run);
             parts.push(format!(
