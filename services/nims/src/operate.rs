@@ -133,7 +133,7 @@ pub struct RunArgs {
     #[arg(long, conflicts_with = "dry_run")]
     pub unrecorded: bool,
     /// System file for a dry run without a running robot.
-    #[arg(long, requires = "dry_run")]
+    #[arg(long, visible_alias = "system", requires = "dry_run")]
     pub config: Option<PathBuf>,
     /// Start of the mission for a dry run, m; default: the position of the node.
     #[arg(long, requires = "dry_run", value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
