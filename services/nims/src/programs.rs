@@ -14,13 +14,6 @@ pub const COMPANIONS: [(&str, &str); 3] = [
     ("truth", "Draw a plausible world for the virtual motor box that is not the robot's model"),
 ];
 
-/// Help text about the programs that come with nims.
-#[must_use]
-pub fn help() -> String {
-    let lines: Vec<String> = COMPANIONS.iter().map(|(name, about)| format!("  {name:<5}  {about}")).collect();
-    format!("Programs in the same folder:\n{}\nAny other `nims X` runs the program nims-X.", lines.join("\n"))
-}
-
 /// Replaces this process by the supervisor. Returns only if that fails.
 pub fn run_supervisor(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
     match sibling("supervisor") {
