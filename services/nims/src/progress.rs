@@ -34,7 +34,7 @@ impl Progress {
             let paused = plan.state == PlanStatus::STATE_PAUSED;
             let due = self.line_ns.is_none_or(|shown_ns| now_ns >= shown_ns + LINE_NS);
             // A pause is shown once, whatever it lasts.
-            if (due && !(paused && self.paused)) || (paused && !self.paused) {
+            if if paused { !self.paused } else { due } {
                 self.line_ns = Some(now_ns);
                 eprintln!("{line}, {:.0} %", 100.0 * plan.progress);
             }
