@@ -9,13 +9,14 @@ use std::path::PathBuf;
 
 /// Crates of `shared/` and `tests/` that link the services' pure libraries, and the command. No other crate does, and
 /// no service links these.
-const LINKS_SERVICES: [&str; 9] = [
+const LINKS_SERVICES: [&str; 10] = [
     "lockstep",
     "replay",
     "commissioning",
     "nims-bench",
     "nims-paper",
     "nims-truth",
+    "nims-manual",
     "nims",
     "nims-tests",
     "benchmarks",

@@ -11,6 +11,7 @@ mod choice;
 mod drive_family;
 mod exactly;
 pub mod file;
+mod file_kind;
 mod load;
 mod logger;
 mod measured;
@@ -32,6 +33,7 @@ pub use choice::{
 };
 pub use drive_family::DriveFamily;
 pub use exactly::{each_exactly, exactly, exactly_if_given};
+pub use file_kind::FileKind;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
 pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};

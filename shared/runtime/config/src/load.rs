@@ -6,6 +6,7 @@ use super::{
     RobotSection, SystemFile, check,
 };
 use crate::file::join_normalized;
+use crate::file_kind::FileKind;
 use crate::toml_file::{ConfigError, Source};
 use crate::{Problem, PulleyKind, TensionDistribution};
 use cable_robot::motor::{DriveLimits, Motor};
@@ -23,6 +24,7 @@ impl RobotFile {
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        FileKind::Robot.expect(&source)?;
         let mut file: Self = source.parse()?;
         file.measured(path, &source)?;
         check::robot(&file).map_err(|problem| source.error(&problem))?;
@@ -226,6 +228,7 @@ impl SystemFile {
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        FileKind::System.expect(&source)?;
         let mut file: Self = source.parse()?;
         let refuse = |problem: Problem| source.error(&problem);
         let folder = path.parent().unwrap_or(Path::new(""));

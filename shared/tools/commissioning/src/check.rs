@@ -1,13 +1,13 @@
 //! `nims check`: findings about a configuration, each with its remedy.
 
-use crate::config_kind::{ConfigKind, config_kind};
+use crate::config_kind::config_kind;
 use crate::swing;
 use cable_robot::energy::MotorTable;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::motor::DriveLoad;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use command::{Answer, Failure, Output, points};
-use config::{CalibrationFile, PlannerSection, RobotFile, SystemFile};
+use config::{CalibrationFile, FileKind, PlannerSection, RobotFile, SystemFile};
 use motor_box::{GroundFile, MotorBoxSection};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         let file = args.config.display();
         Failure::BadInput(format!("{file} cannot be used: {errors} error(s), listed on stdout"))
     });
-    Ok(Output::new(to_json(&found), to_text(&found)).failing(failure))
+    Ok(Output::new(to_json(&found), format!("{}\n{}", to_text(&found), verdict(&found))).failing(failure))
 }
 
 /// Returns the number of findings that are errors.
@@ -107,17 +107,17 @@ pub fn errors(findings: &[Finding]) -> usize {
 /// A file that cannot be read or holds values that are not accepted.
 pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
     match config_kind(path)? {
-        ConfigKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
-        ConfigKind::System => {
+        FileKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
+        FileKind::System => {
             let file = SystemFile::load(path).map_err(Failure::bad)?;
             can_be_built(&file)?;
             let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
             findings.extend(system_file(&file)?);
             Ok(findings)
         }
-        ConfigKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
-        ConfigKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
-        ConfigKind::Mission => {
+        FileKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
+        FileKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
+        FileKind::Mission => {
             let mission = Mission::read(path).map_err(Failure::bad)?;
             let Some(on) = on else {
                 let legs = mission.leg.len();
@@ -127,7 +127,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
                 ))]);
             };
             Ok(vec![match config_kind(on)? {
-                ConfigKind::System => {
+                FileKind::System => {
                     let file = SystemFile::load(on).map_err(Failure::bad)?;
                     let robot = file.robot_file().map_err(Failure::bad)?;
                     let start = virtual_start_m(&file, &robot)?;
@@ -187,6 +187,16 @@ pub fn to_text(findings: &[Finding]) -> String {
         })
         .collect();
     lines.join("\n")
+}
+
+/// Returns the last sentence of a check.
+fn verdict(findings: &[Finding]) -> String {
+    let warnings = findings.iter().filter(|finding| finding.level == Level::Warning).count();
+    match (errors(findings), warnings) {
+        (0, 0) => "fine: no errors, no warnings".to_owned(),
+        (0, warnings) => format!("usable: no errors, {warnings} warning(s)"),
+        (errors, warnings) => format!("not usable: {errors} error(s), {warnings} warning(s)"),
+    }
 }
 
 /// Returns whether none of the findings is an error.

@@ -12,6 +12,7 @@ mod config_kind;
 pub mod doctor;
 pub mod kinematics;
 pub mod plan;
+mod readable;
 pub mod setup;
 mod swing;
 pub mod workspace;

@@ -1,6 +1,6 @@
 //! `nims plan`: the cost of a move, and the parabola with the least cost, without a running robot.
 
-use crate::config_kind;
+use crate::{config_kind, readable};
 use cable_robot::energy::optimum::{Precision, best};
 use cable_robot::energy::{Best, Bounds, Cost, EnergyError, WinchEnergy, flight, parabola};
 use cable_robot::path::{Lateral, Parabola};
@@ -17,7 +17,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Robot file, or system file, which also states the lowest voltage of the drives.
-    #[arg(long)]
+    #[arg(long, visible_aliases = ["robot", "system"])]
     pub config: PathBuf,
     /// Start of the move, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
@@ -92,7 +92,9 @@ pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
 /// # Errors
 /// A robot file or arguments that cannot be used. An infeasible move is a result, not an error.
 pub fn run(args: &Args) -> Answer<Output> {
-    plan_move(args).map(Output::json)
+    let found = plan_move(args)?;
+    let words = readable::plan(&found);
+    Ok(Output::new(found, words))
 }
 
 fn plan_move(args: &Args) -> Answer<Value> {

@@ -1,7 +1,7 @@
 //! `nims workspace`: the region where the cables can hold the node at rest, its size, and its margins to the limits.
 //! For a planar robot the region is an area.
 
-use crate::config_kind;
+use crate::{config_kind, readable};
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::tension;
 use cable_robot::{Distribution, Robot, Vector3, elastic};
@@ -15,7 +15,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Robot file, or system file, which also states the lowest voltage of the drives.
-    #[arg(long)]
+    #[arg(long, visible_aliases = ["robot", "system"])]
     pub config: PathBuf,
     /// Plot of slices at several heights; for a planar robot, of its plane.
     #[arg(long, value_name = "FILE")]
@@ -126,7 +126,9 @@ fn layers(robot: &Robot, grid: &Grid) -> Vec<Layer> {
 /// # Errors
 /// A robot file or step that cannot be used, or a plot that cannot be written.
 pub fn run(args: &Args) -> Answer<Output> {
-    evaluate(args).map(Output::json)
+    let found = evaluate(args)?;
+    let words = readable::workspace(&found);
+    Ok(Output::new(found, words))
 }
 
 fn evaluate(args: &Args) -> Answer<Value> {
