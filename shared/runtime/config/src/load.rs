@@ -57,6 +57,8 @@ impl RobotFile {
             (Some(named), true) => {
                 let calibration = CalibrationFile::load(&resolve_named_file(folder, named))?;
                 self.robot.anchors_m = calibration.anchors_m.clone().into();
+                let pulleys = calibration.pulleys(self.robot.pulley, &self.robot.pulley_radius_m);
+                (self.robot.pulley, self.robot.pulley_radius_m) = pulleys.map_err(|problem| source.error(&problem))?;
                 self.calibration = Some(calibration);
             }
         }

@@ -1,6 +1,7 @@
 //! Files of measurements that a robot file names: a calibration and a motor table.
 
 use crate::Problem;
+use crate::choice::PulleyKind;
 use crate::toml_file::{self, ConfigError, Source};
 use cable_robot::energy::CurrentTable;
 use serde::Deserialize;
@@ -35,7 +36,16 @@ pub struct CalibrationFile {
     pub scale_std: f64,
     /// Encoder counts per metre with which the lengths were computed. `None` if the lengths were measured with a tape.
     pub counts_per_m: Option<Vec<f64>>,
+    /// What the cables leave from. `None` if the measurements did not say, and in older files.
+    pub pulley: Option<PulleyKind>,
+    /// Radius of each pulley, m: stated or estimated. Empty for eyes.
+    #[serde(default)]
+    pub pulley_radius_m: Vec<f64>,
 }
+
+/// Largest difference between a radius of the robot file and that of a calibration with the same pulleys, m: a radius
+/// measured with a ruler.
+const SAME_RADIUS_M: f64 = 0.002;
 
 /// Largest relative difference between `counts_per_m` of the system file and of a calibration with the same encoders.
 const SAME_ENCODERS: f64 = 0.1;
@@ -75,6 +85,28 @@ impl CalibrationFile {
             return Err(Problem::with_clause("motor_io.counts_per_m", clause));
         }
         Ok(Some(counts))
+    }
+
+    /// Returns the kind and the radii of the pulleys of a robot whose file states these: those of the calibration, whose
+    /// anchors are right with them only; as stated if the calibration does not say.
+    ///
+    /// # Errors
+    /// The calibration was made for other pulleys.
+    pub(super) fn pulleys(&self, kind: PulleyKind, radii_m: &[f64]) -> Result<(PulleyKind, Vec<f64>), Problem> {
+        let Some(measured) = self.pulley else { return Ok((kind, radii_m.to_vec())) };
+        let own = if measured == PulleyKind::Swivel { self.pulley_radius_m.as_slice() } else { &[] };
+        let stated = kind == PulleyKind::Swivel && radii_m.iter().any(|r| *r > 0.0);
+        let radius = |radii_m: &[f64], i: usize| radii_m.get(i).copied().unwrap_or(0.0);
+        let count = own.len().max(radii_m.len());
+        let apart = (0..count).any(|i| (radius(own, i) - radius(radii_m, i)).abs() > SAME_RADIUS_M);
+        if stated && apart {
+            let clause = format!(
+                "is {radii_m:?}, but the calibration of {} holds for radii of {own:.4?}; measure them, and calibrate again with the right ones, or remove this key to use those",
+                self.date
+            );
+            return Err(Problem::of("robot.pulley_radius_m", clause));
+        }
+        Ok((measured, own.to_vec()))
     }
 
     /// Returns the least certain coordinate: number of the anchor from 1, axis, standard deviation in m.
@@ -190,6 +222,31 @@ mod tests {
         }
         std::fs::write(run.path().join("robot.toml"), ROBOT).unwrap();
         assert_eq!(RobotFile::load(&run.path().join("robot.toml")).unwrap().robot().unwrap(), robot);
+    }
+
+    #[test]
+    fn the_pulleys_of_a_calibration_are_those_of_the_robot() {
+        let folder = tempfile::tempdir().unwrap();
+        load(folder.path(), ROBOT).unwrap_err();
+        std::fs::write(folder.path().join("robots/winch.toml"), TABLE).unwrap();
+        let write = |more: &str| {
+            let text = calibration("4e-4").replace("[measurements]", &format!("{more}\n[measurements]"));
+            std::fs::write(folder.path().join("sites/pond.toml"), text).unwrap();
+        };
+        let stating = |more: &str| ROBOT.replace("[motor]", &format!("{more}\n[motor]"));
+        let swivel = "pulley = \"swivel\"\npulley_radius_m = [0.025, 0.025, 0.025]";
+        write(swivel);
+        let file = load(folder.path(), ROBOT).unwrap();
+        assert_eq!(file.robot().unwrap().anchors().radii_m(), [0.025; 3]);
+        assert!(load(folder.path(), &stating(swivel)).is_ok());
+        let wrong = load(folder.path(), &stating(&swivel.replace("0.025", "0.04"))).unwrap_err().to_string();
+        assert!(wrong.contains("pulley_radius_m") && wrong.contains("calibrate again"), "{wrong}");
+        write("pulley = \"eye\"");
+        load(folder.path(), &stating(swivel)).unwrap_err();
+        assert!(!load(folder.path(), ROBOT).unwrap().robot().unwrap().anchors().have_pulleys());
+        // A calibration that does not say, such as an older one, leaves the robot file as it is.
+        write("");
+        assert_eq!(load(folder.path(), &stating(swivel)).unwrap().robot().unwrap().anchors().radii_m(), [0.025; 3]);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 mod heights;
 mod joint;
 mod paper;
+mod patterns;
 mod pulleys;
 mod refusals;
 mod regions;
