@@ -40,6 +40,7 @@
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 pub mod anchors;
+mod angle;
 pub mod cables;
 pub mod control_bounds;
 pub mod elastic;

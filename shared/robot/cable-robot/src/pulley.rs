@@ -26,6 +26,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::angle;
+
 /// Smallest distance at which a direction is defined, m.
 const SMALLEST_M: f64 = 1e-9;
 
@@ -153,6 +155,7 @@ impl Pulley {
         Ok(CableGeometry { length_m, direction, free_m: length_m, sideways_per_m, across: None })
     }
 
+    #[inline]
     fn tangent(&self, position: &Vector3<f64>) -> Tangent {
         let (d, r) = (position - self.anchor, self.radius_m);
         let (p, outward) = if self.planar {
@@ -181,8 +184,9 @@ impl Pulley {
         Ok(Vector3::new(at.outward[0] * at.out, at.outward[1] * at.out, at.up))
     }
 
+    #[inline]
     fn length_of(&self, at: &Tangent) -> f64 {
-        let turn = libm::atan2(at.out, at.up);
+        let turn = angle::of_unit(at.out, at.up);
         // Only below the wheel the cable wraps more than half a turn; above, a negative angle is rounding.
         let wrapped = if turn < 0.0 && at.z < 0.0 { turn + 2.0 * std::f64::consts::PI } else { turn };
         at.free + self.radius_m * wrapped
