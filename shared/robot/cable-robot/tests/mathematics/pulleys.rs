@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use cable_robot::energy::WinchEnergy;
-use cable_robot::kinematics::{Pair, forward_kinematics, inverse_kinematics, lengths_at, trilaterate};
+use cable_robot::kinematics::{Pair, forward_kinematics, inverse_kinematics, lengths_at, mirror_position, trilaterate};
 use cable_robot::motor::Motor;
 use cable_robot::path::{Parabola, Path};
 use cable_robot::profile::{Profile, ProfileLimits};
@@ -337,10 +337,13 @@ fn three_cables_have_a_lower_and_an_upper_position() {
     let p = Vector3::new(0.7, -0.4, 1.0);
     let l = inverse_kinematics(&anchors, &p);
     let lower = forward_kinematics(&anchors, &l, None).unwrap();
-    let mirror = lower.mirror.unwrap();
+    let mirror = mirror_position(&anchors, &l, &lower.position).unwrap();
     assert!((lower.position - p).norm() < 1e-9 && mirror.z > HEIGHT_M);
     assert!(inverse_kinematics(&anchors, &mirror).iter().zip(l.iter()).all(|(a, b)| (a - b).abs() < 1e-9));
-    assert_eq!(forward_kinematics(&anchors, &l, Some(&mirror)).unwrap().position, mirror);
+    let upper = forward_kinematics(&anchors, &l, Some(&mirror)).unwrap();
+    assert!((upper.position - mirror).norm() < 1e-9);
+    assert!((mirror_position(&anchors, &l, &upper.position).unwrap() - p).norm() < 1e-9);
+    assert_eq!(mirror_position(&anchors, &l[..2], &p), None);
 }
 
 #[test]
