@@ -7,5 +7,6 @@ mod energy;
 mod motion;
 mod planar;
 mod pulleys;
+mod swing;
 mod tension;
 mod tension_general;
