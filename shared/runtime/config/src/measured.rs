@@ -4,6 +4,7 @@ use crate::Problem;
 use crate::toml_file::{ConfigError, Source};
 use cable_robot::energy::CurrentTable;
 use serde::Deserialize;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Name of the run's system file with every key, in the run folder; every process of the run reads it.
@@ -41,8 +42,8 @@ pub struct CalibrationFile {
     pub cable_scale: Vec<f64>,
 }
 
-/// Largest difference of a `cable_scale` from 1: beyond it, the counts are those of another wheel.
-const CABLE_SCALE_SHARE: f64 = 0.1;
+/// Accepted values of `cable_scale`: beyond them, the counts are those of another wheel.
+const CABLE_SCALES: RangeInclusive<f64> = 0.9..=1.1;
 
 /// Largest relative difference between `counts_per_m` of the system file and of a calibration with the same encoders.
 const SAME_ENCODERS: f64 = 0.1;
@@ -74,8 +75,7 @@ impl CalibrationFile {
             );
             return Err(Problem::of(KEY, clause));
         }
-        // Also finds NaN.
-        if let Some(scale) = scales.iter().find(|scale| !((*scale - 1.0).abs() <= CABLE_SCALE_SHARE)) {
+        if let Some(scale) = scales.iter().find(|scale| !CABLE_SCALES.contains(scale)) {
             let clause = format!("contains {scale}; accepted: 0.9 to 1.1, or correct `counts_per_m` and check again");
             return Err(Problem::of(KEY, clause));
         }
