@@ -41,6 +41,7 @@
 
 pub mod anchors;
 pub mod cables;
+pub mod catenary;
 pub mod control_bounds;
 pub mod elastic;
 pub mod energy;
@@ -58,6 +59,7 @@ pub mod pulley;
 pub mod robot;
 mod robot_error;
 mod robot_parts;
+pub mod sag;
 pub mod tension;
 
 pub use anchors::Anchors;

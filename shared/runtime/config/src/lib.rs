@@ -39,7 +39,9 @@ pub use motor_box::MotorBoxTable;
 pub use number::{Given, number};
 pub use point::{Point, Points};
 pub use problem::Problem;
-pub use robot_file::{LinesSection, MotorSection, ObstacleSection, RobotFile, RobotSection, SiteSection};
+pub use robot_file::{
+    CountsStretched, LinesSection, MotorSection, ObstacleSection, RobotFile, RobotSection, SiteSection,
+};
 
 pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::{

@@ -7,5 +7,6 @@ mod energy;
 mod motion;
 mod planar;
 mod pulleys;
+mod sag;
 mod tension;
 mod tension_general;
