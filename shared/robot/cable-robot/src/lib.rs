@@ -42,6 +42,7 @@
 pub mod anchors;
 mod angle;
 pub mod cables;
+pub mod catenary;
 pub mod control_bounds;
 pub mod elastic;
 pub mod energy;
@@ -60,6 +61,7 @@ pub mod pulley;
 pub mod robot;
 mod robot_error;
 mod robot_parts;
+pub mod sag;
 pub mod tension;
 
 pub use anchors::Anchors;

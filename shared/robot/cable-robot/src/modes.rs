@@ -83,7 +83,7 @@ pub fn stiffness_n_m(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64])
     if tensions_n.len() != robot.cable_count() {
         return None;
     }
-    let free = unstretched(robot, &inverse_kinematics(anchors, position), tensions_n);
+    let free = unstretched(robot, position, &inverse_kinematics(anchors, position), tensions_n);
     let mut sum = Matrix3::zeros();
     for (i, tension_n) in tensions_n.iter().enumerate() {
         let cable = anchors.pulley(i).cable_to(position).ok()?;

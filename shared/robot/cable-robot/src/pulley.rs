@@ -143,6 +143,15 @@ impl Pulley {
         self.direction_of(&self.tangent(position))
     }
 
+    /// Computes the direction and the length of the free cable, m, which need no trigonometric function.
+    pub(crate) fn free_cable(&self, position: &Vector3<f64>) -> Result<(Vector3<f64>, f64), NoDirection> {
+        if self.radius_m == 0.0 {
+            return self.straight(position).map(|cable| (cable.direction, cable.free_m));
+        }
+        let at = self.tangent(position);
+        Ok((self.direction_of(&at)?, at.free))
+    }
+
     /// The cable of an eye.
     fn straight(&self, position: &Vector3<f64>) -> Result<CableGeometry, NoDirection> {
         let d = position - self.anchor;

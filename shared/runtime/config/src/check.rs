@@ -110,6 +110,11 @@ fn limits(robot: &RobotSection) -> Result<(), Problem> {
 
 /// Checks motors and cables, in addition to [`cable_robot::motor::Motor::check`].
 fn motors(file: &RobotFile) -> Result<(), Problem> {
+    number("lines.mass_kg_m", file.lines.mass_kg_m, "0 to 1 kg/m", |v| (0.0..=1.0).contains(&v))?;
+    if file.lines.counts_stretched.any() && file.lines.stiffness_n.is_none() {
+        let clause = "is given for rigid cables; give `stiffness_n` too, or remove it";
+        return Err(Problem::of("lines.counts_stretched", clause));
+    }
     for length in &file.lines.routed_length_m {
         number("lines.routed_length_m", *length, "lengths of 0 to 1000 m", |v| (0.0..=1000.0).contains(&v))?;
     }

@@ -31,7 +31,7 @@ pub use choice::{
     Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, PulleyKind, StopPin, TensionDistribution, UnknownChoice,
 };
 pub use drive_family::DriveFamily;
-pub use exactly::{each_exactly, exactly, exactly_if_given};
+pub use exactly::{each_exactly, each_exactly_if_given, exactly, exactly_if_given, table_if_given};
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
 pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
@@ -39,7 +39,9 @@ pub use motor_box::MotorBoxTable;
 pub use number::{Given, number};
 pub use point::{Point, Points};
 pub use problem::Problem;
-pub use robot_file::{LinesSection, MotorSection, ObstacleSection, RobotFile, RobotSection, SiteSection};
+pub use robot_file::{
+    CountsStretched, LinesSection, MotorSection, ObstacleSection, RobotFile, RobotSection, SiteSection,
+};
 
 pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::{

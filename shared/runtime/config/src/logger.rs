@@ -19,6 +19,7 @@ pub struct SensorLoggerSection {
     /// Distance up to which a sample contributes to the maps, m. Default: four cells.
     pub map_reach_m: Option<f64>,
     /// Two opposite corners of the maps, m; `[x, z]` for a planar robot. Default: the bounding box of the anchors.
+    #[serde(deserialize_with = "crate::table_if_given")]
     pub map_area_m: Option<[[f64; 2]; 2]>,
     /// Largest number of live maps; further sensors have samples only.
     pub maps: usize,

@@ -7,6 +7,7 @@ mod energy;
 mod motion;
 mod planar;
 mod pulleys;
+mod sag;
 mod swing;
 mod tension;
 mod tension_general;

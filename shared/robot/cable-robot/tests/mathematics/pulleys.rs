@@ -356,7 +356,7 @@ fn checks_and_energy_of_a_move_use_the_pulleys() {
     let report = segment.check(&robot, Distribution::LeastNorm, 0.01).unwrap();
     let start = elastic::realise(&robot, &from, &Vector3::zeros(), Distribution::LeastNorm).unwrap();
     let held = tension::at(&robot, &from, &Vector3::zeros(), Distribution::LeastNorm).unwrap();
-    let stretched = elastic::stretched(&robot, &start.unstretched_m, &held.tensions_n);
+    let stretched = elastic::stretched(&robot, &from, &start.unstretched_m, &held.tensions_n);
     for i in 0..4 {
         assert!((stretched[i] - robot.anchors().pulley(i).length_m(&from)).abs() < 1e-12);
         assert!(report.shortest_m[i] <= start.unstretched_m[i] && start.unstretched_m[i] <= report.longest_m[i]);
