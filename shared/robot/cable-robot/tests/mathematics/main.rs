@@ -4,6 +4,7 @@
 mod counting;
 mod elastic;
 mod energy;
+mod hanging;
 mod motion;
 mod planar;
 mod pulleys;
