@@ -1,9 +1,9 @@
 //! The scale of one cable from a length that a tape measures: the check over some metres in which a mark on the cable
 //! moves along a tape while the encoder counts.
 //!
-//! The counts of a bare wheel follow from π (D + d) with the diameter D of its groove and d of the cable; d is known to a
-//! few tenths of a millimetre, on a wheel of 30 mm about 1 %. A tape over five metres is good to 2.5 mm, 0.05 %. The tape
-//! lies along the cable as the idler counts it, under the tension of the check.
+//! The counts of a bare wheel follow from π (D + d) with the diameter D of its groove and d of the cable; d is known
+//! to a few tenths of a millimetre, on a wheel of 30 mm about 1 %. A tape over five metres is good to 2.5 mm, 0.05 %.
+//! The tape lies along the cable as the idler counts it, under the tension of the check.
 
 use thiserror::Error;
 
@@ -95,7 +95,8 @@ pub enum LengthCheckError {
     },
 }
 
-/// Computes the scale of a cable from moves along a tape, with the counts per metre with which its lengths are computed.
+/// Computes the scale of a cable from moves along a tape, with the counts per metre with which its lengths are
+/// computed.
 ///
 /// ```
 /// use calibration::length_check::{TapeCheck, scale};

@@ -1,8 +1,8 @@
 //! Positions from lengths of cables over pulleys: least squares from the intersections of spheres around eyes.
 //!
 //! A pulley of radius r adds to the straight length between 0.57 r (node at the height of the anchor) and about 3 r
-//! (node below it), so the starting points are within a few radii, and three Newton steps suffice. For three cables whose
-//! two positions are far apart, only the chosen one is computed.
+//! (node below it), so the starting points are within a few radii, and three Newton steps suffice. For three cables
+//! whose two positions are far apart, only the chosen one is computed.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -84,8 +84,8 @@ pub(super) fn forward_kinematics(
     Ok(Forward { position: fit.position, mirror: None, residual_rms_m: rms(&fit) })
 }
 
-/// Computes the position with these lengths near a position that is not that of the node, on the other side of the plane
-/// of the anchors; None if there is none, for a wrong number of lengths, and for more cables than directions.
+/// Computes the position with these lengths near a position that is not that of the node, on the other side of the
+/// plane of the anchors; None if there is none, for a wrong number of lengths, and for more cables than directions.
 pub(super) fn mirror(anchors: &Anchors, lengths_m: &[f64], position: &Vector3<f64>) -> Option<Vector3<f64>> {
     let n = anchors.len();
     if lengths_m.len() != n || n != anchors.dimensions() {
@@ -151,8 +151,8 @@ fn newton(anchors: &Anchors, lengths_m: &[f64], start: Vector3<f64>) -> Option<V
     None
 }
 
-/// Volume of the unit vectors of three cables below which the pose is too near the plane of the anchors for plain Newton
-/// steps: there the sine of the angle between plane and cables is about this.
+/// Volume of the unit vectors of three cables below which the pose is too near the plane of the anchors for plain
+/// Newton steps: there the sine of the angle between plane and cables is about this.
 const LEAST_VOLUME: f64 = 1e-2;
 
 /// The iteration ends if the next step would be smaller, m.

@@ -229,7 +229,8 @@ proptest! {
     }
 }
 
-/// The frequencies of the node follow from this matrix. A bow that straightens makes a cable softer than its stretch alone.
+/// The frequencies of the node follow from this matrix. A bow that straightens makes a cable softer than its stretch
+/// alone.
 #[test]
 fn the_stiffness_of_the_node_is_that_of_exact_catenaries() {
     for (which, site) in sites().iter().enumerate() {
