@@ -118,6 +118,8 @@ impl RobotFile {
             obstacles: self.obstacles()?,
             clearance_m: self.robot.clearance_m,
             stiffness_n: self.lines.stiffness_n,
+            cable_mass_kg_m: self.lines.mass_kg_m,
+            counts_stretched: Some(self.lines.counts_stretched.list(cables)),
             routed_length_m: (!self.lines.routed_length_m.is_empty()).then(|| self.lines.routed_length_m.clone()),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
             motor: self.motor.motor(),
@@ -134,7 +136,7 @@ impl RobotFile {
 /// Converts an error of the robot model to a problem at the key of the file that it is about.
 fn robot_problem(error: &RobotError) -> Problem {
     let table = match error.key {
-        "stiffness_n" | "routed_length_m" => "lines",
+        "stiffness_n" | "routed_length_m" | "mass_kg_m" | "counts_stretched" => "lines",
         "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
         | "transition_m_s" | "table" => "motor",
         "obstacle" => return Problem::with_sentence("obstacle", error.to_string()),

@@ -1,11 +1,12 @@
 //! `nims check`: findings about a configuration, each with its remedy.
 
+use crate::bow::Bow;
 use crate::config_kind::config_kind;
 use crate::swing;
 use cable_robot::energy::MotorTable;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::motor::DriveLoad;
-use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
+use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, sag, tension};
 use command::{Answer, Failure, Output, points};
 use config::{CalibrationFile, FileKind, PlannerSection, RobotFile, SystemFile};
 use motor_box::{GroundFile, MotorBoxSection};
@@ -270,6 +271,20 @@ fn stretch_finding(robot: &Robot, at: &Vector3<f64>, distribution: Distribution,
     })
 }
 
+/// States what the weight of the cables does, and warns where the first order is not enough.
+fn weight_finding(robot: &Robot, middle: &Vector3<f64>, distribution: Distribution) -> Option<Finding> {
+    let bow = Bow::deepest(robot, middle, distribution)?;
+    let text = bow.in_words(robot);
+    if bow.sag_share <= sag::SHALLOW {
+        return Some(note(text));
+    }
+    let most = 1.0 / sag::SHALLOW;
+    Some(warning(
+        format!("{text}, and the first order is enough up to a sag of 1/{most:.0}"),
+        "raise the least tension in tension_limits_n, or use lighter cables",
+    ))
+}
+
 fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     let robot = file.robot().map_err(Failure::bad)?;
     let distribution = robot.default_distribution();
@@ -296,6 +311,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
         ),
     });
+    findings.extend(weight_finding(&robot, &at, distribution));
     findings.extend(collinear_anchors(&robot));
     findings.extend(file.calibration.as_ref().map(calibration_finding));
     findings.extend(robot.motor_table().map(|table| motor_table_finding(&robot, table)));

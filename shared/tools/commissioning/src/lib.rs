@@ -5,6 +5,7 @@
 //! * Each finding has a remedy.
 #![forbid(unsafe_code)]
 
+mod bow;
 pub mod calibrate;
 pub mod check;
 mod command_line;

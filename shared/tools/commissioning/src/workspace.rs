@@ -91,7 +91,7 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     if robot.keep_out().iter().any(|b| b.touches(at, at)) || robot.contact(at, at).is_some() {
         return None;
     }
-    let weight = robot.wrench_n(&Vector3::zeros());
+    let weight = robot.with_cables_n(at, &robot.wrench_n(&Vector3::zeros()));
     let limits = robot.tension_limits_n();
     let feasible = tension::hold(robot.anchors(), at, &weight, limits, Distribution::Safest).ok()?;
     if tension::worst_violation(&feasible.tensions_n, limits).is_some() {
@@ -102,7 +102,7 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     if !loads.into_iter().all(|load| limits.allow_current(&load) && limits.allow_voltage(&load)) {
         return None;
     }
-    let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), at), &feasible.tensions_n);
+    let lengths = elastic::unstretched(robot, at, &inverse_kinematics(robot.anchors(), at), &feasible.tensions_n);
     let long_enough = lengths.iter().zip(robot.length_limits_m()).all(|(l, [min, max])| (*min..=*max).contains(l));
     long_enough.then_some(feasible.margin_n)
 }

@@ -65,7 +65,7 @@ proptest! {
         if let Ok(found) = equilibrium(&robot, &l[..n], &a, Some(&x)) {
             prop_assert!(finite(&found.position) && found.tensions_n.is_finite(), "{found:?}");
         }
-        let _ = (stretched(&robot, &l, &l), unstretched(&robot, &l, &l));
+        let _ = (stretched(&robot, &x, &l, &l), unstretched(&robot, &x, &l, &l));
         for method in [Distribution::Unique, Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
             if let Ok(found) = realise(&robot, &x, &a, method) {
                 prop_assert!(found.unstretched_m.is_finite() && found.tensions_n.is_finite(), "{found:?}");
