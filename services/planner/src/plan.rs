@@ -1,6 +1,7 @@
 //! Checked segments of a mission: every refusal happens here, before anything moves.
 
 mod builder;
+mod swing;
 
 use cable_robot::energy::{EnergyError, flight};
 use cable_robot::motion::{Refusal, Report};
@@ -35,6 +36,8 @@ pub struct PlannerConfig {
     pub acceleration_m_s2: f64,
     /// Distance between checked points of a path, m.
     pub check_step_m: f64,
+    /// Swing of the node above which a move is shaped, m.
+    pub swing_limit_m: f64,
 }
 
 impl PlannerConfig {
@@ -46,6 +49,7 @@ impl PlannerConfig {
             speed_m_s: file.planner.speed_m_s,
             acceleration_m_s2: file.planner.acceleration_m_s2,
             check_step_m: file.planner.check_step_m,
+            swing_limit_m: file.planner.swing_limit_m,
         }
     }
 }

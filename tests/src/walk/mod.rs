@@ -97,7 +97,8 @@ impl Parts {
         let scenario = case.scenario(true)?;
         let chain = Chain::new(&scenario)?;
         let section = EstimatorSection { method: EstimatorMethod::Kalman, ..EstimatorSection::default() };
-        let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, .. } = PlannerSection::default();
+        let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, swing_limit_m, .. } =
+            PlannerSection::default();
         let [delay_s, lag_s] = case.motor_s;
         let lag = cable_control::drive_lag::DriveLag::new(delay_s, lag_s).map_err(|error| anyhow!("{error:?}"))?;
         let laws = [scenario.law, Law::PFeedforward(PFeedforward::new(2.0)?), crate::laws::law(Some(lag), true)?];
@@ -111,6 +112,7 @@ impl Parts {
                 speed_m_s,
                 acceleration_m_s2,
                 check_step_m,
+                swing_limit_m,
             },
             laws,
             methods: [scenario.method, Method::from_section(&section)?],

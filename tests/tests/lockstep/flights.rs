@@ -228,6 +228,7 @@ fn every_mission_that_comes_along_can_be_flown_by_every_robot() {
                 speed_m_s: 0.2,
                 acceleration_m_s2: 0.3,
                 check_step_m: 0.02,
+                swing_limit_m: 0.005,
             };
             let summary = planner::dry_run(&scenario.mission, &config, scenarios::START_M).unwrap();
             assert!(summary.duration_s < 120.0, "{summary:?}");

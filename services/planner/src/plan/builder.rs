@@ -6,7 +6,7 @@ use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
 use cable_robot::{Path, Profile, Segment, Vector3, path};
 use config::Point;
 
-use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THERE_M};
+use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THERE_M, swing};
 use crate::mission::{Leg, Mission, PathShape};
 use crate::scan::{self, Stop};
 
@@ -351,6 +351,7 @@ impl<'a> Builder<'a> {
         path.check().map_err(|error| PlanError::Path { leg, error })?;
         Profile::plan(path, &self.limits(leg, speed_m_s)?)
             .and_then(|profile| slowed(&profile))
+            .map(|profile| swing::shaped(self.config, path, profile))
             .map_err(|error| PlanError::Profile { leg, error })
     }
 

@@ -43,6 +43,7 @@ fn config_of(parts: RobotParts) -> PlannerConfig {
         speed_m_s: 0.2,
         acceleration_m_s2: 0.3,
         check_step_m: 0.02,
+        swing_limit_m: 0.005,
     }
 }
 

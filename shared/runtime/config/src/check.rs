@@ -172,6 +172,7 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     number("planner.speed_m_s", file.planner.speed_m_s, &below, |v| v > 0.0 && v <= speed)?;
     let below = format!("above 0, at most the robot's `acceleration_limit_m_s2` of {acceleration}");
     number("planner.acceleration_m_s2", file.planner.acceleration_m_s2, &below, |v| v > 0.0 && v <= acceleration)?;
+    number("planner.swing_limit_m", file.planner.swing_limit_m, "0.0001 to 1 m", |v| (0.0001..=1.0).contains(&v))?;
     number("planner.check_step_m", file.planner.check_step_m, "0.001 to 0.5 m", |v| (0.001..=0.5).contains(&v))?;
 
     number("recorder.segment_s", file.recorder.segment_s, "10 to 1e6 s", |v| (10.0..=1e6).contains(&v))?;

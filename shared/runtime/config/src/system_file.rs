@@ -299,6 +299,8 @@ pub struct PlannerSection {
     pub acceleration_m_s2: f64,
     /// Distance between the points of a path that are checked against (16), m.
     pub check_step_m: f64,
+    /// Moves whose accelerations would make the node swing on its cables by more than this are shaped, m.
+    pub swing_limit_m: f64,
     /// Folder of the missions that `nims run NAME` flies by name.
     pub missions: PathBuf,
     /// The mission that `nims demo` flies.
@@ -311,6 +313,7 @@ impl Default for PlannerSection {
             speed_m_s: 0.2,
             acceleration_m_s2: 0.3,
             check_step_m: 0.02,
+            swing_limit_m: 0.005,
             missions: "../missions".into(),
             demo: "demo".into(),
         }

@@ -210,7 +210,8 @@ impl Chain {
             thread: 0,
             incarnation: 2,
         };
-        let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, .. } = PlannerSection::default();
+        let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, swing_limit_m, .. } =
+            PlannerSection::default();
         let distribution = scenario.distribution;
         Ok(Self {
             core: Core::new(core),
@@ -228,6 +229,7 @@ impl Chain {
                 speed_m_s,
                 acceleration_m_s2,
                 check_step_m,
+                swing_limit_m,
             }),
         })
     }

@@ -531,6 +531,7 @@ fn plan(
         speed_m_s: section.speed_m_s,
         acceleration_m_s2: section.acceleration_m_s2,
         check_step_m: section.check_step_m,
+        swing_limit_m: section.swing_limit_m,
     };
     let plan = Plan::new(mission, &config, Vector3::from(*from), 0.0, 1).map_err(Failure::bad)?;
     Ok(Flight {

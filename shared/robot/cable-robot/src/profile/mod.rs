@@ -2,6 +2,7 @@
 //! in s and every quantity has a closed form in time.
 
 mod build;
+mod shaping;
 
 use thiserror::Error;
 
@@ -250,7 +251,7 @@ impl Profile {
 }
 
 /// Tangential acceleration between two knots, m/s².
-pub(crate) fn slope(a: Knot, b: Knot) -> f64 {
+pub fn slope(a: Knot, b: Knot) -> f64 {
     (b.v_m_s - a.v_m_s) * (b.v_m_s + a.v_m_s) / (2.0 * (b.s_m - a.s_m))
 }
 

@@ -8,5 +8,6 @@ mod motion;
 mod planar;
 mod pulleys;
 mod sag;
+mod swing;
 mod tension;
 mod tension_general;
