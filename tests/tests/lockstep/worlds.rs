@@ -164,3 +164,49 @@ fn the_large_robots_fly_in_drawn_worlds() {
         }
     }
 }
+
+/// Writes a robot file and a system file with changed lines into a folder, and flies them.
+fn changed(name: &str, lines: &str, truth: &str) -> Flight {
+    let folder = tempfile::tempdir().unwrap();
+    let original = SystemFile::load(&system(name)).unwrap();
+    let robot: String = std::fs::read_to_string(&original.robot)
+        .unwrap()
+        .lines()
+        .filter(|line| !line.starts_with("mass_kg_m") && !line.starts_with("counts_stretched"))
+        .map(|line| if line.starts_with("[lines]") { format!("[lines]\n{lines}\n") } else { format!("{line}\n") })
+        .collect();
+    std::fs::write(folder.path().join("robot.toml"), robot).unwrap();
+    let system = original.resolved("robot.toml").unwrap();
+    let (before, _) = system.split_once("[motor_box.truth").unwrap_or((&system, ""));
+    let path = folder.path().join("system.toml");
+    std::fs::write(&path, format!("{before}\n[motor_box.truth]\n{truth}\n")).unwrap();
+    flown(&path)
+}
+
+/// The same worlds, with a model that knows what they have, and one that does not.
+#[test]
+fn the_model_of_weight_and_of_stretched_counts_brings_the_node_to_its_setpoint() {
+    println!("| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate |");
+    for (name, mass) in [("demo3", "0.000066"), ("river4", "0.00061"), ("forest4", "0.00137")] {
+        let cables = 3 + usize::from(name != "demo3");
+        let heavy = format!("line_mass_kg_m = {mass}");
+        let stretched = format!("counts_stretched = {:?}", vec![true; cables]);
+        let neither = changed(name, "", "line_mass_kg_m = 0.0");
+        row(&format!("{name}, neither"), &neither);
+        for (what, world, model) in [
+            ("weight", format!("{heavy}\ncounts_stretched = {:?}", vec![false; cables]), format!("mass_kg_m = {mass}")),
+            ("counts", format!("line_mass_kg_m = 0.0\n{stretched}"), "counts_stretched = true".to_owned()),
+            ("both", format!("{heavy}\n{stretched}"), format!("mass_kg_m = {mass}\ncounts_stretched = true")),
+        ] {
+            let (unknown, known) = (changed(name, "", &world), changed(name, &model, &world));
+            row(&format!("{name}, {what}, unknown"), &unknown);
+            row(&format!("{name}, {what}, known"), &known);
+            // A third of a millimetre is less than what the swing of the node differs between two flights.
+            assert!(known.between.rms_m < neither.between.rms_m + 0.33e-3, "{name}, {what}: {known:?}");
+            assert!(
+                what == "weight" || unknown.between.rms_m > 3.0 * known.between.rms_m,
+                "{name}, {what}: {unknown:?}"
+            );
+        }
+    }
+}

@@ -89,13 +89,10 @@ pub fn stiffness_n_m(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64])
     for (i, tension_n) in tensions_n.iter().enumerate() {
         let cable = anchors.pulley(i).cable_to(position).ok()?;
         let u = cable.direction;
-        let load = robot.cable_load(i, position);
-        let along_n_m = if load.bow_n2_m == 0.0 {
-            ea / (free[i] + routed[i])
-        } else {
-            1.0 / load.softness_m_n(*tension_n, (free[i] + routed[i]) / ea)
-        };
-        sum += u * u.transpose() * along_n_m + cable.curvature() * *tension_n;
+        let (load, total) = (robot.cable_load(i, position), free[i] + routed[i]);
+        // A bow gives way too.
+        let along = if load.bow_n2_m > 0.0 { 1.0 / load.softness_m_n(*tension_n, total / ea) } else { ea / total };
+        sum += u * u.transpose() * along + cable.curvature() * *tension_n;
     }
     sum.iter().all(|entry| entry.is_finite()).then_some(sum)
 }
