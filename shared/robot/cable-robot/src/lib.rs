@@ -59,6 +59,7 @@ pub mod pulley;
 pub mod robot;
 mod robot_error;
 mod robot_parts;
+pub mod swing;
 pub mod tension;
 
 pub use anchors::Anchors;

@@ -72,7 +72,7 @@ impl CalibrationFile {
                 "is {configured:?}, but the calibration of {} found {counts:.1?}: these are other encoders; calibrate again",
                 self.date
             );
-            return Err(Problem::of("motor_io.counts_per_m", clause));
+            return Err(Problem::with_clause("motor_io.counts_per_m", clause));
         }
         Ok(Some(counts))
     }
@@ -105,7 +105,7 @@ impl MotorTableFile {
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         let file: Self = source.parse()?;
-        file.table(0.0).map_err(|error| source.error(&Problem::at("currents_a", error.to_string())))?;
+        file.table(0.0).map_err(|error| source.error(&Problem::with_sentence("currents_a", error.to_string())))?;
         Ok(file)
     }
 

@@ -260,7 +260,11 @@ fn contains(outer: &Range<usize>, inner: &Range<usize>) -> bool {
 /// # Errors
 /// The value is NaN or infinite: a problem at the key.
 pub fn finite(key: &str, value: f64) -> Result<f64, Problem> {
-    if value.is_finite() { Ok(value) } else { Err(Problem::of(key, format!("is {value}; accepted: a finite number"))) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Problem::with_clause(key, format!("is {value}; accepted: a finite number")))
+    }
 }
 
 #[cfg(test)]
@@ -355,11 +359,11 @@ mod tests {
             assert_eq!(line_of(text, key), line, "{key}");
         }
         let source = Source { path: "system.toml".into(), text: text.to_owned() };
-        let error = source.error(&Problem::of("motor_io.ramp_s", "is 90"));
+        let error = source.error(&Problem::with_clause("motor_io.ramp_s", "is 90"));
         assert!(matches!(error, ConfigError::Text { line: 5, .. }), "{error}");
         assert_eq!((error.path(), error.key()), (Path::new("system.toml"), Some("motor_io.ramp_s")));
         assert_eq!(error.to_string(), "system.toml, line 5: `motor_io.ramp_s` is 90");
-        assert_eq!(source.error(&Problem::of("rate_hz", "is 1")).to_string(), "system.toml: `rate_hz` is 1");
+        assert_eq!(source.error(&Problem::with_clause("rate_hz", "is 1")).to_string(), "system.toml: `rate_hz` is 1");
     }
 
     #[test]

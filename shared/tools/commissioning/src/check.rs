@@ -1,6 +1,7 @@
 //! `nims check`: findings about a configuration, each with its remedy.
 
 use crate::config_kind::config_kind;
+use crate::swing;
 use cable_robot::energy::MotorTable;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::motor::DriveLoad;
@@ -287,6 +288,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             "check the units of anchors_m (metres), node_mass_kg (kilograms) and tension_limits_n (newtons)",
         )),
     }
+    findings.extend(swing::modes(&robot, &at, distribution).map(note));
     findings.push(match robot.stiffness_n() {
         Some(stiffness_n) => stretch_finding(&robot, &at, distribution, stiffness_n),
         None => warning(
@@ -418,6 +420,9 @@ fn ceiling_finding(robot: &Robot, from: &Vector3<f64>, distribution: Distributio
 fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let mut findings = Vec::new();
+    if let Ok(robot) = robot.robot() {
+        findings.extend(swing::pause(file, &robot, &middle(&robot)).map(|(sentence, cure)| warning(sentence, &cure)));
+    }
     let (period, watchdog) = (file.period_s(), file.motor_io.watchdog_s);
     let (cable, node) = (robot.cable_speed_limit_m_s(), robot.robot.speed_limit_m_s);
     findings.push(note(format!(

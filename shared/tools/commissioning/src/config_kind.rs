@@ -2,7 +2,7 @@
 
 use cable_robot::Robot;
 use command::{Answer, Failure};
-use config::{FileKind, RobotFile, SystemFile, toml_file};
+use config::{FileKind, PlannerSection, RobotFile, SystemFile, toml_file};
 use std::path::Path;
 
 /// Determines the kind of a configuration file from the keys that only this kind has.
@@ -26,4 +26,15 @@ pub(crate) fn robot(path: &Path) -> Answer<Robot> {
         _ => RobotFile::load(path),
     };
     file.map_err(Failure::bad)?.robot().map_err(Failure::bad)
+}
+
+/// Returns the swing above which the planner shapes a move, m: that of a system file, or the default.
+///
+/// # Errors
+/// A file that cannot be used.
+pub(crate) fn swing_limit_m(path: &Path) -> Answer<f64> {
+    match config_kind(path)? {
+        FileKind::System => Ok(SystemFile::load(path).map_err(Failure::bad)?.planner.swing_limit_m),
+        _ => Ok(PlannerSection::default().swing_limit_m),
+    }
 }

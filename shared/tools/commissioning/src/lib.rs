@@ -14,6 +14,7 @@ pub mod kinematics;
 pub mod plan;
 mod readable;
 pub mod setup;
+mod swing;
 pub mod workspace;
 
 pub use command_line::Command;

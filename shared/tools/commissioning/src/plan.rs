@@ -120,6 +120,7 @@ fn plan_move(args: &Args) -> Answer<Value> {
         },
         robot: &robot,
         speed_m_s,
+        swing_limit_m: config_kind::swing_limit_m(&args.config)?,
         constant: args.constant_speed,
     };
     let ends = [points::position(&robot, &args.from)?, points::position(&robot, &args.to)?].map(Vector3::from);
@@ -161,6 +162,7 @@ struct MoveCost<'a> {
     winch_energy: WinchEnergy<'a>,
     robot: &'a Robot,
     speed_m_s: f64,
+    swing_limit_m: f64,
     /// Quasi-static at constant speed, as in the paper; otherwise from rest to rest with accelerations.
     constant: bool,
 }
@@ -218,7 +220,8 @@ impl MoveCost<'_> {
     ) -> Result<Cost, EnergyError> {
         let coarse = usize::from(precision == Precision::Coarse);
         let from_rest = |speed_m_s, acceleration_m_s2| {
-            let limits = ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2);
+            let swing_limit_m = self.swing_limit_m;
+            let limits = ProfileLimits { swing_limit_m, ..ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2) };
             flight::flown(self.robot, self.winch_energy.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
         };
         if self.constant {
