@@ -75,11 +75,28 @@ named_files() {
     done <configs/host/files
 }
 
-# Checks the tools of this machine; names the command that installs a missing one.
+# Whether version $1 is at least $2.
+at_least() { [ "$(printf '%s\n%s\n' "$2" "$1" | sort -V | head -n 1)" = "$2" ]; }
+
+# Checks the tools of this machine and their versions; names the command that installs or updates one.
 need_tools() {
-    command -v cargo >/dev/null || give_up "cargo is missing: install the Rust toolchain from https://rustup.rs"
+    local oldest found tool
+    for tool in cargo rustc; do
+        command -v $tool >/dev/null || give_up "$tool is missing: install the Rust toolchain from https://rustup.rs"
+    done
+    oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    found=$(rustc --version | cut -d ' ' -f 2)
+    at_least "$found" "$oldest" ||
+        give_up "Rust is $found here, and $oldest or later is needed: rustup update, or install it from https://rustup.rs"
     command -v cc >/dev/null || give_up "a C compiler is missing: apt-get install gcc libc6-dev"
+}
+
+# Checks Python, which only tests and some scripts need.
+need_python_itself() {
+    local found
     command -v python3 >/dev/null || give_up "python3 is missing: apt-get install python3 python3-venv"
+    found=$(python3 -c 'import platform; print(platform.python_version())')
+    at_least "$found" 3.11 || give_up "Python is $found here, and 3.11 or later is needed: apt-get install python3"
 }
 
 # Makes .venv with the independent readers and the drives' own client, which the tests compare with, and with linters.
@@ -88,6 +105,7 @@ need_python_packages() {
     if cmp -s "$wanted" "$stamp"; then
         return
     fi
+    need_python_itself
     say "making .venv with the Python packages of $wanted"
     # Root's tests run as another user, who cannot enter a Python in root's home.
     local python=python3
@@ -197,7 +215,7 @@ lint_scripts() {
     python=$(git ls-files '*.py'; git grep -lI '^#!.*python' -- scripts configs .ci)
     shell=$(git ls-files '*.sh'; git grep -lIE '^#!.*(bash|/sh)$' -- scripts configs .ci)
     # shellcheck disable=SC2086  # lists of files without spaces
-    "$ruff" check --quiet --config .config/ruff.toml --cache-dir target/ruff $python
+    "$ruff" check --quiet --config .config/ruff.toml --cache-dir "${CARGO_TARGET_DIR:-target}/ruff" $python
     # shellcheck disable=SC2086
     "$shellcheck" --external-sources $shell
 }
