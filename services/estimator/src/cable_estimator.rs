@@ -1,6 +1,7 @@
 //! The interface between the estimator and its methods, for one cable.
 
-use config::EstimatorSection;
+/// The parameters of the methods: `[estimator]` of the system file.
+pub use config::EstimatorSection as Parameters;
 
 /// Largest number of cycles without a reading that a method may bridge. A drive unit is lost after the same number of
 /// cycles without an answer.
@@ -115,36 +116,4 @@ pub struct Measurement {
     pub phi: [f64; 2],
     /// Time of the newest reading that it contains, ns on the monotonic clock.
     pub sampled_ns: u64,
-}
-
-/// The parameters of a method in `[estimator]` of the system file.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Parameters {
-    /// Rows of the sliding window of (19).
-    pub eta: usize,
-    /// Weight that pulls towards `prior`, (m/s)².
-    pub ridge: f64,
-    /// `[φ1, φ2]` of a window without excitation.
-    pub prior: [f64; 2],
-    /// Delay and lag of the drives together, s.
-    pub drive_lag_s: f64,
-    /// Standard deviation of the cable acceleration that the drive model does not explain, m/s².
-    pub acceleration_sigma_m_s2: f64,
-    /// Standard deviation of a single reading, m.
-    pub reading_sigma_m: f64,
-}
-
-impl From<&EstimatorSection> for Parameters {
-    fn from(section: &EstimatorSection) -> Self {
-        let &EstimatorSection { eta, ridge, prior, drive_lag_s, acceleration_sigma_m_s2, reading_sigma_m, .. } =
-            section;
-        Self { eta, ridge, prior, drive_lag_s, acceleration_sigma_m_s2, reading_sigma_m }
-    }
-}
-
-impl Default for Parameters {
-    /// The defaults of a system file without `[estimator]`.
-    fn default() -> Self {
-        Self::from(&EstimatorSection::default())
-    }
 }

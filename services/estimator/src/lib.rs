@@ -11,9 +11,7 @@
 
 mod cable_estimator;
 mod estimator;
-mod kalman;
 mod method;
-mod phi;
 pub mod process;
 
 pub use cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement, Parameters};

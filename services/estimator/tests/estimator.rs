@@ -46,11 +46,9 @@ fn floating(drag_n_s2_m2: f64) -> Robot {
     .unwrap()
 }
 
-fn methods() -> [Method; 2] {
-    ["phi", "kalman"].map(|method| {
-        Method::from_section(&EstimatorSection { method: method.parse().unwrap(), ..EstimatorSection::default() })
-            .unwrap()
-    })
+fn methods() -> Vec<Method> {
+    let section = |method: &EstimatorMethod| EstimatorSection { method: *method, ..EstimatorSection::default() };
+    EstimatorMethod::ALL.iter().map(|method| Method::from_section(&section(method)).unwrap()).collect()
 }
 
 fn estimator(robot: Robot, method: Method) -> Estimator {
@@ -335,6 +333,8 @@ fn each_method_has_a_number_and_wrong_parameters_are_rejected() {
         let section = EstimatorSection { method: *method, ..EstimatorSection::default() };
         assert_eq!(Method::numbered(Method::from_section(&section).unwrap().number()), Some(*method));
     }
+    let named = [NodeEstimate::METHOD_PHI, NodeEstimate::METHOD_KALMAN].map(Method::numbered);
+    assert_eq!(named, [Some(EstimatorMethod::Phi), Some(EstimatorMethod::Kalman)]);
     let section = EstimatorSection { method: EstimatorMethod::Kalman, drive_lag_s: 0.0, ..EstimatorSection::default() };
     let error = Method::from_section(&section).unwrap_err();
     assert!(matches!(error, FilterError { value: 0.0, .. }), "{error}");

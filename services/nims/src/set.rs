@@ -4,7 +4,7 @@ use command::{Answer, Failure, Output};
 
 use bus::{Bus, Subscriber, clock};
 use commissioning::check;
-use config::{EstimatorSection, RobotFile, Role, SystemFile, TUNABLE, Tuned};
+use config::{EstimatorSection, RobotFile, Role, SystemFile, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
 use messages::{ProcessState, Request, Slot, SystemConfig, text_of};
@@ -34,10 +34,11 @@ const TABLE_NS: u64 = 1_500_000_000;
 /// Longest time to wait for the supervisor's sample of the set parameters.
 const TUNED_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Returns the table of parameters that can be set, for the help and for `docs/tuning.md`.
+/// Returns the table of parameters that can be set, for the help; `docs/tuning.md` has the same.
 #[must_use]
 pub fn table() -> String {
-    let rows = TUNABLE.iter().map(|one| format!("  {:<36} {:<30} {}\n", one.key, one.accepted, one.what));
+    let rows =
+        config::tunable().map(|one| format!("  {:<36} {:<30} {}\n", one.key, one.accepted.to_string(), one.what));
     rows.collect()
 }
 
@@ -217,12 +218,12 @@ fn show(bus: &Bus, key: Option<&str>) -> Answer<Output> {
         tuned.with(key, "0").map_err(Failure::BadInput)?;
     }
     let (mut value, mut lines) = (json!({}), Vec::new());
-    for one in TUNABLE.iter().filter(|one| key.is_none_or(|key| key == one.key)) {
-        let (was, is) = (file.value_of(one.key), current.value_of(one.key));
+    for one in config::tunable().filter(|one| key.is_none_or(|key| key == one.key)) {
+        let (was, is) = (file.value_of(&one.key), current.value_of(&one.key));
         let shown = |value: &str| if value.is_empty() { "not given".to_owned() } else { value.to_owned() };
         let set = if was == is { String::new() } else { format!("  (set; {} in the file)", shown(&was)) };
         lines.push(format!("{:<36} {:<12} {}{set}", one.key, shown(&is), one.what));
-        value[one.key] = json!({ "value": is, "file": was, "accepted": one.accepted });
+        value[&one.key] = json!({ "value": is, "file": was, "accepted": one.accepted.to_string() });
     }
     Ok(Output::new(value, lines.join("\n")))
 }

@@ -238,13 +238,13 @@ impl SensorFile {
         if written.len() != 1 {
             let key = written.get(1).unwrap_or(&"port").to_owned();
             let sentence = "the file has none or several of [tfmini], [line] and [modbus]; accepted: one";
-            return Err(Problem::at(key, sentence));
+            return Err(Problem::with_sentence(key, sentence));
         }
         if self.port.is_empty() {
-            return Err(Problem::of("port", "is empty; accepted: a serial device"));
+            return Err(Problem::with_clause("port", "is empty; accepted: a serial device"));
         }
         if !(1200..=3_000_000).contains(&self.baud) {
-            return Err(Problem::of("baud", format!("is {}; accepted: 1200 to 3000000", self.baud)));
+            return Err(Problem::with_clause("baud", format!("is {}; accepted: 1200 to 3000000", self.baud)));
         }
         within("latency_s", self.latency_s, "0 to 60 s", (0.0..=60.0).contains(&self.latency_s))?;
         within("stale_s", self.stale_s, "0.01 to 3600 s", (0.01..=3600.0).contains(&self.stale_s))?;
@@ -257,7 +257,7 @@ impl SensorFile {
             within("tfmini.resolution_m", resolution_m, "0.01 or 0.001 m", accepted)?;
             if !self.values.is_empty() {
                 let clause = "is not for [tfmini], which has a distance and a strength; accepted: none";
-                return Err(Problem::of("value", clause));
+                return Err(Problem::with_clause("value", clause));
             }
             return Ok(());
         }
@@ -272,7 +272,7 @@ impl SensorFile {
     fn check_values(&self) -> Result<(), Problem> {
         if !(1..=VALUES).contains(&self.values.len()) {
             let sentence = format!("there are {} tables [[value]]; accepted: 1 to {VALUES}", self.values.len());
-            return Err(Problem::at("value", sentence));
+            return Err(Problem::with_sentence("value", sentence));
         }
         for (index, value) in self.values.iter().enumerate() {
             value.check().map_err(|problem| numbered(problem, index))?;
@@ -283,7 +283,7 @@ impl SensorFile {
             if bytes > room {
                 let sentence =
                     format!("`{key}` of all values together has {bytes} bytes; accepted: {room}; use shorter words");
-                return Err(Problem::at(format!("value.0.{key}"), sentence));
+                return Err(Problem::with_sentence(format!("value.0.{key}"), sentence));
             }
         }
         Ok(())
@@ -292,10 +292,10 @@ impl SensorFile {
     fn check_line(&self, line: &LineSection) -> Result<(), Problem> {
         if line.format == LineFormat::Nmea && line.sentence.is_empty() {
             let clause = "is empty; accepted: the name of an NMEA sentence, e.g. \"MWV\"";
-            return Err(Problem::of("line.sentence", clause));
+            return Err(Problem::with_clause("line.sentence", clause));
         }
         if line.valid.as_ref().is_some_and(|valid| valid.field == 0) {
-            return Err(Problem::of("line.valid", "has field 0; accepted: fields are numbered from 1"));
+            return Err(Problem::with_clause("line.valid", "has field 0; accepted: fields are numbered from 1"));
         }
         for (index, value) in self.values.iter().enumerate() {
             let (key, accepted, named) = match line.format {
@@ -306,7 +306,7 @@ impl SensorFile {
             };
             if !named {
                 let sentence = format!("the value \"{}\" has no place; accepted: {accepted}", value.quantity);
-                return Err(numbered(Problem::at(key, sentence), index));
+                return Err(numbered(Problem::with_sentence(key, sentence), index));
             }
         }
         Ok(())
@@ -314,7 +314,7 @@ impl SensorFile {
 
     fn check_modbus(&self, modbus: &ModbusSection) -> Result<(), Problem> {
         if !(1..=247).contains(&modbus.unit_id) {
-            return Err(Problem::of("modbus.unit_id", format!("is {}; accepted: 1 to 247", modbus.unit_id)));
+            return Err(Problem::with_clause("modbus.unit_id", format!("is {}; accepted: 1 to 247", modbus.unit_id)));
         }
         let accepted = "0.001 to 100 requests per second";
         within("modbus.rate_hz", modbus.rate_hz, accepted, (1e-3..=100.0).contains(&modbus.rate_hz))?;
@@ -322,7 +322,7 @@ impl SensorFile {
         for (index, value) in self.values.iter().enumerate() {
             let Some(register) = value.register.map(u32::from) else {
                 let sentence = format!("the value \"{}\" has no place; accepted: `register`", value.quantity);
-                return Err(numbered(Problem::at("register", sentence), index));
+                return Err(numbered(Problem::with_sentence("register", sentence), index));
             };
             range = (range.0.min(register), range.1.max(register + u32::from(value.number.registers())));
         }
@@ -332,7 +332,7 @@ impl SensorFile {
                 range.0,
                 range.1 - 1
             );
-            return Err(Problem::at("value.0.register", sentence));
+            return Err(Problem::with_sentence("value.0.register", sentence));
         }
         Ok(())
     }
@@ -344,7 +344,7 @@ impl ValueSection {
         finite("offset", self.offset)?;
         for (key, text) in [("quantity", &self.quantity), ("unit", &self.unit)] {
             if text.is_empty() || text.contains([',', '\0']) {
-                return Err(Problem::of(key, format!("is \"{text}\"; accepted: a word without commas")));
+                return Err(Problem::with_clause(key, format!("is \"{text}\"; accepted: a word without commas")));
             }
         }
         Ok(())
@@ -357,7 +357,7 @@ fn numbered(problem: Problem, index: usize) -> Problem {
 }
 
 fn within(key: &str, value: f64, accepted: &str, ok: bool) -> Result<(), Problem> {
-    if ok { Ok(()) } else { Err(Problem::of(key, format!("is {value}; accepted: {accepted}"))) }
+    if ok { Ok(()) } else { Err(Problem::with_clause(key, format!("is {value}; accepted: {accepted}"))) }
 }
 
 fn default_baud() -> u32 {

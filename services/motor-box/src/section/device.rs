@@ -222,12 +222,12 @@ pub(super) fn check(devices: &[DeviceSection], ports: &[String]) -> Result<(), P
         let fine = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
         if own.is_empty() || own.len() > 16 || !own.bytes().all(fine) {
             let sentence = format!("`motor_box.device.name` is \"{own}\"; accepted: 1 to 16 of a-z, 0-9 and -");
-            return Err(here(Problem::at("name", sentence)));
+            return Err(here(Problem::with_sentence("name", sentence)));
         }
         let port = format!("{{domain}}/{own}");
         if devices[..index].iter().any(|other| other.name == *own) || ports.contains(&port) {
             let sentence = format!("two ports of the virtual motor box are called \"{own}\"; accepted: each name once");
-            return Err(here(Problem::at("name", sentence)));
+            return Err(here(Problem::with_sentence("name", sentence)));
         }
         check_device(device).map_err(here)?;
     }
@@ -236,7 +236,7 @@ pub(super) fn check(devices: &[DeviceSection], ports: &[String]) -> Result<(), P
 
 fn check_device(device: &DeviceSection) -> Result<(), Problem> {
     if !(1200..=3_000_000).contains(&device.baud) {
-        return Err(Problem::of("baud", format!("is {}; accepted: 1200 to 3000000", device.baud)));
+        return Err(Problem::with_clause("baud", format!("is {}; accepted: 1200 to 3000000", device.baud)));
     }
     number("rate_hz", device.rate_hz, "0.01 to 1000 readings per second", |v| (0.01..=1000.0).contains(&v))?;
     number("latency_s", device.latency_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
@@ -251,14 +251,14 @@ fn check_device(device: &DeviceSection) -> Result<(), Problem> {
     }
     if device.kind != DeviceKind::Tfmini && !(1..=8).contains(&device.values.len()) {
         let sentence = format!("device \"{}\" has {} `value`s; accepted: 1 to 8", device.name, device.values.len());
-        return Err(Problem::at("value", sentence));
+        return Err(Problem::with_sentence("value", sentence));
     }
     if device.kind == DeviceKind::Line && (device.template.is_empty() || !device.template.is_ascii()) {
         let clause = "is empty or not plain ASCII; accepted: e.g. \"T={0} RH={1}\"";
-        return Err(Problem::of("template", clause));
+        return Err(Problem::with_clause("template", clause));
     }
     if device.kind == DeviceKind::Modbus && !(1..=247).contains(&device.unit_id) {
-        return Err(Problem::of("unit_id", format!("is {}; accepted: 1 to 247", device.unit_id)));
+        return Err(Problem::with_clause("unit_id", format!("is {}; accepted: 1 to 247", device.unit_id)));
     }
     Ok(())
 }

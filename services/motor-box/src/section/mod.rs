@@ -86,7 +86,8 @@ impl MotorBoxSection {
     fn check(&self, file: &SystemFile, robot: &RobotFile) -> Result<(), Problem> {
         let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.clone()).collect();
         if let Some(ground) = &self.ground {
-            let unusable = |error: ConfigError| Problem::of("motor_box.ground", format!("is not usable: {error}"));
+            let unusable =
+                |error: ConfigError| Problem::with_clause("motor_box.ground", format!("is not usable: {error}"));
             GroundFile::load(ground).map_err(unusable)?;
         }
         device::check(&self.device, &ports)?;
@@ -109,7 +110,7 @@ impl MotorBoxSection {
         let start_m = self
             .start_m
             .resolve(robot.robot.anchors_m.is_planar())
-            .map_err(|why| Problem::of("motor_box.start_m", format!("is not usable: {why}")))?;
+            .map_err(|why| Problem::with_clause("motor_box.start_m", format!("is not usable: {why}")))?;
         for value in start_m {
             number("motor_box.start_m", value, "[x, y, z] in metres", |v| v.abs() <= 1000.0)?;
         }
@@ -117,7 +118,7 @@ impl MotorBoxSection {
             let (height, ground_m) = (start_m[2], robot.robot.ground_m);
             let clause =
                 format!("is at height {height} m; accepted: at or above the robot's `ground_m` of {ground_m} m");
-            return Err(Problem::of("motor_box.start_m", clause));
+            return Err(Problem::with_clause("motor_box.start_m", clause));
         }
         Ok(())
     }

@@ -47,6 +47,7 @@ pub struct TruthSection {
     /// Downward force of the node at rest, N.
     pub net_weight_n: Option<f64>,
     /// Where each cable is tied, relative to the node, m.
+    #[serde(deserialize_with = "config::each_exactly_if_given")]
     pub attachments_m: Option<Vec<[f64; 3]>>,
     /// Drag of the node, N s²/m².
     pub drag_n_s2_m2: Option<f64>,
@@ -132,7 +133,7 @@ impl TruthSection {
     fn check_geometry(&self, robot: &RobotFile) -> Result<(), Problem> {
         let cables = robot.robot.anchors_m.len();
         let counted = |name: &str, found: Option<usize>| match found {
-            Some(found) if found != cables => Err(Problem::of(
+            Some(found) if found != cables => Err(Problem::with_clause(
                 key(name),
                 format!("has {found} values for {cables} cables; accepted: one value per cable"),
             )),
@@ -144,7 +145,7 @@ impl TruthSection {
         if let Some(anchors) = &self.anchors_m {
             if anchors.is_planar() != robot.robot.anchors_m.is_planar() {
                 let clause = "has points of another kind than the robot; accepted: as `anchors_m` in the robot file";
-                return Err(Problem::of(key("anchors_m"), clause));
+                return Err(Problem::with_clause(key("anchors_m"), clause));
             }
             for &value in anchors.iter().flatten() {
                 number(&key("anchors_m"), value, "within 1000 m", |v| v.abs() <= 1000.0)?;
@@ -211,7 +212,7 @@ fn check_per_cable(
         && values.len() != cables
     {
         let clause = format!("has {} values for {cables} cables; accepted: a number, or one per cable", values.len());
-        return Err(Problem::of(key(name), clause));
+        return Err(Problem::with_clause(key(name), clause));
     }
     given.values().iter().try_for_each(|&value| number(&key(name), value, accepted, ok))
 }

@@ -6,6 +6,7 @@
 //! * [`heights`]: heights from lengths to points of the reference plane, (4)-(5), as a linear regression: the global
 //!   minimum without a search.
 //! * [`joint`]: maximum likelihood estimate of all unknowns together, with scale, encoder zeros and outliers.
+//! * [`length_check`]: the scale of one cable from moves of a mark along a tape.
 //! * [`gps`]: the baseline of the paper, anchors from points with known positions.
 //! * [`undecided`]: whether the measurements determine a radius, a scale or a zero that was set free.
 //! * [`holdout`]: prediction of points that a calibration did not use.
@@ -78,6 +79,7 @@ pub mod gps;
 pub mod heights;
 pub mod holdout;
 pub mod joint;
+pub mod length_check;
 mod measurements;
 mod model;
 pub mod motor_fit;

@@ -1,7 +1,14 @@
 //! Settings that each drive family accepts, and the time that it needs on the wire.
 
-use crate::DriveProtocol;
 use std::ops::RangeInclusive;
+
+crate::choice! {
+    /// The drive families that motor-io has a driver for.
+    pub enum DriveProtocol {
+        /// RoboClaw packet serial.
+        Roboclaw = "roboclaw",
+    }
+}
 
 /// Properties of a drive family that configuration depends on.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,46 +6,64 @@
 
 #![forbid(unsafe_code)]
 
+mod arbiter;
 mod check;
 mod choice;
+mod controller;
 mod drive_family;
+mod estimator;
 mod exactly;
 pub mod file;
+mod file_kind;
 mod load;
 mod logger;
 mod measured;
 mod mission_copy;
 mod motor_box;
+mod motor_io;
+mod names;
 mod number;
+mod obstacle;
+mod planner;
 mod point;
+mod ports;
 mod problem;
+mod process;
 mod process_for;
+mod realtime;
+mod recorder;
 mod robot_file;
+pub mod section;
 mod slot;
 mod system_file;
 pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use choice::{
-    Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, PulleyKind, StopPin, TensionDistribution, UnknownChoice,
-};
-pub use drive_family::DriveFamily;
-pub use exactly::{each_exactly, exactly, exactly_if_given};
+pub use arbiter::ArbiterSection;
+pub use choice::UnknownChoice;
+pub use controller::{ControlLaw, ControllerSection, TensionDistribution};
+pub use drive_family::{DriveFamily, DriveProtocol};
+pub use estimator::{EstimatorMethod, EstimatorSection};
+pub use exactly::{each_exactly, each_exactly_if_given, exactly, exactly_if_given, table_if_given};
+pub use file_kind::FileKind;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
 pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
 pub use motor_box::MotorBoxTable;
+pub use motor_io::MotorIoSection;
 pub use number::{Given, number};
+pub use obstacle::ObstacleSection;
+pub use planner::PlannerSection;
 pub use point::{Point, Points};
+pub use ports::{PortSection, StopPin, UnitSection};
 pub use problem::Problem;
-pub use robot_file::{LinesSection, MotorSection, ObstacleSection, RobotFile, RobotSection, SiteSection};
-
+pub use process::{Algorithm, ProcessSection, Role};
+pub use realtime::RealtimeSection;
+pub use recorder::RecorderSection;
+pub use robot_file::{CountsStretched, LinesSection, MotorSection, PulleyKind, RobotFile, RobotSection, SiteSection};
 pub use slot::{slot_argument, slot_role_argument};
-pub use system_file::{
-    ArbiterSection, ControllerSection, EstimatorSection, MotorIoSection, PlannerSection, PortSection, ProcessSection,
-    RealtimeSection, RecorderSection, Role, SystemFile, UnitSection,
-};
+pub use system_file::SystemFile;
 pub use toml_file::ConfigError;
-pub use tuning::{TUNABLE, Tunable, Tuned};
+pub use tuning::{Tunable, Tuned, tunable};
 pub use viewer::ViewerSection;

@@ -2,14 +2,14 @@
 
 use super::measured::resolve_named_file;
 use super::{
-    CalibrationFile, ControllerSection, MotorBoxTable, MotorSection, MotorTableFile, ObstacleSection, Point, RobotFile,
-    RobotSection, SystemFile, check,
+    CalibrationFile, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile, check,
 };
 use crate::file::join_normalized;
+use crate::file_kind::FileKind;
 use crate::toml_file::{ConfigError, Source};
-use crate::{Problem, PulleyKind, TensionDistribution};
+use crate::{Problem, PulleyKind};
 use cable_robot::motor::{DriveLimits, Motor};
-use cable_robot::{Distribution, Obstacle, Robot, RobotError, RobotParts};
+use cable_robot::{Obstacle, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
 
 /// Share of the supply voltage that does not reach the motor, or that the drive's speed loop needs to correct: a bridge
@@ -23,6 +23,7 @@ impl RobotFile {
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        FileKind::Robot.expect(&source)?;
         let mut file: Self = source.parse()?;
         file.measured(path, &source)?;
         check::robot(&file).map_err(|problem| source.error(&problem))?;
@@ -30,7 +31,7 @@ impl RobotFile {
         if robot.anchors().are_on_a_line() {
             let clause = "lie on one straight line, so cable lengths determine no position; move an anchor sideways, or give all \
                           points as [x, z] for a planar robot";
-            return Err(source.error(&Problem::of("robot.anchors_m", clause)));
+            return Err(source.error(&Problem::with_clause("robot.anchors_m", clause)));
         }
         Ok(file)
     }
@@ -38,7 +39,7 @@ impl RobotFile {
     /// Reads the calibration and the motor table, if the file at `path` names them.
     fn measured(&mut self, path: &Path, source: &Source) -> Result<(), ConfigError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        let refuse = |key: &str, sentence: &str| Err(source.error(&Problem::at(key, sentence)));
+        let refuse = |key: &str, sentence: &str| Err(source.error(&Problem::with_sentence(key, sentence)));
         match (&self.robot.calibration, self.robot.anchors_m.is_empty()) {
             (Some(_), false) => {
                 return refuse(
@@ -117,6 +118,8 @@ impl RobotFile {
             obstacles: self.obstacles()?,
             clearance_m: self.robot.clearance_m,
             stiffness_n: self.lines.stiffness_n,
+            cable_mass_kg_m: self.lines.mass_kg_m,
+            counts_stretched: Some(self.lines.counts_stretched.list(cables)),
             routed_length_m: (!self.lines.routed_length_m.is_empty()).then(|| self.lines.routed_length_m.clone()),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
             motor: self.motor.motor(),
@@ -133,35 +136,14 @@ impl RobotFile {
 /// Converts an error of the robot model to a problem at the key of the file that it is about.
 fn robot_problem(error: &RobotError) -> Problem {
     let table = match error.key {
-        "stiffness_n" | "routed_length_m" => "lines",
+        "stiffness_n" | "routed_length_m" | "mass_kg_m" | "counts_stretched" => "lines",
         "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
         | "transition_m_s" | "table" => "motor",
-        "obstacle" => return Problem::at("obstacle", error.to_string()),
-        "covariance_m2" => return Problem::at("robot.calibration", error.to_string()),
+        "obstacle" => return Problem::with_sentence("obstacle", error.to_string()),
+        "covariance_m2" => return Problem::with_sentence("robot.calibration", error.to_string()),
         _ => "robot",
     };
-    Problem::at(format!("{table}.{}", error.key), error.to_string())
-}
-
-impl ObstacleSection {
-    /// Creates the obstacle.
-    ///
-    /// # Errors
-    /// Keys of both shapes or of none, or values that make no body.
-    pub fn obstacle(&self) -> Result<Obstacle, RobotError> {
-        match (self.center_m, self.radius_m, &self.corners_m[..]) {
-            (Some(center_m), Some(radius_m), []) => Obstacle::cylinder(center_m, radius_m, self.height_m),
-            (None, None, [[x0, y0], [x1, y1]]) => {
-                Obstacle::prism(&[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]], self.height_m)
-            }
-            (None, None, [_, ..]) => Obstacle::prism(&self.corners_m, self.height_m),
-            _ => Err(RobotError {
-                key: "obstacle",
-                problem: "has not the keys of one shape".to_owned(),
-                accepted: "center_m and radius_m for a cylinder, or corners_m for a prism",
-            }),
-        }
-    }
+    Problem::with_sentence(format!("{table}.{}", error.key), error.to_string())
 }
 
 impl RobotSection {
@@ -186,19 +168,6 @@ impl MotorSection {
             coulomb_n: self.coulomb_n,
             viscous_n_s_m: self.viscous_n_s_m,
             transition_m_s: self.transition_m_s,
-        }
-    }
-}
-
-impl ControllerSection {
-    /// Returns the tension distribution for a robot; without redundant cables the tensions are unique.
-    #[must_use]
-    pub fn distribution_for(&self, robot: &Robot) -> Distribution {
-        match (robot.redundancy(), self.distribution) {
-            (0, _) => Distribution::Unique,
-            (_, TensionDistribution::LeastNorm) => Distribution::LeastNorm,
-            (_, TensionDistribution::MinSum) => Distribution::MinSum,
-            (_, TensionDistribution::Safest) => Distribution::Safest,
         }
     }
 }
@@ -228,6 +197,7 @@ impl SystemFile {
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        FileKind::System.expect(&source)?;
         let mut file: Self = source.parse()?;
         let refuse = |problem: Problem| source.error(&problem);
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -239,7 +209,7 @@ impl SystemFile {
         }
         if !file.robot.is_file() {
             let clause = format!("is {}; there is no such file", file.robot.display());
-            return Err(refuse(Problem::of("robot", clause)));
+            return Err(refuse(Problem::with_clause("robot", clause)));
         }
         let robot = RobotFile::load(&file.robot)?;
         check::system_file(&file, &robot).map_err(refuse)?;

@@ -24,6 +24,6 @@ pub fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -
     if value.is_finite() && ok(value) {
         Ok(())
     } else {
-        Err(Problem::of(key, format!("is {}; accepted: {accepted}", Given(value))))
+        Err(Problem::with_clause(key, format!("is {}; accepted: {accepted}", Given(value))))
     }
 }

@@ -1,5 +1,6 @@
 //! Points in files and on the command line: `[x, y, z]` in space, `[x, z]` for a planar robot.
 
+use crate::section::Numbers;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::ops::Deref;
 
@@ -119,6 +120,12 @@ impl<'de> Deserialize<'de> for Points {
             return Err(serde::de::Error::custom(format!("{problem}; accepted: all [x, y, z], or all [x, z]")));
         }
         Ok(Self { positions_m: points.iter().map(|point| point.position_m).collect(), planar })
+    }
+}
+
+impl Numbers for Point {
+    fn numbers(&self, number: &mut dyn FnMut(f64)) {
+        self.position_m.numbers(number);
     }
 }
 

@@ -8,7 +8,7 @@ use std::fmt;
 ///
 /// ```
 /// use config::Problem;
-/// let problem = Problem::of("baud", "is 3; accepted: 9600").within("motor_io.ports.1", "port 2");
+/// let problem = Problem::with_clause("baud", "is 3; accepted: 9600").within("motor_io.ports.1", "port 2");
 /// assert_eq!(problem.key(), "motor_io.ports.1.baud");
 /// assert_eq!(problem.to_string(), "`baud` of port 2 is 3; accepted: 9600");
 /// ```
@@ -29,13 +29,13 @@ enum Sentence {
 impl Problem {
     /// Creates a problem from a dotted `key`, in which the tables of an array are numbered from 0, and the clause that
     /// follows the key in the sentence.
-    pub fn of(key: impl Into<String>, clause: impl Into<String>) -> Self {
+    pub fn with_clause(key: impl Into<String>, clause: impl Into<String>) -> Self {
         let key = key.into();
         Self { sentence: Sentence::About { subject: format!("`{key}`"), clause: clause.into() }, key }
     }
 
     /// Creates a problem at `key` from a complete sentence.
-    pub fn at(key: impl Into<String>, sentence: impl Into<String>) -> Self {
+    pub fn with_sentence(key: impl Into<String>, sentence: impl Into<String>) -> Self {
         Self { key: key.into(), sentence: Sentence::Whole(sentence.into()) }
     }
 

@@ -1,8 +1,22 @@
 //! The robot file: geometry, node, cables and motors.
 
-use super::{CalibrationFile, MotorTableFile, Point, Points, PulleyKind};
+use super::{CalibrationFile, MotorTableFile, ObstacleSection, Point, Points};
+use crate::section::{above, between};
+use cable_robot::anchors::RADII_M;
 use serde::Deserialize;
 use std::path::PathBuf;
+
+crate::choice! {
+    /// Kind of the points where the cables leave for the node.
+    #[derive(Default)]
+    pub enum PulleyKind {
+        /// Pulleys that swivel about the vertical axis through the anchor.
+        Swivel = "swivel",
+        /// Eyes: the cables leave from the anchors themselves.
+        #[default]
+        Eye = "eye",
+    }
+}
 
 /// A robot file as written; lengths in metres, forces in newtons, z up, z = 0 is the reference plane.
 #[derive(Debug, Clone, Deserialize)]
@@ -34,137 +48,158 @@ pub struct RobotFile {
     pub supply_min_v: Option<f64>,
 }
 
-/// `[robot]`.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RobotSection {
-    /// Mass of the node with its sensors, kg; in water with the water that moves along.
-    pub node_mass_kg: f64,
-    /// Weight less buoyancy, N; default node_mass_kg x g.
-    pub net_weight_n: Option<f64>,
-    /// Drag of the node per square of its speed, N s²/m².
-    #[serde(default)]
-    pub drag_n_s2_m2: f64,
-    /// A file from `nims calibrate --out`, relative to the folder of this file, with the anchors and their covariance.
-    pub calibration: Option<PathBuf>,
-    /// The points where the cables leave for the node, or where they enter their swivelling pulleys, m: one `[x, y, z]`
-    /// per cable, 3 to 8; one `[x, z]` per cable, 2 to 8, for a planar robot. Omit them with a `calibration`.
-    #[serde(default)]
-    pub anchors_m: Points,
-    /// What the cables leave from: `"eye"`, the anchor itself, or `"swivel"`, a pulley that swivels about the vertical
-    /// axis through the anchor; the cable enters it from below along this axis.
-    #[serde(default)]
-    pub pulley: PulleyKind,
-    /// Radius of each pulley to the middle of the cable, m per cable; 0 for a cable through an eye. Only with
-    /// `pulley = "swivel"`.
-    #[serde(default)]
-    pub pulley_radius_m: Vec<f64>,
-    /// Smallest and largest allowed cable tension, N.
-    #[serde(deserialize_with = "crate::exactly")]
-    pub tension_limits_n: [f64; 2],
-    /// Largest speed of the node, m/s.
-    pub speed_limit_m_s: f64,
-    /// Largest acceleration of the node, m/s².
-    pub acceleration_limit_m_s2: f64,
-    /// Largest cable velocity, m/s; default: twice the speed limit of the node.
-    pub cable_speed_limit_m_s: Option<f64>,
-    /// Shortest and longest cable beyond the pulley, m.
-    #[serde(default = "default_length_limits")]
-    #[serde(deserialize_with = "crate::exactly")]
-    pub length_limits_m: [f64; 2],
-    /// Smallest height of the node, m.
-    #[serde(default)]
-    pub ground_m: f64,
-    /// Boxes that the node must not enter, m: `[[[x0, y0, z0], [x1, y1, z1]], ..]`, or `[[[x0, z0], [x1, z1]], ..]` for
-    /// a planar robot.
-    #[serde(default, deserialize_with = "crate::each_exactly")]
-    pub keep_out: Vec<[Point; 2]>,
-    /// Smallest distance of node and cables from every `[[obstacle]]`, m.
-    #[serde(default = "default_clearance")]
-    pub clearance_m: f64,
+crate::section! {
+    /// `[robot]`. The values are checked against generous limits for such robots: larger ones are in another unit or
+    /// lack a decimal point.
+    pub struct RobotSection {
+        /// Mass of the node with its sensors, kg; in water with the water that moves along.
+        pub node_mass_kg: f64 => above(0.0, 1000.0, "kg"),
+        /// Weight less buoyancy, N; default node_mass_kg x g.
+        pub net_weight_n: Option<f64> => between(0.0, 1e4, "N"),
+        /// Drag of the node per square of its speed, N s²/m².
+        #[serde(default)]
+        pub drag_n_s2_m2: f64 => between(0.0, 1e4, "N s²/m²"),
+        /// A file from `nims calibrate --out`, relative to the folder of this file, with the anchors and their
+        /// covariance.
+        pub calibration: Option<PathBuf>,
+        /// The points where the cables leave for the node, or where they enter their swivelling pulleys, m: one
+        /// `[x, y, z]` per cable, 3 to 8; one `[x, z]` per cable, 2 to 8, for a planar robot. Omit them with a
+        /// `calibration`.
+        #[serde(default)]
+        pub anchors_m: Points,
+        /// What the cables leave from: `"eye"`, the anchor itself, or `"swivel"`, a pulley that swivels about the
+        /// vertical axis through the anchor; the cable enters it from below along this axis.
+        #[serde(default)]
+        pub pulley: PulleyKind,
+        /// Radius of each pulley to the middle of the cable, m per cable; 0 for a cable through an eye. Only with
+        /// `pulley = "swivel"`.
+        #[serde(default)]
+        pub pulley_radius_m: Vec<f64> => between(*RADII_M.start(), *RADII_M.end(), "m (are these millimetres?)").each("radii"),
+        /// Smallest and largest allowed cable tension, N.
+        #[serde(deserialize_with = "crate::exactly")]
+        pub tension_limits_n: [f64; 2] => between(0.0, 1e5, "N").each("two tensions"),
+        /// Largest speed of the node, m/s. Such a robot moves at walking pace.
+        pub speed_limit_m_s: f64 => above(0.0, 10.0, "m/s"),
+        /// Largest acceleration of the node, m/s².
+        pub acceleration_limit_m_s2: f64 => above(0.0, 50.0, "m/s²"),
+        /// Largest cable velocity, m/s; default: twice the speed limit of the node.
+        pub cable_speed_limit_m_s: Option<f64> => above(0.0, 10.0, "m/s"),
+        /// Shortest and longest cable beyond the pulley, m.
+        #[serde(default = "default_length_limits", deserialize_with = "crate::exactly")]
+        pub length_limits_m: [f64; 2] => above(0.0, 2000.0, "m").each("two lengths"),
+        /// Smallest height of the node, m.
+        #[serde(default)]
+        pub ground_m: f64 => between(-500.0, 500.0, "m"),
+        /// Boxes that the node must not enter, m: `[[[x0, y0, z0], [x1, y1, z1]], ..]`, or
+        /// `[[[x0, z0], [x1, z1]], ..]` for a planar robot.
+        #[serde(default, deserialize_with = "crate::each_exactly")]
+        pub keep_out: Vec<[Point; 2]> => between(-1e4, 1e4, "m").each("coordinates"),
+        /// Smallest distance of node and cables from every `[[obstacle]]`, m.
+        #[serde(default = "default_clearance")]
+        pub clearance_m: f64 => between(0.0, 10.0, "m"),
+    }
 }
 
-/// `[[obstacle]]`: an upright cylinder, with `center_m` and `radius_m`, or an upright prism, with `corners_m`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ObstacleSection {
-    /// x and y of the axis of a cylinder, m.
-    #[serde(default, deserialize_with = "crate::exactly_if_given")]
-    pub center_m: Option<[f64; 2]>,
-    /// Radius of a cylinder, m.
-    pub radius_m: Option<f64>,
-    /// x and y of the corners of a prism in their order around it, 3 to 6, m; two are opposite corners of a rectangle
-    /// along the axes.
-    #[serde(default, deserialize_with = "crate::each_exactly")]
-    pub corners_m: Vec<[f64; 2]>,
-    /// Height of its bottom and of its top, m.
-    #[serde(deserialize_with = "crate::exactly")]
-    pub height_m: [f64; 2],
+crate::section! {
+    /// `[lines]`.
+    #[derive(Default)]
+    pub struct LinesSection {
+        /// Stiffness EA, N: tension per unit of strain. Omit it for rigid cables.
+        pub stiffness_n: Option<f64> => between(100.0, 1e7, "N (EA, tension per unit of strain)"),
+        /// Mass of the cables, kg/m; in water less the water that they displace. 0: their weight does not count.
+        #[serde(default)]
+        pub mass_kg_m: f64 => between(0.0, 1.0, "kg/m"),
+        /// Whether the idlers count the cable as stretched as it passes: true or false, or one of them per cable.
+        #[serde(default)]
+        pub counts_stretched: CountsStretched,
+        /// Length from the drum to the pulley, which stretches too, m per cable; default 0.
+        #[serde(default)]
+        pub routed_length_m: Vec<f64> => between(0.0, 1000.0, "m").each("lengths"),
+    }
 }
 
-/// `[lines]`.
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LinesSection {
-    /// Stiffness EA, N: tension per unit of strain. Omit it for rigid cables.
-    pub stiffness_n: Option<f64>,
-    /// Length from the drum to the pulley, which stretches too, m per cable; default 0.
-    #[serde(default)]
-    pub routed_length_m: Vec<f64>,
+/// `lines.counts_stretched`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(untagged, expecting = "true or false, or a list with one of them per cable")]
+pub enum CountsStretched {
+    /// The same for all cables.
+    All(bool),
+    /// For each cable.
+    Each(Vec<bool>),
 }
 
-/// `[motor]`: the current of the motors, from a model or measured in `table`.
-///
-/// Model: current = (T (1 + gear_friction s) + coulomb s + viscous v) / force_constant, with s = tanh(v / transition);
-/// v > 0 reels in.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct MotorSection {
-    /// A file from `nims motor-table --out`, relative to the folder of this file, from which the energy of moves is
-    /// computed. Fault detection uses the model, which is valid outside the measured range too.
-    pub table: Option<PathBuf>,
-    /// Cable tension per ampere, N/A.
-    pub force_constant_n_a: f64,
-    /// Armature resistance, ohm.
-    pub resistance_ohm: f64,
-    /// 0 for an ideal gear, near 1 for a self-locking one.
-    pub gear_friction: f64,
-    /// Friction that does not depend on tension, N.
-    pub coulomb_n: f64,
-    /// Friction that grows with speed, N s/m.
-    pub viscous_n_s_m: f64,
-    /// Width of the velocity range in which friction changes its sign, m/s.
-    pub transition_m_s: f64,
-    /// Largest continuous current, A.
-    pub current_limit_a: f64,
-}
-
-impl Default for MotorSection {
-    /// A brushed motor with a high gear ratio on a 20 mm drum, as in the paper's comparison of moves with real motors.
+impl Default for CountsStretched {
     fn default() -> Self {
-        Self {
-            table: None,
-            force_constant_n_a: 40.0,
-            resistance_ohm: 1.2,
-            gear_friction: 0.85,
-            coulomb_n: 3.0,
-            viscous_n_s_m: 20.0,
-            transition_m_s: 0.02,
-            current_limit_a: 5.0,
+        Self::All(false)
+    }
+}
+
+impl CountsStretched {
+    /// Returns the value of a cable, counted from 0.
+    #[must_use]
+    pub fn at(&self, cable: usize) -> bool {
+        match self {
+            Self::All(stretched) => *stretched,
+            Self::Each(cables) => cables.get(cable).copied().unwrap_or(false),
+        }
+    }
+
+    /// Returns whether any cable is counted stretched.
+    #[must_use]
+    pub fn any(&self) -> bool {
+        match self {
+            Self::All(stretched) => *stretched,
+            Self::Each(cables) => cables.contains(&true),
+        }
+    }
+
+    /// Returns one value per cable; a list keeps its length.
+    pub(super) fn list(&self, cables: usize) -> Vec<bool> {
+        match self {
+            Self::All(stretched) => vec![*stretched; cables],
+            Self::Each(list) => list.clone(),
         }
     }
 }
 
-/// `[site]`.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SiteSection {
-    /// Latitude of the origin, degrees north.
-    pub latitude_deg: f64,
-    /// Longitude of the origin, degrees east.
-    pub longitude_deg: f64,
-    /// Azimuth of the x axis, degrees clockwise from north.
-    pub azimuth_deg: f64,
+crate::section! {
+    /// `[motor]`: the current of the motors, from a model or measured in `table`. The defaults are a brushed motor with
+    /// a high gear ratio on a 20 mm drum, as in the paper's comparison of moves with real motors.
+    ///
+    /// Model: current = (T (1 + gear_friction s) + coulomb s + viscous v) / force_constant, with
+    /// s = tanh(v / transition); v > 0 reels in.
+    pub struct MotorSection {
+        /// A file from `nims motor-table --out`, relative to the folder of this file, from which the energy of moves is
+        /// computed. Fault detection uses the model, which is valid outside the measured range too.
+        pub table: Option<PathBuf> = None,
+        /// Cable tension per ampere, N/A.
+        pub force_constant_n_a: f64 = 40.0 => between(1e-3, 1e5, "N/A"),
+        /// Armature resistance, ohm.
+        pub resistance_ohm: f64 = 1.2 => between(0.0, 1e4, "ohm"),
+        /// 0 for an ideal gear, near 1 for a self-locking one.
+        pub gear_friction: f64 = 0.85 => between(0.0, 100.0, ""),
+        /// Friction that does not depend on tension, N.
+        pub coulomb_n: f64 = 3.0 => between(0.0, 1e5, "N"),
+        /// Friction that grows with speed, N s/m.
+        pub viscous_n_s_m: f64 = 20.0 => between(0.0, 1e6, "N s/m"),
+        /// Width of the velocity range in which friction changes its sign, m/s.
+        pub transition_m_s: f64 = 0.02 => between(0.0, 10.0, "m/s"),
+        /// Largest continuous current, A.
+        pub current_limit_a: f64 = 5.0 => above(0.0, 500.0, "A"),
+    }
+}
+
+crate::section! {
+    /// `[site]`.
+    #[derive(Copy)]
+    pub struct SiteSection {
+        /// Latitude of the origin, degrees north.
+        pub latitude_deg: f64 => between(-90.0, 90.0, ""),
+        /// Longitude of the origin, degrees east.
+        pub longitude_deg: f64 => between(-180.0, 180.0, ""),
+        /// Azimuth of the x axis, degrees clockwise from north.
+        pub azimuth_deg: f64 => between(-360.0, 360.0, ""),
+    }
 }
 
 /// About three times the largest position error in drawn worlds of 10 m, 35 mm (`docs/truth.md`).

@@ -32,6 +32,18 @@ pub enum ConfigError {
         /// The problem, including the key.
         problem: String,
     },
+    /// The file is of another kind than the wanted one.
+    #[error("{path} is a {found}, and a {wanted} is needed here: {cure}")]
+    OfAnotherKind {
+        /// Path of the file.
+        path: PathBuf,
+        /// Kind of the file.
+        found: &'static str,
+        /// Wanted kind.
+        wanted: &'static str,
+        /// What to give instead.
+        cure: &'static str,
+    },
     /// A value is not accepted, and its key is not in the file.
     #[error("{path}: {problem}")]
     Value {
@@ -49,7 +61,10 @@ impl ConfigError {
     #[must_use]
     pub fn path(&self) -> &Path {
         match self {
-            Self::Unreadable { path, .. } | Self::Text { path, .. } | Self::Value { path, .. } => path,
+            Self::Unreadable { path, .. }
+            | Self::Text { path, .. }
+            | Self::OfAnotherKind { path, .. }
+            | Self::Value { path, .. } => path,
         }
     }
 
@@ -57,7 +72,7 @@ impl ConfigError {
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         match self {
-            Self::Unreadable { .. } => None,
+            Self::Unreadable { .. } | Self::OfAnotherKind { .. } => None,
             Self::Text { key, .. } => key.as_deref(),
             Self::Value { key, .. } => Some(key),
         }
@@ -245,7 +260,11 @@ fn contains(outer: &Range<usize>, inner: &Range<usize>) -> bool {
 /// # Errors
 /// The value is NaN or infinite: a problem at the key.
 pub fn finite(key: &str, value: f64) -> Result<f64, Problem> {
-    if value.is_finite() { Ok(value) } else { Err(Problem::of(key, format!("is {value}; accepted: a finite number"))) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Problem::with_clause(key, format!("is {value}; accepted: a finite number")))
+    }
 }
 
 #[cfg(test)]
@@ -340,11 +359,11 @@ mod tests {
             assert_eq!(line_of(text, key), line, "{key}");
         }
         let source = Source { path: "system.toml".into(), text: text.to_owned() };
-        let error = source.error(&Problem::of("motor_io.ramp_s", "is 90"));
+        let error = source.error(&Problem::with_clause("motor_io.ramp_s", "is 90"));
         assert!(matches!(error, ConfigError::Text { line: 5, .. }), "{error}");
         assert_eq!((error.path(), error.key()), (Path::new("system.toml"), Some("motor_io.ramp_s")));
         assert_eq!(error.to_string(), "system.toml, line 5: `motor_io.ramp_s` is 90");
-        assert_eq!(source.error(&Problem::of("rate_hz", "is 1")).to_string(), "system.toml: `rate_hz` is 1");
+        assert_eq!(source.error(&Problem::with_clause("rate_hz", "is 1")).to_string(), "system.toml: `rate_hz` is 1");
     }
 
     #[test]

@@ -1,59 +1,50 @@
 //! Parameters that can be set while the robot runs, and configurations with set values.
 
-use super::{RobotFile, SystemFile, check};
+use crate::check;
+use crate::controller::ControllerSection;
+use crate::estimator::EstimatorSection;
+use crate::robot_file::RobotFile;
+use crate::section::Accepted;
+use crate::system_file::SystemFile;
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use toml::{Table, Value};
 
 /// A parameter that `nims set` can change.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Tunable {
     /// Key in the system file.
-    pub key: &'static str,
+    pub key: String,
     /// Accepted values, the same as in a system file.
-    pub accepted: &'static str,
+    pub accepted: Accepted,
+    /// Default as TOML; empty if the key has none.
+    pub default: String,
     /// Description.
     pub what: &'static str,
 }
 
-const fn row(key: &'static str, accepted: &'static str, what: &'static str) -> Tunable {
-    Tunable { key, accepted, what }
-}
-
-/// Every parameter that can be set while the robot runs.
+/// Returns every parameter that can be set while the robot runs, from the sections of the processes that apply them.
 ///
 /// Other keys are excluded on purpose: a law or method is changed by `nims swap`, and the tension distribution,
 /// stretch, drives and limits define the robot.
-pub const TUNABLE: [Tunable; 18] = [
-    row("controller.horizon_cycles", "1 to 200", "horizon of lq-endpoint, cycles"),
-    row("controller.state_weight", "0 to 1e9", "Q of lq-endpoint"),
-    row("controller.input_weight", "1e-9 to 1e9", "R of lq-endpoint"),
-    row("controller.redundant_s", "0.05 to 60 s", "time constant of the loop on the redundant lengths"),
-    row("controller.length_gain_per_s", "above 0, at most 50 per second", "p-feedforward: velocity per length error"),
-    row("controller.error_limit_m", "0.01 to 5 m", "largest distance from the setpoint; beyond it there is no output"),
-    row("controller.preview_cycles", "2 to 200", "preview: cycles of preview beyond the delay"),
-    row("controller.move_penalty_s4", "1e-9 to 1 s⁴", "preview: cost of a squared acceleration of the command"),
-    row("controller.drive_lag_s", "two times of 0 to 0.5 s", "preview: delay and lag of the drives"),
-    row("controller.identify", "true or false", "preview: identify delay and lag while the robot moves"),
-    row("controller.misfit_limit", "above 0, at most 1", "preview: lq-endpoint takes over above this misfit"),
-    row("estimator.eta", "2 to 128", "phi: rows of the window of the motor model"),
-    row("estimator.ridge", "0 to 1", "phi: pull of the motor model towards its prior, (m/s)²"),
-    row("estimator.prior", "two numbers of -2 to 2", "phi: parameters for a window without excitation"),
-    row(
-        "estimator.sigma_length_m",
-        "above 0, at most 1 m",
-        "standard deviation of a measured length, for the covariance",
-    ),
-    row("estimator.drive_lag_s", "0.001 to 1 s", "kalman: delay and lag of the drives together"),
-    row(
-        "estimator.acceleration_sigma_m_s2",
-        "0.001 to 100 m/s²",
-        "kalman: standard deviation of the unexplained acceleration",
-    ),
-    row("estimator.reading_sigma_m", "0.000001 to 0.1 m", "kalman: standard deviation of a single reading"),
-];
+pub fn tunable() -> impl Iterator<Item = Tunable> {
+    let controller = ("controller", ControllerSection::KEYS, Table::try_from(ControllerSection::default()));
+    let estimator = ("estimator", EstimatorSection::KEYS, Table::try_from(EstimatorSection::default()));
+    [controller, estimator].into_iter().flat_map(|(section, keys, defaults)| {
+        let defaults = defaults.unwrap_or_default();
+        keys.iter().filter_map(move |key| {
+            let accepted = key.accepted.copied().filter(Accepted::is_live)?;
+            let default = defaults.get(key.name).map(Value::to_string).unwrap_or_default();
+            Some(Tunable { key: format!("{section}.{}", key.name), accepted, default, what: key.summary() })
+        })
+    })
+}
 
-/// Values that were set while the robot runs, by their keys in [`TUNABLE`].
+fn tunable_key(key: &str) -> Option<Tunable> {
+    tunable().find(|tunable| tunable.key == key)
+}
+
+/// Values that were set while the robot runs, by their keys in [`tunable`].
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Tuned(BTreeMap<String, String>);
 
@@ -87,7 +78,7 @@ impl Tuned {
     /// # Errors
     /// The key cannot be set while the robot runs: one sentence.
     pub fn with(&self, key: &str, value: &str) -> Result<Self, String> {
-        let Some(tunable) = TUNABLE.iter().find(|tunable| tunable.key == key) else {
+        let Some(tunable) = tunable_key(key) else {
             return Err(format!(
                 "`{key}` cannot be set while the robot runs; `nims set` lists the parameters that can; use `nims swap` for another law or method, and the system file and the next `nims up` for other keys"
             ));
@@ -95,7 +86,7 @@ impl Tuned {
         // The stored value must be a single text line of TOML.
         let read = format!("value = {value}").parse::<Table>().ok().and_then(|mut table| table.remove("value"));
         let read = read.filter(|_| !value.contains(['\n', '\r', '\0', '#']));
-        let read = read.ok_or_else(|| refusal(tunable, &value))?;
+        let read = read.ok_or_else(|| refusal(&tunable, &value))?;
         let mut more = self.clone();
         more.0.insert(key.to_owned(), read.to_string());
         Ok(more)
@@ -125,16 +116,15 @@ impl SystemFile {
     }
 
     fn with_value(&self, key: &str, value: &str) -> Result<Self, String> {
-        let of_table = TUNABLE.iter().find(|tunable| tunable.key == key);
-        let tunable = of_table.ok_or_else(|| format!("`{key}` cannot be set while the robot runs"))?;
+        let tunable = tunable_key(key).ok_or_else(|| format!("`{key}` cannot be set while the robot runs"))?;
         let (section, name) = key.split_once('.').unwrap_or((key, ""));
-        let mut read: Table = format!("value = {value}").parse().map_err(|_| refusal(tunable, &value))?;
+        let mut read: Table = format!("value = {value}").parse().map_err(|_| refusal(&tunable, &value))?;
         let mut table = Table::try_from(self).map_err(|error| error.to_string())?;
         if let (Some(Value::Table(section)), Some(value)) = (table.get_mut(section), read.remove("value")) {
             section.insert(name.to_owned(), value);
         }
         // The rest of the table is valid, so an error is about this value.
-        table.try_into().map_err(|_| refusal(tunable, &value))
+        table.try_into().map_err(|_| refusal(&tunable, &value))
     }
 
     /// Returns the value of a parameter as TOML; empty if it is not set.
@@ -170,11 +160,11 @@ mod tests {
     #[test]
     fn a_value_out_of_range_is_rejected_with_the_range_of_the_table() {
         let (file, robot) = demo();
-        for tunable in &TUNABLE {
+        for tunable in tunable() {
             for wrong in ["-3.0", "nan", "1e9", "\"x\"", "[9.0, 9.0]", "[0.1]", "7 # x"] {
-                let result = Tuned::default().with(tunable.key, wrong).and_then(|tuned| file.tuned(&robot, &tuned));
+                let result = Tuned::default().with(&tunable.key, wrong).and_then(|tuned| file.tuned(&robot, &tuned));
                 // 1e9 is the accepted maximum of the weights.
-                if wrong == "1e9" && tunable.accepted.ends_with(" to 1e9") {
+                if wrong == "1e9" && tunable.accepted.to_string().ends_with(" to 1e9") {
                     result.unwrap();
                     continue;
                 }

@@ -45,7 +45,8 @@ fn an_error_in_the_table_names_file_and_line() {
     let expected = text[..text.find("[motor_box]").unwrap()].lines().count() + 3;
     assert!(path.ends_with("system.toml") && *line == expected, "{error} {expected}");
     assert!(problem.contains("`suply_v`") && problem.contains("`supply_v`"), "{problem}");
-    let named = loaded("supply_v = 99.0\n").motor_box.unwrap().error(&Problem::of("motor_box.supply_v", "is 99"));
+    let named =
+        loaded("supply_v = 99.0\n").motor_box.unwrap().error(&Problem::with_clause("motor_box.supply_v", "is 99"));
     assert!(named.to_string().ends_with("`motor_box.supply_v` is 99") && named.to_string().contains(", line "));
 }
 

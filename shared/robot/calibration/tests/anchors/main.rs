@@ -5,6 +5,7 @@
 
 mod heights;
 mod joint;
+mod length_check;
 mod paper;
 mod patterns;
 mod pulleys;

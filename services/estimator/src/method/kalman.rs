@@ -11,14 +11,14 @@ use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instan
 ///
 /// # Errors
 /// A parameter is out of range.
-pub(crate) fn used(parameters: &Parameters) -> Result<Parameters, FilterError> {
+pub(super) fn used(parameters: &Parameters) -> Result<Parameters, FilterError> {
     settings(parameters)?;
     let &Parameters { drive_lag_s, acceleration_sigma_m_s2, reading_sigma_m, .. } = parameters;
     Ok(Parameters { drive_lag_s, acceleration_sigma_m_s2, reading_sigma_m, ..Parameters::default() })
 }
 
 /// Creates the estimator of a cable without readings.
-pub(crate) fn cable(parameters: &Parameters) -> Box<dyn CableEstimator> {
+pub(super) fn cable(parameters: &Parameters) -> Box<dyn CableEstimator> {
     Box::new(KalmanEstimator::new(settings(parameters).ok()))
 }
 

@@ -16,13 +16,13 @@ const JUMP_M_S: f64 = 20.0;
 
 /// Returns the parameters with those that the method does not use at their defaults. Never fails: the model limits its
 /// parameters itself.
-pub(crate) fn used(parameters: &Parameters) -> Result<Parameters, FilterError> {
+pub(super) fn used(parameters: &Parameters) -> Result<Parameters, FilterError> {
     let &Parameters { eta, ridge, prior, .. } = parameters;
     Ok(Parameters { eta, ridge, prior, ..Parameters::default() })
 }
 
 /// Creates the estimator of a cable without readings.
-pub(crate) fn cable(parameters: &Parameters) -> Box<dyn CableEstimator> {
+pub(super) fn cable(parameters: &Parameters) -> Box<dyn CableEstimator> {
     Box::new(PhiEstimator::new(parameters))
 }
 
