@@ -122,8 +122,8 @@ impl CalibrationFile {
         Ok(Some(counts))
     }
 
-    /// Returns the kind and the radii of the pulleys of a robot whose file states these: those of the calibration, whose
-    /// anchors are right with them only; as stated if the calibration does not say.
+    /// Returns the kind and the radii of the pulleys of a robot whose file states these: those of the calibration,
+    /// since its anchors are right with them only; as stated if the calibration does not say.
     ///
     /// # Errors
     /// The calibration was made for other pulleys.
