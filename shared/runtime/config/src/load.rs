@@ -6,7 +6,7 @@ use super::{
 };
 use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
-use crate::{Problem, PulleyKind};
+use crate::Problem;
 use cable_robot::motor::{DriveLimits, Motor};
 use cable_robot::{Obstacle, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
@@ -97,10 +97,7 @@ impl RobotFile {
         Ok(RobotParts {
             anchors_m: self.robot.anchors_m.to_vec(),
             planar: self.robot.anchors_m.is_planar(),
-            pulley: match self.robot.pulley {
-                PulleyKind::Eye => cable_robot::PulleyKind::Eye,
-                PulleyKind::Swivel => cable_robot::PulleyKind::Swivel,
-            },
+            pulley: self.robot.pulley.into(),
             pulley_radius_m: (!self.robot.pulley_radius_m.is_empty()).then(|| self.robot.pulley_radius_m.clone()),
             node_mass_kg: self.robot.node_mass_kg,
             net_weight_n: self.robot.net_weight_n,
