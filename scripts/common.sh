@@ -10,11 +10,93 @@ give_up() {
     exit 1
 }
 
-# Checks the tools of this machine; names the command that installs a missing one.
+# Prints the version, which names a folder and a package: between two releases it carries the date of its commit, so
+# that later ones sort behind earlier ones, and the commit.
+nims_version() {
+    local version commit
+    version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
+    if commit=$(TZ=UTC git log -1 --date=format-local:%Y%m%d%H%M%S --format=%cd.%h --abbrev=10 2>/dev/null); then
+        version=$version+$commit
+        git diff --quiet HEAD || version=$version.dirty
+    fi
+    echo "$version"
+}
+
+# Makes the man pages and completions in folder $2 with the built program $1/nims-manual; further words run it.
+make_manual() {
+    local bin=$1 made=$2
+    shift 2
+    "$@" "$bin/nims-manual" "$made" >/dev/null
+    cp configs/host/*.[18] "$made/man/"
+    gzip -9nf "$made"/man/*.[18]
+}
+
+# Puts the files of configs/host/files below $1, the programs in the folder $2; $3 has the built programs, $4 the made
+# files. Everything is there before the first file is put.
+put_files() {
+    local root=$1 version=$2 bin=$3 made=$4 put mode from to flag source name
+    for put in "" yes; do
+        while read -r mode from to; do
+            case $mode in '' | '#'*) continue ;; esac
+            flag=${mode#0???} mode=${mode%[?k]}
+            from=${from/@bin@/$bin} from=${from/@made@/$made} to=${to/@version@/$version}
+            for source in $from; do
+                if [ ! -e "$source" ]; then
+                    [ "$flag" = "?" ] || give_up "$source is missing: build it with cargo build --release --workspace --bins"
+                    continue
+                fi
+                name=$to
+                case $to in */) name=$to$(basename "$source") ;; esac
+                if [ -z "$put" ] || { [ "$flag" = k ] && [ -e "$root$name" ]; }; then continue; fi
+                install -D -m "$mode" "$source" "$root$name"
+            done
+        done <configs/host/files
+    done
+}
+
+# The commands of the current version, as links.
+COMMANDS=(/usr/bin/nims /usr/bin/nims-at /usr/sbin/nims-version)
+put_links() { # below a root
+    local command
+    for command in "${COMMANDS[@]}"; do
+        mkdir -p "$1$(dirname "$command")"
+        ln -sfn "/opt/nims/current/bin/$(basename "$command")" "$1$command"
+    done
+}
+
+# Prints the path of each file that `put_files` may have put outside the folder of a version.
+named_files() {
+    local mode from to source
+    while read -r mode from to; do
+        case $mode in '' | '#'* | *k) continue ;; esac
+        case $to in @version@*) continue ;; */) ;; *) echo "$to"; continue ;; esac
+        case $from in @made@*) continue ;; esac
+        for source in $from; do echo "$to$(basename "$source")"; done
+    done <configs/host/files
+}
+
+# Whether version $1 is at least $2.
+at_least() { [ "$(printf '%s\n%s\n' "$2" "$1" | sort -V | head -n 1)" = "$2" ]; }
+
+# Checks the tools of this machine and their versions; names the command that installs or updates one.
 need_tools() {
-    command -v cargo >/dev/null || give_up "cargo is missing: install the Rust toolchain from https://rustup.rs"
+    local oldest found tool
+    for tool in cargo rustc; do
+        command -v $tool >/dev/null || give_up "$tool is missing: install the Rust toolchain from https://rustup.rs"
+    done
+    oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    found=$(rustc --version | cut -d ' ' -f 2)
+    at_least "$found" "$oldest" ||
+        give_up "Rust is $found here, and $oldest or later is needed: rustup update, or install it from https://rustup.rs"
     command -v cc >/dev/null || give_up "a C compiler is missing: apt-get install gcc libc6-dev"
+}
+
+# Checks Python, which only tests and some scripts need.
+need_python_itself() {
+    local found
     command -v python3 >/dev/null || give_up "python3 is missing: apt-get install python3 python3-venv"
+    found=$(python3 -c 'import platform; print(platform.python_version())')
+    at_least "$found" 3.11 || give_up "Python is $found here, and 3.11 or later is needed: apt-get install python3"
 }
 
 # Makes .venv with the independent readers and the drives' own client, which the tests compare with, and with linters.
@@ -23,6 +105,7 @@ need_python_packages() {
     if cmp -s "$wanted" "$stamp"; then
         return
     fi
+    need_python_itself
     say "making .venv with the Python packages of $wanted"
     # Root's tests run as another user, who cannot enter a Python in root's home.
     local python=python3
@@ -132,7 +215,7 @@ lint_scripts() {
     python=$(git ls-files '*.py'; git grep -lI '^#!.*python' -- scripts configs .ci)
     shell=$(git ls-files '*.sh'; git grep -lIE '^#!.*(bash|/sh)$' -- scripts configs .ci)
     # shellcheck disable=SC2086  # lists of files without spaces
-    "$ruff" check --quiet --config .config/ruff.toml --cache-dir target/ruff $python
+    "$ruff" check --quiet --config .config/ruff.toml --cache-dir "${CARGO_TARGET_DIR:-target}/ruff" $python
     # shellcheck disable=SC2086
     "$shellcheck" --external-sources $shell
 }

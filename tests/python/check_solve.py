@@ -214,6 +214,13 @@ def check_calibration(solve):
         found = solve.result("calibrate_joint", anchors_xy_m=anchors[:, :2], lengths_m=lengths * 1.004, sigma_length_m=1e-4,
                              fit_scale=True, sigma_scale=0.05)
         assert abs(found["scale"] - 1.004) < 2e-3, found["scale"]
+        radii = rng.uniform(0.01, 0.08, n)
+        over = np.array([over_pulleys(anchors, radii, np.r_[c, 0.0])[0] for c in points]).T
+        common = dict(anchors_xy_m=anchors[:, :2], lengths_m=over, pulley_radius_m=radii)
+        # A place below a wheel has no tangent.
+        if np.linalg.norm(anchors[:, None, :2] - points, axis=2).min() > 0.3:
+            near(solve.result("calibrate_heights", **common)["heights_m"], anchors[:, 2], 1e-5)
+            near(solve.result("calibrate_joint", sigma_length_m=0.005, **common)["heights_m"], anchors[:, 2], 1e-5)
     floor = np.c_[rng.uniform(0, 10, (3, 2)), np.zeros(3)]
     if abs(np.cross(floor[1] - floor[0], floor[2] - floor[0])[2]) > 4:
         anchor = np.array([*rng.uniform(0, 10, 2), rng.uniform(2, 6)])

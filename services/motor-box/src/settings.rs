@@ -116,9 +116,11 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
         .map(|counts| IdlerConfig { counts_per_m: counts.abs(), ..IdlerConfig::default() })
         .collect();
     config.start_limits_n = robot.robot.tension_limits_n;
-    // Without the section, wheels of the robot file are part of the world too.
+    // Without the section, what the robot file says of wheels, weight and counts is part of the world too.
     let truth = section.truth.as_ref();
-    if truth.is_some() || !robot.robot.pulley_radius_m.is_empty() {
+    let lines = &robot.lines;
+    let more = !robot.robot.pulley_radius_m.is_empty() || lines.mass_kg_m > 0.0 || lines.counts_stretched.any();
+    if truth.is_some() || more {
         world::apply(truth.unwrap_or(&TruthSection::default()), robot, counts_per_m, &mut config);
     }
     config

@@ -30,7 +30,7 @@ pub(crate) fn apply(truth: &TruthSection, robot: &RobotFile, counts_per_m: &[f64
     let middle = middle_of(&config.anchors_m);
     let world = (0..cables).map(|i| {
         let guide = guide(truth, robot, i, config.anchors_m[i], middle);
-        cable(truth, counts_per_m[i], config, i, guide)
+        cable(truth, robot, counts_per_m[i], config, i, guide)
     });
     config.world.cables = world.collect();
     let [x, y] = truth.wind_m_s;
@@ -46,7 +46,14 @@ pub(crate) fn apply(truth: &TruthSection, robot: &RobotFile, counts_per_m: &[f64
     config.world.pendulum = Pendulum { length_m: truth.pendulum_m, damping };
 }
 
-fn cable(truth: &TruthSection, counts_per_m: f64, config: &PlantConfig, i: usize, guide: Guide) -> CableWorld {
+fn cable(
+    truth: &TruthSection,
+    robot: &RobotFile,
+    counts_per_m: f64,
+    config: &PlantConfig,
+    i: usize,
+    guide: Guide,
+) -> CableWorld {
     let or = |given: &Option<PerCable>, other: f64| given.as_ref().map_or(other, |given| given.at(i));
     let plain = CableWorld::default();
     let motor = MotorConfig {
@@ -61,7 +68,7 @@ fn cable(truth: &TruthSection, counts_per_m: f64, config: &PlantConfig, i: usize
     let (mut line, mut drum) = (config.line, config.drum);
     line.stiffness_n = or(&truth.stiffness_n, line.stiffness_n);
     drum.radius_m = or(&truth.drum_radius_m, drum.radius_m);
-    let dry_kg_m = or(&truth.line_mass_kg_m, 0.0);
+    let dry_kg_m = or(&truth.line_mass_kg_m, robot.lines.mass_kg_m);
     let wet_kg_m = or(&truth.line_wet_mass_kg_m, dry_kg_m);
     CableWorld {
         motor: Some(motor),
@@ -70,7 +77,10 @@ fn cable(truth: &TruthSection, counts_per_m: f64, config: &PlantConfig, i: usize
         guide,
         pulley_friction: or(&truth.pulley_friction, plain.pulley_friction),
         count_scale: truth.counts_per_m.as_ref().map_or(1.0, |counts| counts.at(i) / counts_per_m.abs()),
-        counts_stretched: truth.counts_stretched.as_ref().is_some_and(|cables| cables[i]),
+        counts_stretched: truth
+            .counts_stretched
+            .as_ref()
+            .map_or(robot.lines.counts_stretched.at(i), |cables| cables[i]),
         attachment_m: truth.attachments_m.as_ref().map_or([0.0; 3], |points| points[i]),
         mass_kg_m: dry_kg_m + truth.wetness * (wet_kg_m - dry_kg_m),
         expansion_per_k: or(&truth.thermal_expansion_per_k, plain.expansion_per_k),

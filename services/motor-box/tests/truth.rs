@@ -62,6 +62,7 @@ fn an_error_names_file_line_and_key() {
         ("counts_per_m = 21000.0\nwetness = 2.0", "`motor_box.truth.wetness` is 2; accepted: 0 to 1"),
         ("counts_per_m = 100.0", "half to twice that of [motor_io]"),
         ("attachments_m = [[0.0, 0.0, 0.0]]", "has 1 values for 3 cables"),
+        ("attachments_m = [[0, 0, 0, 1], [0, 0, 0], [0, 0, 0]]", "has 4 entries; accepted: 3"),
     ];
     for (text, part) in cases {
         let (file, head) = system(&format!("# comment\n{text}"));

@@ -17,6 +17,7 @@ pub struct Node {
 #[derive(Debug, Clone, Copy)]
 struct Known {
     position_m: Vector3<f64>,
+    tensions_n: CableVec,
     sensitivity: NodeJacobian,
 }
 
@@ -36,7 +37,11 @@ impl Node {
             let found = elastic::equilibrium_under(&self.robot, &lengths, &wrench_n, guess.as_ref()).ok()?;
             let finite = found.position.iter().all(|x| x.is_finite())
                 && found.sensitivity.iter().all(|column| column.iter().all(|x| x.is_finite()));
-            finite.then_some(Known { position_m: found.position, sensitivity: found.sensitivity })
+            finite.then_some(Known {
+                position_m: found.position,
+                tensions_n: found.tensions_n,
+                sensitivity: found.sensitivity,
+            })
         });
     }
 
@@ -44,6 +49,15 @@ impl Node {
     #[must_use]
     pub fn position_m(&self) -> Option<Vector3<f64>> {
         self.known.map(|known| known.position_m)
+    }
+
+    /// Strains T / EA of the cables whose idlers count them stretched, with their numbers from 0.
+    pub fn counted_strains(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let known = self.known.as_ref().zip(self.robot.stiffness_n());
+        let strains = known.into_iter().flat_map(|(known, stiffness_n)| {
+            known.tensions_n.iter().map(move |tension_n| tension_n.max(0.0) / stiffness_n).enumerate()
+        });
+        strains.filter(|(cable, strain)| self.robot.counts_stretched(*cable) && strain.is_finite())
     }
 
     /// Change of the position per change of the lengths.

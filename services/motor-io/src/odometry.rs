@@ -1,5 +1,11 @@
 //! Encoder counts to cable lengths: zero points, jumps, and how far the position can be trusted.
 //!
+//! An idler turns with the cable as stretched as it passes: at the tension T, a metre of counts is 1 / (1 + T / EA) metres
+//! of unstretched cable. Where the robot file says so (`counts_stretched`), each increment of the counts is converted
+//! with the strain of the cycle before. No formula of the present counts and tensions alone can replace this sum: a
+//! cable that is reeled in tight and paid out loose has not the same length as before when its counts are. The sum is
+//! here and not in an estimator, because lengths outlive estimators, and the store keeps them across restarts.
+//!
 //! This is the only place that judges whether a count is credible, by `OVER_SPEED` and `JUMP_MARGIN_M`. A count
 //! beyond them is used only when the next one agrees with it, and then the position needs confirmation.
 
@@ -55,6 +61,8 @@ struct Cable {
     zero_counts: i64,
     zero_m: f64,
     length_m: f64,
+    /// Strain T / EA of the cable that passes; always 0 for a cable that is counted unstretched.
+    strain: f64,
     velocity_m_s: f64,
     history: [(u64, i64); HISTORY],
     newest: usize,
@@ -123,7 +131,7 @@ impl Odometry {
         let scale = self.counts_per_m[cable];
         let it = &mut self.cables[cable];
         if !it.seen {
-            *it = Cable { seen: true, zero_counts: counts, zero_m: it.length_m, ..*it };
+            *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, ..*it };
             it.take(counts, sampled_ns, scale);
             self.try_restore();
             return Reading::Good;
@@ -161,10 +169,15 @@ impl Odometry {
     pub fn rebase(&mut self, cable: usize, counts: i64, sampled_ns: u64) {
         let scale = self.counts_per_m[cable];
         let it = &mut self.cables[cable];
-        *it = Cable { seen: true, zero_counts: counts, zero_m: it.length_m, candidate: None, held: 0, ..*it };
+        *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, candidate: None, held: 0, ..*it };
         it.take(counts, sampled_ns, scale);
         it.velocity_m_s = 0.0;
         self.doubt();
+    }
+
+    /// Sets the strain at which the cable passes from now on. Cables that are counted unstretched need no call.
+    pub fn set_strain(&mut self, cable: usize, strain: f64) {
+        self.cables[cable].strain = strain;
     }
 
     /// Marks the lengths as in need of confirmation.
@@ -250,9 +263,15 @@ impl Odometry {
 
 impl Cable {
     fn take(&mut self, counts: i64, sampled_ns: u64, scale: f64) {
+        if self.strain != 0.0 {
+            // What was counted before had other strains.
+            (self.zero_m, self.zero_counts) = (self.length_m, self.counts);
+            self.length_m = self.zero_m + metres(counts, self.zero_counts, scale) / (1.0 + self.strain);
+        } else {
+            self.length_m = self.zero_m + metres(counts, self.zero_counts, scale);
+        }
         self.counts = counts;
         self.sampled_ns = sampled_ns;
-        self.length_m = self.zero_m + metres(counts, self.zero_counts, scale);
         self.newest = (self.newest + 1) % HISTORY;
         self.history[self.newest] = (sampled_ns, counts);
         self.held = (self.held + 1).min(HISTORY);
@@ -266,10 +285,38 @@ impl Cable {
         }
         let (then_ns, then) = self.history[(self.newest + HISTORY - back) % HISTORY];
         let passed_ns = sampled_ns.saturating_sub(then_ns);
-        self.velocity_m_s = if passed_ns > 0 { metres(counts, then, scale) / (passed_ns as f64 * 1e-9) } else { 0.0 };
+        let counted_m_s = if passed_ns > 0 { metres(counts, then, scale) / (passed_ns as f64 * 1e-9) } else { 0.0 };
+        self.velocity_m_s = if self.strain != 0.0 { counted_m_s / (1.0 + self.strain) } else { counted_m_s };
     }
 }
 
 fn metres(counts: i64, from: i64, counts_per_m: f64) -> f64 {
     counts.wrapping_sub(from) as f64 / counts_per_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cable is paid out and reeled in at strains that differ, as on every loop of a mission. The encoder turns with
+    /// the stretched cable; the length has to be that of the cable, however often the loop is flown.
+    #[test]
+    fn stretched_counts_lose_no_cable_in_loops() {
+        let counts_per_m = 10_000.0;
+        let mut cable = Cable { seen: true, zero_m: 5.0, length_m: 5.0, ..Cable::default() };
+        let (mut turned_m, mut off_drum_m, mut sampled_ns) = (0.0_f64, 5.0_f64, 0);
+        for step in 0..20_000 {
+            let phase = f64::from(step) * std::f64::consts::TAU / 1000.0;
+            // Tight while reeling in, loose while paying out.
+            let (moved_m, strain) = (0.01 * phase.cos(), 0.002 - 0.0015 * phase.cos());
+            off_drum_m += moved_m;
+            turned_m += moved_m * (1.0 + strain);
+            cable.strain = strain;
+            sampled_ns += 10_000_000;
+            cable.take((turned_m * counts_per_m).round() as i64, sampled_ns, counts_per_m);
+        }
+        // Half a count per reading would be 0.05 mm; the counts alone are 0.3 m of cable off.
+        assert!((cable.length_m - off_drum_m).abs() < 5e-5, "{} for {off_drum_m}", cable.length_m);
+        assert!((turned_m - (off_drum_m - 5.0)).abs() > 0.1, "{turned_m}");
+    }
 }

@@ -253,7 +253,7 @@ impl Core {
             Err(error) => return Err(Reason::CannotHang { position_m: at.into(), why: detail(error) }),
         };
         let straight = kinematics::inverse_kinematics(robot.anchors(), &at);
-        let lengths = elastic::unstretched(robot, &straight, &held.tensions_n);
+        let lengths = elastic::unstretched(robot, &at, &straight, &held.tensions_n);
         self.check_lengths(&lengths)?;
         self.zero(&lengths);
         Ok(Reason::ZeroedAt { position_m: at.into() })

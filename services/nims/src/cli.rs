@@ -1,7 +1,8 @@
 //! The command line: the commands with their arguments, and their dispatch.
 
 use crate::{
-    channels, demo, fault, new_sensor, operate, processes, programs, set, status, swap, top, visualization_export,
+    channels, demo, fault, groups, new_sensor, operate, processes, programs, set, status, swap, top,
+    visualization_export,
 };
 use clap::{Parser, Subcommand};
 use command::values::seconds;
@@ -13,7 +14,7 @@ use std::path::PathBuf;
 ///
 /// Exit code 0: answered; 2: bad input; 1: it could not be done now. Diagnostics go to stderr.
 #[derive(Debug, Parser)]
-#[command(name = "nims", version = runtime::build::description(), propagate_version = true, after_help = programs::HELP)]
+#[command(name = "nims", version = runtime::build::description(), propagate_version = true, help_template = groups::TEMPLATE, before_help = help())]
 pub struct Cli {
     /// The command.
     #[command(subcommand)]
@@ -84,6 +85,15 @@ pub enum Command {
     /// Run the program nims-X as `nims X`.
     #[command(external_subcommand)]
     Program(Vec<OsString>),
+}
+
+/// Returns the commands in groups, with their descriptions.
+fn help() -> String {
+    let described = Command::augment_subcommands(clap::Command::new("nims"));
+    let about = |command: &clap::Command| command.get_about().map(ToString::to_string).unwrap_or_default();
+    let commands: Vec<_> =
+        described.get_subcommands().map(|command| (command.get_name().to_owned(), about(command))).collect();
+    groups::text(&commands)
 }
 
 /// `nims export`: writes tables, or one file with a visualization.

@@ -92,11 +92,17 @@ fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> 
     Ok((written, next))
 }
 
+/// Folder from which this program was built. A package names another one at its build, because its programs do not
+/// contain the path of the machine that built it.
+const SOURCES: &str = match option_env!("NIMS_SOURCES") {
+    Some(folder) => folder,
+    None => concat!(env!("CARGO_MANIFEST_DIR"), "/../.."),
+};
+
 /// Returns the folder of the libraries that a Rust sensor depends on: in `nims`, or in the folder from which this
 /// program was built.
 fn shared_of(nims: Option<&Path>) -> Answer<PathBuf> {
-    let built_from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let root = nims.unwrap_or(&built_from);
+    let root = nims.unwrap_or(Path::new(SOURCES));
     let shared = root.join("shared");
     if !shared.join("runtime/messages/Cargo.toml").is_file() {
         return Err(Failure::BadInput(format!(

@@ -1,5 +1,6 @@
 //! Requests to the running robot; the answer to each is one sentence.
 
+use crate::wait::Follower;
 use bus::{Bus, Participant};
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
 use client::{MOTOR_IO, PLANNER, robot_of, send, system_of};
@@ -116,6 +117,9 @@ pub struct GotoArgs {
     /// Cruise speed, m/s; default: the planner's.
     #[arg(long, value_name = "M_S", value_parser = finite, allow_negative_numbers = true)]
     pub speed: Option<f64>,
+    /// Show the progress, and end when the node is there: exit code 0, or 1 if it is not.
+    #[arg(long)]
+    pub wait: bool,
 }
 
 /// `nims run`.
@@ -129,11 +133,14 @@ pub struct RunArgs {
     /// Fly the rest of an aborted mission.
     #[arg(long = "continue", conflicts_with = "dry_run")]
     pub go_on: bool,
+    /// Show the progress, and end with the mission: exit code 0 if it was flown to its end, otherwise 1.
+    #[arg(long, conflicts_with = "dry_run")]
+    pub wait: bool,
     /// Fly the mission although nothing is being recorded.
     #[arg(long, conflicts_with = "dry_run")]
     pub unrecorded: bool,
     /// System file for a dry run without a running robot.
-    #[arg(long, requires = "dry_run")]
+    #[arg(long, visible_alias = "system", requires = "dry_run")]
     pub config: Option<PathBuf>,
     /// Start of the mission for a dry run, m; default: the position of the node.
     #[arg(long, requires = "dry_run", value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
@@ -203,6 +210,7 @@ fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<Output> {
             "--speed is {speed}; accepted: above 0, at most this robot's {limit} m/s"
         )));
     }
+    let follower = asked.wait.then(|| Follower::begin(bus)).transpose()?;
     let answer = planned(&client::ask(bus, PLANNER, &Request::Goto { to_m: to, path, speed_m_s: asked.speed })?)?;
     // The planner has accepted and the node moves, so a failure here is only a warning.
     match client::unrecorded(bus) {
@@ -210,7 +218,20 @@ fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<Output> {
         Ok(Some(why)) => eprintln!("nims: warning: nothing is being recorded ({why})"),
         Err(failure) => eprintln!("nims: warning: cannot find out whether this is being recorded ({failure})"),
     }
-    Ok(answer)
+    waited(answer, follower)
+}
+
+/// Waits for the end of an accepted mission, if that is wanted.
+///
+/// # Errors
+/// The mission ended early.
+fn waited(accepted: Output, follower: Option<Follower>) -> Answer<Output> {
+    let Some(follower) = follower else { return Ok(accepted) };
+    eprintln!("nims: {}", accepted.words);
+    follower.wait()?;
+    let mut value = accepted.value;
+    value["done"] = json!(true);
+    Ok(Output::new(value, "done"))
 }
 
 /// Returns the path of a move.
@@ -289,7 +310,9 @@ fn run(bus: &Bus, asked: &RunArgs) -> Answer<Output> {
             "the mission is not started, because nothing is being recorded ({why}): solve this, or fly with --unrecorded"
         )));
     }
-    planned(&client::ask(bus, PLANNER, &text.request(bus, asked.go_on)?)?)
+    let follower = asked.wait.then(|| Follower::begin(bus)).transpose()?;
+    let answer = planned(&client::ask(bus, PLANNER, &text.request(bus, asked.go_on)?)?)?;
+    waited(answer, follower)
 }
 
 /// `nims run --dry-run`.
@@ -383,7 +406,7 @@ mod tests {
 
     #[test]
     fn a_parabola_is_requested_with_its_sag() {
-        let goto = |path, mu| path_of(&GotoArgs { to: [1.0, 2.0, 3.0].into(), speed: None, path, mu });
+        let goto = |path, mu| path_of(&GotoArgs { to: [1.0, 2.0, 3.0].into(), speed: None, path, mu, wait: false });
         assert_eq!(goto(PathKind::Line, None), Ok(GotoPath::Line));
         assert_eq!(goto(PathKind::Parabola, Some(0.1)), Ok(GotoPath::Parabola { mu_per_m: Some(0.1) }));
         assert_eq!(goto(PathKind::Parabola, None), Ok(GotoPath::Parabola { mu_per_m: None }));

@@ -7,10 +7,12 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Help text about the programs that come with nims.
-pub const HELP: &str = "Programs in the same folder:\n  bench  Measure whether this machine is good enough for a robot\n  \
-                        paper  Compute every figure and table of the paper\n  \
-                        truth  Draw a plausible world for the virtual motor box that is not the robot's model\nAny other `nims X` runs the program nims-X.";
+/// The programs `nims-X` that come with nims: X, and what it does.
+pub const COMPANIONS: [(&str, &str); 3] = [
+    ("bench", "Measure whether this machine is good enough for a robot"),
+    ("paper", "Compute every figure and table of the paper"),
+    ("truth", "Draw a plausible world for the virtual motor box that is not the robot's model"),
+];
 
 /// Replaces this process by the supervisor. Returns only if that fails.
 pub fn run_supervisor(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {

@@ -1,7 +1,6 @@
 //! Checked segments of a mission: every refusal happens here, before anything moves.
 
 mod builder;
-mod swing;
 
 use cable_robot::energy::{EnergyError, flight};
 use cable_robot::motion::{Refusal, Report};

@@ -16,7 +16,8 @@ fn nims(args: &[&str]) -> Output {
 
 /// The answer of a command that must succeed.
 fn answer(args: &[&str]) -> Value {
-    let output = nims(args);
+    let json: &[&str] = if args.contains(&"--json") { &[] } else { &["--json"] };
+    let output = nims(&[args, json].concat());
     assert_eq!(output.status.code(), Some(0), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{args:?}: {error}"))
 }
@@ -509,4 +510,55 @@ mod planar {
         let files = changed("systems/aq4.toml", "start_m = [4.0, 2.0]", "start_m = [4.0, 1.0, 2.0]");
         refused(&["check", &files.file("systems/aq4.toml")], 2, &["start_m", "outside the plane"]);
     }
+}
+
+#[test]
+fn calculations_answer_readably_and_as_json_on_request() {
+    let at = ["--at", "4.8,3.0,0.9"];
+    let move_ends = ["--from", "4.0,3.0,0.9", "--to", "5.0,3.2,1.1"];
+    for (args, word) in [
+        ([&["ik", "--robot", ROBOT][..], &at].concat(), "length"),
+        ([&["tension", "--system", SYSTEM][..], &at].concat(), "tension"),
+        (vec!["fk", "--config", ROBOT, "--lengths", "5.5,6.0,6.1"], "node at"),
+        ([&["plan", "--config", ROBOT][..], &move_ends].concat(), "energy"),
+        (vec!["workspace", "--config", ROBOT, "--step", "1"], "volume"),
+    ] {
+        let output = nims(&args);
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success() && text.contains(word) && !text.contains(['{', '"']), "{args:?}: {text}");
+        assert!(answer(&args).is_object());
+    }
+    // The lengths of the text are those of the JSON.
+    let args = [&["ik", "--config", ROBOT][..], &at].concat();
+    let text = String::from_utf8(nims(&args).stdout).unwrap();
+    let shown: Vec<f64> = text.lines().map(|line| line.split_whitespace().nth(3).unwrap().parse().unwrap()).collect();
+    let answered = answer(&args);
+    let exact: Vec<f64> = answered["lengths_m"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
+    assert_eq!(shown.len(), exact.len());
+    assert!(shown.iter().zip(&exact).all(|(shown, exact)| (shown - exact).abs() < 1e-4), "{shown:?} {exact:?}");
+}
+
+#[test]
+fn a_file_of_another_kind_is_named() {
+    let mission = "configs/missions/demo.toml";
+    for (args, words) in [
+        (&["run", "demo", "--dry-run", "--config", ROBOT][..], &[ROBOT, "is a robot file", "system file"][..]),
+        (&["doctor", ROBOT], &["is a robot file", "configs/systems"]),
+        (&["ik", "--config", mission, "--at", "1,2,3"], &[mission, "is a mission file", "robot file"]),
+    ] {
+        refused(args, 2, words);
+    }
+    // A system file that names a system file as its robot.
+    let wrong = changed("systems/demo3.toml", "\"../robots/lab3.toml\"", "\"demo3.toml\"");
+    refused(&["check", &wrong.file("systems/demo3.toml")], 2, &["is a system file", "robot file"]);
+}
+
+#[test]
+fn a_check_without_complaints_is_fine() {
+    let output = nims(&["check", "configs/missions/spiral.toml", "--for", SYSTEM]);
+    assert!(String::from_utf8_lossy(&output.stdout).trim_end().ends_with("fine: no errors, no warnings"), "{output:?}");
+    let output = nims(&["check", SYSTEM]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let warnings = text.lines().filter(|line| line.starts_with("warning: ")).count();
+    assert!(warnings > 0 && text.trim_end().ends_with(&format!("usable: no errors, {warnings} warning(s)")), "{text}");
 }

@@ -33,6 +33,14 @@ fn install(root: &Path, more: &[&str]) -> Output {
     Command::new(project().join("scripts/install")).arg("--root").arg(root).args(more).output().unwrap()
 }
 
+/// Every file and link below a folder.
+fn files_below(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let entry = entry.unwrap();
+        if entry.file_type().unwrap().is_dir() { files_below(&entry.path(), found) } else { found.push(entry.path()) }
+    }
+}
+
 fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout)
 }
@@ -51,7 +59,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     let output = install(&root, &["--programs", old.to_str().unwrap()]);
     assert!(output.status.success(), "{}", said(&output));
     assert!(current_output(&root).contains("old"));
-    assert_eq!(fs::read_link(root.join("usr/local/bin/nims")).unwrap(), Path::new("/opt/nims/current/bin/nims"));
+    assert_eq!(fs::read_link(root.join("usr/bin/nims")).unwrap(), Path::new("/opt/nims/current/bin/nims"));
     assert_eq!(fs::metadata(root.join("etc/sudoers.d/nims")).unwrap().permissions().mode() & 0o777, 0o440);
     let boxed = root.join("etc/nims/systems/demo3.toml");
     let text = fs::read_to_string(&boxed).unwrap();
@@ -77,8 +85,65 @@ fn installed_upgraded_rolled_back_and_removed() {
     fs::create_dir_all(&run).unwrap();
     assert!(install(&root, &["--remove"]).status.success());
     assert!(run.is_dir() && boxed.is_file());
-    for gone in ["opt/nims", "usr/local/bin/nims", "etc/systemd/system/nims@.service", "etc/sudoers.d/nims"] {
-        assert!(fs::symlink_metadata(root.join(gone)).is_err(), "{gone} was not removed");
+    let mut left = Vec::new();
+    files_below(&root, &mut left);
+    left.retain(|path| !path.starts_with(root.join("etc/nims")) && !path.starts_with(root.join("var/lib/nims")));
+    assert!(left.is_empty(), "not removed: {left:?}");
+}
+
+/// Runs `nims-version` in a folder that stands for the root.
+fn nims_version(root: &Path, words: &[&str]) -> Output {
+    Command::new(project().join("configs/host/nims-version")).args(words).env("NIMS_ROOT", root).output().unwrap()
+}
+
+#[test]
+fn a_machine_keeps_the_current_version_and_the_one_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    let bin = programs(folder.path(), "any");
+    let versions = || {
+        let entries = fs::read_dir(root.join("opt/nims")).unwrap().map(|entry| entry.unwrap());
+        let mut names: Vec<String> = entries
+            .filter(|entry| entry.file_type().unwrap().is_dir())
+            .map(|entry| entry.file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    };
+    for version in ["1.0.0", "1.1.0", "1.2.0"] {
+        let package = folder.path().join("usr/lib/nims").join(version);
+        fs::create_dir_all(package.join("bin")).unwrap();
+        fs::copy(bin.join("nims"), package.join("bin/nims")).unwrap();
+        fs::create_dir_all(root.join("usr/share/nims")).unwrap();
+        for kind in ["systems", "robots", "missions", "sensors", "ground"] {
+            let examples = root.join("usr/share/nims").join(kind);
+            fs::create_dir_all(&examples).unwrap();
+            fs::write(examples.join(format!("{version}.toml")), "# runs = \"../../runs\"\n").unwrap();
+        }
+        let output = nims_version(&root, &["add", package.to_str().unwrap()]);
+        assert!(output.status.success(), "{}", said(&output));
+    }
+    assert_eq!(versions(), ["1.1.0", "1.2.0"]);
+    let current = || fs::read_link(root.join("opt/nims/current")).unwrap();
+    assert_eq!(current(), Path::new("1.2.0"));
+    // The examples are those of the first installation, and an operator may remove them for good.
+    let systems: Vec<_> = fs::read_dir(root.join("etc/nims/systems")).unwrap().collect();
+    assert_eq!(systems.len(), 1);
+
+    assert!(nims_version(&root, &["roll-back"]).status.success());
+    assert_eq!(current(), Path::new("1.1.0"));
+    assert!(nims_version(&root, &["roll-back"]).status.success(), "and back again");
+    assert_eq!((current(), versions().len()), (PathBuf::from("1.2.0"), 2));
+    assert_eq!(nims_version(&root, &["armed"]).status.code(), Some(1), "no robot runs in a folder");
+    let output = nims_version(&root, &["add", folder.path().to_str().unwrap()]);
+    assert!(!output.status.success() && said(&output).contains("bin/nims"), "{}", said(&output));
+}
+
+#[test]
+fn the_list_of_files_names_every_program_of_the_robot() {
+    let list = fs::read_to_string(project().join("configs/host/files")).unwrap();
+    for program in workspace() {
+        assert!(list.contains(&format!("@bin@/{program} ")), "configs/host/files lacks {program}");
     }
 }
 
@@ -116,7 +181,7 @@ fn the_service_manager_accepts_the_units() {
         ("nims-runs.service", "nims-runs.service"),
         ("nims-runs.timer", "nims-runs.timer"),
     ] {
-        let text = fs::read_to_string(root.join("etc/systemd/system").join(unit)).unwrap();
+        let text = fs::read_to_string(root.join("usr/lib/systemd/system").join(unit)).unwrap();
         // The programs are below the folder, and the log's socket belongs to a running systemd.
         let text = text.replace("/opt/nims/current/bin", bin.to_str().unwrap()).replace("LogNamespace=nims\n", "");
         fs::write(units.join(name), text).unwrap();

@@ -11,3 +11,4 @@ mod interoperability;
 mod layouts;
 mod setup;
 mod solve;
+mod statics;

@@ -19,7 +19,8 @@ fn run(args: &[&str]) -> Output {
 }
 
 fn answer(args: &[&str]) -> Value {
-    let output = run(args);
+    let json: &[&str] = if args.contains(&"--json") { &[] } else { &["--json"] };
+    let output = run(&[args, json].concat());
     assert_eq!(output.status.code(), Some(0), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
 }

@@ -21,3 +21,4 @@ mod sensor_logger;
 mod serial_sensors;
 mod swaps;
 mod visualization;
+mod waiting;

@@ -36,6 +36,7 @@ pub struct TruthSection {
     /// Downward force of the node at rest, N.
     pub net_weight_n: Option<f64>,
     /// Where each cable is tied, relative to the node, m.
+    #[serde(deserialize_with = "config::each_exactly_if_given")]
     pub attachments_m: Option<Vec<[f64; 3]>>,
     /// Drag of the node, N s²/m².
     pub drag_n_s2_m2: Option<f64>,

@@ -62,6 +62,9 @@ impl Core {
         self.catch_up(n, &before, &fresh);
         let lengths = std::array::from_fn(|i| self.odometry.length_m(i));
         self.node.observe(&lengths, self.odometry.position() == MotorState::POSITION_KNOWN);
+        for (cable, strain) in self.node.counted_strains() {
+            self.odometry.set_strain(cable, strain);
+        }
         self.close_period(input);
         let state = self.state(input, &velocity, &fresh);
         let supply = self.watch.supply_v();

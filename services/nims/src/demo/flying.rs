@@ -3,12 +3,11 @@
 
 use super::robot::Robot;
 use crate::operate::MissionText;
+use crate::progress::Progress;
 use bus::clock;
 use command::{Answer, Failure};
-use indicatif::{ProgressBar, ProgressStyle};
 use messages::{MotorAuthority, NodeEstimate, PlanStatus, Request, text_of};
 use robot_state::sentences::mode_name;
-use std::io::IsTerminal;
 use std::time::Duration;
 
 /// How long a request is repeated while the robot is not ready for it: the drives connect and the estimate settles.
@@ -17,7 +16,7 @@ const SETTLE: Duration = Duration::from_secs(15);
 const STUCK_S: f64 = 30.0;
 /// Multiple of the planned time after which the mission is aborted.
 const LATENESS: f64 = 5.0;
-/// Time between two updates of the progress bar.
+/// Time between two updates of the progress.
 const POLL: Duration = Duration::from_millis(100);
 /// Time for the robot to hold after the last segment.
 const REST: Duration = Duration::from_secs(15);
@@ -41,10 +40,7 @@ pub fn fly(robot: &mut Robot, mission: &MissionText, start: &[f64; 3], planned_s
     let request = mission.request(robot.bus(), false)?;
     send_until_accepted(robot, client::PLANNER, &request)?;
 
-    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
-    let style = ProgressStyle::with_template("{msg:40} {wide_bar} {percent:>3} %")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    bar.set_style(style);
+    let mut shown = Progress::begin();
     let mut limits = TimeLimits::new(planned_s, clock::now_ns());
     let (mut running, mut resumes) = (false, Resumes::default());
     loop {
@@ -61,21 +57,14 @@ pub fn fly(robot: &mut Robot, mission: &MissionText, start: &[f64; 3], planned_s
                 _ => {}
             }
             limits.record(plan.progress, clock::now_ns());
-            bar.set_position((1000.0 * plan.progress) as u64);
-            bar.set_message(format!(
-                "{}, leg {} of {}, {:.0} s left",
-                text_of(&plan.mission),
-                plan.leg,
-                plan.legs,
-                plan.time_left_s
-            ));
+            shown.show(&plan, clock::now_ns());
         }
         if let Some(why) = limits.exhausted(clock::now_ns()) {
             let obstacle = resumes.refused.map(|refused| format!(": {refused}")).unwrap_or_default();
             return Err(Failure::NotNow(format!("{why}{obstacle}")));
         }
     }
-    bar.finish_and_clear();
+    shown.end();
     resumes.report_total();
     wait(robot, REST, "the robot did not come to rest", |robot| {
         Ok(robot.authority().is_some_and(|authority| authority.mode == MotorAuthority::MODE_HOLDING))

@@ -5,8 +5,8 @@ mod robot;
 
 use crate::operate::{self, MissionText};
 use analysis::accuracy::{self, Analysis};
-use analysis::accuracy_plot;
 use analysis::report::world_of;
+use analysis::{accuracy_plot, portrait};
 use command::{Answer, Failure, Output};
 use commissioning::check::{self, Flight};
 use config::SystemFile;
@@ -30,6 +30,13 @@ pub struct Args {
 
 /// The default system file, in the project's folder.
 const DEFAULT_SYSTEM: &str = "configs/systems/field3.toml";
+
+/// What the figures of the summary mean.
+const MEANING: &str = "\
+meaning    estimate: how far the robot saw itself from where it should be; truth: how far it really was
+           model: the difference, which the robot cannot see; a real robot shows no truth
+           steered: control cycles in which no fresh command reached the drives, by what was late:
+           this computer, the drives, their serial port, or estimator and controller";
 
 /// Runs the demonstration and writes the report.
 ///
@@ -118,6 +125,8 @@ impl Report<'_> {
         let picture = run.join("report.svg");
         if let Some(analysis) = &analysis {
             accuracy_plot::draw(&picture, analysis, &format!("{} on {}", mission.name, file.name))?;
+            let robot = file.robot_file().map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+            portrait::draw(&run.join("robot.svg"), &robot, analysis)?;
         }
         let page = run.join(analysis::report::PAGE);
         let verdict = analysis::report::report(std::slice::from_ref(run), Some(&page))?.words;
@@ -128,7 +137,13 @@ impl Report<'_> {
             "unrecorded": ending.value["unrecorded"], "broken_off": aborted,
         });
         let words = match (&analysis, aborted) {
-            (Some(analysis), None) => words(mission, flight, file, analysis, &report, run, &page),
+            (Some(analysis), None) => {
+                let summary = words(mission, flight, file, analysis, &report, run, &page);
+                // The sentence follows the name of the run.
+                let sentence =
+                    verdict.lines().next().and_then(|line| line.split_once(": ")).map_or("", |(_, said)| said);
+                format!("{summary}\nverdict    {sentence}\n{MEANING}")
+            }
             // The verdict has the figures of the completed part.
             _ => format!("{}\nrun        {}", verdict, run.display()),
         };

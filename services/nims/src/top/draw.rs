@@ -17,8 +17,10 @@ use robot_state::{Periods, sentences};
 const OLD_S: f64 = 2.5;
 /// Terminal width from which the channels are drawn beside the processes, characters.
 const WIDE: u16 = 120;
-/// Width of a bar, characters.
-const BAR: usize = 12;
+/// Terminal height from which long text lines are wrapped, characters.
+const TALL: u16 = 30;
+/// Width of a bar, characters: three of them with their figures fit into 80.
+const BAR: usize = 10;
 
 /// Draws the robot, or the reason why there is none.
 pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot) {
@@ -30,33 +32,76 @@ pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot) {
         frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }).block(block), area);
         return;
     };
-    let width = usize::from(area.width.saturating_sub(2)).max(1);
-    let (robot, cables, control, processes) =
-        (robot(snapshot), cables(snapshot), control(snapshot), processes(snapshot));
+    let width = usize::from(area.width).max(1);
+    let mut robot = robot(snapshot);
+    if area.height < TALL {
+        // Every panel has its place in 80 x 24, and the end of a long text line does not.
+        robot = robot.into_iter().map(|line| if is_fault(&line) { line } else { cut(line, width) }).collect();
+    }
+    let (cables, control, processes) = (cables(snapshot), control(snapshot), processes(snapshot));
     let rows = |lines: &[Line<'_>]| {
         let wrapped: usize = lines.iter().map(|line| line.width().max(1).div_ceil(width)).sum();
-        Constraint::Length(u16::try_from(wrapped + 2).unwrap_or(u16::MAX))
+        Constraint::Length(u16::try_from(wrapped + 1).unwrap_or(u16::MAX))
     };
-    let wide = area.width >= WIDE;
-    let [top, middle, slots, rest] =
-        Layout::vertical([rows(&robot), rows(&cables), rows(&control), Constraint::Min(0)]).areas(area);
-    let (left, right) = if wide {
-        let [left, right] = Layout::horizontal([Constraint::Fill(3), Constraint::Fill(2)]).areas(rest);
-        (left, right)
+    let [top, middle, slots, rest, keys] =
+        Layout::vertical([rows(&robot), rows(&cables), rows(&control), Constraint::Min(0), Constraint::Length(1)])
+            .areas(area);
+    let [left, right] = if area.width >= WIDE {
+        Layout::horizontal([Constraint::Fill(3), Constraint::Fill(2)]).spacing(2).areas(rest)
     } else {
-        let [left, right] = Layout::vertical([rows(&processes), Constraint::Min(0)]).areas(rest);
-        (left, right)
+        Layout::vertical([rows(&processes), Constraint::Min(0)]).areas(rest)
     };
-    panel(frame, top, &format!(" nims {domain} — q quits "), robot);
-    panel(frame, middle, " cables ", cables);
-    panel(frame, slots, " control ", control);
-    panel(frame, left, " processes ", processes);
-    panel(frame, right, " channels ", channels(snapshot, right.height.saturating_sub(2), right.width));
+    panel(frame, top, format!("NIMS {domain}"), robot);
+    panel(frame, middle, cables_head(), cables);
+    panel(frame, slots, format!("{:<11}{:<11} {:<14} {}", "CONTROL", "slot", "law", "verdict"), control);
+    panel(frame, left, process_head(), fitting(processes, left.height));
+    panel(frame, right, channel_head(right.width), channels(snapshot, right.height.saturating_sub(1), right.width));
+    frame.render_widget(Paragraph::new(key_line(snapshot)), keys);
 }
 
-fn panel(frame: &mut Frame<'_>, area: Rect, title: &str, lines: Vec<Line<'_>>) {
-    let block = Block::bordered().border_style(Style::new().fg(Color::DarkGray)).title(title.to_owned());
-    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }).block(block), area);
+/// A text line with the title and the heads of the columns, and the rows below it.
+fn panel(frame: &mut Frame<'_>, area: Rect, head: String, mut lines: Vec<Line<'_>>) {
+    let width = usize::from(area.width);
+    lines.insert(0, Line::styled(format!("{head:<width$}"), Style::new().add_modifier(Modifier::REVERSED)));
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
+}
+
+/// The rows that fit below the head, the last of them with the number of the others.
+fn fitting(mut lines: Vec<Line<'static>>, height: u16) -> Vec<Line<'static>> {
+    let room = usize::from(height.saturating_sub(1));
+    if lines.len() > room && room > 0 {
+        let hidden = lines.len() - room + 1;
+        lines.truncate(room - 1);
+        lines.push(Line::from(format!("and {hidden} more; `nims status` shows all")));
+    }
+    lines
+}
+
+/// The keys, or the answer to the last one.
+fn key_line(snapshot: &Snapshot) -> Line<'static> {
+    if snapshot.answer.is_empty() {
+        Line::styled(
+            "q quit   p pause, keeps the mission   s stop, drops the mission; the cables stay taut",
+            Style::new().fg(Color::DarkGray),
+        )
+    } else {
+        Line::from(styled(snapshot.answer.clone(), Color::Yellow))
+    }
+}
+
+fn is_fault(line: &Line<'_>) -> bool {
+    line.spans.first().is_some_and(|label| label.content.starts_with("fault"))
+}
+
+/// Returns as much of a text line as fits into the width.
+fn cut(line: Line<'static>, width: usize) -> Line<'static> {
+    let mut left = width;
+    let spans = line.spans.into_iter().map(|span| {
+        let text: String = span.content.chars().take(left).collect();
+        left -= text.chars().count();
+        Span::styled(text, span.style)
+    });
+    Line::from(spans.collect::<Vec<_>>())
 }
 
 fn styled(text: impl Into<String>, color: Color) -> Span<'static> {
@@ -188,6 +233,11 @@ fn recording(snapshot: &Snapshot) -> Line<'static> {
     }
 }
 
+fn cables_head() -> String {
+    let (length, speed) = ("length", "speed");
+    format!("{:<13}{length:>8}   {speed:>7}      {:<BAR$}{:>7}    {:<BAR$}{:>7}", "CABLE", "", "tension", "", "current")
+}
+
 /// Length, tension and current of each cable.
 fn cables(snapshot: &Snapshot) -> Vec<Line<'static>> {
     let Some(state) = snapshot.state else { return vec![Line::from("no reading from the drives yet")] };
@@ -302,6 +352,10 @@ fn processes(snapshot: &Snapshot) -> Vec<Line<'static>> {
     lines
 }
 
+fn process_head() -> String {
+    format!("{:<20} {:<13} {:>7} {:>8} {:>9}", "PROCESS", "state", "pid", "busy µs", "99 % µs")
+}
+
 fn process(row: &ProcessState, beat: Option<&Heartbeat>) -> Line<'static> {
     let color = match row.state {
         ProcessState::STATE_READY | ProcessState::STATE_RUNNING => Color::Green,
@@ -312,13 +366,12 @@ fn process(row: &ProcessState, beat: Option<&Heartbeat>) -> Line<'static> {
     let law = text_of(&row.law);
     let name = if law.is_empty() { text_of(&row.name) } else { format!("{} ({law})", text_of(&row.name)) };
     let mut spans = vec![Span::raw(format!("{name:<20} ")), styled(format!("{:<13} ", state_name(row.state)), color)];
-    if row.pid != 0 {
-        spans.push(Span::raw(format!("{:>7} ", row.pid)));
-    }
+    let pid = if row.pid == 0 { String::new() } else { row.pid.to_string() };
+    spans.push(Span::raw(format!("{pid:>7} ")));
     if let Some(beat) = beat.filter(|_| row.exit_code == -1 && row.signal == 0) {
         let microseconds = |ns: u64| ns as f64 * 1e-3;
         spans.push(Span::raw(format!(
-            "{:5.0}, 99 % {:5.0} µs",
+            "{:>8.0} {:>9.0}",
             microseconds(beat.busy_p50_ns),
             microseconds(beat.busy_p99_ns)
         )));
@@ -336,6 +389,16 @@ fn process(row: &ProcessState, beat: Option<&Heartbeat>) -> Line<'static> {
     Line::from(spans)
 }
 
+/// Width of the names of channels.
+fn name_width(width: u16) -> usize {
+    usize::from(width.saturating_sub(21)).clamp(12, 40)
+}
+
+fn channel_head(width: u16) -> String {
+    let name_width = name_width(width);
+    format!("{:<name_width$} {:>7}     lost", "CHANNEL", "rate")
+}
+
 /// As many channels as fit: channels with losses first, then the fastest.
 fn channels(snapshot: &Snapshot, height: u16, width: u16) -> Vec<Line<'static>> {
     let mut rows: Vec<_> = snapshot.channels.iter().collect();
@@ -343,7 +406,7 @@ fn channels(snapshot: &Snapshot, height: u16, width: u16) -> Vec<Line<'static>> 
         return vec![Line::from("no counts from the recorder yet")];
     }
     rows.sort_by(|a, b| b.lost.cmp(&a.lost).then(b.hz.total_cmp(&a.hz)).then(a.name.cmp(&b.name)));
-    let name_width = usize::from(width.saturating_sub(21)).clamp(12, 40);
+    let name_width = name_width(width);
     let height = usize::from(height);
     let shown = if rows.len() > height { height.saturating_sub(1) } else { rows.len() };
     let mut lines: Vec<Line<'static>> = rows

@@ -6,7 +6,7 @@ use client::Running;
 use command::Answer;
 use messages::{
     ControlStatus, Heartbeat, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
-    RecorderStatus, SLOT_NAMES, SLOTS, text_of,
+    RecorderStatus, Request, SLOT_NAMES, SLOTS, text_of,
 };
 use std::collections::BTreeMap;
 
@@ -88,6 +88,11 @@ impl ChannelCounts {
 }
 
 impl Feed {
+    /// Sends a request to motor-io; returns its answer or the refusal.
+    pub fn request(&self, request: &Request) -> String {
+        client::send(&self.bus, client::MOTOR_IO, request).unwrap_or_else(|refusal| refusal.to_string())
+    }
+
     /// Joins the domain of this name, or that of the only running robot.
     ///
     /// # Errors
@@ -175,6 +180,7 @@ impl Feed {
         let [estimate_a, estimate_b] = &mut self.estimate;
         let [control_a, control_b] = &mut self.control;
         Ok(Snapshot {
+            answer: String::new(),
             now_ns: clock::now_ns(),
             domain: Some(self.domain.name().to_owned()),
             waiting: String::new(),

@@ -8,7 +8,8 @@ use command::{Answer, Failure};
 
 use bus::clock;
 use feed::Feed;
-use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
+use messages::Request;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use snapshot::Snapshot;
 use std::io::IsTerminal;
 use std::sync::atomic::Ordering;
@@ -16,10 +17,12 @@ use std::time::Duration;
 
 /// Time between two frames: changing figures remain readable.
 const DRAW: Duration = Duration::from_millis(200);
+/// Time for which the answer to a key is shown, ns.
+const ANSWER_NS: u64 = 6_000_000_000;
 /// Time between two searches for a running robot, ns.
 const SEARCH_NS: u64 = 1_000_000_000;
 
-/// Shows the robot until the user presses q.
+/// Shows the robot until the user presses q. With p it pauses, with s it stops.
 ///
 /// # Errors
 /// Standard input or output is no terminal, or shared memory fails.
@@ -43,6 +46,7 @@ pub fn top(domain: Option<&str>, json: bool) -> Answer {
 fn show(domain: Option<&str>, terminal: &mut ratatui::DefaultTerminal, stopped: &dyn Fn() -> bool) -> Answer {
     let mut feed: Option<Feed> = None;
     let (mut waiting, mut searched_ns) = (String::new(), 0);
+    let (mut answer, mut answered_ns) = (String::new(), 0);
     while !stopped() {
         if feed.as_mut().is_some_and(|feed| !feed.is_alive()) {
             // An open channel would prevent the next robot from creating it.
@@ -56,39 +60,85 @@ fn show(domain: Option<&str>, terminal: &mut ratatui::DefaultTerminal, stopped: 
                 Err(failure) => waiting = failure.to_string(),
             }
         }
-        let snapshot = match &mut feed {
+        let mut snapshot = match &mut feed {
             Some(feed) => feed.poll()?,
             None => Snapshot::waiting(clock::now_ns(), &waiting),
         };
+        if clock::now_ns() < answered_ns + ANSWER_NS {
+            snapshot.answer.clone_from(&answer);
+        }
         terminal.draw(|frame| draw::draw(frame, &snapshot)).map_err(Failure::not_now)?;
-        if quit_within(DRAW)? {
-            break;
+        let request = match key_within(DRAW)? {
+            Some(Key::Quit) => break,
+            Some(Key::Pause) => Request::Pause,
+            Some(Key::Stop) => Request::Stop,
+            None => continue,
+        };
+        if let Some(feed) = &feed {
+            (answer, answered_ns) = (feed.request(&request), clock::now_ns());
         }
     }
     Ok(())
 }
 
-/// Waits for `time`, or until the user resizes the terminal or quits. Returns whether the user quits.
-fn quit_within(time: Duration) -> Answer<bool> {
+/// Waits for `time`, or until the user resizes the terminal or presses a key that means something.
+fn key_within(time: Duration) -> Answer<Option<Key>> {
     let deadline = clock::now_ns() + time.as_nanos() as u64;
     loop {
         let left = Duration::from_nanos(deadline.saturating_sub(clock::now_ns()));
         match event::poll(left) {
             Ok(true) => {}
-            Ok(false) => return Ok(false),
-            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => return Ok(false),
+            Ok(false) => return Ok(None),
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => return Ok(None),
             Err(error) => return Err(Failure::not_now(error)),
         }
         match event::read().map_err(Failure::not_now)? {
-            Event::Key(key) if key.kind != KeyEventKind::Release => {
-                let control = key.modifiers.contains(KeyModifiers::CONTROL);
-                if matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) || control && key.code == KeyCode::Char('c') {
-                    return Ok(true);
+            Event::Key(event) if event.kind != KeyEventKind::Release => {
+                if let Some(key) = Key::of(event) {
+                    return Ok(Some(key));
                 }
             }
             // Redraw in the new size at once.
-            Event::Resize(..) => return Ok(false),
+            Event::Resize(..) => return Ok(None),
             _ => {}
         }
+    }
+}
+
+/// What a key means. No key starts a motion: a key is pressed by accident more easily than a command is typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Key {
+    Quit,
+    Pause,
+    Stop,
+}
+
+impl Key {
+    fn of(event: KeyEvent) -> Option<Self> {
+        let control = event.modifiers.contains(KeyModifiers::CONTROL);
+        match event.code {
+            KeyCode::Char('c') if control => Some(Self::Quit),
+            _ if control => None,
+            KeyCode::Char('q') | KeyCode::Esc => Some(Self::Quit),
+            KeyCode::Char('p') => Some(Self::Pause),
+            KeyCode::Char('s') => Some(Self::Stop),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_bring_the_robot_to_rest_and_nothing_else() {
+        let plain = |key: char| Key::of(KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE));
+        assert_eq!((plain('q'), plain('p'), plain('s')), (Some(Key::Quit), Some(Key::Pause), Some(Key::Stop)));
+        for other in ('a'..='z').filter(|key| !"qps".contains(*key)) {
+            assert_eq!(plain(other), None, "{other}");
+        }
+        let with_control = |key| Key::of(KeyEvent::new(KeyCode::Char(key), KeyModifiers::CONTROL));
+        assert_eq!((with_control('c'), with_control('s')), (Some(Key::Quit), None));
     }
 }

@@ -35,6 +35,8 @@ pub struct Snapshot {
     pub channels: Vec<ChannelRow>,
     /// State of the recording.
     pub recording: Option<Recording>,
+    /// Answer to the last key; empty: none, or it was shown long enough.
+    pub answer: String,
 }
 
 /// Full scale of the bars.

@@ -3,10 +3,10 @@
 use cable_robot::energy::flight;
 use cable_robot::motion::Report;
 use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
-use cable_robot::{Path, Profile, Segment, Vector3, path};
+use cable_robot::{Path, Profile, Segment, Vector3, path, swing};
 use config::Point;
 
-use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THERE_M, swing};
+use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THERE_M};
 use crate::mission::{Leg, Mission, PathShape};
 use crate::scan::{self, Stop};
 
@@ -343,15 +343,17 @@ impl<'a> Builder<'a> {
         Ok(ProfileLimits {
             tangential_m_s2: self.tangential_m_s2,
             total_m_s2: self.config.robot.acceleration_limit_m_s2(),
+            swing_limit_m: self.config.swing_limit_m,
             ..ProfileLimits::rest_to_rest(self.cruise_m_s(leg, speed_m_s)?, self.tangential_m_s2)
         })
     }
 
     fn profile(&self, leg: usize, path: &Path, speed_m_s: Option<f64>) -> Result<Profile, PlanError> {
+        let robot = &self.config.robot;
         path.check().map_err(|error| PlanError::Path { leg, error })?;
         Profile::plan(path, &self.limits(leg, speed_m_s)?)
             .and_then(|profile| slowed(&profile))
-            .map(|profile| swing::shaped(self.config, path, profile))
+            .map(|profile| swing::shaped(robot, self.config.distribution, path, profile, self.config.swing_limit_m))
             .map_err(|error| PlanError::Profile { leg, error })
     }
 

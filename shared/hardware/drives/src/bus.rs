@@ -86,9 +86,9 @@ impl Capabilities {
 
 /// One serial port with the units of a drive family on it. The device need not be present.
 ///
-/// Contract of every family:
-/// * **Deadlines.** Nothing is sent after the deadline. An answer that does not arrive ends a call at most one answer
-///   time later.
+/// Contract of every family, which `shared/testing/drive-conformance` tests:
+/// * **Deadlines.** A call that begins after its deadline sends nothing. Command and counts of a unit that began before
+///   the deadline are completed, so late or missing answers end a call at most their answer times later.
 /// * **No stale answer.** After any failed exchange the bus resynchronises before it uses an answer: a late answer must
 ///   never count as the answer to a later question.
 /// * **Watchdog.** A unit is in use ([`UnitAnswer::outcome`] is `Ok`) only after its watchdog was set and read back

@@ -8,7 +8,8 @@
 //! * [`Fleet`]: several buses, each with a thread, that start every control cycle together.
 //!
 //! A new family implements [`DriveBus`] in its own crate; nothing here and nothing in the safety machine changes. The
-//! contract of the trait is in its documentation, and `tests/fleet/fake.rs` is a complete family of 200 lines.
+//! contract of the trait is in its documentation. `shared/testing/drive-conformance` tests it, and `tests/fleet/fake/`
+//! is a complete family to copy.
 //!
 //! Architecture invariants: no vendor is named here. One thread owns a port. A sample carries the time at which it was
 //! requested. In a control cycle nothing is allocated.

@@ -1,7 +1,9 @@
 //! Cables that stretch. The measured length l is the unstretched cable paid out beyond the routed part Lx.
 //! With the stiffness EA, the length L of [`crate::pulley`] (a straight line from an eye) and tension T are related by
 //! (L + Lx) = (l + Lx)(1 + T / EA). Rigid cables: l = L. Pulleys turn without friction, so the tension is the same on
-//! both sides.
+//! both sides. Cables with weight are longer than their chord by the bow of [`crate::sag`]: L + bow(T) takes the place
+//! of L, and the cables carry half of their own weight beside the force on the node. Every force of this module is the
+//! force on the node alone.
 //!
 //! Lengths and positions in m, tensions and EA in N; one entry per cable. Accelerations enter with (15)-(16), the
 //! choice of tensions with (27)-(37). A pose that no tensions can hold is a [`crate::tension::TensionError`]; lengths
@@ -15,6 +17,7 @@ use crate::kinematics::{
     inverse_kinematics,
 };
 use crate::pulley::CableGeometry;
+use crate::sag::{self, Load};
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
 
@@ -24,23 +27,34 @@ const LARGEST: f64 = 1e6;
 /// Bound of the equilibrium iteration, which needs two or three steps from the last cycle's position.
 const MAX_ITERATIONS: usize = 100;
 
-/// Unstretched (measured) lengths of cables with these straight-line lengths and tensions, m; as many as
-/// the robot has cables.
-pub fn unstretched(robot: &Robot, lengths_m: &[f64], tensions_n: &[f64]) -> CableVec {
+/// Unstretched (measured) lengths of cables with these tensions, m, for the node at a position with these straight-line
+/// lengths; as many as the robot has cables.
+pub fn unstretched(robot: &Robot, position: &Vector3<f64>, lengths_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
-    CableVec::from_fn(routed.len().min(lengths_m.len()).min(tensions_n.len()), |i| match robot.stiffness_n() {
-        None => lengths_m[i],
-        Some(ea) => (lengths_m[i] + routed[i]) / (1.0 + tensions_n[i] / ea) - routed[i],
+    CableVec::from_fn(routed.len().min(lengths_m.len()).min(tensions_n.len()), |i| {
+        let length_m = lengths_m[i] + bow_m(robot, i, position, tensions_n[i]);
+        match robot.stiffness_n() {
+            None => length_m,
+            Some(ea) => (length_m + routed[i]) / (1.0 + tensions_n[i] / ea) - routed[i],
+        }
     })
 }
 
-/// Straight-line lengths of cables with these measured lengths and tensions, m; as many as the robot has cables.
-pub fn stretched(robot: &Robot, unstretched_m: &[f64], tensions_n: &[f64]) -> CableVec {
+/// Straight-line lengths of cables with these measured lengths and tensions, m, for the node at a position, which
+/// affects only cables with weight; as many as the robot has cables.
+pub fn stretched(robot: &Robot, position: &Vector3<f64>, unstretched_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
-    CableVec::from_fn(routed.len().min(unstretched_m.len()).min(tensions_n.len()), |i| match robot.stiffness_n() {
-        None => unstretched_m[i],
-        Some(ea) => (unstretched_m[i] + routed[i]) * (1.0 + tensions_n[i] / ea) - routed[i],
+    CableVec::from_fn(routed.len().min(unstretched_m.len()).min(tensions_n.len()), |i| {
+        let bow_m = bow_m(robot, i, position, tensions_n[i]);
+        match robot.stiffness_n() {
+            None => unstretched_m[i] - bow_m,
+            Some(ea) => (unstretched_m[i] + routed[i]) * (1.0 + tensions_n[i] / ea) - routed[i] - bow_m,
+        }
     })
+}
+
+fn bow_m(robot: &Robot, cable: usize, position: &Vector3<f64>, tension_n: f64) -> f64 {
+    robot.cable_load(cable, position).bow_m(tension_n)
 }
 
 /// Cable lengths and tensions that hold the node at a position with a chosen tension distribution.
@@ -89,7 +103,8 @@ pub fn realise_under(
 ) -> Result<Realisation, TensionError> {
     let tensions_n = tension::for_wrench(robot, position, wrench_n, distribution)?.tensions_n;
     let lengths_m = inverse_kinematics(robot.anchors(), position);
-    Ok(Realisation { unstretched_m: unstretched(robot, &lengths_m, &tensions_n), lengths_m, tensions_n })
+    let unstretched_m = unstretched(robot, position, &lengths_m, &tensions_n);
+    Ok(Realisation { unstretched_m, lengths_m, tensions_n })
 }
 
 /// Error of the elastic equilibrium.
@@ -127,11 +142,12 @@ pub enum ElasticError {
 pub struct Equilibrium {
     /// Position, m.
     pub position: Vector3<f64>,
-    /// Tensions, N; 0 for a slack cable.
+    /// Tensions, N; 0 for a slack cable without weight.
     pub tensions_n: CableVec,
     /// Straight-line lengths, m.
     pub lengths_m: CableVec,
-    /// Whether each cable is slack; unused entries are false.
+    /// Whether each cable is slack: without tension, or, with weight, under less tension than half of its weight, so that
+    /// it sags by more than a quarter of its length. Unused entries are false.
     pub slack: [bool; MAX_CABLES],
     /// Elastic cables: remaining force, N. Rigid cables: RMS of the length residuals, m.
     pub residual: f64,
@@ -188,6 +204,9 @@ impl Equilibrium {
 /// [`crate::pulley`]). It is therefore unique wherever cables are taut in every direction, and damped Newton steps find
 /// it from any start; `guess` (the last cycle's position) saves steps. For rigid cables this is forward kinematics near
 /// the guess, with the unique or the least-norm tensions.
+///
+/// With cables that have weight, each step holds bow and half weight at those of its start, for which the potential is
+/// as convex. They depend on the position by a share of its change of about the sag ratio, so the steps still converge.
 pub fn equilibrium(
     robot: &Robot,
     unstretched_m: &[f64],
@@ -216,7 +235,8 @@ pub fn equilibrium_under(
         return Err(ElasticError::NotFinite { what: "the guess of the position" });
     }
     let Some(stiffness) = robot.stiffness_n() else {
-        return rigid(robot, unstretched_m, wrench_n, guess);
+        let hung = if robot.cable_weight_n_m() == 0.0 { rigid } else { rigid_with_weight };
+        return hung(robot, unstretched_m, wrench_n, guess);
     };
     for (cable, (l, routed)) in unstretched_m.iter().zip(robot.routed_length_m().iter()).enumerate() {
         if !(*l > 0.0 && *l <= LONGEST_M && l + routed > 1e-3) {
@@ -253,6 +273,9 @@ struct Stretched {
     /// Curvature of the length; None for an eye.
     cable: Option<CableGeometry>,
 }
+
+/// What the weight of each cable does at the start of a step.
+type Loads = [Load; MAX_CABLES];
 
 struct Balance {
     /// Gradient of the potential: minus the force out of balance, N.
@@ -300,16 +323,31 @@ impl ElasticCables<'_> {
         Stretched { total: self.total(i), stretch: length - self.unstretched_m[i], u, length, cable }
     }
 
-    fn evaluate(&self, x: &Vector3<f64>) -> Balance {
+    /// Loads of the cables at a position; None without weight.
+    fn loads(&self, x: &Vector3<f64>) -> Option<Loads> {
+        let weight_n_m = self.robot.cable_weight_n_m();
+        (weight_n_m != 0.0).then(|| sag::loads(self.robot.anchors(), x, weight_n_m))
+    }
+
+    fn evaluate(&self, x: &Vector3<f64>, loads: Option<&Loads>) -> Balance {
         let mut balance = Balance { gradient: self.wrench, hessian: Matrix3::zeros(), potential: self.wrench.dot(x) };
         for i in 0..self.robot.cable_count() {
             let Stretched { total, stretch, u, length, cable } = self.geometry(i, x);
-            if stretch <= 0.0 || length == 0.0 {
-                continue;
+            let mut k = self.stiffness / total;
+            let tension;
+            if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
+                let softness = total / self.stiffness;
+                tension = load.tension_n(stretch, softness);
+                k = 1.0 / load.softness_m_n(tension, softness);
+                balance.potential += load.energy_j(tension, softness) + load.half_n * x.z;
+                balance.gradient.z += load.half_n;
+            } else {
+                if stretch <= 0.0 || length == 0.0 {
+                    continue;
+                }
+                tension = k * stretch;
+                balance.potential += 0.5 * tension * stretch;
             }
-            let k = self.stiffness / total;
-            let tension = k * stretch;
-            balance.potential += 0.5 * tension * stretch;
             balance.gradient += u * tension;
             balance.hessian += match cable {
                 None => {
@@ -330,7 +368,8 @@ impl ElasticCables<'_> {
         let softest = (0..anchors.len()).fold(f64::INFINITY, |m, i| m.min(self.stiffness / self.total(i)));
         let mut x = start;
         check_pulleys(anchors, &x)?;
-        let mut now = self.evaluate(&x);
+        let mut loads = self.loads(&x);
+        let mut now = self.evaluate(&x, loads.as_ref());
         let mut damping = 0.0;
         let mut iterations = 0;
         while now.gradient.norm() > tolerance && iterations < MAX_ITERATIONS {
@@ -350,7 +389,7 @@ impl ElasticCables<'_> {
             let mut accepted = false;
             for _ in 0..30 {
                 let next = x - step * share;
-                let there = self.evaluate(&next);
+                let there = self.evaluate(&next, loads.as_ref());
                 // Near the minimum, rounding hides the decrease of the potential: then the gradient decides.
                 let falls = there.potential <= now.potential - 1e-4 * share * now.gradient.dot(&step);
                 if falls || there.gradient.norm() < 0.5 * now.gradient.norm() {
@@ -366,6 +405,10 @@ impl ElasticCables<'_> {
                 damping = (10.0 * damping).max(1e-6 * softest);
             } else {
                 damping = if damping > 1e-9 * softest { 0.1 * damping } else { 0.0 };
+                if loads.is_some() {
+                    loads = self.loads(&x);
+                    now = self.evaluate(&x, loads.as_ref());
+                }
             }
         }
         let residual = now.gradient.norm();
@@ -373,10 +416,10 @@ impl ElasticCables<'_> {
         if !(residual <= 1e3 * tolerance) {
             return Err(ElasticError::NotConverged { residual_n: residual });
         }
-        Ok(self.describe(x, &now, iterations))
+        Ok(self.describe(x, &now, loads.as_ref(), iterations))
     }
 
-    fn describe(&self, x: Vector3<f64>, balance: &Balance, iterations: usize) -> Equilibrium {
+    fn describe(&self, x: Vector3<f64>, balance: &Balance, loads: Option<&Loads>, iterations: usize) -> Equilibrium {
         let n = self.robot.cable_count();
         let mut slack = [false; MAX_CABLES];
         let mut columns = [Vector3::zeros(); MAX_CABLES];
@@ -385,6 +428,15 @@ impl ElasticCables<'_> {
         for i in 0..n {
             let Stretched { total, stretch, u, length, .. } = self.geometry(i, &x);
             lengths_m[i] = length;
+            if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
+                let softness = total / self.stiffness;
+                tensions_n[i] = load.tension_n(stretch, softness);
+                slack[i] = tensions_n[i] < load.half_n;
+                // H dX = u (-dT/dl) dl, with softness T = L + bow(T) - l and the softness (l + Lx) / EA.
+                let pull = (1.0 + tensions_n[i] / self.stiffness) / load.softness_m_n(tensions_n[i], softness);
+                columns[i] = linalg::solve_spd(&balance.hessian, &(u * pull)).unwrap_or_else(Vector3::zeros);
+                continue;
+            }
             slack[i] = stretch <= 0.0;
             if !slack[i] {
                 tensions_n[i] = self.stiffness * stretch / total;
@@ -403,6 +455,39 @@ impl ElasticCables<'_> {
             sensitivity: NodeJacobian { columns, len: n, planar: self.robot.is_planar() },
         }
     }
+}
+
+/// Rigid cables with weight: the bows follow from the tensions, and these from the position. A step changes a bow by its
+/// share of twice the relative change of the tension, which is about that of the length.
+fn rigid_with_weight(
+    robot: &Robot,
+    lengths_m: &[f64],
+    wrench_n: &Vector3<f64>,
+    guess: Option<&Vector3<f64>>,
+) -> Result<Equilibrium, ElasticError> {
+    let n = robot.cable_count();
+    let mut chords_m = CableVec::from_fn(n, |i| lengths_m[i]);
+    let mut carried_n = *wrench_n;
+    let mut near = guess.copied();
+    for _ in 0..MAX_ITERATIONS {
+        let found = rigid(robot, &chords_m, &carried_n, near.as_ref())?;
+        let next_m = stretched(robot, &found.position, lengths_m, &found.tensions_n);
+        let change_m = next_m.zip_map(&chords_m, |a, b| a - b).max_abs();
+        // Also true for NaN.
+        if !next_m.iter().all(|length_m| *length_m > 0.0) {
+            break;
+        }
+        (chords_m, near) = (next_m, Some(found.position));
+        carried_n = robot.with_cables_n(&found.position, wrench_n);
+        if change_m <= 1e-12 * (1.0 + chords_m.max_abs()) {
+            let mut found = found;
+            for i in 0..n {
+                found.slack[i] = found.tensions_n[i] < robot.cable_load(i, &found.position).half_n;
+            }
+            return Ok(found);
+        }
+    }
+    Err(ElasticError::NotConverged { residual_n: f64::NAN })
 }
 
 fn rigid(

@@ -93,6 +93,16 @@ pub fn forward_kinematics(
     least_squares(anchors, lengths_m, near)
 }
 
+/// Computes the other position with these lengths, on the other side of the plane of the anchors from `position`, for
+/// as many cables as directions; None if there is none. For eyes it is the mirror image, which [`forward_kinematics`]
+/// also returns; with pulleys it is not, and costs an iteration of its own.
+pub fn mirror_position(anchors: &Anchors, lengths_m: &[f64], position: &Vector3<f64>) -> Option<Vector3<f64>> {
+    if anchors.have_pulleys() {
+        return pulleys::mirror(anchors, lengths_m, position);
+    }
+    forward_kinematics(anchors, lengths_m, Some(position)).ok()?.mirror
+}
+
 /// Least squares in length, from the best triple of cables and from its mirror image.
 fn least_squares(anchors: &Anchors, l: &[f64], near: Option<&Vector3<f64>>) -> Result<Forward, KinematicsError> {
     let n = anchors.len();

@@ -40,7 +40,9 @@
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 pub mod anchors;
+mod angle;
 pub mod cables;
+pub mod catenary;
 pub mod control_bounds;
 pub mod elastic;
 pub mod energy;
@@ -59,6 +61,8 @@ pub mod pulley;
 pub mod robot;
 mod robot_error;
 mod robot_parts;
+pub mod sag;
+pub mod swing;
 pub mod tension;
 
 pub use anchors::Anchors;

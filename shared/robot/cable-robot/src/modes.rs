@@ -75,7 +75,8 @@ impl Modes {
     }
 }
 
-/// Force per displacement of the node while the drums stand still, N/m. None for rigid cables, and at a position
+/// Force per displacement of the node while the drums stand still, N/m. A cable with weight is softer than its stretch
+/// alone, because its bow straightens. None for rigid cables, and at a position
 /// without directions.
 pub fn stiffness_n_m(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64]) -> Option<Matrix3<f64>> {
     let ea = robot.stiffness_n()?;
@@ -83,12 +84,15 @@ pub fn stiffness_n_m(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64])
     if tensions_n.len() != robot.cable_count() {
         return None;
     }
-    let free = unstretched(robot, &inverse_kinematics(anchors, position), tensions_n);
+    let free = unstretched(robot, position, &inverse_kinematics(anchors, position), tensions_n);
     let mut sum = Matrix3::zeros();
     for (i, tension_n) in tensions_n.iter().enumerate() {
         let cable = anchors.pulley(i).cable_to(position).ok()?;
         let u = cable.direction;
-        sum += u * u.transpose() * (ea / (free[i] + routed[i])) + cable.curvature() * *tension_n;
+        let (load, total) = (robot.cable_load(i, position), free[i] + routed[i]);
+        // A bow gives way too.
+        let along = if load.bow_n2_m > 0.0 { 1.0 / load.softness_m_n(*tension_n, total / ea) } else { ea / total };
+        sum += u * u.transpose() * along + cable.curvature() * *tension_n;
     }
     sum.iter().all(|entry| entry.is_finite()).then_some(sum)
 }

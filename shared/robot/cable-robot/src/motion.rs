@@ -441,12 +441,12 @@ fn check_pose(
                 other => Cause::NoTension(other),
             })
     };
-    let rest_n = robot.wrench_n(&Vector3::zeros());
-    let moving_n = robot.moving_wrench_n(&velocity, &acceleration);
+    let rest_n = robot.with_cables_n(position, &robot.wrench_n(&Vector3::zeros()));
+    let moving_n = robot.with_cables_n(position, &robot.moving_wrench_n(&velocity, &acceleration));
     let resting = tensions_under(&rest_n)?;
     let tensions = if moving_n != rest_n { tensions_under(&moving_n)? } else { resting };
     let speeds = jacobian.cable_velocity(&velocity);
-    let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), position), &tensions);
+    let lengths = elastic::unstretched(robot, position, &inverse_kinematics(robot.anchors(), position), &tensions);
     let cable_limit_m_s = robot.cable_speed_limit_m_s();
     for (cable, (speed, length_m)) in speeds.iter().zip(lengths.iter()).enumerate() {
         if speed.abs() > cable_limit_m_s * (1.0 + ROUNDING) {

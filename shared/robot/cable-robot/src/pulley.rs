@@ -26,6 +26,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::angle;
+
 /// Smallest distance at which a direction is defined, m.
 const SMALLEST_M: f64 = 1e-9;
 
@@ -141,6 +143,15 @@ impl Pulley {
         self.direction_of(&self.tangent(position))
     }
 
+    /// Computes the direction and the length of the free cable, m, which need no trigonometric function.
+    pub(crate) fn free_cable(&self, position: &Vector3<f64>) -> Result<(Vector3<f64>, f64), NoDirection> {
+        if self.radius_m == 0.0 {
+            return self.straight(position).map(|cable| (cable.direction, cable.free_m));
+        }
+        let at = self.tangent(position);
+        Ok((self.direction_of(&at)?, at.free))
+    }
+
     /// The cable of an eye.
     fn straight(&self, position: &Vector3<f64>) -> Result<CableGeometry, NoDirection> {
         let d = position - self.anchor;
@@ -153,6 +164,7 @@ impl Pulley {
         Ok(CableGeometry { length_m, direction, free_m: length_m, sideways_per_m, across: None })
     }
 
+    #[inline]
     fn tangent(&self, position: &Vector3<f64>) -> Tangent {
         let (d, r) = (position - self.anchor, self.radius_m);
         let (p, outward) = if self.planar {
@@ -181,8 +193,9 @@ impl Pulley {
         Ok(Vector3::new(at.outward[0] * at.out, at.outward[1] * at.out, at.up))
     }
 
+    #[inline]
     fn length_of(&self, at: &Tangent) -> f64 {
-        let turn = libm::atan2(at.out, at.up);
+        let turn = angle::of_unit(at.out, at.up);
         // Only below the wheel the cable wraps more than half a turn; above, a negative angle is rounding.
         let wrapped = if turn < 0.0 && at.z < 0.0 { turn + 2.0 * std::f64::consts::PI } else { turn };
         at.free + self.radius_m * wrapped

@@ -9,8 +9,9 @@ use crate::obstacle::{Contact, MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
 use crate::robot_parts::{
     AnchorBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_limits, obstacle_places, routed_lengths,
-    with_pulleys,
+    stretched_counts, with_pulleys,
 };
+use crate::sag::{self, Load};
 use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
 
 /// A checked robot. It is `Copy`, so that every process and every test has its own.
@@ -30,6 +31,10 @@ pub struct Robot {
     obstacles: [Option<Obstacle>; MAX_OBSTACLES],
     clearance_m: f64,
     stiffness_n: Option<f64>,
+    /// Weight of the cables, N/m.
+    cable_weight_n_m: f64,
+    /// Bit i: the idler of cable i counts the cable as stretched as it passes.
+    counts_stretched: u8,
     routed_length_m: CableVec,
     length_limits_m: [[f64; 2]; MAX_CABLES],
     motor: Motor,
@@ -68,6 +73,8 @@ impl Robot {
         if let Some(stiffness) = parts.stiffness_n {
             positive("stiffness_n", stiffness, "a finite EA above 0, in newtons, or no key for rigid cables")?;
         }
+        not_negative("mass_kg_m", parts.cable_mass_kg_m, "a finite mass of 0 or more, in kilograms per metre")?;
+        let counts_stretched = stretched_counts(parts.counts_stretched.as_deref(), n)?;
         let routed_length_m = routed_lengths(parts.routed_length_m.as_deref(), n)?;
         let length_limits_m = length_limits(parts.length_limits_m.as_deref(), n)?;
         parts.motor.check()?;
@@ -97,6 +104,8 @@ impl Robot {
             obstacles,
             clearance_m: parts.clearance_m,
             stiffness_n: parts.stiffness_n,
+            cable_weight_n_m: parts.cable_mass_kg_m * STANDARD_GRAVITY,
+            counts_stretched,
             routed_length_m,
             length_limits_m,
             motor: parts.motor,
@@ -219,6 +228,35 @@ impl Robot {
     /// EA of the cables, N; None for rigid cables.
     pub fn stiffness_n(&self) -> Option<f64> {
         self.stiffness_n
+    }
+
+    /// Weight of the cables, N/m; 0 for cables that are too light to matter.
+    pub fn cable_weight_n_m(&self) -> f64 {
+        self.cable_weight_n_m
+    }
+
+    /// What the weight of a cable, counted from 0, does at a position.
+    pub fn cable_load(&self, cable: usize, position: &Vector3<f64>) -> Load {
+        if self.cable_weight_n_m == 0.0 {
+            return Load::default();
+        }
+        Load::at(&self.anchors.pulley(cable), position, self.cable_weight_n_m)
+    }
+
+    /// The force that the cables provide together, N, for a force on the node alone: half of their own weight, which
+    /// the node carries, in addition.
+    pub fn with_cables_n(&self, position: &Vector3<f64>, wrench_n: &Vector3<f64>) -> Vector3<f64> {
+        // Without weight not even the sign of a zero changes.
+        if self.cable_weight_n_m == 0.0 {
+            return *wrench_n;
+        }
+        wrench_n + Vector3::new(0.0, 0.0, sag::carried_n(&self.anchors, position, self.cable_weight_n_m))
+    }
+
+    /// True if the idler of a cable, counted from 0, counts the cable as stretched as it passes: a metre of its counts
+    /// is 1 / (1 + T / EA) metres of unstretched cable.
+    pub fn counts_stretched(&self, cable: usize) -> bool {
+        self.counts_stretched & 1_u8.checked_shl(cable as u32).unwrap_or(0) != 0
     }
 
     /// Cable between drum and anchor per cable, m.
@@ -405,6 +443,9 @@ mod tests {
             ("keep_out", |p| p.keep_out_m = vec![[[0.0; 3], [1.0, 1.0, 0.0]]]),
             ("keep_out", |p| p.keep_out_m = vec![[[0.0; 3], [1.0; 3]]; 9]),
             ("stiffness_n", |p| p.stiffness_n = Some(0.0)),
+            ("mass_kg_m", |p| p.cable_mass_kg_m = -0.01),
+            ("mass_kg_m", |p| p.cable_mass_kg_m = f64::NAN),
+            ("counts_stretched", |p| p.counts_stretched = Some(vec![true; 2])),
             ("routed_length_m", |p| p.routed_length_m = Some(vec![6.0; 4])),
             ("routed_length_m", |p| p.routed_length_m = Some(vec![6.0, -1.0, 6.0])),
             ("length_limits_m", |p| p.length_limits_m = Some(vec![[0.1, 10.0]; 2])),

@@ -61,6 +61,10 @@ pub struct RobotParts {
     pub clearance_m: f64,
     /// EA of the cables, N; None for rigid cables.
     pub stiffness_n: Option<f64>,
+    /// Mass of the cables, kg/m; in water less the water that they displace. 0: too light to matter.
+    pub cable_mass_kg_m: f64,
+    /// Whether the idler of each cable counts the cable as stretched as it passes; None: none does.
+    pub counts_stretched: Option<Vec<bool>>,
     /// Cable between drum and anchor per cable, m, which also stretches; default 0.
     pub routed_length_m: Option<Vec<f64>>,
     /// Shortest and longest measured length per cable, m; default [`DEFAULT_LENGTH_LIMITS_M`].
@@ -94,6 +98,8 @@ impl Default for RobotParts {
             obstacles: Vec::new(),
             clearance_m: 0.0,
             stiffness_n: None,
+            cable_mass_kg_m: 0.0,
+            counts_stretched: None,
             routed_length_m: None,
             length_limits_m: None,
             motor: Motor::default(),
@@ -130,6 +136,16 @@ pub(crate) fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result
         return refuse(KEY, problem, "finite lengths of 0 or more, in metres");
     }
     Ok(CableVec::from_fn(cables, |i| lengths[i]))
+}
+
+/// One bit per cable.
+pub(crate) fn stretched_counts(given: Option<&[bool]>, cables: usize) -> Result<u8, RobotError> {
+    let Some(given) = given else { return Ok(0) };
+    if given.len() != cables {
+        let problem = format!("has {} values for {cables} cables", given.len());
+        return refuse("counts_stretched", problem, "true or false, or a list with one of them per cable");
+    }
+    Ok(given.iter().rev().fold(0, |bits, stretched| bits << 1 | u8::from(*stretched)))
 }
 
 pub(crate) fn obstacle_places(obstacles: &[Obstacle]) -> Result<[Option<Obstacle>; MAX_OBSTACLES], RobotError> {

@@ -33,6 +33,7 @@ pub fn at(
 }
 
 /// Tensions of a robot at a position for any force that the cables provide together, N, within the robot's limits.
+/// Cables with weight carry half of it in addition.
 pub fn for_wrench(
     robot: &Robot,
     position: &Vector3<f64>,
@@ -40,7 +41,7 @@ pub fn for_wrench(
     method: Distribution,
 ) -> Result<Tensions, TensionError> {
     let structure = StructureMatrix::at(robot.anchors(), position)?;
-    distribute(&structure, wrench_n, robot.tension_limits_n(), method)
+    distribute(&structure, &robot.with_cables_n(position, wrench_n), robot.tension_limits_n(), method)
 }
 
 /// Acceleration of the node with these tensions (16), m/s², without drag.

@@ -72,7 +72,7 @@ pub fn hold_out(measured: &Measurements, method: Method) -> Result<Option<Holdou
         folds += 1;
         for j in (g..m).step_by(groups) {
             let known = (method == Method::Gps).then(|| measured.gps_m.get(j).copied()).flatten();
-            let Some((sum, off)) = predict(&found, &measured.lengths_m[j], known, &measured.pulley_radius_m) else {
+            let Some((sum, off)) = predict(&found, &measured.lengths_m[j], known) else {
                 continue;
             };
             squares += sum;
@@ -93,7 +93,8 @@ pub fn hold_out(measured: &Measurements, method: Method) -> Result<Option<Holdou
 }
 
 /// Sum of squared length residuals and squared position error of one point.
-fn predict(found: &Calibration, measured: &CableVec, known: Option<[f64; 3]>, radii_m: &[f64]) -> Option<(f64, f64)> {
+fn predict(found: &Calibration, measured: &CableVec, known: Option<[f64; 3]>) -> Option<(f64, f64)> {
+    let radii_m = found.pulley_radius_m.as_slice();
     let corrected = measured.zip_map(&found.offsets_m, |l, o| (l - o) / found.scale);
     let mut anchors = Anchors::new(&found.anchors_m).ok()?;
     if !radii_m.is_empty() {

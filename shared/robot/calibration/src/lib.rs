@@ -6,8 +6,11 @@
 //! * [`heights`]: heights from lengths to points of the reference plane, (4)-(5), as a linear regression: the global
 //!   minimum without a search.
 //! * [`joint`]: maximum likelihood estimate of all unknowns together, with scale, encoder zeros and outliers.
+//! * [`length_check`]: the scale of one cable from moves of a mark along a tape.
 //! * [`gps`]: the baseline of the paper, anchors from points with known positions.
+//! * [`undecided`]: whether the measurements determine a radius, a scale or a zero that was set free.
 //! * [`holdout`]: prediction of points that a calibration did not use.
+//! * [`pattern`]: whether the residuals have a pattern that the model does not explain.
 //! * [`placement`]: positions of the points, and the accuracy to expect before measuring.
 //! * [`motor_fit`]: the motor current over speed and tension, from recorded runs.
 //! * [`Measurements`] and [`calibrate`] combine them: from measurements to anchors with covariance, or an error.
@@ -68,27 +71,38 @@
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 mod covariance;
+mod determination;
 mod error;
+mod estimate;
+mod fisher;
 pub mod gps;
 pub mod heights;
 pub mod holdout;
 pub mod joint;
+pub mod length_check;
 mod measurements;
+mod model;
 pub mod motor_fit;
+pub mod pattern;
 pub mod placement;
+mod refine;
 mod straight;
 pub mod survey;
 mod undetermined;
+mod wheels;
 
 pub use covariance::AnchorCovariance;
+pub use determination::{Freed, Undecided, undecided};
 pub use error::CalibrationError;
+pub use estimate::calibrate;
 pub use gps::gps_anchor;
 pub use heights::{calibrate_heights, points_from_rows};
 pub use holdout::{Holdout, hold_out};
 pub use joint::{DirectHeight, Joint, JointInput, Loss, calibrate_joint};
 pub use measurements::{
-    Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method,
-    Outlier, calibrate,
+    Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method, Outlier,
 };
+pub use pattern::{Effect, Misfit, UnstatedPulleys, misfit, unstated_pulleys};
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
 pub use undetermined::{Ambiguity, Undetermined};
+pub use wheels::{calibrate_heights_with_pulleys, calibrate_joint_with_pulleys};

@@ -1,17 +1,10 @@
-//! From measurements to anchors with covariance, or an error. Lengths and ranges in m with standard deviations in m;
-//! anchors, cables and points count from 0 here, and from 1 in error messages. [`calibrate`] has a complete example.
+//! Measurements of a site, and the calibration that results from them. Lengths and ranges in m with standard deviations
+//! in m; anchors, cables and points count from 0.
 
-use nalgebra::{DMatrix, DVector};
-
-use super::Undetermined;
 use super::covariance::AnchorCovariance;
-use super::error::{CalibrationError, check_sigma, invalid, undetermined};
-use super::heights::{self, Frame, check_lengths, closed_form, closed_form_with_sensitivity};
-use super::joint::{DirectHeight, JointInput, Loss, calibrate_joint};
-use super::survey::{Range, Side, survey_network};
-use super::{gps, joint, straight};
-use cable_robot::anchors::RADII_M;
-use cable_robot::{CableVec, MAX_CABLES};
+use super::joint::{DirectHeight, Loss};
+use super::survey::{Range, Side};
+use cable_robot::CableVec;
 
 /// Default limit of the standard deviation of every coordinate, m: beyond it the motion of the node would
 /// not be predictable.
@@ -22,23 +15,6 @@ pub const DEFAULT_SIGMA_LENGTH_M: f64 = 0.01;
 
 /// Default standard deviation of a GPS position, m: real-time kinematic GPS.
 pub const DEFAULT_SIGMA_GPS_M: f64 = 0.02;
-
-/// Standard deviations are widened if the probability of the observed scatter is below one in a hundred
-/// (one-sided normal quantile).
-const IMPLAUSIBLE_QUANTILE: f64 = 2.326;
-
-/// A length whose residual exceeds this many standard deviations is reported as an outlier: one in 16,000 for a
-/// normal distribution.
-const OUTLIER_SIGMAS: f64 = 4.0;
-
-/// Bound of the rounds with pulleys; each brings the lengths ten to a hundred times closer.
-const MAX_ROUNDS: usize = 20;
-
-/// Change of the straightened lengths below which a further round changes nothing that can be measured, m.
-const SETTLED_M: f64 = 1e-8;
-
-/// Step of the difference quotient with respect to anchor coordinates, m: its error is its square, relative to metres.
-const STEP_M: f64 = 1e-4;
 
 /// Calibration method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -60,6 +36,14 @@ pub struct Measurements {
     /// Known radius of the swivelling pulley at each anchor, m; 0 for an eye, empty if all are eyes. The lengths then
     /// include the part of the cable on the wheel.
     pub pulley_radius_m: Vec<f64>,
+    /// For [`Method::Joint`]: standard deviation of a common deviation of all radii from `pulley_radius_m`, m; None for
+    /// radii that are exact. Only with pulleys.
+    pub sigma_pulley_radius_m: Option<f64>,
+    /// Standard deviation of the scale of each cable about the common one: its wheel, and slip. None for no difference.
+    pub sigma_cable_scale: Option<f64>,
+    /// Standard deviation, per axis, of the point where each cable is tied from the point of the node that is held on
+    /// the plane, m. None for cables that meet there exactly.
+    pub sigma_attachment_m: Option<f64>,
     /// Ranges between plumb lines.
     pub ranges: Vec<Range>,
     /// Side of each anchor, for an anchor with only two ranges; may be shorter.
@@ -90,6 +74,9 @@ impl Measurements {
         Self {
             cable_count,
             pulley_radius_m: Vec::new(),
+            sigma_pulley_radius_m: None,
+            sigma_cable_scale: None,
+            sigma_attachment_m: None,
             ranges: Vec::new(),
             sides: Vec::new(),
             lengths_m: Vec::new(),
@@ -137,6 +124,10 @@ pub struct Calibration {
     pub offsets_m: CableVec,
     /// Standard deviations of the offsets, m.
     pub offset_std_m: CableVec,
+    /// Radius of the pulley at each anchor, m: as measured, or with the estimated deviation; empty if all are eyes.
+    pub pulley_radius_m: Vec<f64>,
+    /// Standard deviation of the common deviation of the radii, m; 0 if it was not estimated.
+    pub pulley_radius_std_m: f64,
     /// Scatter of the measurements divided by their stated standard deviation; about 1 if that is correct. None without
     /// redundant measurements.
     pub noise_ratio: Option<f64>,
@@ -153,369 +144,4 @@ impl Calibration {
             self.residuals_m.iter().flat_map(|r| r.iter()).fold((0.0, 0usize), |(s, n), r| (s + r * r, n + 1));
         if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
     }
-}
-
-/// Calibrates the anchors from measurements.
-///
-/// # Errors
-/// `invalid_argument`, `degenerate_geometry`, `ambiguous`, `no_real_height`, for the GPS method `unreachable`; and
-/// `rank_deficient` if the measurements do not determine the anchors: too few points, points on a line, and points that
-/// predict a standard deviation above `refuse_above_std_m`.
-///
-/// ```
-/// use cable_robot::CableVec;
-/// use calibration::Measurements;
-/// use calibration::Method;
-/// use calibration::Range;
-/// use calibration::calibrate;
-/// let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
-/// let range = |i: usize, j: usize| {
-///     let (dx, dy) = (anchors[i][0] - anchors[j][0], anchors[i][1] - anchors[j][1]);
-///     Range { from: i, to: j, m: dx.hypot(dy), sigma_m: 0.002 }
-/// };
-/// let lengths = |[x, y]: [f64; 2]| {
-///     CableVec::from_fn(3, |i| (anchors[i][0] - x).hypot(anchors[i][1] - y).hypot(anchors[i][2]))
-/// };
-/// let measured = Measurements {
-///     ranges: vec![range(0, 1), range(0, 2), range(1, 2)],
-///     lengths_m: [[1.0, 0.5], [9.0, 0.5], [5.0, 7.0], [5.0, 3.0], [2.0, 2.0]].map(lengths).to_vec(),
-///     ..Measurements::new(3)
-/// };
-/// let found = calibrate(&measured, Method::Joint)?;
-/// assert!((found.anchors_m[2][2] - 2.9).abs() < 1e-6 && found.rms_residual_m() < 1e-6);
-/// # Ok::<(), calibration::CalibrationError>(())
-/// ```
-pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration, CalibrationError> {
-    let n = measured.cable_count;
-    if !(3..=MAX_CABLES).contains(&n) {
-        return invalid(format!("{n} cables cannot be calibrated; a robot has 3 to {MAX_CABLES}"));
-    }
-    check_lengths(n, &measured.lengths_m)?;
-    check_sigma("the standard deviation of the lengths", measured.sigma_length_m)?;
-    check_sigma("the standard deviation above which an answer is refused", measured.refuse_above_std_m)?;
-    for h in &measured.heights {
-        if h.anchor >= n {
-            return invalid(format!("a height is given for anchor {}; there are {n}", h.anchor + 1));
-        }
-        if !(h.m.is_finite() && h.m > 0.0) {
-            return invalid(format!("the height of anchor {} is {} m; give a height above 0", h.anchor + 1, h.m));
-        }
-        check_sigma(&format!("the standard deviation of the height of anchor {}", h.anchor + 1), h.sigma_m)?;
-    }
-    let (mut found, fit) = if measured.pulley_radius_m.iter().all(|r| *r == 0.0) {
-        by_method(measured, method)?
-    } else {
-        with_pulleys(measured, method)?
-    };
-    assess_fit(measured, &mut found, fit);
-    let (anchor, axis, std) = found.covariance.worst();
-    if !(std <= measured.refuse_above_std_m) {
-        return undetermined(refusal(measured, &found, anchor, axis, std));
-    }
-    Ok(found)
-}
-
-fn by_method(measured: &Measurements, method: Method) -> Result<(Calibration, Fit), CalibrationError> {
-    match method {
-        Method::Survey => by_survey(measured),
-        Method::Joint => by_joint(measured),
-        Method::Gps => by_gps(measured),
-    }
-}
-
-/// Alternates between the estimate with straightened lengths and the straightening with the estimate.
-fn with_pulleys(measured: &Measurements, method: Method) -> Result<(Calibration, Fit), CalibrationError> {
-    let radii_m = &measured.pulley_radius_m;
-    if radii_m.len() != measured.cable_count {
-        return invalid(format!("{} pulley radii are given for {} cables", radii_m.len(), measured.cable_count));
-    }
-    if let Some(r) = radii_m.iter().find(|r| !RADII_M.contains(*r)) {
-        return invalid(format!("a pulley radius is {r} m; accepted: 0 (an eye) to {} m", RADII_M.end()));
-    }
-    let with_lengths = |lengths_m: Vec<CableVec>| Measurements { lengths_m, ..measured.clone() };
-    let mut lengths_m: Vec<_> = measured.lengths_m.iter().map(|l| straight::typical(l, radii_m)).collect();
-    let mut result = by_method(&with_lengths(lengths_m.clone()), method)?;
-    for _ in 0..MAX_ROUNDS {
-        let found = &result.0;
-        let next: Vec<_> = (measured.lengths_m.iter().zip(&found.points_m))
-            .map(|(l, point)| straight::at(l, radii_m, &found.anchors_m, point, found.scale))
-            .collect();
-        let change = next.iter().zip(&lengths_m).map(|(a, b)| a.zip_map(b, |a, b| a - b).max_abs()).fold(0.0, f64::max);
-        lengths_m = next;
-        result = by_method(&with_lengths(lengths_m.clone()), method)?;
-        if change < SETTLED_M {
-            break;
-        }
-    }
-    Ok(result)
-}
-
-fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: usize, std: f64) -> Undetermined {
-    let limit_m = measured.refuse_above_std_m;
-    let xy: Vec<_> = found.points_m.iter().map(|p| [p[0], p[1]]).collect();
-    if found.method != Method::Gps && axis == 2 && heights::is_flat(&xy) {
-        return heights::nearly_on_a_line(&xy, anchor, std, Some(limit_m));
-    }
-    Undetermined::Uncertain { axis: ['x', 'y', 'z'][axis], anchor: anchor + 1, std_m: std, limit_m }
-}
-
-/// Measures of the agreement of the data with the model.
-struct Fit {
-    chi_squared: f64,
-    degrees_of_freedom: f64,
-    robust: bool,
-}
-
-/// Compares the scatter with the stated one, widens the covariance if chance does not explain it, reports outliers.
-fn assess_fit(measured: &Measurements, found: &mut Calibration, fit: Fit) {
-    let dof = fit.degrees_of_freedom;
-    if dof >= 1.0 {
-        let ratio = (fit.chi_squared / dof).sqrt();
-        found.noise_ratio = Some(ratio);
-        // Wilson and Hilferty: the cube root of chi-squared over its degrees of freedom is nearly normal.
-        let spread = 2.0 / (9.0 * dof);
-        let normal = (libm::cbrt(fit.chi_squared / dof) - (1.0 - spread)) / spread.sqrt();
-        if normal > IMPLAUSIBLE_QUANTILE && ratio > 1.0 {
-            found.widened_by = ratio;
-            found.covariance = found.covariance.widened(ratio);
-            found.scale_std *= ratio;
-            found.offset_std_m = found.offset_std_m.map(|s| s * ratio);
-        }
-    }
-    let bound = OUTLIER_SIGMAS * measured.sigma_length_m * if fit.robust { found.widened_by } else { 1.0 };
-    for (point, residuals) in found.residuals_m.iter().enumerate() {
-        for (cable, r) in residuals.iter().enumerate().filter(|(_, r)| r.abs() > bound) {
-            found.outliers.push(Outlier { cable, point, residual_m: *r });
-        }
-    }
-}
-
-fn without_scale(method: Method, anchors_m: Vec<[f64; 3]>, covariance: AnchorCovariance) -> Calibration {
-    let n = anchors_m.len();
-    Calibration {
-        method,
-        anchors_m,
-        covariance,
-        points_m: Vec::new(),
-        residuals_m: Vec::new(),
-        scale: 1.0,
-        scale_std: 0.0,
-        offsets_m: CableVec::zeros(n),
-        offset_std_m: CableVec::zeros(n),
-        noise_ratio: None,
-        widened_by: 1.0,
-        outliers: Vec::new(),
-    }
-}
-
-fn by_survey(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationError> {
-    let n = measured.cable_count;
-    let survey = survey_network(n, &measured.ranges, &measured.sides)?;
-    let xy = survey.anchors_xy_m;
-    let all_direct = (0..n).all(|i| measured.heights.iter().any(|h| h.anchor == i));
-    // Unknowns x1, y1, z1, ..; heights come from the points, or start from zero if all were measured directly.
-    let mut value = DVector::zeros(3 * n);
-    let mut covariance = DMatrix::zeros(3 * n, 3 * n);
-    for i in 0..n {
-        value[3 * i] = xy[i][0];
-        value[3 * i + 1] = xy[i][1];
-        for j in 0..n {
-            for (k, l) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-                covariance[(3 * i + k, 3 * j + l)] = survey.covariance[(2 * i + k, 2 * j + l)];
-            }
-        }
-    }
-    match closed_form_with_sensitivity(&xy, &measured.lengths_m) {
-        Ok(found) => {
-            if !all_direct {
-                heights::check_spread(&xy, &measured.lengths_m, &found.points_xy_m, measured.sigma_length_m)?;
-            }
-            let heights = found.heights_m()?;
-            add_height_covariance(measured, &xy, &survey.covariance, &found, &heights, &mut covariance)?;
-            for i in 0..n {
-                value[3 * i + 2] = heights[i];
-            }
-            for h in &measured.heights {
-                update(&mut value, &mut covariance, h);
-            }
-        }
-        Err(CalibrationError::RankDeficient(_)) if all_direct => {
-            for i in 0..n {
-                let (mut sum, mut weight) = (0.0, 0.0);
-                for h in measured.heights.iter().filter(|h| h.anchor == i) {
-                    sum += h.m / (h.sigma_m * h.sigma_m);
-                    weight += 1.0 / (h.sigma_m * h.sigma_m);
-                }
-                value[3 * i + 2] = sum / weight;
-                covariance[(3 * i + 2, 3 * i + 2)] = 1.0 / weight;
-            }
-        }
-        Err(CalibrationError::RankDeficient(why)) if !measured.heights.is_empty() => {
-            return undetermined(Undetermined::WithoutHeights(Box::new(why)));
-        }
-        Err(error) => return Err(error),
-    }
-    let anchors_m: Vec<[f64; 3]> = (0..n).map(|i| [value[3 * i], value[3 * i + 1], value[3 * i + 2]]).collect();
-    let xy: Vec<_> = anchors_m.iter().map(|a| [a[0], a[1]]).collect();
-    let w: Vec<_> = anchors_m.iter().map(|a| a[2] * a[2]).collect();
-    let frame = Frame::new(&xy);
-    let points: Vec<_> =
-        measured.lengths_m.iter().map(|l| heights::point_in_plane(&anchors_m, l, frame.point(l, &w))).collect();
-    let mut found = without_scale(Method::Survey, anchors_m, AnchorCovariance::new(covariance));
-    found.residuals_m = residuals(&xy, &w, &points, &measured.lengths_m);
-    found.points_m = points.iter().map(|c| [c[0], c[1], 0.0]).collect();
-    // The agreement of the data has to be judged with the model, not with this estimate, whose residuals also contain
-    // the errors of its x and y.
-    let fit = joint_fit(measured, &xy)
-        .map(|best| Fit { chi_squared: best.chi_squared, degrees_of_freedom: best.degrees_of_freedom, robust: false })
-        .unwrap_or(Fit { chi_squared: 0.0, degrees_of_freedom: 0.0, robust: false });
-    Ok((found, fit))
-}
-
-/// Maximum likelihood fit of the same unknowns, without scale and zeros.
-fn joint_fit(measured: &Measurements, xy: &[[f64; 2]]) -> Result<joint::Joint, CalibrationError> {
-    calibrate_joint(&JointInput {
-        ranges: &measured.ranges,
-        heights: &measured.heights,
-        ..JointInput::new(xy, &measured.lengths_m, measured.sigma_length_m)
-    })
-}
-
-/// Adds the height rows: noise of the lengths, and noise of the survey through the closed form.
-fn add_height_covariance(
-    measured: &Measurements,
-    xy: &[[f64; 2]],
-    survey: &DMatrix<f64>,
-    found: &heights::ClosedForm,
-    heights: &CableVec,
-    covariance: &mut DMatrix<f64>,
-) -> Result<(), CalibrationError> {
-    let n = xy.len();
-    // dw/d(x, y) by central differences.
-    let mut by_xy = DMatrix::zeros(n, 2 * n);
-    for k in 0..2 * n {
-        if survey[(k, k)] == 0.0 {
-            continue;
-        }
-        let shifted = |by: f64| {
-            let mut moved = xy.to_vec();
-            moved[k / 2][k % 2] += by;
-            closed_form(&moved, &measured.lengths_m)
-        };
-        let (up, down) = (shifted(STEP_M)?, shifted(-STEP_M)?);
-        for i in 0..n {
-            by_xy[(i, k)] = (up.squared_heights_m2[i] - down.squared_heights_m2[i]) / (2.0 * STEP_M);
-        }
-    }
-    let cross = &by_xy * survey;
-    let from_survey = &cross * by_xy.transpose();
-    // dz = dw / 2z; a height of zero has an infinite standard deviation and is rejected because of it.
-    let gain = |i: usize| 0.5 / heights[i];
-    for i in 0..n {
-        for j in 0..n {
-            let w = from_survey[(i, j)] + found.covariance(i, j, measured.sigma_length_m);
-            covariance[(3 * i + 2, 3 * j + 2)] = gain(i) * gain(j) * w;
-            for k in 0..2 {
-                let c = gain(i) * cross[(i, 2 * j + k)];
-                covariance[(3 * i + 2, 3 * j + k)] = c;
-                covariance[(3 * j + k, 3 * i + 2)] = c;
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Updates the estimate with a directly measured height (Kalman update).
-fn update(value: &mut DVector<f64>, covariance: &mut DMatrix<f64>, height: &DirectHeight) {
-    let k = 3 * height.anchor + 2;
-    let total = covariance[(k, k)] + height.sigma_m * height.sigma_m;
-    let surprise = height.m - value[k];
-    let column = covariance.column(k).into_owned();
-    *value += &column * (surprise / total);
-    *covariance -= &column * column.transpose() / total;
-}
-
-fn residuals(xy: &[[f64; 2]], w: &[f64], points: &[[f64; 2]], lengths: &[CableVec]) -> Vec<CableVec> {
-    lengths
-        .iter()
-        .zip(points)
-        .map(|(l, c)| {
-            CableVec::from_fn(xy.len(), |i| {
-                let (dx, dy) = (xy[i][0] - c[0], xy[i][1] - c[1]);
-                l[i] - (dx * dx + dy * dy + w[i]).max(0.0).sqrt()
-            })
-        })
-        .collect()
-}
-
-fn by_joint(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationError> {
-    let survey = survey_network(measured.cable_count, &measured.ranges, &measured.sides)?;
-    let joint: joint::Joint = calibrate_joint(&JointInput {
-        anchors_xy_m: &survey.anchors_xy_m,
-        lengths_m: &measured.lengths_m,
-        sigma_length_m: measured.sigma_length_m,
-        ranges: &measured.ranges,
-        heights: &measured.heights,
-        sigma_scale: measured.sigma_scale,
-        sigma_offset_m: measured.sigma_offset_m,
-        loss: measured.loss,
-    })?;
-    let mut found = without_scale(Method::Joint, joint.anchors_m, joint.covariance);
-    found.points_m = joint.points_xy_m.iter().map(|c| [c[0], c[1], 0.0]).collect();
-    found.residuals_m = joint.residuals_m;
-    found.scale = joint.scale;
-    found.scale_std = joint.scale_std;
-    found.offsets_m = joint.offsets_m;
-    found.offset_std_m = joint.offset_std_m;
-    let fit = Fit {
-        chi_squared: joint.chi_squared,
-        degrees_of_freedom: joint.degrees_of_freedom,
-        robust: measured.loss != Loss::Squared,
-    };
-    Ok((found, fit))
-}
-
-fn by_gps(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationError> {
-    let (n, m) = (measured.cable_count, measured.lengths_m.len());
-    if measured.gps_m.len() != m {
-        return invalid(format!(
-            "{} of {m} points have a known position; the GPS method needs it for every point",
-            measured.gps_m.len()
-        ));
-    }
-    if !(measured.sigma_gps_m.is_finite() && measured.sigma_gps_m >= 0.0) {
-        return invalid(format!(
-            "the standard deviation of GPS positions is {} m; give 0 or more",
-            measured.sigma_gps_m
-        ));
-    }
-    let mut anchors = Vec::with_capacity(n);
-    for i in 0..n {
-        let lengths: Vec<_> = measured.lengths_m.iter().map(|l| l[i]).collect();
-        anchors.push(gps::gps_anchor_least_squares(&measured.gps_m, &lengths).map_err(|error| match error {
-            CalibrationError::Unreachable(why) => CalibrationError::Unreachable(format!("anchor {}: {why}", i + 1)),
-            other => other,
-        })?);
-    }
-    let (length, place) = (measured.sigma_length_m.powi(2), measured.sigma_gps_m.powi(2));
-    let mut covariance = DMatrix::zeros(3 * n, 3 * n);
-    for (i, a) in anchors.iter().enumerate() {
-        for (k, b) in anchors.iter().enumerate() {
-            for j in 0..m {
-                // An error of a point's position moves every anchor by its component along the
-                // direction to that anchor.
-                let shared = place * a.directions[j].dot(&b.directions[j]) + if i == k { length } else { 0.0 };
-                let block = a.by_length[j] * b.by_length[j].transpose() * shared;
-                let mut view = covariance.fixed_view_mut::<3, 3>(3 * i, 3 * k);
-                view += block;
-            }
-        }
-    }
-    let variance = length + place;
-    let chi_squared = anchors.iter().flat_map(|a| &a.residuals_m).map(|r| r * r / variance).sum();
-    let anchors_m = anchors.iter().map(|a| a.anchor_m.into()).collect();
-    let mut found = without_scale(Method::Gps, anchors_m, AnchorCovariance::new(covariance));
-    found.points_m = measured.gps_m.clone();
-    found.residuals_m = (0..m).map(|j| CableVec::from_fn(n, |i| anchors[i].residuals_m[j])).collect();
-    Ok((found, Fit { chi_squared, degrees_of_freedom: (n * m.saturating_sub(3)) as f64, robust: false }))
 }

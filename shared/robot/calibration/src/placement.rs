@@ -6,7 +6,8 @@
 //! Anchors and points as [x, y] in m, predicted standard deviations in m.
 
 use super::{AnchorCovariance, CalibrationError, Measurements, Method, calibrate};
-use cable_robot::CableVec;
+use cable_robot::pulley::Pulley;
+use cable_robot::{CableVec, Vector3};
 
 /// Returns `count` points near the corners of the polygon of the anchors: every corner in turn, moved towards the mean
 /// of the anchors to `reach` of its distance (0.9 keeps every cable taut), later rounds a little nearer. x and y, m.
@@ -50,7 +51,8 @@ pub fn predict(
     }
     for h in &mut measured.heights {
         if let Some(a) = anchors_m.get(h.anchor) {
-            h.m = a[2];
+            let wheel_m = plan.pulley_radius_m.get(h.anchor).map_or(0.0, |r| std::f64::consts::PI * r);
+            h.m = a[2] + if h.by_line { wheel_m } else { 0.0 };
         }
     }
     measured.lengths_m = points_xy_m
@@ -59,6 +61,10 @@ pub fn predict(
             CableVec::from_fn(anchors_m.len(), |i| {
                 let [x, y, z] = anchors_m[i];
                 let (dx, dy) = (x - c[0], y - c[1]);
+                if let Some(radius_m) = plan.pulley_radius_m.get(i).copied().filter(|r| *r > 0.0) {
+                    let pulley = Pulley { anchor: Vector3::new(x, y, z), radius_m, planar: false };
+                    return pulley.length_m(&Vector3::new(c[0], c[1], 0.0));
+                }
                 (dx * dx + dy * dy + z * z).sqrt()
             })
         })

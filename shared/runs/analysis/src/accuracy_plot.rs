@@ -1,8 +1,11 @@
 //! Plot of a run: the path from above and from the side, and the tracking error over time.
 
 use crate::accuracy::{Analysis, TrackPoint};
+use crate::colours;
 use command::{Answer, Failure};
+use plot::COLOURS;
 use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::error::Error;
 use std::path::Path;
@@ -10,9 +13,10 @@ use std::path::Path;
 const SIZE: (u32, u32) = (1000, 700);
 /// Maximum number of points; more points than pixels only enlarge the file.
 const POINTS: usize = 800;
-const PLANNED: RGBColor = RGBColor(150, 150, 150);
-const ESTIMATE: RGBColor = RGBColor(31, 119, 180);
-const TRUTH: RGBColor = RGBColor(214, 39, 40);
+/// As on the report's page.
+const PLANNED: RGBColor = COLOURS[colours::SETPOINT];
+const ESTIMATE: RGBColor = COLOURS[colours::ESTIMATE];
+const TRUTH: RGBColor = COLOURS[colours::TRUTH];
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Position = cable_robot::Vector3<f64>;
@@ -68,10 +72,20 @@ fn view(
         .y_label_area_size(45)
         .build_cartesian_2d(x0..x1, y0..y1)?;
     chart.configure_mesh().light_line_style(WHITE).x_desc(x).y_desc(y).draw()?;
-    chart.draw_series(LineSeries::new(track.iter().map(|p| project(&p.setpoint)), PLANNED.stroke_width(4)))?;
-    chart.draw_series(LineSeries::new(track.iter().filter_map(|p| p.truth).map(|p| project(&p)), &TRUTH))?;
-    chart.draw_series(LineSeries::new(track.iter().map(|p| project(&p.estimate)), &ESTIMATE))?;
-    Ok(())
+    let curves: [(&str, RGBColor, u32, Vec<(f64, f64)>); 3] = [
+        ("setpoint", PLANNED, 5, track.iter().map(|p| project(&p.setpoint)).collect()),
+        ("truth", TRUTH, 2, track.iter().filter_map(|p| p.truth).map(|p| project(&p)).collect()),
+        ("estimate", ESTIMATE, 1, track.iter().map(|p| project(&p.estimate)).collect()),
+    ];
+    for (name, colour, width, points) in curves.into_iter().filter(|(_, _, _, points)| !points.is_empty()) {
+        let style = colour.stroke_width(width);
+        chart
+            .draw_series(LineSeries::new(points, style))?
+            .label(name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], style));
+    }
+    // Both views have the same curves, and one legend is enough.
+    if y == "y, m" { legend(&mut chart, SeriesLabelPosition::UpperRight) } else { Ok(()) }
 }
 
 fn errors(area: &Area<'_>, track: &[TrackPoint]) -> DrawResult {
@@ -95,11 +109,13 @@ fn errors(area: &Area<'_>, track: &[TrackPoint]) -> DrawResult {
         .draw_series(LineSeries::new(estimate, &ESTIMATE))?
         .label("estimate")
         .legend(|(x, y)| PathElement::new([(x, y), (x + 20, y)], ESTIMATE));
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperMiddle)
-        .background_style(WHITE)
-        .border_style(PLANNED)
-        .draw()?;
+    legend(&mut chart, SeriesLabelPosition::UpperMiddle)
+}
+
+fn legend<'a, 'b: 'a>(
+    chart: &mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>,
+    position: SeriesLabelPosition,
+) -> DrawResult {
+    chart.configure_series_labels().position(position).background_style(WHITE).border_style(PLANNED).draw()?;
     Ok(())
 }

@@ -7,11 +7,13 @@
 
 pub mod accuracy;
 pub mod accuracy_plot;
+mod colours;
 mod command_line;
 pub mod counters;
 pub mod export;
 pub mod map;
 pub mod motor_table;
+pub mod portrait;
 pub mod report;
 pub mod runs;
 pub mod tracker;

@@ -31,6 +31,10 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
         }
     }
     file.lines.check_ranges("lines")?;
+    if file.lines.counts_stretched.any() && file.lines.stiffness_n.is_none() {
+        let clause = "is given for rigid cables; give `stiffness_n` too, or remove it";
+        return Err(Problem::with_clause("lines.counts_stretched", clause));
+    }
     file.motor.check_ranges("motor")?;
     file.site.map_or(Ok(()), |site| site.check_ranges("site"))
 }

@@ -5,6 +5,7 @@ use super::{
     CalibrationFile, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile, check,
 };
 use crate::file::join_normalized;
+use crate::file_kind::FileKind;
 use crate::toml_file::{ConfigError, Source};
 use crate::Problem;
 use cable_robot::motor::{DriveLimits, Motor};
@@ -22,6 +23,7 @@ impl RobotFile {
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        FileKind::Robot.expect(&source)?;
         let mut file: Self = source.parse()?;
         file.measured(path, &source)?;
         check::robot(&file).map_err(|problem| source.error(&problem))?;
@@ -55,6 +57,8 @@ impl RobotFile {
             (Some(named), true) => {
                 let calibration = CalibrationFile::load(&resolve_named_file(folder, named))?;
                 self.robot.anchors_m = calibration.anchors_m.clone().into();
+                let pulleys = calibration.pulleys(self.robot.pulley, &self.robot.pulley_radius_m);
+                (self.robot.pulley, self.robot.pulley_radius_m) = pulleys.map_err(|problem| source.error(&problem))?;
                 self.calibration = Some(calibration);
             }
         }
@@ -111,6 +115,8 @@ impl RobotFile {
             obstacles: self.obstacles()?,
             clearance_m: self.robot.clearance_m,
             stiffness_n: self.lines.stiffness_n,
+            cable_mass_kg_m: self.lines.mass_kg_m,
+            counts_stretched: Some(self.lines.counts_stretched.list(cables)),
             routed_length_m: (!self.lines.routed_length_m.is_empty()).then(|| self.lines.routed_length_m.clone()),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
             motor: self.motor.motor(),
@@ -127,7 +133,7 @@ impl RobotFile {
 /// Converts an error of the robot model to a problem at the key of the file that it is about.
 fn robot_problem(error: &RobotError) -> Problem {
     let table = match error.key {
-        "stiffness_n" | "routed_length_m" => "lines",
+        "stiffness_n" | "routed_length_m" | "mass_kg_m" | "counts_stretched" => "lines",
         "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
         | "transition_m_s" | "table" => "motor",
         "obstacle" => return Problem::with_sentence("obstacle", error.to_string()),
@@ -188,6 +194,7 @@ impl SystemFile {
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        FileKind::System.expect(&source)?;
         let mut file: Self = source.parse()?;
         let refuse = |problem: Problem| source.error(&problem);
         let folder = path.parent().unwrap_or(Path::new(""));

@@ -17,6 +17,7 @@ crate::section! {
         /// Distance up to which a sample contributes to the maps, m. Default: four cells.
         pub map_reach_m: Option<f64> = None => between(1e-3, 100.0, "m"),
         /// Two opposite corners of the maps, m; `[x, z]` for a planar robot. Default: the bounding box of the anchors.
+        #[serde(deserialize_with = "crate::table_if_given")]
         pub map_area_m: Option<[[f64; 2]; 2]> = None => between(-1000.0, 1000.0, "m").each("two corners"),
         /// Largest number of live maps; further sensors have samples only.
         pub maps: usize = 16,

@@ -1,9 +1,11 @@
 //! Files of measurements that a robot file names: a calibration and a motor table.
 
 use crate::Problem;
-use crate::toml_file::{self, ConfigError, Source};
+use crate::PulleyKind;
+use crate::toml_file::{ConfigError, Source};
 use cable_robot::energy::CurrentTable;
 use serde::Deserialize;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Name of the run's system file with every key, in the run folder; every process of the run reads it.
@@ -35,7 +37,23 @@ pub struct CalibrationFile {
     pub scale_std: f64,
     /// Encoder counts per metre with which the lengths were computed. `None` if the lengths were measured with a tape.
     pub counts_per_m: Option<Vec<f64>>,
+    /// What the cables leave from. `None` if the measurements did not say, and in older files.
+    pub pulley: Option<PulleyKind>,
+    /// Radius of each pulley, m: stated or estimated. Empty for eyes.
+    #[serde(default)]
+    pub pulley_radius_m: Vec<f64>,
+    /// Ratio of the measured length to the true length per cable, by a tape along each cable, in addition to `scale`.
+    /// Empty if no cable was checked. Needs `counts_per_m`.
+    #[serde(default)]
+    pub cable_scale: Vec<f64>,
 }
+
+/// Largest difference between a radius of the robot file and that of a calibration with the same pulleys, m: a radius
+/// measured with a ruler.
+const SAME_RADIUS_M: f64 = 0.002;
+
+/// Accepted values of `cable_scale`: beyond them, the counts are those of another wheel.
+const CABLE_SCALES: RangeInclusive<f64> = 0.9..=1.1;
 
 /// Largest relative difference between `counts_per_m` of the system file and of a calibration with the same encoders.
 const SAME_ENCODERS: f64 = 0.1;
@@ -45,19 +63,46 @@ fn one() -> f64 {
 }
 
 impl CalibrationFile {
-    /// Reads a calibration. [`cable_robot::Robot::new`] checks its numbers.
+    /// Reads a calibration. [`cable_robot::Robot::new`] checks the numbers of its anchors.
     ///
     /// # Errors
-    /// The file cannot be read or parsed: one sentence that names the file.
+    /// The file cannot be read or parsed, or its scales fit no encoders: one sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        toml_file::load(path)
+        let source = Source::read(path)?;
+        let file: Self = source.parse()?;
+        file.check_cable_scale().map_err(|problem| source.error(&problem))?;
+        Ok(file)
+    }
+
+    fn check_cable_scale(&self) -> Result<(), Problem> {
+        const KEY: &str = "cable_scale";
+        let scales = &self.cable_scale;
+        let cables = self.anchors_m.len();
+        if !scales.is_empty() && scales.len() != cables {
+            let clause = format!(
+                "has {} values for {cables} cables; give one per cable, 1 for one without a check",
+                scales.len()
+            );
+            return Err(Problem::with_clause(KEY, clause));
+        }
+        if let Some(scale) = scales.iter().find(|scale| !CABLE_SCALES.contains(scale)) {
+            let clause = format!("contains {scale}; accepted: 0.9 to 1.1, or correct `counts_per_m` and check again");
+            return Err(Problem::with_clause(KEY, clause));
+        }
+        if !scales.is_empty() && self.counts_per_m.is_none() {
+            let clause = "needs `counts_per_m`, the counts with which the lengths were computed; add them";
+            return Err(Problem::with_clause(KEY, clause));
+        }
+        Ok(())
     }
 
     /// Returns the encoder counts per true metre of each cable, if the calibration used the robot's encoders:
-    /// `counts_per_m` counts were taken for one metre but are 1 / `scale` true metres.
+    /// `counts_per_m` counts were taken for one metre but are 1 / (`scale` x `cable_scale`) true metres.
     #[must_use]
     pub fn true_counts_per_m(&self) -> Option<Vec<f64>> {
-        self.counts_per_m.as_ref().map(|counts| counts.iter().map(|counts| counts * self.scale).collect())
+        let of_cable = |i: usize| self.cable_scale.get(i).copied().unwrap_or(1.0);
+        let counts = self.counts_per_m.as_ref()?.iter().enumerate();
+        Some(counts.map(|(i, counts)| counts * self.scale * of_cable(i)).collect())
     }
 
     /// Returns the replacement for `counts_per_m` of a system file; `None` if the calibration did not use the encoders.
@@ -75,6 +120,28 @@ impl CalibrationFile {
             return Err(Problem::with_clause("motor_io.counts_per_m", clause));
         }
         Ok(Some(counts))
+    }
+
+    /// Returns the kind and the radii of the pulleys of a robot whose file states these: those of the calibration, whose
+    /// anchors are right with them only; as stated if the calibration does not say.
+    ///
+    /// # Errors
+    /// The calibration was made for other pulleys.
+    pub(super) fn pulleys(&self, kind: PulleyKind, radii_m: &[f64]) -> Result<(PulleyKind, Vec<f64>), Problem> {
+        let Some(measured) = self.pulley else { return Ok((kind, radii_m.to_vec())) };
+        let own = if measured == PulleyKind::Swivel { self.pulley_radius_m.as_slice() } else { &[] };
+        let stated = kind == PulleyKind::Swivel && radii_m.iter().any(|r| *r > 0.0);
+        let radius = |radii_m: &[f64], i: usize| radii_m.get(i).copied().unwrap_or(0.0);
+        let count = own.len().max(radii_m.len());
+        let apart = (0..count).any(|i| (radius(own, i) - radius(radii_m, i)).abs() > SAME_RADIUS_M);
+        if stated && apart {
+            let clause = format!(
+                "is {radii_m:?}, but the calibration of {} holds for radii of {own:.4?}; measure them, and calibrate again with the right ones, or remove this key to use those",
+                self.date
+            );
+            return Err(Problem::with_clause("robot.pulley_radius_m", clause));
+        }
+        Ok((measured, own.to_vec()))
     }
 
     /// Returns the least certain coordinate: number of the anchor from 1, axis, standard deviation in m.
@@ -193,6 +260,31 @@ mod tests {
     }
 
     #[test]
+    fn the_pulleys_of_a_calibration_are_those_of_the_robot() {
+        let folder = tempfile::tempdir().unwrap();
+        load(folder.path(), ROBOT).unwrap_err();
+        std::fs::write(folder.path().join("robots/winch.toml"), TABLE).unwrap();
+        let write = |more: &str| {
+            let text = calibration("4e-4").replace("[measurements]", &format!("{more}\n[measurements]"));
+            std::fs::write(folder.path().join("sites/pond.toml"), text).unwrap();
+        };
+        let stating = |more: &str| ROBOT.replace("[motor]", &format!("{more}\n[motor]"));
+        let swivel = "pulley = \"swivel\"\npulley_radius_m = [0.025, 0.025, 0.025]";
+        write(swivel);
+        let file = load(folder.path(), ROBOT).unwrap();
+        assert_eq!(file.robot().unwrap().anchors().radii_m(), [0.025; 3]);
+        assert!(load(folder.path(), &stating(swivel)).is_ok());
+        let wrong = load(folder.path(), &stating(&swivel.replace("0.025", "0.04"))).unwrap_err().to_string();
+        assert!(wrong.contains("pulley_radius_m") && wrong.contains("calibrate again"), "{wrong}");
+        write("pulley = \"eye\"");
+        load(folder.path(), &stating(swivel)).unwrap_err();
+        assert!(!load(folder.path(), ROBOT).unwrap().robot().unwrap().anchors().have_pulleys());
+        // A calibration that does not say, such as an older one, leaves the robot file as it is.
+        write("");
+        assert_eq!(load(folder.path(), &stating(swivel)).unwrap().robot().unwrap().anchors().radii_m(), [0.025; 3]);
+    }
+
+    #[test]
     fn a_calibration_with_the_robots_encoders_corrects_their_counts_once() {
         let with = |more: &str| {
             let text = calibration("1e-4").replace("[measurements]", &format!("{more}\n[measurements]"));
@@ -212,6 +304,32 @@ mod tests {
         // A calibration with a tape does not correct the encoders.
         assert_eq!(with("scale = 1.01\nscale_std = 0.001").encoders(&[1.0]), Ok(None));
         assert_eq!(with("").scale, 1.0);
+    }
+
+    #[test]
+    fn each_cable_may_have_a_scale_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        load(folder.path(), ROBOT).unwrap_err();
+        std::fs::write(folder.path().join("robots/winch.toml"), TABLE).unwrap();
+        let with = |more: &str| {
+            let text = calibration("1e-4").replace("[measurements]", &format!("{more}\n[measurements]"));
+            std::fs::write(folder.path().join("sites/pond.toml"), text).unwrap();
+            load(folder.path(), ROBOT).map(|file| file.calibration.unwrap())
+        };
+        let counts = "counts_per_m = [10000.0, -10000.0, 5000.0]";
+        let checked = with(&format!("{counts}\ncable_scale = [1.001, 0.998, 1.0]")).unwrap();
+        let found = checked.encoders(&[10000.0, -10000.0, 5000.0]).unwrap().unwrap();
+        assert!(found.iter().zip([10010.0, -9980.0, 5000.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        // The check with the tape comes first, and the joint method finds what is left of all of them.
+        let both = with(&format!("scale = 1.01\n{counts}\ncable_scale = [1.001, 0.998, 1.0]")).unwrap();
+        let found = both.true_counts_per_m().unwrap();
+        assert!(found.iter().zip([10110.1, -10079.8, 5050.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        for (scales, says) in [("[1.0, 1.0]", "3 cables"), ("[1.0, 1.2, 1.0]", "1.2"), ("[1.0, nan, 1.0]", "NaN")] {
+            let sentence = with(&format!("{counts}\ncable_scale = {scales}")).unwrap_err().to_string();
+            assert!(sentence.contains("cable_scale") && sentence.contains(says), "{sentence}");
+        }
+        let sentence = with("cable_scale = [1.001, 0.998, 1.0]").unwrap_err().to_string();
+        assert!(sentence.contains("needs `counts_per_m`"), "{sentence}");
     }
 
     #[test]

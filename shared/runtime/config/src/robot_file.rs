@@ -115,9 +115,59 @@ crate::section! {
     pub struct LinesSection {
         /// Stiffness EA, N: tension per unit of strain. Omit it for rigid cables.
         pub stiffness_n: Option<f64> => between(100.0, 1e7, "N (EA, tension per unit of strain)"),
+        /// Mass of the cables, kg/m; in water less the water that they displace. 0: their weight does not count.
+        #[serde(default)]
+        pub mass_kg_m: f64 => between(0.0, 1.0, "kg/m"),
+        /// Whether the idlers count the cable as stretched as it passes: true or false, or one of them per cable.
+        #[serde(default)]
+        pub counts_stretched: CountsStretched,
         /// Length from the drum to the pulley, which stretches too, m per cable; default 0.
         #[serde(default)]
         pub routed_length_m: Vec<f64> => between(0.0, 1000.0, "m").each("lengths"),
+    }
+}
+
+/// `lines.counts_stretched`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(untagged, expecting = "true or false, or a list with one of them per cable")]
+pub enum CountsStretched {
+    /// The same for all cables.
+    All(bool),
+    /// For each cable.
+    Each(Vec<bool>),
+}
+
+impl Default for CountsStretched {
+    fn default() -> Self {
+        Self::All(false)
+    }
+}
+
+impl CountsStretched {
+    /// Returns the value of a cable, counted from 0.
+    #[must_use]
+    pub fn at(&self, cable: usize) -> bool {
+        match self {
+            Self::All(stretched) => *stretched,
+            Self::Each(cables) => cables.get(cable).copied().unwrap_or(false),
+        }
+    }
+
+    /// Returns whether any cable is counted stretched.
+    #[must_use]
+    pub fn any(&self) -> bool {
+        match self {
+            Self::All(stretched) => *stretched,
+            Self::Each(cables) => cables.contains(&true),
+        }
+    }
+
+    /// Returns one value per cable; a list keeps its length.
+    pub(super) fn list(&self, cables: usize) -> Vec<bool> {
+        match self {
+            Self::All(stretched) => vec![*stretched; cables],
+            Self::Each(list) => list.clone(),
+        }
     }
 }
 

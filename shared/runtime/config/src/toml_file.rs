@@ -32,6 +32,18 @@ pub enum ConfigError {
         /// The problem, including the key.
         problem: String,
     },
+    /// The file is of another kind than the wanted one.
+    #[error("{path} is a {found}, and a {wanted} is needed here: {cure}")]
+    OfAnotherKind {
+        /// Path of the file.
+        path: PathBuf,
+        /// Kind of the file.
+        found: &'static str,
+        /// Wanted kind.
+        wanted: &'static str,
+        /// What to give instead.
+        cure: &'static str,
+    },
     /// A value is not accepted, and its key is not in the file.
     #[error("{path}: {problem}")]
     Value {
@@ -49,7 +61,10 @@ impl ConfigError {
     #[must_use]
     pub fn path(&self) -> &Path {
         match self {
-            Self::Unreadable { path, .. } | Self::Text { path, .. } | Self::Value { path, .. } => path,
+            Self::Unreadable { path, .. }
+            | Self::Text { path, .. }
+            | Self::OfAnotherKind { path, .. }
+            | Self::Value { path, .. } => path,
         }
     }
 
@@ -57,7 +72,7 @@ impl ConfigError {
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         match self {
-            Self::Unreadable { .. } => None,
+            Self::Unreadable { .. } | Self::OfAnotherKind { .. } => None,
             Self::Text { key, .. } => key.as_deref(),
             Self::Value { key, .. } => Some(key),
         }

@@ -29,8 +29,10 @@ mod motion;
 mod motor;
 mod node;
 mod request;
+mod request_sample;
 pub mod ros;
 pub mod schema;
+mod slot;
 mod system;
 mod text;
 
@@ -44,10 +46,9 @@ pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
-pub use request::{
-    DETAIL_BYTES, DecodeError, EncodeError, GotoPath, OperatorRequest, Request, RequestAnswer, RequestBody, Slot,
-    SlotRole,
-};
+pub use request::{DecodeError, EncodeError, GotoPath, Request};
+pub use request_sample::{DETAIL_BYTES, OperatorRequest, RequestAnswer, RequestBody};
+pub use slot::{Slot, SlotRole};
 pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{MORE, hex, parted, put_sentence, put_text, text_of, words_within};
 

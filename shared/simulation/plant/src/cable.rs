@@ -72,7 +72,7 @@ pub(crate) struct Cable {
     resistance_ohm: f64,
     /// Displacement of the anchor by its pole, m.
     pole_m: Vector3<f64>,
-    /// Length by which the bow of the cable exceeds the straight line, m.
+    /// Length by which the load of the cable changes it, m: see `bow_for`.
     bow_m: f64,
     /// Direction of the friction of the pulleys: 1 after reeling in, -1 after paying out.
     friction_side: f64,
@@ -250,11 +250,15 @@ impl Cable {
         }
     }
 
-    /// Length by which a shallow parabolic bow exceeds its chord: w² L³ / (24 T²), with the load w across the chord.
+    /// Length that the load of the cable adds to its chord. A shallow parabolic bow exceeds the chord by w² L³ / (24
+    /// T²), with the load w across the chord. The load along the chord makes the tension at the anchor greater than that
+    /// in the middle, by half of the free cable's load, and the routed part stretches under that tension.
     fn bow_for(&self, path: &Path, load_n_m: Vector3<f64>) -> f64 {
-        let across = load_n_m - path.direction * load_n_m.dot(&path.direction);
+        let along_n_m = load_n_m.dot(&path.direction);
+        let across = load_n_m - path.direction * along_n_m;
         let tension_n = self.tension_n.max(SHALLOW_N);
-        across.norm_squared() * path.free_m * path.free_m * path.free_m / (24.0 * tension_n * tension_n)
+        let routed_m = self.routed_m * (0.5 * along_n_m * path.free_m) / self.line.stiffness_n;
+        across.norm_squared() * path.free_m * path.free_m * path.free_m / (24.0 * tension_n * tension_n) - routed_m
     }
 
     /// Displacement of the anchor under the cable's horizontal pull, m.

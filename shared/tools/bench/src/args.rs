@@ -14,7 +14,7 @@ pub struct Args {
     #[arg(value_enum, value_name = "PART")]
     pub parts: Vec<Part>,
     /// System file; its rate, scheduling, runs folder, law and estimator are measured.
-    #[arg(long = "system", value_name = "SYSTEM.toml")]
+    #[arg(long = "system", visible_alias = "config", value_name = "SYSTEM.toml")]
     pub system_file: Option<PathBuf>,
     /// Control cycles per second, 10 to 250; default: from the system file, otherwise 100.
     #[arg(long, value_name = "HZ", value_parser = finite, allow_negative_numbers = true)]

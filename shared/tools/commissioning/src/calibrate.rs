@@ -2,6 +2,7 @@
 //! cannot.
 
 mod file;
+mod honest;
 pub mod places;
 mod text;
 
@@ -20,9 +21,9 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Measurements file; configs/measurements holds commented examples.
     pub measurements: PathBuf,
-    /// Calibration method.
-    #[arg(long, value_enum, default_value = "survey")]
-    pub method: CalibrationMethod,
+    /// Calibration method; default: joint for pulleys (pulley = "swivel"), otherwise survey.
+    #[arg(long, value_enum)]
+    pub method: Option<CalibrationMethod>,
     /// Write the calibration, its covariance and the measurements to this new file.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -57,9 +58,10 @@ pub fn run(args: &Args) -> Answer<Output> {
     let path = args.measurements.as_path();
     let file: MeasurementsFile = config::toml_file::load(path).map_err(Failure::bad)?;
     let method = match args.method {
-        CalibrationMethod::Survey => Method::Survey,
-        CalibrationMethod::Joint => Method::Joint,
-        CalibrationMethod::Gps => Method::Gps,
+        None => file.usual_method(),
+        Some(CalibrationMethod::Survey) => Method::Survey,
+        Some(CalibrationMethod::Joint) => Method::Joint,
+        Some(CalibrationMethod::Gps) => Method::Gps,
     };
     let refuse = |why: String| Failure::bad(format!("{}: {why}", path.display()));
     if let Some(count) = args.plan {
@@ -88,15 +90,20 @@ pub struct CalibrationResult {
 /// Calibrates, cross-validates by leaving points out, and gives a verdict.
 ///
 /// # Errors
-/// One clause without the file name: what cannot be used, or why the measurements do not determine the anchors.
+/// One clause without the file name: what cannot be used, why the measurements do not determine the anchors, or which
+/// pattern of the residuals speaks against the model.
 pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResult, String> {
     let measured = file.measurements(method)?;
     let numbers = file.used(method);
     let found = calibration::calibrate(&measured, method).map_err(|e| e.to_string())?;
+    if let Some(why) = honest::refusal(&measured, &found, &numbers) {
+        return Err(why);
+    }
     let holdout = calibration::hold_out(&measured, method).map_err(|e| e.to_string())?;
     let verdict = text::verdict(&found, &measured, &numbers);
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
+    value["pulley"] = json!(file.pulley);
     let words = text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
     Ok(CalibrationResult { value, words, covariance: found.covariance })
 }
@@ -127,6 +134,8 @@ fn answer(found: &Calibration, numbers: &[usize], holdout: Option<&Holdout>, ver
         "scale_std": found.scale_std,
         "offsets_m": found.offsets_m.to_vec(),
         "offset_std_m": found.offset_std_m.to_vec(),
+        "pulley_radius_m": (!found.pulley_radius_m.is_empty()).then_some(&found.pulley_radius_m),
+        "pulley_radius_std_m": (found.pulley_radius_std_m > 0.0).then_some(found.pulley_radius_std_m),
         "noise_ratio": found.noise_ratio,
         "widened_by": found.widened_by,
         "outliers": outliers,
@@ -164,7 +173,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let measurements = folder.path().join("site.toml");
         std::fs::write(&measurements, text).unwrap();
-        run(&Args { measurements, method, out: None, plan: None, height: None }).map(|output| output.value)
+        run(&Args { measurements, method: Some(method), out: None, plan: None, height: None })
+            .map(|output| output.value)
     }
 
     const RANGES: &str = "[[range]]\nfrom = 1\nto = 3\nm = 10.0\n[[range]]\nfrom = 1\nto = 2\nm = 8.0\n\
@@ -231,7 +241,7 @@ mod tests {
         let (measurements, out) = (folder.path().join("site.toml"), folder.path().join("calibration.toml"));
         std::fs::write(&measurements, example()).unwrap();
         let method = CalibrationMethod::Survey;
-        let args = Args { measurements, method, out: Some(out.clone()), plan: None, height: None };
+        let args = Args { measurements, method: Some(method), out: Some(out.clone()), plan: None, height: None };
         run(&args).unwrap();
         let written: toml::Table = toml::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
         assert_eq!(written["method"].as_str(), Some("survey"));

@@ -1,12 +1,14 @@
 //! `nims check`: findings about a configuration, each with its remedy.
 
-use crate::config_kind::{ConfigKind, config_kind};
+use crate::bow::Bow;
+use crate::config_kind::config_kind;
+use crate::swing;
 use cable_robot::energy::MotorTable;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::motor::DriveLoad;
-use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
+use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, sag, tension};
 use command::{Answer, Failure, Output, points};
-use config::{CalibrationFile, PlannerSection, RobotFile, SystemFile};
+use config::{CalibrationFile, FileKind, PlannerSection, RobotFile, SystemFile};
 use motor_box::{GroundFile, MotorBoxSection};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
@@ -91,7 +93,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         let file = args.config.display();
         Failure::BadInput(format!("{file} cannot be used: {errors} error(s), listed on stdout"))
     });
-    Ok(Output::new(to_json(&found), to_text(&found)).failing(failure))
+    Ok(Output::new(to_json(&found), format!("{}\n{}", to_text(&found), verdict(&found))).failing(failure))
 }
 
 /// Returns the number of findings that are errors.
@@ -106,17 +108,17 @@ pub fn errors(findings: &[Finding]) -> usize {
 /// A file that cannot be read or holds values that are not accepted.
 pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
     match config_kind(path)? {
-        ConfigKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
-        ConfigKind::System => {
+        FileKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
+        FileKind::System => {
             let file = SystemFile::load(path).map_err(Failure::bad)?;
             can_be_built(&file)?;
             let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
             findings.extend(system_file(&file)?);
             Ok(findings)
         }
-        ConfigKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
-        ConfigKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
-        ConfigKind::Mission => {
+        FileKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
+        FileKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
+        FileKind::Mission => {
             let mission = Mission::read(path).map_err(Failure::bad)?;
             let Some(on) = on else {
                 let legs = mission.leg.len();
@@ -126,7 +128,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
                 ))]);
             };
             Ok(vec![match config_kind(on)? {
-                ConfigKind::System => {
+                FileKind::System => {
                     let file = SystemFile::load(on).map_err(Failure::bad)?;
                     let robot = file.robot_file().map_err(Failure::bad)?;
                     let start = virtual_start_m(&file, &robot)?;
@@ -186,6 +188,16 @@ pub fn to_text(findings: &[Finding]) -> String {
         })
         .collect();
     lines.join("\n")
+}
+
+/// Returns the last sentence of a check.
+fn verdict(findings: &[Finding]) -> String {
+    let warnings = findings.iter().filter(|finding| finding.level == Level::Warning).count();
+    match (errors(findings), warnings) {
+        (0, 0) => "fine: no errors, no warnings".to_owned(),
+        (0, warnings) => format!("usable: no errors, {warnings} warning(s)"),
+        (errors, warnings) => format!("not usable: {errors} error(s), {warnings} warning(s)"),
+    }
 }
 
 /// Returns whether none of the findings is an error.
@@ -259,6 +271,20 @@ fn stretch_finding(robot: &Robot, at: &Vector3<f64>, distribution: Distribution,
     })
 }
 
+/// States what the weight of the cables does, and warns where the first order is not enough.
+fn weight_finding(robot: &Robot, middle: &Vector3<f64>, distribution: Distribution) -> Option<Finding> {
+    let bow = Bow::deepest(robot, middle, distribution)?;
+    let text = bow.in_words(robot);
+    if bow.sag_share <= sag::SHALLOW {
+        return Some(note(text));
+    }
+    let most = 1.0 / sag::SHALLOW;
+    Some(warning(
+        format!("{text}, and the first order is enough up to a sag of 1/{most:.0}"),
+        "raise the least tension in tension_limits_n, or use lighter cables",
+    ))
+}
+
 fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     let robot = file.robot().map_err(Failure::bad)?;
     let distribution = robot.default_distribution();
@@ -277,6 +303,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             "check the units of anchors_m (metres), node_mass_kg (kilograms) and tension_limits_n (newtons)",
         )),
     }
+    findings.extend(swing::modes(&robot, &at, distribution).map(note));
     findings.push(match robot.stiffness_n() {
         Some(stiffness_n) => stretch_finding(&robot, &at, distribution, stiffness_n),
         None => warning(
@@ -284,6 +311,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
         ),
     });
+    findings.extend(weight_finding(&robot, &at, distribution));
     findings.extend(collinear_anchors(&robot));
     findings.extend(file.calibration.as_ref().map(calibration_finding));
     findings.extend(robot.motor_table().map(|table| motor_table_finding(&robot, table)));
@@ -408,6 +436,9 @@ fn ceiling_finding(robot: &Robot, from: &Vector3<f64>, distribution: Distributio
 fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let mut findings = Vec::new();
+    if let Ok(robot) = robot.robot() {
+        findings.extend(swing::pause(file, &robot, &middle(&robot)).map(|(sentence, cure)| warning(sentence, &cure)));
+    }
     let (period, watchdog) = (file.period_s(), file.motor_io.watchdog_s);
     let (cable, node) = (robot.cable_speed_limit_m_s(), robot.robot.speed_limit_m_s);
     findings.push(note(format!(

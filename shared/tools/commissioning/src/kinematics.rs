@@ -1,7 +1,7 @@
 //! Kinematics and statics without a running robot: `ik`, `fk`, `tension`.
 
 use crate::plan::Method;
-use crate::{config_kind, plan};
+use crate::{config_kind, plan, readable};
 use cable_robot::{Vector3, kinematics, tension};
 use command::values::{Numbers, numbers, point};
 use command::{Answer, Failure, Output, points};
@@ -13,7 +13,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct IkArgs {
     /// Robot file or system file.
-    #[arg(long)]
+    #[arg(long, visible_aliases = ["robot", "system"])]
     pub config: PathBuf,
     /// Position of the node, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
@@ -24,7 +24,7 @@ pub struct IkArgs {
 #[derive(Debug, clap::Args)]
 pub struct FkArgs {
     /// Robot file or system file.
-    #[arg(long)]
+    #[arg(long, visible_aliases = ["robot", "system"])]
     pub config: PathBuf,
     /// One length per cable, m.
     #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
@@ -35,7 +35,7 @@ pub struct FkArgs {
 #[derive(Debug, clap::Args)]
 pub struct TensionArgs {
     /// Robot file or system file.
-    #[arg(long)]
+    #[arg(long, visible_aliases = ["robot", "system"])]
     pub config: PathBuf,
     /// Position of the node, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
@@ -56,7 +56,9 @@ pub fn ik(args: &IkArgs) -> Answer<Output> {
     let robot = config_kind::robot(&args.config)?;
     let at = points::position(&robot, &args.at)?.into();
     let lengths = kinematics::lengths_at(robot.anchors(), &at).map_err(Failure::bad)?;
-    Ok(Output::json(json!({ "lengths_m": lengths.to_vec() })))
+    let found = json!({ "lengths_m": lengths.to_vec() });
+    let words = readable::lengths(&found);
+    Ok(Output::new(found, words))
 }
 
 /// `nims fk`: the position that matches these lengths; of two mirrored solutions, the lower one.
@@ -67,7 +69,9 @@ pub fn fk(args: &FkArgs) -> Answer<Output> {
     let robot = config_kind::robot(&args.config)?;
     let found = kinematics::forward_kinematics(robot.anchors(), &args.lengths.0, None).map_err(Failure::bad)?;
     let position = points::written(&robot, &found.position);
-    Ok(Output::json(json!({ "position_m": position, "residual_m": found.residual_rms_m })))
+    let found = json!({ "position_m": position, "residual_m": found.residual_rms_m });
+    let words = readable::position(&found);
+    Ok(Output::new(found, words))
 }
 
 /// `nims tension`: tensions within the limits, or why they do not exist.
@@ -82,16 +86,18 @@ pub fn tension(args: &TensionArgs) -> Answer<Output> {
         Some(acceleration) => points::position(&robot, acceleration)?.into(),
         None => Vector3::zeros(),
     };
-    match tension::at(&robot, &at, &acceleration, distribution) {
-        Ok(found) => Ok(Output::json(json!({
+    let found = match tension::at(&robot, &at, &acceleration, distribution) {
+        Ok(found) => json!({
             "feasible": true,
             "tensions_n": found.tensions_n.to_vec(),
             "sum_n": found.tensions_n.iter().sum::<f64>(),
             "norm_sq_n2": found.tensions_n.iter().map(|value| value * value).sum::<f64>(),
-        }))),
+        }),
         Err(why @ (tension::TensionError::Infeasible(_) | tension::TensionError::Singular)) => {
-            Ok(Output::json(json!({ "feasible": false, "why": why.to_string() })))
+            json!({ "feasible": false, "why": why.to_string() })
         }
-        Err(error) => Err(Failure::bad(error)),
-    }
+        Err(error) => return Err(Failure::bad(error)),
+    };
+    let words = readable::tensions(&found, robot.tension_limits_n());
+    Ok(Output::new(found, words))
 }

@@ -5,6 +5,7 @@
 //! * Each finding has a remedy.
 #![forbid(unsafe_code)]
 
+mod bow;
 pub mod calibrate;
 pub mod check;
 mod command_line;
@@ -12,7 +13,9 @@ mod config_kind;
 pub mod doctor;
 pub mod kinematics;
 pub mod plan;
+mod readable;
 pub mod setup;
+mod swing;
 pub mod workspace;
 
 pub use command_line::Command;

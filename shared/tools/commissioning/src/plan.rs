@@ -1,6 +1,6 @@
 //! `nims plan`: the cost of a move, and the parabola with the least cost, without a running robot.
 
-use crate::config_kind;
+use crate::{config_kind, readable};
 use cable_robot::energy::optimum::{Precision, best};
 use cable_robot::energy::{Best, Bounds, Cost, EnergyError, WinchEnergy, flight, parabola};
 use cable_robot::path::{Lateral, Parabola};
@@ -17,7 +17,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Robot file, or system file, which also states the lowest voltage of the drives.
-    #[arg(long)]
+    #[arg(long, visible_aliases = ["robot", "system"])]
     pub config: PathBuf,
     /// Start of the move, m.
     #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
@@ -92,7 +92,9 @@ pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
 /// # Errors
 /// A robot file or arguments that cannot be used. An infeasible move is a result, not an error.
 pub fn run(args: &Args) -> Answer<Output> {
-    plan_move(args).map(Output::json)
+    let found = plan_move(args)?;
+    let words = readable::plan(&found);
+    Ok(Output::new(found, words))
 }
 
 fn plan_move(args: &Args) -> Answer<Value> {
@@ -118,6 +120,7 @@ fn plan_move(args: &Args) -> Answer<Value> {
         },
         robot: &robot,
         speed_m_s,
+        swing_limit_m: config_kind::swing_limit_m(&args.config)?,
         constant: args.constant_speed,
     };
     let ends = [points::position(&robot, &args.from)?, points::position(&robot, &args.to)?].map(Vector3::from);
@@ -159,6 +162,7 @@ struct MoveCost<'a> {
     winch_energy: WinchEnergy<'a>,
     robot: &'a Robot,
     speed_m_s: f64,
+    swing_limit_m: f64,
     /// Quasi-static at constant speed, as in the paper; otherwise from rest to rest with accelerations.
     constant: bool,
 }
@@ -216,7 +220,8 @@ impl MoveCost<'_> {
     ) -> Result<Cost, EnergyError> {
         let coarse = usize::from(precision == Precision::Coarse);
         let from_rest = |speed_m_s, acceleration_m_s2| {
-            let limits = ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2);
+            let swing_limit_m = self.swing_limit_m;
+            let limits = ProfileLimits { swing_limit_m, ..ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2) };
             flight::flown(self.robot, self.winch_energy.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
         };
         if self.constant {

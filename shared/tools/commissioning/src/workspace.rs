@@ -1,7 +1,7 @@
 //! `nims workspace`: the region where the cables can hold the node at rest, its size, and its margins to the limits.
 //! For a planar robot the region is an area.
 
-use crate::config_kind;
+use crate::{config_kind, readable};
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::tension;
 use cable_robot::{Distribution, Robot, Vector3, elastic};
@@ -15,7 +15,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Robot file, or system file, which also states the lowest voltage of the drives.
-    #[arg(long)]
+    #[arg(long, visible_aliases = ["robot", "system"])]
     pub config: PathBuf,
     /// Plot of slices at several heights; for a planar robot, of its plane.
     #[arg(long, value_name = "FILE")]
@@ -91,7 +91,7 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     if robot.keep_out().iter().any(|b| b.touches(at, at)) || robot.contact(at, at).is_some() {
         return None;
     }
-    let weight = robot.wrench_n(&Vector3::zeros());
+    let weight = robot.with_cables_n(at, &robot.wrench_n(&Vector3::zeros()));
     let limits = robot.tension_limits_n();
     let feasible = tension::hold(robot.anchors(), at, &weight, limits, Distribution::Safest).ok()?;
     if tension::worst_violation(&feasible.tensions_n, limits).is_some() {
@@ -102,7 +102,7 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     if !loads.into_iter().all(|load| limits.allow_current(&load) && limits.allow_voltage(&load)) {
         return None;
     }
-    let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), at), &feasible.tensions_n);
+    let lengths = elastic::unstretched(robot, at, &inverse_kinematics(robot.anchors(), at), &feasible.tensions_n);
     let long_enough = lengths.iter().zip(robot.length_limits_m()).all(|(l, [min, max])| (*min..=*max).contains(l));
     long_enough.then_some(feasible.margin_n)
 }
@@ -126,7 +126,9 @@ fn layers(robot: &Robot, grid: &Grid) -> Vec<Layer> {
 /// # Errors
 /// A robot file or step that cannot be used, or a plot that cannot be written.
 pub fn run(args: &Args) -> Answer<Output> {
-    evaluate(args).map(Output::json)
+    let found = evaluate(args)?;
+    let words = readable::workspace(&found);
+    Ok(Output::new(found, words))
 }
 
 fn evaluate(args: &Args) -> Answer<Value> {

@@ -153,7 +153,6 @@ impl<'a> Args<'a> {
     /// Returns anchors [x, y, z], or [x, z] in the plane: at least as many as dimensions, at most eight. The optional
     /// `pulley_radius_m` means what it means in a robot file with `pulley = "swivel"`; also one number for all cables.
     pub fn anchors(&self) -> ArgResult<Points> {
-        const KEY: &str = "pulley_radius_m";
         let mut anchors = self.points("anchors_m")?;
         let least = if anchors.planar { 2 } else { 3 };
         let given = anchors.points.len();
@@ -164,14 +163,19 @@ impl<'a> Args<'a> {
                 &format!("{least} to {MAX_CABLES} points"),
             ));
         }
-        if let Some(value) = self.get(KEY) {
-            anchors.radii_m =
-                if value.is_array() { self.per_cable(KEY, given)? } else { vec![self.number(KEY)?; given] };
-            if let Some(radius) = anchors.radii_m.iter().find(|r| !RADII_M.contains(*r)) {
-                return Err(invalid_value(KEY, &radius.to_string(), "radii of 0 (an eye) to 0.5 m"));
-            }
-        }
+        anchors.radii_m = self.radii(given)?;
         Ok(anchors)
+    }
+
+    /// Returns the optional `pulley_radius_m` of each cable: one number for all or a list, m; default 0, an eye.
+    pub fn radii(&self, cables: usize) -> ArgResult<Vec<f64>> {
+        const KEY: &str = "pulley_radius_m";
+        let Some(value) = self.get(KEY) else { return Ok(vec![0.0; cables]) };
+        let radii_m = if value.is_array() { self.per_cable(KEY, cables)? } else { vec![self.number(KEY)?; cables] };
+        match radii_m.iter().find(|r| !RADII_M.contains(*r)) {
+            Some(radius) => Err(invalid_value(KEY, &radius.to_string(), "radii of 0 (an eye) to 0.5 m")),
+            None => Ok(radii_m),
+        }
     }
 
     /// Returns points [x, y, z], or [x, z] in the plane.

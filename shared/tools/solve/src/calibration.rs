@@ -46,7 +46,8 @@ fn lengths(args: &Args, cables: usize) -> Result<Vec<CableVec>, SolveError> {
 /// Heights of the anchors, (4)-(5): the global minimum.
 pub fn calibrate_heights(args: &Args) -> OperationResult {
     let anchors = args.rows::<2>("anchors_xy_m")?;
-    let found = calibration::calibrate_heights(&anchors, &lengths(args, anchors.len())?)?;
+    let radii_m = args.radii(anchors.len())?;
+    let found = calibration::calibrate_heights_with_pulleys(&anchors, &lengths(args, anchors.len())?, &radii_m)?;
     Ok(json!({ "heights_m": found.heights_m.to_vec(), "points_xy_m": found.points_xy_m, "cost_m4": found.cost_m4 }))
 }
 
@@ -70,7 +71,7 @@ pub fn calibrate_joint(args: &Args) -> OperationResult {
         loss,
         ..JointInput::new(&anchors, &lengths, sigma_length_m)
     };
-    let found = calibration::calibrate_joint(&input)?;
+    let found = calibration::calibrate_joint_with_pulleys(&input, &args.radii(anchors.len())?)?;
     let heights: Vec<f64> = found.anchors_m.iter().map(|a| a[2]).collect();
     let xy: Vec<[f64; 2]> = found.anchors_m.iter().map(|a| [a[0], a[1]]).collect();
     Ok(json!({

@@ -70,7 +70,10 @@ pub fn forward_kinematics(args: &Args) -> OperationResult {
         }
     }
     let found = if anchors.have_pulleys() {
-        kinematics::forward_kinematics(&anchors.checked()?, &lengths, near.as_ref())?
+        let checked = anchors.checked()?;
+        let found = kinematics::forward_kinematics(&checked, &lengths, near.as_ref())?;
+        let mirror = found.mirror.or_else(|| kinematics::mirror_position(&checked, &lengths, &found.position));
+        kinematics::Forward { mirror, ..found }
     } else if anchors.planar {
         planar::forward_kinematics(&anchors.points, &lengths, near.as_ref())?
     } else {

@@ -117,6 +117,40 @@ fn modes_faults_and_processes_fit_on_one_screen() {
 }
 
 #[test]
+fn a_terminal_of_80_by_24_shows_every_panel_with_the_heads_of_its_columns() {
+    let mut full = flying();
+    full.run = "/var/lib/nims/runs/2026-01-01T00-00-00Z-demo3".to_owned();
+    let names = ["motor-box", "estimator", "controller", "visualization", "supervisor"];
+    full.processes.extend(names.map(|name| row(name, ProcessState::STATE_READY)));
+    full.answer = "Pausing.".to_owned();
+    let shown = picture(&full, 80, 24);
+    for (word, with) in [
+        ("CABLE", &["length", "speed", "tension", "current"][..]),
+        ("CONTROL", &["slot", "law", "verdict"]),
+        ("PROCESS", &["state", "pid", "busy µs"]),
+        ("FOLLOWING", &[]),
+        ("node at", &["1.2 mm"]),
+        ("survey", &["43 %"]),
+        ("10.000 m", &["45.0 N", "0.00 A"]),
+        ("estimator  a", &["IN CHARGE"]),
+        ("Pausing.", &[]),
+    ] {
+        let line = line(&shown, word);
+        assert!(with.iter().all(|with| line.contains(with)), "{with:?} in {line:?} of\n{}", shown.join("\n"));
+    }
+    for (process, _) in &full.processes {
+        line(&shown, &format!("{:<20} ", text_of(&process.name)));
+    }
+    // A head ends where the figures below it end.
+    let end = |text: &str, word: &str| text.find(word).map(|at| text[..at + word.len()].chars().count());
+    let (head, first) = (line(&shown, "CABLE"), line(&shown, "5.000 m"));
+    assert_eq!(end(head, "length"), end(first, "5.000"));
+    assert_eq!(end(head, "current"), end(first, "4.00"));
+    full.answer.clear();
+    assert!(line(&picture(&full, 80, 24), "q quit").contains("p pause"));
+}
+
+#[test]
 fn a_swap_is_followed_and_its_failure_named() {
     let mut swapping = flying();
     let mut second = swapping.control[0].unwrap();
@@ -154,9 +188,9 @@ fn the_length_of_a_bar_is_its_fraction_of_the_full_scale() {
         }
         counts
     };
-    assert_eq!(bars(line(&picture, "5.000 m")), [6, 6, 6]);
+    assert_eq!(bars(line(&picture, "5.000 m")), [5, 5, 5]);
     assert_eq!(bars(line(&picture, "2.500 m")), [3, 0, 0]);
-    assert_eq!(bars(line(&picture, "10.000 m")), [12, 9, 0]);
+    assert_eq!(bars(line(&picture, "10.000 m")), [10, 8, 0]);
     for (share, filled) in [(f64::NAN, 0), (f64::INFINITY, 0), (-1.0, 0), (9.0, BAR)] {
         assert_eq!(bar(share, Color::Red).content.matches('█').count(), filled, "{share}");
     }

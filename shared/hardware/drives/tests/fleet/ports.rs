@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use drives::{Capabilities, Command, DriveBus, Error, Fleet, FleetCommand, FleetReply, InvalidConfig};
+use drive_conformance::VirtualUnits;
+use drives::{Capabilities, Command, CountBound, DriveBus, Error, Fleet, FleetCommand, FleetReply, InvalidConfig};
 use serial::{Device, Pipe, WireQueue, monotonic_ns};
 
 use crate::fake::{FakeBus, FakeWire};
@@ -11,7 +12,7 @@ use crate::fake::{FakeBus, FakeWire};
 const MS: u64 = 1_000_000;
 
 fn bus(name: &str, addresses: &[u8]) -> FakeBus<Pipe<FakeWire>> {
-    FakeBus::new(Pipe::new(name, 0, FakeWire::new(addresses)), addresses, 300).unwrap()
+    FakeBus::new(Pipe::new(name, 0, FakeWire::new(addresses)), addresses, 300, CountBound::NONE).unwrap()
 }
 
 /// Cycles until a reply is as wanted; the number of cycles is bounded, not the time.
@@ -31,7 +32,7 @@ fn until(fleet: &mut Fleet, command: Command, wanted: impl Fn(&FleetReply) -> bo
 fn ports_of_different_kinds_run_side_by_side() {
     // As a program has them that chooses the family at run time.
     let mut silent = bus("b", &[1]);
-    silent.wire.device_mut().units[0].muted = true;
+    silent.wire.device_mut().mute(0, true);
     let buses: Vec<Box<dyn DriveBus>> = vec![Box::new(bus("a", &[1, 2])), Box::new(silent)];
     let mut fleet = Fleet::open(buses, Capabilities { velocity: true, ..Capabilities::NONE }).unwrap();
     assert_eq!(
@@ -60,7 +61,7 @@ impl Device for Slow {
 
 #[test]
 fn a_port_that_hangs_is_not_waited_for() {
-    let slow = FakeBus::new(Pipe::new("slow", 0, Slow), &[1], 300).unwrap();
+    let slow = FakeBus::new(Pipe::new("slow", 0, Slow), &[1], 300, CountBound::NONE).unwrap();
     let mut fleet = Fleet::open(vec![slow], Capabilities::NONE).unwrap();
     let began = Instant::now();
     for cycle in 1..10 {

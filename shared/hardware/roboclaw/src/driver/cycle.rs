@@ -58,6 +58,7 @@ impl<T: Transport> Bus<T> {
     /// margin. While the bus is out of step, the call returns at once where the time does not suffice, and the next
     /// call continues.
     pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
+        self.in_cycle = true;
         let bus = if self.transport.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {
@@ -69,6 +70,7 @@ impl<T: Transport> Bus<T> {
                 Ok(()) => self.serve(index, drives.get(index).copied().unwrap_or_default(), deadline_ns),
             };
         }
+        self.in_cycle = false;
         for (unit, answer) in self.units.iter().zip(answers) {
             answer.report = unit.report;
         }
@@ -251,7 +253,7 @@ impl<T: Transport> Bus<T> {
                 if tenths != unit.config.watchdog_tenths {
                     self.has_restarted(index);
                     if let Some(unit) = self.units.get_mut(index) {
-                        unit.phase = Phase::Setup(Setup::Version);
+                        unit.phase = Phase::Setup(Setup::Stop);
                     }
                 }
             }

@@ -143,7 +143,7 @@ impl<T: Transport> Bus<T> {
         // A text is read byte by byte, so the wire time of the longest text counts.
         let answer = if command == Command::Read(Read::Version) { MAX_VERSION + 2 } else { buffer.len() };
         // Only a unit that is not in use yet gets more time: a cycle has none.
-        let in_setup = self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_)));
+        let in_setup = !self.in_cycle && self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_)));
         let margin_ns = if in_setup { self.patience_ns(unit) } else { self.margin_ns };
         let deadline_ns = sent_ns + self.wire_ns(sent + answer) + margin_ns;
         let mut got = self.transport.fill(buffer, deadline_ns).map_err(|error| self.port_failed(error))?;

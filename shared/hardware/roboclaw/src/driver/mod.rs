@@ -170,6 +170,8 @@ pub struct Bus<T> {
     turnaround_ns: u64,
     /// Time of the last packet on the machine's clock, ns.
     sent_stamp_ns: u64,
+    /// The caller waits for a cycle: no answer gets more time than the margin.
+    in_cycle: bool,
     slow_turn: usize,
     slow_left_out: bool,
     current_turn: usize,
@@ -224,6 +226,7 @@ impl<T: Transport> Bus<T> {
             next_fence: 0,
             turnaround_ns: 500_000,
             sent_stamp_ns: 0,
+            in_cycle: false,
             slow_turn: 0,
             slow_left_out: false,
             current_turn: 0,

@@ -34,6 +34,8 @@ pub(super) enum Setup {
     Recognise {
         whole: bool,
     },
+    /// Releases the motors of a unit that restarted: it may have executed a command before its watchdog showed that.
+    Stop,
     Version,
     Status,
     SetWatchdog,

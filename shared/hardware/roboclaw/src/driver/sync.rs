@@ -235,10 +235,19 @@ impl<T: Transport> Bus<T> {
                 {
                     unit.report.was_alive = same;
                 }
+                let was_used = self.units.get(index).is_some_and(|unit| unit.report.setups > 0);
                 if !same {
                     self.has_restarted(index);
                 }
-                if same && !whole { Phase::Ready } else { Phase::Setup(Setup::Version) }
+                match (same, whole) {
+                    (true, false) => Phase::Ready,
+                    (false, _) if was_used => Phase::Setup(Setup::Stop),
+                    _ => Phase::Setup(Setup::Version),
+                }
+            }
+            Setup::Stop => {
+                self.write(index, Write::Duties([0; 2]))?;
+                Phase::Setup(Setup::Version)
             }
             Setup::Version => {
                 if let Reply::Version(version) = self.read(index, Read::Version)?.0

@@ -122,6 +122,7 @@ pub struct Unit {
     deaf_until_ns: u64,
     mute_until_ns: u64,
     late: (u32, u64),
+    kept_watchdog_tenths: Option<u8>,
     commands: u64,
 }
 
@@ -145,6 +146,7 @@ impl Unit {
             deaf_until_ns: 0,
             mute_until_ns: 0,
             late: (0, 0),
+            kept_watchdog_tenths: None,
             commands: 0,
         }
     }
@@ -245,6 +247,12 @@ impl Unit {
         self.late = (answers, by_ns);
     }
 
+    /// Fault: acknowledges a new watchdog time but keeps this one, tenths of a second.
+    pub fn keep_watchdog(&mut self, tenths: u8) {
+        self.settings.watchdog_tenths = tenths;
+        self.kept_watchdog_tenths = Some(tenths);
+    }
+
     /// True while the unit has no supply.
     #[must_use]
     pub fn has_no_supply(&self) -> bool {
@@ -289,7 +297,9 @@ impl Unit {
         use Motor::{One, Two};
         self.commands += 1;
         match write {
-            Write::Watchdog(tenths) => self.settings.watchdog_tenths = tenths,
+            Write::Watchdog(tenths) => {
+                self.settings.watchdog_tenths = self.kept_watchdog_tenths.unwrap_or(tenths);
+            }
             Write::ResetEncoders => {
                 self.zero = self.measured.counts;
                 self.wrapped = [0; 2];

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod codec;
+mod conformance;
 mod driver;
 mod fleet;
 mod unit;

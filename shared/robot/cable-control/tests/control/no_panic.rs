@@ -65,7 +65,7 @@ proptest! {
         if let Ok(found) = equilibrium(&robot, &l[..n], &a, Some(&x)) {
             prop_assert!(finite(&found.position) && found.tensions_n.is_finite(), "{found:?}");
         }
-        let _ = (stretched(&robot, &l, &l), unstretched(&robot, &l, &l));
+        let _ = (stretched(&robot, &x, &l, &l), unstretched(&robot, &x, &l, &l));
         for method in [Distribution::Unique, Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
             if let Ok(found) = realise(&robot, &x, &a, method) {
                 prop_assert!(found.unstretched_m.is_finite() && found.tensions_n.is_finite(), "{found:?}");
@@ -99,7 +99,7 @@ proptest! {
     #[test]
     fn motions(path in wild_path(), cruise in wild(), a in wild(), total in wild(), ends in [wild(), wild()], t in wild(), step in wild(), knots in proptest::collection::vec((wild(), wild()), 0..5)) {
         let robot = robot(4, Some(6000.0));
-        let limits = ProfileLimits { cruise_m_s: cruise, tangential_m_s2: a, total_m_s2: total, start_m_s: ends[0], end_m_s: ends[1] };
+        let limits = ProfileLimits { cruise_m_s: cruise, tangential_m_s2: a, total_m_s2: total, start_m_s: ends[0], end_m_s: ends[1], ..ProfileLimits::rest_to_rest(cruise, a) };
         let knots: Vec<Knot> = knots.into_iter().map(|(s_m, v_m_s)| Knot { s_m, v_m_s }).collect();
         let made = [Profile::from_knots(&knots).ok(), Profile::dwell(t).ok(), path.check().ok().and_then(|()| Profile::plan(&path, &limits).ok())];
         for profile in made.into_iter().flatten() {

@@ -27,7 +27,7 @@ use super::optimum::{Precision, best};
 use super::{Best, BestLateral, Bounds, Cost, EnergyError, WinchEnergy, lateral, parabola};
 use crate::motion::{Cause, Refusal};
 use crate::profile::ProfileLimits;
-use crate::{Distribution, Path, Profile, Robot, Segment, path};
+use crate::{Distribution, Path, Profile, Robot, Segment, path, swing};
 
 /// Longest step of the check for obstacles, m: cables are kept away by the step in addition to the clearance.
 const OBSTACLE_STEP_M: f64 = 0.05;
@@ -118,6 +118,7 @@ pub fn flown(
         value: limits.cruise_m_s,
         accepted: "a speed that the length and the acceleration limit allow",
     })?;
+    let profile = swing::shaped(robot, method, path, profile, limits.swing_limit_m);
     let segment = Segment { id: 0, path: *path, profile, start_s: 0.0 };
     segment.check(robot, method, check_step_m)?;
     winch_energy(robot, method).along_profile(path, &profile, robot.node_mass_kg(), intervals)

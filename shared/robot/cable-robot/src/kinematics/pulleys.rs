@@ -1,7 +1,8 @@
 //! Positions from lengths of cables over pulleys: least squares from the intersections of spheres around eyes.
 //!
 //! A pulley of radius r adds to the straight length between 0.57 r (node at the height of the anchor) and about 3 r
-//! (node below it), so the starting points are within a few radii, and three or four Newton steps suffice.
+//! (node below it), so the starting points are within a few radii, and three Newton steps suffice. For three cables
+//! whose two positions are far apart, only the chosen one is computed.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -45,6 +46,12 @@ pub(super) fn forward_kinematics(
     let starts =
         if anchors.is_planar() { planar::starting_points(anchors, &straight) } else { best_pair(anchors, &straight) };
     let (first, second) = choose(starts.ok_or(KinematicsError::DegenerateGeometry)?, near)?;
+    if n == 3
+        && are_apart(anchors, [&first, &second], near)
+        && let Some(position) = newton(anchors, lengths_m, first)
+    {
+        return Ok(Forward { position, mirror: None, residual_rms_m: 0.0 });
+    }
     if n == anchors.dimensions() {
         return exact(anchors, lengths_m, [first, second], near);
     }
@@ -76,6 +83,80 @@ pub(super) fn forward_kinematics(
     }
     Ok(Forward { position: fit.position, mirror: None, residual_rms_m: rms(&fit) })
 }
+
+/// Computes the position with these lengths near a position that is not that of the node, on the other side of the
+/// plane of the anchors; None if there is none, for a wrong number of lengths, and for more cables than directions.
+pub(super) fn mirror(anchors: &Anchors, lengths_m: &[f64], position: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let n = anchors.len();
+    if lengths_m.len() != n || n != anchors.dimensions() {
+        return None;
+    }
+    let straight = CableVec::from_fn(n, |i| (lengths_m[i] - anchors.radii_m()[i]).max(0.0));
+    let starts =
+        if anchors.is_planar() { planar::starting_points(anchors, &straight) } else { best_pair(anchors, &straight) };
+    let (_, other) = choose(starts?, Some(position)).ok()?;
+    let fit = refine(anchors, lengths_m, other);
+    let longest = lengths_m.iter().fold(0.0, |m: f64, l| m.max(*l));
+    let fits = (fit.cost / n as f64).sqrt() <= EXACT * longest;
+    (fits && (fit.position - position).norm() > SAME_M).then_some(fit.position)
+}
+
+/// True if each starting point can only lead to its own position, and the choice between the positions is that between
+/// the starting points: they are apart by many radii, in the direction that decides.
+fn are_apart(anchors: &Anchors, [first, second]: [&Vector3<f64>; 2], near: Option<&Vector3<f64>>) -> bool {
+    let largest_m = anchors.radii_m().iter().fold(0.0, |m: f64, r| m.max(*r));
+    let apart_m = (second - first).norm();
+    let decides_m = match near {
+        // Twice the distance of the hint from the plane between the two.
+        Some(near) => ((near - second).norm_squared() - (near - first).norm_squared()) / apart_m,
+        None => second.z - first.z,
+    };
+    // A starting point is off by three radii per cable; in a flat pyramid of cables by several times that.
+    apart_m > 40.0 * largest_m && decides_m > 40.0 * largest_m
+}
+
+/// Bound of Newton's iteration, which needs three steps; more are left to [`refine`].
+const MAX_NEWTON: usize = 6;
+
+/// Newton's iteration for three cables; None if it does not converge quickly, as near the plane of the anchors.
+fn newton(anchors: &Anchors, lengths_m: &[f64], start: Vector3<f64>) -> Option<Vector3<f64>> {
+    let mut x = start;
+    let mut before = f64::INFINITY;
+    for _ in 0..MAX_NEWTON {
+        let mut rows = [Vector3::zeros(); 3];
+        let mut off_m = [0.0; 3];
+        for (i, (row, off_m)) in rows.iter_mut().zip(&mut off_m).enumerate() {
+            let cable = anchors.pulley(i).cable_to(&x).ok()?;
+            (*row, *off_m) = (cable.direction, cable.length_m - lengths_m[i]);
+        }
+        let [u, v, w] = rows;
+        let across = [v.cross(&w), w.cross(&u), u.cross(&v)];
+        let volume = u.dot(&across[0]);
+        if !(volume.abs() >= LEAST_VOLUME) {
+            return None;
+        }
+        let step = (across[0] * off_m[0] + across[1] * off_m[1] + across[2] * off_m[2]) * (1.0 / volume);
+        x -= step;
+        let size = step.norm();
+        // With quadratic convergence the next step is C size², and C = size / before².
+        if size * size * size <= NEXT_STEP_M * before * before && before.is_finite() || size <= NEXT_STEP_M {
+            return Some(x);
+        }
+        // Also true for NaN.
+        if !(size <= 0.25 * before) {
+            return None;
+        }
+        before = size;
+    }
+    None
+}
+
+/// Volume of the unit vectors of three cables below which the pose is too near the plane of the anchors for plain
+/// Newton steps: there the sine of the angle between plane and cables is about this.
+const LEAST_VOLUME: f64 = 1e-2;
+
+/// The iteration ends if the next step would be smaller, m.
+const NEXT_STEP_M: f64 = 1e-13;
 
 /// The positions of as many cables as directions from two starting points.
 fn exact(

@@ -117,8 +117,8 @@ impl KinematicsError {
 pub struct Forward {
     /// The position, m.
     pub position: Vector3<f64>,
-    /// The other position with these lengths; only for as many cables as directions. None with pulleys if the other
-    /// position does not exist.
+    /// The other position with these lengths; only for as many cables as directions. With pulleys it may be None
+    /// although the other position exists: [`super::mirror_position`] computes it.
     pub mirror: Option<Vector3<f64>>,
     /// Root mean square of (length at the position - given length), m; 0 for three cables.
     pub residual_rms_m: f64,

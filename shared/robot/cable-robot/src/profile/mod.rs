@@ -14,6 +14,9 @@ const FARTHEST_M: f64 = 1e6;
 const FASTEST_M_S: f64 = 1e4;
 const STEEPEST_M_S2: f64 = 1e6;
 
+/// Default of the swing above which a profile is shaped, m: about what a careful calibration leaves over.
+pub const SWING_LIMIT_M: f64 = 0.005;
+
 /// Relative excess that counts as rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -50,6 +53,9 @@ pub struct ProfileLimits {
     pub start_m_s: f64,
     /// Speed at the end, m/s.
     pub end_m_s: f64,
+    /// Swing above which [`crate::swing::shaped`] shapes the profile, m. A profile that is planned without the robot
+    /// is not shaped.
+    pub swing_limit_m: f64,
 }
 
 impl ProfileLimits {
@@ -61,6 +67,7 @@ impl ProfileLimits {
             total_m_s2: acceleration_m_s2,
             start_m_s: 0.0,
             end_m_s: 0.0,
+            swing_limit_m: SWING_LIMIT_M,
         }
     }
 }
@@ -348,7 +355,7 @@ mod tests {
 
         #[test]
         fn limits_hold_everywhere(path in curved_paths(), cruise in 0.05..0.6f64, tangential in 0.1..1.0f64, total in 0.1..1.0f64) {
-            let limits = ProfileLimits { cruise_m_s: cruise, tangential_m_s2: tangential, total_m_s2: total, start_m_s: 0.0, end_m_s: 0.0 };
+            let limits = ProfileLimits { cruise_m_s: cruise, tangential_m_s2: tangential, total_m_s2: total, ..ProfileLimits::rest_to_rest(cruise, tangential) };
             let profile = Profile::plan(&path, &limits).unwrap();
             let (v, t, a) = worst(&path, &profile, &limits);
             prop_assert!(v <= 1.0 + 1e-6 && t <= 1.0 + 1e-6 && a <= 1.0 + 1e-3, "{v} {t} {a}");

@@ -3,8 +3,8 @@
 use super::{Knot, MAX_KNOTS, Profile};
 
 /// Weights of the three copies of a profile, half a period apart: zero vibration and derivative (Singer and Seering
-/// 1990). Of a swing of another period, cos²(pi f / 2) is left, where f is the ratio of the shaped period to it: at most
-/// 0.15 within 20 %.
+/// 1990). Of a swing of another period, cos²(pi f / 2) is left, where f is the ratio of the shaped period to it: at
+/// most 0.15 within 20 %.
 const WEIGHTS: [f64; 3] = [0.25, 0.5, 0.25];
 
 /// Times closer than this are one knot, s.

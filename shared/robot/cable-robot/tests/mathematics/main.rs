@@ -4,9 +4,11 @@
 mod counting;
 mod elastic;
 mod energy;
+mod hanging;
 mod motion;
 mod planar;
 mod pulleys;
+mod sag;
 mod swing;
 mod tension;
 mod tension_general;

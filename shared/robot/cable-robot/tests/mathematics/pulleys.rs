@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use cable_robot::energy::WinchEnergy;
-use cable_robot::kinematics::{Pair, forward_kinematics, inverse_kinematics, lengths_at, trilaterate};
+use cable_robot::kinematics::{Pair, forward_kinematics, inverse_kinematics, lengths_at, mirror_position, trilaterate};
 use cable_robot::motor::Motor;
 use cable_robot::path::{Parabola, Path};
 use cable_robot::profile::{Profile, ProfileLimits};
@@ -337,10 +337,13 @@ fn three_cables_have_a_lower_and_an_upper_position() {
     let p = Vector3::new(0.7, -0.4, 1.0);
     let l = inverse_kinematics(&anchors, &p);
     let lower = forward_kinematics(&anchors, &l, None).unwrap();
-    let mirror = lower.mirror.unwrap();
+    let mirror = mirror_position(&anchors, &l, &lower.position).unwrap();
     assert!((lower.position - p).norm() < 1e-9 && mirror.z > HEIGHT_M);
     assert!(inverse_kinematics(&anchors, &mirror).iter().zip(l.iter()).all(|(a, b)| (a - b).abs() < 1e-9));
-    assert_eq!(forward_kinematics(&anchors, &l, Some(&mirror)).unwrap().position, mirror);
+    let upper = forward_kinematics(&anchors, &l, Some(&mirror)).unwrap();
+    assert!((upper.position - mirror).norm() < 1e-9);
+    assert!((mirror_position(&anchors, &l, &upper.position).unwrap() - p).norm() < 1e-9);
+    assert_eq!(mirror_position(&anchors, &l[..2], &p), None);
 }
 
 #[test]
@@ -353,7 +356,7 @@ fn checks_and_energy_of_a_move_use_the_pulleys() {
     let report = segment.check(&robot, Distribution::LeastNorm, 0.01).unwrap();
     let start = elastic::realise(&robot, &from, &Vector3::zeros(), Distribution::LeastNorm).unwrap();
     let held = tension::at(&robot, &from, &Vector3::zeros(), Distribution::LeastNorm).unwrap();
-    let stretched = elastic::stretched(&robot, &start.unstretched_m, &held.tensions_n);
+    let stretched = elastic::stretched(&robot, &from, &start.unstretched_m, &held.tensions_n);
     for i in 0..4 {
         assert!((stretched[i] - robot.anchors().pulley(i).length_m(&from)).abs() < 1e-12);
         assert!(report.shortest_m[i] <= start.unstretched_m[i] && start.unstretched_m[i] <= report.longest_m[i]);

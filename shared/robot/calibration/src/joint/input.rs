@@ -26,7 +26,7 @@ pub enum Loss {
 
 impl Loss {
     /// Computes rho(r) and the weight rho'(r) / r, with rho = r²/2 near zero. r in standard deviations.
-    pub(super) fn evaluate(self, r: f64) -> (f64, f64) {
+    pub(crate) fn evaluate(self, r: f64) -> (f64, f64) {
         match self {
             Self::Squared => (0.5 * r * r, 1.0),
             Self::Huber if r.abs() <= HUBER => (0.5 * r * r, 1.0),

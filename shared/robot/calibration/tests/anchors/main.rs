@@ -5,7 +5,9 @@
 
 mod heights;
 mod joint;
+mod length_check;
 mod paper;
+mod patterns;
 mod pulleys;
 mod refusals;
 mod regions;

@@ -2,15 +2,12 @@
 
 use super::gather::{PathPoint, RunData};
 use super::trace::Trace;
+use crate::colours::{ESTIMATE, SETPOINT, TRUTH};
 use cable_robot::Vector3;
 use messages::MotorAuthority;
 use plot::{Axis, BLACK, COLOURS, Chart, GREY, Series, SeriesStyle, css_colour, ranges, svg};
 use robot_state::sentences::mode_name;
 
-/// Teal for estimates: not the colour of any of the first six cables.
-const ESTIMATE: usize = 6;
-const TRUTH: usize = BLACK;
-const SETPOINT: usize = GREY;
 /// Purple, for quantities that do not belong to a single cable.
 const ALONE: usize = 4;
 /// Size of a chart over time, px.

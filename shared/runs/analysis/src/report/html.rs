@@ -28,11 +28,12 @@ figcaption{font-size:.9rem;margin-left:.2rem}figcaption b{font-weight:600;margin
 svg{display:block;width:100%;height:auto;font:12px system-ui,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;fill:var(--label);color:var(--black)}\
 svg .grid{stroke:var(--grid);fill:none}svg .frame{fill:none;stroke:var(--frame)}\
 .scroll{overflow:auto;max-height:36rem;margin:.3rem 0 .8rem}table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;min-width:50%}\
-caption{text-align:left;font-weight:600;padding:.2rem 0}th,td{border-bottom:1px solid var(--line);padding:.28rem .6rem;text-align:right;vertical-align:top}td{white-space:nowrap}.words td{white-space:normal}\
+caption{text-align:left;font-weight:600;padding:.2rem 0}th,td{border-bottom:1px solid var(--line);padding:.28rem .6rem;text-align:right;vertical-align:top}\
 th{color:var(--soft);font-weight:600;background:var(--tint);position:sticky;top:0}td:first-child,th:first-child{text-align:left}\
 table.words td,table.words th{text-align:left}table.words td:first-child{text-align:right}\
 footer{margin-top:3rem;color:var(--soft);font-size:.82rem;border-top:1px solid var(--line);padding-top:.8rem}\
-@media(max-width:760px){figure.half{width:100%}.runs{grid-template-columns:1fr}}\
+@media(max-width:900px){th,td{padding:.28rem .35rem;overflow-wrap:anywhere}table{font-size:.8rem}}\
+@media(max-width:760px){figure.half{width:100%}.runs{grid-template-columns:minmax(0,1fr)}th,td{padding:.2rem}table{font-size:.72rem}}\
 @media print{main{max-width:none;padding:0}h2{break-after:avoid}.scroll{overflow:visible;max-height:none}body{font-size:12px}table{font-size:.75rem}}";
 
 /// A run with its assessment.

@@ -2,7 +2,9 @@
 //! count from 1 in the file.
 
 use cable_robot::CableVec;
+use cable_robot::anchors::RADII_M;
 use calibration::{DirectHeight, Loss, Measurements, Method, Range, Side};
+use config::PulleyKind;
 use serde::{Deserialize, Serialize};
 
 /// Default standard deviation of a range, m: a laser of ±1.5 mm, and a plumb line that never hangs quite still.
@@ -35,6 +37,21 @@ pub struct MeasurementsFile {
     /// Standard deviation of the zero offsets of the lengths, m; without it they are exactly 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_offset_m: Option<f64>,
+    /// What the cables leave from, as in the robot file; without it the calibration asks for it where it matters.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pulley: Option<PulleyKind>,
+    /// Radius of each pulley to the middle of the cable, m per cable; 0 for an eye. With `pulley = "swivel"` only.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pulley_radius_m: Vec<f64>,
+    /// Standard deviation of a common deviation of the radii, m; without it they are exact.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_pulley_radius_m: Option<f64>,
+    /// Standard deviation of the scale of each cable about the common one; without it there is no difference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_cable_scale: Option<f64>,
+    /// Standard deviation, per axis, of the point where each cable is tied to the node, m; without it all meet exactly.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_attachment_m: Option<f64>,
     /// Encoder counts per metre with which the robot computed the lengths, if the robot measured them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub counts_per_m: Option<Vec<f64>>,
@@ -234,6 +251,10 @@ impl MeasurementsFile {
                 "counts_per_m is {counts:?}; accepted: one value for each of the {cables} cables, as in the system file; omit the key if the robot did not measure the lengths"
             ));
         }
+        measured.pulley_radius_m = self.radii(cables)?;
+        measured.sigma_pulley_radius_m = self.sigma_pulley_radius_m;
+        measured.sigma_cable_scale = self.sigma_cable_scale;
+        measured.sigma_attachment_m = self.sigma_attachment_m;
         let set = |key: &mut f64, value: Option<f64>| *key = value.unwrap_or(*key);
         set(&mut measured.sigma_length_m, self.sigma_length_m);
         set(&mut measured.sigma_gps_m, self.sigma_gps_m);
@@ -247,5 +268,30 @@ impl MeasurementsFile {
             Some(LossName::Huber) | None => Loss::Huber,
         };
         Ok(measured)
+    }
+
+    /// The method where none is asked for: for pulleys the joint one, which alone weighs what is not quite known about
+    /// them, and for eyes that of the paper.
+    #[must_use]
+    pub fn usual_method(&self) -> Method {
+        if self.pulley == Some(PulleyKind::Swivel) { Method::Joint } else { Method::Survey }
+    }
+
+    /// The radius of each pulley, m: zeros if the cables leave from eyes, empty if the file does not say.
+    fn radii(&self, cables: usize) -> Result<Vec<f64>, String> {
+        let radii_m = &self.pulley_radius_m;
+        match self.pulley {
+            Some(PulleyKind::Swivel) if radii_m.len() == cables && radii_m.iter().all(|r| RADII_M.contains(r)) => {
+                Ok(radii_m.clone())
+            }
+            Some(PulleyKind::Swivel) => Err(format!(
+                "pulley_radius_m is {radii_m:?}; accepted with pulley = \"swivel\": one radius of 0 to {} m for each of the {cables} cables",
+                RADII_M.end()
+            )),
+            kind if radii_m.is_empty() && self.sigma_pulley_radius_m.is_none() => {
+                Ok(if kind.is_some() { vec![0.0; cables] } else { Vec::new() })
+            }
+            _ => Err("pulley_radius_m and sigma_pulley_radius_m describe pulleys; add pulley = \"swivel\"".to_owned()),
+        }
     }
 }

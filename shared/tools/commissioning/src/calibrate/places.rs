@@ -1,5 +1,7 @@
 //! Plans where to hold the node for a calibration and predicts the accuracy of the anchors.
 
+use cable_robot::Vector3;
+use cable_robot::pulley::Pulley;
 use calibration::placement::{corners, predict};
 use calibration::{CalibrationError, Measurements, Method, calibrate, survey_network};
 use command::{Answer, Failure};
@@ -23,7 +25,7 @@ pub fn places(measured: &Measurements, method: Method, count: usize, height_m: O
     let mut rows = Vec::new();
     for (k, at) in points.iter().enumerate() {
         let near = k % anchors.len() + 1;
-        let lengths = lengths(&anchors, at);
+        let lengths = lengths(&anchors, &measured.pulley_radius_m, at);
         let read: Vec<String> = lengths.iter().map(|length| format!("{length:.2}")).collect();
         let _ = writeln!(
             words,
@@ -49,12 +51,18 @@ pub fn spots(anchors: &[[f64; 3]], count: usize) -> Vec<[f64; 2]> {
     corners(&flat, count, REACH)
 }
 
-/// Returns the cable lengths with the node on the floor at x and y, m.
+/// Returns the cable lengths with the node on the floor at x and y, m; `radii_m` of the pulleys, empty for eyes.
 #[must_use]
-pub fn lengths(anchors: &[[f64; 3]], at: &[f64; 2]) -> Vec<f64> {
-    let length =
-        |anchor: &[f64; 3]| ((anchor[0] - at[0]).powi(2) + (anchor[1] - at[1]).powi(2) + anchor[2].powi(2)).sqrt();
-    anchors.iter().map(length).collect()
+pub fn lengths(anchors: &[[f64; 3]], radii_m: &[f64], at: &[f64; 2]) -> Vec<f64> {
+    let length = |(i, anchor): (usize, &[f64; 3])| {
+        let radius_m = radii_m.get(i).copied().unwrap_or(0.0);
+        if radius_m == 0.0 {
+            return ((anchor[0] - at[0]).powi(2) + (anchor[1] - at[1]).powi(2) + anchor[2].powi(2)).sqrt();
+        }
+        let pulley = Pulley { anchor: Vector3::from(*anchor), radius_m, planar: false };
+        pulley.length_m(&Vector3::new(at[0], at[1], 0.0))
+    };
+    anchors.iter().enumerate().map(length).collect()
 }
 
 /// Estimates the anchors: from the points where they determine it, otherwise from the ranges with measured or

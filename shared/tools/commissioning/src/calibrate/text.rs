@@ -1,5 +1,6 @@
 //! The result of a calibration as text.
 
+use super::honest;
 use calibration::{self, Calibration, Holdout, Measurements, Method};
 use std::fmt::Write as _;
 
@@ -19,7 +20,9 @@ pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) 
         anchor + 1,
         std
     );
-    let mut text = if std <= GOOD_STD_M {
+    let mut text = if let Some(open) = honest::open_question(measured, found) {
+        format!("poor: {open}; {worst}")
+    } else if std <= GOOD_STD_M {
         format!("good: {worst}")
     } else if std <= USABLE_STD_M {
         format!("usable: {worst}; points near the corners below the anchors would help most (nims calibrate --plan)")
@@ -34,8 +37,9 @@ pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) 
             "; the measurements scatter {:.1} times as much as stated, so the deviations are scaled by that factor; {}",
             found.widened_by,
             match found.method {
-                Method::Joint => "check for a moved plumb line, an uneven floor or a slipped cable",
-                Method::Survey => "check for outliers, a scale or a zero offset with the joint method",
+                Method::Joint | Method::Survey => {
+                    "check for a moved plumb line, an uneven floor, a slipped cable or a wrong pulley_radius_m"
+                }
                 Method::Gps => "check the known positions",
             }
         );
@@ -82,6 +86,14 @@ pub fn words(found: &Calibration, holdout: Option<&Holdout>, verdict: &str, coun
                 "this corresponds to {counts:.1?} counts per metre; a robot whose robot file names this calibration uses them"
             );
         }
+    }
+    if let Some(radius_m) = found.pulley_radius_m.iter().copied().reduce(f64::max).filter(|r| *r > 0.0) {
+        let (mm, std) = (1000.0 * radius_m, 1000.0 * found.pulley_radius_std_m);
+        let _ = if std > 0.0 {
+            writeln!(text, "pulleys: radius {mm:.1} ±{std:.1} mm, estimated")
+        } else {
+            writeln!(text, "pulleys: radius {mm:.1} mm, as stated")
+        };
     }
     for (i, (o, s)) in found.offsets_m.iter().zip(found.offset_std_m.iter()).enumerate().filter(|(_, (_, s))| **s > 0.0)
     {

@@ -2,7 +2,9 @@
 
 use crate::calibrate::MeasurementsFile;
 use cable_robot::{Anchors, CableVec, kinematics};
-use calibration::{JointInput, Measurements, Method, calibrate, calibrate_joint, survey_network};
+use calibration::{
+    JointInput, Measurements, Method, calibrate, calibrate_joint, calibrate_joint_with_pulleys, survey_network,
+};
 use std::fmt::Write as _;
 
 /// Significance of a misfit, as the number of standard deviations of a normal variate with the same probability.
@@ -28,8 +30,8 @@ pub struct DoubtfulPoint {
 /// newest. Points that were kept despite their misfit are excluded, so that no other point is blamed for them.
 pub fn find(file: &MeasurementsFile) -> Option<DoubtfulPoint> {
     let kept = |index: &usize| file.doubt.iter().any(|doubt| doubt.point == index + 1);
-    let open: Vec<usize> = file.used(Method::Survey).into_iter().filter(|index| !kept(index)).collect();
-    let mut measured = file.measurements(Method::Survey).ok()?;
+    let open: Vec<usize> = file.used(file.usual_method()).into_iter().filter(|index| !kept(index)).collect();
+    let mut measured = file.measurements(file.usual_method()).ok()?;
     measured.lengths_m =
         open.iter().map(|index| CableVec::from_slice(&file.point[*index].lengths_m).ok()).collect::<Option<_>>()?;
     // Each point adds `cable_count` lengths and two unknowns, x and y.
@@ -71,11 +73,16 @@ pub fn find(file: &MeasurementsFile) -> Option<DoubtfulPoint> {
 /// fit fails.
 fn best_fit(measured: &Measurements) -> Option<(f64, f64)> {
     let survey = survey_network(measured.cable_count, &measured.ranges, &measured.sides).ok()?;
-    let best = calibrate_joint(&JointInput {
+    let input = JointInput {
         ranges: &measured.ranges,
         heights: &measured.heights,
         ..JointInput::new(&survey.anchors_xy_m, &measured.lengths_m, measured.sigma_length_m)
-    });
+    };
+    let best = if measured.pulley_radius_m.is_empty() {
+        calibrate_joint(&input)
+    } else {
+        calibrate_joint_with_pulleys(&input, &measured.pulley_radius_m)
+    };
     best.ok().map(|best| (best.chi_squared, best.degrees_of_freedom))
 }
 
@@ -91,7 +98,12 @@ fn quantile(degrees_of_freedom: usize) -> f64 {
 fn describe_misfit(rest: &Measurements, lengths_m: &[f64]) -> String {
     let vague = || "its cables do not meet in one place".to_owned();
     let Ok(found) = calibrate(rest, Method::Survey) else { return "the other points contradict each other".to_owned() };
-    let Ok(anchors) = Anchors::new(&found.anchors_m) else { return vague() };
+    let anchors = Anchors::new(&found.anchors_m);
+    let with_pulleys = |anchors: Anchors| match found.pulley_radius_m.as_slice() {
+        [] => Ok(anchors),
+        radii_m => anchors.with_pulleys(radii_m),
+    };
+    let Ok(anchors) = anchors.and_then(with_pulleys) else { return vague() };
     match kinematics::forward_kinematics(&anchors, lengths_m, None) {
         Ok(at) if at.position.z.abs() > NOTEWORTHY_M.max(at.residual_rms_m) => {
             let side = if at.position.z > 0.0 { "above" } else { "below" };

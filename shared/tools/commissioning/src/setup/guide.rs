@@ -4,10 +4,10 @@
 use super::numbers::{self, excerpt};
 use super::question::{self, POINTS, Question, pulleys};
 use super::shape;
-use super::text::metres;
 use super::undo::undo;
 use crate::calibrate::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
-use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, Method, calibrate};
+use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, calibrate};
+use config::PulleyKind;
 
 /// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser
 /// meter used by beginners.
@@ -18,11 +18,12 @@ const FEWEST: usize = 3;
 /// Maximum number of points of a plan.
 const MOST: usize = 60;
 
-/// Share of the expected length beyond which a length gives a hint, if it also exceeds [`FAR_M`].
-const FAR_SHARE: f64 = 0.2;
-/// Deviation beyond which a length gives a hint, m: people stand about so far beside a place, and a guessed height is
-/// about so far off.
-const FAR_M: f64 = 1.0;
+/// Standard deviation of a radius, m: half of a diameter measured with a ruler.
+const SIGMA_RADIUS_M: f64 = 0.001;
+/// Standard deviation of the scale of each cable, as a share: a check over five metres, good to 2.5 mm.
+const SIGMA_CABLE_SCALE: f64 = 0.0005;
+/// Standard deviation of the point where a cable is tied, m: a ring at the node.
+const SIGMA_ATTACHMENT_M: f64 = 0.005;
 
 /// Amount by which two cables may be too short to meet, in standard deviations of a length.
 const SHORT_SIGMAS: f64 = 6.0;
@@ -98,7 +99,8 @@ impl Guide {
             return Err("a [[doubt]] or the plan refers to points that do not exist".to_owned());
         }
         if count > 0 {
-            let measured = file.measurements(Method::Survey)?;
+            let method = file.usual_method();
+            let measured = file.measurements(method)?;
             let question = Question::next(&MeasurementsFile {
                 setup: Some(Setup { plan: Vec::new(), ..setup.clone() }),
                 ..file.clone()
@@ -108,11 +110,13 @@ impl Guide {
                 shape::survey(&file, count)?;
             }
             // Points need the positions of the pulleys, so an earlier question must not be open.
-            if !matches!(question, Question::Points) && (points > 0 || !setup.plan.is_empty()) {
+            // A file from before the question of the pulleys may have points.
+            if !matches!(question, Question::Points | Question::PulleyRadius) && (points > 0 || !setup.plan.is_empty())
+            {
                 return Err("it has points, but an answer that is asked before them is missing".to_owned());
             }
             if points > 0
-                && let Err(error @ CalibrationError::InvalidArgument(_)) = calibrate(&measured, Method::Survey)
+                && let Err(error @ CalibrationError::InvalidArgument(_)) = calibrate(&measured, method)
             {
                 return Err(error.to_string());
             }
@@ -151,7 +155,7 @@ impl Guide {
             _ => {}
         }
         if self.question == Question::Finish && line.is_empty() {
-            return match crate::calibrate::judge(&self.file, Method::Survey) {
+            return match crate::calibrate::judge(&self.file, self.file.usual_method()) {
                 Ok(_) => Reply { message: String::new(), changed: false, next_step: NextStep::Finish },
                 Err(_) => refused(
                     "There is no calibration yet: type the number of further points that you will measure.".to_owned(),
@@ -202,8 +206,8 @@ fn points_complete(file: &MeasurementsFile) -> bool {
 
 /// Returns the accuracy of the anchors from the points so far as one line; `None` if too few points exist.
 fn progress(file: &MeasurementsFile) -> Option<String> {
-    let measured = file.measurements(Method::Survey).ok()?;
-    match calibrate(&measured, Method::Survey) {
+    let measured = file.measurements(file.usual_method()).ok()?;
+    match calibrate(&measured, file.usual_method()) {
         Ok(found) => {
             let (anchor, axis, std) = found.covariance.worst();
             Some(format!(
@@ -224,6 +228,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
         return Err(match question {
             Question::Finish => "the points are complete: press Enter to write the calibration".to_owned(),
             Question::PointDecision { .. } => "answer keep or again first".to_owned(),
+            Question::Confirmation { .. } => "press Enter, or type the lengths of this point again, first".to_owned(),
             _ => "done ends the points, which come after this question".to_owned(),
         });
     }
@@ -253,9 +258,20 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             file.setup.get_or_insert_default().about_m = Some(numbers::length(line, numbers::HEIGHT)?);
             Ok(String::new())
         }
+        Question::PulleyRadius => pulley_radius(file, line),
         Question::Points => number_of_points(file, line),
         Question::Lengths { .. } if done => end_early(file),
         Question::Lengths { place } => lengths(file, *place, line),
+        Question::Confirmation { .. } if line.is_empty() => Ok(add_point(file)),
+        Question::Confirmation { place } => {
+            file.setup.get_or_insert_default().lengths_so_far_m.clear();
+            let open = pulleys(file);
+            let message = lengths(file, *place, line)?;
+            if points_complete(file) || file.setup.as_ref().is_some_and(|setup| setup.lengths_so_far_m.len() == open) {
+                return Ok(message);
+            }
+            Err(format!("type all {open} lengths again, or press Enter"))
+        }
         Question::PointDecision { doubtful, .. } => {
             let used = match line.to_lowercase().as_str() {
                 "keep" | "k" => true,
@@ -266,7 +282,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             Ok(String::new())
         }
         Question::Finish => {
-            let used = file.used(Method::Survey).len();
+            let used = file.used(file.usual_method()).len();
             let more = whole(line, 1, MOST.saturating_sub(used).max(1)).ok_or_else(|| {
                 format!("`{}` is neither Enter nor a number of further points (up to {MOST} in all)", excerpt(line))
             })?;
@@ -353,33 +369,41 @@ fn lengths(file: &mut MeasurementsFile, place: usize, line: &str) -> Result<Stri
         file.setup.get_or_insert_default().lengths_so_far_m = all;
         return Ok(String::new());
     }
-    let hint = question::expected(file, place).and_then(|expected| unexpected_length_hint(&expected.lengths_m, &all));
-    file.setup.get_or_insert_default().lengths_so_far_m.clear();
-    file.point.push(PointEntry { lengths_m: all, gps_m: None });
-    Ok(hint.unwrap_or_default())
+    let unexpected = question::unexpected(file, place, &all).is_some();
+    file.setup.get_or_insert_default().lengths_so_far_m = all;
+    Ok(if unexpected { String::new() } else { add_point(file) })
 }
 
-/// Returns a hint if a length is far from the expected one, because two cables may have been confused.
-fn unexpected_length_hint(expected_m: &[f64], read_m: &[f64]) -> Option<String> {
-    let off = |(expected, read): &(&f64, &f64)| (*read - *expected).abs() > FAR_M.max(FAR_SHARE * **expected);
-    let (line, (expected, read)) = expected_m.iter().zip(read_m).enumerate().find(|(_, pair)| off(pair))?;
-    Some(format!(
-        "Cable {} was expected to show about {} there, not {}. If it was misread, or cables were confused, type undo.",
-        line + 1,
-        metres(*expected),
-        metres(*read)
-    ))
+/// Makes the lengths that were typed a point.
+fn add_point(file: &mut MeasurementsFile) -> String {
+    let lengths_m = std::mem::take(&mut file.setup.get_or_insert_default().lengths_so_far_m);
+    file.point.push(PointEntry { lengths_m, gps_m: None });
+    String::new()
+}
+
+fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
+    if line.is_empty() {
+        file.pulley = Some(PulleyKind::Eye);
+        return Ok(String::new());
+    }
+    let radius_m = numbers::radius(line)?;
+    file.pulley = Some(PulleyKind::Swivel);
+    file.pulley_radius_m = vec![radius_m; pulleys(file)];
+    file.sigma_pulley_radius_m = Some(SIGMA_RADIUS_M);
+    file.sigma_cable_scale = Some(SIGMA_CABLE_SCALE);
+    file.sigma_attachment_m = Some(SIGMA_ATTACHMENT_M);
+    Ok(String::new())
 }
 
 fn end_early(file: &mut MeasurementsFile) -> Result<String, String> {
     if file.setup.as_ref().is_some_and(|setup| !setup.lengths_so_far_m.is_empty()) {
         return Err("this point is incomplete: type the other lengths, or take it back with undo".to_owned());
     }
-    let measured = file.measurements(Method::Survey)?;
-    if let Err(error) = calibrate(&measured, Method::Survey) {
+    let measured = file.measurements(file.usual_method())?;
+    if let Err(error) = calibrate(&measured, file.usual_method()) {
         return Err(format!("the points are not enough yet: {error}"));
     }
-    let (points, used) = (file.point.len(), file.used(Method::Survey).len());
+    let (points, used) = (file.point.len(), file.used(file.usual_method()).len());
     file.setup.get_or_insert_default().plan.push([points, used]);
     Ok(String::new())
 }

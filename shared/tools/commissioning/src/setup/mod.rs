@@ -17,7 +17,7 @@ mod tests;
 mod text;
 mod undo;
 
-use crate::calibrate::{self, CalibrationMethod, MeasurementsFile};
+use crate::calibrate::{self, MeasurementsFile};
 use command::{Answer, Failure, Output};
 
 use config::file;
@@ -125,8 +125,13 @@ fn print_question(question: &str) {
 /// Writes the calibration and returns the result with the next steps.
 fn finish(measurements: &Path, out: Option<&Path>) -> Answer<Output> {
     let out = out.map_or_else(|| free_name(measurements), |out| Ok(out.to_owned()))?;
-    let (method, measured) = (CalibrationMethod::Survey, measurements.to_owned());
-    let args = calibrate::Args { measurements: measured, method, out: Some(out.clone()), plan: None, height: None };
+    let args = calibrate::Args {
+        measurements: measurements.to_owned(),
+        method: None,
+        out: Some(out.clone()),
+        plan: None,
+        height: None,
+    };
     let value = calibrate::run(&args)?.value;
     let words = format!(
         "The calibration is in {}. Next: in [robot] of the robot file write calibration = \"{}\" in place of anchors_m (the path from that \

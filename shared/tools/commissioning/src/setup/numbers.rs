@@ -17,6 +17,24 @@ pub const LENGTH: Bounds = Bounds { least_m: 0.1, most_m: 300.0 };
 /// Heights of pulleys, on poles or trees.
 pub const HEIGHT: Bounds = Bounds { least_m: 0.3, most_m: 100.0 };
 
+/// Radii of pulleys: sheaves for cords have 15 to 40 mm.
+const RADIUS: Bounds = Bounds { least_m: 0.005, most_m: 0.2 };
+
+/// Parses the radius of a pulley, m: `25 mm`, `2.5 cm` or `0.025`.
+///
+/// # Errors
+/// One sentence: what is accepted.
+pub fn radius(text: &str) -> Result<f64, String> {
+    let number = text.trim().strip_suffix("mm").or_else(|| text.trim().strip_suffix("MM"));
+    let m = match number {
+        Some(digits) => parse_digits(digits.trim()).map(|mm| mm / 1000.0),
+        None => length(text, Bounds { least_m: 0.0, most_m: RADIUS.most_m }).ok(),
+    };
+    m.filter(|m| (RADIUS.least_m..=RADIUS.most_m).contains(m)).ok_or_else(|| {
+        format!("`{}` is no radius of a pulley (accepted: 5 to 200 mm); write it like 25 mm or 2.5 cm", excerpt(text))
+    })
+}
+
 /// Parses one length, m.
 ///
 /// # Errors
@@ -133,6 +151,16 @@ mod tests {
         }
         assert_eq!(length("9", DISTANCE), Ok(9.0));
         assert_eq!(length("9.", DISTANCE), Ok(9.0));
+    }
+
+    #[test]
+    fn a_radius_may_be_in_millimetres() {
+        for text in ["25 mm", "25mm", "2.5 cm", "2,5 cm", "0.025", "0,025 m", "25.0 MM"] {
+            assert_eq!(radius(text), Ok(0.025), "{text}");
+        }
+        for text in ["25", "0", "250 mm", "2 mm", "", "mm", "-25 mm", "25 mm 3", "25 in"] {
+            assert!(radius(text).unwrap_err().contains("25 mm"), "{text}");
+        }
     }
 
     #[test]

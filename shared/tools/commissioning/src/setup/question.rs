@@ -5,7 +5,7 @@ use super::shape;
 use super::text::{listed, metres};
 use crate::calibrate;
 use crate::calibrate::{MeasurementsFile, Setup, places};
-use calibration::{Method, calibrate};
+use calibration::calibrate;
 use std::fmt::Write as _;
 
 /// Proposed number of points: three at each corner of three pulleys.
@@ -41,10 +41,17 @@ pub enum Question {
     },
     /// Approximate height of all pulleys.
     ApproximateHeight,
+    /// Radius of the pulleys.
+    PulleyRadius,
     /// Number of points at which the node is held.
     Points,
     /// Cable lengths at one place.
     Lengths {
+        /// Planned place, from 0.
+        place: usize,
+    },
+    /// Whether lengths far from the expected ones are right.
+    Confirmation {
         /// Planned place, from 0.
         place: usize,
     },
@@ -108,6 +115,9 @@ impl Question {
         if file.height.is_empty() && setup.about_m.is_none() {
             return Self::ApproximateHeight;
         }
+        if file.pulley.is_none() {
+            return Self::PulleyRadius;
+        }
         let Some(wanted) = wanted(file) else { return Self::Points };
         let places = points_at_places(file);
         if setup.lengths_so_far_m.is_empty()
@@ -119,7 +129,8 @@ impl Question {
         if places.iter().flatten().count() >= wanted {
             return Self::Finish;
         }
-        Self::Lengths { place: places.iter().position(Option::is_none).unwrap_or(places.len()) }
+        let place = places.iter().position(Option::is_none).unwrap_or(places.len());
+        if setup.lengths_so_far_m.len() >= count { Self::Confirmation { place } } else { Self::Lengths { place } }
     }
 
     /// Returns the open question about the position of one pulley, if any.
@@ -155,24 +166,29 @@ impl Question {
             Self::ApproximateHeight => {
                 "About how high are the pulleys above the floor (a guess is enough; only the plan uses it)?".to_owned()
             }
+            Self::PulleyRadius => {
+                "Do the cables leave over wheels that swivel? Type the radius from the axle to the middle of the cable, like 25 mm (Enter: eyes, no wheels)."
+                    .to_owned()
+            }
             Self::Points => {
                 format!(
                     "At how many points will the node be held on the floor (Enter: {POINTS}; more points are more accurate)?"
                 )
             }
             Self::Lengths { place } => lengths_text(file, *place),
+            Self::Confirmation { place } => confirmation_text(file, *place),
             Self::PointDecision { place, doubtful } => format!(
                 "Point {} does not fit the others: {}.\nUse it anyway (keep), or measure it again (again)?",
                 place + 1,
                 doubtful.description
             ),
-            Self::Finish => match calibrate::judge(file, Method::Survey) {
+            Self::Finish => match calibrate::judge(file, file.usual_method()) {
                 Ok(judged) => format!(
                     "\n{}\nPress Enter to write the calibration, or type the number of further points that you will measure:",
                     judged.words.trim_end()
                 ),
                 Err(why) => format!(
-                    "These measurements do not determine the positions of the pulleys: {why}. Type the number of further points that you will measure, or \
+                    "There is no calibration yet: {why}. Type the number of further points that you will measure, or \
                      take back a wrong answer with undo."
                 ),
             },
@@ -201,6 +217,38 @@ fn lengths_text(file: &MeasurementsFile, place: usize) -> String {
     text
 }
 
+/// Difference from the expected length that is asked about, m: a misread decimetre is more likely than a team that
+/// stands so far from the place.
+const ASKED_M: f64 = 0.3;
+
+/// Returns the cable, from 0, whose length is farthest from the expected one, with both, if the difference is worth a
+/// question.
+pub fn unexpected(file: &MeasurementsFile, place: usize, lengths_m: &[f64]) -> Option<(usize, f64, f64)> {
+    let expected = expected(file, place)?.lengths_m;
+    let pairs = expected.into_iter().zip(lengths_m.iter().copied()).enumerate();
+    let (cable, (expected, read)) = pairs.max_by(|a, b| (a.1.0 - a.1.1).abs().total_cmp(&(b.1.0 - b.1.1).abs()))?;
+    ((expected - read).abs() > ASKED_M).then_some((cable, expected, read))
+}
+
+fn confirmation_text(file: &MeasurementsFile, place: usize) -> String {
+    let lengths_m = setup_answers(file).lengths_so_far_m;
+    let Some((cable, expected, read)) = unexpected(file, place, &lengths_m) else {
+        return format!(
+            "The cables show {} m. Press Enter if this is right, or type all lengths again:",
+            listed(&lengths_m)
+        );
+    };
+    format!(
+        "Cable {} was expected to show about {} at the place, and {} was typed ({} {}). Press Enter if it is right and the node is \
+         elsewhere, or type all lengths again:",
+        cable + 1,
+        metres(expected),
+        metres(read),
+        metres((read - expected).abs()),
+        if read > expected { "more" } else { "less" }
+    )
+}
+
 /// A planned place of the node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
@@ -214,8 +262,8 @@ pub struct Place {
 
 /// Estimates the anchors: from the points where they determine it, otherwise with the measured or guessed heights.
 pub fn anchors(file: &MeasurementsFile) -> Option<Vec<[f64; 3]>> {
-    let measured = file.measurements(Method::Survey).ok()?;
-    if let Ok(found) = calibrate(&measured, Method::Survey) {
+    let measured = file.measurements(file.usual_method()).ok()?;
+    if let Ok(found) = calibrate(&measured, file.usual_method()) {
         return Some(found.anchors_m);
     }
     let survey = shape::survey(file, pulleys(file)).ok()?;
@@ -231,5 +279,5 @@ pub fn expected(file: &MeasurementsFile, place: usize) -> Option<Place> {
     let at = places::spots(&anchors, place + 1).pop()?;
     let foot = place % anchors.len();
     let from_foot_m = (anchors[foot][0] - at[0]).hypot(anchors[foot][1] - at[1]);
-    Some(Place { pulley: foot + 1, from_foot_m, lengths_m: places::lengths(&anchors, &at) })
+    Some(Place { pulley: foot + 1, from_foot_m, lengths_m: places::lengths(&anchors, &file.pulley_radius_m, &at) })
 }

@@ -40,13 +40,15 @@ struct Team {
     wrong_at: Option<usize>,
     /// Lengths at the current point that it has not typed yet.
     reading: Vec<f64>,
+    /// Radius of the pulleys, m; 0 for eyes.
+    radius_m: f64,
 }
 
 impl Team {
     fn new(seed: u64, count: usize) -> Self {
         let mut random = Random::new(seed);
         let site = site(&mut random, count);
-        Self { site, random, share: 0.3, singly: false, wrong_at: None, reading: Vec::new() }
+        Self { site, random, share: 0.3, singly: false, wrong_at: None, reading: Vec::new(), radius_m: 0.0 }
     }
 
     fn answer(&mut self, question: &Question) -> String {
@@ -67,6 +69,8 @@ impl Team {
             }
             Question::Height { .. } | Question::Points | Question::Finish => String::new(),
             Question::ApproximateHeight => "3".to_owned(),
+            Question::PulleyRadius if self.radius_m > 0.0 => format!("{:.1} mm", 1000.0 * self.radius_m),
+            Question::PulleyRadius | Question::Confirmation { .. } => String::new(),
             Question::Lengths { place } => self.lengths(place),
             Question::PointDecision { .. } => "again".to_owned(),
         }
@@ -75,8 +79,10 @@ impl Team {
     fn lengths(&mut self, place: usize) -> String {
         if self.reading.is_empty() {
             let at = places::spots(&self.site, place + 1).pop().unwrap();
+            let radii_m = vec![self.radius_m; self.site.len()];
             let at = [0, 1].map(|k| at[k] + 0.2 * self.random.normal());
-            self.reading = places::lengths(&self.site, &at).iter().map(|m| m + 0.01 * self.random.normal()).collect();
+            self.reading =
+                places::lengths(&self.site, &radii_m, &at).iter().map(|m| m + 0.01 * self.random.normal()).collect();
             if self.wrong_at == Some(place) {
                 self.reading[1] += 0.5;
                 self.wrong_at = None;
@@ -149,6 +155,62 @@ fn the_stated_accuracy_is_honest() {
     println!("{outside} of {sites} sites beyond 4 deviations; mean square {:.2}", squares / count);
     assert!(outside <= sites / 20, "{outside} of {sites}");
     assert!((0.7..1.4).contains(&(squares / count)), "{}", squares / count);
+}
+
+#[test]
+fn a_length_that_is_35_cm_off_is_asked_about() {
+    for (cable, by) in [(0, 0.35), (1, -0.35), (2, 0.35)] {
+        let mut guide = Guide::default();
+        for line in ["3", "9.8", "9.1", "9.4", "l", "", "", "", "3", "2 cm", ""] {
+            assert!(guide.answer(line).changed);
+        }
+        for place in 0..6 {
+            let mut shown = super::question::expected(guide.file(), place).unwrap().lengths_m;
+            shown[cable] += by;
+            let typed: Vec<String> = shown.iter().map(|m| format!("{m:.3}")).collect();
+            if guide.answer(&typed.join(" ")).changed {
+                assert_eq!(guide.pending(), &Question::Confirmation { place });
+                assert!(guide.question().contains("0.35 m"), "{}", guide.question());
+                assert_eq!(guide.file().point.len(), place);
+            }
+            shown[cable] -= by;
+            let typed: Vec<String> = shown.iter().map(|m| format!("{m:.3}")).collect();
+            assert!(guide.answer(&typed.join(" ")).changed);
+            assert_eq!(guide.file().point.len(), place + 1);
+        }
+    }
+}
+
+/// The team measures over wheels and states their radius to the millimetre.
+#[test]
+fn the_stated_accuracy_is_honest_over_pulleys() {
+    let (mut inside, mut count, mut refused, mut sites) = (0, 0, 0, 0);
+    for pulleys in [3, 4] {
+        for seed in 0..40 {
+            let mut team = Team::new(7000 * pulleys as u64 + seed, pulleys);
+            team.radius_m = 0.015 + 0.025 * team.random.uniform();
+            let (_, guide) = team.measure();
+            sites += 1;
+            let method = guide.file().usual_method();
+            assert_eq!(method, Method::Joint);
+            let Ok(judged) = crate::calibrate::judge(guide.file(), method) else {
+                refused += 1;
+                continue;
+            };
+            assert!(!judged.words.contains("whether the cables run over pulleys"), "{}", judged.words);
+            let found = calibrate(&guide.file().measurements(method).unwrap(), method).unwrap();
+            for ((is, truth), std) in found.anchors_m.iter().zip(&team.site).zip(found.covariance.std_m()) {
+                for k in (0..3).filter(|k| std[*k] > 0.0) {
+                    inside += u32::from((is[k] - truth[k]).abs() <= 1.96 * std[k]);
+                    count += 1;
+                }
+            }
+        }
+    }
+    let share = f64::from(inside) / f64::from(count);
+    println!("{:.1} % of the coordinates within 95 % intervals; {refused} of {sites} sites refused", 100.0 * share);
+    assert!((0.90..=0.995).contains(&share), "{share}");
+    assert!(refused <= sites / 20, "{refused} of {sites}");
 }
 
 #[test]
@@ -306,14 +368,22 @@ fn a_wrong_height_is_suggested_when_a_point_does_not_fit() {
 #[test]
 fn impossible_or_unexpected_lengths_give_a_message() {
     let mut guide = Guide::default();
-    for line in ["3", "9.8", "9.1", "9.4", "l", "", "", "", "3", ""] {
+    for line in ["3", "9.8", "9.1", "9.4", "l", "", "", "", "3", "", ""] {
         assert!(guide.answer(line).changed);
     }
     assert!(guide.question().contains("foot of pulley 1"), "{}", guide.question());
     assert!(guide.answer("3.0 3.0 9.2").message.contains("Cables 1 and 2 cannot meet"));
     assert!(guide.answer("3.0 9.6").message.contains("type 3"));
     assert!(guide.answer("done").message.contains("not enough"));
-    assert!(guide.answer("9.7 3.1 9.0").message.contains("Cable 1 was expected"));
+    // Far from what the question showed: asked about, and used only after an answer.
+    let shown = guide.question();
+    assert!(guide.answer("9.7 3.1 9.0").changed);
+    assert!(guide.question().contains("Cable 2 was expected"), "{}", guide.question());
+    assert!(guide.file().point.is_empty());
+    assert_eq!(again(&guide), guide);
+    assert!(guide.answer("done").message.contains("first"));
+    assert!(guide.answer("3.1").message.contains("all 3 lengths"));
+    assert!(guide.answer("3.10 9.75 9.10").changed && guide.file().point.len() == 1, "{shown} {}", guide.question());
 }
 
 #[test]

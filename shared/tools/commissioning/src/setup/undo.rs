@@ -29,6 +29,15 @@ pub fn undo(file: &mut MeasurementsFile) -> Option<String> {
     if setup.plan.pop().is_some() {
         return Some("how many points are wanted".to_owned());
     }
+    if file.pulley.take().is_some() {
+        let radius_m = std::mem::take(&mut file.pulley_radius_m).first().copied();
+        (file.sigma_pulley_radius_m, file.sigma_cable_scale, file.sigma_attachment_m) = (None, None, None);
+        return Some(match radius_m {
+            Some(radius_m) => format!("the radius of the pulleys was {:.1} mm", 1000.0 * radius_m),
+            None => "the cables left through eyes".to_owned(),
+        });
+    }
+    let setup = file.setup.get_or_insert_default();
     if let Some(about_m) = setup.about_m.take() {
         return Some(format!("the pulleys were about {} high", metres(about_m)));
     }

@@ -1,8 +1,10 @@
 //! Profiles that do not make the node swing on its cables.
 
-use super::PlannerConfig;
-use cable_robot::profile::slope;
-use cable_robot::{Modes, Path, Profile, Vector3, tension};
+use nalgebra::Vector3;
+
+use crate::modes::Modes;
+use crate::profile::slope;
+use crate::{Distribution, Path, Profile, Robot, tension};
 
 /// Points of a path at which a shaped profile is compared with the limit of the acceleration.
 const SAMPLES: usize = 64;
@@ -10,37 +12,43 @@ const SAMPLES: usize = 64;
 /// Relative excess of the acceleration that counts as rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Returns the profile, shaped where its accelerations would make the node swing by more than the limit.
-pub(super) fn shaped(config: &PlannerConfig, path: &Path, profile: Profile) -> Profile {
-    let Some(period_s) = swing_period_s(config, path, &profile) else { return profile };
-    profile.shaped(period_s).filter(|shaped| keeps_limit(config, path, shaped)).unwrap_or(profile)
+/// Returns the profile, shaped where its accelerations would make the node swing by more than the limit, m.
+pub fn shaped(robot: &Robot, distribution: Distribution, path: &Path, profile: Profile, limit_m: f64) -> Profile {
+    let Some(period_s) = swing_period_s(robot, distribution, path, &profile, limit_m) else { return profile };
+    profile.shaped(period_s).filter(|shaped| keeps_limit(robot, path, shaped)).unwrap_or(profile)
 }
 
 /// Returns the period of the mode that swings most after the jumps of the acceleration, s: the mean of those at both
 /// ends, where most jumps are. None if no swing exceeds the limit.
-fn swing_period_s(config: &PlannerConfig, path: &Path, profile: &Profile) -> Option<f64> {
+fn swing_period_s(
+    robot: &Robot,
+    distribution: Distribution,
+    path: &Path,
+    profile: &Profile,
+    limit_m: f64,
+) -> Option<f64> {
     let steepest_m_s2 = profile.knots().windows(2).map(|pair| slope(pair[0], pair[1]).abs()).fold(0.0, f64::max);
     let (mut largest_m, mut weighted, mut weights) = (0.0_f64, 0.0, 0.0);
     for s_m in [0.0, path.length()] {
         let at = path.point(s_m);
         // The check refuses what cannot be held.
-        let held = tension::at(&config.robot, &at, &Vector3::zeros(), config.distribution).ok()?;
+        let held = tension::at(robot, &at, &Vector3::zeros(), distribution).ok()?;
         let acceleration_m_s2 = path.tangent(s_m) * steepest_m_s2;
-        let mode = Modes::at(&config.robot, &at, &held.tensions_n)?.largest(&acceleration_m_s2);
+        let mode = Modes::at(robot, &at, &held.tensions_n)?.largest(&acceleration_m_s2);
         let swing_m = mode.swing_m(&acceleration_m_s2);
         largest_m = largest_m.max(swing_m);
         weighted += swing_m * mode.period_s();
         weights += swing_m;
     }
-    (largest_m > config.swing_limit_m && weights > 0.0).then(|| weighted / weights)
+    (largest_m > limit_m && weights > 0.0).then(|| weighted / weights)
 }
 
 /// On a curved path the copies of a profile reach a bend at other times.
-fn keeps_limit(config: &PlannerConfig, path: &Path, profile: &Profile) -> bool {
-    let limit_m_s2 = config.robot.acceleration_limit_m_s2() * (1.0 + ROUNDING);
+fn keeps_limit(robot: &Robot, path: &Path, profile: &Profile) -> bool {
+    let limit_m_s2 = robot.acceleration_limit_m_s2() * (1.0 + ROUNDING);
     path.is_straight()
         || (0..=SAMPLES).all(|i| {
             let at = profile.at(profile.duration() * i as f64 / SAMPLES as f64);
-            (at.v_m_s * at.v_m_s * path.curvature(at.s_m)).hypot(at.a_m_s2) <= limit_m_s2
+            libm::hypot(at.v_m_s * at.v_m_s * path.curvature(at.s_m), at.a_m_s2) <= limit_m_s2
         })
 }

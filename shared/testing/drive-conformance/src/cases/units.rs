@@ -1,0 +1,168 @@
+//! What units do by themselves: watchdogs, stops, restarts, counters.
+
+use drives::{Command, DriveBus, DriveStatus, Error};
+use serial::Transport;
+
+use crate::clockwork::Clockwork;
+use crate::family::{Family, WATCHDOG_MS};
+use crate::robot::{MS, Robot};
+use crate::virtual_units::VirtualUnits;
+
+/// Cycles within which a driver must have read the status of a unit.
+const STATUS_CYCLES: usize = 60;
+
+/// A unit is in use only after its watchdog was set and read back.
+pub fn a_unit_is_used_only_with_its_watchdog_read_back<F: Family>() {
+    let mut robot = Robot::<F>::fresh(1);
+    assert_eq!(robot.bus.unit(0).unwrap().watchdog_ms, None, "nothing was read yet");
+    for _ in 0..100 {
+        let outcome = robot.cycle(Command::HOLD)[0].outcome.clone();
+        let watchdog_ms = robot.bus.unit(0).unwrap().watchdog_ms;
+        match outcome {
+            Ok(()) => {
+                assert_eq!(watchdog_ms, Some(WATCHDOG_MS));
+                assert_eq!((robot.answers[0].report.setups, robot.answers[0].report.was_alive), (1, false));
+                return;
+            }
+            Err(error) => assert!(
+                matches!(error, Error::Preparing { .. } | Error::Resynchronising { .. }),
+                "while it is being set up: {error}"
+            ),
+        }
+    }
+    panic!("not set up in 100 cycles: {:?}", robot.outcomes());
+}
+
+/// A unit that keeps another watchdog time than the one that was set would not stop: it is never used.
+pub fn a_unit_that_keeps_another_watchdog_is_refused<F: Family>() {
+    for kept_ms in [0, 2 * WATCHDOG_MS] {
+        let mut clockwork = Clockwork::new(F::units(1), 1);
+        clockwork.units.keep_watchdog(0, kept_ms);
+        let mut robot = Robot::<F>::at(clockwork, 1);
+        for _ in 0..200 {
+            assert!(robot.cycle(Command::HOLD)[0].outcome.is_err(), "a unit with a watchdog of {kept_ms} ms is used");
+        }
+        let outcome = robot.outcomes().remove(0);
+        let refused = Error::WatchdogRefused {
+            port: robot.bus.port().clone(),
+            unit: robot.bus.unit(0).unwrap().name,
+            wanted_ms: WATCHDOG_MS,
+            got_ms: kept_ms,
+        };
+        assert_eq!(outcome, Err(refused));
+        assert!(!robot.bus.is_settled() && robot.bus.unit(0).unwrap().watchdog_ms.is_none());
+        assert!(!robot.units().drive(0, 0).moves());
+    }
+}
+
+/// The unit stops its motors when commands cease, not before.
+pub fn motors_stop_by_the_watchdog_when_commands_cease<F: Family>() {
+    let mut robot = Robot::<F>::connected(2);
+    robot.cycle(Command::Velocity(500.0));
+    // Longer than the watchdog in cycles without a gap: it does not trip.
+    robot.cycles(50, Command::Velocity(500.0));
+    robot.assert_drive(1, 0, Command::Velocity(500.0), "cycles without a gap");
+    let last_ns = robot.bus.now_ns();
+    let watchdog_ns = u64::from(WATCHDOG_MS) * MS;
+    F::pipe(&mut robot.bus).wait_until(last_ns + watchdog_ns - 20 * MS);
+    robot.assert_drive(1, 0, Command::Velocity(500.0), "before the watchdog's time");
+    F::pipe(&mut robot.bus).wait_until(last_ns + watchdog_ns + 10 * MS);
+    for unit in 0..2 {
+        assert!(!robot.units().drive(unit, 0).moves(), "unit {unit} moves on after its watchdog");
+    }
+    robot.tick_ns = last_ns + watchdog_ns + 20 * MS;
+    robot.recover();
+    robot.cycle(Command::Velocity(5.0));
+    robot.assert_all_ok("after the watchdog, once commanded to hold");
+}
+
+/// The emergency stop at a unit's own input appears in the neutral status and disappears again.
+pub fn an_emergency_stop_is_reported_and_stops_the_motors<F: Family>() {
+    let mut robot = Robot::<F>::connected(2);
+    robot.cycle(Command::Velocity(100.0));
+    for pressed in [true, false] {
+        robot.units().press_stop(1, pressed);
+        let reported = (0..STATUS_CYCLES).any(|_| {
+            let command = if pressed { Command::Velocity(100.0) } else { Command::HOLD };
+            robot.cycle(command)[1].report.status.value.has(DriveStatus::EMERGENCY_STOP) == pressed
+        });
+        assert!(reported, "pressed {pressed}: {}", robot.answers[1].report.status.value);
+        assert!(!robot.units().drive(1, 0).moves());
+        assert!(!robot.answers[0].report.status.value.has(DriveStatus::EMERGENCY_STOP), "the other unit reports it");
+    }
+    robot.recover();
+}
+
+/// A restarted unit is found, counted once, does not move again by itself, and its zero is no motion.
+pub fn a_restart_is_counted_and_interlocked<F: Family>() {
+    for down_ns in [0, 30 * MS, 400 * MS] {
+        let mut robot = Robot::<F>::connected(2);
+        robot.cycles(20, Command::Velocity(50.0));
+        let before = robot.answers[0].report.counts.value;
+        robot.units().restart(0, down_ns);
+        for _ in 0..150 {
+            let answer = &robot.cycle(Command::Velocity(50.0))[0];
+            assert!(answer.report.counts.value[0] >= before[0], "the zero of its counter became a motion");
+            assert!(answer.outcome.is_err(), "down for {down_ns} ns: it moved again by itself");
+        }
+        let answer = &robot.answers[0];
+        assert_eq!(answer.report.reboots, 1, "down for {down_ns} ns");
+        assert!(matches!(answer.outcome, Err(Error::Interlocked { .. })), "{:?}", answer.outcome);
+        assert_eq!(robot.answers[1].outcome, Ok(()));
+        assert!(!robot.units().drive(0, 0).moves());
+        assert_eq!(robot.bus.unit(0).unwrap().watchdog_ms, Some(WATCHDOG_MS), "its watchdog is set again");
+        robot.cycle(Command::Release);
+        robot.cycle(Command::Velocity(50.0));
+        robot.assert_all_ok("released once, it moves again");
+    }
+}
+
+/// Counts go on where the counter of the unit wraps, in both directions.
+pub fn counts_continue_when_the_counter_wraps<F: Family>() {
+    for wrap in [1_i64 << (F::COUNTER_BITS - 1), 1 << F::COUNTER_BITS] {
+        let mut clockwork = Clockwork::new(F::units(1), 1);
+        clockwork.offset = wrap - 1_500_000;
+        let mut robot = Robot::<F>::at(clockwork, 1);
+        robot.connect();
+        robot.cycle(Command::HOLD);
+        // The first count is the unit's own, which has fewer bits.
+        let at_ns = robot.answers[0].report.counts.at_ns;
+        let shown = robot.clockwork().count_at(at_ns);
+        let offset = (robot.answers[0].report.counts.value[0] - shown + (1 << (F::COUNTER_BITS - 1)))
+            .div_euclid(1 << F::COUNTER_BITS)
+            << F::COUNTER_BITS;
+        let offset = offset + robot.clockwork().offset;
+        for _ in 0..250 {
+            let start_ns = robot.exchange(Some(Command::HOLD));
+            robot.assert_all_ok("around the wrap");
+            robot.assert_fresh(0, start_ns, offset, "around the wrap");
+            robot.spend(start_ns);
+        }
+        let now_ns = robot.bus.now_ns();
+        assert!(robot.clockwork().count_at(now_ns) > wrap, "the counter did not wrap in this test");
+        let report = robot.answers[0].report;
+        assert_eq!((report.reboots, report.jumps), (0, 0));
+    }
+}
+
+/// A program that starts while units move finds them alive, counts on, and moves nothing before a stop.
+pub fn a_unit_that_moves_at_the_start_is_interlocked_and_counted<F: Family>() {
+    let mut robot = Robot::<F>::connected(2);
+    robot.cycles(5, Command::Velocity(2_000.0));
+    let mut robot = robot.restarted_program();
+    robot.connect();
+    for _ in 0..20 {
+        let start_ns = robot.exchange(Some(Command::Velocity(2_000.0)));
+        for unit in 0..2 {
+            robot.assert_fresh(unit, start_ns, 0, "units that move at the start");
+            let answer = &robot.answers[unit];
+            assert!(matches!(answer.outcome, Err(Error::Interlocked { .. })), "{:?}", answer.outcome);
+            assert!(answer.report.was_alive && answer.report.reboots == 0 && answer.report.jumps == 0);
+        }
+        robot.spend(start_ns);
+    }
+    robot.cycle(Command::HOLD);
+    assert_eq!(robot.units().drive(1, 0), Command::HOLD);
+    robot.cycle(Command::Velocity(2_000.0));
+    robot.assert_all_ok("after a stop");
+}

@@ -1,0 +1,111 @@
+//! What a calibration with small residuals may hide, as one clause for users.
+
+use calibration::{Calibration, Effect, Freed, Measurements, Misfit, Undecided, misfit, undecided, unstated_pulleys};
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Returns why this result must not be used; None if nothing speaks against it.
+pub fn refusal(measured: &Measurements, found: &Calibration, numbers: &[usize]) -> Option<String> {
+    if let Some(open) = undecided(measured, found) {
+        return Some(undecided_clause(&open));
+    }
+    let pattern = misfit(measured, found)?;
+    let mut text = misfit_clause(&pattern, measured);
+    let far = |a: &&calibration::Outlier, b: &&calibration::Outlier| a.residual_m.abs().total_cmp(&b.residual_m.abs());
+    if let Some(o) = found.outliers.iter().max_by(far) {
+        let point = numbers.get(o.point).unwrap_or(&o.point) + 1;
+        text += &format!(
+            "; first measure point {point} again, whose cable {} is off by {:.3} m",
+            o.cable + 1,
+            o.residual_m
+        );
+    }
+    Some(text)
+}
+
+/// Returns what pulleys whose radius is not stated could change; None if it is stated or does not matter.
+pub fn open_question(measured: &Measurements, found: &Calibration) -> Option<String> {
+    let open = unstated_pulleys(measured, found)?;
+    Some(format!(
+        "the measurements do not say whether the cables run over pulleys: with a radius of {:.0} mm {} of anchor {} would be {:.3} m \
+         elsewhere; add pulley = \"swivel\" with pulley_radius_m, or pulley = \"eye\"",
+        1000.0 * open.radius_m,
+        AXES[open.axis],
+        open.anchor + 1,
+        open.shift_m
+    ))
+}
+
+fn undecided_clause(open: &Undecided) -> String {
+    let (unknown, key, instead) = match open.unknown {
+        Freed::PulleyRadius => ("the radius of the pulleys".to_owned(), "sigma_pulley_radius_m", "measure the radius"),
+        Freed::Scale => ("the scale of the lengths".to_owned(), "sigma_scale", "measure five metres of cable"),
+        Freed::Zero(cable) => (
+            format!("the zero of cable {}", cable + 1),
+            "sigma_offset_m",
+            "measure the heights of the pulleys with a tape",
+        ),
+    };
+    format!(
+        "the points do not determine {unknown} (±{:.4} remains of ±{:.4} in {key}), which leaves {} of anchor {} uncertain by \
+         {:.3} m; {instead}, or add points between the middle of the site and the feet of the pulleys",
+        open.std,
+        open.stated,
+        AXES[open.axis],
+        open.anchor + 1,
+        open.shift_m
+    )
+}
+
+fn misfit_clause(pattern: &Misfit, measured: &Measurements) -> String {
+    let stated = measured.pulley_radius_m.iter().any(|r| *r > 0.0);
+    let size = pattern.size.unwrap_or_default();
+    let std = pattern.size_std.unwrap_or_default();
+    let (what, cure) = match pattern.effect {
+        Effect::PulleyRadius if stated => (
+            format!(
+                "pulleys whose radius differs by {:.0} ± {:.0} mm from the stated one",
+                1000.0 * size,
+                1000.0 * std
+            ),
+            "measure the radius to the middle of the cable",
+        ),
+        Effect::PulleyRadius => (
+            format!("pulleys with a radius of {:.0} ± {:.0} mm", 1000.0 * size, 1000.0 * std),
+            "measure the radius to the middle of the cable and state it in pulley_radius_m",
+        ),
+        Effect::Scale => (
+            format!("a scale that is off by {:.2} ± {:.2} %", 100.0 * size, 100.0 * std),
+            "measure five metres of each cable",
+        ),
+        Effect::Zeros => ("zeros that are off".to_owned(), "check the reading of each cable at a known length"),
+        Effect::CableScales => {
+            ("cables that measure on different scales".to_owned(), "measure five metres of each cable")
+        }
+        Effect::Curvature => {
+            ("lengths whose error grows with their square".to_owned(), "keep the cables taut and check their sag")
+        }
+        Effect::Floor => ("points on a floor that is not flat".to_owned(), "measure points on a level plane"),
+    };
+    let first = if stated || pattern.effect == Effect::PulleyRadius {
+        cure.to_owned()
+    } else {
+        format!("check the radius of the pulleys first, then {cure}")
+    };
+    format!(
+        "the lengths do not fit the model: their residuals have the pattern of {what} ({}), which puts {} of anchor {} {:.3} m \
+         elsewhere; {first}",
+        chance(pattern.probability),
+        AXES[pattern.axis],
+        pattern.anchor + 1,
+        pattern.shift_m
+    )
+}
+
+fn chance(probability: f64) -> String {
+    if probability < 1e-6 {
+        "by chance less than once in a million".to_owned()
+    } else {
+        format!("by chance once in {:.0}", 1.0 / probability)
+    }
+}
