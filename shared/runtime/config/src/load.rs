@@ -4,10 +4,10 @@ use super::measured::resolve_named_file;
 use super::{
     CalibrationFile, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile, check,
 };
+use crate::Problem;
 use crate::file::join_normalized;
 use crate::file_kind::FileKind;
 use crate::toml_file::{ConfigError, Source};
-use crate::Problem;
 use cable_robot::motor::{DriveLimits, Motor};
 use cable_robot::{Obstacle, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
