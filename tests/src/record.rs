@@ -114,7 +114,7 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
     let chain = Chain::from_file(&file)?;
     let section = ControllerSection { law: ControlLaw::PFeedforward, ..file.controller.clone() };
     let controller = ControllerConfig { law: Law::from_section(&section)?, ..*chain.controller.config() };
-    let section = EstimatorSection { method: EstimatorMethod::Kalman, ..file.estimator.clone() };
+    let section = EstimatorSection { method: EstimatorMethod::Kalman, ..file.estimator };
     let estimator = EstimatorConfig::from_section(&section, file.robot_file()?.robot()?, 0)?;
     let mut lockstep = Lockstep::with(scenario, chain)?;
     let mut tape = Tape::new(path, system_path)?;

@@ -5,7 +5,7 @@ use plant::motor::MotorConfig;
 use plant::pulley::Guide;
 use plant::world::{CableWorld, Pendulum, Warming, Wind};
 
-use config::{PulleyKind, RobotFile};
+use config::RobotFile;
 
 use crate::section::{PerCable, TrueGuide, TruthSection};
 
@@ -93,19 +93,10 @@ fn cable(
 fn guide(truth: &TruthSection, robot: &RobotFile, i: usize, anchor_m: [f64; 3], middle_m: [f64; 2]) -> Guide {
     let assumed = robot.robot.pulley_radius_m.get(i).copied().unwrap_or(0.0);
     let radius_m = truth.pulley_radius_m.as_ref().map_or(assumed, |radius| radius.at(i));
-    let kind = truth.pulley.unwrap_or(match robot.robot.pulley {
-        PulleyKind::Eye => TrueGuide::Eye,
-        PulleyKind::Swivel => TrueGuide::Swivel,
-    });
-    match kind {
-        TrueGuide::Eye => Guide::Eye,
-        TrueGuide::Swivel => Guide::Swivel { radius_m },
-        TrueGuide::Fixed => {
-            let inward = (middle_m[1] - anchor_m[1]).atan2(middle_m[0] - anchor_m[0]);
-            let azimuth_rad = truth.pulley_azimuth_deg.as_ref().map_or(inward, |degrees| degrees.at(i).to_radians());
-            Guide::Fixed { radius_m, azimuth_rad }
-        }
-    }
+    let inward = (middle_m[1] - anchor_m[1]).atan2(middle_m[0] - anchor_m[0]);
+    let azimuth_rad = truth.pulley_azimuth_deg.as_ref().map_or(inward, |degrees| degrees.at(i).to_radians());
+    let kind = truth.pulley.unwrap_or(TrueGuide::assumed(robot.robot.pulley));
+    kind.guide(radius_m, azimuth_rad)
 }
 
 fn middle_of(anchors_m: &[[f64; 3]]) -> [f64; 2] {

@@ -145,7 +145,7 @@ fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, rob
         "estimator" => {
             let method = if law.is_empty() { before.estimator.method } else { law.parse().ok()? };
             let config = |file: &SystemFile| {
-                let section = EstimatorSection { method, ..file.estimator.clone() };
+                let section = EstimatorSection { method, ..file.estimator };
                 EstimatorConfig::from_section(&section, robot.robot().ok()?, 1).ok()
             };
             (config(before).is_some() && config(before) == config(after)).then(|| method.name().to_owned())

@@ -36,14 +36,7 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         return Err(BadInput(format!("--run {}: there is no such folder; create it first", args.run.display())).into());
     }
     let section = chassis.system_file().map_or_else(|_| RecorderSection::default(), |file| file.recorder.clone());
-    let settings = Settings {
-        folder: args.run.clone(),
-        min_free_bytes: section.min_free_bytes,
-        flush_ns: (section.flush_s * 1e9) as u64,
-        segment_bytes: section.segment_bytes,
-        segment_ns: (section.segment_s * 1e9) as u64,
-        about: about(chassis, &args.run),
-    };
+    let settings = Settings::new(&section, args.run.clone(), about(chassis, &args.run));
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
     let mut recorder = Recorder::open(chassis.bus(), settings, section.exclude)?;
     recover_leftovers(&args.run, recorder.session().file());

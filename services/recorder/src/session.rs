@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
+use config::RecorderSection;
 use messages::{Message, RecorderGap, RecorderStatus, put_sentence, put_text};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, next_file, run_attachments};
 
@@ -59,6 +60,21 @@ pub struct Settings {
     pub segment_ns: u64,
     /// Facts about the run, e.g. versions and host.
     pub about: BTreeMap<String, String>,
+}
+
+impl Settings {
+    /// Creates the settings of `[recorder]` for a run folder.
+    #[must_use]
+    pub fn new(section: &RecorderSection, folder: PathBuf, about: BTreeMap<String, String>) -> Self {
+        Self {
+            folder,
+            min_free_bytes: section.min_free_bytes,
+            flush_ns: (section.flush_s * 1e9) as u64,
+            segment_bytes: section.segment_bytes,
+            segment_ns: (section.segment_s * 1e9) as u64,
+            about,
+        }
+    }
 }
 
 enum State {

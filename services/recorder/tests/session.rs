@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use config::RecorderSection;
 use messages::{Message, RecorderGap, RecorderStatus, TruthNode, text_of};
 use recorder::{Batch, DiskFull, ENDED_DISK_FULL, ReceivedSample, Session, Settings};
 use runlog::{ChannelSpec, Finding, RunClock, RunError, RunReader, cause_phrase, info, read_channel, segments};
@@ -15,12 +16,10 @@ const MIN_FREE: u64 = 1_000;
 
 fn settings(folder: &Path) -> Settings {
     Settings {
-        folder: folder.to_owned(),
         min_free_bytes: MIN_FREE,
-        flush_ns: SECOND / 2,
         segment_bytes: u64::MAX,
         segment_ns: u64::MAX,
-        about: BTreeMap::new(),
+        ..Settings::new(&RecorderSection::default(), folder.to_owned(), BTreeMap::new())
     }
 }
 

@@ -1,6 +1,7 @@
 //! Exported tables (CSV, NumPy, Parquet) hold the content of the run files, checked with independent software, for a
 //! run of several files with types that this project does not define.
 
+use config::RecorderSection;
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;
 use recorder::{Batch, ReceivedSample, Session, Settings};
@@ -56,12 +57,10 @@ impl Writing {
 /// A run of three files.
 fn run(folder: &Path) {
     let settings = Settings {
-        folder: folder.to_owned(),
         min_free_bytes: 0,
-        flush_ns: SECOND / 2,
         segment_bytes: u64::MAX,
         segment_ns: 10 * SECOND,
-        about: BTreeMap::new(),
+        ..Settings::new(&RecorderSection::default(), folder.to_owned(), BTreeMap::new())
     };
     let clock = RunClock { t0_unix_ns: 1_700_000_000_123_456_789, t0_mono_ns: 0 };
     let session = Session::open(settings, clock, 0, u64::MAX).unwrap();

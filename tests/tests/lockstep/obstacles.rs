@@ -18,12 +18,8 @@ const FLIGHTS: u32 = 24;
 const KEPT: f64 = 0.8;
 
 fn trunk() -> impl Strategy<Value = ObstacleSection> {
-    (1.0..8.5f64, 0.5..7.0f64, 0.1..0.4f64, 0.3..4.0f64).prop_map(|(x, y, radius_m, top_m)| ObstacleSection {
-        center_m: Some([x, y]),
-        radius_m: Some(radius_m),
-        corners_m: Vec::new(),
-        height_m: [0.0, top_m],
-    })
+    (1.0..8.5f64, 0.5..7.0f64, 0.1..0.4f64, 0.3..4.0f64)
+        .prop_map(|(x, y, radius_m, top_m)| ObstacleSection::cylinder([x, y], radius_m, [0.0, top_m]))
 }
 
 fn point() -> impl Strategy<Value = [f64; 3]> {

@@ -3,6 +3,7 @@
 //! `config` keeps the table without these types, so no process of the control chain can read it.
 
 mod device;
+mod guide;
 mod per_cable;
 mod truth;
 
@@ -10,8 +11,9 @@ pub use device::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
 
+pub use guide::TrueGuide;
 pub use per_cable::PerCable;
-pub use truth::{TrueGuide, TruthSection};
+pub use truth::TruthSection;
 
 use config::{ConfigError, Point, Problem, RobotFile, SystemFile, number};
 use serde::{Deserialize, Serialize};

@@ -2,21 +2,10 @@
 //!
 //! docs/truth.md has unit, source and default of every key.
 
+use super::guide::TrueGuide;
 use super::per_cable::PerCable;
 use config::{Points, Problem, RobotFile, number};
 use serde::{Deserialize, Serialize};
-
-config::choice! {
-    /// What the cables truly leave from.
-    pub enum TrueGuide {
-        /// A point.
-        Eye = "eye",
-        /// A wheel that turns about the vertical axis through the anchor.
-        Swivel = "swivel",
-        /// A wheel in a vertical plane.
-        Fixed = "fixed",
-    }
-}
 
 /// `[motor_box.truth]`. A key that is left out has the value that the robot assumes, or no effect.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]

@@ -137,7 +137,7 @@ impl Configuration {
     }
 
     fn estimator_config(&self, incarnation: u32, method: Option<EstimatorMethod>) -> anyhow::Result<EstimatorConfig> {
-        let mut section = self.file.estimator.clone();
+        let mut section = self.file.estimator;
         if let Some(method) = method.filter(|_| !self.method_changed) {
             section.method = method;
         }

@@ -4,10 +4,10 @@ use super::measured::resolve_named_file;
 use super::{
     CalibrationFile, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile, check,
 };
+use crate::Problem;
 use crate::file::join_normalized;
 use crate::file_kind::FileKind;
 use crate::toml_file::{ConfigError, Source};
-use crate::{Problem, PulleyKind};
 use cable_robot::motor::{DriveLimits, Motor};
 use cable_robot::{Obstacle, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
@@ -101,10 +101,7 @@ impl RobotFile {
         Ok(RobotParts {
             anchors_m: self.robot.anchors_m.to_vec(),
             planar: self.robot.anchors_m.is_planar(),
-            pulley: match self.robot.pulley {
-                PulleyKind::Eye => cable_robot::PulleyKind::Eye,
-                PulleyKind::Swivel => cable_robot::PulleyKind::Swivel,
-            },
+            pulley: self.robot.pulley.into(),
             pulley_radius_m: (!self.robot.pulley_radius_m.is_empty()).then(|| self.robot.pulley_radius_m.clone()),
             node_mass_kg: self.robot.node_mass_kg,
             net_weight_n: self.robot.net_weight_n,

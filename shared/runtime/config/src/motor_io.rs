@@ -12,7 +12,8 @@ crate::section! {
         /// Serial ports with their drive units.
         pub ports: Vec<PortSection> = Vec::new(),
         /// Encoder counts per metre of cable, one value per cable; negative if the count decreases while the cable pays
-        /// out. A calibration with the robot's encoders, named in the robot file, replaces them when the file is loaded.
+        /// out. A calibration with the robot's encoders, named in the robot file, replaces them when the file is
+        /// loaded.
         pub counts_per_m: Vec<f64> = Vec::new(),
         /// Time without a packet after which the drives stop their motors, s; in steps of 0.1.
         pub watchdog_s: f64 = 0.3,

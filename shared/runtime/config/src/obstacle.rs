@@ -22,6 +22,12 @@ pub struct ObstacleSection {
 }
 
 impl ObstacleSection {
+    /// Creates the section of a cylinder.
+    #[must_use]
+    pub fn cylinder(center_m: [f64; 2], radius_m: f64, height_m: [f64; 2]) -> Self {
+        Self { center_m: Some(center_m), radius_m: Some(radius_m), corners_m: Vec::new(), height_m }
+    }
+
     /// Creates the obstacle.
     ///
     /// # Errors

@@ -15,7 +15,7 @@ crate::section! {
         pub acceleration_m_s2: f64 = 0.3,
         /// Distance between the points of a path that are checked against (16), m.
         pub check_step_m: f64 = 0.02 => between(0.001, 0.5, "m"),
-        /// Swing on the cables above which moves are shaped, m. Such a move would make the node swing by more than this.
+        /// Swing of the node on its cables above which a move is shaped, m.
         pub swing_limit_m: f64 = 0.005 => between(1e-4, 1.0, "m"),
         /// Folder of the missions that `nims run NAME` flies by name.
         pub missions: PathBuf = "../missions".into(),

@@ -18,6 +18,15 @@ crate::choice! {
     }
 }
 
+impl From<PulleyKind> for cable_robot::PulleyKind {
+    fn from(kind: PulleyKind) -> Self {
+        match kind {
+            PulleyKind::Eye => Self::Eye,
+            PulleyKind::Swivel => Self::Swivel,
+        }
+    }
+}
+
 /// A robot file as written; lengths in metres, forces in newtons, z up, z = 0 is the reference plane.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -178,8 +178,8 @@ impl<T: Numbers, const N: usize> Numbers for [T; N] {
 
 /// Declares a section of a configuration file.
 ///
-/// Each key has its documentation, its type, its default after `=`, and after `=>` the values that it accepts. A section
-/// whose keys have no `=` has its own attributes of serde instead of a `Default`. The first sentence of the
+/// Each key has its documentation, its type, its default after `=`, and after `=>` the values that it accepts. A
+/// section whose keys have no `=` has its own attributes of serde instead of a `Default`. The first sentence of the
 /// documentation describes the key in the help of `nims set`.
 ///
 /// ```
