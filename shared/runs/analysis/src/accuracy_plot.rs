@@ -72,8 +72,8 @@ fn view(
         .y_label_area_size(45)
         .build_cartesian_2d(x0..x1, y0..y1)?;
     chart.configure_mesh().light_line_style(WHITE).x_desc(x).y_desc(y).draw()?;
-    let curves: [(&str, RGBColor, u32, Vec<(f64, f64)>); 3] = [
-        ("setpoint", PLANNED, 5, track.iter().map(|p| project(&p.setpoint)).collect()),
+    let curves = [
+        ("setpoint", PLANNED, 5, track.iter().map(|p| project(&p.setpoint)).collect::<Vec<_>>()),
         ("truth", TRUTH, 2, track.iter().filter_map(|p| p.truth).map(|p| project(&p)).collect()),
         ("estimate", ESTIMATE, 1, track.iter().map(|p| project(&p.estimate)).collect()),
     ];
