@@ -146,7 +146,8 @@ pub struct Equilibrium {
     pub tensions_n: CableVec,
     /// Straight-line lengths, m.
     pub lengths_m: CableVec,
-    /// Whether each cable is slack: without tension, or, with weight, under less tension than half of its weight, so that
+    /// Whether each cable is slack: without tension, or, with weight, under less tension than half of its weight, so
+    /// that
     /// it sags by more than a quarter of its length. Unused entries are false.
     pub slack: [bool; MAX_CABLES],
     /// Elastic cables: remaining force, N. Rigid cables: RMS of the length residuals, m.
@@ -457,7 +458,8 @@ impl ElasticCables<'_> {
     }
 }
 
-/// Rigid cables with weight: the bows follow from the tensions, and these from the position. A step changes a bow by its
+/// Rigid cables with weight: the bows follow from the tensions, and these from the position. A step changes a bow by
+/// its
 /// share of twice the relative change of the tension, which is about that of the length.
 fn rigid_with_weight(
     robot: &Robot,

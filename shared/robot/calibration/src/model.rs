@@ -4,7 +4,8 @@
 //! of the cable's own, anchor a_i, point c_j of the plane, attachment t_i, radius r_i with a common deviation q, zero
 //! o_i. Every row is divided by its standard deviation; what is known beforehand about an unknown is a row too.
 //!
-//! The x and y of a point occur only in the rows of that point. A rotation of these rows (QR) confines them to two rows,
+//! The x and y of a point occur only in the rows of that point. A rotation of these rows (QR) confines them to two
+//! rows,
 //! so the others form a small system of the shared unknowns, however many points there are.
 
 use nalgebra::{DMatrix, DVector, Vector3};

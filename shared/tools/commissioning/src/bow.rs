@@ -20,7 +20,8 @@ pub(crate) struct Bow {
 }
 
 impl Bow {
-    /// Returns the deepest bow with the node at `middle` and halfway from there to each anchor, where the longest cables
+    /// Returns the deepest bow with the node at `middle` and halfway from there to each anchor, where the longest
+    /// cables
     /// carry least; `None` for cables without weight.
     pub fn deepest(robot: &Robot, middle: &Vector3<f64>, distribution: Distribution) -> Option<Self> {
         if robot.cable_weight_n_m() == 0.0 {

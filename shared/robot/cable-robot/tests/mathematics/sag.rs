@@ -1,4 +1,5 @@
-//! Cables with weight, compared with robots whose cables hang exactly: each cable is summed up from short elastic pieces,
+//! Cables with weight, compared with robots whose cables hang exactly: each cable is summed up from short elastic
+//! pieces,
 //! from the node to the anchor and on to the drum.
 
 use cable_robot::catenary::Span;
@@ -98,7 +99,8 @@ impl Case {
     }
 }
 
-/// Where the end of a cable is relative to the node, in the vertical plane of the cable, and its tension there: summed up
+/// Where the end of a cable is relative to the node, in the vertical plane of the cable, and its tension there: summed
+/// up
 /// from the node with the force (`pull`, `lift`) of the cable on it.
 fn end(pull: f64, lift: f64, length: f64, w: f64, ea: f64) -> ([f64; 2], f64) {
     let piece = |k: usize| {
