@@ -170,8 +170,8 @@ fn numbers_beyond_any_robot_are_refused_with_what_is_accepted() {
         ("tension_limits_n = [2.0, 60.0]", "tension_limits_n = [2.0, 1.7e150]", "100000 N"),
         ("ground_m = 0.0", "ground_m = -1.7e150", "500 m"),
         ("length_limits_m = [0.3, 14.0]", "length_limits_m = [0.3, 1.7e150]", "2000 m"),
-        ("keep_out = []", "keep_out = [[[0, 0, 0], [1, 1, 1.7e150]]]", "1e4 m"),
-        ("# net_weight_n = 11.768", "net_weight_n = 1.7e150", "1e4 N"),
+        ("keep_out = []", "keep_out = [[[0, 0, 0], [1, 1, 1.7e150]]]", "10000 m"),
+        ("# net_weight_n = 11.768", "net_weight_n = 1.7e150", "10000 N"),
         ("routed_length_m = [6.0, 6.0, 6.0]", "routed_length_m = [6.0, 6.0, 1.7e150]", "1000 m"),
     ];
     let folder = tempfile::tempdir().unwrap();
