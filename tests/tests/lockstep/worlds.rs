@@ -2,7 +2,7 @@
 //!
 //! The table is printed: `cargo test -p nims-tests --test lockstep drawn_worlds -- --nocapture`.
 
-use config::{RobotFile, SystemFile};
+use config::{CountsStretched, RobotFile, SystemFile};
 use controller::Law;
 use estimator::Method;
 use messages::PlanStatus;
@@ -118,14 +118,15 @@ fn truth_rms_m(name: &str, seed: u64) -> f64 {
     flight.truth.rms_m
 }
 
-/// Cables of 80 m with the weight of wet polyethylene, as the only difference between model and world: 1.6 mm RMS
-/// without the weight in the robot file, 0.9 mm with it, which is what the flight has without weight.
+/// Cables of 80 m with the weight of wet polyethylene, as the only difference between model and world: 1.9 mm RMS
+/// without the weight in the robot file, 0.6 mm with it, which is what the flight has without weight.
 #[test]
 fn a_robot_that_knows_the_weight_of_its_cables_flies_as_without_it() {
     let fly_with = |world_kg_m: f64, model_kg_m: f64| {
         flown_changed(&system("forest4"), |robot, plant| {
             robot.lines.mass_kg_m = model_kg_m;
-            let cable = CableWorld { mass_kg_m: world_kg_m, counts_stretched: true, ..CableWorld::default() };
+            robot.lines.counts_stretched = CountsStretched::All(false);
+            let cable = CableWorld { mass_kg_m: world_kg_m, ..CableWorld::default() };
             plant.world.cables = vec![cable; plant.cable_count()];
         })
     };
@@ -136,7 +137,7 @@ fn a_robot_that_knows_the_weight_of_its_cables_flies_as_without_it() {
         flight.truth.rms_m
     });
     let [light, ignored, known] = flights;
-    assert!(ignored > 1.5 * light && known < 1.25 * light, "{flights:?}");
+    assert!(ignored > 2.0 * light && known < 1.25 * light, "{flights:?}");
 }
 
 #[test]
