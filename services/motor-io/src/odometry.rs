@@ -1,11 +1,10 @@
 //! Encoder counts to cable lengths: zero points, jumps, and how far the position can be trusted.
 //!
 //! An idler turns with the cable as stretched as it passes: at the tension T, a metre of counts is 1 / (1 + T / EA)
-//! metres
-//! of unstretched cable. Where the robot file says so (`counts_stretched`), each increment of the counts is converted
-//! with the strain of the cycle before. No formula of the present counts and tensions alone can replace this sum: a
-//! cable that is reeled in tight and paid out loose has not the same length as before when its counts are. The sum is
-//! here and not in an estimator, because lengths outlive estimators, and the store keeps them across restarts.
+//! metres of unstretched cable. Where the robot file says so (`counts_stretched`), each increment of the counts is
+//! converted with the strain of the cycle before. No formula of the present counts and tensions alone can replace this
+//! sum: a cable that is reeled in tight and paid out loose has not the same length as before when its counts are. The
+//! sum is here and not in an estimator, because lengths outlive estimators, and the store keeps them across restarts.
 //!
 //! This is the only place that judges whether a count is credible, by `OVER_SPEED` and `JUMP_MARGIN_M`. A count
 //! beyond them is used only when the next one agrees with it, and then the position needs confirmation.

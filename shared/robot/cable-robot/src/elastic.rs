@@ -147,8 +147,7 @@ pub struct Equilibrium {
     /// Straight-line lengths, m.
     pub lengths_m: CableVec,
     /// Whether each cable is slack: without tension, or, with weight, under less tension than half of its weight, so
-    /// that
-    /// it sags by more than a quarter of its length. Unused entries are false.
+    /// that it sags by more than a quarter of its length. Unused entries are false.
     pub slack: [bool; MAX_CABLES],
     /// Elastic cables: remaining force, N. Rigid cables: RMS of the length residuals, m.
     pub residual: f64,
@@ -459,8 +458,7 @@ impl ElasticCables<'_> {
 }
 
 /// Rigid cables with weight: the bows follow from the tensions, and these from the position. A step changes a bow by
-/// its
-/// share of twice the relative change of the tension, which is about that of the length.
+/// its share of twice the relative change of the tension, which is about that of the length.
 fn rigid_with_weight(
     robot: &Robot,
     lengths_m: &[f64],

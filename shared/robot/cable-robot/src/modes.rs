@@ -76,8 +76,7 @@ impl Modes {
 }
 
 /// Force per displacement of the node while the drums stand still, N/m. A cable with weight is softer than its stretch
-/// alone, because its bow straightens. None for rigid cables, and at a position
-/// without directions.
+/// alone, because its bow straightens. None for rigid cables, and at a position without directions.
 pub fn stiffness_n_m(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64]) -> Option<Matrix3<f64>> {
     let ea = robot.stiffness_n()?;
     let (anchors, routed) = (robot.anchors(), robot.routed_length_m());

@@ -22,9 +22,8 @@ use crate::pulley::Pulley;
 use crate::{Anchors, MAX_CABLES};
 
 /// Largest sag, w L / (8 T) as a share of the chord, for which the first order is enough. The exact catenary differs
-/// from
-/// it by at most 6 % of the bow at this share (`tests/mathematics/sag.rs`), which is less than the uncertainty of the
-/// weight of a cable that may be wet.
+/// from it by at most 6 % of the bow at this share (`tests/mathematics/sag.rs`), which is less than the uncertainty of
+/// the weight of a cable that may be wet.
 pub const SHALLOW: f64 = 0.05;
 
 /// Bound of the iteration for the tension, which needs about five steps from its upper bound.
@@ -80,8 +79,7 @@ impl Load {
     }
 
     /// Energy of the stretched and lifted cable with the load held fixed, J: the integral of the tension over
-    /// `stretch`,
-    /// to a constant.
+    /// `stretch`, to a constant.
     pub(crate) fn energy_j(&self, tension_n: f64, softness_m_n: f64) -> f64 {
         (0.5 * softness_m_n * tension_n - 2.0 * self.bow_m(tension_n)) * tension_n
     }

@@ -8,8 +8,7 @@ use super::measurements::{Calibration, Measurements, Method};
 use super::model::{Layout, Model, State};
 
 /// An unknown is determined if its standard deviation is below this share of the stated one: the measurements alone
-/// then
-/// say as much as the statement.
+/// then say as much as the statement.
 const DETERMINED: f64 = core::f64::consts::FRAC_1_SQRT_2;
 
 /// Least uncertainty of an anchor by an undetermined unknown that is refused, m: the limit of a good calibration.

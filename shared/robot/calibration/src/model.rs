@@ -5,8 +5,7 @@
 //! o_i. Every row is divided by its standard deviation; what is known beforehand about an unknown is a row too.
 //!
 //! The x and y of a point occur only in the rows of that point. A rotation of these rows (QR) confines them to two
-//! rows,
-//! so the others form a small system of the shared unknowns, however many points there are.
+//! rows, so the others form a small system of the shared unknowns, however many points there are.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 

@@ -239,8 +239,8 @@ impl<'a> Test<'a> {
 ///     measured.ranges.push(Range { from, to, m: (a[0] - b[0]).hypot(a[1] - b[1]), sigma_m: 0.002 });
 /// }
 /// // Lengths over pulleys of 40 mm, taken for lengths through eyes.
-/// for (k, [x, y]) in [[1.0, 0.8], [9.0, 0.8], [9.0, 7.2], [1.0, 7.2], [5.0, 4.0], [3.0, 2.0]].into_iter().enumerate()
-/// {
+/// let points = [[1.0, 0.8], [9.0, 0.8], [9.0, 7.2], [1.0, 7.2], [5.0, 4.0], [3.0, 2.0]];
+/// for (k, [x, y]) in points.into_iter().enumerate() {
 ///     measured.lengths_m.push(CableVec::from_fn(4, |i| {
 ///         let pulley = Pulley { anchor: anchors[i].into(), radius_m: 0.04, planar: false };
 ///         // Errors of 0.1 mm.
@@ -287,8 +287,7 @@ pub fn misfit(measured: &Measurements, found: &Calibration) -> Option<Misfit> {
 
 /// What pulleys would change if the radius was not stated at all and the measurements do not exclude pulleys: the
 /// movement of an anchor with the largest radius up to [`LARGEST_RADIUS_M`] within four standard deviations. None if
-/// the
-/// radius was stated (0 for eyes) or would not matter.
+/// the radius was stated (0 for eyes) or would not matter.
 #[must_use]
 pub fn unstated_pulleys(measured: &Measurements, found: &Calibration) -> Option<UnstatedPulleys> {
     if !measured.pulley_radius_m.is_empty() {

@@ -11,8 +11,7 @@ fn in_plane(points_xy_m: &[[f64; 2]]) -> Vec<[f64; 3]> {
 }
 
 /// As [`calibrate_joint`], with pulleys of these radii (m, one per anchor; 0 for an eye). Lengths, and heights that
-/// were
-/// measured with the cable, include the part on the wheel.
+/// were measured with the cable, include the part on the wheel.
 ///
 /// # Errors
 /// The errors of [`calibrate_joint`], and `invalid_argument` for radii that are not accepted.
@@ -25,8 +24,8 @@ fn in_plane(points_xy_m: &[[f64; 2]]) -> Vec<[f64; 3]> {
 ///     let pulley = Pulley { anchor: Vector3::new(a[0], a[1], 3.0), radius_m: 0.04, planar: false };
 ///     pulley.length_m(&Vector3::new(c[0], c[1], 0.0))
 /// };
-/// let lengths = [[1.0, 1.0], [7.0, 1.0], [4.0, 5.0], [4.0, 3.0]].map(|c| CableVec::from_fn(3, |i| length(&anchors[i],
-/// c)));
+/// let points = [[1.0, 1.0], [7.0, 1.0], [4.0, 5.0], [4.0, 3.0]];
+/// let lengths = points.map(|c| CableVec::from_fn(3, |i| length(&anchors[i], c)));
 /// let found = calibrate_joint_with_pulleys(&JointInput::new(&anchors, &lengths, 0.005), &[0.04; 3])?;
 /// assert!(found.anchors_m.iter().all(|a| (a[2] - 3.0).abs() < 1e-6));
 /// # Ok::<(), calibration::CalibrationError>(())

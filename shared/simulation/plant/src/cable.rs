@@ -252,8 +252,7 @@ impl Cable {
 
     /// Length that the load of the cable adds to its chord. A shallow parabolic bow exceeds the chord by w² L³ / (24
     /// T²), with the load w across the chord. The load along the chord makes the tension at the anchor greater than
-    /// that
-    /// in the middle, by half of the free cable's load, and the routed part stretches under that tension.
+    /// that in the middle, by half of the free cable's load, and the routed part stretches under that tension.
     fn bow_for(&self, path: &Path, load_n_m: Vector3<f64>) -> f64 {
         let along_n_m = load_n_m.dot(&path.direction);
         let across = load_n_m - path.direction * along_n_m;

@@ -21,8 +21,7 @@ pub(crate) struct Bow {
 
 impl Bow {
     /// Returns the deepest bow with the node at `middle` and halfway from there to each anchor, where the longest
-    /// cables
-    /// carry least; `None` for cables without weight.
+    /// cables carry least; `None` for cables without weight.
     pub fn deepest(robot: &Robot, middle: &Vector3<f64>, distribution: Distribution) -> Option<Self> {
         if robot.cable_weight_n_m() == 0.0 {
             return None;

@@ -2,7 +2,6 @@
 
 use cable_robot::{Distribution, Modes, Robot, Vector3, tension};
 use config::SystemFile;
-use std::f64::consts::PI;
 
 /// Describes the modes of a node that hangs at a position. None for rigid cables, or if it cannot hang there.
 pub(crate) fn modes(robot: &Robot, at: &Vector3<f64>, distribution: Distribution) -> Option<String> {
@@ -19,7 +18,7 @@ pub(crate) fn pause(file: &SystemFile, robot: &Robot, at: &Vector3<f64>) -> Opti
     let swing_m = modes.iter().map(|mode| {
         // A constant deceleration of this length leaves |2 sin(omega ramp / 2)| of its displacement a / omega².
         let left = 2.0 * libm::sin(0.5 * mode.angular_rad_s * ramp_s).abs();
-        (left * speed_m_s / ramp_s / (mode.angular_rad_s * mode.angular_rad_s), 2.0 * PI / mode.angular_rad_s)
+        (left * speed_m_s / ramp_s / (mode.angular_rad_s * mode.angular_rad_s), mode.period_s())
     });
     let (largest_m, period_s) = swing_m.max_by(|a, b| a.0.total_cmp(&b.0))?;
     (largest_m > file.planner.swing_limit_m).then(|| {

@@ -1,6 +1,5 @@
 //! Cables with weight, compared with robots whose cables hang exactly: each cable is summed up from short elastic
-//! pieces,
-//! from the node to the anchor and on to the drum.
+//! pieces, from the node to the anchor and on to the drum.
 
 use cable_robot::catenary::Span;
 use cable_robot::sag::{Load, SHALLOW};
@@ -100,8 +99,7 @@ impl Case {
 }
 
 /// Where the end of a cable is relative to the node, in the vertical plane of the cable, and its tension there: summed
-/// up
-/// from the node with the force (`pull`, `lift`) of the cable on it.
+/// up from the node with the force (`pull`, `lift`) of the cable on it.
 fn end(pull: f64, lift: f64, length: f64, w: f64, ea: f64) -> ([f64; 2], f64) {
     let piece = |k: usize| {
         let up = lift + w * length * k as f64 / PIECES as f64;
