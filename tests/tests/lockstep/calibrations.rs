@@ -42,7 +42,7 @@ impl Site {
         let section = MotorBoxSection::from_file(&file, &robot).unwrap().unwrap();
         let options = Options { seed, spread: 1.0, warming_k: 0.0, wind_m_s: 0.0 };
         let truth = draw(&options, &section, &robot, &file.motor_io.counts_per_m);
-        let anchors_m = gauge(&truth.anchors_m.as_ref().unwrap().to_vec());
+        let anchors_m = gauge(truth.anchors_m.as_ref().unwrap());
         Self { truth, anchors_m, believed_counts: file.motor_io.counts_per_m.clone(), random: Random::new(seed + 77) }
     }
 
