@@ -6,6 +6,7 @@ use messages::{Header, MotorAuthority, MotorState, NodeEstimate, same_life};
 
 use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement};
 use crate::method::Method;
+use crate::swing::{Rest, SwingObserver};
 use cable_control::length_filter::FilterError;
 
 /// Configuration of an estimator.
@@ -58,6 +59,7 @@ pub struct Estimator {
     position: Option<Vector3<f64>>,
     /// Velocity of the last estimate, m/s; zero without one.
     velocity_m_s: Vector3<f64>,
+    swing: SwingObserver,
 }
 
 /// State of a cable: that of its method, and the cycle of its newest reading.
@@ -124,6 +126,7 @@ impl Estimator {
             last_epoch: 0,
             position: None,
             velocity_m_s: Vector3::zeros(),
+            swing: SwingObserver::default(),
         }
     }
 
@@ -176,6 +179,7 @@ impl Estimator {
         if epoch != self.last_epoch {
             self.last_epoch = epoch;
             self.cables.iter_mut().for_each(|cable| cable.method.expect_anything());
+            self.swing.forget();
         }
         (self.last_life, self.last_cycle) = (state.header.life, state.header.cycle);
         (self.last_stamp_ns, self.last_instant_ns) = (state.header.stamp_ns, instant_ns);
@@ -207,6 +211,7 @@ impl Estimator {
         if estimate.valid == 0 {
             self.position = None;
             self.velocity_m_s = Vector3::zeros();
+            self.swing.forget();
         }
         estimate
     }
@@ -229,6 +234,7 @@ impl Estimator {
         self.cables.iter_mut().for_each(Cable::forget);
         self.position = None;
         self.velocity_m_s = Vector3::zeros();
+        self.swing.forget();
     }
 
     fn solve(
@@ -246,8 +252,18 @@ impl Estimator {
         let found = elastic::equilibrium_under(&self.config.robot, lengths_m, &wrench_n, self.position.as_ref());
         let Ok(found) = found else { return };
         let velocity = found.sensitivity.node_velocity(velocity_m_s);
-        let covariance =
-            found.covariance(sigma_m) + found.covariance_by_anchors(&self.config.robot).unwrap_or_else(Matrix3::zeros);
+        let swing = self.swing.step(
+            &self.config.robot,
+            &Rest {
+                instant_ns: estimate.header.stamp_ns,
+                position_m: found.position,
+                velocity_m_s: velocity,
+                tensions_n: &found.tensions_n,
+            },
+        );
+        let covariance = found.covariance(sigma_m)
+            + found.covariance_by_anchors(&self.config.robot).unwrap_or_else(Matrix3::zeros)
+            + swing.covariance_m2;
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !(finite(&found.position) && finite(&velocity) && covariance.iter().all(|x| x.is_finite())) {
             return;
@@ -262,6 +278,7 @@ impl Estimator {
         }
         estimate.tension_n = found.tensions_n.to_array8();
         estimate.residual_m = self.residual_m(&found, lengths_m);
+        estimate.swing_m = swing.amplitude_m;
         for (flag, slack) in estimate.slack.iter_mut().zip(found.slack) {
             *flag = u8::from(slack);
         }

@@ -13,6 +13,7 @@ mod cable_estimator;
 mod estimator;
 mod method;
 pub mod process;
+mod swing;
 
 pub use cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement, Parameters};
 pub use estimator::{Estimator, EstimatorConfig};

@@ -108,8 +108,8 @@ pub fn blended_estimate(
     #[rustfmt::skip]
     let NodeEstimate {
         position_m, velocity_m_s, covariance_m2, predicted_m, cable_velocity_m_s, tension_n,
-        header: _, measured_m: _, phi1: _, phi2: _, residual_m: _, based_on_authority: _, epoch: _, incarnation: _,
-        slack: _, valid: _, cable_count: _, method: _, pad0: _, thread: _,
+        header: _, measured_m: _, phi1: _, phi2: _, residual_m: _, swing_m: _, based_on_authority: _, epoch: _,
+        incarnation: _, slack: _, valid: _, cable_count: _, method: _, pad0: _, thread: _,
     } = old;
     mix(&mut mixed.position_m, position_m, share);
     mix(&mut mixed.velocity_m_s, velocity_m_s, share);

@@ -8,7 +8,7 @@ message! {
         header: Header,
         position_m: [f64; 3],
         velocity_m_s: [f64; 3],
-        /// Position covariance, row by row, m².
+        /// Position covariance, row by row, m²: of the lengths, the anchors and the swing.
         covariance_m2: [f64; 9],
         /// Unstretched lengths: as measured, and as predicted for this cycle with phi.
         measured_m: [f64; CABLES],
@@ -21,6 +21,9 @@ message! {
         /// From the elastic equilibrium; for rigid cables from (15), N.
         tension_n: [f64; CABLES],
         residual_m: f64,
+        /// Amplitude of the node's swing about the position of rest, as the motions of the robot excite it, m; part of
+        /// the covariance. The encoders do not measure it; wind and hands excite more.
+        swing_m: f64,
         /// Cycle of the motor/authority it was computed with, beside the motor/state of its own cycle; 0: none.
         based_on_authority: u64,
         epoch: u32,

@@ -79,6 +79,8 @@ pub struct Flight {
     pub truth: Deviation,
     /// Truth relative to estimate.
     pub between: Deviation,
+    /// Share of these cycles in which the truth is within two standard deviations of the estimate on every axis.
+    pub covered: f64,
     /// RMS difference of true and estimated velocity, m/s.
     pub velocity_rms_m_s: f64,
     /// Largest difference of true and chosen tension over cables and moving cycles, N.
@@ -511,6 +513,12 @@ impl Lockstep {
     }
 }
 
+/// Whether the truth is within two standard deviations of the estimate on every axis.
+fn states_truth(cycle: &Cycle) -> bool {
+    let NodeEstimate { position_m, covariance_m2, .. } = &cycle.estimate;
+    (0..3).all(|i| (cycle.truth_m[i] - position_m[i]).powi(2) <= 4.0 * covariance_m2[4 * i])
+}
+
 /// Flies the whole scenario.
 pub fn fly(scenario: Scenario) -> Result<Flight> {
     fly_with(scenario, |chain| chain)
@@ -526,7 +534,7 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
     lockstep.run(&mission).context("the planner rejected the mission")?;
     let [mut estimate, mut truth, mut between, mut velocity, mut tension] = [Sum::default(); 5];
     let (mut share, mut low, mut high, mut slack, mut saturation) = (0.0f64, f64::INFINITY, 0.0f64, 0, 0.0f64);
-    let mut last = None;
+    let (mut last, mut covered) = (None, 0);
     for cycles in 1..=longest {
         let cycle = lockstep.cycle()?;
         let Cycle { authority, .. } = &cycle;
@@ -543,6 +551,7 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
             estimate.add((estimated - setpoint.position).norm());
             truth.add((actual - setpoint.position).norm());
             between.add((actual - estimated).norm());
+            covered += u64::from(states_truth(&cycle));
             velocity.add((Vector3::from(cycle.truth_m_s) - Vector3::from(cycle.estimate.velocity_m_s)).norm());
             saturation = saturation.max(cycle.control.saturation);
             for (true_n, chosen) in cycle.truth_n.iter().zip(&cycle.control.tension_n) {
@@ -563,6 +572,7 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
                 estimate: estimate.deviation(),
                 truth: truth.deviation(),
                 between: between.deviation(),
+                covered: covered as f64 / estimate.count as f64,
                 velocity_rms_m_s: velocity.rms(),
                 tension_max_n: tension.max,
                 tension_rms_n: tension.rms(),
