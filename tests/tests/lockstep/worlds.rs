@@ -7,12 +7,15 @@ use controller::Law;
 use estimator::Method;
 use messages::PlanStatus;
 use motor_box::BoxConfig;
-use nims_tests::lockstep::{Chain, Flight, Scenario, fly, fly_with};
+use nims_tests::lockstep::{Chain, Flight, Lockstep, Scenario, fly, fly_with};
+use nims_tests::python;
 use nims_truth::Args;
 use planner::{Mission, Planner, PlannerConfig};
 use plant::PlantConfig;
+use plant::pulley::Guide;
 use plant::world::CableWorld;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 fn system(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/systems").join(name).with_extension("toml")
@@ -110,6 +113,63 @@ fn the_estimate_states_the_swing_that_encoders_do_not_measure() {
     row("forest4, profiles not shaped", &flight);
     assert!(flight.between.max_m > 0.010, "it does not swing: {flight:?}");
     assert!(flight.covered > 0.95, "{flight:?}");
+}
+
+/// The plant's node in a drawn world, on a flight with profiles that are not shaped, beside an integration in numpy that
+/// knows nothing but the true robot, its unstretched cables over time, and where and how fast it began: 10 s.
+///
+/// Poles and the friction of pulleys have no independent model, and cables no weight here: `commands/statics.rs` compares
+/// that with catenaries.
+#[test]
+fn the_node_moves_as_newton_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let system = forest_at_its_limits(folder.path());
+    let out = folder.path().join("drawn.toml");
+    let args = Args { system, seed: 4, spread: 1.0, warming: 0.0, wind: 0.0, out: Some(out.clone()) };
+    nims_truth::run(&args).unwrap();
+    let mut scenario = scenario(&out, |_, _| ());
+    for cable in &mut scenario.plant.world.cables {
+        *cable = CableWorld { guide: cable.guide, line: cable.line, drum: cable.drum, ..CableWorld::default() };
+    }
+    let planner = PlannerConfig::from_files(&SystemFile::load(&out).unwrap(), scenario.robot);
+    let planner = Planner::new(PlannerConfig { swing_limit_m: 1.0, ..planner });
+    let mission = scenario.mission.clone();
+    let chain = Chain { planner, ..Chain::new(&scenario).unwrap() };
+    let mut lockstep = Lockstep::with(scenario, chain).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(&mission).unwrap();
+    let (mut times_s, mut positions_m, mut unstretched_m) = (Vec::new(), Vec::new(), Vec::new());
+    // A hand pushes the node aside, so that it swings while it flies.
+    let [position_m, [x, y, z]] = [lockstep.plant().position_m(), lockstep.plant().velocity_m_s()];
+    let pushed_m_s = [x + 0.1, y - 0.05, z];
+    lockstep.plant_mut().push_node(position_m, pushed_m_s);
+    while times_s.len() <= 1000 {
+        let plant = lockstep.plant();
+        times_s.push(plant.time_ns() as f64 * 1e-9);
+        positions_m.push(plant.position_m());
+        unstretched_m.push(plant.lengths_m());
+        lockstep.cycle().unwrap();
+    }
+    let config = lockstep.plant().config();
+    let radius_m = config.world.cables.iter().map(|cable| match cable.guide {
+        Guide::Swivel { radius_m } => radius_m,
+        other => panic!("{other:?}"),
+    });
+    let lines = || config.world.cables.iter().map(|cable| cable.line.unwrap());
+    let flight = serde_json::json!({
+        "anchors_m": config.anchors_m, "routed_m": config.routed_length_m, "radius_m": radius_m.collect::<Vec<_>>(),
+        "stiffness_n": lines().map(|line| line.stiffness_n).collect::<Vec<_>>(),
+        "damping_s": lines().map(|line| line.damping_s).collect::<Vec<_>>(), "node_mass_kg": config.node.mass_kg,
+        "drag_n_s2_m2": config.node.drag_n_s2_m2, "gravity_m_s2": config.gravity_m_s2,
+        "velocity_m_s": pushed_m_s, "time_s": times_s, "position_m": positions_m, "unstretched_m": unstretched_m,
+    });
+    let file = folder.path().join("flight.json");
+    std::fs::write(&file, flight.to_string()).unwrap();
+    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/check_dynamics.py");
+    let output = Command::new(python()).arg(program).arg(&file).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    println!("{text}");
+    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
 }
 
 /// Writes the system file of the forest robot whose mission uses the limits of speed and acceleration.
