@@ -1,8 +1,9 @@
 //! The estimator: one step per cycle, from measured lengths to predicted lengths, position and tensions.
 
+use cable_robot::uncertainty::LengthErrors;
 use cable_robot::{CableVec, Matrix3, Robot, Vector3, elastic};
 use config::EstimatorSection;
-use messages::{Header, MotorAuthority, MotorState, NodeEstimate, same_life};
+use messages::{CABLES, Header, MotorAuthority, MotorState, NodeEstimate, same_life};
 
 use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement};
 use crate::method::Method;
@@ -60,6 +61,14 @@ pub struct Estimator {
     /// Velocity of the last estimate, m/s; zero without one.
     velocity_m_s: Vector3<f64>,
     swing: SwingObserver,
+    zero: Zero,
+}
+
+/// The lengths as they were set, and the errors that they had then; `None` where that is unknown.
+#[derive(Debug, Clone, Copy, Default)]
+struct Zero {
+    lengths_m: [f64; CABLES],
+    errors: Option<LengthErrors>,
 }
 
 /// State of a cable: that of its method, and the cycle of its newest reading.
@@ -127,6 +136,7 @@ impl Estimator {
             position: None,
             velocity_m_s: Vector3::zeros(),
             swing: SwingObserver::default(),
+            zero: Zero::default(),
         }
     }
 
@@ -204,6 +214,7 @@ impl Estimator {
             velocity_m_s[i] = at.steady_velocity_m_s.unwrap_or(state.velocity_m_s[i]);
             estimate.header.oldest_input_ns = estimate.header.oldest_input_ns.min(at.sampled_ns);
         }
+        self.follow_zero(&state.zeroed_m);
         if known {
             let lengths = CableVec::from_array8(&estimate.predicted_m, n);
             self.solve(&lengths, &velocity_m_s, &sigma_m, &mut estimate);
@@ -227,6 +238,19 @@ impl Estimator {
             }
             _ => state.header.stamp_ns,
         }
+    }
+
+    /// Computes the errors of the lengths where they were set, when they were set.
+    fn follow_zero(&mut self, zeroed_m: &[f64; CABLES]) {
+        if zeroed_m.iter().map(|m| m.to_bits()).eq(self.zero.lengths_m.iter().map(|m| m.to_bits())) {
+            return;
+        }
+        let robot = &self.config.robot;
+        let lengths_m = CableVec::from_array8(zeroed_m, robot.cable_count());
+        let at = lengths_m.iter().all(|m| m.is_finite());
+        let at = at.then(|| elastic::equilibrium(robot, &lengths_m, &Vector3::zeros(), None).ok());
+        let errors = at.flatten().map(|at| robot.uncertainty().length_errors(robot, &at));
+        self.zero = Zero { lengths_m: *zeroed_m, errors };
     }
 
     fn forget(&mut self) {
@@ -261,8 +285,10 @@ impl Estimator {
                 tensions_n: &found.tensions_n,
             },
         );
+        let robot = &self.config.robot;
         let covariance = found.covariance(sigma_m)
-            + found.covariance_by_anchors(&self.config.robot).unwrap_or_else(Matrix3::zeros)
+            + found.covariance_by_anchors(robot).unwrap_or_else(Matrix3::zeros)
+            + robot.uncertainty().covariance_m2(robot, &found, self.zero.errors.as_ref())
             + swing.covariance_m2;
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !(finite(&found.position) && finite(&velocity) && covariance.iter().all(|x| x.is_finite())) {

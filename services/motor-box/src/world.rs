@@ -95,7 +95,7 @@ fn guide(truth: &TruthSection, robot: &RobotFile, i: usize, anchor_m: [f64; 3], 
     let radius_m = truth.pulley_radius_m.as_ref().map_or(assumed, |radius| radius.at(i));
     let inward = (middle_m[1] - anchor_m[1]).atan2(middle_m[0] - anchor_m[0]);
     let azimuth_rad = truth.pulley_azimuth_deg.as_ref().map_or(inward, |degrees| degrees.at(i).to_radians());
-    let kind = truth.pulley.unwrap_or(TrueGuide::assumed(robot.robot.pulley));
+    let kind = truth.pulley.unwrap_or(TrueGuide::assumed(robot.robot.pulley.unwrap_or_default()));
     kind.guide(radius_m, azimuth_rad)
 }
 

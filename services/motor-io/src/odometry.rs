@@ -82,6 +82,8 @@ pub struct Odometry {
     alive: [bool; CABLES],
     /// The lengths were restored, and not confirmed since.
     only_restored: bool,
+    /// The lengths as they were set; NaN before that, also after a restart.
+    zeroed_m: [f64; CABLES],
 }
 
 impl Odometry {
@@ -97,6 +99,7 @@ impl Odometry {
             restore: None,
             alive: [false; CABLES],
             only_restored: false,
+            zeroed_m: std::array::from_fn(|i| if i < config.cable_count() { f64::NAN } else { 0.0 }),
         }
     }
 
@@ -216,6 +219,7 @@ impl Odometry {
         for (it, length_m) in self.cables[..self.count].iter_mut().zip(lengths_m) {
             *it = Cable { zero_counts: it.counts, zero_m: *length_m, length_m: *length_m, candidate: None, ..*it };
         }
+        self.zeroed_m = std::array::from_fn(|i| lengths_m.get(i).copied().unwrap_or_default());
         self.position = MotorState::POSITION_KNOWN;
         self.restore = None;
         self.only_restored = false;
@@ -240,6 +244,12 @@ impl Odometry {
     #[must_use]
     pub fn length_m(&self, cable: usize) -> f64 {
         self.cables[cable].length_m
+    }
+
+    /// The lengths as they were last set, m; NaN if that was in another life.
+    #[must_use]
+    pub fn zeroed_m(&self) -> [f64; CABLES] {
+        self.zeroed_m
     }
 
     /// Velocity of a cable over the last 50 ms, m/s.

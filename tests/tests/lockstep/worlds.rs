@@ -63,16 +63,18 @@ fn drawn(name: &str, seed: u64, spread: f64, warming: f64, wind: f64) -> Flight 
 fn row(name: &str, flight: &Flight) {
     let mm = |deviation: nims_tests::lockstep::Deviation| (deviation.rms_m * 1e3, deviation.max_m * 1e3);
     let ((e, e_max), (t, t_max)) = (mm(flight.estimate), mm(flight.truth));
-    let (b, b_max) = mm(flight.between);
+    let ((b, b_max), (s, s_max)) = (mm(flight.between), mm(flight.stated));
     println!(
-        "| {name:28} | {e:6.2} / {e_max:6.2} | {t:6.2} / {t_max:6.2} | {b:6.2} / {b_max:6.2} | {:3.0} % |",
+        "| {name:28} | {e:6.2} / {e_max:6.2} | {t:6.2} / {t_max:6.2} | {b:6.2} / {b_max:6.2} | {s:6.2} / {s_max:6.2} | {:3.0} % |",
         flight.covered * 100.0
     );
 }
 
 #[test]
 fn the_robot_flies_in_drawn_worlds_and_its_estimate_is_not_the_truth() {
-    println!("| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate | within 2 sigma |");
+    println!(
+        "| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate | stated 2 sigma | within |"
+    );
     let model = flown(&system("demo3"));
     row("the model", &model);
     assert!(model.between.max_m < 0.005, "{model:?}");
@@ -236,22 +238,33 @@ fn forest(folder: &Path, speed: &str, limit: Option<(&str, &str)>, changes: &[(&
     system
 }
 
-/// A robot that knows the radius of its pulleys is at least twice as near to the truth as one that takes them for eyes.
+/// A robot that knows the radius of its pulleys is at least twice as near to the truth as one that takes them for eyes,
+/// and both state how far they may be from it: the truth is within two standard deviations in 94 % of the cycles of
+/// twelve worlds, which are 2.4 times the median error.
 #[test]
-fn known_pulleys_bring_the_estimate_close_to_the_truth() {
-    let mut known: Vec<f64> = (1..=5).map(|seed| truth_rms_m("field3", seed)).collect();
-    let mut eyes: Vec<f64> = (1..=5).map(|seed| truth_rms_m("demo3", seed)).collect();
-    known.sort_by(f64::total_cmp);
-    eyes.sort_by(f64::total_cmp);
-    assert!(known[4] < 0.012 && known[2] < 0.5 * eyes[2], "{known:?} {eyes:?}");
+fn estimates_state_how_far_the_truth_may_be() {
+    let known: Vec<_> = (1..=12).map(|seed| drawn_flight("field3", seed)).collect();
+    let eyes: Vec<_> = (1..=5).map(|seed| drawn_flight("demo3", seed)).collect();
+    let median = |flights: &[Flight], value: fn(&Flight) -> f64| {
+        let mut values: Vec<_> = flights.iter().map(value).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let (error_m, eyes_m) = (median(&known, |f| f.between.rms_m), median(&eyes, |f| f.between.rms_m));
+    assert!(error_m < 0.5 * eyes_m && known.iter().all(|f| f.truth.rms_m < 0.012), "{known:?} {eyes:?}");
+    let covered = |flights: &[Flight]| flights.iter().map(|f| f.covered).sum::<f64>() / flights.len() as f64;
+    assert!((0.9..=0.99).contains(&covered(&known)), "{}", covered(&known));
+    assert!(covered(&eyes) > 0.9, "{}", covered(&eyes));
+    let stated_m = median(&known, |f| f.stated.rms_m);
+    assert!(stated_m < 3.0 * error_m, "{stated_m} m stated, {error_m} m off");
 }
 
-/// Prints the flight in a drawn world, and returns the root mean square of the truth from the setpoint, m.
-fn truth_rms_m(name: &str, seed: u64) -> f64 {
+/// Flies in the drawn world, and prints the deviations.
+fn drawn_flight(name: &str, seed: u64) -> Flight {
     let flight = drawn(name, seed, 1.0, 0.0, 0.0);
     row(&format!("{name}, seed {seed}"), &flight);
     assert_eq!(flight.state, PlanStatus::STATE_DONE, "{flight:?}");
-    flight.truth.rms_m
+    flight
 }
 
 /// Cables of 80 m with the weight of wet polyethylene, as the only difference between model and world: 1.9 mm RMS
@@ -286,7 +299,9 @@ fn a_world_without_spread_is_the_model() {
 
 #[test]
 fn the_large_robots_fly_in_drawn_worlds() {
-    println!("| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate | within 2 sigma |");
+    println!(
+        "| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate | stated 2 sigma | within |"
+    );
     // The largest distance of the truth from the setpoint that each may have, m: three times what the seeds showed.
     for (name, bound_m) in [("river4", 0.06), ("forest4", 0.12)] {
         let model = flown(&system(name));
@@ -323,7 +338,9 @@ fn changed(name: &str, lines: &str, truth: &str) -> Flight {
 /// The same worlds, with a model that knows what they have, and one that does not.
 #[test]
 fn the_model_of_weight_and_of_stretched_counts_brings_the_node_to_its_setpoint() {
-    println!("| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate | within 2 sigma |");
+    println!(
+        "| world | estimate - setpoint, mm RMS / max | truth - setpoint | truth - estimate | stated 2 sigma | within |"
+    );
     for (name, mass) in [("demo3", "0.000066"), ("river4", "0.00061"), ("forest4", "0.00137")] {
         let cables = 3 + usize::from(name != "demo3");
         let heavy = format!("line_mass_kg_m = {mass}");

@@ -117,6 +117,7 @@ impl Core {
         let (n, units) = (self.config.cable_count(), self.config.unit_count);
         let mut state = MotorState {
             velocity_m_s: *velocity,
+            zeroed_m: self.odometry.zeroed_m(),
             command_m_s: self.sent.speed_m_s,
             status: self.watch.status(),
             supply_v: self.watch.supply_v(),

@@ -64,6 +64,7 @@ mod robot_parts;
 pub mod sag;
 pub mod swing;
 pub mod tension;
+pub mod uncertainty;
 
 pub use anchors::Anchors;
 pub use cables::{CableVec, MAX_CABLES};
@@ -79,6 +80,7 @@ pub use robot::Robot;
 pub use robot_error::RobotError;
 pub use robot_parts::{DEFAULT_LENGTH_LIMITS_M, PulleyKind, RobotParts};
 pub use tension::Distribution;
+pub use uncertainty::Uncertainty;
 
 /// Standard acceleration of gravity, m/s² (CODATA, exact by convention).
 pub const STANDARD_GRAVITY: f64 = 9.80665;

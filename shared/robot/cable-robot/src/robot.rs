@@ -12,7 +12,7 @@ use crate::robot_parts::{
     stretched_counts, with_pulleys,
 };
 use crate::sag::{self, Load};
-use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
+use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY, Uncertainty};
 
 /// A checked robot. It is `Copy`, so that every process and every test has its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,6 +41,7 @@ pub struct Robot {
     motor_table: Option<MotorTable>,
     drive_limits: DriveLimits,
     anchor_covariance: Option<AnchorBlocks>,
+    uncertainty: Uncertainty,
 }
 
 impl Robot {
@@ -88,6 +89,7 @@ impl Robot {
                 }
             },
         };
+        parts.uncertainty.check()?;
         let anchor_covariance = parts.anchor_covariance_m2.as_deref().map(|rows| anchor_blocks(rows, n)).transpose()?;
         Ok(Self {
             anchors,
@@ -112,6 +114,7 @@ impl Robot {
             motor_table,
             drive_limits: parts.drive_limits,
             anchor_covariance,
+            uncertainty: parts.uncertainty,
         })
     }
 
@@ -303,6 +306,11 @@ impl Robot {
     /// Covariance between the positions of two anchors, counted from 0, m²; None if unknown.
     pub fn anchor_covariance_m2(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
         self.anchor_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
+    }
+
+    /// Standard deviations of what the robot file states.
+    pub fn uncertainty(&self) -> &Uncertainty {
+        &self.uncertainty
     }
 
     /// The same robot with its anchors at other positions, to try out a calibration or inject an error. The number of

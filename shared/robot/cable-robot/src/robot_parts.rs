@@ -7,7 +7,7 @@ use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, Motor};
 use crate::obstacle::{MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
-use crate::{Anchors, CableVec, MAX_CABLES};
+use crate::{Anchors, CableVec, MAX_CABLES, Uncertainty};
 
 /// Length limits if the robot file has none, m: the width of a hand, and longer than any winch holds.
 pub const DEFAULT_LENGTH_LIMITS_M: [f64; 2] = [0.05, 1e3];
@@ -77,6 +77,8 @@ pub struct RobotParts {
     pub drive_limits: DriveLimits,
     /// Covariance of x1, y1, z1, x2, .. of the anchors, a row per coordinate, m²; None if unknown.
     pub anchor_covariance_m2: Option<Vec<Vec<f64>>>,
+    /// Standard deviations of the other parts; default 0: they are exact.
+    pub uncertainty: Uncertainty,
 }
 
 impl Default for RobotParts {
@@ -106,6 +108,7 @@ impl Default for RobotParts {
             motor_table: None,
             drive_limits: DriveLimits::default(),
             anchor_covariance_m2: None,
+            uncertainty: Uncertainty::default(),
         }
     }
 }

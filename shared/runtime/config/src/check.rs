@@ -36,6 +36,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
         return Err(Problem::with_clause("lines.counts_stretched", clause));
     }
     file.motor.check_ranges("motor")?;
+    file.uncertainty.check_ranges("uncertainty")?;
     file.site.map_or(Ok(()), |site| site.check_ranges("site"))
 }
 

@@ -38,6 +38,7 @@ mod slot;
 mod system_file;
 pub mod toml_file;
 mod tuning;
+mod uncertainty;
 mod viewer;
 
 pub use arbiter::ArbiterSection;
@@ -66,4 +67,5 @@ pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::SystemFile;
 pub use toml_file::ConfigError;
 pub use tuning::{Tunable, Tuned, tunable};
+pub use uncertainty::UncertaintySection;
 pub use viewer::ViewerSection;

@@ -101,7 +101,7 @@ impl RobotFile {
         Ok(RobotParts {
             anchors_m: self.robot.anchors_m.to_vec(),
             planar: self.robot.anchors_m.is_planar(),
-            pulley: self.robot.pulley.into(),
+            pulley: self.robot.pulley.unwrap_or_default().into(),
             pulley_radius_m: (!self.robot.pulley_radius_m.is_empty()).then(|| self.robot.pulley_radius_m.clone()),
             node_mass_kg: self.robot.node_mass_kg,
             net_weight_n: self.robot.net_weight_n,
@@ -126,6 +126,7 @@ impl RobotFile {
                 voltage_v: self.supply_min_v.map_or(f64::INFINITY, |supply_v| supply_v * (1.0 - DRIVE_RESERVE)),
             },
             anchor_covariance_m2: self.calibration.as_ref().map(|file| file.covariance_m2.clone()),
+            uncertainty: self.uncertainty.uncertainty(self.robot.pulley.is_some()),
         })
     }
 }
@@ -137,6 +138,7 @@ fn robot_problem(error: &RobotError) -> Problem {
         "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
         | "transition_m_s" | "table" => "motor",
         "obstacle" => return Problem::with_sentence("obstacle", error.to_string()),
+        "uncertainty" => return Problem::with_sentence("uncertainty", error.to_string()),
         "covariance_m2" => return Problem::with_sentence("robot.calibration", error.to_string()),
         _ => "robot",
     };

@@ -127,10 +127,14 @@ impl CalibrationFile {
     ///
     /// # Errors
     /// The calibration was made for other pulleys.
-    pub(super) fn pulleys(&self, kind: PulleyKind, radii_m: &[f64]) -> Result<(PulleyKind, Vec<f64>), Problem> {
+    pub(super) fn pulleys(
+        &self,
+        kind: Option<PulleyKind>,
+        radii_m: &[f64],
+    ) -> Result<(Option<PulleyKind>, Vec<f64>), Problem> {
         let Some(measured) = self.pulley else { return Ok((kind, radii_m.to_vec())) };
         let own = if measured == PulleyKind::Swivel { self.pulley_radius_m.as_slice() } else { &[] };
-        let stated = kind == PulleyKind::Swivel && radii_m.iter().any(|r| *r > 0.0);
+        let stated = kind == Some(PulleyKind::Swivel) && radii_m.iter().any(|r| *r > 0.0);
         let radius = |radii_m: &[f64], i: usize| radii_m.get(i).copied().unwrap_or(0.0);
         let count = own.len().max(radii_m.len());
         let apart = (0..count).any(|i| (radius(own, i) - radius(radii_m, i)).abs() > SAME_RADIUS_M);
@@ -141,7 +145,7 @@ impl CalibrationFile {
             );
             return Err(Problem::with_clause("robot.pulley_radius_m", clause));
         }
-        Ok((measured, own.to_vec()))
+        Ok((Some(measured), own.to_vec()))
     }
 
     /// Returns the least certain coordinate: number of the anchor from 1, axis, standard deviation in m.

@@ -1,6 +1,6 @@
 //! The robot file: geometry, node, cables and motors.
 
-use super::{CalibrationFile, MotorTableFile, ObstacleSection, Point, Points};
+use super::{CalibrationFile, MotorTableFile, ObstacleSection, Point, Points, UncertaintySection};
 use crate::section::{above, between};
 use cable_robot::anchors::RADII_M;
 use serde::Deserialize;
@@ -41,6 +41,9 @@ pub struct RobotFile {
     /// The motors, with all quantities at the cable.
     #[serde(default)]
     pub motor: MotorSection,
+    /// How well all of this is known.
+    #[serde(default)]
+    pub uncertainty: UncertaintySection,
     /// Bodies that neither the node nor a cable may touch.
     #[serde(default)]
     pub obstacle: Vec<ObstacleSection>,
@@ -77,9 +80,9 @@ crate::section! {
         #[serde(default)]
         pub anchors_m: Points,
         /// What the cables leave from: `"eye"`, the anchor itself, or `"swivel"`, a pulley that swivels about the
-        /// vertical axis through the anchor; the cable enters it from below along this axis.
-        #[serde(default)]
-        pub pulley: PulleyKind,
+        /// vertical axis through the anchor; the cable enters it from below along this axis. Omitted: eyes, of which
+        /// every estimate states that they may be pulleys.
+        pub pulley: Option<PulleyKind>,
         /// Radius of each pulley to the middle of the cable, m per cable; 0 for a cable through an eye. Only with
         /// `pulley = "swivel"`.
         #[serde(default)]

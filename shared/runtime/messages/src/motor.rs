@@ -13,6 +13,8 @@ message! {
         counts: [i64; CABLES],
         /// Unstretched cable paid out beyond the routed part, m.
         length_m: [f64; CABLES],
+        /// The lengths as the operator set them last, m; NaN: in another life, or never.
+        zeroed_m: [f64; CABLES],
         /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large
         /// velocity.
         velocity_m_s: [f64; CABLES],

@@ -8,7 +8,7 @@ message! {
         header: Header,
         position_m: [f64; 3],
         velocity_m_s: [f64; 3],
-        /// Position covariance, row by row, m²: of the lengths, the anchors and the swing.
+        /// Position covariance, row by row, m²: of the lengths, the robot file and the swing.
         covariance_m2: [f64; 9],
         /// Unstretched lengths: as measured, and as predicted for this cycle with phi.
         measured_m: [f64; CABLES],

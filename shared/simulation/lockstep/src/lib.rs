@@ -81,6 +81,8 @@ pub struct Flight {
     pub between: Deviation,
     /// Share of these cycles in which the truth is within two standard deviations of the estimate on every axis.
     pub covered: f64,
+    /// Twice the standard deviation that the estimate states, over all axes together.
+    pub stated: Deviation,
     /// RMS difference of true and estimated velocity, m/s.
     pub velocity_rms_m_s: f64,
     /// Largest difference of true and chosen tension over cables and moving cycles, N.
@@ -532,7 +534,7 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
     let mut lockstep = Lockstep::with(scenario, chain)?;
     lockstep.zero_and_arm()?;
     lockstep.run(&mission).context("the planner rejected the mission")?;
-    let [mut estimate, mut truth, mut between, mut velocity, mut tension] = [Sum::default(); 5];
+    let [mut estimate, mut truth, mut between, mut stated, mut velocity, mut tension] = [Sum::default(); 6];
     let (mut share, mut low, mut high, mut slack, mut saturation) = (0.0f64, f64::INFINITY, 0.0f64, 0, 0.0f64);
     let (mut last, mut covered) = (None, 0);
     for cycles in 1..=longest {
@@ -552,6 +554,7 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
             truth.add((actual - setpoint.position).norm());
             between.add((actual - estimated).norm());
             covered += u64::from(states_truth(&cycle));
+            stated.add(2.0 * (0..3).map(|i| cycle.estimate.covariance_m2[4 * i]).sum::<f64>().sqrt());
             velocity.add((Vector3::from(cycle.truth_m_s) - Vector3::from(cycle.estimate.velocity_m_s)).norm());
             saturation = saturation.max(cycle.control.saturation);
             for (true_n, chosen) in cycle.truth_n.iter().zip(&cycle.control.tension_n) {
@@ -572,6 +575,7 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
                 estimate: estimate.deviation(),
                 truth: truth.deviation(),
                 between: between.deviation(),
+                stated: stated.deviation(),
                 covered: covered as f64 / estimate.count as f64,
                 velocity_rms_m_s: velocity.rms(),
                 tension_max_n: tension.max,

@@ -91,7 +91,7 @@ fn geometry(truth: &mut TruthSection, draws: &mut Draws, robot: &RobotFile, plan
     });
     truth.anchors_m = Some(anchors.moved_to(moved.collect()));
     truth.pulley = Some(TrueGuide::Swivel);
-    let known = (robot.robot.pulley == PulleyKind::Swivel).then_some(&robot.robot.pulley_radius_m);
+    let known = (robot.robot.pulley == Some(PulleyKind::Swivel)).then_some(&robot.robot.pulley_radius_m);
     let unknown_m = draws.some(0.015, 0.040);
     truth.pulley_radius_m = Some(draws.each(|draws, i| {
         let radius_m = known.and_then(|radii| radii.get(i).copied()).unwrap_or(unknown_m);

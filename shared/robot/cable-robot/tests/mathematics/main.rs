@@ -12,3 +12,4 @@ mod sag;
 mod swing;
 mod tension;
 mod tension_general;
+mod uncertainty;
