@@ -9,7 +9,8 @@ use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover, segments};
 
 use crate::batch::Batch;
 use crate::listen::Listening;
-use crate::session::{Session, Settings};
+use crate::session::Session;
+use crate::settings::Settings;
 
 /// Time between two polls of the channels, ns. Their buffers hold seconds; this bounds the loss by a kill beyond the
 /// last flush.
