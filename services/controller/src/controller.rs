@@ -41,7 +41,7 @@ pub struct Controller {
     preview: Option<Preview>,
     /// Answers of the newest cycle: the estimates of a cycle arrive one after the other, and a law is called once for
     /// each.
-    answered: [Option<Answered>; SLOTS],
+    answered: [Option<AnsweredEstimate>; SLOTS],
     /// The life of motor-io to which this state belongs.
     life: u64,
     /// Fades from the commands with former parameters to those with the present ones.
@@ -173,7 +173,7 @@ impl Controller {
                     self.answer(slot, estimate, target.as_ref(), authority.period_s)
                 }
             };
-            self.answered[slot] = Some(Answered { estimate: *estimate, epoch, segment, answer });
+            self.answered[slot] = Some(AnsweredEstimate { estimate: *estimate, epoch, segment, answer });
             let Some(answer) = answer else { continue };
             for (i, velocity) in answer.velocities_m_s.iter().enumerate() {
                 command.velocity_m_s[8 * slot + i] = *velocity;
@@ -455,7 +455,7 @@ fn redundant_error(
 
 /// The inputs of a computed row, and its result.
 #[derive(Debug, Clone, Copy)]
-struct Answered {
+struct AnsweredEstimate {
     estimate: NodeEstimate,
     epoch: u32,
     segment: u32,

@@ -132,7 +132,7 @@ impl Odometry {
         let it = &mut self.cables[cable];
         if !it.seen {
             *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, ..*it };
-            it.take(counts, sampled_ns, scale);
+            it.apply(counts, sampled_ns, scale);
             self.try_restore();
             return Reading::Good;
         }
@@ -143,7 +143,7 @@ impl Odometry {
         let moved = metres(counts, it.counts, scale);
         if explained.contains(&moved) {
             it.candidate = None;
-            it.take(counts, sampled_ns, scale);
+            it.apply(counts, sampled_ns, scale);
             if away && moved.abs() > RETURN_TOLERANCE_M {
                 self.doubt();
                 return Reading::MovedWhileAway;
@@ -170,7 +170,7 @@ impl Odometry {
         let scale = self.counts_per_m[cable];
         let it = &mut self.cables[cable];
         *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, candidate: None, held: 0, ..*it };
-        it.take(counts, sampled_ns, scale);
+        it.apply(counts, sampled_ns, scale);
         it.velocity_m_s = 0.0;
         self.doubt();
     }
@@ -262,7 +262,7 @@ impl Odometry {
 }
 
 impl Cable {
-    fn take(&mut self, counts: i64, sampled_ns: u64, scale: f64) {
+    fn apply(&mut self, counts: i64, sampled_ns: u64, scale: f64) {
         if self.strain != 0.0 {
             // What was counted before had other strains.
             (self.zero_m, self.zero_counts) = (self.length_m, self.counts);
@@ -313,7 +313,7 @@ mod tests {
             turned_m += moved_m * (1.0 + strain);
             cable.strain = strain;
             sampled_ns += 10_000_000;
-            cable.take((turned_m * counts_per_m).round() as i64, sampled_ns, counts_per_m);
+            cable.apply((turned_m * counts_per_m).round() as i64, sampled_ns, counts_per_m);
         }
         // Half a count per reading would be 0.05 mm; the counts alone are 0.3 m of cable off.
         assert!((cable.length_m - off_drum_m).abs() < 5e-5, "{} for {off_drum_m}", cable.length_m);

@@ -88,7 +88,7 @@ pub struct PositionWriter {
 }
 
 impl PositionFile {
-    fn of(config: &CoreConfig, position: &Position) -> Self {
+    fn new(config: &CoreConfig, position: &Position) -> Self {
         let (n, anchors) = (config.cable_count(), config.robot.anchors());
         Self {
             lengths_m: position.0[..n].to_vec(),
@@ -118,7 +118,7 @@ impl PositionFile {
         let same = Self {
             lengths_m: kept.lengths_m.clone(),
             counts: kept.counts.clone(),
-            ..Self::of(config, &([0.0; CABLES], [0; CABLES]))
+            ..Self::new(config, &([0.0; CABLES], [0; CABLES]))
         };
         let sound = kept.lengths_m.len() == n && kept.counts.len() == n && kept.lengths_m.iter().all(|l| l.is_finite());
         if kept != same || !sound {
@@ -163,7 +163,7 @@ impl PositionWriter {
             runtime::realtime::ordinary();
             let mut failed = false;
             while let Ok(position) = receiver.recv() {
-                match PositionFile::of(&config, &position).write(&target) {
+                match PositionFile::new(&config, &position).write(&target) {
                     Ok(()) => failed = false,
                     Err(error) if !failed => {
                         failed = true;

@@ -28,8 +28,8 @@ impl Refusal {
     pub fn reason(&self) -> Reason {
         match self {
             Self::NotReady(reason) => **reason,
-            Self::Mission(error) => of_mission_error(error),
-            Self::Plan(error) => of_plan_error(error),
+            Self::Mission(error) => reason_of_mission_error(error),
+            Self::Plan(error) => reason_of_plan_error(error),
         }
     }
 
@@ -41,7 +41,7 @@ impl Refusal {
 }
 
 /// Returns the reason for which a mission is invalid.
-pub(crate) fn of_mission_error(error: &MissionError) -> Reason {
+pub(crate) fn reason_of_mission_error(error: &MissionError) -> Reason {
     let why = detail(error);
     match *error {
         MissionError::Value { leg, key, .. } => Reason::MissionValue { leg, key: detail(key), why },
@@ -50,7 +50,7 @@ pub(crate) fn of_mission_error(error: &MissionError) -> Reason {
 }
 
 /// Returns the reason for which the copy of a mission cannot be used.
-pub(crate) fn of_copy_error(error: &MissionCopyError) -> Reason {
+pub(crate) fn reason_of_copy_error(error: &MissionCopyError) -> Reason {
     match error {
         MissionCopyError::OtherContent { path } => Reason::CopyChanged { copy: detail(path.display()) },
         MissionCopyError::Unreadable { path, why } => {
@@ -63,7 +63,7 @@ pub(crate) fn of_copy_error(error: &MissionCopyError) -> Reason {
 }
 
 /// Returns the reason for which a mission cannot be planned.
-pub(crate) fn of_plan_error(error: &PlanError) -> Reason {
+pub(crate) fn reason_of_plan_error(error: &PlanError) -> Reason {
     match *error {
         PlanError::Refused { leg, ref segment, ref refusal, feasible_m_s } => {
             Reason::PlanLimit { leg, segment: detail(segment), why: detail(refusal), feasible_m_s }
@@ -118,10 +118,11 @@ mod tests {
             PlanError::AlreadyThere,
             PlanError::NoStart { x: 1.5, y: 2.0, z: -0.25 },
         ];
-        let codes: std::collections::BTreeSet<u16> = errors.iter().map(|error| of_plan_error(error).code()).collect();
+        let codes: std::collections::BTreeSet<u16> =
+            errors.iter().map(|error| reason_of_plan_error(error).code()).collect();
         assert_eq!(codes.len(), errors.len());
         for error in errors {
-            assert_eq!(of_plan_error(&error).to_string(), error.to_string());
+            assert_eq!(reason_of_plan_error(&error).to_string(), error.to_string());
         }
     }
 }

@@ -55,7 +55,7 @@ impl Recorder {
         // All processes of a run use its clock. Without one, a restarted recorder uses the clock of the first file.
         let set = bus.domain().wall_clock();
         let set = set.map(|clock| RunClock { t0_unix_ns: clock.unix_ns, t0_mono_ns: clock.mono_ns });
-        let clock = RunClock::of_run(&settings.folder, set);
+        let clock = RunClock::from_run(&settings.folder, set);
         let mut session = Session::open(settings, clock, now, free)?;
         let mut listening = Listening::new(exclude);
         listening.discover_first(bus, &mut session)?;

@@ -133,7 +133,7 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
     let started = clock::now_ns();
     supervisor.announcer.info(&format!(
         "{} is ready to arm after {:.2} s and runs in {}; Ctrl-C ends it",
-        supervisor.site.file.name,
+        supervisor.context.file.name,
         (started - began) as f64 * 1e-9,
         supervisor.folder.path().display()
     ));

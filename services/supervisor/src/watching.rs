@@ -1,9 +1,9 @@
 //! One cycle of the supervisor: its heartbeat, the processes and their heartbeats, requests, and restarts.
 
 use super::Supervisor;
-use super::child::Then;
 use super::cures::{LossState, consequence, cure};
 use super::heartbeats::Change;
+use super::managed_process::AfterEnd;
 use super::process_spec::ProcessSpec;
 use super::recording::RecordingEvent;
 use super::restarts::{Restarts, Verdict};
@@ -220,12 +220,12 @@ impl Supervisor {
             Some((_, then)) => {
                 self.announcer.info(&format!("{name} {how}, as requested"));
                 match then {
-                    Then::Stay => {}
-                    Then::Again => {
+                    AfterEnd::Stay => {}
+                    AfterEnd::Restart => {
                         let restarts = child.restarts;
                         self.start_again(&member, restarts)?;
                     }
-                    Then::Forget => self.forget(name)?,
+                    AfterEnd::Remove => self.forget(name)?,
                 }
             }
             None => {
@@ -283,7 +283,7 @@ impl Supervisor {
         let other = self.process_set.standby_of(member);
         let means = match other {
             Some(other) => format!("{} goes on", other.member.name),
-            None => consequence(member.role, self.site.file.motor_io.watchdog_s),
+            None => consequence(member.role, self.context.file.motor_io.watchdog_s),
         };
         match cure(&member.name, member.role, fate, other.is_some()) {
             Some(cure) => format!("{means}{next}; {cure}"),

@@ -67,7 +67,7 @@ fn every_missing_condition_is_answered_with_its_cure() {
         assert_eq!(refusal.reason(), *expected);
         let (motion, status) = planner.step(&world.seen());
         assert_eq!((motion.motion, status.state, status.refused), (0, PlanStatus::STATE_REFUSED, 1));
-        assert_eq!((Reason::of_plan(&status), status.reason_code), (Some(*expected), expected.code().into()));
+        assert_eq!((Reason::from_status(&status), status.reason_code), (Some(*expected), expected.code().into()));
         assert_eq!(text_of(&status.reason), expected.to_string());
     }
     let mut world = World::ready();
@@ -168,7 +168,7 @@ fn a_mission_ends_with_its_epoch_with_a_fault_and_when_motor_io_does_not_start_i
         spoil(&mut world);
         let (motion, status) = planner.step(&world.seen());
         assert_eq!((motion.motion, status.state), (0, PlanStatus::STATE_ABORTED), "{expected}");
-        assert_eq!(Reason::of_plan(&status), Some(*expected));
+        assert_eq!(Reason::from_status(&status), Some(*expected));
         assert_eq!(text_of(&status.reason), expected.to_string());
     }
 }
@@ -199,6 +199,6 @@ fn a_motion_that_does_not_start_ends_with_what_the_controller_lacks() {
         world.pass(5.1);
         let (_, status) = planner.step(&world.seen());
         assert_eq!(status.state, PlanStatus::STATE_ABORTED);
-        assert_eq!(Reason::of_plan(&status), Some(expected));
+        assert_eq!(Reason::from_status(&status), Some(expected));
     }
 }

@@ -196,7 +196,7 @@ fn continuing_needs_the_same_mission_begun_and_not_done() {
     let moved = Progress { at_m: [1.0, 1.0, 1.0], ..planner.progress().unwrap().clone() };
     elsewhere.remember(moved);
     let (_, status) = elsewhere.step(&world.seen());
-    assert_eq!(Reason::of_plan(&status), Some(Reason::LeftUnfinished { mission: name }));
+    assert_eq!(Reason::from_status(&status), Some(Reason::LeftUnfinished { mission: name }));
     assert_eq!(refused(&mut elsewhere, &world, &scan), Reason::PlanOther);
     // by request
     let run = tempfile::tempdir().unwrap();
@@ -303,7 +303,7 @@ fn an_adaptive_leg_waits_for_its_map_and_continues_after_an_interruption() {
     let (_, status) = none.step(&Inputs { authority: Some(&authority), ..late });
     assert_eq!(status.state, PlanStatus::STATE_ABORTED);
     let without_map = Reason::EndedWithoutMap { map: detail("height"), within_s: 20.0 };
-    assert_eq!(Reason::of_plan(&status), Some(without_map));
+    assert_eq!(Reason::from_status(&status), Some(without_map));
 }
 
 proptest! {

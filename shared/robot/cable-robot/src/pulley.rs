@@ -195,7 +195,7 @@ impl Pulley {
 
     #[inline]
     fn length_of(&self, at: &Tangent) -> f64 {
-        let turn = angle::of_unit(at.out, at.up);
+        let turn = angle::from_unit(at.out, at.up);
         // Only below the wheel the cable wraps more than half a turn; above, a negative angle is rounding.
         let wrapped = if turn < 0.0 && at.z < 0.0 { turn + 2.0 * std::f64::consts::PI } else { turn };
         at.free + self.radius_m * wrapped

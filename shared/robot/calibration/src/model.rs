@@ -104,7 +104,7 @@ pub(crate) struct State {
 
 impl State {
     /// The estimate of a calibration.
-    pub(crate) fn of(found: &Calibration) -> Self {
+    pub(crate) fn from_calibration(found: &Calibration) -> Self {
         let n = found.anchors_m.len();
         Self {
             anchors_m: found.anchors_m.clone(),

@@ -171,7 +171,7 @@ impl<'a> Test<'a> {
             effects.push((effect, count));
             count += effect.columns(layout.n);
         }
-        let state = State::of(found);
+        let state = State::from_calibration(found);
         let reduced = model.reduce(&state, count, |i, j, cable| {
             let mut row = Vec::with_capacity(count);
             for (effect, _) in &effects {

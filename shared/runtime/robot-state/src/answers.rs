@@ -111,14 +111,14 @@ macro_rules! answers {
             }
 
             #[allow(unused_variables)] // reasons without parameters
-            fn put(&self, into: &mut Writer<'_>) {
-                match self { $( Self::$name $({ $($field),* })? => { $( $( Parameter::put($field, into); )* )? } ),* }
+            fn encode(&self, into: &mut Writer<'_>) {
+                match self { $( Self::$name $({ $($field),* })? => { $( $( Parameter::encode($field, into); )* )? } ),* }
             }
 
             #[allow(unused_variables)] // reasons without parameters
-            fn take(code: u16, from: &mut Reader<'_>) -> Option<Self> {
+            fn decode(code: u16, from: &mut Reader<'_>) -> Option<Self> {
                 Some(match code {
-                    $( $code => Self::$name $({ $($field: Parameter::take(from)?),* })?, )*
+                    $( $code => Self::$name $({ $($field: Parameter::decode(from)?),* })?, )*
                     _ => return None,
                 })
             }
@@ -142,9 +142,9 @@ answers! {
     // any process
     1 Undecodable { why: Detail } BAD_INPUT, "Not done: {why}.";
     2 TooLate { age_s: f64 } REFUSED, "Not done: the request arrived {age_s:.0} s after it was made, and the robot may be elsewhere by now; request it again.";
-    3 OfPlanner BAD_INPUT, "Motions are planned by the planner; send this request to it.";
-    4 OfMotorBox BAD_INPUT, "Faults are made by the virtual motor box; send this request to it.";
-    5 OfSupervisor BAD_INPUT, "Processes are managed by the supervisor; send this request to it.";
+    3 ForPlanner BAD_INPUT, "Motions are planned by the planner; send this request to it.";
+    4 ForMotorBox BAD_INPUT, "Faults are made by the virtual motor box; send this request to it.";
+    5 ForSupervisor BAD_INPUT, "Processes are managed by the supervisor; send this request to it.";
     6 OtherProcess { takes: Detail } BAD_INPUT, "this process takes {takes} only; send this request to another process";
 
     // motor-io
@@ -303,11 +303,11 @@ answers! {
     343 NoSlotNoLaw { process: Detail } BAD_INPUT, "{process} has no slot and no law; only controllers and estimators have them";
     344 NoMotorBox BAD_INPUT, "this system has real drives and no virtual motor box";
     345 SlotsTaken { role: SlotRole } REFUSED, "both slots of the role {0} are taken: first stop the one that is not in charge, with `nims stop-process {0}` or `nims stop-process {0}-b`", role_name(*role);
-    346 ProcessRuns { process: Detail, pid: u32 } REFUSED, "{process} runs already (process {pid}); `nims restart {process}` ends it first";
-    347 ProcessRunsNot { process: Detail } REFUSED, "{process} does not run";
-    348 ProcessEndsAlready { process: Detail } REFUSED, "{process} is ending already";
+    346 ProcessRunning { process: Detail, pid: u32 } REFUSED, "{process} runs already (process {pid}); `nims restart {process}` ends it first";
+    347 ProcessNotRunning { process: Detail } REFUSED, "{process} does not run";
+    348 ProcessEnding { process: Detail } REFUSED, "{process} is ending already";
     349 ProcessNeeded { process: Detail, role: Option<SlotRole> } REFUSED, "the robot moves and needs {process}: hold first with `nims hold`{}", OrSwap(*role);
-    350 ProcessSucceeded { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new process publishes or has been ended, which takes {within_s:.0} s at most";
+    350 ProcessBeingReplaced { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new process publishes or has been ended, which takes {within_s:.0} s at most";
     351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{why}";
     352 SupervisorBus { why: Detail } REFUSED, "{why}";
     360 ParameterInvalid { key: Detail, why: Detail } BAD_INPUT, "{why}";
@@ -362,7 +362,7 @@ impl Reason {
     #[must_use]
     pub fn answer(&self) -> RequestAnswer {
         let mut answer = RequestAnswer { accepted: self.accepted(), reason: self.code(), ..RequestAnswer::default() };
-        self.put(&mut Writer::new(&mut answer));
+        self.encode(&mut Writer::new(&mut answer));
         put_sentence(&mut answer.text, &self.sentence());
         answer
     }
@@ -376,19 +376,19 @@ impl Reason {
     /// The reason of a recorded answer; `None` for a number that this program does not know, or an unanswered request.
     /// A text parameter longer than its field comes back shortened.
     #[must_use]
-    pub fn of(request: &OperatorRequest) -> Option<Self> {
+    pub fn from_request(request: &OperatorRequest) -> Option<Self> {
         Self::recorded(&request.recorded_answer()?)
     }
 
     /// The reason for which a mission was refused or ended, in the same way; `None` also in a run of an earlier
     /// version, which has the sentence alone.
     #[must_use]
-    pub fn of_plan(status: &PlanStatus) -> Option<Self> {
+    pub fn from_status(status: &PlanStatus) -> Option<Self> {
         Self::recorded(&status.recorded_reason()?)
     }
 
     fn recorded(answer: &RequestAnswer) -> Option<Self> {
-        Self::take(answer.reason, &mut Reader::new(answer))
+        Self::decode(answer.reason, &mut Reader::new(answer))
     }
 }
 
@@ -404,20 +404,20 @@ mod tests {
         for reason in Reason::examples() {
             let (mut request, answer) = (OperatorRequest::default(), reason.answer());
             request.put_answer(&answer);
-            assert_eq!(Reason::of(&request), Some(reason));
+            assert_eq!(Reason::from_request(&request), Some(reason));
             assert_eq!(text_of(&request.answer), reason.to_string());
             assert_eq!((request.accepted, request.reason), (reason.accepted(), reason.code()));
             let mut status = PlanStatus::default();
             status.put_reason(&answer);
-            assert_eq!(Reason::of_plan(&status), Some(reason));
+            assert_eq!(Reason::from_status(&status), Some(reason));
             status.put_reason(&RequestAnswer::default());
             assert_eq!(status, PlanStatus::default());
             let mut copy = answer;
             let mut writer = Writer::new(&mut copy);
-            reason.put(&mut writer);
+            reason.encode(&mut writer);
             assert!(writer.numbers <= 6 && writer.values <= 6, "{reason:?} has too many parameters");
         }
-        assert_eq!(Reason::of(&OperatorRequest::default()), None);
+        assert_eq!(Reason::from_request(&OperatorRequest::default()), None);
     }
 
     #[test]

@@ -124,7 +124,7 @@ mod tests {
                 let (said, mut status) = (reason.to_string(), PlanStatus::default());
                 status.put_reason(&reason.answer());
                 assert_eq!(text_of(&status.reason), said);
-                assert_eq!(Reason::of_plan(&status), Some(reason));
+                assert_eq!(Reason::from_status(&status), Some(reason));
                 assert!(!said.contains(MORE) && !said.contains("nims status"), "{said}");
             }
         }

@@ -9,7 +9,7 @@ mod slots;
 
 pub use chain::{Chain, core_config};
 pub use flight::{Cycle, Deviation, Flight, Scenario};
-pub use slots::{Said, Slots};
+pub use slots::{ControllerOutput, Slots};
 
 use anyhow::{Context, Result, ensure};
 use cable_robot::{CableVec, Vector3};

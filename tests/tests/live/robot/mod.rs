@@ -45,13 +45,13 @@ pub struct Robot {
     pub bus: Bus,
     authority: Subscriber<MotorAuthority>,
     truth: Subscriber<TruthNode>,
-    slots: Subscriber<MotorSlots>,
+    slots_channel: Subscriber<MotorSlots>,
     clients: HashMap<String, Client>,
     pub last: MotorAuthority,
     /// Every fault that has been named so far.
     pub named: u32,
     pub seen: TruthNode,
-    pub seats: MotorSlots,
+    pub slots: MotorSlots,
     /// Target of the last move of `fly`, m.
     pub goal: [f64; 3],
     /// Whether something was broken on purpose.
@@ -106,13 +106,13 @@ impl Robot {
             runs: 1,
             authority: bus.deep_subscriber("motor/authority").unwrap(),
             truth: bus.deep_subscriber("truth/node").unwrap(),
-            slots: bus.deep_subscriber("motor/slots").unwrap(),
+            slots_channel: bus.deep_subscriber("motor/slots").unwrap(),
             bus,
             clients: HashMap::new(),
             last: MotorAuthority::default(),
             named: 0,
             seen: TruthNode::default(),
-            seats: MotorSlots::default(),
+            slots: MotorSlots::default(),
             goal: START,
             broken: false,
             domain,
@@ -134,7 +134,7 @@ impl Robot {
         self.bus = Bus::join(&self.domain, "observer").unwrap();
         self.authority = self.bus.deep_subscriber("motor/authority").unwrap();
         self.truth = self.bus.deep_subscriber("truth/node").unwrap();
-        self.slots = self.bus.deep_subscriber("motor/slots").unwrap();
+        self.slots_channel = self.bus.deep_subscriber("motor/slots").unwrap();
         self.last = MotorAuthority::default();
         self.until("the robot is up again", |robot| robot.last.header.cycle > 50);
     }
@@ -207,7 +207,7 @@ impl Robot {
         loop {
             let answered = requests.receive().unwrap();
             let answered = answered.filter(|request| request.header.published_ns >= begun_ns && request.answered == 1);
-            if let Some(reason) = answered.and_then(|request| Reason::of(&request)) {
+            if let Some(reason) = answered.and_then(|request| Reason::from_request(&request)) {
                 return reason;
             }
             assert!(clock::now_ns() < begun_ns + LONG.as_nanos() as u64, "{args:?}: no answer on operator/request");
@@ -267,9 +267,9 @@ impl Robot {
     pub fn until(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            self.look_around();
+            self.poll_others();
             while let Some(sample) = self.authority.receive().unwrap() {
-                self.note(sample);
+                self.record(sample);
                 if wanted(self) {
                     return;
                 }
@@ -284,7 +284,7 @@ impl Robot {
     pub fn until_said(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            self.look();
+            self.poll();
             if wanted(self) {
                 return;
             }
@@ -333,7 +333,7 @@ impl Robot {
         let mut states = self.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            self.look();
+            self.poll();
             if states.latest().unwrap().is_some_and(|row| row.state == state) {
                 return;
             }
@@ -350,7 +350,7 @@ impl Robot {
 
     /// One request and the reason of its answer; `None` if the process does not exist or does not answer.
     pub fn reason(&mut self, process: &str, request: &Request) -> Option<Reason> {
-        self.answered(process, request).and_then(|answer| Reason::of(&answer))
+        self.answered(process, request).and_then(|answer| Reason::from_request(&answer))
     }
 
     fn answered(&mut self, process: &str, request: &Request) -> Option<OperatorRequest> {
@@ -372,22 +372,22 @@ impl Robot {
         Request::Run { mission: name.to_owned(), hash, continues: false }
     }
 
-    /// Receives everything published so far into `last`, `seen` and `seats`.
-    pub fn look(&mut self) {
+    /// Receives everything published so far into `last`, `seen` and `slots`.
+    pub fn poll(&mut self) {
         while let Some(sample) = self.authority.receive().unwrap() {
-            self.note(sample);
+            self.record(sample);
         }
-        self.look_around();
+        self.poll_others();
     }
 
-    fn note(&mut self, sample: MotorAuthority) {
+    fn record(&mut self, sample: MotorAuthority) {
         self.last = sample;
         self.named |= sample.faults;
     }
 
-    fn look_around(&mut self) {
+    fn poll_others(&mut self) {
         self.seen = self.truth.latest().unwrap().unwrap_or(self.seen);
-        self.seats = self.slots.latest().unwrap().unwrap_or(self.seats);
+        self.slots = self.slots_channel.latest().unwrap().unwrap_or(self.slots);
     }
 
     /// The process of that name, if it runs.

@@ -62,7 +62,7 @@ impl Robot {
 
     /// Runs for so many cycles.
     pub fn for_cycles(&mut self, cycles: u64) {
-        self.look();
+        self.poll();
         let last = self.last.header.cycle + cycles;
         self.until("some cycles", |robot| robot.last.header.cycle >= last);
     }
