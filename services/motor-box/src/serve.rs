@@ -177,7 +177,9 @@ fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> Reason {
             info!("fault on request: {text}");
             Reason::FaultDone { fault: detail(text) }
         }
-        Err(error @ (BoxError::Serial(_) | BoxError::Wait(_))) => Reason::FaultRefused { why: detail(error) },
+        Err(error @ (BoxError::Serial(_) | BoxError::Wait(_))) => {
+            Reason::FaultFailed { fault: detail(text), why: detail(error) }
+        }
         // Parts that this box does not have.
         Err(error) => Reason::FaultInvalid { why: detail(error) },
     }

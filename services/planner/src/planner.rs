@@ -14,7 +14,7 @@ use crate::inputs::Inputs;
 use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
-use crate::refusal::{Refusal, reason_of_plan_error};
+use crate::refusal::Refusal;
 use crate::stopped::{not_taken_up, stopped_by};
 
 /// An estimate this many cycles behind motor-io is stale.
@@ -398,7 +398,7 @@ impl Planner {
                 if done {
                     self.status.progress = 1.0;
                 } else {
-                    self.status.put_reason(&reason_of_plan_error(&error).answer());
+                    self.status.put_reason(&error.reason().answer());
                 }
                 if let Some(progress) = &mut self.progress {
                     progress.done = done;

@@ -1,9 +1,9 @@
 //! One supervised process, started in its own process group, so that Ctrl-C reaches only the supervisor.
 
 use super::process_spec::ProcessSpec;
+use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
 use bus::clock;
-use command::{Answer, Failure};
 use config::Role;
 use messages::ProcessState;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
@@ -90,10 +90,9 @@ impl ManagedProcess {
     ///
     /// # Errors
     /// The program cannot be started.
-    pub fn start(member: &ProcessSpec, with: Start<'_>, restarts: Restarts) -> Answer<(Self, Option<String>)> {
-        let failed = |error: std::io::Error| {
-            Failure::NotNow(format!("{} could not be started: {}: {error}", member.name, member.program.display()))
-        };
+    pub fn start(member: &ProcessSpec, with: Start<'_>, restarts: Restarts) -> Decision<(Self, Option<String>)> {
+        let failed =
+            |error: std::io::Error| not_started(&member.name, format_args!("{}: {error}", member.program.display()));
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open(with.log).map_err(failed)?;
         let mut command = Command::new(&member.program);
         command

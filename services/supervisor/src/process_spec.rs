@@ -3,7 +3,7 @@
 use super::refused::Decision;
 use super::restarts::Policy;
 use config::{ProcessSection, Role, SystemFile};
-use messages::Slot;
+use messages::{Slot, SlotRole};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::BTreeMap;
@@ -142,7 +142,11 @@ impl RunContext {
     /// # Errors
     /// The program does not exist, or the entry has another role.
     pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Decision<ProcessSpec> {
-        match self.file.process_for(role, law).map_err(|why| Reason::LawUnknown { why: detail(why) })? {
+        let unknown = |why| match slot_role(role) {
+            Some(role) => Reason::LawUnknown { role, law: detail(law), why: detail(why) },
+            None => Reason::NoSlotNoLaw { process: detail(role.name()) },
+        };
+        match self.file.process_for(role, law).map_err(unknown)? {
             Some(section) => self.configured(section, Some(slot)),
             None => self.member(role, Some(slot), None, Some(law)),
         }
@@ -295,6 +299,15 @@ impl RunContext {
             files.filter(|path| path.is_file()).map(move |path| (name.clone(), path)).collect::<Vec<_>>()
         };
         self.file.process.iter().flat_map(of_one).collect()
+    }
+}
+
+/// The role as requests name it; `None` for a role without slots.
+pub(super) fn slot_role(role: Role) -> Option<SlotRole> {
+    match role {
+        Role::Controller => Some(SlotRole::Controller),
+        Role::Estimator => Some(SlotRole::Estimator),
+        _ => None,
     }
 }
 

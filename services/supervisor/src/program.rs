@@ -77,7 +77,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
 
 /// The failure as JSON, for the parent program.
 fn failed(failure: &Failure) -> Value {
-    json!({ "failed": failure.to_string(), "bad_input": matches!(failure, Failure::BadInput(_)) })
+    json!({ "failed": failure.to_string(), "bad_input": failure.exit_code() == 2 })
 }
 
 /// Lets every process check its part of the system file, so that errors appear before any process is started.

@@ -3,14 +3,14 @@
 use super::Supervisor;
 use super::closing::moves;
 use super::managed_process::{AfterEnd, ManagedProcess};
-use super::process_spec::{ProcessSpec, is_configuration};
-use super::refused::{Decision, bus_failed, not_started};
+use super::process_spec::{ProcessSpec, is_configuration, slot_role};
+use super::refused::{Decision, bus_failed};
 use super::restarts::Restarts;
 use bus::{Server, clock};
 use client::SUPERVISOR;
 use command::Answer;
 use config::Role;
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot, SlotRole};
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::Path;
@@ -198,7 +198,7 @@ impl Supervisor {
             restarts.total = child.restarts.total;
             restarts.record_restart();
         }
-        self.launch(member, restarts).map_err(|why| not_started(name, why))?;
+        self.launch(member, restarts)?;
         if let Some(alias) = &member.alias {
             // From now on the table lists it under the name of its slot.
             self.publish_farewell(alias).map_err(bus_failed)?;
@@ -256,15 +256,6 @@ fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Dec
         return Ok(());
     }
     Err(Reason::NoSlotNoLaw { process: detail(name) }.into())
-}
-
-/// The role as requests name it; `None` for a role without slots.
-fn slot_role(role: Role) -> Option<SlotRole> {
-    match role {
-        Role::Controller => Some(SlotRole::Controller),
-        Role::Estimator => Some(SlotRole::Estimator),
-        _ => None,
-    }
 }
 
 /// Whether the status of motor-io is recent enough that the drives may still move.

@@ -9,6 +9,7 @@ use super::mission::Missions;
 use super::process_set::ProcessSet;
 use super::process_spec::{ProcessSpec, RunContext};
 use super::recording::Recording;
+use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
 use super::run_folder::RunFolder;
 use super::settings::Settings;
@@ -101,10 +102,7 @@ impl Supervisor {
             supervisor.close("a process did not come up");
             let run = supervisor.folder.path().display();
             let in_run = format!("{failure}; the run is in {run}");
-            return Err(match failure {
-                Failure::BadInput(_) => Failure::BadInput(in_run),
-                Failure::NotNow(_) => Failure::NotNow(in_run),
-            });
+            return Err(failure.with_sentence(in_run));
         }
         // If this fails, the end of the run tries again.
         supervisor.stopper = supervisor.bus.client(client::MOTOR_IO).ok();
@@ -241,7 +239,7 @@ impl Supervisor {
     }
 
     /// Starts one process, which replaces an earlier incarnation.
-    pub(super) fn launch(&mut self, member: &ProcessSpec, restarts: Restarts) -> Answer {
+    pub(super) fn launch(&mut self, member: &ProcessSpec, restarts: Restarts) -> Decision<()> {
         let child = self.spawn(member, restarts, false)?;
         self.process_set.insert(child);
         self.record_living();
@@ -249,10 +247,15 @@ impl Supervisor {
     }
 
     /// Starts one process. `succeeds`: another process of its name still runs.
-    pub(super) fn spawn(&mut self, member: &ProcessSpec, restarts: Restarts, succeeds: bool) -> Answer<ManagedProcess> {
+    pub(super) fn spawn(
+        &mut self,
+        member: &ProcessSpec,
+        restarts: Restarts,
+        succeeds: bool,
+    ) -> Decision<ManagedProcess> {
         let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
-        self.bus.room_for(bytes, &member.name)?;
-        self.heartbeats.listen(&self.bus, &member.name)?;
+        self.bus.room_for(bytes, &member.name).map_err(|why| not_started(&member.name, why))?;
+        self.heartbeats.listen(&self.bus, &member.name).map_err(|why| not_started(&member.name, why))?;
         // A removed run folder must not prevent the start of a process.
         let _ = std::fs::create_dir_all(self.folder.path().join("log"));
         self.restore_copies();

@@ -4,7 +4,7 @@
 use super::Supervisor;
 use super::managed_process::AfterEnd;
 use super::process_spec::ProcessSpec;
-use super::refused::{Decision, not_started};
+use super::refused::Decision;
 use super::restarts::Restarts;
 use super::successor::{Successor, is_of};
 use super::table::row;
@@ -38,7 +38,7 @@ impl Supervisor {
             return Ok(Reason::ProcessReplaces { process: detail(name) });
         };
         restarts.record_restart();
-        let child = self.spawn(&member, restarts, true).map_err(|why| not_started(&name, why))?;
+        let child = self.spawn(&member, restarts, true)?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.record_living();
         Ok(Reason::ProcessSucceeds { process: detail(name) })

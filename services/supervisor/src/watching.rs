@@ -6,6 +6,7 @@ use super::heartbeats::Change;
 use super::managed_process::AfterEnd;
 use super::process_spec::ProcessSpec;
 use super::recording::RecordingEvent;
+use super::refused::Refused;
 use super::restarts::{Restarts, Verdict};
 use super::starting::READY_NS;
 use super::unfinished_runs::RecoveryEvent;
@@ -269,8 +270,8 @@ impl Supervisor {
         restarts.record_restart();
         self.announcer.warn(&format!("starting {} again", member.name));
         // A failed restart must not stop the supervision of the other processes.
-        if let Err(failure) = self.launch(member, restarts) {
-            self.announcer.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
+        if let Err(Refused(reason)) = self.launch(member, restarts) {
+            self.announcer.warn(&format!("{reason}; trying again in {} s", RETRY_NS / 1_000_000_000));
             if let Some(child) = self.process_set.find(&member.name).filter(|child| child.exit.is_some()) {
                 child.again_ns = Some(clock::now_ns() + RETRY_NS);
             }

@@ -5,7 +5,8 @@
 //! sentence, so that a program acts on the number and an analyst reads the sentence in the run. `plan/status` carries
 //! the reason for which a mission was refused or ended in the same way. Numbers are never reused, and a reason whose
 //! parameters change gets a new number. Where a refusal is made from an error of a library (a mission file that cannot
-//! be parsed, a process that does not start), the text parameter `why` holds the error's own sentence.
+//! be parsed, a program that does not start), the text parameter `why` holds the error's own sentence, the only source of
+//! its words; the reason names what was requested beside it.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -295,8 +296,9 @@ answers! {
     329 ProgramIsFolder { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": {program} is a folder; name a program";
     330 NoProgram { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": there is no program {program}{}", if program.contains('/') { "" } else { ", neither in the folder of nims nor in PATH" };
     331 NotBuilt { program: Detail } REFUSED, "there is no program {program}: build all of them with `cargo build --workspace`";
-    332 OwnPathUnknown { why: Detail } REFUSED, "{why}";
-    333 LawUnknown { why: Detail } BAD_INPUT, "{why}";
+    332 OwnPathUnknown { why: Detail } REFUSED, "the path of the supervisor's own program cannot be read: {why}; start nims with its full path";
+    // 333 held the sentence alone
+    334 LawUnknown { role: SlotRole, law: Detail, why: Detail } BAD_INPUT, "{why}";
     340 NotPluggable { process: Detail, role: Detail } BAD_INPUT, "{process} is the robot's {role}, which cannot be unplugged; `nims stop-process {process}` ends it";
     341 InOtherSlot { process: Detail, slot: Slot, given: Slot } BAD_INPUT, "{process} is in slot {}, not {}", slot.name(), given.name();
     342 HasOwnLaw { process: Detail } BAD_INPUT, "the process \"{process}\" of the system file has its own law; leave out the law of the request";
@@ -308,15 +310,16 @@ answers! {
     348 ProcessEnding { process: Detail } REFUSED, "{process} is ending already";
     349 ProcessNeeded { process: Detail, role: Option<SlotRole> } REFUSED, "the robot moves and needs {process}: hold first with `nims hold`{}", OrSwap(*role);
     350 ProcessBeingReplaced { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new process publishes or has been ended, which takes {within_s:.0} s at most";
-    351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{why}";
-    352 SupervisorBus { why: Detail } REFUSED, "{why}";
+    351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{process} could not be started: {why}";
+    352 SupervisorBus { why: Detail } REFUSED, "the supervisor cannot use its channels: {why}";
     360 ParameterInvalid { key: Detail, why: Detail } BAD_INPUT, "{why}";
     361 ParameterNotRecorded { key: Detail, before: Detail, why: Detail } REFUSED, "{key} stays {before}, because the change cannot be recorded: {why}";
 
     // faults on request
     400 FaultDone { fault: Detail } ACCEPTED, "done: {fault}";
-    401 FaultRefused { why: Detail } REFUSED, "{why}";
+    // 401 held the sentence alone
     402 FaultInvalid { why: Detail } BAD_INPUT, "{why}";
+    403 FaultFailed { fault: Detail, why: Detail } REFUSED, "the fault \"{fault}\" was not made: {why}";
 
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.
@@ -395,7 +398,7 @@ impl Reason {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sentences::FAULTS;
+    use crate::sentences::{FAULTS, FaultText};
     use messages::{MORE, text_of};
     use std::collections::BTreeSet;
 
@@ -429,14 +432,14 @@ mod tests {
 
     #[test]
     fn an_answer_holds_the_cures_of_whatever_has_failed() {
-        let all = FAULTS.iter().fold(0, |all, (bit, _, _)| all | bit);
+        let all = FAULTS.iter().fold(0, |all, fault| all | fault.bit);
         let faults = Faults { bits: all, cables: [true; 8], units: [true; 8], ..Faults::default() };
         let answer = Reason::NotArmedFaults { faults }.sentence();
         assert!(!answer.contains(MORE) && answer.ends_with("names with their cures."), "{answer}");
-        for (bit, what, cure) in FAULTS {
+        for FaultText { bit, clause, cure, .. } in FAULTS {
             let faults = Faults { bits: bit, cables: [true; 8], units: [true; 8], ..Faults::default() };
             let answer = Reason::NotArmedFaults { faults }.sentence();
-            assert!(answer.contains(what) && answer.contains(cure) && !answer.contains(MORE), "{answer}");
+            assert!(answer.contains(clause) && answer.contains(cure) && !answer.contains(MORE), "{answer}");
         }
     }
 }
