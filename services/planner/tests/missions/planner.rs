@@ -173,7 +173,7 @@ fn a_mission_ends_with_its_epoch_with_a_fault_and_when_motor_io_does_not_start_i
     }
 }
 
-/// motor-io keeps a motion of a planner that has ended and takes up no other: asking again and again would be in vain.
+/// motor-io keeps the motion of a planner that has ended and follows no other, so repeated requests would fail.
 #[test]
 fn a_motion_of_an_earlier_planner_must_be_ended_first() {
     let mut world = World::ready();

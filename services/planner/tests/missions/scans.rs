@@ -1,5 +1,5 @@
-//! Scanning missions: what they come to, what is refused of them, and that a mission that was broken off goes on where
-//! it was.
+//! Scanning missions: their length and duration, their refusals, and the continuation of an interrupted
+//! mission.
 
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanStatus, Request};
@@ -55,7 +55,7 @@ spiral = { rise_m = 0.4, radius_m = 0.3, turns = 2.0 }
 struct World {
     authority: MotorAuthority,
     estimate: NodeEstimate,
-    /// How much of its mission the planner said to be done.
+    /// Reported progress of the mission.
     share: f64,
 }
 
@@ -79,7 +79,7 @@ impl World {
         Inputs { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
     }
 
-    /// One pass of the planner, which never says that less is done than before.
+    /// One pass of the planner, whose reported progress never decreases.
     fn step(&mut self, planner: &mut Planner) -> (PlanMotion, PlanStatus) {
         let (motion, status) = planner.step(&self.seen());
         assert!((self.share..=1.0).contains(&status.progress), "{} after {}", status.progress, self.share);
