@@ -22,7 +22,7 @@ const WORTH_A_WORD_NS: u64 = 50_000_000;
 /// Least time between two such log lines, ns.
 const WORD_NS: u64 = 1_000_000_000;
 
-/// Runs until it is told to end: ports in the domain's folder, `truth/node` a hundred times a second, faults on
+/// Runs until a stop is requested: ports in the domain's folder, `truth/node` a hundred times a second, faults on
 /// request.
 ///
 /// # Errors

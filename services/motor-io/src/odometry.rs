@@ -1,7 +1,7 @@
 //! Encoder counts to cable lengths: zero points, jumps, and how far the position can be trusted.
 //!
 //! An idler turns with the cable as stretched as it passes: at the tension T, a metre of counts is 1 / (1 + T / EA)
-//! metres of unstretched cable. Where the robot file says so (`counts_stretched`), each increment of the counts is
+//! metres of unstretched cable. With `counts_stretched` in the robot file, each increment of the counts is
 //! converted with the strain of the cycle before. No formula of the present counts and tensions alone can replace this
 //! sum: a cable that is reeled in tight and paid out loose has not the same length as before when its counts are. The
 //! sum is here and not in an estimator, because lengths outlive estimators, and the store keeps them across restarts.
@@ -192,7 +192,7 @@ impl Odometry {
             return;
         }
         if let Some((lengths_m, counts)) = self.restore.take() {
-            // A unit that was running all the time has counted on. The count of a unit that was switched on since says
+            // A unit that was running all the time has continued to count. The count of a unit that was switched on since says
             // nothing about the time before, however near it is to the stored one.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
                 let moved_m = metres(it.counts, counts[i], self.counts_per_m[i]);

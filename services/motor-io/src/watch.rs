@@ -171,7 +171,7 @@ impl Watch {
     }
 
     /// Checks the drives' replies before the odometry uses them; returns true for each unit that was lost and is back.
-    /// `starved`: the computer had no processor for this process, so a missing reply says nothing about its unit.
+    /// `starved`: the computer had no processor for this process, so a missing reply is no evidence against its unit.
     pub fn units(
         &mut self,
         config: &CoreConfig,

@@ -95,7 +95,7 @@ fn accepted(config: &Path) -> Answer {
     Err(Failure::BadInput(sentence.trim().trim_start_matches("nims: ").to_owned()))
 }
 
-/// Makes the page of a run with the `nims` beside this program; the error says how to make it by hand.
+/// Makes the page of a run with the `nims` beside this program; the error names the command that makes it.
 fn page(run: &Path) -> Result<PathBuf, String> {
     let cure = || format!("`nims report {}` makes its page", run.display());
     let nims = std::env::current_exe().map_err(|_| cure())?.with_file_name("nims");

@@ -283,7 +283,7 @@ impl Supervisor {
     fn consequence_of(&self, member: &ProcessSpec, fate: LossState, next: &str) -> String {
         let other = self.process_set.standby_of(member);
         let means = match other {
-            Some(other) => format!("{} goes on", other.member.name),
+            Some(other) => format!("{} continues", other.member.name),
             None => consequence(member.role, self.context.file.motor_io.watchdog_s),
         };
         match cure(&member.name, member.role, fate, other.is_some()) {

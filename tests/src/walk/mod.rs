@@ -45,7 +45,7 @@ pub struct Tally {
     pub cures: u64,
     /// Lives of motor-io that began.
     pub lives: u64,
-    /// Samples that were forged.
+    /// Forged samples.
     pub forged: u64,
     /// Controllers that became faulty.
     pub astray: u64,

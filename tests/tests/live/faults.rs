@@ -116,7 +116,7 @@ fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
     faults & row.bits != 0
 }
 
-/// Waits until the motion goes on and no fault is named any more.
+/// Waits until the motion continues and no fault is named.
 fn resume(robot: &mut Robot) {
     robot.ask("motor-io", Request::Resume);
     robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);

@@ -1,4 +1,4 @@
-//! Failures between this program and a unit, told apart by what helps against them.
+//! Failures between this program and a unit, classified by their remedy.
 
 use std::fmt;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Kinds of configuration files, told apart by the keys that only one of them has.
+//! Kinds of configuration files, recognised by the keys that only one of them has.
 
 use crate::toml_file::{ConfigError, Source};
 

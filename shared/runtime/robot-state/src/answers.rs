@@ -241,11 +241,11 @@ answers! {
     146 NotQuarantined { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} was not quarantined.", role_name(*role), slot.name();
 
     // planner; 220 held the sentence alone
-    200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} segments, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "goes on" } else { "accepted" }, Energy(*energy_j), Later(*later, *energy_j);
+    200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} segments, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "continues" } else { "accepted" }, Energy(*energy_j), Later(*later, *energy_j);
     201 MotorIoAbsent REFUSED, "motor-io does not answer; start the robot with nims up";
     202 MissionPaused { mission: Detail } REFUSED, "mission \"{mission}\" is paused; resume it with nims resume, or give it up with nims stop";
     203 MissionRuns { mission: Detail } REFUSED, "mission \"{mission}\" is being flown; wait for its end, or give it up with nims stop";
-    204 ForeignMotion REFUSED, "a motion of a planner that has ended is still kept; give it up with nims stop";
+    204 ForeignMotion REFUSED, "motor-io still has the motion of a planner that has ended; give it up with nims stop";
     205 RobotDisarmed REFUSED, "the robot is disarmed; arm it with nims arm";
     206 RobotJogging REFUSED, "a cable is being jogged; wait until it has stopped";
     207 RobotFaulted REFUSED, "the robot has a fault; nims status names it, nims reset clears it once its cause is gone";

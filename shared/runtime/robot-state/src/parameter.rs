@@ -180,7 +180,7 @@ impl Parameter for [f64; 3] {
     }
 }
 
-/// A number that says whether it is there, and then the parameter.
+/// A number, 1 if the parameter exists, and then the parameter.
 impl<T: Parameter> Parameter for Option<T> {
     fn encode(&self, into: &mut Writer<'_>) {
         self.is_some().encode(into);
