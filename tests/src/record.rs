@@ -80,9 +80,9 @@ impl Tape {
         for (slot, estimate) in slots.estimates() {
             self.write(&format!("node/estimate/{}", SLOT_NAMES[slot]), *estimate)?;
         }
-        for said in slots.said() {
-            self.write(&format!("motor/command/{}", SLOT_NAMES[said.slot]), said.command)?;
-            self.write(&format!("control/status/{}", SLOT_NAMES[said.slot]), said.status)?;
+        for output in slots.outputs() {
+            self.write(&format!("motor/command/{}", SLOT_NAMES[output.slot]), output.command)?;
+            self.write(&format!("control/status/{}", SLOT_NAMES[output.slot]), output.status)?;
         }
         if cycle.motion.beat != self.beat {
             self.beat = cycle.motion.beat;

@@ -39,7 +39,7 @@ pub struct Tally {
     pub instants: u64,
     /// Periods that were not steered by a fresh command.
     pub unsteered: u64,
-    /// Events after which the other slot was not in charge, or the robot did not go on.
+    /// Events after which the other slot was not in charge, or the robot did not continue.
     pub failed: u64,
     /// How much more a cable's velocity changed within a cycle than in the undisturbed flight, as a share of the
     /// robot's acceleration limit x period; of the arbiter's choice, before motor-io's limits.

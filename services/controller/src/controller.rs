@@ -1,71 +1,21 @@
 //! The controller: one step per cycle, with a row of velocities for every live estimate.
 
-use cable_robot::elastic::{self, Realisation};
+use cable_robot::elastic::Realisation;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::limits::scale_to_limits;
-use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
-use config::{RobotFile, SystemFile};
+use cable_robot::{CableVec, Jacobian, NodeJacobian, Vector3};
 use messages::{
-    AUTHORITY_LAG, ControlStatus, ESTIMATORS, Freshness, Header, MotorAuthority, MotorCommand, MotorState,
-    NodeEstimate, PlanMotion, SLOTS, freshness, same_life,
+    ControlStatus, ESTIMATORS, Freshness, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion,
+    SLOTS, freshness, same_life,
 };
-use segments::motion_of;
 
 use crate::custom_law::{CableLaw, LawInput};
+use crate::instant::Instant;
 use crate::law::{self, Law};
 use crate::preview::{Notice, Preview};
 use crate::retune::Fade;
-
-/// Configuration of a controller.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ControllerConfig {
-    /// The robot; with [`Robot::with_rigid_lines`], stretch is not corrected.
-    pub robot: Robot,
-    /// The law.
-    pub law: Law,
-    /// Horizon Δ, cycles, 1 to 200.
-    pub horizon: u32,
-    /// Distribution of the tensions of redundant cables.
-    pub distribution: Distribution,
-    /// Time constant of the loop on the redundant lengths, s.
-    pub redundant_s: f64,
-    /// Largest velocity of a cable, m/s.
-    pub cable_speed_limit_m_s: f64,
-    /// Distance from the setpoint beyond which the controller gives no answer, m.
-    pub error_limit_m: f64,
-    /// Age, in cycles, up to which a command may be used.
-    pub ttl_cycles: u32,
-    /// Age, in cycles, up to which an estimate is answered.
-    pub estimate_ttl_cycles: u32,
-    /// Kernel's id of the thread that computes the commands; 0: unknown.
-    pub thread: u32,
-    /// Random number of this run of the process, never 0.
-    pub incarnation: u32,
-}
-
-impl ControllerConfig {
-    /// Returns the configuration in a system file and its robot file.
-    ///
-    /// # Errors
-    /// A parameter of the law is out of range.
-    pub fn from_files(file: &SystemFile, robot: &RobotFile, incarnation: u32) -> anyhow::Result<Self> {
-        let section = &file.controller;
-        let parts = robot.robot()?;
-        Ok(Self {
-            robot: if section.stretch { parts } else { parts.with_rigid_lines() },
-            law: Law::from_section(section)?,
-            horizon: u32::try_from(section.horizon_cycles)?,
-            distribution: section.distribution_for(&parts),
-            redundant_s: section.redundant_s,
-            cable_speed_limit_m_s: robot.cable_speed_limit_m_s(),
-            error_limit_m: section.error_limit_m,
-            ttl_cycles: file.motor_io.ttl_cycles,
-            estimate_ttl_cycles: file.estimator.ttl_cycles,
-            thread: 0,
-            incarnation,
-        })
-    }
-}
+use crate::settings::ControllerConfig;
+use crate::target::{CurrentMotion, Target, at_rate, realise};
 
 /// Inputs of a step.
 #[derive(Debug, Clone, Copy, Default)]
@@ -91,55 +41,11 @@ pub struct Controller {
     preview: Option<Preview>,
     /// Answers of the newest cycle: the estimates of a cycle arrive one after the other, and a law is called once for
     /// each.
-    answered: [Option<Answered>; SLOTS],
+    answered: [Option<AnsweredEstimate>; SLOTS],
     /// The life of motor-io to which this state belongs.
     life: u64,
     /// Fades from the commands with former parameters to those with the present ones.
     fades: [Fade; SLOTS],
-}
-
-/// Time of an estimate relative to its cycle.
-#[derive(Debug, Clone, Copy)]
-struct Instant {
-    /// Cycles by which the authority is older than the estimate.
-    lag: u64,
-    /// Time when the commands of the estimate's cycle were sent, ns.
-    began_ns: u64,
-    /// Time from `began_ns` to the estimate, s.
-    since_s: f64,
-}
-
-impl Instant {
-    /// Returns `None` if the authority is too old for this estimate or not plausible.
-    fn of_sample(sample: &Header, authority: &MotorAuthority) -> Option<Self> {
-        let (period_s, rate) = (authority.period_s, authority.plan_rate);
-        let lag = sample.cycle.saturating_sub(authority.header.cycle);
-        if !(period_s > 0.0 && period_s < 1.0 && (0.0..=1.0).contains(&rate) && lag <= AUTHORITY_LAG) {
-            return None;
-        }
-        let began_ns = authority.header.stamp_ns.saturating_sub(authority.bus_ns);
-        let since_s = sample.stamp_ns.saturating_sub(began_ns) as f64 * 1e-9;
-        let since_s = since_s.clamp(period_s * lag as f64, period_s * (lag + 1) as f64) - period_s * lag as f64;
-        let began_ns = began_ns.saturating_add(lag * (period_s * 1e9) as u64);
-        Some(Self { lag, began_ns, since_s })
-    }
-}
-
-/// The motion of the last plan/motion.
-#[derive(Debug, Clone, Copy)]
-struct CurrentMotion {
-    beat: u64,
-    number: u32,
-    epoch: u32,
-    motion: Option<Motion>,
-}
-
-/// Setpoints now and at the end of the horizon, with the lengths and tensions for each.
-struct Target {
-    now: Setpoint,
-    ahead: Setpoint,
-    now_held: Option<Realisation>,
-    ahead_held: Option<Realisation>,
 }
 
 impl Controller {
@@ -235,7 +141,7 @@ impl Controller {
         let header = step_header(inputs, first);
         let (mut command, mut status) = self.blank(inputs, &estimates, header);
         let (Some(authority), Some(_)) = (inputs.authority, first) else { return (command, status) };
-        let instant = Instant::of_sample(&header, authority);
+        let instant = Instant::from_sample(&header, authority);
         let target = instant.and_then(|instant| self.target(inputs.motion, authority, &instant));
         if let Some(instant) = instant {
             self.update_preview(inputs, &estimates, authority, &instant, &header, lead);
@@ -247,7 +153,7 @@ impl Controller {
         }
         if let Some(target) = &target {
             command.segment = target.now.segment_id as u32;
-            status.describe(target);
+            target.describe(&mut status);
         }
         status.segment = command.segment;
         for (slot, estimate) in estimates.iter().enumerate() {
@@ -262,12 +168,12 @@ impl Controller {
                 }
                 // The estimate is of another instant: use the setpoint of that instant.
                 _ => {
-                    let instant = Instant::of_sample(&estimate.header, authority);
+                    let instant = Instant::from_sample(&estimate.header, authority);
                     let target = instant.and_then(|instant| self.target(inputs.motion, authority, &instant));
                     self.answer(slot, estimate, target.as_ref(), authority.period_s)
                 }
             };
-            self.answered[slot] = Some(Answered { estimate: *estimate, epoch, segment, answer });
+            self.answered[slot] = Some(AnsweredEstimate { estimate: *estimate, epoch, segment, answer });
             let Some(answer) = answer else { continue };
             for (i, velocity) in answer.velocities_m_s.iter().enumerate() {
                 command.velocity_m_s[8 * slot + i] = *velocity;
@@ -386,18 +292,18 @@ impl Controller {
         preview.observe(state, authority, instant.began_ns);
         for (slot, estimate) in estimates.iter().enumerate() {
             let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
-            let own_instant = Instant::of_sample(&estimate.header, authority);
+            let own_instant = Instant::from_sample(&estimate.header, authority);
             let since_s = own_instant.map_or(instant.since_s, |instant| instant.since_s);
             preview.correct(slot, estimate, since_s, &state.velocity_m_s);
         }
         let ahead = (led && !answered) || !preview.looked_ahead(cycle);
-        if let Some(CurrentMotion { motion: Some(motion), .. }) = self.motion.as_ref().filter(|_| ahead) {
+        if let Some(motion) = self.motion.as_ref().filter(|_| ahead).and_then(CurrentMotion::motion) {
             let robot = &self.config.robot;
             // Difference between straight and unstretched lengths; if no tensions are found, that of the point before.
             let mut stretch = CableVec::zeros(robot.cable_count());
             preview.look_ahead(authority, instant.lag, |time_s, rate| {
                 let setpoint = at_rate(motion, time_s, rate);
-                match self.realise(&setpoint) {
+                match realise(&self.config, &setpoint) {
                     Some(held) => {
                         stretch = held.lengths_m.zip_map(&held.unstretched_m, |straight, paid| straight - paid);
                         held.unstretched_m
@@ -410,48 +316,14 @@ impl Controller {
     }
 
     /// Returns the target at the instant of the estimate; `None` without a motion of the present epoch.
-    ///
-    /// The current motion is followed as long as the epoch is valid, even if its planner dies and a restarted planner
-    /// publishes something else.
     fn target(
         &mut self,
         message: Option<&PlanMotion>,
         authority: &MotorAuthority,
         instant: &Instant,
     ) -> Option<Target> {
-        let message = message.filter(|message| {
-            message.motion != 0 && message.epoch == authority.epoch && same_life(&message.header, &authority.header)
-        });
-        let orphaned = self.motion.is_some_and(|current| {
-            let under_way =
-                authority.motion != 0 && (authority.motion, authority.epoch) == (current.number, current.epoch);
-            under_way && message.is_none_or(|message| message.motion != current.number || message.beat < current.beat)
-        });
-        if !orphaned {
-            let message = message?;
-            if self.motion.is_none_or(|current| (current.beat, current.number) != (message.beat, message.motion)) {
-                let (beat, number, epoch) = (message.beat, message.motion, message.epoch);
-                self.motion = Some(CurrentMotion { beat, number, epoch, motion: motion_of(message) });
-            }
-        }
-        let motion = self.motion.and_then(|current| current.motion)?;
-        let (period_s, rate) = (authority.period_s, authority.plan_rate);
-        // The plan time is that of the start of the cycle; the estimate is some milliseconds later, when the encoders
-        // were read.
-        let now_s = authority.plan_time_s + rate * (instant.since_s + period_s * instant.lag as f64);
-        let now = at_rate(&motion, now_s, rate);
-        let ahead = at_rate(&motion, now_s + rate * period_s * f64::from(self.config.horizon), rate);
-        Some(Target { now_held: self.realise(&now), ahead_held: self.realise(&ahead), now, ahead })
-    }
-
-    /// Returns lengths and tensions at a setpoint. If the tension limits cannot be met with acceleration and drag,
-    /// returns those at rest: the planner has checked the motion, so the limits are exceeded only slightly.
-    fn realise(&self, setpoint: &Setpoint) -> Option<Realisation> {
-        let ControllerConfig { robot, distribution, .. } = &self.config;
-        let moving_n = robot.moving_wrench_n(&setpoint.velocity, &setpoint.acceleration);
-        elastic::realise_under(robot, &setpoint.position, &moving_n, *distribution)
-            .or_else(|_| elastic::realise(robot, &setpoint.position, &Vector3::zeros(), *distribution))
-            .ok()
+        let motion = CurrentMotion::update(&mut self.motion, message, authority)?;
+        Some(Target::at(&self.config, &motion, authority, instant))
     }
 
     fn answer(
@@ -568,12 +440,6 @@ fn step_header(inputs: &Inputs<'_>, answered: Option<&NodeEstimate>) -> Header {
     Header { life, stamp_ns: now_ns, oldest_input_ns: now_ns, ..Header::default() }
 }
 
-/// Returns the setpoint on a plan clock that runs at `rate`: a slower motion along the same path.
-fn at_rate(motion: &Motion, time_s: f64, rate: f64) -> Setpoint {
-    let at = motion.setpoint(time_s);
-    Setpoint { velocity: at.velocity * rate, acceleration: at.acceleration * (rate * rate), ..at }
-}
-
 /// Returns the length error in the directions that do not move the node: (I - J B)(l* - l), m. For four cables in space
 /// this is one direction, the null vector of Jᵀ, along which the tensions can change too; in a plane there are two.
 fn redundant_error(
@@ -589,7 +455,7 @@ fn redundant_error(
 
 /// The inputs of a computed row, and its result.
 #[derive(Debug, Clone, Copy)]
-struct Answered {
+struct AnsweredEstimate {
     estimate: NodeEstimate,
     epoch: u32,
     segment: u32,
@@ -602,18 +468,4 @@ struct Answer {
     error_m: Vector3<f64>,
     saturation: f64,
     redundant_m: f64,
-}
-
-trait Describe {
-    fn describe(&mut self, target: &Target);
-}
-
-impl Describe for ControlStatus {
-    fn describe(&mut self, target: &Target) {
-        self.setpoint_m = target.now.position.into();
-        self.setpoint_velocity_m_s = target.now.velocity.into();
-        if let Some(held) = &target.now_held {
-            self.tension_n = held.tensions_n.to_array8();
-        }
-    }
 }

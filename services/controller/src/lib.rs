@@ -10,13 +10,17 @@
 
 mod controller;
 mod custom_law;
+mod instant;
 mod law;
 mod preview;
 pub mod process;
 mod retune;
+mod settings;
+mod target;
 
-pub use controller::{Controller, ControllerConfig, Inputs};
+pub use controller::{Controller, Inputs};
 pub use custom_law::{CableLaw, LawInput};
 pub use law::{Law, LawError};
 pub use preview::{Notice, PreviewSettings};
 pub use runtime::program;
+pub use settings::ControllerConfig;

@@ -34,5 +34,5 @@ pub use section::{GroundFile, MotorBoxSection};
 pub use serve::{ports_only, serve};
 pub use settings::BoxConfig;
 pub use socket::{Shared, Socket};
-pub use time::Kept;
+pub use time::LeftOut;
 pub use wire::Wire;

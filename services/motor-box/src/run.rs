@@ -8,7 +8,7 @@ use crate::device::Device;
 use crate::fault::{BoxFault, FaultRequest};
 use crate::machine::Machine;
 use crate::settings::BoxConfig;
-use crate::time::{BoxTime, Kept};
+use crate::time::{BoxTime, LeftOut};
 use crate::wire::Wire;
 
 /// Longest step of the machine, ns. The physics has its own, finer steps; this bounds the delay of a watchdog.
@@ -76,8 +76,8 @@ impl MotorBox {
     }
 
     /// Time left out so far because the computer had no processor for the box or for the program that drives it.
-    pub fn kept(&self) -> Kept {
-        self.time.kept()
+    pub fn left_out(&self) -> LeftOut {
+        self.time.left_out()
     }
 
     /// Applies a fault for its duration, or a repair. A pending repair of the same part is cancelled.

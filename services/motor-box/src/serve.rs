@@ -12,7 +12,7 @@ use runtime::{BadInput, Chassis};
 use serde::Serialize;
 use tracing::{info, warn};
 
-use crate::{BoxConfig, BoxError, FaultRequest, Kept, Machine, MotorBox, MotorBoxSection};
+use crate::{BoxConfig, BoxError, FaultRequest, LeftOut, Machine, MotorBox, MotorBoxSection};
 
 /// Period of samples of truth, ns: that of the control cycle.
 const TRUTH_NS: u64 = 10_000_000;
@@ -22,7 +22,7 @@ const WORTH_A_WORD_NS: u64 = 50_000_000;
 /// Least time between two such log lines, ns.
 const WORD_NS: u64 = 1_000_000_000;
 
-/// Runs until it is told to end: ports in the domain's folder, `truth/node` a hundred times a second, faults on
+/// Runs until a stop is requested: ports in the domain's folder, `truth/node` a hundred times a second, faults on
 /// request.
 ///
 /// # Errors
@@ -86,7 +86,7 @@ pub fn ports_only(system_file: &Path, folder: &Path) -> anyhow::Result<()> {
 /// Log of the time that the box left out.
 #[derive(Default)]
 struct Notice {
-    said: Kept,
+    reported: LeftOut,
     said_ns: u64,
 }
 
@@ -98,15 +98,15 @@ impl Notice {
             return None;
         }
         self.said_ns = now_ns;
-        let kept = motor_box.kept();
-        let said = std::mem::replace(&mut self.said, kept);
+        let left_out = motor_box.left_out();
+        let reported = std::mem::replace(&mut self.reported, left_out);
         let ms = |now_ns: u64, before_ns: u64| (now_ns - before_ns) / 1_000_000;
-        (kept.total_ns() > said.total_ns() + WORTH_A_WORD_NS).then(|| {
+        (left_out.total_ns() > reported.total_ns() + WORTH_A_WORD_NS).then(|| {
             format!(
                 "the computer was busy with other things; {} ms did not pass in the motor box (it had no time for the box for {} ms, none for motor-io for {} ms)",
-                ms(kept.total_ns(), said.total_ns()),
-                ms(kept.box_ns, said.box_ns),
-                ms(kept.program_ns, said.program_ns)
+                ms(left_out.total_ns(), reported.total_ns()),
+                ms(left_out.box_ns, reported.box_ns),
+                ms(left_out.program_ns, reported.program_ns)
             )
         })
     }
@@ -177,7 +177,9 @@ fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> Reason {
             info!("fault on request: {text}");
             Reason::FaultDone { fault: detail(text) }
         }
-        Err(error @ (BoxError::Serial(_) | BoxError::Wait(_))) => Reason::FaultRefused { why: detail(error) },
+        Err(error @ (BoxError::Serial(_) | BoxError::Wait(_))) => {
+            Reason::FaultFailed { fault: detail(text), why: detail(error) }
+        }
         // Parts that this box does not have.
         Err(error) => Reason::FaultInvalid { why: detail(error) },
     }

@@ -116,7 +116,7 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
         .map(|counts| IdlerConfig { counts_per_m: counts.abs(), ..IdlerConfig::default() })
         .collect();
     config.start_limits_n = robot.robot.tension_limits_n;
-    // Without the section, what the robot file says of wheels, weight and counts is part of the world too.
+    // Without the section, wheels, weight and counts of the robot file are part of the world too.
     let truth = section.truth.as_ref();
     let lines = &robot.lines;
     let more = !robot.robot.pulley_radius_m.is_empty() || lines.mass_kg_m > 0.0 || lines.counts_stretched.any();
@@ -184,7 +184,7 @@ fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfi
             .filter(|rest| !rest.is_empty() && !rest.contains(".."))
             .ok_or_else(|| ConfigError::NotOurPort(port.path.clone()))?;
         match port.protocol {
-            // The only family whose units `machine` has.
+            // The only family that `machine` simulates.
             DriveProtocol::Roboclaw => {}
         }
         let units = port

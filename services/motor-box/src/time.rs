@@ -35,14 +35,14 @@ const MEET_NS: u64 = 10_000_000;
 
 /// Time that was left out, by its cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Kept {
+pub struct LeftOut {
     /// The box had no processor, ns.
     pub box_ns: u64,
     /// The program that drives it had no processor, ns.
     pub program_ns: u64,
 }
 
-impl Kept {
+impl LeftOut {
     /// Sum of both, ns.
     #[must_use]
     pub fn total_ns(&self) -> u64 {
@@ -57,7 +57,7 @@ pub struct BoxTime {
     now_ns: u64,
     /// Time on the real clock at that moment, ns.
     real_ns: u64,
-    kept: Kept,
+    left_out: LeftOut,
     /// Waits of a program through which the box has advanced, ns.
     owed_ns: u64,
     looked_ns: u64,
@@ -84,7 +84,7 @@ impl BoxTime {
         Ok(Self {
             now_ns: 0,
             real_ns,
-            kept: Kept::default(),
+            left_out: LeftOut::default(),
             owed_ns: 0,
             looked_ns: 0,
             met_ns: 0,
@@ -108,8 +108,8 @@ impl BoxTime {
 
     /// Time left out so far.
     #[must_use]
-    pub fn kept(&self) -> Kept {
-        self.kept
+    pub fn left_out(&self) -> LeftOut {
+        self.left_out
     }
 
     /// Records that the box will sleep for `asked_ns`; `busy`: until bytes are due on a wire, and not only until a
@@ -145,13 +145,13 @@ impl BoxTime {
         let program_ns = lived_ns.min(self.owed_ns);
         // Time that the box did not advance through is already left out.
         self.owed_ns = (self.owed_ns - program_ns).saturating_sub(passed_ns - lived_ns).min(MOST_OWED_NS);
-        let before = self.kept;
-        self.kept.box_ns += passed_ns - lived_ns;
-        self.kept.program_ns += program_ns;
+        let before = self.left_out;
+        self.left_out.box_ns += passed_ns - lived_ns;
+        self.left_out.program_ns += program_ns;
         self.now_ns += lived_ns - program_ns;
-        if self.kept != before {
+        if self.left_out != before {
             // Without the file a program counts the time as a delay, as with hardware.
-            self.ends.iter().for_each(|end| drop(end.file.write(self.kept.total_ns())));
+            self.ends.iter().for_each(|end| drop(end.file.write(self.left_out.total_ns())));
         }
     }
 }
@@ -253,12 +253,12 @@ mod tests {
         let real_ns = time.real_ns();
         time.sleep(5 * MS, false);
         time.pass(real_ns + 7 * MS);
-        assert_eq!((time.now_ns(), time.kept()), (7 * MS, Kept::default()));
+        assert_eq!((time.now_ns(), time.left_out()), (7 * MS, LeftOut::default()));
         // A wake-up can come before the end of the sleep.
         time.pass(real_ns + 8 * MS);
-        assert_eq!((time.now_ns(), time.kept()), (8 * MS, Kept::default()));
+        assert_eq!((time.now_ns(), time.left_out()), (8 * MS, LeftOut::default()));
         time.pass(real_ns + 308 * MS);
-        assert_eq!((time.now_ns(), time.kept().box_ns), (15 * MS, 293 * MS));
+        assert_eq!((time.now_ns(), time.left_out().box_ns), (15 * MS, 293 * MS));
     }
 
     #[test]
@@ -268,14 +268,14 @@ mod tests {
         time.owed_ns = 7 * MS;
         time.sleep(5 * MS, false);
         time.pass(real_ns + 5 * MS);
-        assert_eq!((time.now_ns(), time.kept().program_ns), (0, 5 * MS));
+        assert_eq!((time.now_ns(), time.left_out().program_ns), (0, 5 * MS));
         time.pass(real_ns + 10 * MS);
-        assert_eq!((time.now_ns(), time.kept().program_ns), (3 * MS, 7 * MS));
+        assert_eq!((time.now_ns(), time.left_out().program_ns), (3 * MS, 7 * MS));
         // The box waited as well: the same milliseconds are not left out twice.
         time.owed_ns = 100 * MS;
         time.sleep(18 * MS, false);
         time.pass(real_ns + 110 * MS);
-        assert_eq!((time.now_ns(), time.kept()), (3 * MS, Kept { box_ns: 80 * MS, program_ns: 27 * MS }));
+        assert_eq!((time.now_ns(), time.left_out()), (3 * MS, LeftOut { box_ns: 80 * MS, program_ns: 27 * MS }));
         time.pass(real_ns + 120 * MS);
         assert_eq!((time.now_ns(), time.owed_ns), (13 * MS, 0));
     }

@@ -89,7 +89,7 @@ fn cable(
     }
 }
 
-/// What a cable leaves from. Wheels of the robot file are there unless the world says otherwise.
+/// What a cable leaves from. The wheels are those of the robot file unless the world defines others.
 fn guide(truth: &TruthSection, robot: &RobotFile, i: usize, anchor_m: [f64; 3], middle_m: [f64; 2]) -> Guide {
     let assumed = robot.robot.pulley_radius_m.get(i).copied().unwrap_or(0.0);
     let radius_m = truth.pulley_radius_m.as_ref().map_or(assumed, |radius| radius.at(i));

@@ -162,10 +162,10 @@ fn a_stopped_program_stops_nothing_and_goes_on() {
     let peer = peer(&[], &link, None);
     until_it_moves(&mut motor_box);
     peer.signal(Signal::STOP);
-    let before = motor_box.kept();
+    let before = motor_box.left_out();
     stops(&mut motor_box);
     // The last of its waits may have been seen late.
-    assert!(motor_box.kept().program_ns - before.program_ns < WATCHDOG_NS, "{:?}", motor_box.kept());
+    assert!(motor_box.left_out().program_ns - before.program_ns < WATCHDOG_NS, "{:?}", motor_box.left_out());
     peer.signal(Signal::CONT);
     until_it_moves(&mut motor_box);
 }
@@ -183,9 +183,9 @@ fn a_closed_port_stops_nothing_however_busy_its_program_is() {
     }
     let _busy: Vec<Ended> =
         (0..4).map(|_| Ended::start(Command::new("sh").args(["-c", "while :; do :; done"]))).collect();
-    let before = motor_box.kept();
+    let before = motor_box.left_out();
     assert!(live(&mut motor_box, 1_000_000_000).abs() < 1e-4);
-    assert_eq!(motor_box.kept().program_ns, before.program_ns);
+    assert_eq!(motor_box.left_out().program_ns, before.program_ns);
 }
 
 /// A program that rarely gets the processor drives without any watchdog reaction: the motor box waits for it.
@@ -206,16 +206,19 @@ fn a_starved_program_is_waited_for() {
     until_it_moves(&mut motor_box);
     // .. with another that never sleeps. It gets some tenths of a percent of the processor, so its motion is short.
     let _busy = Ended::start(Command::new("taskset").args(["-c", "0", "sh", "-c", "while :; do :; done"]));
-    let before = motor_box.kept();
+    let before = motor_box.left_out();
     let began_ns = motor_box.machine().now_ns();
-    let (mut ran_m, mut kept_ns) = (0.0, 0);
+    let (mut ran_m, mut left_out_ns) = (0.0, 0);
     let box_ns = |motor_box: &MotorBox| motor_box.machine().now_ns() - began_ns;
     let give_up = Instant::now() + Duration::from_secs(300);
-    while kept_ns < 2 * WATCHDOG_NS || box_ns(&motor_box) < WATCHDOG_NS {
-        assert!(Instant::now() < give_up, "it was starved for {kept_ns} ns only in {} ns", box_ns(&motor_box));
+    while left_out_ns < 2 * WATCHDOG_NS || box_ns(&motor_box) < WATCHDOG_NS {
+        assert!(Instant::now() < give_up, "it was starved for {left_out_ns} ns only in {} ns", box_ns(&motor_box));
         ran_m += live(&mut motor_box, 20_000_000);
-        kept_ns = motor_box.kept().program_ns - before.program_ns;
+        left_out_ns = motor_box.left_out().program_ns - before.program_ns;
     }
     let drove_s = box_ns(&motor_box) as f64 * 1e-9;
-    assert!(ran_m > 0.7 * SPEED_M_S * drove_s, "ran {ran_m} m in {drove_s} s of the box's time, {kept_ns} ns left out");
+    assert!(
+        ran_m > 0.7 * SPEED_M_S * drove_s,
+        "ran {ran_m} m in {drove_s} s of the box's time, {left_out_ns} ns left out"
+    );
 }

@@ -20,7 +20,7 @@ const NEEDED: Capabilities = Capabilities { velocity: true, watchdog: true, ..Ca
 /// Capabilities without which some fault of a cable is not detected.
 const WATCHED: Capabilities = Capabilities { currents: true, duties: true, supply: true, ..Capabilities::NONE };
 
-/// Slowly read values, in the order in which the times of reading are kept.
+/// Values that are not read in every cycle, in the order of their times of reading.
 const SLOW: [u8; 4] =
     [MotorInput::SLOW_SUPPLY, MotorInput::SLOW_STATUS, MotorInput::SLOW_CURRENT, MotorInput::SLOW_DUTY];
 
@@ -244,7 +244,7 @@ fn outcome(answer: &UnitAnswer, reboots: &mut u32) -> u8 {
         Err(error) if error.is_lost() => MotorInput::UNIT_LOST,
         Err(error) if error.is_silence() => MotorInput::UNIT_LOST,
         Err(Error::WatchdogRefused { .. }) => MotorInput::UNIT_LOST,
-        // This program was too late, which says nothing about the unit.
+        // This program was too late; the unit may be fine.
         Err(Error::Busy { .. } | Error::TooLate { .. }) => MotorInput::UNIT_LATE,
         Err(Error::NoAnswer { .. } | Error::Unanswered { .. }) => MotorInput::UNIT_SILENT,
         Err(_) => MotorInput::UNIT_RESYNC,

@@ -68,7 +68,7 @@ impl Evidence {
             self.own.as_mut().and_then(|own| own.run_delay_since_ns(now_ns, None)).map_or(input.run_delay_ns, known);
         let given_ns = self.given_ns(published_ns, input);
         for ((delay_ns, thread), given_ns) in input.chain_delay_ns.iter_mut().zip(&mut self.threads).zip(given_ns) {
-            *delay_ns = thread.look(now_ns, given_ns);
+            *delay_ns = thread.poll(now_ns, given_ns);
         }
         input.box_left_out_ns = box_left_out_ns;
     }
@@ -112,7 +112,7 @@ impl ChainThread {
         }
     }
 
-    fn look(&mut self, now_ns: u64, given_ns: Option<u64>) -> u64 {
+    fn poll(&mut self, now_ns: u64, given_ns: Option<u64>) -> u64 {
         let counted_ns = self.thread.as_mut().and_then(|thread| thread.run_delay_since_ns(now_ns, given_ns));
         if let Some(counted_ns) = counted_ns {
             let before_ns = self.counted_ns.replace(counted_ns).unwrap_or(counted_ns);

@@ -144,12 +144,12 @@ pub struct Following {
     pub settled: u32,
     /// Cycles for which the cables have been awaited at rest, with the plan clock at standstill.
     pub waited: u32,
-    /// Cycles with a command that are still to pass after a gap before the plan clock goes on.
+    /// Remaining cycles with a command after a gap before the plan clock continues.
     pub gap_wait: u32,
 }
 
 impl Following {
-    /// State at the start of a motion, or where it goes on.
+    /// State at the start of a motion, or where it continues.
     #[must_use]
     pub fn from_rest(ttl_cycles: u32) -> Self {
         Self { steering: Steering::from_rest(ttl_cycles), pausing: false, settled: 0, waited: 0, gap_wait: 0 }

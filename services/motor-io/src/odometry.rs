@@ -1,7 +1,7 @@
 //! Encoder counts to cable lengths: zero points, jumps, and how far the position can be trusted.
 //!
 //! An idler turns with the cable as stretched as it passes: at the tension T, a metre of counts is 1 / (1 + T / EA)
-//! metres of unstretched cable. Where the robot file says so (`counts_stretched`), each increment of the counts is
+//! metres of unstretched cable. With `counts_stretched` in the robot file, each increment of the counts is
 //! converted with the strain of the cycle before. No formula of the present counts and tensions alone can replace this
 //! sum: a cable that is reeled in tight and paid out loose has not the same length as before when its counts are. The
 //! sum is here and not in an estimator, because lengths outlive estimators, and the store keeps them across restarts.
@@ -135,7 +135,7 @@ impl Odometry {
         let it = &mut self.cables[cable];
         if !it.seen {
             *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, ..*it };
-            it.take(counts, sampled_ns, scale);
+            it.apply(counts, sampled_ns, scale);
             self.try_restore();
             return Reading::Good;
         }
@@ -146,7 +146,7 @@ impl Odometry {
         let moved = metres(counts, it.counts, scale);
         if explained.contains(&moved) {
             it.candidate = None;
-            it.take(counts, sampled_ns, scale);
+            it.apply(counts, sampled_ns, scale);
             if away && moved.abs() > RETURN_TOLERANCE_M {
                 self.doubt();
                 return Reading::MovedWhileAway;
@@ -173,7 +173,7 @@ impl Odometry {
         let scale = self.counts_per_m[cable];
         let it = &mut self.cables[cable];
         *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, candidate: None, held: 0, ..*it };
-        it.take(counts, sampled_ns, scale);
+        it.apply(counts, sampled_ns, scale);
         it.velocity_m_s = 0.0;
         self.doubt();
     }
@@ -195,7 +195,7 @@ impl Odometry {
             return;
         }
         if let Some((lengths_m, counts)) = self.restore.take() {
-            // A unit that was running all the time has counted on. The count of a unit that was switched on since says
+            // A unit that was running all the time has continued to count. The count of a unit that was switched on since says
             // nothing about the time before, however near it is to the stored one.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
                 let moved_m = metres(it.counts, counts[i], self.counts_per_m[i]);
@@ -272,7 +272,7 @@ impl Odometry {
 }
 
 impl Cable {
-    fn take(&mut self, counts: i64, sampled_ns: u64, scale: f64) {
+    fn apply(&mut self, counts: i64, sampled_ns: u64, scale: f64) {
         if self.strain != 0.0 {
             // What was counted before had other strains.
             (self.zero_m, self.zero_counts) = (self.length_m, self.counts);
@@ -323,7 +323,7 @@ mod tests {
             turned_m += moved_m * (1.0 + strain);
             cable.strain = strain;
             sampled_ns += 10_000_000;
-            cable.take((turned_m * counts_per_m).round() as i64, sampled_ns, counts_per_m);
+            cable.apply((turned_m * counts_per_m).round() as i64, sampled_ns, counts_per_m);
         }
         // Half a count per reading would be 0.05 mm; the counts alone are 0.3 m of cable off.
         assert!((cable.length_m - off_drum_m).abs() < 5e-5, "{} for {off_drum_m}", cable.length_m);

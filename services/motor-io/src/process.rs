@@ -242,7 +242,7 @@ impl Process {
     /// Decides, exchanges with the drives, publishes and answers requests.
     fn cycle(&mut self, cycle: u64, tick: &Tick) -> Observation {
         let Self { core, inbox, drives, ports, server, emergency, reporter, limits, .. } = self;
-        let stops = emergency.take();
+        let stops = emergency.receive();
         if let Some(first) = stops.first() {
             inbox.emergency(stops.len(), &first.request);
         }
@@ -262,7 +262,7 @@ impl Process {
         answer(call, core, drives.connection_error(), reporter);
         answer_stops(&stops, emergency, server, core, reporter);
         if self.ready || cycle > self.patience {
-            reporter.look(&observation.authority);
+            reporter.report(&observation.authority);
             // Last: during start-up, the reported errors show what is still missing.
             reporter.drives(drives);
         }
@@ -336,7 +336,7 @@ impl Ports {
         for (slot, commands) in self.commands.iter_mut().enumerate() {
             // Samples of a dead controller arrive first; the answer to the previous cycle counts, whenever it arrives.
             let mut answered = false;
-            while let Some(command) = reporter.take(commands.receive()) {
+            while let Some(command) = reporter.received(commands.receive()) {
                 self.evidence.command(slot, &command);
                 let current = command.header.life == life && command.based_on_cycle.checked_add(1) == Some(cycle);
                 if current || !answered {
@@ -358,18 +358,18 @@ impl Ports {
         reporter: &mut Reporter,
     ) -> Option<Call<'a>> {
         for slot in 0..SLOT_NAMES.len() {
-            while let Some(estimate) = reporter.take(self.estimates[slot].receive()) {
+            while let Some(estimate) = reporter.received(self.estimates[slot].receive()) {
                 self.evidence.estimate(slot, &estimate);
                 inbox.estimate(slot, &estimate);
             }
         }
-        if let Some(motion) = reporter.take(self.motion.latest()) {
+        if let Some(motion) = reporter.received(self.motion.latest()) {
             inbox.motion(&motion, following);
         }
-        if let Some(beat) = reporter.take(self.supervisor.latest()) {
+        if let Some(beat) = reporter.received(self.supervisor.latest()) {
             inbox.supervisor(beat.beat);
         }
-        let call = if inbox.has_room() { reporter.take(server.try_next()) } else { None };
+        let call = if inbox.has_room() { reporter.received(server.try_next()) } else { None };
         if let Some(call) = &call {
             let request = &call.request;
             inbox.request_made(request.id, &request.body, request.header.stamp_ns);
@@ -458,7 +458,7 @@ impl Reporter {
         }
     }
 
-    fn take<T>(&mut self, result: Result<Option<T>, BusError>) -> Option<T> {
+    fn received<T>(&mut self, result: Result<Option<T>, BusError>) -> Option<T> {
         result.unwrap_or_else(|error| {
             self.bus(Err(error));
             None
@@ -489,7 +489,7 @@ impl Reporter {
         }
     }
 
-    fn look(&mut self, authority: &MotorAuthority) {
+    fn report(&mut self, authority: &MotorAuthority) {
         if authority.mode != self.mode {
             self.mode = authority.mode;
             info!("{}", mode_sentence(authority.mode));

@@ -54,14 +54,14 @@ impl Core {
             Request::Speed { rate } => self.set_speed(*rate),
             Request::Swap { role, slot } => self.swap(input, *role, *slot),
             Request::Admit { role, slot } => self.admit(*role, *slot),
-            Request::Goto { .. } | Request::Run { .. } => Err(Reason::OfPlanner),
-            Request::Fault { .. } => Err(Reason::OfMotorBox),
+            Request::Goto { .. } | Request::Run { .. } => Err(Reason::ForPlanner),
+            Request::Fault { .. } => Err(Reason::ForMotorBox),
             Request::StartProcess { .. }
             | Request::StopProcess { .. }
             | Request::RestartProcess { .. }
             | Request::Plug { .. }
             | Request::Unplug { .. }
-            | Request::Set { .. } => Err(Reason::OfSupervisor),
+            | Request::Set { .. } => Err(Reason::ForSupervisor),
         }
     }
 

@@ -7,11 +7,11 @@ use segments::motion_of;
 /// The newest motion of plan/motion. The motion that the robot follows is kept when its planner dies.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Setpoints {
-    kept: Option<Kept>,
+    current: Option<CurrentMotion>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Kept {
+struct CurrentMotion {
     life: u64,
     number: u32,
     beat: u64,
@@ -21,23 +21,23 @@ struct Kept {
 impl Setpoints {
     /// Stores plan/motion; `following` is the number of the motion that the robot follows, 0: none.
     pub fn update(&mut self, message: &PlanMotion, following: u32) {
-        let of_planner_before = self.kept.is_some_and(|kept| {
-            let other = (message.header.life, message.motion) != (kept.life, kept.number);
-            following != 0 && kept.number == following && (other || message.beat < kept.beat)
+        let from_previous_planner = self.current.is_some_and(|current| {
+            let other = (message.header.life, message.motion) != (current.life, current.number);
+            following != 0 && current.number == following && (other || message.beat < current.beat)
         });
-        if of_planner_before {
+        if from_previous_planner {
             return;
         }
         let (life, number, beat) = (message.header.life, message.motion, message.beat);
-        self.kept = motion_of(message).map(|motion| Kept { life, number, beat, motion });
+        self.current = motion_of(message).map(|motion| CurrentMotion { life, number, beat, motion });
     }
 
     /// Writes the setpoint at a time of the plan clock into a cycle's input.
     pub fn write(&self, plan_time_s: f64, input: &mut MotorInput) {
-        let kept = self.kept.filter(|kept| kept.life == input.header.life);
-        input.setpoint_known = u8::from(kept.is_some());
-        input.motion_start_known = u8::from(kept.is_some_and(|kept| kept.number == input.motion));
-        let Some(Kept { motion, .. }) = kept else { return };
+        let current = self.current.filter(|current| current.life == input.header.life);
+        input.setpoint_known = u8::from(current.is_some());
+        input.motion_start_known = u8::from(current.is_some_and(|current| current.number == input.motion));
+        let Some(CurrentMotion { motion, .. }) = current else { return };
         let at = motion.setpoint(plan_time_s);
         input.setpoint_m = at.position.into();
         input.setpoint_velocity_m_s = at.velocity.into();

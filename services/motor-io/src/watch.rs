@@ -171,7 +171,7 @@ impl Watch {
     }
 
     /// Checks the drives' replies before the odometry uses them; returns true for each unit that was lost and is back.
-    /// `starved`: the computer had no processor for this process, so a missing reply says nothing about its unit.
+    /// `starved`: the computer had no processor for this process, so a missing reply is no evidence against its unit.
     pub fn units(
         &mut self,
         config: &CoreConfig,
@@ -252,15 +252,7 @@ impl Watch {
         count(&mut self.unjudged, situation.starved);
         let judged = self.unjudged == 0 || self.unjudged >= config.cycles(AWAY_S);
         for i in 0..config.cable_count() {
-            let unit = config.unit_of_cable[i];
-            let new_current = has(input, unit, MotorInput::SLOW_CURRENT) && plausible(input.current_a[i]);
-            let new_duty = has(input, unit, MotorInput::SLOW_DUTY) && plausible(input.duty[i]);
-            if new_current {
-                self.current_a[i] = input.current_a[i];
-            }
-            if new_duty {
-                self.duty[i] = input.duty[i];
-            }
+            let (new_current, new_duty) = self.read(config, input, i);
             let (sent, v) = (situation.sent_m_s[i], velocity_m_s[i]);
             let driven = situation.drives(i);
             // Without a reading of this cycle the counters stay.
@@ -310,6 +302,20 @@ impl Watch {
                 found.cable(MotorAuthority::FAULT_OVER_TENSION, i);
             }
         }
+    }
+
+    /// Stores the plausible readings of a cable; returns whether there is a new current, and a new duty.
+    fn read(&mut self, config: &CoreConfig, input: &MotorInput, i: usize) -> (bool, bool) {
+        let unit = config.unit_of_cable[i];
+        let new_current = has(input, unit, MotorInput::SLOW_CURRENT) && plausible(input.current_a[i]);
+        let new_duty = has(input, unit, MotorInput::SLOW_DUTY) && plausible(input.duty[i]);
+        if new_current {
+            self.current_a[i] = input.current_a[i];
+        }
+        if new_duty {
+            self.duty[i] = input.duty[i];
+        }
+        (new_current, new_duty)
     }
 
     /// Compares the measured velocity of a cable, m/s, with its command: stall and runaway.

@@ -205,7 +205,7 @@ pub const ROWS: [Row; 28] = [
         "kill recorder",
         "the supervisor detects the end at once and restarts the recorder, which repairs the run file",
         FOLLOWING,
-        "the mission goes on; the channels store more than a second of samples for the next recorder",
+        "the mission continues; the channels store more than a second of samples for the next recorder",
         "recorder was ended by signal 9",
     ),
     logged_row(

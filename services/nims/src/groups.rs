@@ -1,4 +1,4 @@
-//! The commands of `nims --help`, in groups by what one wants to do.
+//! The commands of `nims --help`, in groups by task.
 
 use crate::programs;
 

@@ -288,7 +288,7 @@ impl MissionText {
 fn planned(answer: &OperatorRequest) -> Answer<Output> {
     let sentence = Failure::unless_accepted(answer)?;
     let mut value = json!({ "accepted": true, "answer": sentence });
-    if let Some(Reason::Planned { segments, length_m, duration_s, energy_j, .. }) = Reason::of(answer) {
+    if let Some(Reason::Planned { segments, length_m, duration_s, energy_j, .. }) = Reason::from_request(answer) {
         value["segments"] = json!(segments);
         value["length_m"] = json!(length_m);
         value["duration_s"] = json!(duration_s);

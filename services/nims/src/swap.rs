@@ -71,7 +71,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
     let (new, old) = (robot.role.process_name(name_of(slot)), robot.role.process_name(name_of(lead)));
     if let Some(law) = asked.name.as_deref().filter(|law| *law != DEFAULT) {
         // Check the law before a process is ended to free the slot.
-        client::system_of(bus)?.process_for(robot.role, law).map_err(Failure::BadInput)?;
+        client::system_of(bus)?.process_for(robot.role, law).map_err(Failure::bad)?;
     }
     if let Some(law) = &asked.name {
         robot.end(&new)?;

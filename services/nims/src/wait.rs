@@ -13,10 +13,10 @@ const POLL: Duration = Duration::from_millis(100);
 /// The planner publishes ten times a second; after this time without a sample it does not run, ns.
 const SILENT_NS: u64 = 10_000_000_000;
 
-/// What a status of the planner says about a mission that was accepted.
+/// State of an accepted mission, from a status of the planner.
 #[derive(Debug, PartialEq, Eq)]
 enum Stage {
-    /// It goes on.
+    /// It continues.
     Flying,
     /// Every leg was flown.
     Done,
@@ -44,7 +44,7 @@ impl Follower {
     /// Waits until the mission that was just accepted is done and the robot holds.
     ///
     /// # Errors
-    /// The mission ended early, with the reason; or the wait ended, and the mission goes on.
+    /// The mission ended early, with the reason; or the wait ended, and the mission continues.
     pub fn wait(mut self) -> Answer {
         let accepted_ns = clock::now_ns();
         let (mut number, mut heard_ns) = (None, accepted_ns);
@@ -66,7 +66,7 @@ impl Follower {
                 }
             }
             if self.stop.load(Ordering::Relaxed) {
-                let sentence = "no longer waiting; the mission goes on: `nims stop` ends it";
+                let sentence = "no longer waiting; the mission continues: `nims stop` ends it";
                 break Err(Failure::NotNow(sentence.to_owned()));
             }
             if now_ns >= heard_ns + SILENT_NS {

@@ -10,16 +10,16 @@ use crate::plan::{Plan, PlannerConfig};
 
 /// Upper bound of the legs from the next adaptive one on: its whole area.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Later {
+pub(crate) struct LaterCost {
     /// Longest duration, s.
     pub time_s: f64,
     /// Loss in the motors, J; `None` where it is not known.
     pub energy_j: Option<f64>,
 }
 
-impl Later {
+impl LaterCost {
     /// Returns the bound of a separate plan.
-    pub(crate) fn of(plan: &Plan, config: &PlannerConfig) -> Self {
+    pub(crate) fn from_plan(plan: &Plan, config: &PlannerConfig) -> Self {
         Self { time_s: plan.end_s() - plan.start_s(), energy_j: plan.energy_j(config) }
     }
 
@@ -43,7 +43,7 @@ pub(crate) struct Flight {
     pub whole: Plan,
     /// Rest of the mission, beginning with an adaptive leg; its bound; number of legs before this part.
     pub left: Option<Mission>,
-    pub later: Later,
+    pub later: LaterCost,
     pub legs_before: u32,
     /// Since when it has waited for a map at its end.
     pub waits_ns: Option<u64>,
@@ -76,7 +76,7 @@ impl Flight {
             share: 0.0,
             whole,
             left: None,
-            later: Later::default(),
+            later: LaterCost::default(),
             legs_before: 0,
             waits_ns: None,
             kept,

@@ -8,7 +8,9 @@ use cable_robot::path::PathError;
 use cable_robot::profile::ProfileError;
 use cable_robot::{Distribution, Robot, Segment, Vector3};
 use config::SystemFile;
-use thiserror::Error;
+use robot_state::Reason;
+use robot_state::answers::detail;
+use std::fmt;
 
 use crate::scan::ScanError;
 
@@ -53,11 +55,10 @@ impl PlannerConfig {
     }
 }
 
-/// Reason for which a mission cannot be planned.
-#[derive(Debug, Clone, PartialEq, Error)]
+/// Reason for which a mission cannot be planned; its sentence is that of [`PlanError::reason`].
+#[derive(Debug, Clone, PartialEq)]
 pub enum PlanError {
     /// A segment breaks a limit.
-    #[error("leg {leg}{segment}: {refusal}{}", speed_advice(*feasible_m_s))]
     Refused {
         /// The leg, from 1.
         leg: usize,
@@ -69,7 +70,6 @@ pub enum PlanError {
         feasible_m_s: Option<f64>,
     },
     /// A speed above the robot's limit.
-    #[error("leg {leg} asks for {speed_m_s} m/s, above the robot's speed_limit_m_s of {limit_m_s} m/s; ask for less")]
     TooFast {
         /// The leg, from 1.
         leg: usize,
@@ -79,9 +79,6 @@ pub enum PlanError {
         limit_m_s: f64,
     },
     /// An acceleration above the robot's limit.
-    #[error(
-        "the mission asks for {asked_m_s2} m/s², above the robot's acceleration_limit_m_s2 of {limit_m_s2} m/s²; ask for less"
-    )]
     TooHard {
         /// Requested acceleration, m/s².
         asked_m_s2: f64,
@@ -89,7 +86,6 @@ pub enum PlanError {
         limit_m_s2: f64,
     },
     /// An invalid path.
-    #[error("leg {leg}: {error}")]
     Path {
         /// The leg, from 1.
         leg: usize,
@@ -97,7 +93,6 @@ pub enum PlanError {
         error: PathError,
     },
     /// An impossible profile.
-    #[error("leg {leg}: {error}")]
     Profile {
         /// The leg, from 1.
         leg: usize,
@@ -105,7 +100,6 @@ pub enum PlanError {
         error: ProfileError,
     },
     /// A planar point for a spatial robot, or a point outside the plane of a planar one.
-    #[error("leg {leg}: {why}")]
     Point {
         /// The leg, from 1.
         leg: usize,
@@ -113,7 +107,6 @@ pub enum PlanError {
         why: String,
     },
     /// No path that saves energy can be flown.
-    #[error("leg {leg}: no path that saves energy can be flown: {error}")]
     NoPath {
         /// The leg, from 1.
         leg: usize,
@@ -121,7 +114,6 @@ pub enum PlanError {
         error: EnergyError,
     },
     /// An invalid pattern.
-    #[error("leg {leg}: {error}")]
     Scan {
         /// The leg, from 1.
         leg: usize,
@@ -129,18 +121,12 @@ pub enum PlanError {
         error: ScanError,
     },
     /// The interrupted mission was planned with another configuration.
-    #[error(
-        "the rest of the mission is unknown: the robot or the planner was configured otherwise when it began; run it from the beginning"
-    )]
     OtherPlan,
     /// More than [`MAX_SEGMENTS`] segments.
-    #[error("the mission has more than {MAX_SEGMENTS} segments; split it into several missions")]
     TooLong,
     /// The node is already at the end.
-    #[error("the node is already there")]
     AlreadyThere,
     /// The start is not a valid position.
-    #[error("the position of the node is not known ({x} {y} {z}); set it with nims zero --at x,y,z")]
     NoStart {
         /// As estimated.
         x: f64,
@@ -151,10 +137,36 @@ pub enum PlanError {
     },
 }
 
-/// Describes the speed at which a rejected segment can be flown.
-fn speed_advice(feasible_m_s: Option<f64>) -> String {
-    feasible_m_s.map_or_else(String::new, |speed_m_s| format!("; this segment can be flown at {speed_m_s:.3} m/s"))
+impl PlanError {
+    /// Returns the reason in the catalogue of answers.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        match *self {
+            Self::Refused { leg, ref segment, ref refusal, feasible_m_s } => {
+                Reason::PlanLimit { leg, segment: detail(segment), why: detail(refusal), feasible_m_s }
+            }
+            Self::TooFast { leg, speed_m_s, limit_m_s } => Reason::PlanTooFast { leg, speed_m_s, limit_m_s },
+            Self::TooHard { asked_m_s2, limit_m_s2 } => Reason::PlanTooHard { asked_m_s2, limit_m_s2 },
+            Self::Path { leg, ref error } => Reason::PlanPath { leg, why: detail(error) },
+            Self::Profile { leg, ref error } => Reason::PlanProfile { leg, why: detail(error) },
+            Self::Point { leg, ref why } => Reason::PlanPoint { leg, why: detail(why) },
+            Self::NoPath { leg, ref error } => Reason::PlanEnergy { leg, why: detail(error) },
+            Self::Scan { leg, ref error } => Reason::PlanPattern { leg, why: detail(error) },
+            Self::TooLong => Reason::PlanTooLong { most: MAX_SEGMENTS },
+            Self::OtherPlan => Reason::PlanOther,
+            Self::AlreadyThere => Reason::AlreadyThere,
+            Self::NoStart { x, y, z } => Reason::NoStart { position_m: [x, y, z] },
+        }
+    }
 }
+
+impl fmt::Display for PlanError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.reason().fmt(f)
+    }
+}
+
+impl std::error::Error for PlanError {}
 
 /// Point on the path of a mission, independent of where its flight began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

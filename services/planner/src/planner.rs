@@ -9,12 +9,12 @@ use robot_state::answers::detail;
 use segments::segment_message;
 
 use crate::adaptive;
-use crate::flight::{Flight, Later};
+use crate::flight::{Flight, LaterCost};
 use crate::inputs::Inputs;
 use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
-use crate::refusal::{Refusal, of_plan_error};
+use crate::refusal::Refusal;
 use crate::stopped::{not_taken_up, stopped_by};
 
 /// An estimate this many cycles behind motor-io is stale.
@@ -181,8 +181,8 @@ impl Planner {
                 Some(Progress { start_m, segment, along, at_m, done, flown_s, share, mission, stage, left });
         }
         let later = match left {
-            Some(_) => Later::between(&all, &plan, &self.config),
-            None => Later::default(),
+            Some(_) => LaterCost::between(&all, &plan, &self.config),
+            None => LaterCost::default(),
         };
         let flight = Flight { later, left, ..Flight::new(mission.name, plan.clone(), plan, kept, authority, seen) };
         Ok(self.offer(flight, false))
@@ -226,8 +226,8 @@ impl Planner {
             plan => plan?,
         };
         let later = match &progress.left {
-            Some(left) => Later::of(&Plan::new(left, &self.config, whole.end(), 0.0, 1)?, &self.config),
-            None => Later::default(),
+            Some(left) => LaterCost::from_plan(&Plan::new(left, &self.config, whole.end(), 0.0, 1)?, &self.config),
+            None => LaterCost::default(),
         };
         let legs_left = stage.leg.len() + progress.left.as_ref().map_or(0, |left| left.leg.len());
         let legs_before = mission.leg.len().saturating_sub(legs_left) as u32;
@@ -271,7 +271,7 @@ impl Planner {
     }
 
     /// Stores the newest valid estimate, so that a single cycle without one refuses nothing.
-    fn look(&mut self, seen: &Inputs<'_>) {
+    fn observe(&mut self, seen: &Inputs<'_>) {
         if let (Some(authority), Some(estimate)) = (seen.authority, seen.estimate)
             && estimate.valid == 1
         {
@@ -281,7 +281,7 @@ impl Planner {
 
     /// Returns authority and estimate if a motion may start now.
     fn ready<'a>(&mut self, seen: &Inputs<'a>) -> Result<(&'a MotorAuthority, NodeEstimate), Refusal> {
-        self.look(seen);
+        self.observe(seen);
         let refuse = |reason: Reason| Err(Refusal::NotReady(Box::new(reason)));
         let Some(authority) = seen.authority else { return refuse(Reason::MotorIoAbsent) };
         if seen.now_ns.saturating_sub(authority.header.stamp_ns) > SILENT_NS {
@@ -319,7 +319,7 @@ impl Planner {
 
     /// Updates the mission and returns its samples; called 10 to 20 times a second and after every request.
     pub fn step(&mut self, seen: &Inputs<'_>) -> (PlanMotion, PlanStatus) {
-        self.look(seen);
+        self.observe(seen);
         if let Some(authority) = seen.authority {
             self.advance(authority, seen.now_ns);
             self.refine(authority, seen);
@@ -379,7 +379,9 @@ impl Planner {
         match planned {
             Ok((plan, first, left)) => {
                 let later = left.as_ref().map(|left| Plan::new(left, &self.config, plan.end(), 0.0, 1));
-                let later = later.and_then(Result::ok).map_or(Later::default(), |plan| Later::of(&plan, &self.config));
+                let later = later
+                    .and_then(Result::ok)
+                    .map_or(LaterCost::default(), |plan| LaterCost::from_plan(&plan, &self.config));
                 if let Some(progress) = &mut self.progress {
                     (progress.start_m, progress.at_m) = (start.into(), start.into());
                     (progress.segment, progress.along, progress.flown_s) = (0, 0.0, flown_s);
@@ -396,7 +398,7 @@ impl Planner {
                 if done {
                     self.status.progress = 1.0;
                 } else {
-                    self.status.put_reason(&of_plan_error(&error).answer());
+                    self.status.put_reason(&error.reason().answer());
                 }
                 if let Some(progress) = &mut self.progress {
                     progress.done = done;

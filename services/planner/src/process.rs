@@ -22,12 +22,12 @@ struct Map {
 }
 
 impl Map {
-    fn of(bus: &Bus, name: &str) -> Self {
+    fn open(bus: &Bus, name: &str) -> Self {
         let channel = bus.subscriber(&format!("map/{name}")).inspect_err(|error| tracing::warn!("{error}")).ok();
         Self { name: name.to_owned(), channel, newest: None }
     }
 
-    fn look(&mut self) -> anyhow::Result<Option<&FieldMap>> {
+    fn poll(&mut self) -> anyhow::Result<Option<&FieldMap>> {
         if let Some(channel) = &mut self.channel
             && let Some(map) = channel.latest()?
         {
@@ -73,9 +73,9 @@ pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
         }
         let estimate = blended_estimate(authority.as_ref(), [newest[0].as_ref(), newest[1].as_ref()], rule);
         if planner.wants_map() != maps.as_ref().map(|map| map.name.as_str()) {
-            maps = planner.wants_map().map(|name| Map::of(chassis.bus(), name));
+            maps = planner.wants_map().map(|name| Map::open(chassis.bus(), name));
         }
-        let map = maps.as_mut().map(Map::look).transpose()?.flatten();
+        let map = maps.as_mut().map(Map::poll).transpose()?.flatten();
         let seen = Inputs { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
         let mut asked = false;
         while let Some(call) = server.try_next()? {

@@ -6,7 +6,7 @@ use robot_state::answers::detail;
 use thiserror::Error;
 
 use crate::mission::MissionError;
-use crate::plan::{MAX_SEGMENTS, PlanError};
+use crate::plan::PlanError;
 
 /// Reason for which a request is refused.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -28,8 +28,8 @@ impl Refusal {
     pub fn reason(&self) -> Reason {
         match self {
             Self::NotReady(reason) => **reason,
-            Self::Mission(error) => of_mission_error(error),
-            Self::Plan(error) => of_plan_error(error),
+            Self::Mission(error) => reason_of_mission_error(error),
+            Self::Plan(error) => error.reason(),
         }
     }
 
@@ -41,7 +41,7 @@ impl Refusal {
 }
 
 /// Returns the reason for which a mission is invalid.
-pub(crate) fn of_mission_error(error: &MissionError) -> Reason {
+pub(crate) fn reason_of_mission_error(error: &MissionError) -> Reason {
     let why = detail(error);
     match *error {
         MissionError::Value { leg, key, .. } => Reason::MissionValue { leg, key: detail(key), why },
@@ -50,7 +50,7 @@ pub(crate) fn of_mission_error(error: &MissionError) -> Reason {
 }
 
 /// Returns the reason for which the copy of a mission cannot be used.
-pub(crate) fn of_copy_error(error: &MissionCopyError) -> Reason {
+pub(crate) fn reason_of_copy_error(error: &MissionCopyError) -> Reason {
     match error {
         MissionCopyError::OtherContent { path } => Reason::CopyChanged { copy: detail(path.display()) },
         MissionCopyError::Unreadable { path, why } => {
@@ -59,26 +59,6 @@ pub(crate) fn of_copy_error(error: &MissionCopyError) -> Reason {
         MissionCopyError::NotStored { path, why } => {
             Reason::CopyUnreadable { copy: detail(path.display()), why: detail(why) }
         }
-    }
-}
-
-/// Returns the reason for which a mission cannot be planned.
-pub(crate) fn of_plan_error(error: &PlanError) -> Reason {
-    match *error {
-        PlanError::Refused { leg, ref segment, ref refusal, feasible_m_s } => {
-            Reason::PlanLimit { leg, segment: detail(segment), why: detail(refusal), feasible_m_s }
-        }
-        PlanError::TooFast { leg, speed_m_s, limit_m_s } => Reason::PlanTooFast { leg, speed_m_s, limit_m_s },
-        PlanError::TooHard { asked_m_s2, limit_m_s2 } => Reason::PlanTooHard { asked_m_s2, limit_m_s2 },
-        PlanError::Path { leg, ref error } => Reason::PlanPath { leg, why: detail(error) },
-        PlanError::Profile { leg, ref error } => Reason::PlanProfile { leg, why: detail(error) },
-        PlanError::Point { leg, ref why } => Reason::PlanPoint { leg, why: detail(why) },
-        PlanError::NoPath { leg, ref error } => Reason::PlanEnergy { leg, why: detail(error) },
-        PlanError::Scan { leg, ref error } => Reason::PlanPattern { leg, why: detail(error) },
-        PlanError::TooLong => Reason::PlanTooLong { most: MAX_SEGMENTS },
-        PlanError::OtherPlan => Reason::PlanOther,
-        PlanError::AlreadyThere => Reason::AlreadyThere,
-        PlanError::NoStart { x, y, z } => Reason::NoStart { position_m: [x, y, z] },
     }
 }
 
@@ -93,7 +73,7 @@ mod tests {
     use cable_robot::profile::ProfileError;
 
     #[test]
-    fn each_refusal_has_its_own_reason_with_the_sentence_of_the_error() {
+    fn each_refusal_has_its_own_reason() {
         let cause = Cause::CableSpeed { cable: 1, speed_m_s: 0.5, limit_m_s: 0.4 };
         let refusal = cable_robot::motion::Refusal { position: Vector3::new(1.0, 2.0, 3.0), path_s_m: 0.5, cause };
         let errors = [
@@ -118,10 +98,7 @@ mod tests {
             PlanError::AlreadyThere,
             PlanError::NoStart { x: 1.5, y: 2.0, z: -0.25 },
         ];
-        let codes: std::collections::BTreeSet<u16> = errors.iter().map(|error| of_plan_error(error).code()).collect();
+        let codes: std::collections::BTreeSet<u16> = errors.iter().map(|error| error.reason().code()).collect();
         assert_eq!(codes.len(), errors.len());
-        for error in errors {
-            assert_eq!(of_plan_error(&error).to_string(), error.to_string());
-        }
     }
 }

@@ -9,7 +9,7 @@ use robot_state::answers::detail;
 use crate::inputs::Inputs;
 use crate::mission::{Mission, PathShape};
 use crate::planner::Planner;
-use crate::refusal::{Refusal, of_copy_error, of_mission_error};
+use crate::refusal::{Refusal, reason_of_copy_error, reason_of_mission_error};
 
 /// Carries out one request and returns the answer. A mission is read from its copy in the folder `run`.
 ///
@@ -47,8 +47,8 @@ fn carry_out(
         }
         Request::Run { hash, continues, .. } => {
             let text = config::read_mission(run, &hash);
-            let text = text.map_err(|error| of_copy_error(&error))?;
-            let mission = Mission::parse(&text).map_err(|error| of_mission_error(&error))?;
+            let text = text.map_err(|error| reason_of_copy_error(&error))?;
+            let mission = Mission::parse(&text).map_err(|error| reason_of_mission_error(&error))?;
             let result = if continues { planner.go_on(&mission, seen) } else { planner.run(&mission, seen) };
             result.map_err(refused)
         }

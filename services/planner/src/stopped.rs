@@ -6,7 +6,7 @@ use robot_state::Reason;
 
 /// Returns why motor-io ended a motion that was planned for its life `life`.
 pub(crate) fn stopped_by(authority: &MotorAuthority, life: u64) -> Reason {
-    let faults = Faults::of(authority);
+    let faults = Faults::from_authority(authority);
     match authority.mode {
         MotorAuthority::MODE_EMERGENCY_STOP => Reason::EndedByEmergencyStop { faults },
         MotorAuthority::MODE_FAULTED => Reason::EndedByFault { faults },

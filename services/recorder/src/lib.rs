@@ -19,14 +19,18 @@
 #![forbid(unsafe_code)]
 
 mod batch;
+mod disk_full;
 mod listen;
 mod recorder;
 mod recording;
 mod row;
 mod session;
+mod settings;
 
 pub use batch::{Batch, ReceivedSample};
+pub use disk_full::DiskFull;
 pub use listen::Listening;
 pub use recorder::{Recorder, RecorderError, recover_leftovers};
 pub use row::Row;
-pub use session::{DiskFull, ENDED_DISK_FULL, Session, Settings};
+pub use session::{ENDED_DISK_FULL, Session};
+pub use settings::Settings;

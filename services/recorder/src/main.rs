@@ -10,7 +10,7 @@ use config::RecorderSection;
 use recorder::{Recorder, Settings, recover_leftovers};
 use runtime::{BadInput, Chassis, CommonArgs, build};
 
-/// Records every channel of a domain until it is told to stop.
+/// Records every channel of a domain until a stop is requested.
 #[derive(clap::Parser)]
 #[command(name = "recorder")]
 struct Args {

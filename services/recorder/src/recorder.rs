@@ -9,7 +9,8 @@ use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover, segments};
 
 use crate::batch::Batch;
 use crate::listen::Listening;
-use crate::session::{Session, Settings};
+use crate::session::Session;
+use crate::settings::Settings;
 
 /// Time between two polls of the channels, ns. Their buffers hold seconds; this bounds the loss by a kill beyond the
 /// last flush.
@@ -54,7 +55,7 @@ impl Recorder {
         // All processes of a run use its clock. Without one, a restarted recorder uses the clock of the first file.
         let set = bus.domain().wall_clock();
         let set = set.map(|clock| RunClock { t0_unix_ns: clock.unix_ns, t0_mono_ns: clock.mono_ns });
-        let clock = RunClock::of_run(&settings.folder, set);
+        let clock = RunClock::from_run(&settings.folder, set);
         let mut session = Session::open(settings, clock, now, free)?;
         let mut listening = Listening::new(exclude);
         listening.discover_first(bus, &mut session)?;

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
-use config::RecorderSection;
 use messages::{Message, RecorderGap, RecorderStatus, put_sentence, put_text};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, next_file, run_attachments};
 
 use crate::batch::{Batch, ReceivedSample};
+use crate::disk_full::DiskFull;
 use crate::recording::Recording;
 use crate::row::Row;
+use crate::settings::Settings;
 
 const SECOND_NS: u64 = 1_000_000_000;
 /// Time between two checks of the free space, ns.
@@ -29,53 +30,6 @@ const STATIC_NS: u64 = 2 * SECOND_NS;
 const GAPS: &str = "recorder/gap";
 /// Reason stored in a file that was closed because the disk was full.
 pub const ENDED_DISK_FULL: &str = "the disk was full";
-
-/// Nothing is recorded, because the disk is full.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "the disk is full: {:.0} MB are free at {}, and at least {:.0} MB are needed; free disk space, and the recording resumes",
-    *free_bytes as f64 / 1e6, folder.display(), *needed_bytes as f64 / 1e6
-)]
-pub struct DiskFull {
-    /// The run folder.
-    pub folder: PathBuf,
-    /// Free disk space, bytes.
-    pub free_bytes: u64,
-    /// Needed disk space, bytes.
-    pub needed_bytes: u64,
-}
-
-/// Settings of a recording.
-#[derive(Debug, Clone)]
-pub struct Settings {
-    /// The run folder. Its configuration and mission files are attached to every run file.
-    pub folder: PathBuf,
-    /// Free space below which recording stops, bytes.
-    pub min_free_bytes: u64,
-    /// Longest time before samples are written to the disk, ns.
-    pub flush_ns: u64,
-    /// Size at which the next file is started, bytes.
-    pub segment_bytes: u64,
-    /// Age at which the next file is started, ns.
-    pub segment_ns: u64,
-    /// Facts about the run, e.g. versions and host.
-    pub about: BTreeMap<String, String>,
-}
-
-impl Settings {
-    /// Creates the settings of `[recorder]` for a run folder.
-    #[must_use]
-    pub fn new(section: &RecorderSection, folder: PathBuf, about: BTreeMap<String, String>) -> Self {
-        Self {
-            folder,
-            min_free_bytes: section.min_free_bytes,
-            flush_ns: (section.flush_s * 1e9) as u64,
-            segment_bytes: section.segment_bytes,
-            segment_ns: (section.segment_s * 1e9) as u64,
-            about,
-        }
-    }
-}
 
 enum State {
     Recording(Box<Recording>),

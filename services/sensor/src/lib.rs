@@ -7,7 +7,7 @@
 //! # Invariants
 //! * A [`Protocol`] and a [`Sensor`] have no clock and no I/O. They accept any bytes, and resynchronise at the next
 //!   whole frame.
-//! * A bad frame is counted and never published. If a device is silent or gone, the process goes on and repeats the
+//! * A bad frame is counted and never published. If a device is silent or gone, the process continues and repeats the
 //!   last value, marked as stale.
 #![forbid(unsafe_code)]
 

@@ -175,7 +175,7 @@ impl ArchiveWorker {
     }
 }
 
-/// Writes a file atomically: a reader sees the old content or the new one.
+/// Writes a file atomically: a reader gets the old content or the new one.
 ///
 /// # Errors
 /// Its folder cannot be written.

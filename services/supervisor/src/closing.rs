@@ -1,6 +1,6 @@
 //! The end of a run: stops the robot, ends the processes in order, and completes the run files.
 
-use super::child::{Child, ending};
+use super::managed_process::{ManagedProcess, ending};
 use super::process_spec::ProcessSpec;
 use super::unfinished_runs::parts;
 use super::{RunOutcome, Supervisor, stale_processes};
@@ -167,13 +167,13 @@ impl Supervisor {
 
     /// A recorder that did not exit cleanly has lost its buffers.
     fn check_recorder_exit(&mut self) {
-        let unclosed = |child: &Child| match child.exit {
+        let unclosed = |child: &ManagedProcess| match child.exit {
             Some(exit) if exit.success() && !child.has_died() => None,
             Some(_) => Some(format!("the recorder {}, so the end of the run may be missing", child.ending())),
             None => Some("the recorder does not end, so the end of the run may be missing".to_owned()),
         };
         // A recorder that was never ready has recorded nothing.
-        let recorders = |child: &&Child| child.member.role == Role::Recorder && child.ready_ns.is_some();
+        let recorders = |child: &&ManagedProcess| child.member.role == Role::Recorder && child.ready_ns.is_some();
         let whys: Vec<String> = self.process_set.iter().filter(recorders).filter_map(unclosed).collect();
         for why in whys {
             self.recording.record_failure(&why);
@@ -221,7 +221,7 @@ impl Supervisor {
         };
         for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
             // A copy in this run folder needs no further copy.
-            if path.is_file() && !path.starts_with(&self.site.run) {
+            if path.is_file() && !path.starts_with(&self.context.run) {
                 self.archive.copy_process_file(&member.name, path);
             }
         }

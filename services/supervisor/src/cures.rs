@@ -23,8 +23,8 @@ pub fn consequence(role: Role, watchdog_s: f64) -> String {
         Role::MotorIo => format!("the drives stop the motors after {watchdog_s} s"),
         Role::Estimator | Role::Controller => "the robot stops on the path and holds".to_owned(),
         Role::Planner => "the robot finishes the current segment and holds".to_owned(),
-        Role::Recorder => "the mission goes on, and what happens until it is back is not recorded".to_owned(),
-        Role::Other => "the mission goes on without it".to_owned(),
+        Role::Recorder => "the mission continues, and nothing is recorded until it is back".to_owned(),
+        Role::Other => "the mission continues without it".to_owned(),
     }
 }
 

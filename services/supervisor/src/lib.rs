@@ -9,12 +9,12 @@
 
 mod announcer;
 mod archive;
-mod child;
 mod cleanup;
 mod closing;
 mod copies;
 mod cures;
 mod heartbeats;
+mod managed_process;
 mod mission;
 mod process_set;
 mod process_spec;
@@ -49,7 +49,7 @@ use heartbeats::Heartbeats;
 use messages::{Heartbeat, MotorAuthority, OperatorRequest, ProcessState};
 use mission::Missions;
 use process_set::ProcessSet;
-use process_spec::Site;
+use process_spec::RunContext;
 use recording::Recording;
 use settings::Settings;
 use std::path::{Path, PathBuf};
@@ -113,7 +113,7 @@ pub struct Supervisor {
     // First, so that it is dropped first: its processes publish while they end and need the domain for that.
     process_set: ProcessSet,
     settings: Settings,
-    site: Site,
+    context: RunContext,
     folder: RunFolder,
     archive: Archive,
     unfinished_runs: UnfinishedRuns,
@@ -152,7 +152,7 @@ impl Supervisor {
     /// The system file of the run.
     #[must_use]
     pub fn system_file(&self) -> &SystemFile {
-        &self.site.file
+        &self.context.file
     }
 
     /// The folder of the run.

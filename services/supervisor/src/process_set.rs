@@ -3,7 +3,7 @@
 //! Architecture invariant: the processes never outlive their `ProcessSet`. When it is dropped, also by a panic, it ends
 //! them in order.
 
-use super::child::{Child, Then};
+use super::managed_process::{AfterEnd, ManagedProcess};
 use super::process_spec::ProcessSpec;
 use super::successor::Successor;
 use bus::clock;
@@ -28,14 +28,14 @@ const POLL_NS: u64 = 5_000_000;
 /// Processes in the order in which they were started.
 #[derive(Debug, Default)]
 pub struct ProcessSet {
-    children: Vec<Child>,
+    children: Vec<ManagedProcess>,
     /// Processes that will replace a running process of the same name.
     pub successors: Vec<Successor>,
 }
 
 impl ProcessSet {
     /// Adds a process, or replaces an earlier incarnation of it.
-    pub fn insert(&mut self, child: Child) {
+    pub fn insert(&mut self, child: ManagedProcess) {
         match self.children.iter_mut().find(|other| other.member.name == child.member.name) {
             Some(place) => *place = child,
             None => self.children.push(child),
@@ -43,23 +43,23 @@ impl ProcessSet {
     }
 
     /// Removes the processes for which `which` returns true.
-    pub fn remove(&mut self, which: impl Fn(&Child) -> bool) {
+    pub fn remove(&mut self, which: impl Fn(&ManagedProcess) -> bool) {
         self.children.retain(|child| !which(child));
     }
 
     /// All processes, in the order in which they were started.
-    pub fn iter(&self) -> impl Iterator<Item = &Child> {
+    pub fn iter(&self) -> impl Iterator<Item = &ManagedProcess> {
         self.children.iter()
     }
 
     /// As [`Self::iter`], mutable.
-    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Child> {
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut ManagedProcess> {
         self.children.iter_mut()
     }
 
     /// The process of that name: its name on the bus takes precedence over its name in the system file, and a running
     /// process over an ended one.
-    pub fn find(&mut self, name: &str) -> Option<&mut Child> {
+    pub fn find(&mut self, name: &str) -> Option<&mut ManagedProcess> {
         let ranked = self.children.iter().enumerate().filter(|(_, child)| child.member.has_name(name));
         let best = ranked.max_by_key(|(_, child)| (child.member.name == name, child.exit.is_none())).map(|(at, _)| at);
         best.and_then(|at| self.children.get_mut(at))
@@ -73,8 +73,8 @@ impl ProcessSet {
 
     /// A ready process of the same role in the other slot.
     #[must_use]
-    pub fn standby_of(&self, member: &ProcessSpec) -> Option<&Child> {
-        let stands_in = |child: &&Child| {
+    pub fn standby_of(&self, member: &ProcessSpec) -> Option<&ManagedProcess> {
+        let stands_in = |child: &&ManagedProcess| {
             child.member.role == member.role
                 && child.member.slot != member.slot
                 && child.exit.is_none()
@@ -88,9 +88,9 @@ impl ProcessSet {
     pub fn end(&mut self, mut while_waiting: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
         self.children.extend(self.successors.drain(..).map(|successor| successor.child));
         for role in ORDER {
-            let of_role = |child: &&mut Child| child.member.role == role;
+            let of_role = |child: &&mut ManagedProcess| child.member.role == role;
             for child in self.children.iter_mut().filter(of_role) {
-                child.ask_to_end(Then::Stay);
+                child.ask_to_end(AfterEnd::Stay);
             }
             let mut give_up = u64::MAX;
             while self.children.iter_mut().filter(of_role).any(|child| child.is_alive()) && clock::now_ns() < give_up {
@@ -117,7 +117,7 @@ impl Drop for ProcessSet {
 
 #[cfg(test)]
 mod tests {
-    use super::super::child::Start;
+    use super::super::managed_process::Start;
     use super::super::restarts::{Policy, Restarts};
     use super::*;
     use std::path::Path;
@@ -139,13 +139,13 @@ mod tests {
         }
     }
 
-    fn start(folder: &Path, name: &str, role: Role, script: &str) -> Child {
+    fn start(folder: &Path, name: &str, role: Role, script: &str) -> ManagedProcess {
         started(folder, &member(name, role, script))
     }
 
-    fn started(folder: &Path, member: &ProcessSpec) -> Child {
+    fn started(folder: &Path, member: &ProcessSpec) -> ManagedProcess {
         let with = Start { domain: "test", changes: 0, succeeds: false, log: &folder.join(&member.name) };
-        Child::start(member, with, Restarts::default()).unwrap().0
+        ManagedProcess::start(member, with, Restarts::default()).unwrap().0
     }
 
     fn wait_for(what: impl Fn() -> bool) {
@@ -232,7 +232,7 @@ mod tests {
         while child.is_alive() {}
         assert_eq!(child.last_diagnostic(), Some("the port is gone"));
         assert_eq!(child.state(), messages::ProcessState::STATE_DIED);
-        assert_eq!(super::super::child::ending(child.exit.unwrap()), "ended with exit code 3");
+        assert_eq!(super::super::managed_process::ending(child.exit.unwrap()), "ended with exit code 3");
     }
 
     #[test]

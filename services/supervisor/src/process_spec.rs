@@ -3,7 +3,7 @@
 use super::refused::Decision;
 use super::restarts::Policy;
 use config::{ProcessSection, Role, SystemFile};
-use messages::Slot;
+use messages::{Slot, SlotRole};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::BTreeMap;
@@ -74,7 +74,7 @@ impl ProcessSpec {
 
 /// What the processes of a run share.
 #[derive(Debug, Clone)]
-pub struct Site {
+pub struct RunContext {
     /// The parsed system file.
     pub file: SystemFile,
     /// Path of the original system file; relative paths start at its folder.
@@ -91,7 +91,7 @@ pub struct Site {
     pub run: PathBuf,
 }
 
-impl Site {
+impl RunContext {
     /// The processes that the system starts automatically, upstream before downstream.
     ///
     /// # Errors
@@ -142,7 +142,11 @@ impl Site {
     /// # Errors
     /// The program does not exist, or the entry has another role.
     pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Decision<ProcessSpec> {
-        match self.file.process_for(role, law).map_err(|why| Reason::LawUnknown { why: detail(why) })? {
+        let unknown = |why| match slot_role(role) {
+            Some(role) => Reason::LawUnknown { role, law: detail(law), why: detail(why) },
+            None => Reason::NoSlotNoLaw { process: detail(role.name()) },
+        };
+        match self.file.process_for(role, law).map_err(unknown)? {
             Some(section) => self.configured(section, Some(slot)),
             None => self.member(role, Some(slot), None, Some(law)),
         }
@@ -298,6 +302,15 @@ impl Site {
     }
 }
 
+/// The role as requests name it; `None` for a role without slots.
+pub(super) fn slot_role(role: Role) -> Option<SlotRole> {
+    match role {
+        Role::Controller => Some(SlotRole::Controller),
+        Role::Estimator => Some(SlotRole::Estimator),
+        _ => None,
+    }
+}
+
 /// Whether a file of this name is a configuration file.
 pub(super) fn is_configuration(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "toml")
@@ -322,7 +335,7 @@ mod tests {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
         let file = SystemFile::load(&path).unwrap();
         let (config, motor_box_config) = (PathBuf::from("/run/resolved.toml"), PathBuf::from("/run/motor-box.toml"));
-        let site = Site {
+        let context = RunContext {
             file,
             system_path: path,
             config: config.clone(),
@@ -334,20 +347,21 @@ mod tests {
         for role in Role::ALL {
             let section = format!("name = \"p\"\nrole = \"{role}\"\ncommand = [\"/bin/true\", \"--own={{system}}\"]");
             let section: ProcessSection = toml::from_str(&section).unwrap();
-            let args = site.configured(&section, None).unwrap().args;
+            let args = context.configured(&section, None).unwrap().args;
             let (mine, other) =
                 if *role == Role::MotorBox { (&motor_box_config, &config) } else { (&config, &motor_box_config) };
             let named = |path: &Path| args.iter().any(|one| one.to_string_lossy().ends_with(&*path.to_string_lossy()));
             assert!(named(mine) && !named(other), "{role}: {args:?}");
         }
-        let plugged = site.plugged("sensor", Path::new("/"), &["/bin/true".to_owned(), "{system}".to_owned()]).unwrap();
+        let plugged =
+            context.plugged("sensor", Path::new("/"), &["/bin/true".to_owned(), "{system}".to_owned()]).unwrap();
         assert_eq!(plugged.args, [config.into_os_string()]);
     }
 
     #[test]
     fn what_cannot_be_started_is_refused_with_its_own_reason() {
         let system_path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
-        let site = Site {
+        let context = RunContext {
             file: SystemFile::load(&system_path).unwrap(),
             config: system_path.clone(),
             system_path,
@@ -358,7 +372,7 @@ mod tests {
         };
         let plugged = |name: &str, command: &[&str]| {
             let command: Vec<String> = command.iter().map(ToString::to_string).collect();
-            site.plugged(name, Path::new("/"), &command).map(|member| member.program)
+            context.plugged(name, Path::new("/"), &command).map(|member| member.program)
         };
         let refused = |name: &str, command: &[&str]| *plugged(name, command).unwrap_err().0;
         let (process, long) = (detail("wind"), "a".repeat(NAME_MAX + 1));
@@ -372,7 +386,7 @@ mod tests {
         let program = detail("/usr");
         assert_eq!(refused("wind", &["/usr"]), Reason::ProgramIsFolder { process, program });
         assert_eq!(plugged("wind", &["/bin/sh"]).unwrap(), PathBuf::from("/bin/sh"));
-        let unknown = site.with_law(Role::Controller, Slot::A, "none").unwrap_err();
+        let unknown = context.with_law(Role::Controller, Slot::A, "none").unwrap_err();
         assert!(matches!(*unknown.0, Reason::LawUnknown { .. }), "{unknown:?}");
     }
 }

@@ -77,7 +77,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
 
 /// The failure as JSON, for the parent program.
 fn failed(failure: &Failure) -> Value {
-    json!({ "failed": failure.to_string(), "bad_input": matches!(failure, Failure::BadInput(_)) })
+    json!({ "failed": failure.to_string(), "bad_input": failure.exit_code() == 2 })
 }
 
 /// Lets every process check its part of the system file, so that errors appear before any process is started.
@@ -95,7 +95,7 @@ fn accepted(config: &Path) -> Answer {
     Err(Failure::BadInput(sentence.trim().trim_start_matches("nims: ").to_owned()))
 }
 
-/// Makes the page of a run with the `nims` beside this program; the error says how to make it by hand.
+/// Makes the page of a run with the `nims` beside this program; the error names the command that makes it.
 fn page(run: &Path) -> Result<PathBuf, String> {
     let cure = || format!("`nims report {}` makes its page", run.display());
     let nims = std::env::current_exe().map_err(|_| cure())?.with_file_name("nims");
@@ -133,7 +133,7 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
     let started = clock::now_ns();
     supervisor.announcer.info(&format!(
         "{} is ready to arm after {:.2} s and runs in {}; Ctrl-C ends it",
-        supervisor.site.file.name,
+        supervisor.context.file.name,
         (started - began) as f64 * 1e-9,
         supervisor.folder.path().display()
     ));

@@ -1,16 +1,16 @@
 //! Requests to the supervisor while the robot runs. They are answered at once; the process table shows the outcome.
 
 use super::Supervisor;
-use super::child::{Child, Then};
 use super::closing::moves;
-use super::process_spec::{ProcessSpec, is_configuration};
-use super::refused::{Decision, bus_failed, not_started};
+use super::managed_process::{AfterEnd, ManagedProcess};
+use super::process_spec::{ProcessSpec, is_configuration, slot_role};
+use super::refused::{Decision, bus_failed};
 use super::restarts::Restarts;
 use bus::{Server, clock};
 use client::SUPERVISOR;
 use command::Answer;
 use config::Role;
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot, SlotRole};
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::Path;
@@ -51,14 +51,14 @@ impl Supervisor {
                 let member = self.which(name, *slot, law.as_deref())?;
                 self.begin(&member)
             }
-            Request::StopProcess { name } => self.stop_one(name, Then::Stay),
+            Request::StopProcess { name } => self.stop_one(name, AfterEnd::Stay),
             Request::RestartProcess { name } => {
                 let Some(child) = self.process_set.find(name) else {
                     let member = self.which(name, None, None)?;
                     return self.begin(&member);
                 };
                 if child.is_alive() {
-                    self.stop_one(name, Then::Again)
+                    self.stop_one(name, AfterEnd::Restart)
                 } else {
                     let member = child.member.clone();
                     self.begin(&member)
@@ -70,8 +70,8 @@ impl Supervisor {
                     .find(name)
                     .is_some_and(|child| child.member.role == Role::Other && child.is_alive());
                 // A process of the system file that was unplugged, because its device accepts only one program.
-                let is_asleep = !self.process_set.find(name).is_some_and(Child::is_alive)
-                    && self.site.section(name).is_some_and(|section| section.role == Role::Other);
+                let is_asleep = !self.process_set.find(name).is_some_and(ManagedProcess::is_alive)
+                    && self.context.section(name).is_some_and(|section| section.role == Role::Other);
                 if self.is_taken(name) && !(*replace && (runs || is_asleep)) {
                     let process = detail(name);
                     return Err(match runs {
@@ -80,14 +80,14 @@ impl Supervisor {
                     }
                     .into());
                 }
-                let mut member = self.site.plugged(name, Path::new(folder), command)?;
+                let mut member = self.context.plugged(name, Path::new(folder), command)?;
                 self.copy_files_of(&mut member);
                 if runs { self.replace(member) } else { self.begin(&member) }
             }
             Request::Unplug { name } => {
                 let role = self.process_set.find(name).map(|child| child.member.role);
                 match role {
-                    Some(Role::Other) => self.stop_one(name, Then::Forget),
+                    Some(Role::Other) => self.stop_one(name, AfterEnd::Remove),
                     Some(role) => Err(Reason::NotPluggable { process: detail(name), role: detail(role.name()) }.into()),
                     None => Err(self.unknown(name).into()),
                 }
@@ -116,8 +116,8 @@ impl Supervisor {
         let standard = Role::STANDARD.iter().any(|(_, role)| {
             role.process_name(Slot::A) == name || role.has_slots() && role.process_name(Slot::B) == name
         });
-        let alive = self.process_set.find(name).is_some_and(Child::is_alive);
-        name == SUPERVISOR || standard || alive || self.site.section(name).is_some()
+        let alive = self.process_set.find(name).is_some_and(ManagedProcess::is_alive);
+        name == SUPERVISOR || standard || alive || self.context.section(name).is_some()
     }
 
     /// Finds the process that a request names, and how to start it.
@@ -141,17 +141,17 @@ impl Supervisor {
                 None => self.free_slot(role)?,
             };
             return match law {
-                Some(law) => self.site.with_law(role, slot, law),
+                Some(law) => self.context.with_law(role, slot, law),
                 None => match self.process_set.find(&role.process_name(slot)) {
                     Some(child) => Ok(child.member.clone()),
-                    None => self.site.of_role(role, Some(slot)),
+                    None => self.context.of_role(role, Some(slot)),
                 },
             };
         }
-        if let Some(section) = self.site.section(name).cloned() {
+        if let Some(section) = self.context.section(name).cloned() {
             if !section.role.has_slots() {
                 refuse_slot_and_law(name, slot, law)?;
-                return self.site.configured(&section, None);
+                return self.context.configured(&section, None);
             }
             if law.is_some() {
                 return Err(Reason::HasOwnLaw { process: detail(name) }.into());
@@ -160,15 +160,15 @@ impl Supervisor {
                 Some(slot) => slot,
                 None => self.free_slot(section.role)?,
             };
-            return self.site.configured(&section, Some(slot));
+            return self.context.configured(&section, Some(slot));
         }
         refuse_slot_and_law(name, slot, law)?;
         if let Some(child) = self.process_set.find(name) {
             return Ok(child.member.clone());
         }
         match Role::STANDARD.iter().find(|(standard, _)| *standard == name) {
-            Some((_, Role::MotorBox)) if self.site.file.motor_box.is_none() => Err(Reason::NoMotorBox.into()),
-            Some((_, role)) => self.site.of_role(*role, None),
+            Some((_, Role::MotorBox)) if self.context.file.motor_box.is_none() => Err(Reason::NoMotorBox.into()),
+            Some((_, role)) => self.context.of_role(*role, None),
             None => Err(self.unknown(name).into()),
         }
     }
@@ -176,7 +176,7 @@ impl Supervisor {
     /// The first slot of a role without a running process.
     fn free_slot(&mut self, role: Role) -> Decision<Slot> {
         let taken = |supervisor: &mut Self, slot| {
-            supervisor.process_set.find(&role.process_name(slot)).is_some_and(Child::is_alive)
+            supervisor.process_set.find(&role.process_name(slot)).is_some_and(ManagedProcess::is_alive)
         };
         [Slot::A, Slot::B].into_iter().find(|slot| !taken(self, *slot)).ok_or_else(|| {
             match slot_role(role) {
@@ -193,12 +193,12 @@ impl Supervisor {
         let in_its_place = self.process_set.iter_mut().find(|child| child.member.name == *name);
         if let Some(child) = in_its_place {
             if child.is_alive() {
-                return Err(Reason::ProcessRuns { process: detail(name), pid: child.pid }.into());
+                return Err(Reason::ProcessRunning { process: detail(name), pid: child.pid }.into());
             }
             restarts.total = child.restarts.total;
             restarts.record_restart();
         }
-        self.launch(member, restarts).map_err(|why| not_started(name, why))?;
+        self.launch(member, restarts)?;
         if let Some(alias) = &member.alias {
             // From now on the table lists it under the name of its slot.
             self.publish_farewell(alias).map_err(bus_failed)?;
@@ -208,27 +208,27 @@ impl Supervisor {
         Ok(Reason::ProcessStarts { process })
     }
 
-    pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Decision {
+    pub(super) fn stop_one(&mut self, name: &str, then: AfterEnd) -> Decision {
         let authority = self.last_authority;
         self.is_not_succeeded(name)?;
         let Some(child) = self.process_set.find(name) else { return Err(self.unknown(name).into()) };
         let (name, alive) = (child.member.name.clone(), child.is_alive());
         if !alive {
-            if child.again_ns.take().is_some() && then == Then::Stay {
+            if child.again_ns.take().is_some() && then == AfterEnd::Stay {
                 return Ok(Reason::ProcessStays { process: detail(name) });
             }
-            if then == Then::Forget {
+            if then == AfterEnd::Remove {
                 self.forget(&name).map_err(bus_failed)?;
                 return Ok(Reason::ProcessUnplugged { process: detail(name) });
             }
-            return Err(Reason::ProcessRunsNot { process: detail(name) }.into());
+            return Err(Reason::ProcessNotRunning { process: detail(name) }.into());
         }
         if child.asked.is_some() {
-            return Err(Reason::ProcessEndsAlready { process: detail(name) }.into());
+            return Err(Reason::ProcessEnding { process: detail(name) }.into());
         }
         let (member, hangs) = (child.member.clone(), child.hangs);
         // The last status of a hung motor-io is outdated: the watchdog of the drives has stopped the motors.
-        let watchdog_s = self.site.file.motor_io.watchdog_s;
+        let watchdog_s = self.context.file.motor_io.watchdog_s;
         let present = authority.filter(|authority| !hangs || is_present(authority, watchdog_s, clock::now_ns()));
         if present.is_some_and(|authority| flies(&member, &authority)) {
             return Err(Reason::ProcessNeeded { process: detail(name), role: slot_role(member.role) }.into());
@@ -236,15 +236,15 @@ impl Supervisor {
         let Some(child) = self.process_set.find(&name) else { return Err(self.unknown(&name).into()) };
         child.ask_to_end(then);
         Ok(match then {
-            Then::Stay => Reason::ProcessEnds { process: detail(name) },
-            Then::Again => Reason::ProcessRestarts { process: detail(name) },
-            Then::Forget => Reason::ProcessUnplugs { process: detail(name) },
+            AfterEnd::Stay => Reason::ProcessEnds { process: detail(name) },
+            AfterEnd::Restart => Reason::ProcessRestarts { process: detail(name) },
+            AfterEnd::Remove => Reason::ProcessUnplugs { process: detail(name) },
         })
     }
 
     fn unknown(&self, name: &str) -> Reason {
         let mut known: Vec<&str> = self.process_set.iter().map(|child| child.member.name.as_str()).collect();
-        known.extend(self.site.file.process.iter().map(|section| section.name.as_str()));
+        known.extend(self.context.file.process.iter().map(|section| section.name.as_str()));
         known.sort_unstable();
         known.dedup();
         Reason::UnknownProcess { process: detail(name), known: detail(known.join(", ")) }
@@ -256,15 +256,6 @@ fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Dec
         return Ok(());
     }
     Err(Reason::NoSlotNoLaw { process: detail(name) }.into())
-}
-
-/// The role as requests name it; `None` for a role without slots.
-fn slot_role(role: Role) -> Option<SlotRole> {
-    match role {
-        Role::Controller => Some(SlotRole::Controller),
-        Role::Estimator => Some(SlotRole::Estimator),
-        _ => None,
-    }
 }
 
 /// Whether the status of motor-io is recent enough that the drives may still move.

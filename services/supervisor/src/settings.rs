@@ -4,7 +4,7 @@
 //! stated cycle on it applies in every process of its role. A process that starts later reads a copy of the system
 //! file that includes all changes.
 
-use super::process_spec::{ProcessSpec, Site};
+use super::process_spec::{ProcessSpec, RunContext};
 use bus::{Bus, Publisher, clock};
 use command::{Answer, Failure};
 use config::{RobotFile, SystemFile, Tuned};
@@ -29,15 +29,15 @@ pub struct Settings {
 
 impl Settings {
     /// Without any change.
-    pub(super) fn new(bus: &Bus, site: &Site, incarnation: u32) -> Answer<Self> {
-        let robot = site.file.robot_file().map_err(Failure::not_now)?;
+    pub(super) fn new(bus: &Bus, context: &RunContext, incarnation: u32) -> Answer<Self> {
+        let robot = context.file.robot_file().map_err(Failure::not_now)?;
         let mut sample = Box::new(SystemConfig { pid: std::process::id(), incarnation, ..SystemConfig::default() });
         put_text(&mut sample.name, client::SUPERVISOR);
         put_text(&mut sample.version, build::description());
         let program = std::env::current_exe().unwrap_or_default();
         put_text(&mut sample.program, &program.to_string_lossy());
         let program_hash = ProgramHash::begin(program);
-        let (file, path) = (site.file.clone(), site.config.clone());
+        let (file, path) = (context.file.clone(), context.config.clone());
         let port = bus.publisher(TUNED_CHANNEL)?;
         let mut settings = Self { port, sample, program_hash, robot, tuned: Tuned::default(), file, path, life: 0 };
         settings.publish()?;
@@ -65,7 +65,7 @@ impl Settings {
 
     /// Publishes the program's hash once it is computed, and the last change to subscribers that joined since.
     pub(super) fn update(&mut self) -> Answer {
-        if let Some(hash) = self.program_hash.take() {
+        if let Some(hash) = self.program_hash.poll() {
             put_text(&mut self.sample.program_sha256, &hash);
             self.publish()?;
         }

@@ -2,13 +2,14 @@
 
 use super::announcer::Announcer;
 use super::archive::Archive;
-use super::child::{Child, Start, ending};
 use super::cleanup::Cleanup;
 use super::heartbeats::Heartbeats;
+use super::managed_process::{ManagedProcess, Start, ending};
 use super::mission::Missions;
 use super::process_set::ProcessSet;
-use super::process_spec::{ProcessSpec, Site};
+use super::process_spec::{ProcessSpec, RunContext};
 use super::recording::Recording;
+use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
 use super::run_folder::RunFolder;
 use super::settings::Settings;
@@ -37,11 +38,11 @@ const SENSOR_BYTES: usize = 6 << 20;
 /// Polling period during the start, ns: it adds to the time until the robot is up.
 const POLL_NS: u64 = 2_000_000;
 
-/// Loads the site of a run from the run's copy of the configuration.
-fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain: &Domain) -> Answer<Site> {
+/// Loads the context of a run from the run's copy of the configuration.
+fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain: &Domain) -> Answer<RunContext> {
     let config = folder.resolved();
     let file = SystemFile::load(&config).map_err(Failure::not_now)?;
-    let mut site = Site {
+    let mut context = RunContext {
         file,
         system_path: system_path.to_path_buf(),
         config,
@@ -50,12 +51,12 @@ fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain
         domain: domain.name().to_owned(),
         run: folder.path().to_path_buf(),
     };
-    for (process, original) in site.files_of_commands() {
+    for (process, original) in context.files_of_commands() {
         if let Some(copy) = archive.copy_for(&process, original.clone()) {
-            site.copies.insert(original, copy);
+            context.copies.insert(original, copy);
         }
     }
-    Ok(site)
+    Ok(context)
 }
 
 impl Supervisor {
@@ -82,15 +83,15 @@ impl Supervisor {
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
         let run = folder.path().to_path_buf();
         let archive = Archive::open(&run).map_err(Failure::not_now)?;
-        let site = site_of_run(&folder, &archive, &system_path, &domain)?;
-        let members = site.members()?;
+        let context = site_of_run(&folder, &archive, &system_path, &domain)?;
+        let members = context.members()?;
 
         let bus = Bus::join(&domain, SUPERVISOR)?;
         let running = Running { pid: std::process::id(), system_file: system_path, run };
         let text = serde_json::to_string(&running).map_err(Failure::not_now)?;
         stale_processes::write(&domain, RUNNING_FILE, &text)?;
 
-        let mut supervisor = Self::assemble(bus, domain, claim, site, folder, archive, stop)?;
+        let mut supervisor = Self::assemble(bus, domain, claim, context, folder, archive, stop)?;
         if let Some(warning) = busy.warning() {
             supervisor.announcer.warn(&warning);
         }
@@ -101,10 +102,7 @@ impl Supervisor {
             supervisor.close("a process did not come up");
             let run = supervisor.folder.path().display();
             let in_run = format!("{failure}; the run is in {run}");
-            return Err(match failure {
-                Failure::BadInput(_) => Failure::BadInput(in_run),
-                Failure::NotNow(_) => Failure::NotNow(in_run),
-            });
+            return Err(failure.with_sentence(in_run));
         }
         // If this fails, the end of the run tries again.
         supervisor.stopper = supervisor.bus.client(client::MOTOR_IO).ok();
@@ -118,7 +116,7 @@ impl Supervisor {
         bus: Bus,
         domain: Domain,
         claim: Claim,
-        site: Site,
+        context: RunContext,
         folder: RunFolder,
         archive: Archive,
         stop: StopFlag,
@@ -131,11 +129,11 @@ impl Supervisor {
         };
         put_text(&mut beat.name, SUPERVISOR);
         let server = bus.server(SUPERVISOR)?;
-        let settings = Settings::new(&bus, &site, beat.incarnation)?;
+        let settings = Settings::new(&bus, &context, beat.incarnation)?;
         Ok(Self {
             process_set: ProcessSet::default(),
             settings,
-            site,
+            context,
             folder,
             archive,
             unfinished_runs: UnfinishedRuns::default(),
@@ -167,7 +165,7 @@ impl Supervisor {
     /// Starts to close the run files that earlier runs left open. `earlier` is only a hint: a power cut erases it.
     fn recover_unfinished_runs(&mut self, earlier: Option<Running>) {
         let present = self.folder.path().to_path_buf();
-        let mut folders = vec![self.site.file.runs.clone()];
+        let mut folders = vec![self.context.file.runs.clone()];
         folders.extend(present.parent().map(Path::to_path_buf));
         let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
         match UnfinishedRuns::recover(folders, runs, present) {
@@ -241,7 +239,7 @@ impl Supervisor {
     }
 
     /// Starts one process, which replaces an earlier incarnation.
-    pub(super) fn launch(&mut self, member: &ProcessSpec, restarts: Restarts) -> Answer {
+    pub(super) fn launch(&mut self, member: &ProcessSpec, restarts: Restarts) -> Decision<()> {
         let child = self.spawn(member, restarts, false)?;
         self.process_set.insert(child);
         self.record_living();
@@ -249,21 +247,26 @@ impl Supervisor {
     }
 
     /// Starts one process. `succeeds`: another process of its name still runs.
-    pub(super) fn spawn(&mut self, member: &ProcessSpec, restarts: Restarts, succeeds: bool) -> Answer<Child> {
+    pub(super) fn spawn(
+        &mut self,
+        member: &ProcessSpec,
+        restarts: Restarts,
+        succeeds: bool,
+    ) -> Decision<ManagedProcess> {
         let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
-        self.bus.room_for(bytes, &member.name)?;
-        self.heartbeats.listen(&self.bus, &member.name)?;
+        self.bus.room_for(bytes, &member.name).map_err(|why| not_started(&member.name, why))?;
+        self.heartbeats.listen(&self.bus, &member.name).map_err(|why| not_started(&member.name, why))?;
         // A removed run folder must not prevent the start of a process.
         let _ = std::fs::create_dir_all(self.folder.path().join("log"));
         self.restore_copies();
-        let started = self.settings.configured(member, &self.site.config);
+        let started = self.settings.configured(member, &self.context.config);
         let with = Start {
-            domain: &self.site.domain,
+            domain: &self.context.domain,
             changes: self.settings.changes(),
             succeeds,
             log: &self.folder.log(&member.name),
         };
-        let (mut child, warning) = Child::start(&started, with, restarts)?;
+        let (mut child, warning) = ManagedProcess::start(&started, with, restarts)?;
         // Keeps the original arguments: its next start includes the parameters that are set until then.
         child.member = member.clone();
         self.archive_files_of(&started);

@@ -1,6 +1,6 @@
 //! A process that will replace another of the same name.
 
-use super::child::Child;
+use super::managed_process::ManagedProcess;
 use bus::{Bus, Raw, Tap};
 use command::Answer;
 use messages::Reading;
@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 #[derive(Debug)]
 pub struct Successor {
     /// The new process.
-    pub child: Child,
+    pub child: ManagedProcess,
     pub(super) tap: Tap,
     pub(super) given_up: bool,
 }
@@ -46,7 +46,7 @@ fn is_valid(raw: &Raw<'_>, has_header: bool, is_reading: bool) -> bool {
 }
 
 /// Whether a process belongs to that child: each child has its own process group.
-pub(super) fn is_of(pid: u32, child: &Child) -> bool {
+pub(super) fn is_of(pid: u32, child: &ManagedProcess) -> bool {
     let group = Pid::from_raw(pid.cast_signed()).and_then(|pid| getpgid(Some(pid)).ok());
     group.is_some_and(|group| group.as_raw_nonzero().get().unsigned_abs() == child.pid)
 }

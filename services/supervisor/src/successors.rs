@@ -2,9 +2,9 @@
 //! sample. If it ends or stays silent, the previous program continues without losing a sample.
 
 use super::Supervisor;
-use super::child::Then;
+use super::managed_process::AfterEnd;
 use super::process_spec::ProcessSpec;
-use super::refused::{Decision, not_started};
+use super::refused::Decision;
 use super::restarts::Restarts;
 use super::successor::{Successor, is_of};
 use super::table::row;
@@ -31,14 +31,14 @@ impl Supervisor {
         let name = member.name.clone();
         self.is_not_succeeded(&name)?;
         let Some((tap, mut restarts)) = self.tap_of(&name)? else {
-            self.stop_one(&name, Then::Again)?;
+            self.stop_one(&name, AfterEnd::Restart)?;
             if let Some(child) = self.process_set.find(&name) {
                 child.member = member;
             }
             return Ok(Reason::ProcessReplaces { process: detail(name) });
         };
         restarts.record_restart();
-        let child = self.spawn(&member, restarts, true).map_err(|why| not_started(&name, why))?;
+        let child = self.spawn(&member, restarts, true)?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.record_living();
         Ok(Reason::ProcessSucceeds { process: detail(name) })
@@ -49,7 +49,7 @@ impl Supervisor {
         let channel = format!("sensor/{name}");
         let Some(child) = self.process_set.find(name) else { return Ok(None) };
         if child.asked.is_some() {
-            return Err(Reason::ProcessEndsAlready { process: detail(name) }.into());
+            return Err(Reason::ProcessEnding { process: detail(name) }.into());
         }
         if self.bus.channel(&channel)?.is_none() {
             return Ok(None);
@@ -64,7 +64,7 @@ impl Supervisor {
         if !waits {
             return Ok(());
         }
-        Err(Reason::ProcessSucceeded { process: detail(name), within_s: FIRST_SAMPLE_NS as f64 * 1e-9 }.into())
+        Err(Reason::ProcessBeingReplaced { process: detail(name), within_s: FIRST_SAMPLE_NS as f64 * 1e-9 }.into())
     }
 
     /// Gives the name to a successor that has published a valid sample; gives up one that has ended or is silent too
@@ -109,7 +109,7 @@ impl Supervisor {
         }
         if successor.has_published(&self.bus)? {
             if let Some(child) = self.process_set.find(&name).filter(|child| child.asked.is_none()) {
-                child.ask_to_end(Then::Again);
+                child.ask_to_end(AfterEnd::Restart);
                 self.announcer.info(&format!("the new {name} publishes: ending the previous process"));
                 self.publish_table()?;
             }
@@ -120,7 +120,7 @@ impl Supervisor {
             let why =
                 format!("published no valid sample within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, goes_on(&name));
             self.give_up(successor, &why)?;
-            successor.child.ask_to_end(Then::Forget);
+            successor.child.ask_to_end(AfterEnd::Remove);
         }
         Ok(())
     }

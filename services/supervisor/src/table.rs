@@ -1,8 +1,8 @@
 //! The process table: one row per process on `system/process`, published every second and on change.
 
 use super::Supervisor;
-use super::child::Child;
 use super::cures::{LossState, cure};
+use super::managed_process::ManagedProcess;
 use bus::clock;
 use command::Answer;
 use config::{ProcessSection, Role};
@@ -23,7 +23,7 @@ impl Supervisor {
         self.last_table_ns = clock::now_ns();
         let running =
             self.process_set.iter().map(|child| row(child, self.process_set.standby_of(&child.member).is_some()));
-        let asleep = self.site.file.process.iter().filter(|section| {
+        let asleep = self.context.file.process.iter().filter(|section| {
             !section.start && !self.process_set.iter().any(|child| child.member.has_name(&section.name))
         });
         let mut rows: Vec<ProcessState> = running.chain(asleep.map(not_started)).collect();
@@ -49,7 +49,7 @@ impl Supervisor {
 }
 
 /// The row of a process; `replaced`: a standby has taken over its work.
-pub(super) fn row(child: &Child, replaced: bool) -> ProcessState {
+pub(super) fn row(child: &ManagedProcess, replaced: bool) -> ProcessState {
     let member = &child.member;
     let mut row = ProcessState {
         started_ns: child.started_ns,
@@ -87,7 +87,7 @@ fn slot_number(slot: Option<Slot>) -> u8 {
 }
 
 /// Reason for the state of a process, and the remedy; the state itself already shows that it is silent.
-fn reason(child: &Child, replaced: bool) -> String {
+fn reason(child: &ManagedProcess, replaced: bool) -> String {
     match (child.exit, child.asked) {
         (Some(exit), Some(_)) if exit.success() => "ended on request".to_owned(),
         (Some(exit), _) => {

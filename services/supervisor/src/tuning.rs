@@ -26,7 +26,7 @@ impl Supervisor {
     pub(super) fn set(&mut self, key: &str, value: &str) -> Decision {
         let invalid = |why: String| Reason::ParameterInvalid { key: detail(key), why: detail(why) };
         let tuned = self.settings.tuned.with(key, value).map_err(invalid)?;
-        let file = self.site.file.tuned(&self.settings.robot, &tuned).map_err(invalid)?;
+        let file = self.context.file.tuned(&self.settings.robot, &tuned).map_err(invalid)?;
         let (was, is) = (self.settings.file.value_of(key), file.value_of(key));
         if was == is {
             return Ok(Reason::ParameterUnchanged { key: detail(key), value: detail(is) });

@@ -1,11 +1,12 @@
 //! One cycle of the supervisor: its heartbeat, the processes and their heartbeats, requests, and restarts.
 
 use super::Supervisor;
-use super::child::Then;
 use super::cures::{LossState, consequence, cure};
 use super::heartbeats::Change;
+use super::managed_process::AfterEnd;
 use super::process_spec::ProcessSpec;
 use super::recording::RecordingEvent;
+use super::refused::Refused;
 use super::restarts::{Restarts, Verdict};
 use super::starting::READY_NS;
 use super::unfinished_runs::RecoveryEvent;
@@ -220,12 +221,12 @@ impl Supervisor {
             Some((_, then)) => {
                 self.announcer.info(&format!("{name} {how}, as requested"));
                 match then {
-                    Then::Stay => {}
-                    Then::Again => {
+                    AfterEnd::Stay => {}
+                    AfterEnd::Restart => {
                         let restarts = child.restarts;
                         self.start_again(&member, restarts)?;
                     }
-                    Then::Forget => self.forget(name)?,
+                    AfterEnd::Remove => self.forget(name)?,
                 }
             }
             None => {
@@ -269,8 +270,8 @@ impl Supervisor {
         restarts.record_restart();
         self.announcer.warn(&format!("starting {} again", member.name));
         // A failed restart must not stop the supervision of the other processes.
-        if let Err(failure) = self.launch(member, restarts) {
-            self.announcer.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
+        if let Err(Refused(reason)) = self.launch(member, restarts) {
+            self.announcer.warn(&format!("{reason}; trying again in {} s", RETRY_NS / 1_000_000_000));
             if let Some(child) = self.process_set.find(&member.name).filter(|child| child.exit.is_some()) {
                 child.again_ns = Some(clock::now_ns() + RETRY_NS);
             }
@@ -282,8 +283,8 @@ impl Supervisor {
     fn consequence_of(&self, member: &ProcessSpec, fate: LossState, next: &str) -> String {
         let other = self.process_set.standby_of(member);
         let means = match other {
-            Some(other) => format!("{} goes on", other.member.name),
-            None => consequence(member.role, self.site.file.motor_io.watchdog_s),
+            Some(other) => format!("{} continues", other.member.name),
+            None => consequence(member.role, self.context.file.motor_io.watchdog_s),
         };
         match cure(&member.name, member.role, fate, other.is_some()) {
             Some(cure) => format!("{means}{next}; {cure}"),

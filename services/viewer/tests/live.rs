@@ -174,7 +174,7 @@ fn transform() -> (TfMessage, Value) {
     }
     let expected = json!({ "type": "tf2_msgs/msg/TFMessage", "definition": TfMessage::schema(), "key": null,
                            "enough": 20, "samples": { "": fields } });
-    (TfMessage::of(&body).unwrap(), expected)
+    (TfMessage::from_body(&body).unwrap(), expected)
 }
 
 fn subscribers(bus: &Bus, channel: &str) -> usize {

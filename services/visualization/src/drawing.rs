@@ -59,16 +59,16 @@ impl Kind {
     /// Returns type name, schema text and size of every body in bytes.
     #[must_use]
     pub fn definition(self) -> (&'static str, &'static str, usize) {
-        fn of<T: Payload>() -> (&'static str, &'static str, usize) {
+        fn definition<T: Payload>() -> (&'static str, &'static str, usize) {
             (T::type_name(), T::schema(), size_of::<T>())
         }
         match self {
-            Self::Tf => of::<ros::TfMessage>(),
-            Self::Pose => of::<ros::PoseStamped>(),
-            Self::Path => of::<ros::Path>(),
-            Self::Markers => of::<ros::MarkerArray>(),
-            Self::Cloud => of::<ros::PointCloud2>(),
-            Self::Log => of::<ros::Log>(),
+            Self::Tf => definition::<ros::TfMessage>(),
+            Self::Pose => definition::<ros::PoseStamped>(),
+            Self::Path => definition::<ros::Path>(),
+            Self::Markers => definition::<ros::MarkerArray>(),
+            Self::Cloud => definition::<ros::PointCloud2>(),
+            Self::Log => definition::<ros::Log>(),
         }
     }
 }

@@ -40,7 +40,7 @@ impl Port {
     fn send(&mut self, body: &[u8]) -> Result<(), BusError> {
         macro_rules! send {
             ($port:expr, $kind:ty) => {
-                match <$kind>::of(body) {
+                match <$kind>::from_body(body) {
                     Some(mut sample) => $port.send(&mut sample).map(|_| ()),
                     None => Ok(()),
                 }

@@ -19,6 +19,6 @@ fn main() {
     }
     // For builds from an archive without git.
     let given = std::env::var("NIMS_COMMIT").ok().filter(|given| !given.is_empty());
-    let found = || release.then(|| stamp::of(folder)).flatten();
+    let found = || release.then(|| stamp::commit_of(folder)).flatten();
     println!("cargo::rustc-env=NIMS_STAMP={}", given.or_else(found).unwrap_or_default());
 }

@@ -10,7 +10,7 @@ fn git(folder: &Path, arguments: &[&str]) -> Option<String> {
 
 /// Returns the commit of the checkout that contains a folder, with `-dirty` appended if tracked files differ from it;
 /// `None` without git or outside a checkout.
-pub fn of(folder: &Path) -> Option<String> {
+pub fn commit_of(folder: &Path) -> Option<String> {
     let commit = git(folder, &["rev-parse", "--short=10", "HEAD"]).filter(|commit| !commit.is_empty())?;
     let changed = git(folder, &["status", "--porcelain", "--untracked-files=no"])?;
     Some(if changed.is_empty() { commit } else { commit + "-dirty" })

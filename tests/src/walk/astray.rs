@@ -22,11 +22,11 @@ impl Astray {
     /// high a gain excites their elasticity.
     pub(super) fn by_chance(random: &mut Random, redundant: bool) -> Self {
         match random.below(if redundant { 3 } else { 5 }) {
-            0 => Self::Factor(random.of(&[-3.0, -1.0, -0.3, 0.0, if redundant { 0.5 } else { 2.0 }])),
+            0 => Self::Factor(random.choose(&[-3.0, -1.0, -0.3, 0.0, if redundant { 0.5 } else { 2.0 }])),
             1 => Self::Stuck(None),
-            2 => Self::All(random.of(&[f64::NAN, f64::INFINITY, 1e300])),
-            3 => Self::All(random.of(&[-0.2, 0.2])),
-            _ => Self::Bias(random.below(3), random.of(&[-0.3, -0.1, -0.03, 0.03, 0.1, 0.3])),
+            2 => Self::All(random.choose(&[f64::NAN, f64::INFINITY, 1e300])),
+            3 => Self::All(random.choose(&[-0.2, 0.2])),
+            _ => Self::Bias(random.below(3), random.choose(&[-0.3, -0.1, -0.03, 0.03, 0.1, 0.3])),
         }
     }
 

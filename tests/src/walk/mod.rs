@@ -45,7 +45,7 @@ pub struct Tally {
     pub cures: u64,
     /// Lives of motor-io that began.
     pub lives: u64,
-    /// Samples that were forged.
+    /// Forged samples.
     pub forged: u64,
     /// Controllers that became faulty.
     pub astray: u64,
@@ -182,7 +182,7 @@ impl Walk {
         if now { self.recover() } else { Ok(()) }
     }
 
-    fn note(&mut self, text: String) {
+    fn record(&mut self, text: String) {
         if self.log.len() == TOLD {
             self.log.pop_front();
         }
@@ -232,7 +232,7 @@ impl Walk {
         self.period()?;
         let answer = *self.robot.answers().first().context("a request was not answered")?;
         let sentence = answer.sentence().to_string();
-        self.note(format!("{asked}: {} {sentence}", answer.is_accepted()));
+        self.record(format!("{asked}: {} {sentence}", answer.is_accepted()));
         Ok(Some(if answer.is_accepted() { Ok(sentence) } else { Err(self.refusal(sentence)?) }))
     }
 

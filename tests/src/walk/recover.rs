@@ -47,7 +47,7 @@ impl Walk {
 
     fn arrived(&mut self, goal: [f64; 3]) -> Result<()> {
         self.tally.returns += 1;
-        self.note("brought back".into());
+        self.record("brought back".into());
         let off_m = (Vector3::from(self.robot.plant().position_m()) - Vector3::from(goal)).norm();
         ensure!(off_m < THERE_M, "the node is {off_m:.3} m from where the finished motion ends");
         Ok(())
@@ -65,7 +65,7 @@ impl Walk {
                 PlanStatus::STATE_DONE => return Ok(None),
                 PlanStatus::STATE_ABORTED => {
                     let reason = text_of(&status.reason);
-                    self.note(format!("given up: {reason}"));
+                    self.record(format!("given up: {reason}"));
                     return Ok(Some(format!("{reason}; start a new motion, see nims status")));
                 }
                 PlanStatus::STATE_PAUSED => resting += 1,
@@ -94,8 +94,8 @@ impl Walk {
     fn cure(&mut self, sentence: &str) -> Result<()> {
         let named = cures(sentence);
         ensure!(!named.is_empty(), "the sentence names no cure: {sentence}");
-        let cure = self.random.of(&named);
-        self.note(format!("cure {cure:?} for: {sentence}"));
+        let cure = self.random.choose(&named);
+        self.record(format!("cure {cure:?} for: {sentence}"));
         self.carry_out(cure)
     }
 
@@ -129,7 +129,7 @@ impl Walk {
                 self.periods(150)?;
                 // Then the cures of the faults in status, unless they only refer to status again.
                 let named: Vec<Cure> = cures(&self.faults()).into_iter().filter(|cure| *cure != Cure::Status).collect();
-                if named.is_empty() { Ok(()) } else { self.carry_out(self.random.clone().of(&named)) }
+                if named.is_empty() { Ok(()) } else { self.carry_out(self.random.clone().choose(&named)) }
             }
             Cure::Restart => {
                 let slot = self.last.map_or(0, |last| usize::from(last.authority.in_charge[ESTIMATORS]));

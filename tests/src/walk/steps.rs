@@ -33,7 +33,7 @@ impl Walk {
             88..90 => {
                 let lives = !self.robot.supervised();
                 self.robot.supervise(lives);
-                self.note(format!("supervisor lives: {lives}"));
+                self.record(format!("supervisor lives: {lives}"));
             }
             90..92 => self.make_controller_faulty(),
             _ => self.forge(),
@@ -48,8 +48,8 @@ impl Walk {
 
     fn goto_somewhere(&mut self) -> Result<()> {
         let to = self.place();
-        let speed_m_s = self.random.of(&[None, Some(0.05), Some(0.2), Some(0.3), Some(0.6)]);
-        let shape = self.random.of(&[PathShape::Line, PathShape::Line, PathShape::Line, PathShape::Parabola]);
+        let speed_m_s = self.random.choose(&[None, Some(0.05), Some(0.2), Some(0.3), Some(0.6)]);
+        let shape = self.random.choose(&[PathShape::Line, PathShape::Line, PathShape::Line, PathShape::Parabola]);
         let mu = (shape == PathShape::Parabola).then_some(0.02);
         self.goto(to, speed_m_s, shape, mu).map(|_| ())
     }
@@ -72,7 +72,7 @@ impl Walk {
         answer: Option<std::result::Result<Reason, planner::Refusal>>,
     ) -> Result<Option<std::result::Result<String, String>>> {
         let Some(answer) = answer else { return Ok(None) };
-        self.note(format!("{what}: {answer:?}"));
+        self.record(format!("{what}: {answer:?}"));
         Ok(Some(match answer {
             Ok(reason) => {
                 self.tally.motions += 1;
@@ -115,9 +115,9 @@ impl Walk {
             17 if self.random.once_in(2) => Request::Estop,
             17..21 => Request::Reset,
             21..23 => Request::Jog { cable: self.random.below(6) as u8, distance_m: self.random.between(-0.04, 0.04) },
-            23 => Request::Speed { rate: self.random.of(&[0.1, 0.5, 1.0, 1.0, 1.5]) },
-            24 => Request::Admit { role: self.random.of(&SlotRole::ALL), slot: self.random.of(&Slot::ALL) },
-            _ => Request::Swap { role: self.random.of(&SlotRole::ALL), slot: self.random.of(&Slot::ALL) },
+            23 => Request::Speed { rate: self.random.choose(&[0.1, 0.5, 1.0, 1.0, 1.5]) },
+            24 => Request::Admit { role: self.random.choose(&SlotRole::ALL), slot: self.random.choose(&Slot::ALL) },
+            _ => Request::Swap { role: self.random.choose(&SlotRole::ALL), slot: self.random.choose(&Slot::ALL) },
         };
         self.ask(request).map(|_| ())
     }
@@ -134,12 +134,12 @@ impl Walk {
             let config = controller::ControllerConfig { law: self.parts.laws[law], ..self.parts.controller };
             self.robot.slots_mut().start_controller(slot, &config);
             self.astray[slot] = None;
-            self.note(format!("controller {slot} starts with law {law}"));
+            self.record(format!("controller {slot} starts with law {law}"));
         } else {
             let method = self.random.below(self.parts.methods.len());
             let config = self.parts.estimator;
             self.robot.slots_mut().start_estimator(slot, &config, self.parts.methods[method]);
-            self.note(format!("estimator {slot} starts with method {method}"));
+            self.record(format!("estimator {slot} starts with method {method}"));
         }
     }
 
@@ -151,14 +151,14 @@ impl Walk {
         }
         let astray = Astray::by_chance(&mut self.random, self.robot.plant().cable_count() > 3);
         self.tally.astray += 1;
-        self.note(format!("controller {slot} becomes faulty: {astray:?}"));
+        self.record(format!("controller {slot} becomes faulty: {astray:?}"));
         self.astray[slot] = Some(astray);
     }
 
     fn end_random_process(&mut self) {
         let (role, slot, unheard) = (self.random.below(ROLES), self.random.below(SLOTS), self.random.once_in(2));
         self.robot.slots_mut().kill(role, slot, unheard);
-        self.note(format!("role {role} slot {slot} dies, unheard {unheard}"));
+        self.record(format!("role {role} slot {slot} dies, unheard {unheard}"));
     }
 
     fn planner_life(&mut self) {
@@ -167,13 +167,13 @@ impl Walk {
         } else {
             self.robot.start_planner(self.parts.planner);
         }
-        self.note(format!("planner lives: {}", self.robot.planner_lives()));
+        self.record(format!("planner lives: {}", self.robot.planner_lives()));
     }
 
     fn motor_io_life(&mut self) {
         if self.robot.motor_io_lives() {
             self.robot.kill_motor_io();
-            self.note("motor-io dies".into());
+            self.record("motor-io dies".into());
             if self.random.once_in(3) {
                 return;
             }
@@ -189,7 +189,7 @@ impl Walk {
         self.tally.lives += 1;
         self.last = None;
         self.checks.begin();
-        self.note(format!("motor-io starts, restored {restored}, alive {alive}"));
+        self.record(format!("motor-io starts, restored {restored}, alive {alive}"));
     }
 
     /// Publishes a sample from outside the robot's processes, on a free slot.
@@ -204,31 +204,32 @@ impl Walk {
         let header = self.forged_header(&last.authority.header);
         if role == ESTIMATORS {
             let mut estimate = NodeEstimate { header, ..last.estimate };
-            estimate.valid = self.random.of(&[0, 1, 1, 1, 2]);
-            estimate.incarnation = self.random.of(&[0, 1, u32::MAX]);
+            estimate.valid = self.random.choose(&[0, 1, 1, 1, 2]);
+            estimate.incarnation = self.random.choose(&[0, 1, u32::MAX]);
             if self.random.once_in(2) {
-                estimate.position_m = std::array::from_fn(|_| self.random.of(&[f64::NAN, 1e300, -3.0, 0.0, 4.8]));
+                estimate.position_m = std::array::from_fn(|_| self.random.choose(&[f64::NAN, 1e300, -3.0, 0.0, 4.8]));
             }
-            self.note(format!("forged estimate in slot {slot}: {header:?} {:?}", estimate.position_m));
+            self.record(format!("forged estimate in slot {slot}: {header:?} {:?}", estimate.position_m));
             self.robot.slots_mut().forge_estimate(slot, estimate);
         } else {
             let mut command = MotorCommand { header, ..last.command };
             command.based_on_cycle = header.cycle;
             command.epoch = last.authority.epoch;
-            command.incarnation = self.random.of(&[0, 1, u32::MAX]);
-            command.valid = [self.random.of(&[0, 1, 2]); SLOTS];
+            command.incarnation = self.random.choose(&[0, 1, u32::MAX]);
+            command.valid = [self.random.choose(&[0, 1, 2]); SLOTS];
             for velocity in command.velocity_m_s.iter_mut().take(SLOTS * CABLES) {
-                *velocity = self.random.of(&[f64::NAN, f64::INFINITY, 0.5, -0.5, 0.0]);
+                *velocity = self.random.choose(&[f64::NAN, f64::INFINITY, 0.5, -0.5, 0.0]);
             }
-            self.note(format!("forged command in slot {slot}: {header:?}"));
+            self.record(format!("forged command in slot {slot}: {header:?}"));
             self.robot.slots_mut().forge_command(slot, command);
         }
     }
 
     fn forged_header(&mut self, now: &Header) -> Header {
-        let life = self.random.of(&[now.life, now.life, now.life, now.life.wrapping_sub(1), now.life + 1, u64::MAX, 0]);
-        let cycle = self.random.of(&[now.cycle, now.cycle + 1, now.cycle + 3, now.cycle + 4, 1 << 63, u64::MAX, 0]);
-        let stamp_ns = self.random.of(&[now.stamp_ns, now.stamp_ns + 10_000_000, 0, u64::MAX]);
+        let life =
+            self.random.choose(&[now.life, now.life, now.life, now.life.wrapping_sub(1), now.life + 1, u64::MAX, 0]);
+        let cycle = self.random.choose(&[now.cycle, now.cycle + 1, now.cycle + 3, now.cycle + 4, 1 << 63, u64::MAX, 0]);
+        let stamp_ns = self.random.choose(&[now.stamp_ns, now.stamp_ns + 10_000_000, 0, u64::MAX]);
         Header { life, cycle, stamp_ns, oldest_input_ns: stamp_ns, ..*now }
     }
 }

@@ -51,11 +51,11 @@ fn going_on(robot: &mut Robot) {
 
 /// Disturbs a robot in flight; returns the periods until it flies again.
 fn row(robot: &mut Robot, injected: &str, inject: impl FnOnce(&mut Robot)) -> Periods {
-    robot.look();
+    robot.poll();
     let before = Periods::from_authority(&robot.last);
     inject(robot);
     going_on(robot);
-    robot.look();
+    robot.poll();
     assert_eq!(robot.last.periods, robot.last.steered + robot.last.paused + robot.last.unsteered());
     let after = Periods::from_authority(&robot.last);
     let grown = Periods {

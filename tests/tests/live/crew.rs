@@ -47,12 +47,12 @@ fn processes_come_and_go_while_the_robot_runs() {
     assert_eq!(up.state("controller"), "ready");
     assert_eq!(up.rejected(&["start", "controller"]), Reason::SlotsTaken { role: SlotRole::Controller });
     let second = pid(&up, "controller-b");
-    let runs = Reason::ProcessRuns { process: detail("controller-b"), pid: second };
+    let runs = Reason::ProcessRunning { process: detail("controller-b"), pid: second };
     assert_eq!(up.rejected(&["start", "controller", "--slot", "b"]), runs);
     up.told(&["stop-process", "controller-b"]);
     assert_eq!(up.state("controller-b"), "stopped");
     assert!(!lives(second));
-    let stopped = Reason::ProcessRunsNot { process: detail("controller-b") };
+    let stopped = Reason::ProcessNotRunning { process: detail("controller-b") };
     assert_eq!(up.rejected(&["stop-process", "controller-b"]), stopped);
 
     // An ended one returns under the same name, with another id.

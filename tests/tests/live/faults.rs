@@ -81,10 +81,10 @@ fn no_drum_creeps_on_under_a_slack_line() {
 /// Breaks something in flight, and checks within how many cycles it is named; false if that took longer because the
 /// robot waited for the computer and reported so.
 fn found_after(robot: &mut Robot, row: &Row, breaks: impl FnOnce(&mut Robot)) -> bool {
-    robot.look();
+    robot.poll();
     assert_eq!((robot.last.mode, robot.last.faults), (FOLLOWING, 0), "{}", row.example);
     breaks(robot);
-    robot.look();
+    robot.poll();
     let cycle = robot.last.header.cycle;
     if robot.last.faults & row.bits == 0 {
         robot.until(row.example, |robot| robot.last.faults & row.bits != 0);
@@ -99,10 +99,10 @@ fn found_after(robot: &mut Robot, row: &Row, breaks: impl FnOnce(&mut Robot)) ->
 
 /// Alters what a process publishes, in flight, and restores it; false if the robot has stopped for another reason.
 fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
-    robot.look();
+    robot.poll();
     assert_eq!((robot.last.mode, robot.last.faults), (FOLLOWING, 0), "{}", row.example);
     robot.fault_of(process, &row.example.replace(&format!(" {process}"), ""));
-    robot.look();
+    robot.poll();
     let cycle = robot.last.header.cycle;
     if robot.last.faults == 0 {
         robot.until(row.example, |robot| robot.last.faults != 0);
@@ -116,7 +116,7 @@ fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
     faults & row.bits != 0
 }
 
-/// Waits until the motion goes on and no fault is named any more.
+/// Waits until the motion continues and no fault is named.
 fn resume(robot: &mut Robot) {
     robot.ask("motor-io", Request::Resume);
     robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
@@ -222,7 +222,7 @@ fn faults_of_ports_and_processes_are_detected_within_the_cycles_of_the_table() {
                 in_time
             });
         }
-        robot.look();
+        robot.poll();
         assert!(robot.seen.tension_n[..3].iter().all(|tension| *tension > 1.0), "{:?}", robot.seen.tension_n);
     });
 }

@@ -142,7 +142,7 @@ fn an_edit_in_flight_is_for_the_next_run() {
 fn every_process_publishes_its_configuration() {
     steadily(|| {
         let mut robot = Robot::up("");
-        robot.look();
+        robot.poll();
         let program = crate::robot::program().canonicalize().unwrap();
         for (process, word) in [
             ("motor-io", "watchdog_s = 0.3"),

@@ -114,7 +114,7 @@ fn a_stranger_on_the_free_slot_does_nothing_to_the_robot_in_flight() {
         }
         robot.arrive();
         assert_eq!((robot.named, robot.last.in_charge), (0, begun.in_charge));
-        assert_ne!(robot.seats.phase[SLOTS * ESTIMATORS + 1], MotorSlots::PHASE_QUALIFIED);
+        assert_ne!(robot.slots.phase[SLOTS * ESTIMATORS + 1], MotorSlots::PHASE_QUALIFIED);
         // The next process in that slot is accepted: forged samples do not block a later, valid sample.
         robot.told(&["swap", "estimator", "kalman"]);
         robot.fly();

@@ -19,7 +19,7 @@ fn a_custom_estimator_is_swapped_in_during_a_flight() {
         robot.arm();
         robot.fly_at(0.05);
         robot.told(&["swap", "estimator", "my-estimator"]);
-        robot.until("it is in charge", |robot| robot.seats.in_charge[ESTIMATORS] == 1);
+        robot.until("it is in charge", |robot| robot.slots.in_charge[ESTIMATORS] == 1);
         let mut estimates = robot.bus.subscriber::<NodeEstimate>("node/estimate/b").unwrap();
         robot.for_cycles(5);
         let estimate = estimates.latest().unwrap().unwrap();

@@ -168,7 +168,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         robot.told(&["channel", "echo", "sensor/leaf-2", "-n", "1"]);
         robot.told(&["unplug", "soil"]);
         robot.told(&["unplug", "leaf-2"]);
-        robot.look();
+        robot.poll();
         let last = robot.last.header.cycle;
         robot.until("quiet flight", |robot| robot.last.header.cycle > last + QUIET_CYCLES);
         assert_eq!(robot.down(Signal::INT), Some(1), "nims up exits with success although a sensor was killed");

@@ -133,7 +133,7 @@ fn a_mission_continues_after_a_power_cut_without_repeating_finished_legs() {
         robot.until_said("the mission is accepted", |robot| robot.nims(&["run", "over"]).status.success());
         robot.until("more than half of the first line", |robot| robot.distance_m(START) > 0.5);
         robot.kill_all();
-        robot.look();
+        robot.poll();
         let there = robot.seen.position_m;
         let before = robot.distance_m(START);
         // The virtual motor box starts the node at the position in its file: the last position.

@@ -44,7 +44,7 @@ fn until_still(robot: &mut Robot) {
     for _ in 0..40 {
         let before = robot.seen.length_m;
         std::thread::sleep(Duration::from_millis(300));
-        robot.look();
+        robot.poll();
         if before.iter().zip(robot.seen.length_m).all(|(a, b)| (a - b).abs() < STILL_M) {
             return;
         }
@@ -202,7 +202,7 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
         });
         robot.up_again("");
         robot.ask("motor-io", Request::Arm);
-        robot.look();
+        robot.poll();
         assert_eq!(robot.last.position_known, messages::MotorState::POSITION_RESTORED);
         assert_eq!(robot.refused(&["goto", "5.0,3.2,0.5"], &["confirm-position"]), Some(1));
         robot.told(&["confirm-position"]);
@@ -224,7 +224,7 @@ fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
     let drift_s = std::env::var("NIMS_DRIFT_S").map_or(2.0, |seconds| seconds.parse().unwrap());
     steadily(|| {
         let mut robot = in_flight(file, "");
-        robot.look();
+        robot.poll();
         let before = robot.named;
         let killed_ns = clock::now_ns();
         robot.signal(name, Signal::KILL);
@@ -238,7 +238,7 @@ fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
         assert!(robot.distance_m(GOAL) > 0.3, "the robot stopped on the path, not at its end");
         let place = robot.seen.position_m;
         std::thread::sleep(Duration::from_secs_f64(drift_s + 1.5));
-        robot.look();
+        robot.poll();
         assert!(
             taut(&robot) && robot.distance_m(place) < SWING_M,
             "the node drifts: {place:?} {:?}",
@@ -379,10 +379,10 @@ fn without_motor_io_the_drives_stop_the_motors() {
         let mut robot = in_flight(THREE_CABLES, "");
         robot.until("the node is fast", |robot| robot.speed_m_s() > 0.15);
         robot.signal("motor-io", Signal::KILL);
-        robot.look();
+        robot.poll();
         let place = robot.seen.position_m;
         std::thread::sleep(Duration::from_secs_f64(WATCHDOG_S + 1.5));
-        robot.look();
+        robot.poll();
         let travel = robot.distance_m(place);
         println!("travel after the kill: {:.1} mm", 1e3 * travel);
         // The gears of this robot hold an unpowered cable, so nothing sinks afterwards.
@@ -432,10 +432,10 @@ fn without_motor_io_cables_run_out_at_the_speed_that_check_computes() {
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         robot.signal("motor-io", Signal::KILL);
         std::thread::sleep(Duration::from_secs_f64(WATCHDOG_S + 1.0));
-        robot.look();
+        robot.poll();
         let before = robot.seen;
         std::thread::sleep(Duration::from_secs(2));
-        robot.look();
+        robot.poll();
         let seconds = 1e-9 * (robot.seen.header.stamp_ns - before.header.stamp_ns) as f64;
         let run_out = |i: usize| (robot.seen.length_m[i] - before.length_m[i]) / seconds;
         let fastest_m_s = (0..3).map(run_out).fold(0.0, f64::max);

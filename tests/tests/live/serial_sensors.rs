@@ -115,7 +115,7 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
         let mut said: [Vec<Reading>; 3] = Default::default();
         let enough = robot.last.header.cycle + 600;
         while robot.last.mode == MotorAuthority::MODE_FOLLOWING && robot.last.header.cycle < enough {
-            robot.look();
+            robot.poll();
             truths.extend(std::iter::from_fn(|| nodes.receive().unwrap()));
             for (said, readings) in said.iter_mut().zip([&mut range, &mut wind, &mut co2]) {
                 said.extend(std::iter::from_fn(|| readings.receive().unwrap()));
@@ -161,7 +161,7 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
             let again = wait_for(port, "a good one", good);
             assert!(again.header.oldest_input_ns > stale.header.oldest_input_ns);
         }
-        robot.look();
+        robot.poll();
         assert_eq!(robot.last.faults & messages::faults::HARD, 0, "{:#x}", robot.last.faults);
     });
 }

@@ -21,13 +21,13 @@ const ROLES: [&str; 2] = ["controller", "estimator"];
 /// sooner and restart at once, so that a second is enough for a death and its consequences.
 fn standbys() -> String {
     let mut text = "[arbiter]\nqualify_s = 0.2\nprobation_s = 0.2\nquarantine_falls = 100\n".to_owned();
-    let seats = [
+    let slots = [
         ("controller", "controller", ""),
         ("controller-b", "controller", "standby = true\nlaw = \"p-feedforward\"\n"),
         ("estimator", "estimator", ""),
         ("estimator-b", "estimator", "standby = true\nlaw = \"kalman\"\n"),
     ];
-    for (name, role, more) in seats {
+    for (name, role, more) in slots {
         let restart = "restart = true\nrestart_pause_s = 0.1\nrestart_forgive_s = 0.1\n";
         text += &format!("[[process]]\nname = \"{name}\"\nrole = \"{role}\"\n{restart}{more}");
     }
@@ -90,16 +90,16 @@ fn swap(robot: &mut Robot, role: &str) -> u64 {
 /// Whether both roles have a process in charge and a standby.
 fn until_doubled(robot: &mut Robot) {
     robot.until("a standby in both roles", |robot| {
-        let has = |role: usize, phase: u8| robot.seats.phase[SLOTS * role..][..SLOTS].contains(&phase);
+        let has = |role: usize, phase: u8| robot.slots.phase[SLOTS * role..][..SLOTS].contains(&phase);
         let role = |role| has(role, MotorSlots::PHASE_ACTIVE) && has(role, MotorSlots::PHASE_QUALIFIED);
-        role(CONTROLLERS) && role(ESTIMATORS) && robot.seats.fade == [1.0; 2]
+        role(CONTROLLERS) && role(ESTIMATORS) && robot.slots.fade == [1.0; 2]
     });
     let MotorAuthority { mode, faults, .. } = robot.last;
     assert_eq!(mode, MotorAuthority::MODE_FOLLOWING, "the robot does not fly, faults {faults:#x}\n{}", robot.said());
 }
 
 fn lead(robot: &Robot, role: usize) -> usize {
-    usize::from(robot.seats.in_charge[role])
+    usize::from(robot.slots.in_charge[role])
 }
 
 /// The slot in charge of the role.
@@ -206,7 +206,7 @@ fn account(run: &Path, first: u64, last: u64) -> Account {
             .chain(&unanswered)
             .any(|then| (0..=FROZEN_CYCLES).contains(&cycle.saturating_sub(*then)) && *then <= cycle)
     };
-    let answers = Answers::of(run);
+    let answers = Answers::from_run(run);
     let (step_m_s, mut most, mut most_alone) = (ACCELERATION_M_S2 / rate_hz(), 0.0f64, 0.0f64);
     for two in states.windows(2) {
         let (before, now) = (&two[0].1, &two[1].1);
@@ -267,7 +267,7 @@ fn print_truth(run: &Path, first: u64, last: u64) {
 struct Answers(Vec<HashMap<u64, MotorCommand>>);
 
 impl Answers {
-    fn of(run: &Path) -> Self {
+    fn from_run(run: &Path) -> Self {
         let by_cycle = |slot: &&str| {
             let samples = runlog::read_channel::<MotorCommand>(run, &format!("motor/command/{slot}")).unwrap();
             samples.into_iter().map(|(_, command)| (command.based_on_cycle + 1, command)).collect()
@@ -344,9 +344,9 @@ fn another_law_is_started_and_takes_over_in_flight() {
         let mut robot = in_flight("");
         for role in ROLES {
             // The swap starts and ends no process.
-            let before = robot.seats.phase;
+            let before = robot.slots.phase;
             let code = robot.refused(&["swap", role, "no-such-law"], &["no-such-law", "accepted"]);
-            assert_eq!((code, robot.seats.phase), (Some(2), before), "{role}");
+            assert_eq!((code, robot.slots.phase), (Some(2), before), "{role}");
         }
         for (role, law, keep) in [("controller", "p-feedforward", false), ("estimator", "kalman", true)] {
             let mut args = vec!["swap", role, law];
@@ -356,9 +356,9 @@ fn another_law_is_started_and_takes_over_in_flight() {
             let sentence = robot.told(&args);
             assert!(sentence.contains(&format!("{role}-b is in charge")), "{sentence}");
         }
-        robot.until("the slots in charge are published", |robot| robot.seats.in_charge == [1, 1]);
+        robot.until("the slots in charge are published", |robot| robot.slots.in_charge == [1, 1]);
         robot.until("the old controller has ended, the old estimator is a standby", |robot| {
-            robot.seats.phase[..3] == [MotorSlots::PHASE_EMPTY, MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_QUALIFIED]
+            robot.slots.phase[..3] == [MotorSlots::PHASE_EMPTY, MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_QUALIFIED]
         });
         assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING);
         assert_eq!(robot.refused(&["swap", "controller", "lq-endpoint", "--slot", "b"], &[]), Some(2));

@@ -61,7 +61,7 @@ fn a_command_that_waits_ends_with_the_motion_and_tells_how() {
         let child = set_off(&mut robot, START);
         kill_process(Pid::from_child(&child), Signal::INT).unwrap();
         let (code, said) = ended(child);
-        assert!(code == Some(1) && said.contains("goes on"), "{said}");
+        assert!(code == Some(1) && said.contains("continues"), "{said}");
         robot.for_cycles(20);
         assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING);
 

@@ -27,14 +27,14 @@ const RANGE_M: f64 = 0.003;
 const BESIDE: f64 = 0.02;
 
 /// Drawn world of a robot.
-struct Site {
+struct DrawnRobot {
     truth: TruthSection,
     anchors_m: Vec<Vector3<f64>>,
     believed_counts: Vec<f64>,
     random: Random,
 }
 
-impl Site {
+impl DrawnRobot {
     fn new(name: &str, seed: u64) -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/systems").join(name).with_extension("toml");
         let file = SystemFile::load(&path).unwrap();
@@ -167,7 +167,7 @@ fn median(values: &[f64]) -> f64 {
 }
 
 impl Tally {
-    fn add(&mut self, site: &Site, file: &MeasurementsFile) {
+    fn add(&mut self, drawn: &DrawnRobot, file: &MeasurementsFile) {
         let Ok(judged) = judge(file, file.usual_method()) else {
             self.refused += 1;
             return;
@@ -176,7 +176,7 @@ impl Tally {
         let radii_m: Vec<f64> = serde_json::from_value(judged.value["pulley_radius_m"].clone()).unwrap_or_default();
         let verdict = judged.value["verdict"].as_str().unwrap();
         let worst_m =
-            anchors_m.iter().zip(&site.anchors_m).map(|(a, b)| (Vector3::from(*a) - b).norm()).fold(0.0, f64::max);
+            anchors_m.iter().zip(&drawn.anchors_m).map(|(a, b)| (Vector3::from(*a) - b).norm()).fold(0.0, f64::max);
         match verdict.split(':').next() {
             Some("good") => {
                 self.good += 1;
@@ -185,7 +185,7 @@ impl Tally {
             Some("usable") => self.usable += 1,
             _ => self.poor += 1,
         }
-        for ((found, truth), std) in anchors_m.iter().zip(&site.anchors_m).zip(judged.covariance.std_m()) {
+        for ((found, truth), std) in anchors_m.iter().zip(&drawn.anchors_m).zip(judged.covariance.std_m()) {
             for k in (0..3).filter(|k| std[*k] > 0.0) {
                 self.coordinates += 1;
                 self.inside += u32::from((found[k] - truth[k]).abs() <= 1.96 * std[k]);
@@ -194,7 +194,7 @@ impl Tally {
         self.worst_m.push(worst_m);
         self.stated_m.push(judged.covariance.worst().2);
         let scale = judged.value["scale"].as_f64().unwrap_or(1.0);
-        self.node_m.push(site.position_error_m(&anchors_m, &radii_m, scale));
+        self.node_m.push(drawn.position_error_m(&anchors_m, &radii_m, scale));
     }
 
     fn coverage(&self) -> f64 {
@@ -226,21 +226,21 @@ fn calibrations_in_drawn_worlds_state_what_they_are_worth() {
     for (robot, count) in [("demo3", 9), ("demo4", 12), ("river4", 12), ("forest4", 12)] {
         let [mut known, mut estimated, mut guessed, mut unstated, mut eyes]: [Tally; 5] = Default::default();
         for seed in 1..=WORLDS {
-            let mut site = Site::new(robot, seed);
-            let file = site.measure(count);
+            let mut drawn = DrawnRobot::new(robot, seed);
+            let file = drawn.measure(count);
             let mut with = file.clone();
-            let ruler_m = (1e3 * site.radius_m(0)).round() / 1e3;
-            site.state(&mut with, ruler_m, 0.001);
-            known.add(&site, &with);
+            let ruler_m = (1e3 * drawn.radius_m(0)).round() / 1e3;
+            drawn.state(&mut with, ruler_m, 0.001);
+            known.add(&drawn, &with);
             // Read off a data sheet that does not say how deep the groove is.
-            let sheet_m = site.radius_m(0) + 0.003 * site.random.gaussian();
-            site.state(&mut with, sheet_m, 0.003);
-            estimated.add(&site, &with);
+            let sheet_m = drawn.radius_m(0) + 0.003 * drawn.random.gaussian();
+            drawn.state(&mut with, sheet_m, 0.003);
+            estimated.add(&drawn, &with);
             // A guess in place of a ruler: the middle of what is sold, and its spread.
-            site.state(&mut with, 0.0275, 0.0075);
-            guessed.add(&site, &with);
-            unstated.add(&site, &file);
-            eyes.add(&site, &MeasurementsFile { pulley: Some(PulleyKind::Eye), ..file });
+            drawn.state(&mut with, 0.0275, 0.0075);
+            guessed.add(&drawn, &with);
+            unstated.add(&drawn, &file);
+            eyes.add(&drawn, &MeasurementsFile { pulley: Some(PulleyKind::Eye), ..file });
         }
         known.row(robot, "stated to 1 mm");
         estimated.row(robot, "stated to 3 mm, estimated");

@@ -43,10 +43,10 @@ impl Writing {
         let header = sample.header_mut();
         (header.seq, header.stamp_ns) = (seq, self.now_ns);
         finish(&mut sample);
-        self.hear(row, seq, bytemuck::bytes_of(&sample));
+        self.record(row, seq, bytemuck::bytes_of(&sample));
     }
 
-    fn hear(&mut self, row: usize, seq: u64, sample: &[u8]) {
+    fn record(&mut self, row: usize, seq: u64, sample: &[u8]) {
         let mut batch = Batch::default();
         batch.push(ReceivedSample { row, logged_ns: self.now_ns, stamp_ns: self.now_ns, seq, missing: 0 }, sample);
         self.session.write(&batch, self.now_ns, self.now_ns);
@@ -85,7 +85,7 @@ fn run(folder: &Path) {
             let row = writing.session.declare(spec);
             let mut sample = [0; 16];
             writing.random.fill(&mut sample);
-            writing.hear(row, seq, &sample);
+            writing.record(row, seq, &sample);
         }
     }
     assert_eq!(writing.session.close("stopped").unwrap().unwrap(), folder.join("run-0003.mcap"));

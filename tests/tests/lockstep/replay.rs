@@ -3,7 +3,7 @@
 use config::SystemFile;
 use messages::Request;
 use nims_tests::golden;
-use nims_tests::lockstep::{Chain, Cycle, Lockstep, Said};
+use nims_tests::lockstep::{Chain, ControllerOutput, Cycle, Lockstep};
 use nims_tests::record::{self, Tape};
 use nims_tests::scenarios::Case;
 use replay::{Changes, ChannelComparison, Replayed, run};
@@ -48,7 +48,7 @@ fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
 }
 
 /// A short flight, cycle by cycle, with a system file.
-fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
+fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, ControllerOutput)>) {
     let system_path = record::system_with(folder, "demo3", &[]).unwrap();
     let scenario = CASE.scenario(true).unwrap();
     let chain = Chain::from_file(&SystemFile::load(&system_path).unwrap()).unwrap();
@@ -63,7 +63,7 @@ fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
             _ => {}
         }
         let now = lockstep.cycle().unwrap();
-        cycles.push((now, *lockstep.slots().said().next().unwrap()));
+        cycles.push((now, *lockstep.slots().outputs().next().unwrap()));
     }
     (system_path, cycles)
 }

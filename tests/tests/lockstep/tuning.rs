@@ -49,7 +49,7 @@ fn controller_of(file: &SystemFile, was: &ControllerConfig) -> ControllerConfig 
 /// Largest step of a commanded cable velocity from cycle to cycle, m/s.
 fn largest_step(lockstep: &mut Lockstep, cycles: u64) -> f64 {
     let row = |lockstep: &Lockstep| -> Vec<f64> {
-        let said = lockstep.slots().said().next().unwrap();
+        let said = lockstep.slots().outputs().next().unwrap();
         assert_eq!(said.command.valid[0], 1);
         said.command.velocity_m_s[..CABLES].to_vec()
     };
@@ -103,7 +103,7 @@ fn the_preview_law_takes_other_parameters_at_weight_nought() {
         lockstep.slots_mut().configure_controller(0, |was| controller_of(file, &was), FADE_S).unwrap();
         let step = largest_step(&mut lockstep, 100);
         assert!(step < 0.02, "{step} m/s");
-        assert_eq!(lockstep.slots().said().next().unwrap().status.horizon, horizon, "the law is in charge again");
+        assert_eq!(lockstep.slots().outputs().next().unwrap().status.horizon, horizon, "the law is in charge again");
     }
 }
 

@@ -147,7 +147,7 @@ impl Arbiter {
             Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
         let controller = self.roles[CONTROLLERS].step(cycle, context.moving, &of_role(CONTROLLERS), &reports);
-        self.note_verdicts(&reports, context.moving);
+        self.record_verdicts(&reports, context.moving);
 
         let reports: [Report; SLOTS] = std::array::from_fn(|e| {
             let answered = controller.is_some_and(|c| matches!(&rows[c], Ok(rows) if rows[e].good().is_some()));
@@ -256,7 +256,7 @@ impl Arbiter {
     }
 
     /// Rejects a good command of a process that is not known in its slot while the robot moves.
-    fn note_verdicts(&mut self, reports: &[Report; SLOTS], moving: bool) {
+    fn record_verdicts(&mut self, reports: &[Report; SLOTS], moving: bool) {
         for (slot, report) in reports.iter().enumerate() {
             if report.reply == Reply::Good && !self.roles[CONTROLLERS].may_use(slot, report.incarnation, moving) {
                 self.verdict[slot] = MotorAuthority::VERDICT_INCARNATION;

@@ -36,7 +36,7 @@ const EXPLAINED: u32 = MotorAuthority::FAULT_LOST_UNIT
 
 impl Core {
     /// Records the evidence of a cycle. Runs before the new `begin_ns` replaces the previous one, which it needs.
-    pub(super) fn note_evidence(&mut self, input: &MotorInput) {
+    pub(super) fn record_evidence(&mut self, input: &MotorInput) {
         let period_s = self.config.period_s;
         let since_s = |then_ns: u64| input.begin_ns.saturating_sub(then_ns) as f64 * 1e-9;
         let grown = |now_ns: u64, then_ns: u64| now_ns.saturating_sub(then_ns) as f64 * 1e-9 > CHAIN_SHARE * period_s;
@@ -112,7 +112,7 @@ impl Core {
         let waits = missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
         if waits {
             self.safety.record_stop(MotorAuthority::FAULT_COMPUTER);
-            self.starved.said = self.config.cycles(SAID_S);
+            self.starved.named_cycles = self.config.cycles(SAID_S);
         }
         waits
     }
@@ -127,10 +127,10 @@ impl Core {
     }
 
     /// Counts down the time for which the cause is shown, once commands arrive again.
-    pub(super) fn note_command(&mut self) {
-        if self.starved.said > 0 {
-            self.starved.said -= 1;
-            if self.starved.said == 0 {
+    pub(super) fn record_command(&mut self) {
+        if self.starved.named_cycles > 0 {
+            self.starved.named_cycles -= 1;
+            if self.starved.named_cycles == 0 {
                 self.safety.clear_stops(MotorAuthority::FAULT_COMPUTER);
             }
         }

@@ -80,7 +80,7 @@ impl Core {
         self.clock.set_slowdown(self.watch.slowdown());
         let usable = self.chosen.filter(|chosen| self.motion.has(chosen.segment) || (ended && chosen.segment == 0));
         let wanted = if let Some(chosen) = usable {
-            self.note_command();
+            self.record_command();
             self.wait_after_gap(&mut state);
             self.clock.advance(run, self.config.ramp_s);
             self.use_command(&mut state.steering, input, &chosen)

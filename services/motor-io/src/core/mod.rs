@@ -144,7 +144,7 @@ struct Beat {
 }
 
 impl Beat {
-    fn note(&mut self, value: u64) {
+    fn record(&mut self, value: u64) {
         if value == self.value {
             self.unchanged = self.unchanged.saturating_add(1);
         } else {
@@ -198,8 +198,8 @@ impl Core {
         self.decision = Decision::new(self.motion.id() != 0, self.sent.speed_m_s);
         self.keep_time(input);
         let moving = self.safety.mode().on_motion();
-        self.supervisor.note(input.supervisor_beat);
-        self.planner.note(input.planner_beat);
+        self.supervisor.record(input.supervisor_beat);
+        self.planner.record(input.planner_beat);
         self.motion.update(input);
         let ended = self.motion.is_over(self.clock.time_s());
         let starved = self.starved_slots();
@@ -312,7 +312,7 @@ impl Core {
                 self.odometry.restore(input.restored_m, input.restored_counts);
             }
         }
-        self.note_evidence(input);
+        self.record_evidence(input);
         let gap_s = input.begin_ns.saturating_sub(self.timing.begin_ns) as f64 * 1e-9;
         (self.timing.gap_s, self.timing.begin_ns) = (gap_s, input.begin_ns);
         let left_out_s = self.left_out_s();

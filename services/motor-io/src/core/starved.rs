@@ -60,7 +60,7 @@ pub(super) struct Starved {
     /// The last 64 periods, the newest in the lowest bit; 1: evidence of motor-io or the pair in charge.
     pub(super) recent: u64,
     /// Cycles for which the cause of a stop is still shown.
-    pub(super) said: u32,
+    pub(super) named_cycles: u32,
 }
 
 impl Default for Starved {
@@ -74,7 +74,7 @@ impl Default for Starved {
             own_age: u32::MAX,
             age: u32::MAX,
             recent: 0,
-            said: 0,
+            named_cycles: 0,
         }
     }
 }

@@ -126,7 +126,7 @@ impl World {
     }
 
     /// Requests are answered within a cycle, before its sample is made.
-    fn look(&mut self) {
+    fn answer_requests(&mut self) {
         self.arbiter.describe(&mut self.before);
         self.slots = self.arbiter.slots(&self.before);
     }
@@ -370,12 +370,12 @@ proptest! {
                         prop_assert_eq!(world.slots.phase[seat], P::PHASE_QUALIFIED);
                         prop_assert!(world.announced.is_none());
                         world.announced = Some((seat, commit));
-                        world.look();
+                        world.answer_requests();
                     }
                 }
                 Event::Admit(seat) => {
                     let _ = world.arbiter.admit(seat / SLOTS, seat % SLOTS);
-                    world.look();
+                    world.answer_requests();
                     world.admitted = Some(seat);
                 }
                 Event::Move(moving) => world.moving = moving,
@@ -398,7 +398,7 @@ proptest! {
                     let cycle = world.cycle;
                     if let Ok(commit) = world.arbiter.announce(seat / SLOTS, seat % SLOTS, cycle) {
                         world.announced = Some((seat, commit));
-                        world.look();
+                        world.answer_requests();
                         asked.push((cycle, seat));
                     }
                 }
@@ -416,8 +416,8 @@ proptest! {
             let mut again = A::default();
             replayed.describe(&mut again);
             prop_assert_eq!(bytes_of(&again), bytes_of(account));
-            let seats = replayed.slots(&again);
-            prop_assert_eq!(bytes_of(&seats), bytes_of(slots));
+            let again_slots = replayed.slots(&again);
+            prop_assert_eq!(bytes_of(&again_slots), bytes_of(slots));
         }
     }
 }
@@ -441,7 +441,7 @@ fn swaps_happen_in_the_model() {
         }
         let commit = world.arbiter.announce(seat / SLOTS, seat % SLOTS, world.cycle).unwrap();
         world.announced = Some((seat, commit));
-        world.look();
+        world.answer_requests();
         for _ in 0..250 {
             world.cycle().unwrap();
         }

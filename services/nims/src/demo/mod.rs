@@ -96,8 +96,8 @@ fn failure(aborted: Option<Failure>, ending: &Ending, report: Answer<Option<Stri
     }
     let sentence = format!("{}; {}", parts.join("; "), ending.place);
     Some(match aborted {
-        Some(Failure::BadInput(_)) => Failure::BadInput(sentence),
-        _ => Failure::NotNow(sentence),
+        Some(failure) => failure.with_sentence(sentence),
+        None => Failure::NotNow(sentence),
     })
 }
 

@@ -94,7 +94,7 @@ fn key_within(time: Duration) -> Answer<Option<Key>> {
         }
         match event::read().map_err(Failure::not_now)? {
             Event::Key(event) if event.kind != KeyEventKind::Release => {
-                if let Some(key) = Key::of(event) {
+                if let Some(key) = Key::from_event(event) {
                     return Ok(Some(key));
                 }
             }
@@ -114,7 +114,7 @@ enum Key {
 }
 
 impl Key {
-    fn of(event: KeyEvent) -> Option<Self> {
+    fn from_event(event: KeyEvent) -> Option<Self> {
         let control = event.modifiers.contains(KeyModifiers::CONTROL);
         match event.code {
             KeyCode::Char('c') if control => Some(Self::Quit),
@@ -133,12 +133,12 @@ mod tests {
 
     #[test]
     fn keys_bring_the_robot_to_rest_and_nothing_else() {
-        let plain = |key: char| Key::of(KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE));
+        let plain = |key: char| Key::from_event(KeyEvent::new(KeyCode::Char(key), KeyModifiers::NONE));
         assert_eq!((plain('q'), plain('p'), plain('s')), (Some(Key::Quit), Some(Key::Pause), Some(Key::Stop)));
         for other in ('a'..='z').filter(|key| !"qps".contains(*key)) {
             assert_eq!(plain(other), None, "{other}");
         }
-        let with_control = |key| Key::of(KeyEvent::new(KeyCode::Char(key), KeyModifiers::CONTROL));
+        let with_control = |key| Key::from_event(KeyEvent::new(KeyCode::Char(key), KeyModifiers::CONTROL));
         assert_eq!((with_control('c'), with_control('s')), (Some(Key::Quit), None));
     }
 }

@@ -1,5 +1,5 @@
-//! Scanning missions: what they come to, what is refused of them, and that a mission that was broken off goes on where
-//! it was.
+//! Scanning missions: their length and duration, their refusals, and the continuation of an interrupted
+//! mission.
 
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanStatus, Request};
@@ -55,7 +55,7 @@ spiral = { rise_m = 0.4, radius_m = 0.3, turns = 2.0 }
 struct World {
     authority: MotorAuthority,
     estimate: NodeEstimate,
-    /// How much of its mission the planner said to be done.
+    /// Reported progress of the mission.
     share: f64,
 }
 
@@ -79,7 +79,7 @@ impl World {
         Inputs { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
     }
 
-    /// One pass of the planner, which never says that less is done than before.
+    /// One pass of the planner, whose reported progress never decreases.
     fn step(&mut self, planner: &mut Planner) -> (PlanMotion, PlanStatus) {
         let (motion, status) = planner.step(&self.seen());
         assert!((self.share..=1.0).contains(&status.progress), "{} after {}", status.progress, self.share);
@@ -196,7 +196,7 @@ fn continuing_needs_the_same_mission_begun_and_not_done() {
     let moved = Progress { at_m: [1.0, 1.0, 1.0], ..planner.progress().unwrap().clone() };
     elsewhere.remember(moved);
     let (_, status) = elsewhere.step(&world.seen());
-    assert_eq!(Reason::of_plan(&status), Some(Reason::LeftUnfinished { mission: name }));
+    assert_eq!(Reason::from_status(&status), Some(Reason::LeftUnfinished { mission: name }));
     assert_eq!(refused(&mut elsewhere, &world, &scan), Reason::PlanOther);
     // by request
     let run = tempfile::tempdir().unwrap();
@@ -303,7 +303,7 @@ fn an_adaptive_leg_waits_for_its_map_and_continues_after_an_interruption() {
     let (_, status) = none.step(&Inputs { authority: Some(&authority), ..late });
     assert_eq!(status.state, PlanStatus::STATE_ABORTED);
     let without_map = Reason::EndedWithoutMap { map: detail("height"), within_s: 20.0 };
-    assert_eq!(Reason::of_plan(&status), Some(without_map));
+    assert_eq!(Reason::from_status(&status), Some(without_map));
 }
 
 proptest! {

@@ -1,4 +1,4 @@
-//! Failures between this program and a unit, told apart by what helps against them.
+//! Failures between this program and a unit, classified by their remedy.
 
 use std::fmt;
 use std::sync::Arc;
@@ -24,18 +24,18 @@ impl fmt::Display for CommandName {
 }
 
 /// What a unit answered, in its own words; on the stack, because errors occur in the control cycle.
-pub type Said = ArrayString<32>;
+pub type ReplyText = ArrayString<32>;
 
 /// Formats an answer for [`Error::Unexpected`]; cut off at the end of the buffer.
 #[must_use]
-pub fn reply_text(answer: fmt::Arguments<'_>) -> Said {
-    struct Cut(Said);
+pub fn reply_text(answer: fmt::Arguments<'_>) -> ReplyText {
+    struct Cut(ReplyText);
     impl fmt::Write for Cut {
         fn write_str(&mut self, part: &str) -> fmt::Result {
             part.chars().try_for_each(|letter| self.0.try_push(letter).map_err(|_| fmt::Error))
         }
     }
-    let mut cut = Cut(Said::new());
+    let mut cut = Cut(ReplyText::new());
     let _ = fmt::write(&mut cut, answer);
     cut.0
 }
@@ -55,7 +55,7 @@ pub enum Error {
     Garbled { port: Arc<str>, unit: Arc<str>, asked: CommandName },
     /// The answer is not one that the protocol has for this question.
     #[error("{port}, {unit}: {asked} was answered by {said}")]
-    Unexpected { port: Arc<str>, unit: Arc<str>, asked: CommandName, said: Said },
+    Unexpected { port: Arc<str>, unit: Arc<str>, asked: CommandName, said: ReplyText },
     /// Bytes that answer no question had arrived, so the next answer could not have been trusted.
     #[error("{port}, {unit}: {bytes} unexpected bytes received before {asked}")]
     Stray { port: Arc<str>, unit: Arc<str>, asked: CommandName, bytes: usize },

@@ -22,7 +22,7 @@ const STOOD_STILL_NS: u64 = 5_000_000;
 const GRACE_NS: u64 = 10_000_000;
 /// Step in which simulated units that wait for a processor are waited for, ns.
 const SIMULATED_STEP_NS: u64 = 2_000_000;
-/// Longest such wait, ns: a program that is told to stop has to notice it.
+/// Longest such wait, ns: a program has to notice a request to stop.
 const SIMULATED_PATIENCE_NS: u64 = 1_000_000_000;
 
 /// Sleep of a thread that has nothing to do; only an order ends it earlier.

@@ -38,7 +38,7 @@ mod status;
 
 pub use bus::{Capabilities, Command, DriveBus, UnitCommand};
 pub use counts::CountBound;
-pub use error::{CommandName, Error, InvalidConfig, Said, reply_text};
+pub use error::{CommandName, Error, InvalidConfig, ReplyText, reply_text};
 pub use fleet::{Fleet, FleetCommand, FleetReply, MAX_FLEET, PortReport};
 pub use report::{AXES, Counters, Firmware, StopInput, Timed, UnitAnswer, UnitInfo, UnitReport};
 pub use status::DriveStatus;

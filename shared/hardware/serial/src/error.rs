@@ -1,4 +1,4 @@
-//! Failures of a serial port, told apart by what helps against them.
+//! Failures of a serial port, classified by their remedy.
 
 use std::io;
 use std::sync::Arc;

@@ -37,7 +37,7 @@ const OCTANTS: [[f64; 2]; 4] = [[0.0, 1.0], [FRAC_PI_2, -1.0], [PI, -1.0], [FRAC
 
 /// Computes the angle of the unit vector (cos φ, sin φ), from -π to π.
 #[inline]
-pub(crate) fn of_unit(sine: f64, cosine: f64) -> f64 {
+pub(crate) fn from_unit(sine: f64, cosine: f64) -> f64 {
     let (a, b) = (sine.abs(), cosine.abs());
     let (low, high) = if a > b { (b, a) } else { (a, b) };
     // A unit vector gives at most 8; NaN gives 0 here and NaN below.
@@ -71,9 +71,9 @@ mod tests {
     fn the_axes_and_diagonals_are_exact_to_rounding() {
         for k in -8..=8 {
             let angle = f64::from(k) * std::f64::consts::FRAC_PI_8;
-            assert!((of_unit(angle.sin(), angle.cos()) - angle).abs() < 1e-15, "{angle}");
+            assert!((from_unit(angle.sin(), angle.cos()) - angle).abs() < 1e-15, "{angle}");
         }
-        assert!(of_unit(f64::NAN, 0.5).is_nan() && of_unit(0.5, f64::NAN).is_nan());
+        assert!(from_unit(f64::NAN, 0.5).is_nan() && from_unit(0.5, f64::NAN).is_nan());
     }
 
     proptest! {
@@ -83,7 +83,7 @@ mod tests {
             let near = (angle / std::f64::consts::FRAC_PI_4).round() * std::f64::consts::FRAC_PI_4 + 1e-9 * (share - 0.5);
             for angle in [angle, near] {
                 let (sine, cosine) = (angle.sin(), angle.cos());
-                let off = (of_unit(sine, cosine) - libm::atan2(sine, cosine)).abs();
+                let off = (from_unit(sine, cosine) - libm::atan2(sine, cosine)).abs();
                 prop_assert!(off < 1e-15 * angle.abs().max(0.5), "{angle}: {off:e}");
             }
         }

@@ -114,7 +114,7 @@ pub enum ElasticError {
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
     /// A measured length plus its routed part is not positive.
-    #[error("cable {} has a measured length of {length_m} m, which with its routed part is not positive; check the lengths", cable + 1)]
+    #[error("cable {} has a measured length of {length_m} m, and its length with the routed part is not positive; check the lengths", cable + 1)]
     NoLine {
         /// Index of the cable, from 0.
         cable: usize,

@@ -395,17 +395,8 @@ fn check_drive(robot: &Robot, cable: usize, load: DriveLoad, report: &mut Report
     Ok(())
 }
 
-fn check_pose(
-    robot: &Robot,
-    distribution: Distribution,
-    point: &PathPoint,
-    v: f64,
-    a: f64,
-    previous: &Vector3<f64>,
-    report: &mut Report,
-) -> Result<(), Cause> {
-    let (velocity, acceleration) = derivatives(point, v, a);
-    let position = &point.position;
+/// Checks where the node is, and what it passed since the position before.
+fn check_place(robot: &Robot, position: &Vector3<f64>, previous: &Vector3<f64>) -> Result<(), Cause> {
     let below_m = robot.ground_m() - position.z;
     // Also true for NaN.
     if !(below_m <= 1e-9) {
@@ -421,6 +412,21 @@ fn check_pose(
     if let Some(contact) = robot.contact(previous, position) {
         return Err(Cause::Obstacle { contact, clearance_m: robot.clearance_m() });
     }
+    Ok(())
+}
+
+fn check_pose(
+    robot: &Robot,
+    distribution: Distribution,
+    point: &PathPoint,
+    v: f64,
+    a: f64,
+    previous: &Vector3<f64>,
+    report: &mut Report,
+) -> Result<(), Cause> {
+    let (velocity, acceleration) = derivatives(point, v, a);
+    let position = &point.position;
+    check_place(robot, position, previous)?;
     let limit_m_s = robot.speed_limit_m_s();
     if v > limit_m_s * (1.0 + ROUNDING) {
         return Err(Cause::NodeSpeed { speed_m_s: v, limit_m_s });

@@ -22,7 +22,7 @@
 //! singular.
 //! A planar robot has the wheel in the plane y = 0, with outward to +x or -x.
 //!
-//! Positions and lengths in m. No direction exists where [`NoDirection`] says why.
+//! Positions and lengths in m. [`NoDirection`] states why a position has no direction.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -99,6 +99,11 @@ struct Tangent {
 }
 
 impl Pulley {
+    /// A pulley whose node moves in space.
+    pub fn new(anchor: Vector3<f64>, radius_m: f64) -> Self {
+        Self { anchor, radius_m, planar: false }
+    }
+
     /// Computes the length to a position, m. It is the straight distance for an eye. On the axis of a pulley it is
     /// defined; inside the wheel it is NaN.
     pub fn length_m(&self, position: &Vector3<f64>) -> f64 {
@@ -112,7 +117,7 @@ impl Pulley {
     ///
     /// ```
     /// use cable_robot::{Vector3, pulley::{Pulley, NoDirection}};
-    /// let pulley = Pulley { anchor: Vector3::new(0.0, 0.0, 3.0), radius_m: 0.04, planar: false };
+    /// let pulley = Pulley::new(Vector3::new(0.0, 0.0, 3.0), 0.04);
     /// // Below the outer rim the cable hangs straight down, after half a turn around the wheel.
     /// let below = pulley.cable_to(&Vector3::new(0.08, 0.0, 1.0)).unwrap();
     /// assert!((below.length_m - (2.0 + 0.04 * std::f64::consts::PI)).abs() < 1e-12);
@@ -195,7 +200,7 @@ impl Pulley {
 
     #[inline]
     fn length_of(&self, at: &Tangent) -> f64 {
-        let turn = angle::of_unit(at.out, at.up);
+        let turn = angle::from_unit(at.out, at.up);
         // Only below the wheel the cable wraps more than half a turn; above, a negative angle is rounding.
         let wrapped = if turn < 0.0 && at.z < 0.0 { turn + 2.0 * std::f64::consts::PI } else { turn };
         at.free + self.radius_m * wrapped

@@ -50,7 +50,7 @@ pub fn undecided(measured: &Measurements, found: &Calibration) -> Option<Undecid
     }
     let layout = Layout::new(measured, Method::Joint);
     let model = Model { measured, layout, loss: Loss::Squared };
-    let covariance = model.reduce(&State::of(found), 0, |_, _, _| Vec::new())?.solve()?.covariance;
+    let covariance = model.reduce(&State::from_calibration(found), 0, |_, _, _| Vec::new())?.solve()?.covariance;
     let mut freed = vec![
         (Freed::PulleyRadius, layout.radius(), measured.sigma_pulley_radius_m),
         (Freed::Scale, layout.scale(), measured.sigma_scale),

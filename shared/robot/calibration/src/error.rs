@@ -10,7 +10,7 @@
 use super::{Ambiguity, Undetermined};
 use thiserror::Error;
 
-/// Why a calibration has no result. Every message says what is wrong, where, and what to do; it counts anchors, cables
+/// Why a calibration has no result. Every message states what is wrong, where, and what to do; it counts anchors, cables
 /// and points from 1.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CalibrationError {

@@ -104,7 +104,7 @@ pub(crate) struct State {
 
 impl State {
     /// The estimate of a calibration.
-    pub(crate) fn of(found: &Calibration) -> Self {
+    pub(crate) fn from_calibration(found: &Calibration) -> Self {
         let n = found.anchors_m.len();
         Self {
             anchors_m: found.anchors_m.clone(),
@@ -195,7 +195,7 @@ impl Model<'_> {
         let radius_m = if known_m > 0.0 { (known_m + state.radius_change_m).max(0.0) } else { 0.0 };
         let anchor = Vector3::from(state.anchors_m[i]);
         let node = Vector3::new(state.points_m[j][0], state.points_m[j][1], 0.0) + state.attachments_m[i];
-        let with = |radius_m: f64| Pulley { anchor, radius_m, planar: false };
+        let with = |radius_m: f64| Pulley::new(anchor, radius_m);
         let cable = with(radius_m).cable_to(&node).ok()?;
         let back_m = RADIUS_STEP_M.min(radius_m);
         let by_radius = (with(radius_m + RADIUS_STEP_M).length_m(&node) - with(radius_m - back_m).length_m(&node))

@@ -85,7 +85,7 @@ pub enum FitError {
     },
     /// Too small a range of tensions.
     #[error(
-        "the runs only have tensions from {low_n:.1} to {high_n:.1} N; record runs with lighter and heavier loads, at large and small heights"
+        "the runs contain tensions from {low_n:.1} to {high_n:.1} N only; record runs with lighter and heavier loads, at large and small heights"
     )]
     OneTension {
         /// Lowest tension, N.

@@ -23,7 +23,7 @@ pub const LEVEL: f64 = 0.01;
 /// Largest radius of a pulley that is considered where none is stated, m: sheaves for cords have 15 to 40 mm.
 pub const LARGEST_RADIUS_M: f64 = 0.05;
 
-/// Fields whose own part is below this share of the whole cannot be told from the unknowns.
+/// Fields whose own part is below this share of the whole cannot be separated from the unknowns.
 const IMITATED: f64 = 1e-6;
 
 /// A radius is excluded if it is this many standard deviations from the estimated one: a wrong one stays unseen.
@@ -171,7 +171,7 @@ impl<'a> Test<'a> {
             effects.push((effect, count));
             count += effect.columns(layout.n);
         }
-        let state = State::of(found);
+        let state = State::from_calibration(found);
         let reduced = model.reduce(&state, count, |i, j, cable| {
             let mut row = Vec::with_capacity(count);
             for (effect, _) in &effects {
@@ -242,7 +242,7 @@ impl<'a> Test<'a> {
 /// let points = [[1.0, 0.8], [9.0, 0.8], [9.0, 7.2], [1.0, 7.2], [5.0, 4.0], [3.0, 2.0]];
 /// for (k, [x, y]) in points.into_iter().enumerate() {
 ///     measured.lengths_m.push(CableVec::from_fn(4, |i| {
-///         let pulley = Pulley { anchor: anchors[i].into(), radius_m: 0.04, planar: false };
+///         let pulley = Pulley::new(anchors[i].into(), 0.04);
 ///         // Errors of 0.1 mm.
 ///         pulley.length_m(&Vector3::new(x, y, 0.0)) + 1e-4 * f64::from((7 * k as u32 + 3 * i as u32) % 5)
 ///     }));

@@ -62,7 +62,7 @@ pub fn predict(
                 let [x, y, z] = anchors_m[i];
                 let (dx, dy) = (x - c[0], y - c[1]);
                 if let Some(radius_m) = plan.pulley_radius_m.get(i).copied().filter(|r| *r > 0.0) {
-                    let pulley = Pulley { anchor: Vector3::new(x, y, z), radius_m, planar: false };
+                    let pulley = Pulley::new(Vector3::new(x, y, z), radius_m);
                     return pulley.length_m(&Vector3::new(c[0], c[1], 0.0));
                 }
                 (dx * dx + dy * dy + z * z).sqrt()

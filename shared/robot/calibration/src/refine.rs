@@ -30,7 +30,7 @@ pub(crate) struct Scatter {
 pub(crate) fn refine(measured: &Measurements, start: Calibration) -> Result<(Calibration, Scatter), CalibrationError> {
     let layout = Layout::new(measured, Method::Joint);
     let model = Model { measured, layout, loss: measured.loss };
-    let (mut state, none) = (State::of(&start), |_: usize, _: usize, _: &_| Vec::new());
+    let (mut state, none) = (State::from_calibration(&start), |_: usize, _: usize, _: &_| Vec::new());
     let mut cost = model.cost(&state);
     for _ in 0..MAX_ITERATIONS {
         let Some(reduced) = model.reduce(&state, 0, none) else { return undetermined(Undetermined::Open) };

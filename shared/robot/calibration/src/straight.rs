@@ -27,7 +27,7 @@ const TYPICAL: f64 = 1.2;
 /// Length that a pulley adds to the straight distance between anchor and point, m.
 fn added_m(anchor: &[f64; 3], radius_m: f64, point: &[f64; 3]) -> f64 {
     let (anchor, point) = (Vector3::from(*anchor), Vector3::from(*point));
-    let added_m = Pulley { anchor, radius_m, planar: false }.length_m(&point) - (point - anchor).norm();
+    let added_m = Pulley::new(anchor, radius_m).length_m(&point) - (point - anchor).norm();
     // A poor estimate may put the point inside the wheel.
     if added_m.is_finite() { added_m } else { TYPICAL * radius_m }
 }

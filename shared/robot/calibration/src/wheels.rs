@@ -21,7 +21,7 @@ fn in_plane(points_xy_m: &[[f64; 2]]) -> Vec<[f64; 3]> {
 /// use calibration::{JointInput, calibrate_joint_with_pulleys};
 /// let anchors = [[0.0, 0.0], [8.0, 0.0], [4.0, 6.0]];
 /// let length = |a: &[f64; 2], c: [f64; 2]| {
-///     let pulley = Pulley { anchor: Vector3::new(a[0], a[1], 3.0), radius_m: 0.04, planar: false };
+///     let pulley = Pulley::new(Vector3::new(a[0], a[1], 3.0), 0.04);
 ///     pulley.length_m(&Vector3::new(c[0], c[1], 0.0))
 /// };
 /// let points = [[1.0, 1.0], [7.0, 1.0], [4.0, 5.0], [4.0, 3.0]];

@@ -18,7 +18,7 @@ pub(crate) struct Mapping {
 
 impl Mapping {
     /// Returns the conversion for a sensor; `None` if the sensor has no map.
-    fn of(plane: Plane, sensor: &SensorConfig) -> Option<Self> {
+    fn new(plane: Plane, sensor: &SensorConfig) -> Option<Self> {
         let value = sensor.section.map_value.unwrap_or(1).checked_sub(1)?;
         Some(Self { plane, value, looks_down: sensor.section.looks_down, sigma: sensor.section.sigma })
     }
@@ -59,7 +59,7 @@ impl SensorMap {
     /// # Errors
     /// An invalid area or cell size.
     pub fn new(config: &LoggerConfig, sensor: &SensorConfig, side: usize) -> Result<Option<Self>, SurveyError> {
-        let Some(mapping) = Mapping::of(config.plane, sensor) else { return Ok(None) };
+        let Some(mapping) = Mapping::new(config.plane, sensor) else { return Ok(None) };
         let spec = config.grid(side)?;
         let grid = GridMap::new(spec, config.options(sensor, spec.cell_m))?;
         Ok(Some(Self { mapping, grid, heights_m2: (0.0, 0), names: Default::default(), updated: false }))

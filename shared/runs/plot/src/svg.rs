@@ -1,6 +1,8 @@
 //! Renders a chart as an inline SVG element for a page: fine lines, fractional coordinates, and the font of the page.
 
-use super::{Chart, Series, SeriesStyle, axis_range, clip_line, css_colour, equalise, format_tick, scale_colour};
+use crate::colour::{css_colour, scale_colour};
+use crate::picture::{Chart, Series, SeriesStyle};
+use crate::scale::{axis_range, clip_line, equalise, format_tick};
 use std::fmt::Write as _;
 
 /// Left margin for the labels of the y axis, px.

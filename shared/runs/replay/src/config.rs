@@ -36,7 +36,7 @@ impl Configuration {
     ///
     /// # Errors
     /// The run has no configuration, it cannot be used, or a change cannot be applied.
-    pub(super) fn of(attachments: &[Attachment], changes: &Changes) -> Answer<Self> {
+    pub(super) fn from_attachments(attachments: &[Attachment], changes: &Changes) -> Answer<Self> {
         let folder = tempfile::tempdir().map_err(Failure::not_now)?;
         // The name of an attachment must not lead out of the folder.
         for (attachment, name) in attachments.iter().filter_map(|one| Some((one, Path::new(&one.name).file_name()?))) {

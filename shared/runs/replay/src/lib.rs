@@ -87,7 +87,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
     // The attachments with the configuration precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
-    let configuration = Configuration::of(reader.attachments(), changes)?;
+    let configuration = Configuration::from_attachments(reader.attachments(), changes)?;
     let recorded_by = reader.metadata().get("nims_version").cloned();
     let total = reader.bytes().max(1) as f64;
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
@@ -325,7 +325,7 @@ impl Replay {
         };
         // Which drive is absent and why is known to the process alone.
         let by_drives =
-            matches!(Reason::of(request), Some(Reason::NotArmedDrive { .. } | Reason::NotResetDrive { .. }));
+            matches!(Reason::from_request(request), Some(Reason::NotArmedDrive { .. } | Reason::NotResetDrive { .. }));
         if by_drives && !answer.is_accepted() {
             return;
         }

@@ -54,7 +54,7 @@ impl RunClock {
     }
 
     /// The clock stored in the metadata of a run file.
-    pub(crate) fn of_about(about: &std::collections::BTreeMap<String, String>) -> Option<Self> {
+    pub(crate) fn from_about(about: &std::collections::BTreeMap<String, String>) -> Option<Self> {
         let number = |key: &str| about.get(key)?.parse().ok();
         Some(Self { t0_unix_ns: number("t0_unix_ns")?, t0_mono_ns: number("t0_mono_ns")? })
     }

@@ -78,7 +78,7 @@ impl Conversion {
     /// True if two samples of this build's type agree in all fields that were recorded.
     #[must_use]
     pub fn agree(&self, was: &[u8], is: &[u8]) -> bool {
-        if self.same { was == is } else { self.spans.iter().all(|span| span.of(was) == span.of(is)) }
+        if self.same { was == is } else { self.spans.iter().all(|span| span.bytes(was) == span.bytes(is)) }
     }
 
     /// The first recorded field that differs: its name and both values.
@@ -101,7 +101,7 @@ impl Conversion {
 }
 
 impl Span {
-    fn of<'a>(&self, sample: &'a [u8]) -> Option<&'a [u8]> {
+    fn bytes<'a>(&self, sample: &'a [u8]) -> Option<&'a [u8]> {
         sample.get(self.to..self.to + self.bytes)
     }
 }

@@ -133,7 +133,7 @@ impl RunReader {
         };
         reader.open_next()?;
         reader.about = first_about(&reader.path).unwrap_or_default();
-        reader.clock = RunClock::of_about(&reader.about);
+        reader.clock = RunClock::from_about(&reader.about);
         Ok(reader)
     }
 
@@ -214,7 +214,7 @@ impl RunReader {
                 });
             }
             Record::Metadata(metadata) if metadata.name == RUN => {
-                self.clock = RunClock::of_about(&metadata.metadata).or(self.clock);
+                self.clock = RunClock::from_about(&metadata.metadata).or(self.clock);
                 self.about = metadata.metadata;
             }
             Record::Metadata(metadata) if metadata.name == RUN_END => self.end.push(metadata.metadata),
@@ -355,11 +355,11 @@ impl RunClock {
     ///
     /// A restarted recorder continues with the clock of the first, whatever happened to the wall clock in the meantime.
     #[must_use]
-    pub fn of_run(folder: &Path, set: Option<Self>) -> Self {
+    pub fn from_run(folder: &Path, set: Option<Self>) -> Self {
         let of_file = |file: &std::path::PathBuf| {
             let about = first_about(file)?;
             let same = about.get(BOOT_ID).is_some_and(|boot| !boot.is_empty() && *boot == boot_id());
-            same.then(|| Self::of_about(&about)).flatten()
+            same.then(|| Self::from_about(&about)).flatten()
         };
         let files = segments(folder).unwrap_or_default();
         files.iter().find_map(of_file).or(set).unwrap_or_else(Self::now)

@@ -248,7 +248,7 @@ impl Scanner {
         Ok(true)
     }
 
-    /// Reads a chunk and queues its records; the inner error says why it is invalid.
+    /// Reads a chunk and queues its records; the inner error states why it is invalid.
     fn read_chunk(&mut self, begin: u64, length: u64) -> Result<Result<(), String>, RunError> {
         let mut raw = std::mem::take(&mut self.raw);
         raw.resize((HEAD + length) as usize, 0);

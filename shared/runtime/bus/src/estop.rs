@@ -71,7 +71,7 @@ impl Receiver {
     }
 
     /// Receives up to [`AT_ONCE`] stops; never waits and never allocates.
-    pub fn take(&mut self) -> ArrayVec<Stop, AT_ONCE> {
+    pub fn receive(&mut self) -> ArrayVec<Stop, AT_ONCE> {
         let mut stops = ArrayVec::new();
         let mut bytes = [0_u8; LONGEST];
         // Skip other datagrams, but only a bounded number of them.

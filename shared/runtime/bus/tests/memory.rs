@@ -193,7 +193,7 @@ fn without_memory_new_objects_are_rejected_and_existing_ones_still_work() {
     messages::put_text(&mut stands.detail, "It stands.");
     let answer = std::thread::scope(|scope| {
         let asked = scope.spawn(|| bus::estop::send(&domain, &request, Duration::from_secs(20), Duration::ZERO, || ()));
-        while emergency.take().iter().map(|stop| emergency.answer(stop, &stands)).count() == 0 {}
+        while emergency.receive().iter().map(|stop| emergency.answer(stop, &stands)).count() == 0 {}
         asked.join().unwrap()
     });
     assert_eq!(answer.unwrap().recorded_answer(), Some(stands));

@@ -194,7 +194,7 @@ fn samples_without_sequence_numbers_cause_no_losses() {
     assert!(with.has_header() && !without.has_header());
     // The bytes where the header would have its sequence number vary.
     for content in [1, 100, 3, 200] {
-        poses.send(&mut PoseStamped::of(&[content; 72]).unwrap()).unwrap();
+        poses.send(&mut PoseStamped::from_body(&[content; 72]).unwrap()).unwrap();
         states.send(&mut MotorState::default()).unwrap();
     }
     let mut received = 0;

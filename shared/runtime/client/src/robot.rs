@@ -127,7 +127,7 @@ pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });
     let mut answer = answer.map_err(helped)?;
-    let sentence = Reason::of(&answer).map(|reason| reason.sentence());
+    let sentence = Reason::from_request(&answer).map(|reason| reason.sentence());
     let sentence = sentence.unwrap_or_else(|| {
         detail(format_args!(
             "motor-io answered with number {}, which this program does not know; look whether the robot stands",

@@ -1,9 +1,14 @@
 //! The failure of a command: one sentence and an exit code.
 
 use messages::OperatorRequest;
+use serde_json::{Value, json};
 use std::fmt::Display;
 
 /// Failure of a command.
+///
+/// A program decides by the exit code, and for the refusal of a process by the number of its reason, which `--json`
+/// prints. The other sentences are for a person: nothing in the tree reads them. They come from typed errors of
+/// libraries, which have the variants; a caller that needs them calls the library.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// The input is not accepted; exit code 2.
@@ -12,6 +17,16 @@ pub enum Failure {
     /// It could not be done now; exit code 1.
     #[error("{0}")]
     NotNow(String),
+    /// A process refused the request; the exit code follows from its verdict.
+    #[error("{sentence}")]
+    Refused {
+        /// Verdict of the process, `accepted` of [`OperatorRequest`].
+        verdict: u8,
+        /// Number of the reason in the catalogue of answers; 0 if the process gave none.
+        reason: u16,
+        /// The reason in English.
+        sentence: String,
+    },
 }
 
 impl Failure {
@@ -25,12 +40,22 @@ impl Failure {
         Self::NotNow(one_line(&error))
     }
 
+    /// Returns the same failure with another sentence.
+    #[must_use]
+    pub fn with_sentence(&self, sentence: String) -> Self {
+        match *self {
+            Self::BadInput(_) => Self::BadInput(sentence),
+            Self::NotNow(_) => Self::NotNow(sentence),
+            Self::Refused { verdict, reason, .. } => Self::Refused { verdict, reason, sentence },
+        }
+    }
+
     /// Returns the exit code of the program.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::BadInput(_) => 2,
-            Self::NotNow(_) => 1,
+            Self::BadInput(_) | Self::Refused { verdict: OperatorRequest::BAD_INPUT, .. } => 2,
+            Self::NotNow(_) | Self::Refused { .. } => 1,
         }
     }
 
@@ -40,7 +65,15 @@ impl Failure {
         match self {
             Self::BadInput(_) => OperatorRequest::BAD_INPUT,
             Self::NotNow(_) => OperatorRequest::REFUSED,
+            Self::Refused { verdict, .. } => *verdict,
         }
+    }
+
+    /// Returns the refusal of a process as JSON; `None` for another failure.
+    #[must_use]
+    pub fn to_json(&self) -> Option<Value> {
+        let Self::Refused { reason, sentence, .. } = self else { return None };
+        Some(json!({ "accepted": false, "reason": reason, "answer": sentence }))
     }
 
     /// Converts the answer of a process to its sentence or a failure.
@@ -51,8 +84,7 @@ impl Failure {
         let sentence = messages::text_of(&answer.answer);
         match answer.accepted {
             OperatorRequest::ACCEPTED => Ok(sentence),
-            OperatorRequest::BAD_INPUT => Err(Self::BadInput(sentence)),
-            _ => Err(Self::NotNow(sentence)),
+            verdict => Err(Self::Refused { verdict, reason: answer.reason, sentence }),
         }
     }
 }
@@ -88,4 +120,21 @@ pub type Answer<T = ()> = Result<T, Failure>;
 /// Joins a message to one text line.
 fn one_line(error: &impl Display) -> String {
     error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_keeps_the_verdict_and_the_number_of_its_reason() {
+        for (accepted, exit_code) in [(OperatorRequest::REFUSED, 1), (OperatorRequest::BAD_INPUT, 2)] {
+            let mut answer = OperatorRequest { accepted, reason: 111, ..OperatorRequest::default() };
+            messages::put_sentence(&mut answer.answer, "no");
+            let failure = Failure::unless_accepted(&answer).map_or_else(|failure| failure, Failure::NotNow);
+            assert_eq!((failure.exit_code(), failure.verdict()), (exit_code, accepted));
+            assert_eq!(failure.to_json(), Some(json!({ "accepted": false, "reason": 111, "answer": "no" })));
+        }
+        assert_eq!(Failure::BadInput(String::new()).to_json(), None);
+    }
 }

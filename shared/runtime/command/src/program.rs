@@ -1,6 +1,6 @@
 //! The main function of a program: arguments to exit code.
 
-use crate::{Answer, Failure, Output};
+use crate::{Answer, Failure, Output, print_line};
 use clap::Parser;
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -34,7 +34,12 @@ pub fn main<C: Parser>(
             output.print(json(&cli));
             output.failure
         }),
-        Err(failure) => Some(failure),
+        Err(failure) => {
+            if let Some(value) = failure.to_json().filter(|_| json(&cli)) {
+                let _ = print_line(&value.to_string());
+            }
+            Some(failure)
+        }
     };
     match failure {
         None => ExitCode::SUCCESS,

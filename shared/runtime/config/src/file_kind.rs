@@ -1,4 +1,4 @@
-//! Kinds of configuration files, told apart by the keys that only one of them has.
+//! Kinds of configuration files, recognised by the keys that only one of them has.
 
 use crate::toml_file::{ConfigError, Source};
 
@@ -20,7 +20,7 @@ pub enum FileKind {
 impl FileKind {
     /// Returns the kind of a file with these keys, if any kind has them.
     #[must_use]
-    pub fn of(table: &toml::Table) -> Option<Self> {
+    pub fn from_table(table: &toml::Table) -> Option<Self> {
         let robot = table.get("robot");
         if table.contains_key("leg") {
             Some(Self::Mission)
@@ -62,7 +62,7 @@ impl FileKind {
     /// [`ConfigError::OfAnotherKind`].
     pub(crate) fn expect(self, source: &Source) -> Result<(), ConfigError> {
         // A text that is no TOML is reported with its line where it is parsed.
-        let found = source.parse().ok().and_then(|table| Self::of(&table));
+        let found = source.parse().ok().and_then(|table| Self::from_table(&table));
         match found.filter(|found| *found != self) {
             None => Ok(()),
             Some(found) => {

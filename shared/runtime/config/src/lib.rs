@@ -60,6 +60,7 @@ pub use point::{Point, Points};
 pub use ports::{PortSection, StopPin, UnitSection};
 pub use problem::Problem;
 pub use process::{Algorithm, ProcessSection, Role};
+pub use process_for::UnknownAlgorithm;
 pub use realtime::RealtimeSection;
 pub use recorder::RecorderSection;
 pub use robot_file::{CountsStretched, LinesSection, MotorSection, PulleyKind, RobotFile, RobotSection, SiteSection};

@@ -84,7 +84,7 @@ impl MotorBoxTable {
     fn source(&self) -> Source {
         let of_table = || {
             let file = Table::from_iter([(NAME.to_owned(), Value::Table(self.table.clone()))]);
-            Source::of("the system file".into(), toml::to_string(&file).unwrap_or_default())
+            Source::from_text("the system file".into(), toml::to_string(&file).unwrap_or_default())
         };
         self.source.as_ref().map_or_else(of_table, |source| (**source).clone())
     }

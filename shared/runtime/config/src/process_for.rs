@@ -2,33 +2,64 @@
 
 use crate::{ProcessSection, Role, SystemFile};
 
+/// Neither the standard program nor the system file has a law or method of this name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum UnknownAlgorithm {
+    /// The entry of the system file has another role.
+    #[error("the process \"{name}\" of the system file has the role {is}, not {wanted}")]
+    OtherRole {
+        /// The name.
+        name: String,
+        /// Role of the entry.
+        is: Role,
+        /// Requested role.
+        wanted: Role,
+    },
+    /// Nothing has this name.
+    #[error(
+        "nothing was started: the {role} has no \"{name}\"; accepted: {}, or {}",
+        quoted(role.algorithms()), from_file(others)
+    )]
+    Unknown {
+        /// The name.
+        name: String,
+        /// Requested role.
+        role: Role,
+        /// Processes of that role in the system file.
+        others: Vec<String>,
+    },
+}
+
+fn quoted(names: &[&str]) -> String {
+    names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
+}
+
+fn from_file(others: &[String]) -> String {
+    if others.is_empty() {
+        "the name of a [[process]] of that role (the system file has no such process)".to_owned()
+    } else {
+        format!("from the system file {}", others.join(", "))
+    }
+}
+
 impl SystemFile {
     /// Returns the `[[process]]` with this name of a law or method; `None` if the standard program implements it.
     ///
     /// # Errors
     /// Neither exists, or the entry has another role.
-    pub fn process_for(&self, role: Role, law: &str) -> Result<Option<&ProcessSection>, String> {
+    pub fn process_for(&self, role: Role, law: &str) -> Result<Option<&ProcessSection>, UnknownAlgorithm> {
         if let Some(section) = self.process.iter().find(|section| section.name == law) {
             if section.role == role {
                 return Ok(Some(section));
             }
-            let (is, wanted) = (section.role.name(), role.name());
-            return Err(format!("the process \"{law}\" of the system file has the role {is}, not {wanted}"));
+            return Err(UnknownAlgorithm::OtherRole { name: law.to_owned(), is: section.role, wanted: role });
         }
         let known = role.algorithms();
         if known.is_empty() || known.contains(&law) {
             return Ok(None);
         }
-        let quoted: Vec<String> = known.iter().map(|name| format!("\"{name}\"")).collect();
-        let others: Vec<&str> =
-            self.process.iter().filter(|other| other.role == role).map(|other| other.name.as_str()).collect();
-        let or = if others.is_empty() {
-            ", or the name of a [[process]] of that role (the system file has no such process)".to_owned()
-        } else {
-            format!(", or from the system file {}", others.join(", "))
-        };
-        let (role, accepted) = (role.name(), quoted.join(", "));
-        Err(format!("nothing was started: the {role} has no \"{law}\"; accepted: {accepted}{or}"))
+        let others = self.process.iter().filter(|other| other.role == role).map(|other| other.name.clone()).collect();
+        Err(UnknownAlgorithm::Unknown { name: law.to_owned(), role, others })
     }
 }
 

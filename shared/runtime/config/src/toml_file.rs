@@ -98,7 +98,7 @@ impl Source {
     }
 
     /// Creates a source from a text; the path is used in errors only.
-    pub(crate) fn of(path: PathBuf, text: String) -> Self {
+    pub(crate) fn from_text(path: PathBuf, text: String) -> Self {
         Self { path, text }
     }
 

@@ -69,7 +69,7 @@ pub struct Faults {
 impl Faults {
     /// Returns the faults that a sample names.
     #[must_use]
-    pub fn of(authority: &MotorAuthority) -> Self {
+    pub fn from_authority(authority: &MotorAuthority) -> Self {
         let named = |mark: u8| mark == 1;
         let (cables, units) = (authority.fault_cable.map(named), authority.fault_unit.map(named));
         Self { bits: authority.faults, cables, units, ..Self::default() }

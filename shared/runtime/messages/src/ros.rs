@@ -95,7 +95,7 @@ macro_rules! ros {
         impl $name {
             /// From a CDR body; `None` if it has another length.
             #[must_use]
-            pub fn of(body: &[u8]) -> Option<Self> {
+            pub fn from_body(body: &[u8]) -> Option<Self> {
                 body.try_into().ok().map(Self)
             }
         }

@@ -5,7 +5,8 @@
 //! sentence, so that a program acts on the number and an analyst reads the sentence in the run. `plan/status` carries
 //! the reason for which a mission was refused or ended in the same way. Numbers are never reused, and a reason whose
 //! parameters change gets a new number. Where a refusal is made from an error of a library (a mission file that cannot
-//! be parsed, a process that does not start), the text parameter `why` holds the error's own sentence.
+//! be parsed, a program that does not start), the text parameter `why` holds the error's own sentence, the only source of
+//! its words; the reason names what was requested beside it.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -111,14 +112,14 @@ macro_rules! answers {
             }
 
             #[allow(unused_variables)] // reasons without parameters
-            fn put(&self, into: &mut Writer<'_>) {
-                match self { $( Self::$name $({ $($field),* })? => { $( $( Parameter::put($field, into); )* )? } ),* }
+            fn encode(&self, into: &mut Writer<'_>) {
+                match self { $( Self::$name $({ $($field),* })? => { $( $( Parameter::encode($field, into); )* )? } ),* }
             }
 
             #[allow(unused_variables)] // reasons without parameters
-            fn take(code: u16, from: &mut Reader<'_>) -> Option<Self> {
+            fn decode(code: u16, from: &mut Reader<'_>) -> Option<Self> {
                 Some(match code {
-                    $( $code => Self::$name $({ $($field: Parameter::take(from)?),* })?, )*
+                    $( $code => Self::$name $({ $($field: Parameter::decode(from)?),* })?, )*
                     _ => return None,
                 })
             }
@@ -142,9 +143,9 @@ answers! {
     // any process
     1 Undecodable { why: Detail } BAD_INPUT, "Not done: {why}.";
     2 TooLate { age_s: f64 } REFUSED, "Not done: the request arrived {age_s:.0} s after it was made, and the robot may be elsewhere by now; request it again.";
-    3 OfPlanner BAD_INPUT, "Motions are planned by the planner; send this request to it.";
-    4 OfMotorBox BAD_INPUT, "Faults are made by the virtual motor box; send this request to it.";
-    5 OfSupervisor BAD_INPUT, "Processes are managed by the supervisor; send this request to it.";
+    3 ForPlanner BAD_INPUT, "Motions are planned by the planner; send this request to it.";
+    4 ForMotorBox BAD_INPUT, "Faults are made by the virtual motor box; send this request to it.";
+    5 ForSupervisor BAD_INPUT, "Processes are managed by the supervisor; send this request to it.";
     6 OtherProcess { takes: Detail } BAD_INPUT, "this process takes {takes} only; send this request to another process";
 
     // motor-io
@@ -240,11 +241,11 @@ answers! {
     146 NotQuarantined { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} was not quarantined.", role_name(*role), slot.name();
 
     // planner; 220 held the sentence alone
-    200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} segments, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "goes on" } else { "accepted" }, Energy(*energy_j), Later(*later, *energy_j);
+    200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} segments, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "continues" } else { "accepted" }, Energy(*energy_j), Later(*later, *energy_j);
     201 MotorIoAbsent REFUSED, "motor-io does not answer; start the robot with nims up";
     202 MissionPaused { mission: Detail } REFUSED, "mission \"{mission}\" is paused; resume it with nims resume, or give it up with nims stop";
     203 MissionRuns { mission: Detail } REFUSED, "mission \"{mission}\" is being flown; wait for its end, or give it up with nims stop";
-    204 ForeignMotion REFUSED, "a motion of a planner that has ended is still kept; give it up with nims stop";
+    204 ForeignMotion REFUSED, "motor-io still has the motion of a planner that has ended; give it up with nims stop";
     205 RobotDisarmed REFUSED, "the robot is disarmed; arm it with nims arm";
     206 RobotJogging REFUSED, "a cable is being jogged; wait until it has stopped";
     207 RobotFaulted REFUSED, "the robot has a fault; nims status names it, nims reset clears it once its cause is gone";
@@ -295,28 +296,30 @@ answers! {
     329 ProgramIsFolder { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": {program} is a folder; name a program";
     330 NoProgram { process: Detail, program: Detail } BAD_INPUT, "process \"{process}\": there is no program {program}{}", if program.contains('/') { "" } else { ", neither in the folder of nims nor in PATH" };
     331 NotBuilt { program: Detail } REFUSED, "there is no program {program}: build all of them with `cargo build --workspace`";
-    332 OwnPathUnknown { why: Detail } REFUSED, "{why}";
-    333 LawUnknown { why: Detail } BAD_INPUT, "{why}";
+    332 OwnPathUnknown { why: Detail } REFUSED, "the path of the supervisor's own program cannot be read: {why}; start nims with its full path";
+    // 333 held the sentence alone
+    334 LawUnknown { role: SlotRole, law: Detail, why: Detail } BAD_INPUT, "{why}";
     340 NotPluggable { process: Detail, role: Detail } BAD_INPUT, "{process} is the robot's {role}, which cannot be unplugged; `nims stop-process {process}` ends it";
     341 InOtherSlot { process: Detail, slot: Slot, given: Slot } BAD_INPUT, "{process} is in slot {}, not {}", slot.name(), given.name();
     342 HasOwnLaw { process: Detail } BAD_INPUT, "the process \"{process}\" of the system file has its own law; leave out the law of the request";
     343 NoSlotNoLaw { process: Detail } BAD_INPUT, "{process} has no slot and no law; only controllers and estimators have them";
     344 NoMotorBox BAD_INPUT, "this system has real drives and no virtual motor box";
     345 SlotsTaken { role: SlotRole } REFUSED, "both slots of the role {0} are taken: first stop the one that is not in charge, with `nims stop-process {0}` or `nims stop-process {0}-b`", role_name(*role);
-    346 ProcessRuns { process: Detail, pid: u32 } REFUSED, "{process} runs already (process {pid}); `nims restart {process}` ends it first";
-    347 ProcessRunsNot { process: Detail } REFUSED, "{process} does not run";
-    348 ProcessEndsAlready { process: Detail } REFUSED, "{process} is ending already";
+    346 ProcessRunning { process: Detail, pid: u32 } REFUSED, "{process} runs already (process {pid}); `nims restart {process}` ends it first";
+    347 ProcessNotRunning { process: Detail } REFUSED, "{process} does not run";
+    348 ProcessEnding { process: Detail } REFUSED, "{process} is ending already";
     349 ProcessNeeded { process: Detail, role: Option<SlotRole> } REFUSED, "the robot moves and needs {process}: hold first with `nims hold`{}", OrSwap(*role);
-    350 ProcessSucceeded { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new process publishes or has been ended, which takes {within_s:.0} s at most";
-    351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{why}";
-    352 SupervisorBus { why: Detail } REFUSED, "{why}";
+    350 ProcessBeingReplaced { process: Detail, within_s: f64 } REFUSED, "{process} is being replaced: try again when the new process publishes or has been ended, which takes {within_s:.0} s at most";
+    351 ProcessNotStarted { process: Detail, why: Detail } REFUSED, "{process} could not be started: {why}";
+    352 SupervisorBus { why: Detail } REFUSED, "the supervisor cannot use its channels: {why}";
     360 ParameterInvalid { key: Detail, why: Detail } BAD_INPUT, "{why}";
     361 ParameterNotRecorded { key: Detail, before: Detail, why: Detail } REFUSED, "{key} stays {before}, because the change cannot be recorded: {why}";
 
     // faults on request
     400 FaultDone { fault: Detail } ACCEPTED, "done: {fault}";
-    401 FaultRefused { why: Detail } REFUSED, "{why}";
+    // 401 held the sentence alone
     402 FaultInvalid { why: Detail } BAD_INPUT, "{why}";
+    403 FaultFailed { fault: Detail, why: Detail } REFUSED, "the fault \"{fault}\" was not made: {why}";
 
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.
@@ -362,7 +365,7 @@ impl Reason {
     #[must_use]
     pub fn answer(&self) -> RequestAnswer {
         let mut answer = RequestAnswer { accepted: self.accepted(), reason: self.code(), ..RequestAnswer::default() };
-        self.put(&mut Writer::new(&mut answer));
+        self.encode(&mut Writer::new(&mut answer));
         put_sentence(&mut answer.text, &self.sentence());
         answer
     }
@@ -376,26 +379,26 @@ impl Reason {
     /// The reason of a recorded answer; `None` for a number that this program does not know, or an unanswered request.
     /// A text parameter longer than its field comes back shortened.
     #[must_use]
-    pub fn of(request: &OperatorRequest) -> Option<Self> {
+    pub fn from_request(request: &OperatorRequest) -> Option<Self> {
         Self::recorded(&request.recorded_answer()?)
     }
 
     /// The reason for which a mission was refused or ended, in the same way; `None` also in a run of an earlier
     /// version, which has the sentence alone.
     #[must_use]
-    pub fn of_plan(status: &PlanStatus) -> Option<Self> {
+    pub fn from_status(status: &PlanStatus) -> Option<Self> {
         Self::recorded(&status.recorded_reason()?)
     }
 
     fn recorded(answer: &RequestAnswer) -> Option<Self> {
-        Self::take(answer.reason, &mut Reader::new(answer))
+        Self::decode(answer.reason, &mut Reader::new(answer))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sentences::FAULTS;
+    use crate::sentences::{FAULTS, FaultText};
     use messages::{MORE, text_of};
     use std::collections::BTreeSet;
 
@@ -404,20 +407,20 @@ mod tests {
         for reason in Reason::examples() {
             let (mut request, answer) = (OperatorRequest::default(), reason.answer());
             request.put_answer(&answer);
-            assert_eq!(Reason::of(&request), Some(reason));
+            assert_eq!(Reason::from_request(&request), Some(reason));
             assert_eq!(text_of(&request.answer), reason.to_string());
             assert_eq!((request.accepted, request.reason), (reason.accepted(), reason.code()));
             let mut status = PlanStatus::default();
             status.put_reason(&answer);
-            assert_eq!(Reason::of_plan(&status), Some(reason));
+            assert_eq!(Reason::from_status(&status), Some(reason));
             status.put_reason(&RequestAnswer::default());
             assert_eq!(status, PlanStatus::default());
             let mut copy = answer;
             let mut writer = Writer::new(&mut copy);
-            reason.put(&mut writer);
+            reason.encode(&mut writer);
             assert!(writer.numbers <= 6 && writer.values <= 6, "{reason:?} has too many parameters");
         }
-        assert_eq!(Reason::of(&OperatorRequest::default()), None);
+        assert_eq!(Reason::from_request(&OperatorRequest::default()), None);
     }
 
     #[test]
@@ -429,14 +432,14 @@ mod tests {
 
     #[test]
     fn an_answer_holds_the_cures_of_whatever_has_failed() {
-        let all = FAULTS.iter().fold(0, |all, (bit, _, _)| all | bit);
+        let all = FAULTS.iter().fold(0, |all, fault| all | fault.bit);
         let faults = Faults { bits: all, cables: [true; 8], units: [true; 8], ..Faults::default() };
         let answer = Reason::NotArmedFaults { faults }.sentence();
         assert!(!answer.contains(MORE) && answer.ends_with("names with their cures."), "{answer}");
-        for (bit, what, cure) in FAULTS {
+        for FaultText { bit, clause, cure, .. } in FAULTS {
             let faults = Faults { bits: bit, cables: [true; 8], units: [true; 8], ..Faults::default() };
             let answer = Reason::NotArmedFaults { faults }.sentence();
-            assert!(answer.contains(what) && answer.contains(cure) && !answer.contains(MORE), "{answer}");
+            assert!(answer.contains(clause) && answer.contains(cure) && !answer.contains(MORE), "{answer}");
         }
     }
 }

@@ -62,8 +62,8 @@ fn texts_within(texts: &str, room: usize) -> Detail {
 
 /// A parameter of a reason, as it stands in the sample.
 pub(crate) trait Parameter: Sized {
-    fn put(&self, into: &mut Writer<'_>);
-    fn take(from: &mut Reader<'_>) -> Option<Self>;
+    fn encode(&self, into: &mut Writer<'_>);
+    fn decode(from: &mut Reader<'_>) -> Option<Self>;
     #[cfg(test)]
     fn example() -> Self;
 }
@@ -127,10 +127,10 @@ impl<'a> Reader<'a> {
 
 macro_rules! number {
     ($($type:ty),*) => { $(impl Parameter for $type {
-        fn put(&self, into: &mut Writer<'_>) {
+        fn encode(&self, into: &mut Writer<'_>) {
             into.number(*self as u64);
         }
-        fn take(from: &mut Reader<'_>) -> Option<Self> {
+        fn decode(from: &mut Reader<'_>) -> Option<Self> {
             Self::try_from(from.number()?).ok()
         }
         #[cfg(test)]
@@ -142,10 +142,10 @@ macro_rules! number {
 number!(u8, u32, u64, usize);
 
 impl Parameter for bool {
-    fn put(&self, into: &mut Writer<'_>) {
+    fn encode(&self, into: &mut Writer<'_>) {
         into.number(u64::from(*self));
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
         from.number().map(|number| number == 1)
     }
     #[cfg(test)]
@@ -155,10 +155,10 @@ impl Parameter for bool {
 }
 
 impl Parameter for f64 {
-    fn put(&self, into: &mut Writer<'_>) {
+    fn encode(&self, into: &mut Writer<'_>) {
         into.value(*self);
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
         from.value()
     }
     #[cfg(test)]
@@ -168,10 +168,10 @@ impl Parameter for f64 {
 }
 
 impl Parameter for [f64; 3] {
-    fn put(&self, into: &mut Writer<'_>) {
+    fn encode(&self, into: &mut Writer<'_>) {
         self.iter().for_each(|value| into.value(*value));
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
         Some([from.value()?, from.value()?, from.value()?])
     }
     #[cfg(test)]
@@ -180,14 +180,14 @@ impl Parameter for [f64; 3] {
     }
 }
 
-/// A number that says whether it is there, and then the parameter.
+/// A number, 1 if the parameter exists, and then the parameter.
 impl<T: Parameter> Parameter for Option<T> {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.is_some().put(into);
-        self.iter().for_each(|value| value.put(into));
+    fn encode(&self, into: &mut Writer<'_>) {
+        self.is_some().encode(into);
+        self.iter().for_each(|value| value.encode(into));
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        if bool::take(from)? { T::take(from).map(Some) } else { Some(None) }
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
+        if bool::decode(from)? { T::decode(from).map(Some) } else { Some(None) }
     }
     #[cfg(test)]
     fn example() -> Self {
@@ -196,12 +196,12 @@ impl<T: Parameter> Parameter for Option<T> {
 }
 
 impl<A: Parameter, B: Parameter> Parameter for (A, B) {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.0.put(into);
-        self.1.put(into);
+    fn encode(&self, into: &mut Writer<'_>) {
+        self.0.encode(into);
+        self.1.encode(into);
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        Some((A::take(from)?, B::take(from)?))
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
+        Some((A::decode(from)?, B::decode(from)?))
     }
     #[cfg(test)]
     fn example() -> Self {
@@ -213,11 +213,11 @@ impl<A: Parameter, B: Parameter> Parameter for (A, B) {
 macro_rules! by_index {
     ($($kind:ident: $example:ident),+) => {$(
         impl Parameter for $kind {
-            fn put(&self, into: &mut Writer<'_>) {
-                self.index().put(into);
+            fn encode(&self, into: &mut Writer<'_>) {
+                self.index().encode(into);
             }
-            fn take(from: &mut Reader<'_>) -> Option<Self> {
-                Self::ALL.get(usize::take(from)?).copied()
+            fn decode(from: &mut Reader<'_>) -> Option<Self> {
+                Self::ALL.get(usize::decode(from)?).copied()
             }
             #[cfg(test)]
             fn example() -> Self {
@@ -231,14 +231,14 @@ by_index!(SlotRole: Estimator, Slot: B);
 
 /// The bits, and the cables and units as masks.
 impl Parameter for Faults {
-    fn put(&self, into: &mut Writer<'_>) {
+    fn encode(&self, into: &mut Writer<'_>) {
         let mask = |named: &[bool]| named.iter().rev().fold(0_u64, |mask, named| mask << 1 | u64::from(*named));
-        self.bits.put(into);
+        self.bits.encode(into);
         into.number(mask(&self.cables));
         into.number(mask(&self.units));
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
-        let bits = u32::take(from)?;
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
+        let bits = u32::decode(from)?;
         let (cables, units) = (from.number()?, from.number()?);
         let named = |mask: u64| std::array::from_fn(|i| mask >> i & 1 == 1);
         Some(Self { bits, cables: named(cables), units: named(units), ..Self::default() })
@@ -253,24 +253,24 @@ impl Parameter for Faults {
 }
 
 impl Parameter for StandbyRefusal {
-    fn put(&self, into: &mut Writer<'_>) {
-        self.role.put(into);
-        self.phase.put(into);
-        self.cause.put(into);
-        self.verdict.put(into);
-        self.well_s.put(into);
-        self.qualify_s.put(into);
-        self.moves_off.put(into);
+    fn encode(&self, into: &mut Writer<'_>) {
+        self.role.encode(into);
+        self.phase.encode(into);
+        self.cause.encode(into);
+        self.verdict.encode(into);
+        self.well_s.encode(into);
+        self.qualify_s.encode(into);
+        self.moves_off.encode(into);
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
         Some(Self {
-            role: usize::take(from)?,
-            phase: u8::take(from)?,
-            cause: u8::take(from)?,
-            verdict: u8::take(from)?,
-            well_s: f64::take(from)?,
-            qualify_s: f64::take(from)?,
-            moves_off: Parameter::take(from)?,
+            role: usize::decode(from)?,
+            phase: u8::decode(from)?,
+            cause: u8::decode(from)?,
+            verdict: u8::decode(from)?,
+            well_s: f64::decode(from)?,
+            qualify_s: f64::decode(from)?,
+            moves_off: Parameter::decode(from)?,
         })
     }
     #[cfg(test)]
@@ -291,7 +291,7 @@ impl Display for OneText<'_> {
 
 /// The texts of a reason stand one after the other.
 impl Parameter for Detail {
-    fn put(&self, into: &mut Writer<'_>) {
+    fn encode(&self, into: &mut Writer<'_>) {
         let text = detail(OneText(self));
         into.text = match into.texts {
             0 => text,
@@ -306,7 +306,7 @@ impl Parameter for Detail {
         into.texts += 1;
         put_sentence(&mut into.answer.detail, &into.text);
     }
-    fn take(from: &mut Reader<'_>) -> Option<Self> {
+    fn decode(from: &mut Reader<'_>) -> Option<Self> {
         from.texts += 1;
         text_of(&from.answer.detail).split(SEPARATOR).nth(from.texts - 1).map(detail)
     }
@@ -325,12 +325,12 @@ mod tests {
         let mut answer = RequestAnswer::default();
         let texts = ["one", "", "th\u{1f}ree"].map(detail);
         texts.iter().fold(Writer::new(&mut answer), |mut into, text| {
-            text.put(&mut into);
+            text.encode(&mut into);
             into
         });
         let mut from = Reader::new(&answer);
-        let taken: Vec<Option<Detail>> = (0..4).map(|_| Detail::take(&mut from)).collect();
-        assert_eq!(taken, [Some(detail("one")), Some(detail("")), Some(detail("three")), None]);
+        let decoded: Vec<Option<Detail>> = (0..4).map(|_| Detail::decode(&mut from)).collect();
+        assert_eq!(decoded, [Some(detail("one")), Some(detail("")), Some(detail("three")), None]);
     }
 
     #[test]
@@ -339,14 +339,14 @@ mod tests {
             let mut answer = RequestAnswer::default();
             let texts = lengths.map(|length| detail("word ".repeat(length / 5 + 1)));
             texts.iter().fold(Writer::new(&mut answer), |mut into, text| {
-                text.put(&mut into);
+                text.encode(&mut into);
                 into
             });
             let mut from = Reader::new(&answer);
             for text in texts {
-                let taken = Detail::take(&mut from).unwrap();
-                let start = taken.trim_end_matches(MORE).trim_end();
-                assert!(text.starts_with(start) && start.len() >= text.len().min(60) - 5, "{lengths:?}: {taken}");
+                let decoded = Detail::decode(&mut from).unwrap();
+                let start = decoded.trim_end_matches(MORE).trim_end();
+                assert!(text.starts_with(start) && start.len() >= text.len().min(60) - 5, "{lengths:?}: {decoded}");
             }
         }
     }

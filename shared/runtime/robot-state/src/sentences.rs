@@ -4,94 +4,148 @@ use messages::faults::{Faults, OF_CABLES, OF_UNITS};
 use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, ROLES};
 use std::fmt;
 
-/// Every fault: its bit, its description, its cure.
-pub const FAULTS: [(u32, &str, &str); 21] = [
-    (MotorAuthority::FAULT_LOST_UNIT, "a drive unit does not answer", "check its power and its cable, then reset"),
-    (
-        MotorAuthority::FAULT_UNIT_REBOOT,
-        "a drive unit was restarted and has lost its count",
-        "check the supply, reset, then look where the node is and confirm the position or zero",
-    ),
-    (
-        MotorAuthority::FAULT_STALL,
-        "a motor pushes hard and its cable does not move, so this cable was released",
-        "free the cable, check the encoder, reset, then look where the node is and confirm the position or zero",
-    ),
-    (
-        MotorAuthority::FAULT_SLACK,
-        "a cable is slack or broken",
-        "make sure the node is supported, jog the cable taut or repair it, then reset",
-    ),
-    (MotorAuthority::FAULT_OVER_TENSION, "a cable is too tight", "jog it out, check the calibration, then reset"),
-    (
-        MotorAuthority::FAULT_OVER_CURRENT,
-        "a motor draws too much current",
-        "look for what blocks the cable, then reset",
-    ),
-    (
-        MotorAuthority::FAULT_RUNAWAY,
-        "an encoder counts against the command, so this cable was released",
-        "check the encoder's plug and the sign of counts_per_m, reset, then look where the node is and confirm the position or zero",
-    ),
-    (
-        MotorAuthority::FAULT_ENCODER_JUMP,
-        "an encoder has jumped",
-        "check its plug, reset, then look where the node is and confirm the position or zero",
-    ),
-    (MotorAuthority::FAULT_DRIVE_ERROR, "a drive unit reports an error", "see its status bits, then reset"),
-    (
-        MotorAuthority::FAULT_COMMAND_LOST,
-        "the controller stopped answering, so the robot stopped and holds",
-        "when nims status shows it again, resume; if it does not come back, end nims up and start it again",
-    ),
-    (MotorAuthority::FAULT_LENGTH_LIMIT, "a cable has reached its length limit", "reset, then move back inside"),
-    (
-        MotorAuthority::FAULT_ESTIMATE_LOST,
-        "there is no valid estimate of the position, so the robot stopped and holds",
-        "when nims status shows the estimator again, resume; if it does not come back, end nims up and start it again",
-    ),
-    (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low", "charge or change the battery, then reset"),
-    (
-        MotorAuthority::FAULT_LONG_GAP,
-        "the computer had no time for the drives, so the robot stopped where it was",
-        "look for what else runs on it; after up to a second the robot continues by itself, after more it holds, and resume continues",
-    ),
-    (
-        MotorAuthority::FAULT_EMERGENCY_INPUT,
-        "the emergency stop button of a drive unit is pressed, or its wire is broken",
-        "make sure that no one is in danger, release it, then reset",
-    ),
-    (
-        MotorAuthority::FAULT_SUPERVISOR_LOST,
-        "the supervisor is gone, so the robot stopped and holds",
-        "start nims up again, confirm the position, arm, and run the mission with --continue",
-    ),
-    (
-        MotorAuthority::FAULT_PLANNER_LOST,
-        "the planner is gone, so the robot holds after what was planned",
-        "when nims status shows it again, start a new motion; if it does not come back, end nims up and start it again",
-    ),
-    (
-        MotorAuthority::FAULT_COMMAND_REFUSED,
-        "the controller sent NaN or commands far beyond the limits, so the robot stopped and holds",
-        "look at the controller's log, swap to another controller, then resume",
-    ),
-    (
-        MotorAuthority::FAULT_DIVERGING,
-        "the commands moved the node away from its setpoint",
-        "reset, check that the node is where nims status says and zero it otherwise, then swap to another controller or estimator",
-    ),
-    (
-        MotorAuthority::FAULT_OFF_START,
-        "the planned motion does not begin at the position of the node by its cables, so it is not started",
-        "compare the estimators in nims status, restart the wrong one, then try again",
-    ),
-    (
-        MotorAuthority::FAULT_COMPUTER,
-        "the computer was busy with other things and did not give the robot's programs the processor in time",
-        "end what else runs on it, or permit real-time priority (`nims doctor` says how); the robot waits for up to a second, after more it \
+/// The text of a fault.
+#[derive(Debug, Clone, Copy)]
+pub struct FaultText {
+    /// Its bit.
+    pub bit: u32,
+    /// What happened, as a clause without `; `, which would mark a cure.
+    pub clause: &'static str,
+    /// What followed, as the rest of the clause; a mission that ended states the clause alone.
+    pub effect: &'static str,
+    /// What to do.
+    pub cure: &'static str,
+}
+
+/// Every fault, in the order in which several are named.
+pub const FAULTS: [FaultText; 21] = [
+    FaultText {
+        bit: MotorAuthority::FAULT_LOST_UNIT,
+        clause: "a drive unit does not answer",
+        effect: "",
+        cure: "check its power and its cable, then reset",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_UNIT_REBOOT,
+        clause: "a drive unit was restarted",
+        effect: " and has lost its count",
+        cure: "check the supply, reset, then look where the node is and confirm the position or zero",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_STALL,
+        clause: "a motor pushes hard and its cable does not move",
+        effect: ", so this cable was released",
+        cure: "free the cable, check the encoder, reset, then look where the node is and confirm the position or zero",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_SLACK,
+        clause: "a cable is slack or broken",
+        effect: "",
+        cure: "make sure the node is supported, jog the cable taut or repair it, then reset",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_OVER_TENSION,
+        clause: "a cable is too tight",
+        effect: "",
+        cure: "jog it out, check the calibration, then reset",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_OVER_CURRENT,
+        clause: "a motor draws too much current",
+        effect: "",
+        cure: "look for what blocks the cable, then reset",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_RUNAWAY,
+        clause: "an encoder counts against the command",
+        effect: ", so this cable was released",
+        cure: "check the encoder's plug and the sign of counts_per_m, reset, then look where the node is and confirm the position or zero",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_ENCODER_JUMP,
+        clause: "an encoder has jumped",
+        effect: "",
+        cure: "check its plug, reset, then look where the node is and confirm the position or zero",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_DRIVE_ERROR,
+        clause: "a drive unit reports an error",
+        effect: "",
+        cure: "see its status bits, then reset",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_COMMAND_LOST,
+        clause: "the controller stopped answering",
+        effect: ", so the robot stopped and holds",
+        cure: "when nims status shows it again, resume; if it does not come back, end nims up and start it again",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_LENGTH_LIMIT,
+        clause: "a cable has reached its length limit",
+        effect: "",
+        cure: "reset, then move back inside",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_ESTIMATE_LOST,
+        clause: "there is no valid estimate of the position",
+        effect: ", so the robot stopped and holds",
+        cure: "when nims status shows the estimator again, resume; if it does not come back, end nims up and start it again",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_SUPPLY,
+        clause: "the supply voltage is low",
+        effect: "",
+        cure: "charge or change the battery, then reset",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_LONG_GAP,
+        clause: "the computer had no time for the drives",
+        effect: ", so the robot stopped where it was",
+        cure: "look for what else runs on it; after up to a second the robot continues by itself, after more it holds, and resume continues",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_EMERGENCY_INPUT,
+        clause: "the emergency stop button of a drive unit is pressed, or its wire is broken",
+        effect: "",
+        cure: "make sure that no one is in danger, release it, then reset",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_SUPERVISOR_LOST,
+        clause: "the supervisor is gone",
+        effect: ", so the robot stopped and holds",
+        cure: "start nims up again, confirm the position, arm, and run the mission with --continue",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_PLANNER_LOST,
+        clause: "the planner is gone",
+        effect: ", so the robot holds after what was planned",
+        cure: "when nims status shows it again, start a new motion; if it does not come back, end nims up and start it again",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_COMMAND_REFUSED,
+        clause: "the controller sent NaN or commands far beyond the limits",
+        effect: ", so the robot stopped and holds",
+        cure: "look at the controller's log, swap to another controller, then resume",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_DIVERGING,
+        clause: "the commands moved the node away from its setpoint",
+        effect: "",
+        cure: "reset, check that the node is where nims status says and zero it otherwise, then swap to another controller or estimator",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_OFF_START,
+        clause: "the planned motion does not begin at the position of the node by its cables",
+        effect: ", so it is not started",
+        cure: "compare the estimators in nims status, restart the wrong one, then try again",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_COMPUTER,
+        clause: "the computer was busy with other things",
+        effect: " and did not give the robot's programs the processor in time",
+        cure: "end what else runs on it, or permit real-time priority (`nims doctor` says how); the robot waits for up to a second, after more it \
          holds, and resume continues",
-    ),
+    },
 ];
 
 /// Returns one sentence per fault in `bits`, with its cure.
@@ -100,10 +154,10 @@ pub fn fault_sentences(bits: u32) -> impl Iterator<Item = String> {
 }
 
 fn each_fault(bits: u32) -> impl Iterator<Item = (u32, String)> {
-    FAULTS.iter().filter(move |(bit, _, _)| bits & bit != 0).map(|(bit, what, cure)| {
-        let mut chars = what.chars();
+    FAULTS.iter().filter(move |fault| bits & fault.bit != 0).map(|FaultText { bit, clause, effect, cure }| {
+        let mut chars = clause.chars();
         let first = chars.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
-        (*bit, format!("{first}{}: {cure}.", chars.as_str()))
+        (*bit, format!("{first}{}{effect}: {cure}.", chars.as_str()))
     })
 }
 
@@ -117,8 +171,10 @@ pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
 /// Returns the faults of a sample: the bit of each, and its clause without its cure, with the named cables or units.
 #[must_use]
 pub fn fault_clauses(authority: &MotorAuthority) -> Vec<(u32, String)> {
-    let present = FAULTS.iter().filter(|(bit, _, _)| authority.faults & bit != 0);
-    present.map(|(bit, what, _)| (*bit, format!("{what}{}", place(authority, *bit)))).collect()
+    let present = FAULTS.iter().filter(|fault| authority.faults & fault.bit != 0);
+    present
+        .map(|FaultText { bit, clause, effect, .. }| (*bit, format!("{clause}{effect}{}", place(authority, *bit))))
+        .collect()
 }
 
 fn place(authority: &MotorAuthority, bit: u32) -> String {
@@ -151,20 +207,21 @@ pub struct FaultList<'a>(pub &'a Faults);
 impl fmt::Display for FaultList<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (mut written, mut left_out) = (0, 0);
-        for (bit, what, cure) in FAULTS.iter().filter(|(bit, _, _)| self.0.bits & bit != 0) {
-            if written > 0 && written + what.len() + cure.len() > LISTED {
+        for FaultText { bit, clause, effect, cure } in FAULTS.iter().filter(|fault| self.0.bits & fault.bit != 0) {
+            let length = clause.len() + effect.len() + cure.len();
+            if written > 0 && written + length > LISTED {
                 left_out += 1;
                 continue;
             }
             let separator = if written > 0 { ", and " } else { "" };
-            write!(f, "{separator}{what}")?;
+            write!(f, "{separator}{clause}{effect}")?;
             if bit & OF_UNITS != 0 {
                 named_in(f, "unit", &self.0.units)?;
             } else if bit & OF_CABLES != 0 {
                 named_in(f, "cable", &self.0.cables)?;
             }
             write!(f, " ({cure})")?;
-            written += separator.len() + what.len() + cure.len();
+            written += separator.len() + length;
         }
         if left_out > 0 {
             write!(f, "; and {left_out} more, which nims status names with their cures")?;
@@ -341,7 +398,7 @@ mod tests {
 
     #[test]
     fn every_fault_bit_has_its_own_sentence() {
-        let all = FAULTS.iter().fold(0, |all, (bit, _, _)| all | bit);
+        let all = FAULTS.iter().fold(0, |all, fault| all | fault.bit);
         assert_eq!(all, messages::faults::HARD | messages::faults::STOPS);
         assert_eq!(FAULTS.len() as u32, all.count_ones());
         let sentences: std::collections::BTreeSet<String> = fault_sentences(all).collect();

@@ -84,8 +84,8 @@ mod tests {
     #[test]
     fn a_build_has_a_clean_commit_a_dirty_commit_or_none() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(stamp::of(folder.path()), None, "outside a checkout");
-        assert_eq!(stamp::of(&folder.path().join("nowhere")), None);
+        assert_eq!(stamp::commit_of(folder.path()), None, "outside a checkout");
+        assert_eq!(stamp::commit_of(&folder.path().join("nowhere")), None);
         let git = |arguments: &[&str]| {
             let who = ["-c", "user.name=x", "-c", "user.email=x@example.org", "-c", "commit.gpgsign=false"];
             Command::new("git").arg("-C").arg(folder.path()).args(who).args(arguments).output()
@@ -93,17 +93,17 @@ mod tests {
         if git(&["init", "-q"]).is_err() {
             return notes::left_out("the commit in a version", "there is no git");
         }
-        assert_eq!(stamp::of(folder.path()), None, "no commit yet");
+        assert_eq!(stamp::commit_of(folder.path()), None, "no commit yet");
         fs::write(folder.path().join("a"), "1").unwrap();
         git(&["add", "a"]).unwrap();
         assert!(git(&["commit", "-qm", "a"]).unwrap().status.success());
-        let clean = stamp::of(folder.path()).unwrap();
+        let clean = stamp::commit_of(folder.path()).unwrap();
         let watched = stamp::watched(folder.path());
         let ends = |name: &str| watched.iter().any(|path| path.ends_with(name));
         assert!(ends("a") && ends("HEAD") && ends("logs/HEAD") && watched.len() == 3, "{watched:?}");
         assert_eq!(split(&clean), Some((clean.as_str(), false)));
         fs::write(folder.path().join("a"), "2").unwrap();
-        let dirty = stamp::of(folder.path()).unwrap();
+        let dirty = stamp::commit_of(folder.path()).unwrap();
         assert_eq!(split(&dirty), Some((clean.as_str(), true)));
         assert_eq!(split(""), None);
     }

@@ -128,7 +128,7 @@ impl DeclaredConfig {
 
     /// Returns whether the hash of the program has just become available.
     fn poll_hash(&mut self) -> bool {
-        let hash = self.program_hash.take();
+        let hash = self.program_hash.poll();
         if let Some(hash) = &hash {
             put_text(&mut self.sample.program_sha256, hash);
         }

@@ -31,7 +31,7 @@ impl ProgramHash {
     }
 
     /// Returns the hash once, when the program has been read; empty if it cannot be read.
-    pub fn take(&mut self) -> Option<String> {
+    pub fn poll(&mut self) -> Option<String> {
         self.0.take_if(|reading| reading.is_finished())?.join().ok()
     }
 }
@@ -87,12 +87,12 @@ mod tests {
         let program = std::env::current_exe().unwrap();
         let mut reading = ProgramHash::begin(program.clone());
         let hash = loop {
-            if let Some(hash) = reading.take() {
+            if let Some(hash) = reading.poll() {
                 break hash;
             }
             std::thread::yield_now();
         };
         assert_eq!(Some(hash), hash_of(&[program]));
-        assert_eq!(reading.take(), None);
+        assert_eq!(reading.poll(), None);
     }
 }

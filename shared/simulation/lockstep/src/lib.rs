@@ -2,25 +2,26 @@
 //! faster than real time, with the same bits in every run.
 #![forbid(unsafe_code)]
 
+mod chain;
+mod flight;
 mod lives;
 mod slots;
 
-pub use slots::{Said, Slots};
+pub use chain::{Chain, core_config};
+pub use flight::{Cycle, Deviation, Flight, Scenario};
+pub use slots::{ControllerOutput, Slots};
 
 use anyhow::{Context, Result, ensure};
-use cable_robot::{CableVec, Distribution, Robot, Vector3};
-use config::{ControllerSection, EstimatorSection, PlannerSection, SystemFile};
-use controller::{Controller, ControllerConfig, Law, Notice};
-use estimator::{Estimator, EstimatorConfig, Method};
-use messages::{
-    CABLES, ControlStatus, Energy, Header, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
-    NodeEstimate, PlanMotion, PlanStatus, Request, UNITS,
-};
-use motor_io::{Answer, Core, CoreConfig, Setpoints};
-use planner::{Mission, Planner, PlannerConfig};
-use plant::{MotorInput as DriveInput, Plant, PlantConfig};
+use cable_robot::{CableVec, Vector3};
+use controller::{Controller, Notice};
+use messages::{CABLES, Header, MotorAuthority, MotorInput, NodeEstimate, PlanMotion, PlanStatus, Request, UNITS};
+use motor_io::{Answer, Core, Setpoints};
+use planner::{Mission, Planner};
+use plant::{MotorInput as DriveInput, Plant};
 use robot_state::Reason;
 use segments::motion_of;
+
+use crate::flight::Sum;
 
 // Lengths of the same arrays.
 const _: () = assert!(plant::MAX_CABLES == messages::CABLES);
@@ -31,229 +32,6 @@ const ANSWER_NS: u64 = 2_000_000;
 
 /// Number of cycles per step of the planner.
 const PLANNER_CYCLES: u64 = 10;
-
-/// One flight: the robot as configured in the software, the plant, and the mission.
-#[derive(Debug, Clone)]
-pub struct Scenario {
-    /// Robot of the robot file.
-    pub robot: Robot,
-    /// Configuration of the plant.
-    pub plant: PlantConfig,
-    /// Mission.
-    pub mission: Mission,
-    /// Control period, s.
-    pub period_s: f64,
-    /// The control law.
-    pub law: Law,
-    /// Horizon Δ of the law, cycles.
-    pub horizon: u32,
-    /// Method of the estimator.
-    pub method: Method,
-    /// Whether estimator, controller and zeroing correct for stretch.
-    pub stretch: bool,
-    /// Tension distribution.
-    pub distribution: Distribution,
-    /// Longest flight, s.
-    pub longest_s: f64,
-}
-
-/// Statistics of distances over the moving cycles, m.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Deviation {
-    /// Root mean square.
-    pub rms_m: f64,
-    /// Largest.
-    pub max_m: f64,
-}
-
-/// Results of a flight.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Flight {
-    /// Cycles in which the setpoint moved.
-    pub moving_cycles: u64,
-    /// All cycles.
-    pub cycles: u64,
-    /// Estimate relative to setpoint.
-    pub estimate: Deviation,
-    /// Truth relative to setpoint.
-    pub truth: Deviation,
-    /// Truth relative to estimate.
-    pub between: Deviation,
-    /// Share of these cycles in which the truth is within two standard deviations of the estimate on every axis.
-    pub covered: f64,
-    /// Twice the standard deviation that the estimate states, over all axes together.
-    pub stated: Deviation,
-    /// RMS difference of true and estimated velocity, m/s.
-    pub velocity_rms_m_s: f64,
-    /// Largest difference of true and chosen tension over cables and moving cycles, N.
-    pub tension_max_n: f64,
-    /// RMS difference of true and chosen tension, N.
-    pub tension_rms_n: f64,
-    /// Largest tension error as a share of the allowed error: 15 % of the chosen tension or 2 N, whichever is more.
-    pub tension_share: f64,
-    /// Lowest and highest true tension, N.
-    pub tension_range_n: [f64; 2],
-    /// Cycles in which a cable was truly slack.
-    pub slack_cycles: u64,
-    /// Periods of the mission that were not steered by a fresh command.
-    pub unsteered: u64,
-    /// Largest saturation of the cable speeds.
-    pub saturation: f64,
-    /// Final true position and setpoint, m.
-    pub end_m: [[f64; 3]; 2],
-    /// Last state of the planner.
-    pub state: u8,
-}
-
-/// Accumulates distances.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sum {
-    squares: f64,
-    max: f64,
-    count: u64,
-}
-
-impl Sum {
-    fn add(&mut self, value: f64) {
-        self.squares += value * value;
-        self.max = self.max.max(value.abs());
-        self.count += 1;
-    }
-
-    fn rms(&self) -> f64 {
-        if self.count == 0 { 0.0 } else { (self.squares / self.count as f64).sqrt() }
-    }
-
-    fn deviation(&self) -> Deviation {
-        Deviation { rms_m: self.rms(), max_m: self.max }
-    }
-}
-
-/// All results of a cycle, for detailed checks.
-#[derive(Debug, Clone, Copy)]
-pub struct Cycle {
-    /// Input of the decision of motor-io.
-    pub input: MotorInput,
-    /// Encoders and drives.
-    pub state: MotorState,
-    /// Mode and plan clock.
-    pub authority: MotorAuthority,
-    /// Confidence in each slot.
-    pub slots: MotorSlots,
-    /// Power and loss, integrated by motor-io.
-    pub energy: Energy,
-    /// Estimate; with two estimators, of the slot in use.
-    pub estimate: NodeEstimate,
-    /// Command; with two controllers, of the slot in use.
-    pub command: MotorCommand,
-    /// Status of that controller.
-    pub control: ControlStatus,
-    /// Commands of motor-io's mode and arbiter before its limits, m/s.
-    pub asked_m_s: [f64; CABLES],
-    /// Commands sent to the drives, m/s.
-    pub sent_m_s: [f64; CABLES],
-    /// Motion.
-    pub motion: PlanMotion,
-    /// Status of the planner.
-    pub plan: PlanStatus,
-    /// True position at the time of the estimate, m.
-    pub truth_m: [f64; 3],
-    /// True velocity at the time of the estimate, m/s.
-    pub truth_m_s: [f64; 3],
-    /// True tensions at the time of the estimate, N.
-    pub truth_n: CableVec,
-}
-
-/// The deciding parts of the processes of the control chain, in their initial state.
-pub struct Chain {
-    /// Core of motor-io.
-    pub core: Core,
-    /// Core of the estimator.
-    pub estimator: Estimator,
-    /// Core of the controller.
-    pub controller: Controller,
-    /// Core of the planner.
-    pub planner: Planner,
-}
-
-/// The robot as modelled by the chain.
-fn modelled_robot(scenario: &Scenario) -> Robot {
-    if scenario.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() }
-}
-
-/// Builds the configuration of motor-io's core.
-///
-/// # Errors
-/// Invalid encoders, units or limits.
-pub fn core_config(scenario: &Scenario) -> Result<CoreConfig> {
-    let robot = modelled_robot(scenario);
-    let counts_per_m: Vec<f64> = scenario.plant.idlers.iter().map(|idler| idler.counts_per_m).collect();
-    let units: Vec<Vec<usize>> =
-        (0..robot.cable_count()).collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
-    let mut core = CoreConfig::new(robot, scenario.period_s, &counts_per_m, &units)?;
-    core.distribution = scenario.distribution;
-    Ok(core)
-}
-
-impl Chain {
-    /// Builds the chain of a scenario; everything else has the defaults of the configuration files.
-    pub fn new(scenario: &Scenario) -> Result<Self> {
-        let robot = modelled_robot(scenario);
-        let core = core_config(scenario)?;
-        let section = ControllerSection::default();
-        let controller = ControllerConfig {
-            robot,
-            law: scenario.law,
-            horizon: scenario.horizon,
-            distribution: scenario.distribution,
-            redundant_s: section.redundant_s,
-            cable_speed_limit_m_s: robot.cable_speed_limit_m_s(),
-            error_limit_m: section.error_limit_m,
-            ttl_cycles: core.ttl_cycles,
-            estimate_ttl_cycles: EstimatorSection::default().ttl_cycles,
-            thread: 0,
-            incarnation: 2,
-        };
-        let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, swing_limit_m, .. } =
-            PlannerSection::default();
-        let distribution = scenario.distribution;
-        Ok(Self {
-            core: Core::new(core),
-            estimator: Estimator::new(&EstimatorConfig {
-                robot,
-                method: scenario.method,
-                sigma_length_m: EstimatorSection::default().sigma_length_m,
-                incarnation: 1,
-                thread: 0,
-            }),
-            controller: Controller::new(controller),
-            planner: Planner::new(PlannerConfig {
-                robot: scenario.robot,
-                distribution,
-                speed_m_s,
-                acceleration_m_s2,
-                check_step_m,
-                swing_limit_m,
-            }),
-        })
-    }
-}
-
-impl Chain {
-    /// Builds the chain of a system file, exactly as the processes do.
-    ///
-    /// # Errors
-    /// An error of the file.
-    pub fn from_file(file: &SystemFile) -> Result<Self> {
-        let robot = file.robot_file()?;
-        Ok(Self {
-            core: Core::new(CoreConfig::from_files(file, &robot)?),
-            estimator: Estimator::new(&EstimatorConfig::from_section(&file.estimator, robot.robot()?, 1)?),
-            controller: Controller::new(ControllerConfig::from_files(file, &robot, 2)?),
-            planner: Planner::new(PlannerConfig::from_files(file, robot.robot()?)),
-        })
-    }
-}
 
 /// Initial state of a life of motor-io.
 #[derive(Debug, Clone, Copy)]
@@ -515,12 +293,6 @@ impl Lockstep {
     }
 }
 
-/// Whether the truth is within two standard deviations of the estimate on every axis.
-fn states_truth(cycle: &Cycle) -> bool {
-    let NodeEstimate { position_m, covariance_m2, .. } = &cycle.estimate;
-    (0..3).all(|i| (cycle.truth_m[i] - position_m[i]).powi(2) <= 4.0 * covariance_m2[4 * i])
-}
-
 /// Flies the whole scenario.
 pub fn fly(scenario: Scenario) -> Result<Flight> {
     fly_with(scenario, |chain| chain)
@@ -553,8 +325,8 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
             estimate.add((estimated - setpoint.position).norm());
             truth.add((actual - setpoint.position).norm());
             between.add((actual - estimated).norm());
-            covered += u64::from(states_truth(&cycle));
-            stated.add(2.0 * (0..3).map(|i| cycle.estimate.covariance_m2[4 * i]).sum::<f64>().sqrt());
+            covered += u64::from(cycle.covers_truth());
+            stated.add(cycle.stated_m());
             velocity.add((Vector3::from(cycle.truth_m_s) - Vector3::from(cycle.estimate.velocity_m_s)).norm());
             saturation = saturation.max(cycle.control.saturation);
             for (true_n, chosen) in cycle.truth_n.iter().zip(&cycle.control.tension_n) {
@@ -575,8 +347,8 @@ pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Resu
                 estimate: estimate.deviation(),
                 truth: truth.deviation(),
                 between: between.deviation(),
-                stated: stated.deviation(),
                 covered: covered as f64 / estimate.count as f64,
+                stated: stated.deviation(),
                 velocity_rms_m_s: velocity.rms(),
                 tension_max_n: tension.max,
                 tension_rms_n: tension.rms(),

@@ -10,7 +10,7 @@ use messages::{
 
 /// Output of a controller for one estimate.
 #[derive(Debug, Clone, Copy)]
-pub struct Said {
+pub struct ControllerOutput {
     /// Slot of the controller.
     pub slot: usize,
     /// Command.
@@ -34,7 +34,7 @@ pub struct Slots {
     new: [bool; SLOTS],
     /// Last estimate of each channel that each controller has received.
     received: [[Option<NodeEstimate>; SLOTS]; SLOTS],
-    said: [Option<Said>; WAKES],
+    outputs: [Option<ControllerOutput>; WAKES],
     starts: u32,
 }
 
@@ -49,7 +49,7 @@ impl Slots {
             estimates: [None; SLOTS],
             new: [false; SLOTS],
             received: [[None; SLOTS]; SLOTS],
-            said: [None; WAKES],
+            outputs: [None; WAKES],
             starts: 100,
         }
     }
@@ -160,8 +160,8 @@ impl Slots {
     }
 
     /// Outputs of all controllers in the last cycle, in order.
-    pub fn said(&self) -> impl Iterator<Item = &Said> {
-        self.said.iter().flatten()
+    pub fn outputs(&self) -> impl Iterator<Item = &ControllerOutput> {
+        self.outputs.iter().flatten()
     }
 
     /// Collects the input that has arrived at the beginning of a cycle.
@@ -206,7 +206,7 @@ impl Slots {
         authority: &MotorAuthority,
         motion: &PlanMotion,
     ) -> (MotorCommand, ControlStatus) {
-        self.said = [None; WAKES];
+        self.outputs = [None; WAKES];
         let new = std::mem::take(&mut self.new);
         for wake in (0..SLOTS).filter(|wake| new[*wake]) {
             for slot in 0..SLOTS {
@@ -219,7 +219,7 @@ impl Slots {
                     authority: Some(authority),
                     state: Some(state),
                 });
-                self.said[SLOTS * slot + wake] = Some(Said { slot, command, status });
+                self.outputs[SLOTS * slot + wake] = Some(ControllerOutput { slot, command, status });
                 // As in motor-io: a command for another cycle does not replace one for this cycle.
                 let current = |command: &MotorCommand| command.based_on_cycle == state.header.cycle;
                 if current(&command) || !self.commands[slot].as_ref().is_some_and(current) {

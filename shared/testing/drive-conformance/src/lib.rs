@@ -2,7 +2,7 @@
 //! wire with a virtual clock.
 //!
 //! A family implements [`Family`] for its driver and [`VirtualUnits`] for its virtual units, in its own tests, and
-//! writes `drive_conformance::conformance!(MyFamily);`. Each case becomes a test. The suite sees nothing of the
+//! writes `drive_conformance::conformance!(MyFamily);`. Each case becomes a test. The suite does not depend on the
 //! protocol: it commands the bus, compares with what the virtual motors do, and disturbs the wire between them.
 //!
 //! The encoders of the virtual units show the time ([`Clockwork`]): 1 count per microsecond. Each sample therefore

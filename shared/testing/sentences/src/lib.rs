@@ -37,7 +37,7 @@ pub fn compare<N: Display, S: Display>(folder: &str, sentences: impl IntoIterato
 }
 
 /// The lines that are gone (`-`) and those that are new (`+`), in the order of the text; where only the order has
-/// changed, it says so.
+/// changed, it reports that.
 fn difference(before: &str, after: &str) -> String {
     let mut counts: BTreeMap<&str, i64> = BTreeMap::new();
     before.lines().for_each(|line| *counts.entry(line).or_default() += 1);

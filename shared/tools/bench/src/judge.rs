@@ -2,7 +2,7 @@
 
 use super::words::{duration, percent};
 use super::{chain, disk, round_trip, tick};
-use commissioning::check::{Finding, error, note, warning};
+use commissioning::finding::{Finding, error, note, warning};
 
 /// Share of late or skipped periods beyond which the robot stops too often. A virtual machine with two shared cores,
 /// which sometimes stalls as a whole, stays at a third of it and can fly.
@@ -158,7 +158,7 @@ mod tests {
     use super::super::figures::{Ratio, Spread};
     use super::super::scheduling::AchievedScheduling;
     use super::*;
-    use commissioning::check;
+    use commissioning::finding;
 
     fn spread(median_s: f64, p999_s: f64, worst_s: f64) -> Spread {
         Spread { count: 1000, median_s, p999_s, worst_s }
@@ -176,9 +176,9 @@ mod tests {
         AchievedScheduling { fifo_priority: Some(50), ..AchievedScheduling::default() }
     }
 
-    fn assert_is(found: &Finding, level: check::Level, words: &[&str]) {
+    fn assert_is(found: &Finding, level: finding::Level, words: &[&str]) {
         assert_eq!(found.level, level, "{found:?}");
-        assert_eq!(found.cure.is_empty(), level == check::Level::Note, "{found:?}");
+        assert_eq!(found.cure.is_empty(), level == finding::Level::Note, "{found:?}");
         for word in words {
             assert!(format!("{} {}", found.finding, found.cure).contains(word), "no {word:?} in {found:?}");
         }
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn ticks_are_graded_by_share_and_tail() {
-        use check::Level::{Error, Note, Warning};
+        use finding::Level::{Error, Note, Warning};
         // A tenth of a period of 10 ms.
         assert_is(
             &tick_finding(&tick_result(0.001, 0, 0, fifo()), 100.0),
@@ -234,7 +234,7 @@ mod tests {
 
     #[test]
     fn bus_and_chain_leave_time_for_the_drives() {
-        use check::Level::{Error, Note, Warning};
+        use finding::Level::{Error, Note, Warning};
         let bus = |p999_s| round_trip::BusResult {
             sample_bytes: 700,
             ours: spread(1e-5, p999_s, 0.5),
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn a_disk_is_graded_by_speed_and_longest_sync() {
-        use check::Level::{Error, Note, Warning};
+        use finding::Level::{Error, Note, Warning};
         let disk = |mb_s, sync_s, in_memory| {
             let way = disk::WriteStats { mb_s, batch: spread(0.01, 0.1, 1.0), sync: spread(0.01, 0.1, sync_s) };
             disk::DiskResult {

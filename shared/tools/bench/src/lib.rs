@@ -38,7 +38,7 @@ use watch::Watch;
 /// # Errors
 /// Bad input, a running robot, a disk without space, or a failed measurement.
 pub fn run(args: &Args) -> Answer<Output> {
-    let settings = Settings::of(args)?;
+    let settings = Settings::from_args(args)?;
     let wanted = |part: Part| settings.parts.contains(&part);
     if wanted(Part::Chain) || wanted(Part::Disk) {
         flight::scenario(&settings).map_err(Failure::bad)?;

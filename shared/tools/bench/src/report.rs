@@ -2,7 +2,7 @@
 
 use super::args::Part;
 use super::{chain, disk, judge, round_trip, tick};
-use commissioning::check::Finding;
+use commissioning::finding::Finding;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 

@@ -44,7 +44,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    pub(crate) fn of(args: &Args) -> Answer<Self> {
+    pub(crate) fn from_args(args: &Args) -> Answer<Self> {
         let mut settings = Self { seconds: args.seconds, ..Self::default() };
         if !args.parts.is_empty() {
             settings.parts = args.parts.iter().copied().collect();
@@ -99,29 +99,29 @@ mod tests {
 
     #[test]
     fn all_parts_take_less_than_twenty_seconds_by_default() {
-        let settings = Settings::of(&default_args()).unwrap();
+        let settings = Settings::from_args(&default_args()).unwrap();
         assert_eq!(settings.parts, Part::ALL.into());
         assert!(Part::ALL.into_iter().map(|part| settings.seconds_for(part)).sum::<f64>() < 20.0);
         // A thousand ticks, so that the tail differs from the maximum.
         assert!(settings.seconds_for(Part::Tick) * settings.rate_hz >= 1000.0);
-        let settings = Settings::of(&Args { seconds: Some(0.5), ..default_args() }).unwrap();
+        let settings = Settings::from_args(&Args { seconds: Some(0.5), ..default_args() }).unwrap();
         assert!(Part::ALL.into_iter().all(|part| settings.seconds_for(part) == 0.5));
     }
 
     #[test]
     fn parts_are_measured_once_and_in_order() {
         let parts = vec![Part::Disk, Part::Bus, Part::Disk];
-        let settings = Settings::of(&Args { parts, ..default_args() }).unwrap();
+        let settings = Settings::from_args(&Args { parts, ..default_args() }).unwrap();
         assert_eq!(settings.parts.into_iter().collect::<Vec<_>>(), [Part::Bus, Part::Disk]);
     }
 
     #[test]
     fn only_permitted_rates_are_accepted() {
         for rate in [10.0, 250.0] {
-            assert!(Settings::of(&Args { rate: Some(rate), ..default_args() }).is_ok());
+            assert!(Settings::from_args(&Args { rate: Some(rate), ..default_args() }).is_ok());
         }
         for rate in [9.9, 250.1, -100.0, 0.0] {
-            let refused = Settings::of(&Args { rate: Some(rate), ..default_args() }).unwrap_err();
+            let refused = Settings::from_args(&Args { rate: Some(rate), ..default_args() }).unwrap_err();
             assert!(matches!(&refused, Failure::BadInput(said) if said.contains("--rate")), "{refused}");
         }
     }

@@ -4,7 +4,7 @@ use super::figures::{Ratio, Spread};
 use super::report::BenchReport;
 use super::words::{digits, duration, percent};
 use super::{chain, disk, round_trip, tick};
-use commissioning::check;
+use commissioning::finding;
 
 /// Width of the first column.
 const LABEL: usize = 44;
@@ -40,7 +40,7 @@ pub fn report(report: &BenchReport) -> String {
     let (rate_hz, verdicts) = (report.rate_hz, report.verdicts());
     let mut part = |mut table: Vec<String>, name: &str| {
         let verdict = verdicts.iter().find(|(part, _)| part.name() == name);
-        table.extend(verdict.map(|(_, finding)| check::to_text(std::slice::from_ref(finding))));
+        table.extend(verdict.map(|(_, finding)| finding::to_text(std::slice::from_ref(finding))));
         table.push(String::new());
         lines.extend(table);
     };

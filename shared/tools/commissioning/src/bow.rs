@@ -32,12 +32,12 @@ impl Bow {
         });
         let bows = std::iter::once(*middle).chain(outward).filter_map(|at| {
             let held = tension::at(robot, &at, &Vector3::zeros(), distribution).ok()?;
-            (0..robot.cable_count()).filter_map(|i| Self::of(robot, i, &at, held.tensions_n[i])).max_by(Self::order)
+            (0..robot.cable_count()).filter_map(|i| Self::new(robot, i, &at, held.tensions_n[i])).max_by(Self::order)
         });
         bows.max_by(Self::order)
     }
 
-    fn of(robot: &Robot, cable: usize, at: &Vector3<f64>, tension_n: f64) -> Option<Self> {
+    fn new(robot: &Robot, cable: usize, at: &Vector3<f64>, tension_n: f64) -> Option<Self> {
         let free = robot.anchors().pulley(cable).cable_to(at).ok()?;
         let chord = -free.direction * free.free_m;
         let (level_m, weight_n_m) = (chord.xy().norm(), robot.cable_weight_n_m());

@@ -8,7 +8,7 @@ use std::path::Path;
 /// Determines the kind of a configuration file from the keys that only this kind has.
 pub(crate) fn config_kind(path: &Path) -> Answer<FileKind> {
     let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
-    FileKind::of(&table).ok_or_else(|| {
+    FileKind::from_table(&table).ok_or_else(|| {
         Failure::BadInput(format!(
             "{} is not a configuration file of a known kind: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
             path.display()

@@ -18,7 +18,7 @@ pub struct Args<'a>(&'a Map<String, Value>);
 pub struct Points {
     /// The points; planar ones have y = 0.
     pub points: Vec<Vector3<f64>>,
-    /// Whether they were given as [x, z].
+    /// Whether the points have two coordinates, [x, z].
     pub planar: bool,
     /// Radius of the pulley at each anchor, m; 0 for an eye.
     pub radii_m: Vec<f64>,

@@ -94,8 +94,8 @@ impl Chaos {
         self.bring_back("the start");
     }
 
-    fn look(&mut self) {
-        self.robot.look();
+    fn poll(&mut self) {
+        self.robot.poll();
         for (newest, port) in self.newest.iter_mut().zip(&mut self.estimates) {
             *newest = port.latest().unwrap().unwrap_or(*newest);
         }
@@ -108,7 +108,7 @@ impl Chaos {
 
     fn nap(&mut self) {
         std::thread::sleep(Duration::from_millis(5));
-        self.look();
+        self.poll();
     }
 
     fn sleep(&mut self, seconds: f64) {
@@ -125,10 +125,10 @@ impl Chaos {
     /// Whether all processes that should run twice do.
     fn complete(&self) -> bool {
         let role = |role: usize| {
-            let phases = &self.robot.seats.phase[SLOTS * role..][..SLOTS];
+            let phases = &self.robot.slots.phase[SLOTS * role..][..SLOTS];
             phases.contains(&MotorSlots::PHASE_ACTIVE) && phases.contains(&MotorSlots::PHASE_QUALIFIED)
         };
-        !self.standby || (role(CONTROLLERS) && role(ESTIMATORS) && self.robot.seats.fade == [1.0; 2])
+        !self.standby || (role(CONTROLLERS) && role(ESTIMATORS) && self.robot.slots.fade == [1.0; 2])
     }
 
     fn ask(&mut self, process: &str, request: Request) -> bool {
@@ -146,8 +146,8 @@ impl Chaos {
                 "the robot does not recover from {after}: mode {}, faults {:#x}, phases {:?}, causes {:?}\n{}",
                 self.robot.last.mode,
                 self.robot.last.faults,
-                self.robot.seats.phase,
-                self.robot.seats.cause,
+                self.robot.slots.phase,
+                self.robot.slots.cause,
                 self.robot.said()
             );
             let cycle = self.robot.last.header.cycle;
@@ -176,9 +176,9 @@ impl Chaos {
 
     /// Admits a quarantined slot again.
     fn admit(&mut self) {
-        for seat in 0..self.robot.seats.phase.len() {
-            if self.robot.seats.phase[seat] == MotorSlots::PHASE_QUARANTINED {
-                let (role, slot) = (SlotRole::ALL[seat / SLOTS], Slot::ALL[seat % SLOTS]);
+        for slot in 0..self.robot.slots.phase.len() {
+            if self.robot.slots.phase[slot] == MotorSlots::PHASE_QUARANTINED {
+                let (role, slot) = (SlotRole::ALL[slot / SLOTS], Slot::ALL[slot % SLOTS]);
                 self.ask("motor-io", Request::Admit { role, slot });
             }
         }
@@ -259,7 +259,7 @@ impl Chaos {
         };
         let pid = self.robot.pid(&process);
         self.off_m = None;
-        self.look();
+        self.poll();
         let (at_ns, cycle, lost) = (clock::now_ns(), self.robot.last.header.cycle, self.robot.last.lost_on_ports());
         match &fault.how {
             How::Box(text, _) => self.robot.fault(text),
@@ -315,7 +315,7 @@ impl Chaos {
 
     /// Ends a round in flight; returns the fault that ended it, if it is to be judged.
     fn end(&mut self, ending: Ending, complaints: &mut Vec<String>) -> Option<Blow> {
-        self.look();
+        self.poll();
         let (at_ns, cycle) = (clock::now_ns(), self.robot.last.header.cycle);
         let (what, bits, cable) = match ending {
             Ending::Plain => (String::new(), 0, None),

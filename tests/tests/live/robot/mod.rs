@@ -1,8 +1,11 @@
 //! A running robot for tests that count its cycles: `nims up` on a virtual motor box.
 #![allow(dead_code, unused_imports)] // each test uses a part of it
 
+mod moves;
+mod starvation;
 mod steady;
 
+pub use moves::goto;
 pub use steady::steadily;
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
@@ -26,19 +29,6 @@ pub const START: [f64; 3] = [4.8, 3.0, 0.3];
 pub const GOAL: [f64; 3] = [5.4, 3.6, 0.7];
 /// Longest wait for any event; it is exceeded only by an error, because a machine may stand still for seconds.
 const LONG: Duration = Duration::from_secs(60);
-/// Faults of a robot whose machine delays the control chain for some cycles.
-const STARVED: u32 = MotorAuthority::FAULT_COMMAND_LOST
-    | MotorAuthority::FAULT_ESTIMATE_LOST
-    | MotorAuthority::FAULT_LONG_GAP
-    | MotorAuthority::FAULT_COMPUTER;
-
-/// Cycles with a long wait, and lost periods, within so many consecutive cycles that show a starved robot.
-const STARVED_CYCLES: u64 = 3;
-const CLOSE_CYCLES: usize = 10;
-/// A thread that waited longer than this for a processor had no time for its part of the cycle, ns: motor-io's share of
-/// the period.
-const LONG_WAIT_NS: u64 = 3_000_000;
-
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
 }
@@ -55,24 +45,19 @@ pub struct Robot {
     pub bus: Bus,
     authority: Subscriber<MotorAuthority>,
     truth: Subscriber<TruthNode>,
-    slots: Subscriber<MotorSlots>,
+    slots_channel: Subscriber<MotorSlots>,
     clients: HashMap<String, Client>,
     pub last: MotorAuthority,
     /// Every fault that has been named so far.
     pub named: u32,
     pub seen: TruthNode,
-    pub seats: MotorSlots,
+    pub slots: MotorSlots,
     /// Target of the last move of `fly`, m.
     pub goal: [f64; 3],
     /// Whether something was broken on purpose.
     broken: bool,
     pub domain: TestDomain,
     _alone: MutexGuard<'static, ()>,
-}
-
-/// A straight move at that speed, m/s.
-pub fn goto(to_m: [f64; 3], speed_m_s: f64) -> Request {
-    Request::Goto { to_m, path: GotoPath::Line, speed_m_s: Some(speed_m_s) }
 }
 
 /// A copy of the example files, because a robot stores its files beside them.
@@ -121,13 +106,13 @@ impl Robot {
             runs: 1,
             authority: bus.deep_subscriber("motor/authority").unwrap(),
             truth: bus.deep_subscriber("truth/node").unwrap(),
-            slots: bus.deep_subscriber("motor/slots").unwrap(),
+            slots_channel: bus.deep_subscriber("motor/slots").unwrap(),
             bus,
             clients: HashMap::new(),
             last: MotorAuthority::default(),
             named: 0,
             seen: TruthNode::default(),
-            seats: MotorSlots::default(),
+            slots: MotorSlots::default(),
             goal: START,
             broken: false,
             domain,
@@ -149,7 +134,7 @@ impl Robot {
         self.bus = Bus::join(&self.domain, "observer").unwrap();
         self.authority = self.bus.deep_subscriber("motor/authority").unwrap();
         self.truth = self.bus.deep_subscriber("truth/node").unwrap();
-        self.slots = self.bus.deep_subscriber("motor/slots").unwrap();
+        self.slots_channel = self.bus.deep_subscriber("motor/slots").unwrap();
         self.last = MotorAuthority::default();
         self.until("the robot is up again", |robot| robot.last.header.cycle > 50);
     }
@@ -222,7 +207,7 @@ impl Robot {
         loop {
             let answered = requests.receive().unwrap();
             let answered = answered.filter(|request| request.header.published_ns >= begun_ns && request.answered == 1);
-            if let Some(reason) = answered.and_then(|request| Reason::of(&request)) {
+            if let Some(reason) = answered.and_then(|request| Reason::from_request(&request)) {
                 return reason;
             }
             assert!(clock::now_ns() < begun_ns + LONG.as_nanos() as u64, "{args:?}: no answer on operator/request");
@@ -282,9 +267,9 @@ impl Robot {
     pub fn until(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            self.look_around();
+            self.poll_others();
             while let Some(sample) = self.authority.receive().unwrap() {
-                self.note(sample);
+                self.record(sample);
                 if wanted(self) {
                     return;
                 }
@@ -299,7 +284,7 @@ impl Robot {
     pub fn until_said(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            self.look();
+            self.poll();
             if wanted(self) {
                 return;
             }
@@ -348,7 +333,7 @@ impl Robot {
         let mut states = self.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            self.look();
+            self.poll();
             if states.latest().unwrap().is_some_and(|row| row.state == state) {
                 return;
             }
@@ -365,7 +350,7 @@ impl Robot {
 
     /// One request and the reason of its answer; `None` if the process does not exist or does not answer.
     pub fn reason(&mut self, process: &str, request: &Request) -> Option<Reason> {
-        self.answered(process, request).and_then(|answer| Reason::of(&answer))
+        self.answered(process, request).and_then(|answer| Reason::from_request(&answer))
     }
 
     fn answered(&mut self, process: &str, request: &Request) -> Option<OperatorRequest> {
@@ -387,93 +372,22 @@ impl Robot {
         Request::Run { mission: name.to_owned(), hash, continues: false }
     }
 
-    /// Starts a move of some seconds, there or back. If the machine stood still meanwhile and the robot stopped for it,
-    /// the move starts again.
-    pub fn fly(&mut self) {
-        self.fly_at(0.12);
-    }
-
-    /// The same at that speed, m/s.
-    pub fn fly_at(&mut self, speed_m_s: f64) {
-        for _ in 0..5 {
-            // Discards the rest of a move; without one the request is refused, which has the same effect.
-            self.request("motor-io", &Request::Stop).unwrap();
-            self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-            // Wherever an earlier move was interrupted, the farther end is a move away.
-            self.goal = if self.distance_m(START) < self.distance_m(GOAL) { GOAL } else { START };
-            self.ask("planner", goto(self.goal, speed_m_s));
-            self.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
-            let cycle = self.last.header.cycle + 100;
-            self.until("a second of it", |robot| robot.last.header.cycle > cycle);
-            if (self.last.mode, self.last.faults) == (MotorAuthority::MODE_FOLLOWING, 0) {
-                self.named = 0;
-                return;
-            }
-        }
-        panic!("this machine does not let the robot fly for a second: {:#x}", self.last.faults);
-    }
-
-    /// Waits for the end of the move. If the machine starved the robot and it stopped for that, requests a resume.
-    pub fn arrive(&mut self) {
-        for _ in 0..5 {
-            self.until("the end of the move", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-            if self.last.faults & STARVED == 0 {
-                return;
-            }
-            self.ask("motor-io", Request::Resume);
-            self.until("it goes on", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
-        }
-        panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
-    }
-
-    /// Armed, at a known position.
-    pub fn arm(&mut self) {
-        self.ask("motor-io", Request::Arm);
-        self.ask("motor-io", Request::ZeroAt { position_m: START });
-    }
-
-    /// Receives everything published so far into `last`, `seen` and `seats`.
-    pub fn look(&mut self) {
+    /// Receives everything published so far into `last`, `seen` and `slots`.
+    pub fn poll(&mut self) {
         while let Some(sample) = self.authority.receive().unwrap() {
-            self.note(sample);
+            self.record(sample);
         }
-        self.look_around();
+        self.poll_others();
     }
 
-    fn note(&mut self, sample: MotorAuthority) {
+    fn record(&mut self, sample: MotorAuthority) {
         self.last = sample;
         self.named |= sample.faults;
     }
 
-    fn look_around(&mut self) {
+    fn poll_others(&mut self) {
         self.seen = self.truth.latest().unwrap().unwrap_or(self.seen);
-        self.seats = self.slots.latest().unwrap().unwrap_or(self.seats);
-    }
-
-    /// Runs for so many cycles.
-    pub fn for_cycles(&mut self, cycles: u64) {
-        self.look();
-        let last = self.last.header.cycle + cycles;
-        self.until("some cycles", |robot| robot.last.header.cycle >= last);
-    }
-
-    /// Speed of the node, m/s, by the truth.
-    pub fn speed_m_s(&self) -> f64 {
-        self.seen.velocity_m_s.iter().map(|value| value * value).sum::<f64>().sqrt()
-    }
-
-    /// Distance of the node from that point, m, by the truth.
-    pub fn distance_m(&self, from: [f64; 3]) -> f64 {
-        self.seen.position_m.iter().zip(from).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-    }
-
-    /// Returns the robot to holding at a known position.
-    pub fn reset(&mut self) {
-        self.ask("motor-io", Request::Reset);
-        self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults == 0);
-        if self.last.position_known == messages::MotorState::POSITION_RESTORED {
-            self.ask("motor-io", Request::ConfirmPosition);
-        }
+        self.slots = self.slots_channel.latest().unwrap().unwrap_or(self.slots);
     }
 
     /// The process of that name, if it runs.
@@ -500,36 +414,6 @@ impl Robot {
         let _ = kill_process(Pid::from_child(&self.supervisor), Signal::KILL);
         self.kill_others();
         self.supervisor.wait().unwrap();
-    }
-
-    /// The kernel's figures in the run files of a robot without injected faults, if they explain lost periods: cycles
-    /// close together in which the kernel kept threads of the robot waiting for a processor, and in which as many
-    /// periods were lost.
-    fn starvation(&self) -> Option<String> {
-        if self.broken {
-            return None;
-        }
-        (1..=self.runs).find_map(|run| {
-            let folder = run_of(self.folder.path(), run);
-            let inputs: Vec<(u64, MotorInput)> = runlog::read_channel(&folder, "motor/input").unwrap_or_default();
-            let samples: Vec<(u64, MotorAuthority)> =
-                runlog::read_channel(&folder, "motor/authority").unwrap_or_default();
-            let waited = inputs.windows(2).map(|pair| waited_ns(&pair[0].1, &pair[1].1));
-            let waits: HashMap<u64, u64> =
-                inputs.iter().skip(1).map(|(_, input)| input.header.cycle).zip(waited).collect();
-            samples.windows(CLOSE_CYCLES).find_map(|window| {
-                let lost = |sample: &MotorAuthority| sample.lost_computer + sample.lost_on_ports();
-                let lost = lost(&window[CLOSE_CYCLES - 1].1).saturating_sub(lost(&window[0].1));
-                let waits = window.iter().filter_map(|(_, sample)| waits.get(&sample.header.cycle));
-                let waited_ns: u64 = waits.filter(|wait| **wait > LONG_WAIT_NS).sum();
-                (lost >= STARVED_CYCLES && waited_ns >= STARVED_CYCLES * LONG_WAIT_NS).then(|| {
-                    let (cycle, waited_ms) = (window[0].1.header.cycle, waited_ns / 1_000_000);
-                    format!(
-                        "its threads waited {waited_ms} ms for a processor within {CLOSE_CYCLES} cycles from {cycle} on"
-                    )
-                })
-            })
-        })
     }
 
     fn kill_others(&self) {
@@ -566,16 +450,6 @@ impl Drop for Robot {
             }
         }
     }
-}
-
-/// The longest time that one of the threads of the robot or of the virtual motor box waited for a processor from one
-/// cycle to the next, ns.
-fn waited_ns(before: &MotorInput, after: &MotorInput) -> u64 {
-    let own = [(before.run_delay_ns, after.run_delay_ns), (before.box_left_out_ns, after.box_left_out_ns)];
-    let chain = before.chain_delay_ns.into_iter().zip(after.chain_delay_ns);
-    // A previous figure of 0 means unknown.
-    let grown = own.into_iter().chain(chain).filter(|(before, _)| *before != 0);
-    grown.map(|(before, after)| after.saturating_sub(before)).max().unwrap_or(0)
 }
 
 fn kill(pid: u32, signal: Signal) {

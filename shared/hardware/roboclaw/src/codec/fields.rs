@@ -61,24 +61,24 @@ pub(super) const fn by_motor(motor: Motor, one: u8, two: u8) -> u8 {
 pub(crate) struct Fields<'a>(pub(crate) &'a [u8]);
 
 impl Fields<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+    fn next_bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (first, rest) = self.0.split_first_chunk::<N>()?;
         self.0 = rest;
         Some(*first)
     }
     pub(crate) fn u8(&mut self) -> Option<u8> {
-        self.take::<1>().map(|[byte]| byte)
+        self.next_bytes::<1>().map(|[byte]| byte)
     }
     pub(crate) fn u16(&mut self) -> Option<u16> {
-        self.take().map(u16::from_be_bytes)
+        self.next_bytes().map(u16::from_be_bytes)
     }
     pub(crate) fn i16(&mut self) -> Option<i16> {
-        self.take().map(i16::from_be_bytes)
+        self.next_bytes().map(i16::from_be_bytes)
     }
     pub(crate) fn u32(&mut self) -> Option<u32> {
-        self.take().map(u32::from_be_bytes)
+        self.next_bytes().map(u32::from_be_bytes)
     }
     pub(crate) fn i32(&mut self) -> Option<i32> {
-        self.take().map(i32::from_be_bytes)
+        self.next_bytes().map(i32::from_be_bytes)
     }
 }

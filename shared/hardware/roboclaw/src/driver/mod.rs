@@ -135,7 +135,7 @@ struct Unit {
     interlocked: bool,
     /// Late answers while it was brought back into use, less answers in time since; see [`Bus::patience_ns`].
     patience: u8,
-    /// What came in place of its answer when it was last asked in vain.
+    /// What arrived in place of its last missing answer.
     instead: step::Instead,
 }
 

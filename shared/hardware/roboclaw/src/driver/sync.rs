@@ -84,7 +84,7 @@ impl<T: Transport> Bus<T> {
 
     fn drain(&mut self, quiet_from_ns: u64, deadline_ns: u64) -> Result<(), Error> {
         let quiet_at_ns = quiet_from_ns + QUIET_NS;
-        // Where the silence cannot be waited for in this call, it goes on by itself: do not hold up the caller.
+        // If this call has no time for the whole silence, the next one waits for the rest: do not delay the caller.
         let until_ns = if quiet_at_ns <= deadline_ns { quiet_at_ns } else { 0 };
         let mut waste = [0; MAX_PACKET];
         let got = self.transport.read(&mut waste, until_ns).map_err(|error| self.port_failed(error))?;

@@ -59,7 +59,7 @@ impl Unit {
         match form(code)? {
             Form::Question => {
                 if let Some(read) = Read::from_code(code) {
-                    return Some(self.say(read).encode(address, code));
+                    return Some(self.reply(read).encode(address, code));
                 }
                 let mut packet = Packet::new();
                 match code {
@@ -68,7 +68,7 @@ impl Unit {
                         // No move is active.
                         None => 0x80,
                     })),
-                    73 => self.say_everything(&mut packet),
+                    73 => self.reply_all_readings(&mut packet),
                     83 => packet.extend(&tenths(self.measured.temperature_c).to_be_bytes()),
                     100 => {
                         packet.extend(&tenths(self.measured.supply_v).to_be_bytes());
@@ -101,15 +101,15 @@ impl Unit {
         }
     }
 
-    fn say(&mut self, read: Read) -> Reply {
+    fn reply(&mut self, read: Read) -> Reply {
         let pid = |motor: usize| Reply::VelocityPid(self.settings.velocity_pids[motor]);
         let speed = |motor: usize| saturated(self.measured.speeds_counts_s[motor]);
         let raw =
             |motor: usize| saturated((self.measured.speeds_counts_s[motor] / RAW_SPEED_STEP).round() * RAW_SPEED_STEP);
         match read {
             Read::Watchdog => Reply::Watchdog(self.settings.watchdog_tenths),
-            Read::Encoder1 => self.say_count(0),
-            Read::Encoder2 => self.say_count(1),
+            Read::Encoder1 => self.reply_count(0),
+            Read::Encoder2 => self.reply_count(1),
             Read::Speed1 => Reply::Speed(speed(0)),
             Read::Speed2 => Reply::Speed(speed(1)),
             Read::RawSpeed1 => Reply::Speed(raw(0)),
@@ -131,13 +131,13 @@ impl Unit {
         }
     }
 
-    fn say_count(&mut self, motor: usize) -> Reply {
+    fn reply_count(&mut self, motor: usize) -> Reply {
         let backward = u8::from(self.measured.speeds_counts_s[motor] < 0.0) << 1;
         Reply::Count(self.count(motor) as u32, std::mem::take(&mut self.wrapped[motor]) | backward)
     }
 
     /// Answer to 73: every reading at once.
-    fn say_everything(&self, packet: &mut Packet) {
+    fn reply_all_readings(&self, packet: &mut Packet) {
         let measured = &self.measured;
         packet.extend(&((self.now_ns / 1_000_000) as u32).to_be_bytes());
         packet.extend(&measured.status.0.to_be_bytes());

@@ -41,7 +41,7 @@ enum Progress {
 }
 
 impl Parser {
-    fn take(&mut self, now_ns: u64, byte: u8) -> Progress {
+    fn push(&mut self, now_ns: u64, byte: u8) -> Progress {
         if now_ns.saturating_sub(self.last_ns) > BYTE_GAP_NS {
             self.len = 0;
             self.lost = false;
@@ -113,7 +113,7 @@ impl Device for UnitBus {
     /// Receives a byte; puts the answer onto the wire when a packet is complete.
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         self.advance(now_ns);
-        match self.parser.take(now_ns, byte) {
+        match self.parser.push(now_ns, byte) {
             Progress::Incomplete => {}
             Progress::Refused => self.refused += 1,
             Progress::Whole(packet) => {

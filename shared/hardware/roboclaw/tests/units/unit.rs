@@ -43,7 +43,7 @@ impl Bench {
         (std::iter::from_fn(|| wire.pop(u64::MAX)).map(|(_, byte)| byte).collect(), first_ns)
     }
 
-    fn tell(&mut self, write: Write) {
+    fn write(&mut self, write: Write) {
         assert_eq!(self.send(&write.encode(0x80)).0, [0xFF], "{write:?}");
     }
 
@@ -88,7 +88,7 @@ fn a_packet_may_come_in_pieces_but_not_with_a_long_pause() {
     bench.wait(10 * MS + 1);
     assert_eq!(bench.send(&packet[6..]).0, [], "the rest of a forgotten packet is no packet");
     bench.wait(11 * MS);
-    bench.tell(Write::Speeds([1, 2]));
+    bench.write(Write::Speeds([1, 2]));
 }
 
 #[test]
@@ -110,7 +110,7 @@ proptest! {
         prop_assert_eq!(bench.unit().commands(), 0);
         // After a pause it understands again.
         bench.wait(11 * MS);
-        bench.tell(Write::Speeds(speeds));
+        bench.write(Write::Speeds(speeds));
     }
 
     #[test]
@@ -142,8 +142,8 @@ fn units_of_one_line_answer_for_themselves_only() {
 fn the_watchdog_stops_both_motors_and_says_so() {
     for (feeds, trips) in [(Feeds::OwnPackets, 1), (Feeds::AnyPacket, 0)] {
         let mut bench = Bench::new(&[UnitOptions { feeds, ..UnitOptions::new(0x80) }, UnitOptions::new(0x81)]);
-        bench.tell(Write::Watchdog(3));
-        bench.tell(Write::Speeds([500, 500]));
+        bench.write(Write::Watchdog(3));
+        bench.write(Write::Speeds([500, 500]));
         for _ in 0..5 {
             bench.wait(100 * MS);
             let _ = bench.send(&Read::Encoders.encode(0x81));
@@ -154,10 +154,10 @@ fn the_watchdog_stops_both_motors_and_says_so() {
     }
     // A question is enough to keep it quiet, and a unit that stands has nothing to stop.
     let mut bench = Bench::one();
-    bench.tell(Write::Watchdog(1));
+    bench.write(Write::Watchdog(1));
     bench.wait(1000 * MS);
     assert_eq!(bench.unit().watchdog_trips(), 0);
-    bench.tell(Write::Duties([100, 0]));
+    bench.write(Write::Duties([100, 0]));
     for _ in 0..20 {
         bench.wait(90 * MS);
         bench.ask(Read::Watchdog);
@@ -170,13 +170,13 @@ fn the_watchdog_stops_both_motors_and_says_so() {
 #[test]
 fn a_ramp_rises_as_asked_for() {
     let mut bench = Bench::one();
-    bench.tell(Write::SpeedsRamps([(1000, 500), (2000, -500)]));
+    bench.write(Write::SpeedsRamps([(1000, 500), (2000, -500)]));
     bench.wait(100 * MS);
     assert_eq!(bench.unit().target(Motor::One), Target::Speed(100.0));
     assert_eq!(bench.unit().target(Motor::Two), Target::Speed(-200.0));
     bench.wait(1000 * MS);
     assert_eq!(bench.unit().target(Motor::Two), Target::Speed(-500.0));
-    bench.tell(Write::Speed(Motor::One, 7));
+    bench.write(Write::Speed(Motor::One, 7));
     assert_eq!(bench.unit().target(Motor::One), Target::Speed(7.0));
 }
 
@@ -230,8 +230,8 @@ fn a_position_is_reached_and_held() {
 fn what_was_set_can_be_read_back_and_saved() {
     let mut bench = Bench::one();
     let pid = roboclaw::codec::Pid { p: 1, i: 2, d: 3, counts_s_at_full_duty: 4 };
-    bench.tell(Write::VelocityPid(Motor::Two, pid));
-    bench.tell(Write::MaxCurrent(Motor::One, 550));
+    bench.write(Write::VelocityPid(Motor::Two, pid));
+    bench.write(Write::MaxCurrent(Motor::One, 550));
     assert_eq!(bench.ask(Read::VelocityPid2), Reply::VelocityPid(pid));
     assert_eq!(bench.ask(Read::MaxCurrent1), Reply::MaxCurrent(550));
     assert_eq!(bench.unit().max_current_a(Motor::One), 5.5);
@@ -243,9 +243,9 @@ fn what_was_set_can_be_read_back_and_saved() {
 
     bench.unit().reboot(0);
     assert_eq!(bench.ask(Read::MaxCurrent1), Reply::MaxCurrent(3000), "nothing was saved");
-    bench.tell(Write::MaxCurrent(Motor::One, 550));
-    bench.tell(Write::Save);
-    bench.tell(Write::MaxCurrent(Motor::One, 1));
+    bench.write(Write::MaxCurrent(Motor::One, 550));
+    bench.write(Write::Save);
+    bench.write(Write::MaxCurrent(Motor::One, 1));
     bench.unit().reboot(0);
     assert_eq!(bench.ask(Read::MaxCurrent1), Reply::MaxCurrent(550));
 }
@@ -280,7 +280,7 @@ fn it_says_what_its_sensors_measure() {
 #[test]
 fn an_error_condition_stops_the_motors_a_warning_does_not() {
     let mut bench = Bench::one();
-    bench.tell(Write::Speeds([10, 10]));
+    bench.write(Write::Speeds([10, 10]));
     bench.unit().measure(&Measured { status: Status(Status::OVER_CURRENT_1), ..Measured::default() });
     assert_eq!(bench.unit().target(Motor::One), Target::Speed(10.0));
     bench.unit().measure(&Measured { status: Status(Status::EMERGENCY_STOP), ..Measured::default() });
@@ -299,7 +299,7 @@ fn faults_are_as_asked_for() {
     assert_eq!(bench.unit().target(Motor::One), Target::Speed(9.0), "mute, not deaf");
 
     bench.unit().measure(&Measured { counts: [500, 600], ..Measured::default() });
-    bench.tell_after_mute();
+    bench.write_after_mute();
     bench.unit().reboot(100 * MS);
     assert_eq!(bench.unit().target(Motor::One), Target::Duty(0.0));
     assert_eq!(bench.send(&Read::Watchdog.encode(0x80)).0, []);
@@ -309,8 +309,8 @@ fn faults_are_as_asked_for() {
 }
 
 impl Bench {
-    fn tell_after_mute(&mut self) {
+    fn write_after_mute(&mut self) {
         self.wait(60 * MS);
-        self.tell(Write::Watchdog(5));
+        self.write(Write::Watchdog(5));
     }
 }

@@ -38,7 +38,7 @@ fn name_of(pty: &Pty) -> Arc<str> {
     pty.path().to_str().unwrap().into()
 }
 
-fn take(pty: &Pty, wanted: usize) -> Vec<u8> {
+fn read_bytes(pty: &Pty, wanted: usize) -> Vec<u8> {
     let (mut got, until) = (Vec::new(), soon());
     while got.len() < wanted && monotonic_ns() < until {
         let mut buffer = [0; 64];
@@ -57,7 +57,7 @@ fn every_byte_value_passes_both_ways() {
     let mut port = Port::open(&name_of(&pty), 230_400).unwrap();
     let all: Vec<u8> = (0..=255).collect();
     port.write_all(&all, soon()).unwrap();
-    assert_eq!(take(&pty, 256), all);
+    assert_eq!(read_bytes(&pty, 256), all);
     assert_eq!(pty.write(&all).unwrap(), 256);
     let mut back = [0; 256];
     assert_eq!(port.fill(&mut back, soon()).unwrap(), 256);
@@ -137,7 +137,7 @@ fn a_line_finds_its_device_gone_at_once_and_back_after_replugging() {
     jack.plug().unwrap();
     assert_eq!(connect(&mut line), 2);
     line.write_all(b"back", soon()).unwrap();
-    assert_eq!(take(jack.pty().unwrap(), 4), b"back");
+    assert_eq!(read_bytes(jack.pty().unwrap(), 4), b"back");
 }
 
 fn connect(line: &mut ReopeningPort) -> u32 {

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 const G: f64 = 9.80665;
 
 /// A robot with cables of polyethylene: fibre of 970 kg/m³ that fills 80 % of the section.
-struct Site {
+struct HangingRobot {
     robot: Robot,
     mass_kg_m: f64,
     /// Corners of the places to hang at.
@@ -17,7 +17,13 @@ struct Site {
     high_m: [f64; 3],
 }
 
-fn site(anchors_m: &[[f64; 3]], mass_kg: f64, limits_n: [f64; 2], diameter_m: f64, routed_m: &[f64]) -> Site {
+fn hanging_robot(
+    anchors_m: &[[f64; 3]],
+    mass_kg: f64,
+    limits_n: [f64; 2],
+    diameter_m: f64,
+    routed_m: &[f64],
+) -> HangingRobot {
     let area_m2 = 0.25 * std::f64::consts::PI * diameter_m * diameter_m;
     let mass_kg_m = 970.0 * 0.8 * area_m2;
     let robot = Robot::new(RobotParts {
@@ -37,7 +43,7 @@ fn site(anchors_m: &[[f64; 3]], mass_kg: f64, limits_n: [f64; 2], diameter_m: f6
     let [x, y] = [0, 1].map(|k| (reach(k, f64::min), reach(k, f64::max)));
     let inside = |(low, high): (f64, f64), share: f64| low + share * (high - low);
     let lowest = reach(2, f64::min);
-    Site {
+    HangingRobot {
         robot,
         mass_kg_m,
         low_m: [inside(x, 0.2), inside(y, 0.2), 0.1 * lowest],
@@ -46,18 +52,18 @@ fn site(anchors_m: &[[f64; 3]], mass_kg: f64, limits_n: [f64; 2], diameter_m: f6
 }
 
 /// The robots of 10 m, of 30 x 20 m and of 80 x 20 m in `configs/`.
-fn sites() -> [Site; 3] {
+fn sites() -> [HangingRobot; 3] {
     let small = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
     let river = [[0.0, 0.0, 6.2], [30.2, 0.4, 6.6], [29.6, 20.3, 6.0], [0.3, 19.8, 6.4]];
     let forest = [[0.0, 0.0, 15.2], [80.3, 0.6, 16.1], [79.6, 20.4, 14.8], [0.5, 19.7, 15.6]];
     [
-        site(&small, 1.2, [2.0, 60.0], 0.000_33, &[6.0; 3]),
-        site(&river, 2.5, [5.0, 150.0], 0.001, &[22.0, 22.0, 42.0, 42.0]),
-        site(&forest, 5.0, [8.0, 250.0], 0.0015, &[16.0, 16.0, 36.0, 36.0]),
+        hanging_robot(&small, 1.2, [2.0, 60.0], 0.000_33, &[6.0; 3]),
+        hanging_robot(&river, 2.5, [5.0, 150.0], 0.001, &[22.0, 22.0, 42.0, 42.0]),
+        hanging_robot(&forest, 5.0, [8.0, 250.0], 0.0015, &[16.0, 16.0, 36.0, 36.0]),
     ]
 }
 
-impl Site {
+impl HangingRobot {
     fn place(&self, share: [f64; 3]) -> Vector3<f64> {
         Vector3::from_fn(|k, _| self.low_m[k] + share[k] * (self.high_m[k] - self.low_m[k]))
     }
@@ -67,8 +73,8 @@ impl Site {
     }
 }
 
-fn with_mass(site: &Site, mass_kg_m: f64) -> Robot {
-    let robot = &site.robot;
+fn with_mass(hanging: &HangingRobot, mass_kg_m: f64) -> Robot {
+    let robot = &hanging.robot;
     Robot::new(RobotParts {
         anchors_m: robot.anchors().iter().map(|a| [a.x, a.y, a.z]).collect(),
         node_mass_kg: robot.node_mass_kg(),
@@ -135,11 +141,11 @@ impl Catenary {
 /// Force on the node at `x` on exact catenaries with these measured lengths, N, with its weight; `near` has the forces
 /// (H, V) of the cables at a place near `x`, and takes those at `x`.
 fn force_n<'a>(
-    site: &'a Site,
+    hanging: &'a HangingRobot,
     unstretched_m: &'a CableVec,
 ) -> impl Fn(&Vector3<f64>, &mut Vec<[f64; 2]>) -> Vector3<f64> {
-    let robot = &site.robot;
-    let (w, ea) = (site.mass_kg_m * G, robot.stiffness_n().unwrap());
+    let robot = &hanging.robot;
+    let (w, ea) = (hanging.mass_kg_m * G, robot.stiffness_n().unwrap());
     move |x, near| {
         let mut sum = Vector3::new(0.0, 0.0, -robot.net_weight_n());
         for (i, a) in robot.anchors().iter().enumerate() {
@@ -156,19 +162,24 @@ fn force_n<'a>(
 }
 
 /// Forces (H, V) of straight cables with half of their weights.
-fn straight_forces(site: &Site, at: &Vector3<f64>, tensions_n: &CableVec) -> Vec<[f64; 2]> {
-    let w = site.mass_kg_m * G;
+fn straight_forces(hanging: &HangingRobot, at: &Vector3<f64>, tensions_n: &CableVec) -> Vec<[f64; 2]> {
+    let w = hanging.mass_kg_m * G;
     let of = |(a, t): (&Vector3<f64>, &f64)| {
         let d = a - at;
         [t * (d.x * d.x + d.y * d.y).sqrt() / d.norm(), t * d.z / d.norm() - 0.5 * w * d.norm()]
     };
-    site.robot.anchors().iter().zip(tensions_n.iter()).map(of).collect()
+    hanging.robot.anchors().iter().zip(tensions_n.iter()).map(of).collect()
 }
 
 /// Where the node hangs on exact catenaries with these measured lengths.
-fn hangs_exactly(site: &Site, unstretched_m: &CableVec, start: Vector3<f64>, tensions_n: &CableVec) -> Vector3<f64> {
-    let mut near = straight_forces(site, &start, tensions_n);
-    let force = force_n(site, unstretched_m);
+fn hangs_exactly(
+    hanging: &HangingRobot,
+    unstretched_m: &CableVec,
+    start: Vector3<f64>,
+    tensions_n: &CableVec,
+) -> Vector3<f64> {
+    let mut near = straight_forces(hanging, &start, tensions_n);
+    let force = force_n(hanging, unstretched_m);
     let mut x = start;
     for _ in 0..50 {
         let f = force(&x, &mut near);
@@ -188,14 +199,14 @@ fn hangs_exactly(site: &Site, unstretched_m: &CableVec, start: Vector3<f64>, ten
 }
 
 /// Errors of the first order and of cables without weight at a place, m; None where the cables cannot hold the node.
-fn errors_m(site: &Site, p: &Vector3<f64>) -> Option<[f64; 2]> {
+fn errors_m(hanging: &HangingRobot, p: &Vector3<f64>) -> Option<[f64; 2]> {
     let zero = Vector3::zeros();
-    let distribution = site.robot.default_distribution();
-    let held = realise(&site.robot, p, &zero, distribution).ok()?;
-    let exact = hangs_exactly(site, &held.unstretched_m, *p, &held.tensions_n);
+    let distribution = hanging.robot.default_distribution();
+    let held = realise(&hanging.robot, p, &zero, distribution).ok()?;
+    let exact = hangs_exactly(hanging, &held.unstretched_m, *p, &held.tensions_n);
     // What a weightless model commands in the same world.
-    let light = realise(&site.weightless(), p, &zero, distribution).ok()?;
-    let ignored = hangs_exactly(site, &light.unstretched_m, *p, &light.tensions_n);
+    let light = realise(&hanging.weightless(), p, &zero, distribution).ok()?;
+    let ignored = hangs_exactly(hanging, &light.unstretched_m, *p, &light.tensions_n);
     Some([(exact - p).norm(), (ignored - p).norm()])
 }
 
@@ -205,8 +216,8 @@ proptest! {
     /// The bounds are about twice the largest errors over a grid (`cargo test .. -- --nocapture sag`).
     #[test]
     fn the_first_order_is_enough_at_every_size(which in 0usize..3, share in [0.0..1.0f64, 0.0..1.0f64, 0.0..1.0f64]) {
-        let site = &sites()[which];
-        if let Some([first, _]) = errors_m(site, &site.place(share)) {
+        let hanging = &sites()[which];
+        if let Some([first, _]) = errors_m(hanging, &hanging.place(share)) {
             let bound_m = [1e-5, 4e-4, 4e-3][which];
             prop_assert!(first < bound_m, "{which}: {first}");
         }
@@ -214,7 +225,7 @@ proptest! {
 
     #[test]
     fn the_equilibrium_undoes_the_realisation(which in 0usize..3, share in [0.0..1.0f64, 0.0..1.0f64, 0.0..1.0f64]) {
-        let Site { robot, .. } = &sites()[which];
+        let HangingRobot { robot, .. } = &sites()[which];
         let (p, zero) = (sites()[which].place(share), Vector3::zeros());
         if let Ok(held) = realise(robot, &p, &zero, robot.default_distribution()) {
             let there = held.unstretched_m;
@@ -233,12 +244,12 @@ proptest! {
 /// alone.
 #[test]
 fn the_stiffness_of_the_node_is_that_of_exact_catenaries() {
-    for (which, site) in sites().iter().enumerate() {
-        let p = site.place([0.4, 0.5, 0.3]);
-        let held = realise(&site.robot, &p, &Vector3::zeros(), site.robot.default_distribution()).unwrap();
-        let found = stiffness_n_m(&site.robot, &p, &held.tensions_n).unwrap();
-        let force = force_n(site, &held.unstretched_m);
-        let mut near = straight_forces(site, &p, &held.tensions_n);
+    for (which, hanging) in sites().iter().enumerate() {
+        let p = hanging.place([0.4, 0.5, 0.3]);
+        let held = realise(&hanging.robot, &p, &Vector3::zeros(), hanging.robot.default_distribution()).unwrap();
+        let found = stiffness_n_m(&hanging.robot, &p, &held.tensions_n).unwrap();
+        let force = force_n(hanging, &held.unstretched_m);
+        let mut near = straight_forces(hanging, &p, &held.tensions_n);
         let e = 1e-4;
         let columns = [0, 1, 2].map(|k| {
             let step = Vector3::from_fn(|i, _| if i == k { e } else { 0.0 });
@@ -246,7 +257,7 @@ fn the_stiffness_of_the_node_is_that_of_exact_catenaries() {
         });
         let exact = Matrix3::from_columns(&columns);
         let off = (found - exact).norm() / exact.norm();
-        let weightless = stiffness_n_m(&site.weightless(), &p, &held.tensions_n).unwrap();
+        let weightless = stiffness_n_m(&hanging.weightless(), &p, &held.tensions_n).unwrap();
         let ignored = (weightless - exact).norm() / exact.norm();
         println!("robot {which}: stiffness off by {:.2} %, without weight by {:.2} %", 100.0 * off, 100.0 * ignored);
         assert!(off < 0.002 && off <= ignored + 1e-4, "robot {which}: {found} {exact}");
@@ -255,13 +266,13 @@ fn the_stiffness_of_the_node_is_that_of_exact_catenaries() {
 
 #[test]
 fn sag_matters_on_long_cables_and_the_first_order_removes_it() {
-    for (which, site) in sites().iter().enumerate() {
+    for (which, hanging) in sites().iter().enumerate() {
         let mut all: Vec<[f64; 2]> = Vec::new();
         for i in 0..5 {
             for j in 0..5 {
                 for k in 0..3 {
                     let share = [f64::from(i) / 4.0, f64::from(j) / 4.0, f64::from(k) / 2.0];
-                    all.extend(errors_m(site, &site.place(share)));
+                    all.extend(errors_m(hanging, &hanging.place(share)));
                 }
             }
         }

@@ -100,7 +100,7 @@ proptest! {
         let anchor = Vector3::new(1.0, -2.0, 3.0);
         let outward = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
         let node = anchor + outward * p + Vector3::z() * z;
-        let cable = Pulley { anchor, radius_m: r, planar: false }.cable_to(&node).unwrap();
+        let cable = Pulley::new(anchor, r).cable_to(&node).unwrap();
         let arc = touching_arc(r, p, z);
         let [x, y] = on_wheel(r, arc);
         let free = node - (anchor + outward * x + Vector3::z() * y);
@@ -198,7 +198,7 @@ proptest! {
     fn the_length_is_convex_outside_two_radii(
         r in 0.005..0.1f64, a in inside(), b in inside(), share in 0.0..1.0f64,
     ) {
-        let pulley = Pulley { anchor: Vector3::new(-3.0 - 2.0 * r, 0.0, 3.0), radius_m: r, planar: false };
+        let pulley = Pulley::new(Vector3::new(-3.0 - 2.0 * r, 0.0, 3.0), r);
         let between = a + (b - a) * share;
         let chord = pulley.length_m(&a) + (pulley.length_m(&b) - pulley.length_m(&a)) * share;
         prop_assert!(pulley.length_m(&between) <= chord + 1e-12);
@@ -286,7 +286,7 @@ fn the_length_is_that_of_a_string_over_a_polygon() {
 #[test]
 fn nothing_jumps_where_the_node_passes_below_the_wheels_centre_or_the_radius_vanishes() {
     let r = 0.05;
-    let pulley = Pulley { anchor: Vector3::zeros(), radius_m: r, planar: false };
+    let pulley = Pulley::new(Vector3::zeros(), r);
     for z in [-3.0, -0.3, 0.3, 3.0] {
         let at = |p: f64| pulley.cable_to(&Vector3::new(p, 0.0, z)).unwrap();
         for p in [r, 2.0 * r] {

@@ -245,7 +245,7 @@ proptest! {
     #[test]
     fn the_bow_of_a_shallow_cable_is_that_of_the_catenary(slope in -1.5..1.5_f64, sag in 0.001..SHALLOW, chord in 1.0..100.0_f64, w in 1e-3..1.0_f64) {
         let direction = Vector3::new(slope.cos(), 0.0, -slope.sin());
-        let pulley = pulley::Pulley { anchor: Vector3::zeros(), radius_m: 0.0, planar: false };
+        let pulley = pulley::Pulley::new(Vector3::zeros(), 0.0);
         let load = Load::at(&pulley, &(direction * chord), w);
         let tension = w * chord / (8.0 * sag);
         let span = Span { level_m: chord * slope.cos(), rise_m: chord * slope.sin(), weight_n_m: w, stiffness_n: f64::INFINITY };

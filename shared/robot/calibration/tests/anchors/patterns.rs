@@ -18,7 +18,7 @@ fn measure(anchors: &[[f64; 3]], count: usize, radius_m: f64, noise: &Noise, see
     for (l, c) in measured.lengths_m.iter_mut().zip(&points) {
         let straight = lengths_to(anchors, *c);
         *l = CableVec::from_fn(anchors.len(), |i| {
-            let pulley = Pulley { anchor: anchors[i].into(), radius_m, planar: false };
+            let pulley = Pulley::new(anchors[i].into(), radius_m);
             l[i] + pulley.length_m(&Vector3::new(c[0], c[1], 0.0)) - straight[i]
         });
     }

@@ -25,7 +25,7 @@ pub(super) struct Globe {
 
 impl Globe {
     /// Creates it from `[site]` of the robot file.
-    pub(super) fn of(site: &SiteSection) -> Self {
+    pub(super) fn new(site: &SiteSection) -> Self {
         let latitude = site.latitude_deg.to_radians();
         let flat = 1.0 - E2 * latitude.sin().powi(2);
         let (along_m, across_m) = (A_M * (1.0 - E2) / flat.powf(1.5), A_M / flat.sqrt());
@@ -93,7 +93,7 @@ mod tests {
         for latitude_deg in [-55.0, 0.0, 34.07, 60.0] {
             for azimuth_deg in [0.0, 90.0, 210.0] {
                 let site = SiteSection { latitude_deg, longitude_deg: -118.4, azimuth_deg };
-                let globe = Globe::of(&site);
+                let globe = Globe::new(&site);
                 let origin = in_space([latitude_deg, -118.4]);
                 let away = |at: [f64; 2]| {
                     let place = in_space(globe.at(at));
@@ -109,7 +109,7 @@ mod tests {
             }
         }
         // To the north the latitude increases; with x to the north, y points west.
-        let globe = Globe::of(&SiteSection { latitude_deg: 34.0, longitude_deg: -118.0, azimuth_deg: 0.0 });
+        let globe = Globe::new(&SiteSection { latitude_deg: 34.0, longitude_deg: -118.0, azimuth_deg: 0.0 });
         let [latitude, longitude] = globe.at([10.0, 10.0]);
         assert!(latitude > 34.0 && longitude < -118.0);
     }

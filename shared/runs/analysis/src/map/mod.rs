@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     require_run(&args.run)?;
     let (robot, section) = read::files_of(&args.run)?;
     let mut config = read::config(&robot, &section)?;
-    let globe = robot.site.as_ref().map(Globe::of);
+    let globe = robot.site.as_ref().map(Globe::new);
     override_settings(&mut config, args);
     let mut measured: BTreeMap<String, SensorSamples> = BTreeMap::new();
     let mut sensors = Vec::new();

@@ -89,7 +89,7 @@ struct TimeAxis {
 }
 
 impl TimeAxis {
-    fn of(run: &RunData) -> Self {
+    fn new(run: &RunData) -> Self {
         let end_s = run.recording.duration_s.max(1e-3);
         match end_s < MINUTES_FROM_S {
             true => Self { label: "time since the start of the run, s", factor: 1.0, end: end_s },
@@ -191,7 +191,7 @@ pub fn site(run: &RunData) -> Vec<Figure> {
 
 /// Distance from the setpoint, and of the truth from the estimate.
 pub fn tracking(run: &RunData) -> Vec<Figure> {
-    let time = TimeAxis::of(run);
+    let time = TimeAxis::new(run);
     let [estimate, truth, model] = &run.errors;
     let mut chart = time.chart("distance, mm", &[("truth", TRUTH, truth), ("estimate", ESTIMATE, estimate)], 1000.0);
     chart.series.retain(|series| !series.points.is_empty());
@@ -207,7 +207,7 @@ pub fn tracking(run: &RunData) -> Vec<Figure> {
 
 /// Charts per cable.
 pub fn cables(run: &RunData) -> Vec<Figure> {
-    let time = TimeAxis::of(run);
+    let time = TimeAxis::new(run);
     let names: Vec<String> = (0..run.cables.len()).map(cable_name).collect();
     let of = |pick: fn(&super::gather::CableData) -> &Trace| -> Vec<(&str, usize, &Trace)> {
         run.cables.iter().enumerate().map(|(i, cable)| (names[i].as_str(), i, pick(cable))).collect()
@@ -237,12 +237,12 @@ pub fn cables(run: &RunData) -> Vec<Figure> {
 pub fn power(run: &RunData) -> Vec<Figure> {
     let [electrical, loss] = &run.power;
     let traces = [("electrical power", ALONE, electrical), ("loss in the motors", COLOURS.len() - 5, loss)];
-    vec![Figure::new("Power of all motors", WIDE, TimeAxis::of(run).chart("power, W", &traces, 1.0))]
+    vec![Figure::new("Power of all motors", WIDE, TimeAxis::new(run).chart("power, W", &traces, 1.0))]
 }
 
 /// Timing of the control cycle.
 pub fn timing(run: &RunData) -> Vec<Figure> {
-    let time = TimeAxis::of(run);
+    let time = TimeAxis::new(run);
     let [wake, bus, age] = &run.times;
     let [computer, drive, resync, answer] = &run.losses;
     let times = [
@@ -271,7 +271,7 @@ fn mode_colour(mode: u8) -> usize {
 
 /// Modes, legs and slots over time.
 pub fn timeline(run: &RunData) -> Vec<Figure> {
-    let time = TimeAxis::of(run);
+    let time = TimeAxis::new(run);
     let block =
         |lane: f64, from_s: f64, to_s: f64| [[time.factor * from_s, lane - 0.38], [time.factor * to_s, lane + 0.38]];
     let mut names = Vec::new();
@@ -317,7 +317,7 @@ pub fn timeline(run: &RunData) -> Vec<Figure> {
 
 /// Sensor values over time and along the path.
 pub fn sensors(run: &RunData) -> Vec<Figure> {
-    let time = TimeAxis::of(run);
+    let time = TimeAxis::new(run);
     let mut figures = Vec::new();
     for (name, sensor) in run.sensors.channels() {
         for (at, (quantity, trace)) in sensor.values.iter().enumerate() {

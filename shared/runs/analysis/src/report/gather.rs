@@ -444,7 +444,7 @@ impl Collector {
                         state,
                         name: mission,
                         progress,
-                        why: Reason::of_plan(&status),
+                        why: Reason::from_status(&status),
                         sentence,
                         since_s,
                     });

@@ -146,11 +146,11 @@ struct Cause {
 }
 
 impl Cause {
-    fn of(clause: impl Into<String>) -> Self {
+    fn new(clause: impl Into<String>) -> Self {
         Self { clause: clause.into(), faults: 0 }
     }
 
-    fn of_fault((faults, clause): (u32, String)) -> Self {
+    fn from_fault((faults, clause): (u32, String)) -> Self {
         Self { clause, faults }
     }
 }
@@ -165,11 +165,11 @@ fn abort_reason(run: &RunData, mission: &Mission) -> Option<Cause> {
     let at_s = mission.since_s;
     let known = match mission.why {
         Some(Reason::EndedByFault { faults }) if faults.is_empty() => {
-            run.events.fault_between(at_s - FAULT_WINDOW_S, at_s + SAME_INSTANT_S).map(Cause::of_fault)
+            run.events.fault_between(at_s - FAULT_WINDOW_S, at_s + SAME_INSTANT_S).map(Cause::from_fault)
         }
         Some(Reason::EndedByRestart) => {
             let died = run.events.died_between("motor-io", at_s - RESTART_WINDOW_S, at_s + SAME_INSTANT_S);
-            died.map(|name| Cause::of(format!("{name} died")))
+            died.map(|name| Cause::new(format!("{name} died")))
         }
         _ => None,
     };
@@ -198,16 +198,16 @@ fn is_following(run: &RunData) -> bool {
 
 /// Returns why an unfinished mission does not continue, as far as the run shows.
 fn cause(run: &RunData, mission: &Mission) -> Option<Cause> {
-    let dead = |role: &str| run.events.dead(role).map(|name| Cause::of(format!("{name} died")));
+    let dead = |role: &str| run.events.dead(role).map(|name| Cause::new(format!("{name} died")));
     let died = |role: &str, from_s: f64| {
         let died = run.events.died_between(role, from_s, f64::INFINITY);
-        died.map(|name| Cause::of(format!("{name} died"))).or_else(|| dead(role))
+        died.map(|name| Cause::new(format!("{name} died"))).or_else(|| dead(role))
     };
     if let Some(died) = dead("motor-io") {
         return Some(died);
     }
     if let Some(name) = run.events.silent("motor-io") {
-        return Some(Cause::of(format!("{name} sent no heartbeat")));
+        return Some(Cause::new(format!("{name} sent no heartbeat")));
     }
     if is_following(run) {
         // While the robot follows a motion, a fault in motor-io's status is over, except for a lost planner.
@@ -215,7 +215,7 @@ fn cause(run: &RunData, mission: &Mission) -> Option<Cause> {
     }
     let last = run.authority.as_ref()?;
     if last.mode == MotorAuthority::MODE_EMERGENCY_STOP {
-        return Some(Cause::of("emergency stop"));
+        return Some(Cause::new("emergency stop"));
     }
     let answers = [
         (MotorAuthority::FAULT_ESTIMATE_LOST, "estimator"),
@@ -229,7 +229,7 @@ fn cause(run: &RunData, mission: &Mission) -> Option<Cause> {
 
 /// Returns the first fault of a cycle.
 fn current_fault(authority: &MotorAuthority) -> Option<Cause> {
-    fault_clauses(authority).into_iter().next().map(Cause::of_fault)
+    fault_clauses(authority).into_iter().next().map(Cause::from_fault)
 }
 
 /// Describes a mission that was neither completed nor aborted.
@@ -254,7 +254,7 @@ fn unfinished_mission(run: &RunData, mission: &Mission) -> Outcome {
         _ => format!("was unfinished at {done:.0} %"),
     };
     let when = if run.recording.recording { "at the last write of its recorder" } else { "when the recording ended" };
-    let (because, faults) = in_brackets(cause.or_else(|| run.end_reason.clone().map(Cause::of)));
+    let (because, faults) = in_brackets(cause.or_else(|| run.end_reason.clone().map(Cause::new)));
     Outcome { sentence: format!("The mission \"{name}\" {state} {when}{because}"), grade, faults }
 }
 
@@ -393,7 +393,7 @@ mod tests {
         let aborted = format!("aborted at 43 % ({} (cable 2))", clause_of(M::FAULT_SLACK));
         let parts = [aborted.as_str(), "the robot was stopped by this fault at the end"];
         assert_eq!(grade_of(&faulted, &parts), Grade::Bad);
-        let faults = messages::faults::Faults::of(&last);
+        let faults = messages::faults::Faults::from_authority(&last);
         faulted.mission.as_mut().unwrap().why = Some(Reason::EndedByFault { faults });
         let aborted = "aborted at 43 % (a fault stopped the robot: a cable is slack or broken (cable 2))";
         grade_of(&faulted, &[aborted, "the robot was stopped by this fault at the end"]);

@@ -117,7 +117,7 @@ pub fn a_restart_is_counted_and_interlocked<F: Family>() {
     }
 }
 
-/// Counts go on where the counter of the unit wraps, in both directions.
+/// Counts continue where the counter of the unit wraps, in both directions.
 pub fn counts_continue_when_the_counter_wraps<F: Family>() {
     for wrap in [1_i64 << (F::COUNTER_BITS - 1), 1 << F::COUNTER_BITS] {
         let mut clockwork = Clockwork::new(F::units(1), 1);
@@ -145,7 +145,7 @@ pub fn counts_continue_when_the_counter_wraps<F: Family>() {
     }
 }
 
-/// A program that starts while units move finds them alive, counts on, and moves nothing before a stop.
+/// A program that starts while units move continues their counts and moves nothing before a stop.
 pub fn a_unit_that_moves_at_the_start_is_interlocked_and_counted<F: Family>() {
     let mut robot = Robot::<F>::connected(2);
     robot.cycles(5, Command::Velocity(2_000.0));

@@ -151,7 +151,7 @@ pub fn a_silent_unit_costs_the_others_little<F: Family>() {
     assert_eq!(robot.answers[0].report.reboots, 0);
 }
 
-/// A port that is gone costs no time; when it is back its units wait for a stop, and their counts went on.
+/// A port that is gone costs no time; when it is back its units wait for a stop, and their counts have continued.
 pub fn an_unplugged_port_is_lost_at_once_and_comes_back_interlocked<F: Family>() {
     let mut robot = Robot::<F>::connected(2);
     robot.cycle(Command::Velocity(10.0));

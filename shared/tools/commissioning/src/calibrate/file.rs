@@ -278,7 +278,7 @@ impl MeasurementsFile {
         if captured || self.pulley == Some(PulleyKind::Swivel) { Method::Joint } else { Method::Survey }
     }
 
-    /// The radius of each pulley, m: zeros if the cables leave from eyes, empty if the file does not say.
+    /// The radius of each pulley, m: zeros if the cables leave from eyes, empty if the file does not state it.
     fn radii(&self, cables: usize) -> Result<Vec<f64>, String> {
         let radii_m = &self.pulley_radius_m;
         match self.pulley {

@@ -59,7 +59,7 @@ pub fn lengths(anchors: &[[f64; 3]], radii_m: &[f64], at: &[f64; 2]) -> Vec<f64>
         if radius_m == 0.0 {
             return ((anchor[0] - at[0]).powi(2) + (anchor[1] - at[1]).powi(2) + anchor[2].powi(2)).sqrt();
         }
-        let pulley = Pulley { anchor: Vector3::from(*anchor), radius_m, planar: false };
+        let pulley = Pulley::new(Vector3::from(*anchor), radius_m);
         pulley.length_m(&Vector3::new(at[0], at[1], 0.0))
     };
     anchors.iter().enumerate().map(length).collect()

@@ -1,7 +1,7 @@
 //! Pure evaluation of the facts: findings with their remedies.
 
 use super::machine::{DomainFacts, Machine, PortFacts, Runs};
-use crate::check::{Finding, error, note, warning};
+use crate::finding::{Finding, error, note, warning};
 use std::path::PathBuf;
 
 /// Shared memory that a robot needs at most, bytes: the files of a robot with four cables and `nims top` add up to 63
@@ -285,8 +285,8 @@ fn disk_finding(runs: &Runs) -> Finding {
 mod tests {
     use super::super::machine::{Limits, Memory};
     use super::*;
-    use crate::check::Level;
-    use crate::check::usable;
+    use crate::finding::Level;
+    use crate::finding::usable;
     use evidence::busy::SystemLoad;
 
     fn sound() -> Machine {

@@ -6,7 +6,7 @@ mod probe;
 
 pub use probe::{TMPFS_MAGIC, nearest_existing};
 
-use crate::check;
+use crate::finding;
 use command::{Answer, Failure, Output};
 use config::SystemFile;
 use std::path::PathBuf;
@@ -26,8 +26,8 @@ pub fn run(args: &Args) -> Answer<Output> {
     let path = args.config.as_deref().map(std::path::absolute).transpose().map_err(Failure::bad)?;
     let file = path.as_deref().map(SystemFile::load).transpose().map_err(Failure::bad)?;
     let found = judge::judge(&probe::probe(file.as_ref()));
-    let errors = check::errors(&found);
+    let errors = finding::errors(&found);
     let failure = (errors > 0)
         .then(|| Failure::NotNow(format!("{errors} error(s) on this machine would stop the robot, listed on stdout")));
-    Ok(Output::new(check::to_json(&found), check::to_text(&found)).failing(failure))
+    Ok(Output::new(finding::to_json(&found), finding::to_text(&found)).failing(failure))
 }

@@ -208,7 +208,7 @@ impl<T: Transport> FakeBus<T> {
             Some(Command::Release) => self.ask(index, "release", 'R', 0.0)?,
             _ => self.ask(index, "read", '?', 0.0)?,
         };
-        self.take(index, &reading)?;
+        self.store(index, &reading)?;
         if refused {
             return Err(self.error(index, |port, unit| Error::Interlocked { port, unit }));
         }
@@ -233,7 +233,7 @@ impl<T: Transport> FakeBus<T> {
     }
 
     /// Takes a reading into the report.
-    fn take(&mut self, index: usize, reading: &Reading) -> Result<(), Error> {
+    fn store(&mut self, index: usize, reading: &Reading) -> Result<(), Error> {
         let bound = self.bound;
         let unit = &mut self.units[index];
         if reading.watchdog_ms != self.watchdog_ms {
@@ -304,7 +304,7 @@ impl<T: Transport> FakeBus<T> {
         }
         (unit.confirmed_ms, unit.refused_ms, unit.watchdog_set) = (Some(wanted_ms), None, true);
         unit.report.setups += 1;
-        self.take(index, &after)
+        self.store(index, &after)
     }
 
     /// Brings one unit back into use, as far as the time allows.

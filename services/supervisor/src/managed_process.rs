@@ -1,9 +1,9 @@
 //! One supervised process, started in its own process group, so that Ctrl-C reaches only the supervisor.
 
 use super::process_spec::ProcessSpec;
+use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
 use bus::clock;
-use command::{Answer, Failure};
 use config::Role;
 use messages::ProcessState;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
@@ -22,13 +22,13 @@ pub const END_NS: u64 = 8_000_000_000;
 
 /// What follows when a process that was requested to end has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Then {
+pub enum AfterEnd {
     /// It stays in the table as stopped.
     Stay,
     /// It is restarted.
-    Again,
+    Restart,
     /// It leaves the table.
-    Forget,
+    Remove,
 }
 
 /// Settings that differ from one start of a process to the next.
@@ -46,7 +46,7 @@ pub struct Start<'a> {
 
 /// A started process.
 #[derive(Debug)]
-pub struct Child {
+pub struct ManagedProcess {
     /// How it was started.
     pub member: ProcessSpec,
     /// Process id.
@@ -70,7 +70,7 @@ pub struct Child {
     /// A warning that it does not become ready was published.
     pub overdue: bool,
     /// When it was requested to end, ns, and what follows.
-    pub asked: Option<(u64, Then)>,
+    pub asked: Option<(u64, AfterEnd)>,
     /// When it will be restarted, ns.
     pub again_ns: Option<u64>,
     /// It died too often to be restarted.
@@ -84,16 +84,15 @@ pub struct Child {
     said: Option<String>,
 }
 
-impl Child {
+impl ManagedProcess {
     /// Starts a process with its domain and name. Its output goes to a file in the run folder, and its last lines are
     /// kept. Also returns a warning if the system does not permit its priority or its processor.
     ///
     /// # Errors
     /// The program cannot be started.
-    pub fn start(member: &ProcessSpec, with: Start<'_>, restarts: Restarts) -> Answer<(Self, Option<String>)> {
-        let failed = |error: std::io::Error| {
-            Failure::NotNow(format!("{} could not be started: {}: {error}", member.name, member.program.display()))
-        };
+    pub fn start(member: &ProcessSpec, with: Start<'_>, restarts: Restarts) -> Decision<(Self, Option<String>)> {
+        let failed =
+            |error: std::io::Error| not_started(&member.name, format_args!("{}: {error}", member.program.display()));
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open(with.log).map_err(failed)?;
         let mut command = Command::new(&member.program);
         command
@@ -200,7 +199,7 @@ impl Child {
     }
 
     /// Requests it to end with SIGTERM, once.
-    pub fn ask_to_end(&mut self, then: Then) {
+    pub fn ask_to_end(&mut self, then: AfterEnd) {
         if self.asked.is_none() && self.is_alive() {
             self.signal(Signal::TERM);
             // a stopped process receives SIGTERM only when it continues

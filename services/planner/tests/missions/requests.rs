@@ -1,0 +1,81 @@
+//! Requests to the planner and its answers.
+
+use crate::world::{World, config};
+use messages::{GotoPath, MotorAuthority, OperatorRequest, PlanStatus, Request};
+use planner::{Planner, requests};
+use robot_state::Reason;
+use robot_state::answers::detail;
+
+#[test]
+fn requests_are_answered() {
+    let world = World::ready();
+    let folder = tempfile::tempdir().unwrap();
+    let short = "name = \"short\"\n[[leg]]\nline = { to_m = [4.9, 3.0, 0.4] }\n";
+    let run = |text: &str| {
+        let hash = config::store_mission(folder.path(), text).unwrap();
+        Request::Run { mission: "any".to_owned(), hash, continues: false }.encode().unwrap()
+    };
+    let goto = |to_m: [f64; 3], speed_m_s: Option<f64>, path: GotoPath| {
+        Request::Goto { to_m, path, speed_m_s }.encode().unwrap()
+    };
+    let there = |path: GotoPath| goto([5.0, 3.0, 0.4], Some(0.1), path);
+    let parabola = |mu_per_m: Option<f64>| GotoPath::Parabola { mu_per_m };
+    let missing = Request::Run { mission: "none".to_owned(), hash: [9; 32], continues: false }.encode().unwrap();
+    let mut unknown = Request::Arm.encode().unwrap();
+    unknown.body.verb = 99;
+    let mut no_path = there(GotoPath::Line);
+    no_path.body.path = 7;
+    let motor_io = Request::Arm.encode().unwrap();
+    let refused = |request: &OperatorRequest| {
+        requests::answer(&mut Planner::new(config()), request, || true, folder.path(), &world.seen())
+    };
+    for request in [
+        run(short),
+        goto([5.0, 3.0, 0.4], None, GotoPath::Line),
+        there(parabola(Some(0.2))),
+        there(parabola(None)),
+        there(GotoPath::Lateral),
+    ] {
+        assert!(matches!(refused(&request), Reason::Planned { continues: false, .. }), "{}", refused(&request));
+    }
+    let of_key = |request: &OperatorRequest| match refused(request) {
+        Reason::MissionValue { leg, key, why } => {
+            assert!(why.contains(key.as_str()), "{why}");
+            (leg, key.to_string())
+        }
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(of_key(&there(parabola(Some(f64::NAN)))), (Some(1), "mu_per_m".to_owned()));
+    assert_eq!(of_key(&goto([5.0, 3.0, 0.4], Some(-0.1), GotoPath::Line)), (Some(1), "speed_m_s".to_owned()));
+    assert_eq!(of_key(&goto([f64::NAN, 3.0, 0.4], None, GotoPath::Line)), (Some(1), "to_m".to_owned()));
+    let line_1 = refused(&run("name = 3\n"));
+    assert!(matches!(&line_1, Reason::MissionInvalid { why } if why.contains("line 1")), "{line_1}");
+    assert!(matches!(refused(&missing), Reason::CopyUnreadable { .. }));
+    assert!(matches!(&refused(&no_path), Reason::Undecodable { why } if why.contains("path is 7")));
+    assert!(matches!(&refused(&unknown), Reason::Undecodable { why } if why.contains("99")));
+    assert!(matches!(refused(&goto([50.0, 3.0, 0.4], None, GotoPath::Line)), Reason::PlanLimit { leg: 1, .. }));
+    assert_eq!(refused(&motor_io), Reason::OtherProcess { takes: detail("goto and run") });
+    // A copy that was changed after the request is not flown.
+    let request = run(short);
+    let copy = config::mission_copy(folder.path(), &request.hash);
+    std::fs::write(copy, short.replace("0.4", "0.9")).unwrap();
+    let mut planner = Planner::new(config());
+    let reason = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
+    assert!(matches!(reason, Reason::CopyChanged { .. }), "{reason:?}");
+    assert_eq!(planner.step(&world.seen()).0.motion, 0);
+    // A motion whose requester has timed out is not started.
+    let mut planner = Planner::new(config());
+    let reason = requests::answer(&mut planner, &run(short), || false, folder.path(), &world.seen());
+    assert_eq!(reason, Reason::RequesterTimedOut);
+    let (motion, status) = planner.step(&world.seen());
+    assert_eq!((motion.motion, motion.current.id, status.state), (0, 0, PlanStatus::STATE_REFUSED));
+    // What can be asked again later is no bad input.
+    let mut disarmed = World::ready();
+    disarmed.authority.mode = MotorAuthority::MODE_DISARMED;
+    let here = goto([4.8, 3.0, 0.3], None, GotoPath::Line);
+    for (world, request) in [(&disarmed, run(short)), (&world, here)] {
+        let reason = requests::answer(&mut Planner::new(config()), &request, || true, folder.path(), &world.seen());
+        assert!(matches!(reason, Reason::RobotDisarmed | Reason::AlreadyThere), "{reason:?}");
+        assert_eq!(reason.accepted(), OperatorRequest::REFUSED);
+    }
+}

@@ -1,0 +1,156 @@
+//! What is flown, and what a flight and a cycle of it result in.
+
+use cable_robot::{CableVec, Distribution, Robot};
+use controller::Law;
+use estimator::Method;
+use messages::{
+    CABLES, ControlStatus, Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
+    PlanMotion, PlanStatus,
+};
+use planner::Mission;
+use plant::PlantConfig;
+
+/// One flight: the robot as configured in the software, the plant, and the mission.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// Robot of the robot file.
+    pub robot: Robot,
+    /// Configuration of the plant.
+    pub plant: PlantConfig,
+    /// Mission.
+    pub mission: Mission,
+    /// Control period, s.
+    pub period_s: f64,
+    /// The control law.
+    pub law: Law,
+    /// Horizon Δ of the law, cycles.
+    pub horizon: u32,
+    /// Method of the estimator.
+    pub method: Method,
+    /// Whether estimator, controller and zeroing correct for stretch.
+    pub stretch: bool,
+    /// Tension distribution.
+    pub distribution: Distribution,
+    /// Longest flight, s.
+    pub longest_s: f64,
+}
+
+/// Statistics of distances over the moving cycles, m.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Deviation {
+    /// Root mean square.
+    pub rms_m: f64,
+    /// Largest.
+    pub max_m: f64,
+}
+
+/// Results of a flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flight {
+    /// Cycles in which the setpoint moved.
+    pub moving_cycles: u64,
+    /// All cycles.
+    pub cycles: u64,
+    /// Estimate relative to setpoint.
+    pub estimate: Deviation,
+    /// Truth relative to setpoint.
+    pub truth: Deviation,
+    /// Truth relative to estimate.
+    pub between: Deviation,
+    /// Share of these cycles in which the truth is within two standard deviations of the estimate on every axis.
+    pub covered: f64,
+    /// Twice the standard deviation that the estimate states, over all axes together.
+    pub stated: Deviation,
+    /// RMS difference of true and estimated velocity, m/s.
+    pub velocity_rms_m_s: f64,
+    /// Largest difference of true and chosen tension over cables and moving cycles, N.
+    pub tension_max_n: f64,
+    /// RMS difference of true and chosen tension, N.
+    pub tension_rms_n: f64,
+    /// Largest tension error as a share of the allowed error: 15 % of the chosen tension or 2 N, whichever is more.
+    pub tension_share: f64,
+    /// Lowest and highest true tension, N.
+    pub tension_range_n: [f64; 2],
+    /// Cycles in which a cable was truly slack.
+    pub slack_cycles: u64,
+    /// Periods of the mission that were not steered by a fresh command.
+    pub unsteered: u64,
+    /// Largest saturation of the cable speeds.
+    pub saturation: f64,
+    /// Final true position and setpoint, m.
+    pub end_m: [[f64; 3]; 2],
+    /// Last state of the planner.
+    pub state: u8,
+}
+
+/// Accumulates distances.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Sum {
+    squares: f64,
+    pub max: f64,
+    pub count: u64,
+}
+
+impl Sum {
+    pub fn add(&mut self, value: f64) {
+        self.squares += value * value;
+        self.max = self.max.max(value.abs());
+        self.count += 1;
+    }
+
+    pub fn rms(&self) -> f64 {
+        if self.count == 0 { 0.0 } else { (self.squares / self.count as f64).sqrt() }
+    }
+
+    pub fn deviation(&self) -> Deviation {
+        Deviation { rms_m: self.rms(), max_m: self.max }
+    }
+}
+
+/// All results of a cycle, for detailed checks.
+#[derive(Debug, Clone, Copy)]
+pub struct Cycle {
+    /// Input of the decision of motor-io.
+    pub input: MotorInput,
+    /// Encoders and drives.
+    pub state: MotorState,
+    /// Mode and plan clock.
+    pub authority: MotorAuthority,
+    /// Confidence in each slot.
+    pub slots: MotorSlots,
+    /// Power and loss, integrated by motor-io.
+    pub energy: Energy,
+    /// Estimate; with two estimators, of the slot in use.
+    pub estimate: NodeEstimate,
+    /// Command; with two controllers, of the slot in use.
+    pub command: MotorCommand,
+    /// Status of that controller.
+    pub control: ControlStatus,
+    /// Commands of motor-io's mode and arbiter before its limits, m/s.
+    pub asked_m_s: [f64; CABLES],
+    /// Commands sent to the drives, m/s.
+    pub sent_m_s: [f64; CABLES],
+    /// Motion.
+    pub motion: PlanMotion,
+    /// Status of the planner.
+    pub plan: PlanStatus,
+    /// True position at the time of the estimate, m.
+    pub truth_m: [f64; 3],
+    /// True velocity at the time of the estimate, m/s.
+    pub truth_m_s: [f64; 3],
+    /// True tensions at the time of the estimate, N.
+    pub truth_n: CableVec,
+}
+
+impl Cycle {
+    /// Whether the truth is within two standard deviations of the estimate on every axis.
+    pub(crate) fn covers_truth(&self) -> bool {
+        let NodeEstimate { position_m, covariance_m2, .. } = &self.estimate;
+        (0..3).all(|i| (self.truth_m[i] - position_m[i]).powi(2) <= 4.0 * covariance_m2[4 * i])
+    }
+
+    /// Twice the standard deviation that the estimate states, over all axes together, m.
+    pub(crate) fn stated_m(&self) -> f64 {
+        2.0 * (0..3).map(|i| self.estimate.covariance_m2[4 * i]).sum::<f64>().sqrt()
+    }
+}
