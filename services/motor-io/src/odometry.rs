@@ -195,8 +195,8 @@ impl Odometry {
             return;
         }
         if let Some((lengths_m, counts)) = self.restore.take() {
-            // A unit that was running all the time has continued to count. The count of a unit that was switched on since says
-            // nothing about the time before, however near it is to the stored one.
+            // A unit that was running all the time has continued to count. The count of a unit that was switched on
+            // since says nothing about the time before, however near it is to the stored one.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
                 let moved_m = metres(it.counts, counts[i], self.counts_per_m[i]);
                 it.zero_m = lengths_m[i] + if self.alive[i] { moved_m } else { 0.0 };

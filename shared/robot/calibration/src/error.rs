@@ -10,8 +10,8 @@
 use super::{Ambiguity, Undetermined};
 use thiserror::Error;
 
-/// Why a calibration has no result. Every message states what is wrong, where, and what to do; it counts anchors, cables
-/// and points from 1.
+/// Why a calibration has no result. Every message states what is wrong, where, and what to do; it counts anchors,
+/// cables and points from 1.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CalibrationError {
     /// A wrong count, a value that is not finite, a negative length, or an invalid standard deviation.

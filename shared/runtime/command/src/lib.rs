@@ -5,8 +5,8 @@
 //!
 //! Invariants:
 //! * Exit code 0: answered ("not feasible" is an answer too); 2: bad input; 1: it could not be done now.
-//! * A failure is one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else; that of a request
-//!   that a process refused has the number of the reason.
+//! * A failure is one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else; that of a
+//!   request that a process refused has the number of the reason.
 //! * A number parsed by [`values`] is finite, and a point has two or three coordinates.
 #![forbid(unsafe_code)]
 

@@ -5,8 +5,8 @@
 //! sentence, so that a program acts on the number and an analyst reads the sentence in the run. `plan/status` carries
 //! the reason for which a mission was refused or ended in the same way. Numbers are never reused, and a reason whose
 //! parameters change gets a new number. Where a refusal is made from an error of a library (a mission file that cannot
-//! be parsed, a program that does not start), the text parameter `why` holds the error's own sentence, the only source of
-//! its words; the reason names what was requested beside it.
+//! be parsed, a program that does not start), the text parameter `why` holds the error's own sentence, the only source
+//! of its words; the reason names what was requested beside it.
 
 use std::fmt::{self, Display, Formatter};
 
