@@ -2,6 +2,7 @@
 
 use super::process_spec::ProcessSpec;
 use super::restarts::Restarts;
+use super::service_manager;
 use bus::clock;
 use command::{Answer, Failure};
 use config::Role;
@@ -107,6 +108,7 @@ impl Child {
             .stderr(Stdio::piped());
         // Its own session: the process group can be ended as a whole, and the scheduler groups it fairly.
         bus::fair::own_session(&mut command);
+        service_manager::hide_from(&mut command);
         if let Some(folder) = &member.folder {
             command.current_dir(folder);
         }
