@@ -22,7 +22,7 @@ pub struct Ticks {
     pub lateness: Spread,
     /// 99.99 % quantile of the delay, s.
     pub p9999_s: f64,
-    /// Number of wake-ups by delay: upper end of a class, s, and number; ten classes per decade.
+    /// Number of wake-ups by delay: upper end of a class, s, and number; ten classes per decade, without empty ones.
     pub classes: Vec<(f64, u64)>,
     /// Number of wake-ups more than half a period late; motor-io attributes a missing answer in such a period to the
     /// computer.
@@ -96,7 +96,9 @@ fn classes(lateness: &Timing) -> Vec<(f64, u64)> {
         // Delays beyond the range of the histogram are in the last class.
         let is_last = high_ns >= lateness.max_ns() || class >= CLASSES;
         let up_to = if is_last { lateness.passes() } else { lateness.count_between_ns(0, high_ns) };
-        found.push((high_ns as f64 * 1e-9, up_to.saturating_sub(counted)));
+        if up_to > counted {
+            found.push((high_ns as f64 * 1e-9, up_to - counted));
+        }
         counted = up_to.max(counted);
         if is_last {
             break;
