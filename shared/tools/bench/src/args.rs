@@ -25,8 +25,8 @@ pub struct Args {
     /// Folder on the disk to measure; default: from the system file, otherwise the current folder.
     #[arg(long, value_name = "DIR")]
     pub runs: Option<PathBuf>,
-    /// Write a one-page certificate of the wake-ups of this system to FILE.html: under load, a million of them (2.8 h at
-    /// 100 Hz). With --seconds fewer, and the page says "not certified".
+    /// Write a one-page certificate of the wake-ups of this system to FILE.html: under load, a million of them, which
+    /// takes 2.8 h at 100 Hz. With --seconds fewer, and the page says "not certified".
     #[arg(long, value_name = "FILE.html", requires = "system_file", conflicts_with = "parts")]
     pub certificate: Option<PathBuf>,
     /// Load during --certificate: `all` keeps every processor, the memory and the disk of the runs busy.
