@@ -201,8 +201,8 @@ fn removes_ipc(root: &Path) -> bool {
     more.sort_by(|a, b| a.file_name().cmp(&b.file_name()));
     let lines: Vec<String> =
         main.iter().chain(&more).flat_map(|file| text(file).lines().map(str::to_owned).collect::<Vec<_>>()).collect();
-    let values = lines.iter().filter_map(|line| line.trim().strip_prefix("RemoveIPC")?.trim().strip_prefix('='));
-    let off = values.last().is_some_and(|value| ["no", "false", "off", "0"].contains(&value.trim()));
+    let mut values = lines.iter().filter_map(|line| line.trim().strip_prefix("RemoveIPC")?.trim().strip_prefix('='));
+    let off = values.next_back().is_some_and(|value| ["no", "false", "off", "0"].contains(&value.trim()));
     root.join("run/systemd/system").is_dir() && !off
 }
 
