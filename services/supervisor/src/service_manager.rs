@@ -177,10 +177,13 @@ mod tests {
         for none in ["", "relative", "/proc/nothing/there"] {
             fake.variables.insert(SOCKET, none.into());
             let mut client = fake.client();
-            (client.supervised(), client.ready(), client.set_status("x"));
+            client.supervised();
+            client.ready();
+            client.set_status("x");
         }
         let mut client = ServiceManager::new(|_| None);
-        (client.supervised(), client.set_status("x"));
+        client.supervised();
+        client.set_status("x");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! pure.
 
 use super::load::Done;
+use super::settings::CERTIFIED_WAKE_UPS;
 use super::tick::{TickResult, Ticks};
 use super::words::{digits, duration, percent};
 use command::{Answer, Failure, Output};
@@ -11,8 +12,6 @@ use plot::{Axis, Chart, Series, SeriesStyle, escape};
 use serde_json::json;
 use std::path::Path;
 
-/// Fewest wake-ups of a certificate: the 99.99 % quantile then has a hundred later ones.
-pub const CERTIFIED_WAKE_UPS: u64 = 1_000_000;
 /// Largest share of a period for the delay of 99.99 % of the wake-ups.
 const TAIL_SHARE: f64 = 0.1;
 /// Largest share of periods whose wake-up may be later than that.
