@@ -2,7 +2,27 @@
 # What the scripts share; sourced, not run.
 
 # Reports a step.
-say() { printf '\n== %s\n' "$*" >&2; }
+say() {
+    printf '\n== %s\n' "$*" >&2
+    [ -z "${STEP:-}" ] || printf '%s %s\n' "$SECONDS" "$*" >"$STEP"
+}
+
+# Shows that long steps go on: cargo's own lines and bar to a terminal, and elsewhere a line every ten seconds, with the
+# step and its time so far. Sets QUIET for cargo. `tidy` ends it.
+begin_progress() {
+    QUIET=()
+    [ ! -t 2 ] || return 0
+    QUIET=(--quiet)
+    STEP=$(mktemp /tmp/nims-step.XXXXXX)
+    {
+        exec {never}<> <(:)
+        # Waits without a further process, which would outlive this one.
+        while read -r -t 10 -u "$never" || [ -e "$STEP" ]; do
+            if read -r since name <"$STEP"; then printf '   %s: %s s\n' "$name" "$((SECONDS - since))" >&2; fi
+        done
+    } &
+    TICKER=$!
+}
 
 # Ends with one sentence.
 give_up() {
@@ -239,7 +259,7 @@ check_dependencies() {
 
 # The documentation, with every link in it; with the toolchain of the lints, which has checked the dependencies already.
 check_links() {
-    RUSTDOCFLAGS="-D warnings" cargo "${LINT_WITH[@]}" doc --quiet --no-deps --workspace --document-private-items
+    RUSTDOCFLAGS="-D warnings" cargo "${LINT_WITH[@]}" doc "${QUIET[@]}" --no-deps --workspace --document-private-items
 }
 
 # The workspaces beside the main one.
@@ -247,7 +267,7 @@ check_separate_workspaces() {
     local workspace
     for workspace in services/viewer tests/benchmarks; do
         cargo fmt --manifest-path $workspace/Cargo.toml --check
-        cargo check --quiet --manifest-path $workspace/Cargo.toml --all-targets --target-dir "${CARGO_TARGET_DIR:-target}"
+        cargo check "${QUIET[@]}" --manifest-path $workspace/Cargo.toml --all-targets --target-dir "${CARGO_TARGET_DIR:-target}"
     done
 }
 
@@ -281,5 +301,8 @@ run_tests_as_nobody() {
     export "$RUNNER=$PWD/scripts/run-unprivileged"
 }
 
-# Removes the temporary folders of a test run.
-tidy() { rm -rf ${NIMS_TEST_HOME:+"$NIMS_TEST_HOME"} ${NOTES:+"$NOTES"}; }
+# Removes the temporary folders of a test run, and ends its progress.
+tidy() {
+    rm -rf ${NIMS_TEST_HOME:+"$NIMS_TEST_HOME"} ${NOTES:+"$NOTES"} ${STEP:+"$STEP"}
+    [ -z "${TICKER:-}" ] || kill "$TICKER" 2>/dev/null || true
+}

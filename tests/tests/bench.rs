@@ -129,6 +129,7 @@ fn every_figure_is_there_and_nothing_is_left() {
     for figure in [
         "/period_s",
         "/tick/ours/median_s",
+        "/tick/ours/p9999_s",
         "/tick/plain/worst_s",
         "/tick/ratio/p999",
         "/bus/sample_bytes",
@@ -167,6 +168,31 @@ fn every_figure_is_there_and_nothing_is_left() {
         assert!(said.starts_with(&format!("{part}: ")) && said.contains("200 Hz"), "{verdict}");
         assert_eq!(verdict["level"] == "note", verdict["cure"] == "", "{verdict}");
     }
+}
+
+#[test]
+fn a_certificate_needs_a_million_wake_ups_and_says_so() {
+    let _alone = alone();
+    let runs = tempfile::tempdir().unwrap();
+    let system = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("configs/systems/demo3.toml");
+    let page = tempfile::NamedTempFile::new().unwrap();
+    let args = ["--json", "--certificate", page.path().to_str().unwrap(), "--system", system.to_str().unwrap()];
+    let (code, out, err) = ended(bench(runs.path(), &[&args[..], &["--seconds", "0.5"]].concat()), runs.path());
+    assert_eq!((code, &*err), (Some(1), "nims: this machine is not certified\n"));
+    let found: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(found["verdict"], "not certified");
+    assert!(
+        found["reasons"].to_string().contains("needs 1000000")
+            && !found["reasons"].to_string().contains("without load")
+    );
+    let classes = found["tick"]["ours"]["classes"].as_array().unwrap();
+    let counted: u64 = classes.iter().map(|class| class[1].as_u64().unwrap()).sum();
+    assert_eq!(Some(counted), found["tick"]["ours"]["count"].as_u64());
+    let text = fs::read_to_string(page.path()).unwrap();
+    assert!(text.contains(">not certified<") && text.contains("demo3.toml") && text.contains("</svg>"), "{text}");
+    // Without a system there is nothing to certify.
+    let (code, _, err) = ended(bench(runs.path(), &args[..3]), runs.path());
+    assert!(code == Some(2) && err.contains("--system"), "{err}");
 }
 
 #[test]

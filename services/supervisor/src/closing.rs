@@ -35,6 +35,7 @@ impl Supervisor {
     /// Stops the robot, ends every process, the recorder last, and closes the run.
     #[must_use]
     pub fn end(mut self, because: &str) -> RunOutcome {
+        self.manager.stopping();
         self.mission.end(because);
         self.stop_robot();
         let mode = self.last_authority.map(|authority| authority.mode);

@@ -24,6 +24,7 @@ mod refused;
 mod requests;
 mod restarts;
 mod run_folder;
+mod service_manager;
 mod settings;
 mod stale_processes;
 mod starting;
@@ -51,6 +52,7 @@ use mission::Missions;
 use process_set::ProcessSet;
 use process_spec::RunContext;
 use recording::Recording;
+use service_manager::ServiceManager;
 use settings::Settings;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -122,6 +124,7 @@ pub struct Supervisor {
     cleanup: Cleanup,
     died: Vec<String>,
     announcer: Announcer,
+    manager: ServiceManager,
     busy: busy::Watch,
     heartbeat: Publisher<Heartbeat>,
     table: Publisher<ProcessState>,

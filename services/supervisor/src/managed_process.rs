@@ -3,6 +3,7 @@
 use super::process_spec::ProcessSpec;
 use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
+use super::service_manager;
 use bus::clock;
 use config::Role;
 use messages::ProcessState;
@@ -106,6 +107,7 @@ impl ManagedProcess {
             .stderr(Stdio::piped());
         // Its own session: the process group can be ended as a whole, and the scheduler groups it fairly.
         bus::fair::own_session(&mut command);
+        service_manager::hide_from(&mut command);
         if let Some(folder) = &member.folder {
             command.current_dir(folder);
         }

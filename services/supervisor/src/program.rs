@@ -1,9 +1,10 @@
 //! The supervisor in the foreground, as `nims up` runs it.
 
-use crate::{RunOutcome, StartOptions, Supervisor};
-use bus::clock;
+use crate::{RunOutcome, StartOptions, Supervisor, stale_processes};
+use bus::{Domain, clock};
 use command::values::seconds;
 use command::{Answer, Failure, Output, StopFlag};
+use config::SystemFile;
 use robot_state::sentences::mode_name;
 use serde_json::{Value, json};
 use std::io::Read;
@@ -31,6 +32,10 @@ pub struct Args {
     /// Run folder; default: a new one in the system's runs folder.
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
+    /// Start nothing: bring the robot of a dead supervisor to rest and end its processes in order, as every start does
+    /// first. A service calls it after its end.
+    #[arg(long, conflicts_with_all = ["seconds", "run"])]
+    pub end_remaining: bool,
     /// Mission that will be flown; a copy is stored in the run folder.
     #[arg(long, hide = true)]
     pub mission: Option<PathBuf>,
@@ -45,6 +50,9 @@ pub struct Args {
 /// # Errors
 /// It did not come up, or the supervisor itself failed.
 pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
+    if args.end_remaining {
+        return end_remaining(&args.config, domain);
+    }
     let (ending, watched) = match watch(args, domain) {
         Err(failure) if args.parent => return Ok(Output::json(failed(&failure))),
         other => other?,
@@ -73,6 +81,24 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
         return Ok(Output::json(value));
     }
     Ok(output.failing(failure))
+}
+
+/// Ends what an earlier supervisor of the domain left.
+///
+/// # Errors
+/// The robot runs under a living supervisor, or a process cannot be ended.
+fn end_remaining(config: &Path, domain: Option<&str>) -> Answer<Output> {
+    bus::make_private();
+    let domain = match domain {
+        Some(name) => Domain::parse(name)?,
+        None => Domain::parse(&SystemFile::load(config).map_err(Failure::bad)?.name)?,
+    };
+    let claim = domain.claim()?;
+    let ended = stale_processes::end(&domain)?;
+    domain.sweep()?;
+    let _ = domain.release(claim);
+    let text = if ended.is_empty() { "nothing remained".to_owned() } else { format!("ended: {}", ended.join(", ")) };
+    Ok(Output::new(json!({ "ended": ended }), text))
 }
 
 /// The failure as JSON, for the parent program.

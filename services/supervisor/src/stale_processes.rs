@@ -37,6 +37,15 @@ impl ProcessIdentity {
         start_ticks(self.pid) == Some(self.start_ticks)
     }
 
+    /// Its place in the order of the end.
+    fn stage(&self) -> u8 {
+        match standard_program(&self.name) {
+            Some("motor-io") => 0,
+            Some("recorder") => 2,
+            _ => 1,
+        }
+    }
+
     fn signal(&self, signal: Signal) {
         if self.lives()
             && let Some(pid) = Pid::from_raw(self.pid.cast_signed())
@@ -89,7 +98,21 @@ pub fn record(domain: &Domain, started: &[ProcessIdentity]) -> Answer {
     write(domain, FILE, &text)
 }
 
-/// Ends the processes that an earlier supervisor of this domain left running, and returns their names.
+/// Ends these at once, with SIGKILL those that do not end in time.
+fn end_all(stale: &[ProcessIdentity]) {
+    for signal in [Signal::TERM, Signal::KILL] {
+        for process in stale {
+            process.signal(signal);
+        }
+        let deadline = Instant::now() + PATIENCE;
+        while stale.iter().any(ProcessIdentity::lives) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// Ends the processes that an earlier supervisor of this domain left running, and returns their names. motor-io ends
+/// first, because it brings the robot to rest and the others are of use to it until then; the recorder ends last.
 ///
 /// Call it only while holding the claim of the domain.
 ///
@@ -106,17 +129,9 @@ pub fn end(domain: &Domain) -> Answer<Vec<String>> {
         }
     }
     stale.retain(ProcessIdentity::lives);
-    for signal in [Signal::TERM, Signal::KILL] {
-        for process in &stale {
-            process.signal(signal);
-        }
-        let deadline = Instant::now() + PATIENCE;
-        while stale.iter().any(ProcessIdentity::lives) {
-            if Instant::now() >= deadline {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(20));
-        }
+    stale.sort_by_key(ProcessIdentity::stage);
+    for stage in stale.chunk_by(|a, b| a.stage() == b.stage()) {
+        end_all(stage);
     }
     if let Some(process) = stale.iter().find(|process| process.lives()) {
         let owner = Pid::from_raw(process.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
@@ -168,6 +183,41 @@ mod tests {
         record(&domain, &[]).unwrap();
         let names: Vec<_> = std::fs::read_dir(domain.root()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(names, [FILE], "no temporary file remains");
+    }
+
+    #[test]
+    fn motor_io_ends_before_all_others_and_the_recorder_last() {
+        let domain = Domain::for_test();
+        let order = domain.root().join("order");
+        let names = ["recorder", "controller-b", "motor-io", "rangefinder"];
+        let mut children: Vec<_> = names
+            .iter()
+            .map(|name| {
+                let up = domain.root().join(format!("{name}.up"));
+                let script = format!(
+                    "trap 'echo {name} >> {}; exit' TERM; touch {}; while :; do sleep 0.01; done",
+                    order.display(),
+                    up.display()
+                );
+                let child = std::process::Command::new("sh").args(["-c", &script]).spawn().unwrap();
+                let give_up = Instant::now() + Duration::from_secs(20);
+                while !up.exists() {
+                    assert!(Instant::now() < give_up);
+                    std::thread::sleep(Duration::from_millis(2));
+                }
+                child
+            })
+            .collect();
+        let started: Vec<_> =
+            names.iter().zip(&children).map(|(name, child)| ProcessIdentity::now(name, child.id()).unwrap()).collect();
+        record(&domain, &started).unwrap();
+        assert_eq!(end(&domain).unwrap().len(), names.len());
+        for child in &mut children {
+            assert!(child.wait().unwrap().success());
+        }
+        let ended = std::fs::read_to_string(&order).unwrap();
+        let ended: Vec<&str> = ended.lines().collect();
+        assert_eq!((ended.len(), ended.first(), ended.last()), (4, Some(&"motor-io"), Some(&"recorder")), "{ended:?}");
     }
 
     #[test]

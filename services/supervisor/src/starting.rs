@@ -12,6 +12,7 @@ use super::recording::Recording;
 use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
 use super::run_folder::RunFolder;
+use super::service_manager::ServiceManager;
 use super::settings::Settings;
 use super::stale_processes::{self, ProcessIdentity};
 use super::unfinished_runs::UnfinishedRuns;
@@ -99,6 +100,7 @@ impl Supervisor {
             supervisor.announcer.warn(&format!("ended processes of an earlier supervisor: {}", orphans.join(", ")));
         }
         if let Err(failure) = supervisor.bring_up(members) {
+            supervisor.manager.stopping();
             supervisor.close("a process did not come up");
             let run = supervisor.folder.path().display();
             let in_run = format!("{failure}; the run is in {run}");
@@ -109,6 +111,8 @@ impl Supervisor {
         supervisor.beat.state = Heartbeat::STATE_READY;
         supervisor.record_processes();
         supervisor.recover_unfinished_runs(earlier);
+        supervisor.report_status();
+        supervisor.manager.ready();
         Ok(supervisor)
     }
 
@@ -142,6 +146,7 @@ impl Supervisor {
             cleanup: Cleanup::new(&domain),
             died: Vec::new(),
             announcer: Announcer::new(&bus)?,
+            manager: ServiceManager::of_environment(),
             busy: busy::Watch::new(),
             heartbeat: bus.publisher(&format!("system/heartbeat/{SUPERVISOR}"))?,
             table: bus.publisher("system/process")?,
@@ -218,6 +223,7 @@ impl Supervisor {
             if waiting.is_empty() && missing.is_empty() {
                 return self.publish_table();
             }
+            self.manager.set_status(&format!("starting: waiting for {}", missing.join(", ")));
             if self.is_stopping() {
                 return Err(Failure::NotNow("stopped while starting".to_owned()));
             }

@@ -15,6 +15,7 @@ use command::Answer;
 use config::Role;
 use evidence::busy;
 use messages::{Heartbeat, OperatorRequest, Request};
+use robot_state::sentences::mode_name;
 use std::time::Duration;
 
 /// Polling period of the processes and their heartbeats, ns.
@@ -34,6 +35,8 @@ impl Supervisor {
         loop {
             self.poll()?;
             self.serve()?;
+            self.report_status();
+            self.manager.supervised();
             let now = clock::now_ns();
             if now >= deadline || self.is_stopping() {
                 return Ok(());
@@ -290,6 +293,15 @@ impl Supervisor {
             Some(cure) => format!("{means}{next}; {cure}"),
             None => format!("{means}{next}"),
         }
+    }
+
+    /// Gives the service manager the line that `systemctl status` shows.
+    pub(super) fn report_status(&mut self) {
+        let mode = self.last_authority.map_or("starting", |authority| mode_name(authority.mode));
+        let running = self.process_set.iter().filter(|child| child.exit.is_none()).count();
+        let died = if self.died.is_empty() { String::new() } else { format!("; died: {}", self.died.join(", ")) };
+        let run = self.folder.path().display();
+        self.manager.set_status(&format!("{mode}; {running} processes{died}; {run}"));
     }
 
     /// Publishes the supervisor's heartbeat if it is due.

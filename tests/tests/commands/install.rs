@@ -160,6 +160,15 @@ fn missing_or_unknown_items_are_reported_and_nothing_is_installed() {
     assert!(!output.status.success() && said(&output).contains("--everything"), "{}", said(&output));
 }
 
+/// Largest exposure by `systemd-analyze security`, in tenths of its scale from 0 to 10.
+const MOST_EXPOSURE: u32 = 25;
+
+fn exposure(unit: &Path) -> Output {
+    let threshold = format!("--threshold={MOST_EXPOSURE}");
+    let mut command = Command::new("systemd-analyze");
+    command.args(["security", "--no-pager", "--offline=true", &threshold]).arg(unit).output().unwrap()
+}
+
 #[test]
 fn the_service_manager_accepts_the_units() {
     let folder = tempfile::tempdir().unwrap();
@@ -199,6 +208,13 @@ fn the_service_manager_accepts_the_units() {
         let ours: Vec<&str> = complaints.lines().filter(|line| line.contains("nims")).collect();
         assert!(ours.is_empty(), "{ours:?}");
     }
+    for unit in ["nims@.service", "nims-runs.service"] {
+        let judged = exposure(&root.join("usr/lib/systemd/system").join(unit));
+        assert!(judged.status.success(), "{unit}: {}", String::from_utf8_lossy(&judged.stdout));
+    }
+    // A unit that is not confined fails.
+    fs::write(units.join("nims-open.service"), "[Service]\nExecStart=/bin/true\n").unwrap();
+    assert!(!exposure(&units.join("nims-open.service")).status.success(), "systemd-analyze accepts everything");
     // It would report an error.
     fs::write(units.join("nims-wrong.service"), "[Service]\nExecStart=/nowhere/nims\nRestart=perhaps\n").unwrap();
     assert!(verify("nims-wrong.service").contains("nims-wrong"), "systemd-analyze accepts everything");

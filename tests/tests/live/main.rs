@@ -19,6 +19,7 @@ mod processes;
 mod robot;
 mod sensor_logger;
 mod serial_sensors;
+mod service;
 mod swaps;
 mod visualization;
 mod waiting;

@@ -90,28 +90,24 @@ pub fn ticks(range: [f64; 2], about: f64) -> Vec<f64> {
     (first..).map(|k| k as f64 * step).take_while(|value| *value <= range[1] + 1e-9 * span).take(50).collect()
 }
 
+/// The labels of an axis, each with its place.
+fn labels(names: &[String], range: [f64; 2], about: f64) -> Vec<(f64, String)> {
+    if names.is_empty() {
+        return ticks(range, about).into_iter().map(|value| (value, format_tick(value))).collect();
+    }
+    let named = names.iter().enumerate().map(|(place, name)| (place as f64, name.clone()));
+    named.filter(|(place, _)| (range[0]..=range[1]).contains(place)).collect()
+}
+
 fn grid(out: &mut String, plane: &Plane, chart: &Chart) {
     let (right, bottom) = (LEFT + plane.width, TOP + plane.height);
-    for value in ticks(plane.x, plane.width / 90.0) {
+    for (value, text) in labels(&chart.x.names, plane.x, plane.width / 90.0) {
         let at = plane.x(value);
         let _ = write!(out, "<path class=\"grid\" d=\"M{at:.1} {TOP}V{bottom:.1}\"/>");
-        let _ = write!(
-            out,
-            "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
-            bottom + 16.0,
-            format_tick(value)
-        );
+        let _ = write!(out, "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{text}</text>", bottom + 16.0);
     }
-    let names = chart.y.names.as_slice();
-    let values = if names.is_empty() {
-        ticks(plane.y, plane.height / 36.0)
-    } else {
-        (0..names.len()).map(|i| i as f64).collect()
-    };
-    for value in values {
+    for (value, text) in labels(&chart.y.names, plane.y, plane.height / 36.0) {
         let at = plane.y(value);
-        let text =
-            names.get(value as usize).filter(|_| !names.is_empty()).cloned().unwrap_or_else(|| format_tick(value));
         let _ = write!(out, "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right:.1}\"/>");
         let _ = write!(out, "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>", LEFT - 6.0, at + 4.0);
     }

@@ -62,6 +62,12 @@ impl Timing {
             .map_or(0, |histogram| histogram.value_at_quantile(fraction))
     }
 
+    /// Returns how many durations are in this range, ns, both ends included, to two digits.
+    #[must_use]
+    pub fn count_between_ns(&self, low_ns: u64, high_ns: u64) -> u64 {
+        self.histogram.as_ref().map_or(0, |histogram| histogram.count_between(low_ns.max(1), high_ns))
+    }
+
     /// Returns the longest duration, ns, exact.
     #[must_use]
     pub fn max_ns(&self) -> u64 {
@@ -86,6 +92,8 @@ mod tests {
         for (fraction, exact) in [(0.5, 500_000.0), (0.99, 990_000.0)] {
             assert!((timing.quantile_ns(fraction) as f64 / exact - 1.0).abs() < 0.01);
         }
+        let halves = [timing.count_between_ns(0, 500_000), timing.count_between_ns(510_000, u64::MAX)];
+        assert!(halves.iter().all(|half| (490..=510).contains(half)), "{halves:?}");
         timing.begin(0);
         timing.end(u64::MAX);
         assert_eq!(timing.max_ns(), u64::MAX);

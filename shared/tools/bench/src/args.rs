@@ -25,9 +25,26 @@ pub struct Args {
     /// Folder on the disk to measure; default: from the system file, otherwise the current folder.
     #[arg(long, value_name = "DIR")]
     pub runs: Option<PathBuf>,
+    /// Write a one-page certificate of the wake-ups of this system to FILE.html: under load, a million of them, which
+    /// takes 2.8 h at 100 Hz. With --seconds fewer, and the page says "not certified".
+    #[arg(long, value_name = "FILE.html", requires = "system_file", conflicts_with = "parts")]
+    pub certificate: Option<PathBuf>,
+    /// Load during --certificate: `all` keeps every processor, the memory and the disk of the runs busy.
+    #[arg(long, value_enum, default_value_t, requires = "certificate")]
+    pub load: Load,
     /// Measure even while a robot runs on this machine; this delays the robot.
     #[arg(long)]
     pub beside: bool,
+}
+
+/// Load by other threads during a measurement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Load {
+    /// Processors, memory and disk.
+    #[default]
+    All,
+    /// None; the certificate then says "not certified".
+    None,
 }
 
 /// Parts of the benchmark in the order of their execution.

@@ -168,7 +168,7 @@ mod tests {
 
     fn tick_result(p999_s: f64, late: u64, skipped: u64, scheduling: AchievedScheduling) -> tick::TickResult {
         let lateness = spread(1e-5, p999_s, 0.008);
-        let ours = tick::Ticks { lateness, late, skipped, periods: 1000 };
+        let ours = tick::Ticks { lateness, p9999_s: p999_s, classes: Vec::new(), late, skipped, periods: 1000 };
         tick::TickResult { plain: ours.clone(), ours, ratio: RATIO, scheduling }
     }
 

@@ -9,11 +9,13 @@
 #![forbid(unsafe_code)]
 
 mod args;
+mod certificate;
 mod chain;
 mod disk;
 mod figures;
 mod flight;
 mod judge;
+mod load;
 pub mod peer;
 mod place;
 mod report;
@@ -26,7 +28,7 @@ mod tick;
 mod watch;
 mod words;
 
-pub use args::{Args, Part};
+pub use args::{Args, Load, Part};
 
 use command::{Answer, Failure, Output};
 use report::BenchReport;
@@ -54,7 +56,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     }
     bus::make_private();
     let stop = command::stop_flag()?;
-    place::sweep(wanted(Part::Disk).then_some(&*settings.runs));
+    place::sweep((wanted(Part::Disk) || args.certificate.is_some()).then_some(&*settings.runs));
     let mut watch = Watch::new(stop, &settings);
     let mut report = BenchReport {
         rate_hz: settings.rate_hz,
@@ -65,6 +67,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         chain: None,
         disk: None,
     };
+    let load = load::Running::start(settings.load, &settings.runs)?;
     for part in &settings.parts {
         watch.bar.set_message(part.name());
         let seconds = settings.seconds_for(*part);
@@ -76,5 +79,9 @@ pub fn run(args: &Args) -> Answer<Output> {
         }
     }
     watch.bar.finish_and_clear();
+    let load = load.end()?;
+    if let (Some(path), Some(found)) = (&args.certificate, &report.tick) {
+        return certificate::issue(path, args.system_file.as_deref(), found, settings.rate_hz, load);
+    }
     Ok(Output::new(report.to_json(), text::report(&report)))
 }

@@ -1,6 +1,6 @@
 //! Settings of the benchmark.
 
-use super::args::{Args, Part};
+use super::args::{Args, Load, Part};
 use super::scheduling;
 use command::{Answer, Failure};
 use config::{ControllerSection, EstimatorSection, RealtimeSection, RecorderSection, SystemFile};
@@ -9,6 +9,9 @@ use std::path::PathBuf;
 
 /// Permitted control rates, Hz.
 const RATES_HZ: [f64; 2] = [10.0, 250.0];
+
+/// Fewest wake-ups of a certificate: the 99.99 % quantile then has a hundred later ones.
+pub(crate) const CERTIFIED_WAKE_UPS: u64 = 1_000_000;
 
 const DEFAULT_RATE_HZ: f64 = 100.0;
 
@@ -24,6 +27,7 @@ pub(crate) struct Settings {
     pub(crate) runs: PathBuf,
     pub(crate) least_bytes: u64,
     pub(crate) flush_s: f64,
+    pub(crate) load: Load,
 }
 
 impl Default for Settings {
@@ -39,6 +43,7 @@ impl Default for Settings {
             runs: PathBuf::from("."),
             least_bytes: min_free_bytes,
             flush_s,
+            load: Load::None,
         }
     }
 }
@@ -48,6 +53,10 @@ impl Settings {
         let mut settings = Self { seconds: args.seconds, ..Self::default() };
         if !args.parts.is_empty() {
             settings.parts = args.parts.iter().copied().collect();
+        }
+        if args.certificate.is_some() {
+            settings.parts = [Part::Tick].into();
+            settings.load = args.load;
         }
         if let Some(path) = &args.system_file {
             let path = std::path::absolute(path).map_err(Failure::bad)?;
@@ -60,6 +69,9 @@ impl Settings {
                 (file.realtime, file.controller, file.estimator);
         }
         settings.rate_hz = args.rate.unwrap_or(settings.rate_hz);
+        if args.certificate.is_some() {
+            settings.seconds = args.seconds.or(Some(CERTIFIED_WAKE_UPS as f64 / settings.rate_hz));
+        }
         let [least, most] = RATES_HZ;
         if !(least..=most).contains(&settings.rate_hz) {
             return Err(Failure::BadInput(format!(
@@ -94,7 +106,16 @@ mod tests {
     use super::*;
 
     fn default_args() -> Args {
-        Args { parts: Vec::new(), system_file: None, rate: None, seconds: None, runs: None, beside: false }
+        Args {
+            parts: Vec::new(),
+            system_file: None,
+            rate: None,
+            seconds: None,
+            runs: None,
+            certificate: None,
+            load: Load::All,
+            beside: false,
+        }
     }
 
     #[test]
@@ -106,6 +127,16 @@ mod tests {
         assert!(settings.seconds_for(Part::Tick) * settings.rate_hz >= 1000.0);
         let settings = Settings::from_args(&Args { seconds: Some(0.5), ..default_args() }).unwrap();
         assert!(Part::ALL.into_iter().all(|part| settings.seconds_for(part) == 0.5));
+    }
+
+    #[test]
+    fn a_certificate_takes_a_million_wake_ups_under_load() {
+        let args = Args { certificate: Some("page.html".into()), rate: Some(250.0), ..default_args() };
+        let settings = Settings::from_args(&args).unwrap();
+        assert_eq!((settings.seconds, settings.load), (Some(4000.0), Load::All));
+        assert_eq!(settings.parts, [Part::Tick].into());
+        assert_eq!(Settings::from_args(&Args { seconds: Some(3.0), ..args }).unwrap().seconds, Some(3.0));
+        assert_eq!(Settings::from_args(&default_args()).unwrap().load, Load::None, "an ordinary benchmark adds no load");
     }
 
     #[test]

@@ -11,12 +11,19 @@ use runtime::Timing;
 use serde::Serialize;
 use std::time::Duration;
 
+/// Most classes of a delay: 1 µs to 10 s.
+const CLASSES: u32 = 70;
+
 /// Wake-ups of one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ticks {
     /// Delay.
     #[serde(flatten)]
     pub lateness: Spread,
+    /// 99.99 % quantile of the delay, s.
+    pub p9999_s: f64,
+    /// Number of wake-ups by delay: upper end of a class, s, and number; ten classes per decade, without empty ones.
+    pub classes: Vec<(f64, u64)>,
     /// Number of wake-ups more than half a period late; motor-io attributes a missing answer in such a period to the
     /// computer.
     pub late: u64,
@@ -73,8 +80,31 @@ impl WakeUpCounter {
 
     fn result(&self) -> Ticks {
         let lateness = Spread::from_timing(&self.lateness);
-        Ticks { lateness, late: self.late, skipped: self.skipped, periods: self.periods }
+        let p9999_s = (self.lateness.quantile_ns(0.9999).max(1) as f64 * 1e-9).min(lateness.worst_s);
+        let classes = classes(&self.lateness);
+        Ticks { lateness, p9999_s, classes, late: self.late, skipped: self.skipped, periods: self.periods }
     }
+}
+
+/// Counts delays in ten classes per decade, from 1 µs to the longest delay; the first class also has all shorter ones.
+fn classes(lateness: &Timing) -> Vec<(f64, u64)> {
+    let end_ns = |class: u32| libm::pow(10.0, 3.0 + f64::from(class) / 10.0).round() as u64;
+    let mut found = Vec::new();
+    let mut counted = 0;
+    for class in 1.. {
+        let high_ns = end_ns(class);
+        // Delays beyond the range of the histogram are in the last class.
+        let is_last = high_ns >= lateness.max_ns() || class >= CLASSES;
+        let up_to = if is_last { lateness.passes() } else { lateness.count_between_ns(0, high_ns) };
+        if up_to > counted {
+            found.push((high_ns as f64 * 1e-9, up_to - counted));
+        }
+        counted = up_to.max(counted);
+        if is_last {
+            break;
+        }
+    }
+    found
 }
 
 /// Measures both threads for this many seconds, half a period apart.
@@ -138,6 +168,21 @@ mod tests {
         let found = count(1000, &[(6000, 499, 0), (7000, 500, 0), (8000, 501, 0), (9000, 999, 0)]);
         assert_eq!((found.late, found.skipped, found.periods, found.lateness.count), (2, 0, 4, 4));
         assert_eq!(found.bad_share(), 0.5);
+    }
+
+    #[test]
+    fn every_wake_up_is_in_one_class() {
+        let ticks: Vec<_> = [0, 1, 999, 1000, 1259, 5_000, 5_000_000, 20_000_000_000]
+            .iter()
+            .enumerate()
+            .map(|(k, lateness_ns)| (1_000_000_000 * (k as u64 + 1), *lateness_ns, 0))
+            .collect();
+        let found = count(1_000_000_000, &ticks);
+        assert_eq!(found.classes.iter().map(|(_, number)| number).sum::<u64>(), 8);
+        assert_eq!(found.classes[0].1, 5, "up to 1.26 µs: {:?}", found.classes);
+        assert_eq!(found.classes.last().unwrap().1, 1);
+        assert!(found.classes.windows(2).all(|pair| pair[0].0 < pair[1].0));
+        assert_eq!(count(10, &[]).classes.iter().map(|(_, number)| number).sum::<u64>(), 0);
     }
 
     #[test]

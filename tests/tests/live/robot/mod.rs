@@ -469,6 +469,9 @@ fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> 
         .args(["up", "--domain", domain.name(), "--json", "--run"])
         .arg(run_of(folder, run))
         .arg(&path)
+        // Nothing reads it unless a test does.
+        .env("NOTIFY_SOCKET", folder.join("notify"))
+        .env("WATCHDOG_USEC", "1000000")
         .stdout(std::fs::File::create(answer_of(folder, run)).unwrap())
         .stderr(said)
         .spawn()

@@ -12,8 +12,6 @@ const MEMORY_BYTES: u64 = 128_000_000;
 const OPEN_FILES: u64 = 1024;
 /// Minimum number of processes and threads: a system has a dozen processes with a few threads each.
 const PROCESSES: u64 = 100;
-/// Acceptable delay of answers by a serial adapter, ms; more takes a considerable part of a cycle.
-const LATENCY_MS: u32 = 1;
 /// Size of two hours of recording at about 1 MB/s, bytes.
 const TWO_HOURS_BYTES: u64 = 7_200_000_000;
 /// 2026-01-01, s since 1970; no version of this program is older, so an earlier clock is wrong.
@@ -194,15 +192,7 @@ fn port_finding(port: &PortFacts) -> Finding {
             &format!("`sudo usermod -aG $(getent group {group} | cut -d: -f1) $USER`, then log in again"),
         );
     }
-    match port.latency_ms.filter(|latency| *latency > LATENCY_MS) {
-        Some(latency) if !port.latency_is_writable => warning(
-            format!(
-                "port {number}: the adapter of {path} delays answers by {latency} ms, and this user may not change that"
-            ),
-            "add a udev rule: SUBSYSTEM==\"usb-serial\", ATTR{latency_timer}=\"1\"",
-        ),
-        _ => note(format!("port {number}: {path} can be used")),
-    }
+    note(format!("port {number}: {path} can be used"))
 }
 
 fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
@@ -227,18 +217,6 @@ fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
                 }
                 None => "a newer kernel or firmware may offer tsc; see the late cycles in `nims status`".to_owned(),
             },
-        ));
-    }
-    let slow: Vec<&str> =
-        machine.governors.iter().map(String::as_str).filter(|governor| *governor != "performance").collect();
-    if let Some(first) = slow.first() {
-        findings.push(warning(
-            format!(
-                "{} of {} processors change their frequency ({first}), which delays wake-ups",
-                slow.len(),
-                machine.governors.len()
-            ),
-            "`cpupower frequency-set -g performance`",
         ));
     }
     if machine.processors == 1 {
@@ -301,13 +279,10 @@ mod tests {
                 is_device: true,
                 is_usable: true,
                 group: 20,
-                latency_ms: Some(1),
-                latency_is_writable: false,
             }],
             clock_source: "tsc".to_owned(),
             clock_sources: "tsc hpet acpi_pm".to_owned(),
             unix_s: NO_EARLIER_S + 1,
-            governors: vec!["performance".to_owned(); 4],
             processors: 4,
             runs: Some(Runs {
                 folder: "/var/lib/nims".into(),
@@ -366,12 +341,8 @@ mod tests {
         });
         found(Level::Error, &["not a serial device"], |machine| machine.ports[0].is_device = false);
         found(Level::Error, &["group 20", "usermod"], |machine| machine.ports[0].is_usable = false);
-        found(Level::Warning, &["16 ms", "udev", "latency_timer"], |machine| machine.ports[0].latency_ms = Some(16));
         found(Level::Warning, &["calendar clock"], |machine| machine.unix_s = 12);
         found(Level::Warning, &["hpet", "echo tsc"], |machine| machine.clock_source = "hpet".to_owned());
-        found(Level::Warning, &["1 of 4", "powersave", "cpupower"], |machine| {
-            machine.governors[2] = "powersave".to_owned();
-        });
         found(Level::Warning, &["one processor"], |machine| machine.processors = 1);
         let disk_finding = |machine: &mut Machine, free: u64| {
             if let Some(runs) = &mut machine.runs {
@@ -425,13 +396,5 @@ mod tests {
             let open = (0..5).map(|run| format!("/r/{run}").into()).collect();
             machine.runs = machine.runs.take().map(|runs| Runs { open, ..runs });
         });
-    }
-
-    #[test]
-    fn a_slow_adapter_with_writable_latency_is_only_a_note() {
-        let mut machine = sound();
-        machine.ports[0].latency_ms = Some(16);
-        machine.ports[0].latency_is_writable = true;
-        assert!(judge(&machine).iter().all(|finding| finding.level == Level::Note));
     }
 }

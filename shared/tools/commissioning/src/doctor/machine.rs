@@ -26,8 +26,6 @@ pub struct Machine {
     pub clock_sources: String,
     /// Calendar time, s since 1970.
     pub unix_s: u64,
-    /// Frequency governors, one per processor; empty if the machine has none.
-    pub governors: Vec<String>,
     /// Number of processors.
     pub processors: usize,
     /// Load by other programs.
@@ -96,10 +94,6 @@ pub struct PortFacts {
     pub is_usable: bool,
     /// Id of the group that owns it.
     pub group: u32,
-    /// Time for which its adapter delays short answers, ms; `None` if it does not or if this is unknown.
-    pub latency_ms: Option<u32>,
-    /// Whether this user may change that delay.
-    pub latency_is_writable: bool,
 }
 
 /// Folder of the runs.

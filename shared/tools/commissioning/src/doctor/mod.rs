@@ -1,21 +1,32 @@
-//! `nims doctor`: checks whether this machine can run a robot; each finding has a remedy. It changes nothing.
+//! `nims doctor`: checks whether this machine can run a robot; each finding has a remedy. It changes nothing without
+//! `--fix`, and then nothing without a question.
 
+mod fix;
 mod judge;
+pub mod kernel;
 mod machine;
 mod probe;
+mod realtime;
 
 pub use probe::{TMPFS_MAGIC, nearest_existing};
 
-use crate::finding;
+use crate::finding::{self, Finding};
 use command::{Answer, Failure, Output};
 use config::SystemFile;
-use std::path::PathBuf;
+use serde_json::json;
+use std::path::{Path, PathBuf};
 
 /// `nims doctor`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// System file; its ports, runs folder and scheduling are checked too.
     pub config: Option<PathBuf>,
+    /// Change settings of the kernel that delay the robot, after a question for each; see docs/real-time.md.
+    #[arg(long)]
+    pub fix: bool,
+    /// Answer the questions of --fix with yes.
+    #[arg(long, requires = "fix")]
+    pub yes: bool,
 }
 
 /// Runs `nims doctor` with or without a system file.
@@ -25,9 +36,26 @@ pub struct Args {
 pub fn run(args: &Args) -> Answer<Output> {
     let path = args.config.as_deref().map(std::path::absolute).transpose().map_err(Failure::bad)?;
     let file = path.as_deref().map(SystemFile::load).transpose().map_err(Failure::bad)?;
-    let found = judge::judge(&probe::probe(file.as_ref()));
+    let root = Path::new("/");
+    let examine = || realtime::examine(&kernel::read(root), &probe::wanted(root, file.as_ref()));
+    let mut examined = examine();
+    let mut changes = Vec::new();
+    if args.fix {
+        changes = fix::fix(root, &examined, &mut |sentence| fix::question(args.yes, sentence))?;
+        examined = examine();
+    }
+    let mut found: Vec<Finding> = judge::judge(&probe::probe(file.as_ref()));
+    found.extend(examined.into_iter().map(|examined| examined.finding));
+    found.sort_by_key(|finding| std::cmp::Reverse(finding.level as u8));
     let errors = finding::errors(&found);
     let failure = (errors > 0)
         .then(|| Failure::NotNow(format!("{errors} error(s) on this machine would stop the robot, listed on stdout")));
-    Ok(Output::new(finding::to_json(&found), finding::to_text(&found)).failing(failure))
+    let lines: Vec<String> = changes.iter().map(fix::Change::line).collect();
+    let output = if args.fix {
+        let text = lines.iter().chain([&finding::to_text(&found)]).cloned().collect::<Vec<_>>().join("\n");
+        Output::new(json!({ "findings": finding::to_json(&found), "changes": lines }), text)
+    } else {
+        Output::new(finding::to_json(&found), finding::to_text(&found))
+    };
+    Ok(output.failing(failure))
 }

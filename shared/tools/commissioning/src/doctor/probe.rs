@@ -1,11 +1,13 @@
 //! Collects the facts about this machine without changing anything.
 
+use super::kernel;
 use super::machine::{DomainFacts, Limits, Machine, Memory, PortFacts, Runs};
+use super::realtime::Wanted;
 use bus::{Domain, clock};
 use client::Running;
 use config::{Role, SystemFile};
 use evidence::busy::SystemLoad;
-use rustix::fs::{Access, access, statfs, statvfs};
+use rustix::fs::{Access, access, major, minor, statfs, statvfs};
 use rustix::process::{Pid, Resource, geteuid, getrlimit, test_kill_process};
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
@@ -27,10 +29,9 @@ pub fn probe(file: Option<&SystemFile>) -> Machine {
         limits: limits(),
         realtime_refused: file.and_then(realtime_refused),
         ports: file.map(ports).unwrap_or_default(),
-        clock_source: kernel("clocksource/clocksource0/current_clocksource"),
-        clock_sources: kernel("clocksource/clocksource0/available_clocksource"),
+        clock_source: device_setting("clocksource/clocksource0/current_clocksource"),
+        clock_sources: device_setting("clocksource/clocksource0/available_clocksource"),
         unix_s: clock::unix_ns() / 1_000_000_000,
-        governors: governors(),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
         busy: Some(SystemLoad::read()),
         open_folders: Domain::open_folders(),
@@ -39,7 +40,7 @@ pub fn probe(file: Option<&SystemFile>) -> Machine {
     }
 }
 
-fn kernel(file: &str) -> String {
+fn device_setting(file: &str) -> String {
     fs::read_to_string(Path::new("/sys/devices/system").join(file)).unwrap_or_default().trim().to_owned()
 }
 
@@ -113,9 +114,6 @@ fn ports(file: &SystemFile) -> Vec<PortFacts> {
 
 fn serial_port(number: usize, path: &str) -> PortFacts {
     let found = fs::metadata(path).ok();
-    let timer = fs::canonicalize(path)
-        .ok()
-        .and_then(|device| Some(Path::new("/sys/class/tty").join(device.file_name()?).join("device/latency_timer")));
     PortFacts {
         number,
         path: path.to_owned(),
@@ -123,15 +121,7 @@ fn serial_port(number: usize, path: &str) -> PortFacts {
         is_device: found.as_ref().is_some_and(|found| found.file_type().is_char_device()),
         is_usable: access(path, Access::READ_OK | Access::WRITE_OK).is_ok(),
         group: found.as_ref().map_or(0, MetadataExt::gid),
-        latency_ms: timer.as_ref().and_then(|timer| fs::read_to_string(timer).ok()?.trim().parse().ok()),
-        latency_is_writable: timer.is_some_and(|timer| access(timer, Access::WRITE_OK).is_ok()),
     }
-}
-
-fn governors() -> Vec<String> {
-    let cpus = fs::read_dir("/sys/devices/system/cpu").into_iter().flatten().flatten();
-    let files = cpus.map(|entry| entry.path().join("cpufreq/scaling_governor"));
-    files.filter_map(|file| Some(fs::read_to_string(file).ok()?.trim().to_owned())).collect()
 }
 
 /// Returns the runs folder or, if it does not exist yet, the nearest existing parent.
@@ -142,6 +132,21 @@ pub fn nearest_existing(runs: &Path) -> PathBuf {
         .find(|folder| folder.exists())
         .unwrap_or(Path::new("/"))
         .to_path_buf()
+}
+
+/// What the system file asks of the kernel; without one, what every system asks.
+pub fn wanted(root: &Path, file: Option<&SystemFile>) -> Wanted {
+    let user = geteuid().as_raw();
+    let device = file.and_then(|file| fs::metadata(nearest_existing(&file.runs)).ok()).map(|found| found.dev());
+    let name = std::env::var("USER").unwrap_or_default();
+    Wanted {
+        rate_hz: file.map_or(0.0, |file| file.rate_hz),
+        cpu: file.and_then(|file| file.realtime.cpu),
+        keeps_awake: file.is_some_and(|file| file.realtime.idle_latency_us.is_some()),
+        runs_on_sd_card: device.is_some_and(|device| kernel::is_on_sd_card(root, (major(device), minor(device)))),
+        user,
+        lingers: !name.is_empty() && root.join("var/lib/systemd/linger").join(name).exists(),
+    }
 }
 
 fn runs(file: &SystemFile) -> Runs {
@@ -216,7 +221,7 @@ mod tests {
     #[test]
     fn ports_are_checked_for_existence_and_type() {
         let absent = serial_port(1, "/dev/there-is-none");
-        assert!(!absent.exists && !absent.is_usable && absent.latency_ms.is_none());
+        assert!(!absent.exists && !absent.is_usable);
         let file = tempfile::NamedTempFile::new().unwrap();
         let file = serial_port(2, file.path().to_str().unwrap());
         assert!(file.exists && !file.is_device && file.is_usable);

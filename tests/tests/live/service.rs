@@ -1,0 +1,89 @@
+//! The robot under a service manager: what it is told, and what remains after the supervisor's death.
+
+use crate::robot::{Robot, THREE_CABLES, program, samples_of, steadily};
+use bus::clock;
+use messages::MotorAuthority;
+use rustix::process::Signal;
+use serde_json::Value;
+use std::cell::RefCell;
+use std::os::unix::net::UnixDatagram;
+use std::process::Command;
+use std::time::Duration;
+
+/// Messages of the service that have not been read yet.
+fn messages(manager: &UnixDatagram) -> Vec<String> {
+    let mut buffer = [0; 4096];
+    let mut found = Vec::new();
+    while let Ok(bytes) = manager.recv(&mut buffer) {
+        found.push(String::from_utf8_lossy(&buffer[..bytes]).into_owned());
+    }
+    found
+}
+
+/// Waits until the service has sent a message that begins like this; returns all since the last call.
+fn until(manager: &UnixDatagram, wanted: &str) -> Vec<String> {
+    let give_up = clock::now_ns() + 60_000_000_000;
+    let mut found = Vec::new();
+    while !found.iter().any(|message: &String| message.starts_with(wanted)) {
+        found.extend(messages(manager));
+        assert!(clock::now_ns() < give_up, "no {wanted}: {found:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    found
+}
+
+fn signs(messages: &[String]) -> usize {
+    messages.iter().filter(|message| *message == "WATCHDOG=1").count()
+}
+
+#[test]
+fn a_service_reports_while_it_supervises_and_its_remains_end_at_rest() {
+    steadily(|| {
+        let manager = RefCell::new(None);
+        let mut robot = Robot::up_with(THREE_CABLES, "", |configs| {
+            let socket = UnixDatagram::bind(configs.with_file_name("notify")).unwrap();
+            socket.set_nonblocking(true).unwrap();
+            *manager.borrow_mut() = Some(socket);
+        });
+        let manager = manager.take().unwrap();
+        let start = until(&manager, "READY=1");
+        assert!(start.iter().any(|message| message.starts_with("STATUS=starting: waiting for ")), "{start:?}");
+        let ready = start.iter().position(|message| message == "READY=1").unwrap();
+        assert_eq!(signs(&start[..ready]), 0, "{start:?}");
+        until(&manager, "WATCHDOG=1");
+
+        robot.arm();
+        robot.fly();
+        until(&manager, "STATUS=following; ");
+        robot.nims(&["status"]);
+        // A stopped supervisor supervises nothing; motor-io stops the robot, and only the manager can end it.
+        let supervisor = rustix::process::Pid::from_raw(robot.supervisor_pid().cast_signed()).unwrap();
+        rustix::process::kill_process(supervisor, Signal::STOP).unwrap();
+        messages(&manager);
+        robot.until("the robot holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+        assert_eq!(messages(&manager), Vec::<String>::new());
+        rustix::process::kill_process(supervisor, Signal::CONT).unwrap();
+        until(&manager, "WATCHDOG=1");
+
+        robot.fly();
+        robot.down(Signal::KILL);
+        let ended = Command::new(program())
+            .args(["--domain", robot.domain.name(), "--json", "up", "--end-remaining"])
+            .arg(robot.system_file())
+            .output()
+            .unwrap();
+        assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+        let value: Value = serde_json::from_slice(&ended.stdout).unwrap();
+        let names: Vec<&str> = value["ended"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+        assert_eq!((names.first(), names.last()), (Some(&"motor-io"), Some(&"recorder")), "{names:?}");
+        assert!(names.len() >= 6 && robot.pid("motor-io").is_none() && robot.pid("recorder").is_none(), "{names:?}");
+        // The recorder, which ended last, has the whole stop.
+        let modes: Vec<MotorAuthority> = samples_of(&robot.run(), "motor/authority");
+        let last = modes.last().unwrap();
+        assert!(
+            modes.iter().rev().take(200).any(|sample| sample.mode == MotorAuthority::MODE_FOLLOWING),
+            "it was in flight"
+        );
+        assert!([MotorAuthority::MODE_HOLDING, MotorAuthority::MODE_DISARMED].contains(&last.mode), "{last:?}");
+    });
+}
