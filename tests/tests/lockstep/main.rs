@@ -2,8 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod borders;
 mod calibrations;
 mod choices;
+mod drawn;
 mod energy;
 mod export;
 mod flights;

@@ -317,7 +317,7 @@ pub enum Cause {
     Obstacle {
         /// What touches what.
         contact: Contact,
-        /// The clearance, m.
+        /// The least distance: the clearance and the bound of the position, m.
         clearance_m: f64,
     },
     /// The path is not valid.
@@ -418,8 +418,8 @@ fn check_pose(
     if let Some(number) = robot.keep_out().iter().position(|b| b.touches(previous, position)) {
         return Err(Cause::KeepOut { number });
     }
-    if let Some(contact) = robot.contact(previous, position) {
-        return Err(Cause::Obstacle { contact, clearance_m: robot.clearance_m() });
+    if let Some(contact) = robot.contact(previous, position, distribution) {
+        return Err(Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(position) });
     }
     let limit_m_s = robot.speed_limit_m_s();
     if v > limit_m_s * (1.0 + ROUNDING) {

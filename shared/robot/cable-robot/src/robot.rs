@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::energy::{Current, MotorTable};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, DriveLoad, Motor};
-use crate::obstacle::{Contact, MAX_OBSTACLES, Obstacle};
+use crate::obstacle::{MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
 use crate::robot_parts::{
     AnchorBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_limits, obstacle_places, routed_lengths,
@@ -198,31 +198,6 @@ impl Robot {
     /// Smallest distance of node and cables from every obstacle, m.
     pub fn clearance_m(&self) -> f64 {
         self.clearance_m
-    }
-
-    /// Finds the first contact of the node or a cable with an obstacle, on the way of the node from `before` to
-    /// `position`, m. A cable is the straight line from its eye, or from its pulley, to the node. In a short way every
-    /// point of it moves by at most the way of the node, by which the clearance grows.
-    ///
-    /// The first metre of a cable may be closer to a body, which carries its pulley or stands beside it, but must not
-    /// approach it.
-    pub fn contact(&self, before: &Vector3<f64>, position: &Vector3<f64>) -> Option<Contact> {
-        let hit = |obstacle, cable| Some(Contact { obstacle, cable });
-        for (number, obstacle) in self.obstacles().enumerate() {
-            if obstacle.is_near(before, position, self.clearance_m) {
-                return hit(number, None);
-            }
-        }
-        self.obstacles().next()?;
-        let margin_m = self.clearance_m + (position - before).norm();
-        for (cable, pulley) in self.anchors.pulleys().enumerate() {
-            let start = pulley.cable_to(position).map_or(pulley.anchor, |free| position - free.direction * free.free_m);
-            let blocked = |obstacle: &Obstacle| obstacle.blocks_cable(&start, position, margin_m);
-            if let Some(number) = self.obstacles().position(blocked) {
-                return hit(number, Some(cable));
-            }
-        }
-        None
     }
 
     /// EA of the cables, N; None for rigid cables.

@@ -5,7 +5,7 @@ use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, ROLES};
 use std::fmt;
 
 /// Every fault: its bit, its description, its cure.
-pub const FAULTS: [(u32, &str, &str); 21] = [
+pub const FAULTS: [(u32, &str, &str); 22] = [
     (MotorAuthority::FAULT_LOST_UNIT, "a drive unit does not answer", "check its power and its cable, then reset"),
     (
         MotorAuthority::FAULT_UNIT_REBOOT,
@@ -85,6 +85,11 @@ pub const FAULTS: [(u32, &str, &str); 21] = [
         MotorAuthority::FAULT_OFF_START,
         "the planned motion does not begin at the position of the node by its cables, so it is not started",
         "compare the estimators in nims status, restart the wrong one, then try again",
+    ),
+    (
+        MotorAuthority::FAULT_BORDER,
+        "the jog ended early because the node or a cable reached the border of an obstacle or a keep-out box",
+        "jog the other way or another cable, or zero the node if it is elsewhere",
     ),
     (
         MotorAuthority::FAULT_COMPUTER,

@@ -8,7 +8,7 @@ use std::fmt;
 use crate::sentences::named;
 
 /// Fault bits of motor-io and their descriptions; motor-io itself publishes the cures.
-const FAULTS: [(u32, &str); 21] = [
+const FAULTS: [(u32, &str); 22] = [
     (
         MotorAuthority::FAULT_EMERGENCY_INPUT,
         "the emergency stop button of a drive unit is pressed, or its wire is broken",
@@ -33,6 +33,7 @@ const FAULTS: [(u32, &str); 21] = [
     (MotorAuthority::FAULT_LONG_GAP, "the computer had no time for the drives"),
     (MotorAuthority::FAULT_COMPUTER, "the computer was busy with other things"),
     (MotorAuthority::FAULT_OFF_START, "the motion does not begin where the node is"),
+    (MotorAuthority::FAULT_BORDER, "a jog ended at the border of an obstacle or a keep-out box"),
 ];
 
 /// Longest note behind a shortened list.

@@ -88,7 +88,7 @@ impl Grid {
 
 /// Returns the greatest possible margin to a tension limit at rest, N; `None` where the node cannot be held.
 fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
-    if robot.keep_out().iter().any(|b| b.touches(at, at)) || robot.contact(at, at).is_some() {
+    if robot.keep_out().iter().any(|b| b.touches(at, at)) || robot.contact(at, at, Distribution::Safest).is_some() {
         return None;
     }
     let weight = robot.with_cables_n(at, &robot.wrench_n(&Vector3::zeros()));
