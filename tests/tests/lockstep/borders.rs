@@ -22,6 +22,7 @@ struct Tally {
     refused: u64,
     ended_at_border: u64,
     faulted: u64,
+    on_the_ground: u64,
     least_m: f64,
     boxed_m: f64,
 }
@@ -71,12 +72,24 @@ struct Watch<'a> {
 impl Watch<'_> {
     fn look(&mut self, cycle: &Cycle) {
         let distance_m = self.drawn.least_distance_m(cycle.truth_m, &cycle.truth_n, &self.bodies, 0.0);
+        let boxed_m = self.boxed.distance_m(&Vector3::from(cycle.truth_m));
+        let touched = self.tally.least_m <= 0.0 || self.tally.boxed_m <= 0.0;
+        if !touched && (distance_m <= 0.0 || boxed_m <= 0.0) {
+            let (truth_m, node_m, truth_n) = (cycle.truth_m, cycle.state.node_m, cycle.truth_n);
+            println!("contact: node by the truth at {truth_m:?} under {truth_n:?} N, by its lengths at {node_m:?}");
+        }
         self.tally.least_m = self.tally.least_m.min(distance_m);
-        self.tally.boxed_m = self.tally.boxed_m.min(self.boxed.distance_m(&Vector3::from(cycle.truth_m)));
+        self.tally.boxed_m = self.tally.boxed_m.min(boxed_m);
     }
 }
 
-/// Jogs until the robot holds; returns the answer, and whether the robot has a fault.
+/// Whether the node lies on the ground. Its cables are slack then, and their lengths no longer say where it is.
+fn lies(drawn: &Drawn, cycle: &Cycle) -> bool {
+    let ground_m = drawn.plant.node.ground_m.unwrap_or(f64::NEG_INFINITY);
+    cycle.truth_m[2] < ground_m + 0.02
+}
+
+/// Jogs until the robot holds; returns whether the robot has a fault or lies on the ground.
 fn jog(lockstep: &mut Lockstep, cable: u8, distance_m: f64, watch: &mut Watch<'_>) -> bool {
     lockstep.request(Request::Jog { cable, distance_m });
     let cycle = lockstep.cycle().unwrap();
@@ -89,6 +102,10 @@ fn jog(lockstep: &mut Lockstep, cable: u8, distance_m: f64, watch: &mut Watch<'_
     let period_s = watch.drawn.file.period_s();
     for k in 0..(LONGEST_S / period_s) as u32 {
         let cycle = lockstep.cycle().unwrap();
+        if lies(watch.drawn, &cycle) {
+            watch.tally.on_the_ground += 1;
+            return true;
+        }
         if k % 5 == 0 {
             watch.look(&cycle);
         }
@@ -99,7 +116,7 @@ fn jog(lockstep: &mut Lockstep, cable: u8, distance_m: f64, watch: &mut Watch<'_
                 // The drives lag, and the node swings.
                 for k in 0..60 {
                     let cycle = lockstep.cycle().unwrap();
-                    if k % 5 == 0 {
+                    if k % 5 == 0 && !lies(watch.drawn, &cycle) {
                         watch.look(&cycle);
                     }
                 }

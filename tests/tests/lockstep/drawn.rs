@@ -64,6 +64,11 @@ impl Drawn {
 
     /// The chain of the files in this world, before the first cycle.
     pub fn lockstep(&self) -> Lockstep {
+        self.lockstep_with(Chain::from_files(&self.file, &self.robot).unwrap())
+    }
+
+    /// The same with another chain.
+    pub fn lockstep_with(&self, chain: Chain) -> Lockstep {
         let robot = self.robot.robot().unwrap();
         let scenario = Scenario {
             robot,
@@ -77,7 +82,7 @@ impl Drawn {
             distribution: self.file.controller.distribution_for(&robot),
             longest_s: 300.0,
         };
-        Lockstep::with(scenario, Chain::from_files(&self.file, &self.robot).unwrap()).unwrap()
+        Lockstep::with(scenario, chain).unwrap()
     }
 
     /// True anchors with their wheels.

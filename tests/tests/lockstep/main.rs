@@ -18,6 +18,7 @@ mod map;
 /// The template for a custom estimation method.
 #[path = "../../../scripts/templates/estimator/src/method.rs"]
 mod method;
+mod missions;
 mod motor_table;
 mod motors;
 mod obstacles;

@@ -108,7 +108,7 @@ impl Robot {
 
     /// Finds a body that the node, moved from `from` to `to`, or a cable would come closer to than its margin and
     /// `more_m`, and closer than at `from`: what leads away from a body, or along it, is free. The margin of a keep-out
-    /// box is the bound of the position. `tensions_n` are those of the cables. Works without allocation.
+    /// box is that of the node from an obstacle. `tensions_n` are those of the cables. Works without allocation.
     pub fn approached(
         &self,
         from: &Vector3<f64>,
@@ -118,7 +118,7 @@ impl Robot {
     ) -> Option<Border> {
         let closer = |from_m: f64, to_m: f64, margin_m: f64| to_m < margin_m && to_m < from_m - ROUNDING_M;
         if !self.keep_out().is_empty() {
-            let margin_m = self.position_bound_m(to) + more_m;
+            let margin_m = self.obstacle_margin_m(to) + more_m;
             if let Some(number) =
                 self.keep_out().iter().position(|b| closer(b.distance_m(from), b.distance_m(to), margin_m))
             {
