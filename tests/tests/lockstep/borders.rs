@@ -67,6 +67,8 @@ struct Watch<'a> {
     bodies: Vec<Obstacle>,
     boxed: KeepOut,
     tally: &'a mut Tally,
+    /// Whether the robot knows the bodies.
+    sees: bool,
 }
 
 impl Watch<'_> {
@@ -74,7 +76,7 @@ impl Watch<'_> {
         let distance_m = self.drawn.least_distance_m(cycle.truth_m, &cycle.truth_n, &self.bodies, 0.0);
         let boxed_m = self.boxed.distance_m(&Vector3::from(cycle.truth_m));
         let touched = self.tally.least_m <= 0.0 || self.tally.boxed_m <= 0.0;
-        if !touched && (distance_m <= 0.0 || boxed_m <= 0.0) {
+        if self.sees && !touched && (distance_m <= 0.0 || boxed_m <= 0.0) {
             let (truth_m, node_m, truth_n) = (cycle.truth_m, cycle.state.node_m, cycle.truth_n);
             println!("contact: node by the truth at {truth_m:?} under {truth_n:?} N, by its lengths at {node_m:?}");
         }
@@ -150,7 +152,7 @@ fn jogs(name: &str, seed: u64, sees: bool, tally: &mut Tally) {
     robot.file.motor_io.jog_speed_m_s = if seed.is_multiple_of(2) { 0.05 } else { 0.2 };
     let mut lockstep = robot.lockstep();
     lockstep.zero_and_arm().unwrap();
-    let mut watch = Watch { drawn, bodies, boxed, tally };
+    let mut watch = Watch { drawn, bodies, boxed, tally, sees };
     let mut last = lockstep.cycle().unwrap();
     // By the truth of the start, nothing is touched before the first jog.
     let start_m = drawn.least_distance_m(last.truth_m, &last.truth_n, &watch.bodies, 0.0);

@@ -5,7 +5,7 @@
 //! `NIMS_TRUNKS=1000 .. missions::among` more among trunks. `NIMS_SEED` is the first seed.
 
 use crate::drawn::{Drawn, number};
-use cable_robot::{Obstacle, Vector3};
+use cable_robot::{CableVec, Obstacle, Vector3};
 use config::{ObstacleSection, RobotFile};
 use messages::{MotorAuthority as A, PlanStatus};
 use nims_tests::lockstep::{Chain, Lockstep};
@@ -27,6 +27,8 @@ struct Flown {
     faults: u32,
     /// Least and largest true tension of a cable, N.
     tensions_n: [f64; 2],
+    /// True and estimated tensions at the end, N.
+    last_n: [CableVec; 2],
     /// Largest current that was measured, A.
     current_a: f64,
     /// Largest duty of a drive.
@@ -90,6 +92,7 @@ fn fly(drawn: &Drawn, mut lockstep: Lockstep, mission: &Mission, bodies: &Bodies
     let mut flown = Flown {
         faults: 0,
         tensions_n: [f64::INFINITY, 0.0],
+        last_n: [CableVec::zeros(0); 2],
         current_a: 0.0,
         duty: 0.0,
         distance_m: f64::INFINITY,
@@ -103,6 +106,8 @@ fn fly(drawn: &Drawn, mut lockstep: Lockstep, mission: &Mission, bodies: &Bodies
             flown.current_a = flown.current_a.max(cycle.state.current_a[i].abs());
             flown.duty = flown.duty.max(cycle.state.duty[i].abs());
         }
+        let estimated_n = CableVec::from_array8(&cycle.estimate.tension_n, cycle.truth_n.len());
+        flown.last_n = [cycle.truth_n, estimated_n];
         flown.faults |= cycle.authority.faults;
         if number % 10 == 0 && !(bodies.free.is_empty() && bodies.carriers.is_empty()) {
             let free_m = drawn.least_distance_m(cycle.truth_m, &cycle.truth_n, &bodies.free, 0.0);
@@ -259,6 +264,7 @@ fn a_flight_beyond_its_limits_counts_as_failed() {
     let flown = Flown {
         faults: A::FAULT_OVER_CURRENT,
         tensions_n: [5.0, 20.0],
+        last_n: [CableVec::zeros(0); 2],
         current_a: 1.0,
         duty: 0.5,
         distance_m: 1.0,

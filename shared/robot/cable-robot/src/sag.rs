@@ -106,6 +106,6 @@ pub(crate) fn loads(anchors: &Anchors, position: &Vector3<f64>, weight_n_m: f64)
 }
 
 /// The half weights of all cables, which the node carries, N.
-pub(crate) fn carried_n(anchors: &Anchors, position: &Vector3<f64>, weight_n_m: f64) -> f64 {
+pub fn carried_n(anchors: &Anchors, position: &Vector3<f64>, weight_n_m: f64) -> f64 {
     anchors.pulleys().map(|pulley| Load::at(&pulley, position, weight_n_m).half_n).sum()
 }

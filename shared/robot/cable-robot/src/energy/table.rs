@@ -4,6 +4,8 @@
 //! are a [`TableError`]; nothing is extrapolated.
 
 use super::current::{Current, TableError};
+use crate::MAX_CABLES;
+use crate::motor::Motor;
 
 /// Measured current over speed and tension, with bilinear interpolation between the points.
 ///
@@ -72,6 +74,55 @@ impl Current for CurrentTable {
 
     fn resistance_ohm(&self) -> f64 {
         self.resistance_ohm
+    }
+}
+
+/// The motors of a robot: one measured table for all, one per cable, or none, which is the friction model for all.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motors {
+    model: Motor,
+    tables: [Option<MotorTable>; MAX_CABLES],
+}
+
+impl Motors {
+    /// Creates the motors of `cables` cables; `tables` has no, one or `cables` tables.
+    ///
+    /// # Errors
+    /// Another number of tables, or a table with too many points.
+    pub fn new(model: Motor, tables: &[CurrentTable], cables: usize) -> Result<Self, TableError> {
+        if !(tables.len() <= 1 || tables.len() == cables) {
+            let what =
+                format!("there are {} tables for {cables} motors, not one for all or one for each", tables.len());
+            return Err(TableError::Shape { what });
+        }
+        let mut of_cables = [None; MAX_CABLES];
+        for (cable, table) in of_cables.iter_mut().enumerate().take(cables) {
+            *table = tables.get(cable).or(tables.first()).map(MotorTable::new).transpose()?;
+        }
+        Ok(Self { model, tables: of_cables })
+    }
+
+    /// The measured table of the motor of a cable, counted from 0, if there is one.
+    pub fn table(&self, cable: usize) -> Option<&MotorTable> {
+        self.tables.get(cable)?.as_ref()
+    }
+}
+
+/// Without a cable: the motor of the first one.
+impl Current for Motors {
+    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        self.current_of_a(0, tension_n, reel_in_m_s)
+    }
+
+    fn current_of_a(&self, cable: usize, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        match self.table(cable) {
+            Some(table) => table.current_a(tension_n, reel_in_m_s),
+            None => Ok(self.model.current_a(tension_n, reel_in_m_s)),
+        }
+    }
+
+    fn resistance_ohm(&self) -> f64 {
+        self.table(0).map_or(self.model.resistance_ohm, MotorTable::resistance_ohm)
     }
 }
 
