@@ -78,10 +78,13 @@ impl Current for CurrentTable {
 }
 
 /// The motors of a robot: one measured table for all, one per cable, or none, which is the friction model for all.
+///
+/// A table stays in memory until the program ends, because a robot is `Copy` and eight tables in place would make it
+/// four times as large. A program creates the robot of a file once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motors {
     model: Motor,
-    tables: [Option<MotorTable>; MAX_CABLES],
+    tables: [Option<&'static MotorTable>; MAX_CABLES],
 }
 
 impl Motors {
@@ -95,16 +98,20 @@ impl Motors {
                 format!("there are {} tables for {cables} motors, not one for all or one for each", tables.len());
             return Err(TableError::Shape { what });
         }
-        let mut of_cables = [None; MAX_CABLES];
-        for (cable, table) in of_cables.iter_mut().enumerate().take(cables) {
-            *table = tables.get(cable).or(tables.first()).map(MotorTable::new).transpose()?;
+        let mut of_cables: [Option<&'static MotorTable>; MAX_CABLES] = [None; MAX_CABLES];
+        for (kept, table) in of_cables.iter_mut().zip(tables) {
+            *kept = Some(Box::leak(Box::new(MotorTable::new(table)?)));
+        }
+        if tables.len() == 1 {
+            let table = of_cables[0];
+            of_cables[..cables].fill(table);
         }
         Ok(Self { model, tables: of_cables })
     }
 
     /// The measured table of the motor of a cable, counted from 0, if there is one.
     pub fn table(&self, cable: usize) -> Option<&MotorTable> {
-        self.tables.get(cable)?.as_ref()
+        *self.tables.get(cable)?
     }
 }
 
