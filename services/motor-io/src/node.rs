@@ -51,6 +51,12 @@ impl Node {
         self.known.map(|known| known.position_m)
     }
 
+    /// Position of the node, m, and the tensions of the cables at rest, N; `None` as for [`Self::position_m`].
+    #[must_use]
+    pub fn held(&self) -> Option<(Vector3<f64>, &CableVec)> {
+        self.known.as_ref().map(|known| (known.position_m, &known.tensions_n))
+    }
+
     /// Strains T / EA of the cables whose idlers count them stretched, with their numbers from 0.
     pub fn counted_strains(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         let known = self.known.as_ref().zip(self.robot.stiffness_n());

@@ -7,7 +7,7 @@ use crate::core::Core;
 use crate::mode::{Jog, Mode, Stop};
 use crate::plan_clock::SLOWEST;
 use crate::settings::{CoreConfig, JOG_LIMIT_M};
-use cable_robot::{Vector3, elastic, kinematics, tension};
+use cable_robot::{Border, Contact, Vector3, elastic, kinematics, tension};
 use messages::faults::{Faults, STOPS};
 use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, Request, RequestBody, Slot, SlotRole};
 use robot_state::Reason;
@@ -325,6 +325,15 @@ impl Core {
                 return Err(Reason::NotJoggedLimit { cable: number, now_m, then_m, low_m, high_m });
             }
         }
+        match self.border(cable, distance_m) {
+            None => {}
+            Some(Border::KeepOut(index)) => return Err(Reason::NotJoggedBox { cable: number, number: index + 1 }),
+            Some(Border::Obstacle(Contact { obstacle, cable: near })) => {
+                let part = near.map_or(0, |near| near + 1);
+                return Err(Reason::NotJoggedBorder { cable: number, part, obstacle: obstacle + 1 });
+            }
+        }
+        self.safety.clear_stops(MotorAuthority::FAULT_BORDER);
         self.safety.enter(Mode::Jogging(Jog { cable, left_m: distance_m, cancelled: false }));
         Ok(Reason::Jogging { cable: number, distance_m })
     }

@@ -2,8 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod borders;
 mod calibrations;
 mod choices;
+mod drawn;
 mod energy;
 mod export;
 mod flights;
@@ -16,6 +18,7 @@ mod map;
 /// The template for a custom estimation method.
 #[path = "../../../scripts/templates/estimator/src/method.rs"]
 mod method;
+mod missions;
 mod motor_table;
 mod motors;
 mod obstacles;

@@ -9,6 +9,8 @@ use messages::{Message, MotorAuthority, MotorState, NodeEstimate, PlanStatus};
 use nims_tests::lockstep::Lockstep;
 use nims_tests::scenarios::{self, Case};
 use planner::Mission;
+use plant::motor::MotorConfig;
+use plant::world::CableWorld;
 use runlog::{ChannelSpec, RunClock, RunWriter};
 use std::path::Path;
 
@@ -39,6 +41,11 @@ fn mission() -> Mission {
 
 /// Flies the mission with a load of this mass and records the content of a run file.
 fn record(mass_kg: f64, mission: &Mission, run: &Path) {
+    record_with(mass_kg, mission, run, Vec::new());
+}
+
+/// The same with a motor of its own for each cable.
+fn record_with(mass_kg: f64, mission: &Mission, run: &Path, motors: Vec<MotorConfig>) {
     let mut scenario = Case { robot: "lab3", mission: "demo", motor_s: [0.030, 0.040] }.scenario(true).unwrap();
     let parts = RobotParts {
         anchors_m: scenario.robot.anchors().iter().map(|a| (*a).into()).collect(),
@@ -53,6 +60,8 @@ fn record(mass_kg: f64, mission: &Mission, run: &Path) {
     scenario.robot = Robot::new(parts).unwrap();
     scenario.plant.node.mass_kg = mass_kg;
     scenario.plant.start_limits_n = [1.0, 120.0];
+    let cable = |motor| CableWorld { motor: Some(motor), ..CableWorld::default() };
+    scenario.plant.world.cables = motors.into_iter().map(cable).collect();
     let mut lockstep = Lockstep::new(scenario).unwrap();
     lockstep.zero_and_arm().unwrap();
     lockstep.run(mission).unwrap();
@@ -94,7 +103,7 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     });
     let runs = runs.map(|(_, run)| run).to_vec();
     let out = folder.path().join("winch.toml");
-    let asked = Args { runs: runs.clone(), out: out.clone(), speeds: None, tensions: None };
+    let asked = Args { runs: runs.clone(), out: out.clone(), cable: None, speeds: None, tensions: None };
     let command::Output { value, words, .. } = analysis::motor_table::run(&asked).unwrap();
     println!("{words}");
 
@@ -103,7 +112,7 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     let robot_file = folder.path().join("robot.toml");
     std::fs::write(&robot_file, text.replace("[motor] ", "[motor]\ntable = \"winch.toml\" ")).unwrap();
     let robot = RobotFile::load(&robot_file).unwrap().robot().unwrap();
-    let table = robot.motor_table().expect("the robot file names the table");
+    let table = robot.motor_table(0).expect("the robot file names the table");
     let (speeds, tensions) = (table.speeds_m_s(), table.tensions_n());
     assert!(speeds[0] <= -0.15 && speeds[speeds.len() - 1] >= 0.15, "{speeds:?}");
     assert!(tensions[tensions.len() - 1] - tensions[0] >= 15.0, "{tensions:?}");
@@ -151,9 +160,62 @@ fn a_run_that_only_hangs_or_only_lowers_is_refused_in_one_sentence() {
     let mission = Mission::parse("name = \"short\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 0.8] }\n").unwrap();
     record(1.2, &mission, &run);
     let out = folder.path().join("winch.toml");
-    let asked = Args { runs: vec![run], out: out.clone(), speeds: None, tensions: None };
+    let asked = Args { runs: vec![run], out: out.clone(), cable: None, speeds: None, tensions: None };
     let failure = analysis::motor_table::run(&asked).unwrap_err();
     let sentence = failure.to_string();
     assert!(failure.exit_code() == 2 && !sentence.contains('\n'), "{sentence}");
     assert!(!out.exists());
+}
+
+/// Motors of which one needs a quarter more current per newton: each table shows its own motor, and energy and planner
+/// use it.
+#[test]
+fn each_motor_has_its_own_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let base = Case { robot: "lab3", mission: "demo", motor_s: [0.030, 0.040] }.scenario(true).unwrap().plant.motor;
+    let weak = MotorConfig { force_constant_n_a: base.force_constant_n_a / 1.25, ..base };
+    let runs = [1.2, 3.0].map(|mass_kg| (mass_kg, folder.path().join(format!("{mass_kg}kg.mcap"))));
+    let mission = mission();
+    std::thread::scope(|scope| {
+        for (mass_kg, run) in &runs {
+            scope.spawn(|| record_with(*mass_kg, &mission, run, vec![base, weak, base]));
+        }
+    });
+    let runs = runs.map(|(_, run)| run).to_vec();
+    for cable in 1..=3 {
+        let out = folder.path().join(format!("winch{cable}.toml"));
+        let asked = Args { runs: runs.clone(), out, cable: Some(cable), speeds: None, tensions: None };
+        analysis::motor_table::run(&asked).unwrap();
+    }
+    let text = std::fs::read_to_string("../configs/robots/lab3.toml").unwrap();
+    let load = |table: &str| {
+        let path = folder.path().join("robot.toml");
+        std::fs::write(&path, text.replace("[motor] ", &format!("[motor]\ntable = {table} "))).unwrap();
+        RobotFile::load(&path)
+    };
+    let file = load("[\"winch1.toml\", \"winch2.toml\", \"winch3.toml\"]").unwrap();
+    assert_eq!(file.named_files(folder.path()).len(), 3);
+    let robot = file.robot().unwrap();
+    // In the middle of what each motor's table covers, relative to the plant's first motor.
+    let model = Motor::default();
+    let ratios = [0, 1, 2].map(|cable| {
+        let tensions_n = robot.motor_table(cable).unwrap().tensions_n();
+        let tension_n = 0.5 * (tensions_n[0] + tensions_n[tensions_n.len() - 1]);
+        robot.current().current_of_a(cable, tension_n, 0.15).unwrap() / model.current_a(tension_n, 0.15)
+    });
+    println!("{ratios:.3?}");
+    for (ratio, expected) in ratios.into_iter().zip([1.0, 1.25, 1.0]) {
+        assert!((ratio / expected - 1.0).abs() < 0.06, "{ratios:?}");
+    }
+    let loss_j = |robot: &Robot| {
+        let (from, to) = (Vector3::new(3.5, 2.0, 1.4), Vector3::new(5.5, 2.2, 1.4));
+        let unique = cable_robot::Distribution::Unique;
+        cable_robot::energy::flight::best_parabola(robot, unique, &from, &to, 0.2, 0.0).unwrap().line.unwrap().energy_j
+    };
+    let same = load("\"winch1.toml\"").unwrap().robot().unwrap();
+    assert!(loss_j(&robot) > 1.05 * loss_j(&same), "{} {}", loss_j(&robot), loss_j(&same));
+    // Two of three are no answer.
+    let two = load("[\"winch1.toml\", \"winch2.toml\"]");
+    let sentence = two.map_or_else(|error| error.to_string(), |file| file.robot().unwrap_err().to_string());
+    assert!(sentence.contains("2 tables for 3 motors"), "{sentence}");
 }

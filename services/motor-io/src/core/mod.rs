@@ -4,6 +4,7 @@
 //! `observe` is the second half of the cycle, and `still` resets the drives' loops at rest.
 
 mod account;
+mod border;
 mod computer;
 mod follow;
 mod invariants;

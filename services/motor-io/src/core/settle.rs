@@ -13,12 +13,17 @@ const JOG_MARGIN_M: f64 = 0.01;
 /// Remaining length at which a jog is done, m: far below a step of an encoder.
 const JOGGED_M: f64 = 1e-6;
 /// Delay from a command to its effect, s: drives react after up to 0.16 s, and readings are a cycle old.
-const REACTION_S: f64 = 0.2;
+pub(super) const REACTION_S: f64 = 0.2;
 
 impl Core {
     pub(super) fn jogging(&mut self, mut jog: Jog) -> [f64; CABLES] {
         if self.who_is_lost() & MotorAuthority::FAULT_SUPERVISOR_LOST != 0 {
             self.safety.record_stop(MotorAuthority::FAULT_SUPERVISOR_LOST);
+            jog.cancelled = true;
+            self.safety.enter(Mode::Jogging(jog));
+        }
+        if !jog.cancelled && self.border(jog.cable, jog.left_m).is_some() {
+            self.safety.record_stop(MotorAuthority::FAULT_BORDER);
             jog.cancelled = true;
             self.safety.enter(Mode::Jogging(jog));
         }

@@ -4,6 +4,7 @@
 mod account;
 mod allocation;
 mod arbiter;
+mod border;
 #[path = "../../../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]
 mod counting;
 mod faults;

@@ -79,6 +79,7 @@ fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
         anchors: robot.anchors(),
         wrench_n: robot.wrench_n(&Vector3::zeros()),
         drag_n_s2_m2: 0.0,
+        cable_weight_n_m: 0.0,
         limits_n: robot.tension_limits_n(),
         method: Distribution::Unique,
         current: robot.current(),

@@ -32,6 +32,12 @@ impl KeepOut {
         }
         enter <= leave
     }
+
+    /// Computes the distance from a position to the box, m; 0 inside.
+    pub fn distance_m(&self, position: &Vector3<f64>) -> f64 {
+        let nearest = position.sup(&self.min).inf(&self.max);
+        (position - nearest).norm()
+    }
 }
 
 #[cfg(test)]

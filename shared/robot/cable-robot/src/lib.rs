@@ -43,6 +43,7 @@ pub mod anchors;
 mod angle;
 pub mod cables;
 pub mod catenary;
+mod clearance;
 pub mod control_bounds;
 pub mod elastic;
 pub mod energy;
@@ -68,6 +69,7 @@ pub mod uncertainty;
 
 pub use anchors::Anchors;
 pub use cables::{CableVec, MAX_CABLES};
+pub use clearance::Border;
 pub use keep_out::KeepOut;
 pub use kinematics::{Jacobian, KinematicsError, NodeJacobian, StructureMatrix};
 pub use modes::{Mode, Modes};

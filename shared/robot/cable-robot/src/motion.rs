@@ -317,7 +317,7 @@ pub enum Cause {
     Obstacle {
         /// What touches what.
         contact: Contact,
-        /// The clearance, m.
+        /// The least distance: the clearance and the bound of the position, m.
         clearance_m: f64,
     },
     /// The path is not valid.
@@ -396,7 +396,12 @@ fn check_drive(robot: &Robot, cable: usize, load: DriveLoad, report: &mut Report
 }
 
 /// Checks where the node is, and what it passed since the position before.
-fn check_place(robot: &Robot, position: &Vector3<f64>, previous: &Vector3<f64>) -> Result<(), Cause> {
+fn check_place(
+    robot: &Robot,
+    distribution: Distribution,
+    position: &Vector3<f64>,
+    previous: &Vector3<f64>,
+) -> Result<(), Cause> {
     let below_m = robot.ground_m() - position.z;
     // Also true for NaN.
     if !(below_m <= 1e-9) {
@@ -409,8 +414,8 @@ fn check_place(robot: &Robot, position: &Vector3<f64>, previous: &Vector3<f64>) 
     if let Some(number) = robot.keep_out().iter().position(|b| b.touches(previous, position)) {
         return Err(Cause::KeepOut { number });
     }
-    if let Some(contact) = robot.contact(previous, position) {
-        return Err(Cause::Obstacle { contact, clearance_m: robot.clearance_m() });
+    if let Some(contact) = robot.contact(previous, position, distribution) {
+        return Err(Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(position) });
     }
     Ok(())
 }
@@ -426,7 +431,7 @@ fn check_pose(
 ) -> Result<(), Cause> {
     let (velocity, acceleration) = derivatives(point, v, a);
     let position = &point.position;
-    check_place(robot, position, previous)?;
+    check_place(robot, distribution, position, previous)?;
     let limit_m_s = robot.speed_limit_m_s();
     if v > limit_m_s * (1.0 + ROUNDING) {
         return Err(Cause::NodeSpeed { speed_m_s: v, limit_m_s });
@@ -462,8 +467,8 @@ fn check_pose(
         if !(*length_m >= min_m && *length_m <= max_m) {
             return Err(Cause::Length { cable, length_m: *length_m, min_m, max_m });
         }
-        check_drive(robot, cable, robot.drive_load(resting[cable], 0.0), report)?;
-        check_drive(robot, cable, robot.drive_load(tensions[cable], -speed), report)?;
+        check_drive(robot, cable, robot.drive_load(cable, resting[cable], 0.0), report)?;
+        check_drive(robot, cable, robot.drive_load(cable, tensions[cable], -speed), report)?;
         report.shortest_m[cable] = report.shortest_m[cable].min(*length_m);
         report.longest_m[cable] = report.longest_m[cable].max(*length_m);
         report.peak_cable_speed_m_s = report.peak_cable_speed_m_s.max(speed.abs());

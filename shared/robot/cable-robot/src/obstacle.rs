@@ -15,6 +15,9 @@ pub const MAX_CORNERS: usize = 6;
 const ROOT_M: f64 = 1.0;
 /// Steps of the check of that length.
 const ROOT_STEPS: u32 = 50;
+/// Pieces of a hanging cable, each checked down to its lowest point: the band below the chord is at most 7 % of the sag
+/// too wide.
+const HANGING_PIECES: u32 = 16;
 /// Approach within a step that counts as rounding, m.
 const APPROACH_M: f64 = 1e-9;
 
@@ -110,17 +113,23 @@ impl Obstacle {
         libm::hypot(beside_m, above_m)
     }
 
-    /// True if a cable from its pulley at `start` to the node at `end` comes closer than `margin_m` to the body. Within
-    /// a metre of the pulley it may be closer, but must not approach the body.
-    pub fn blocks_cable(&self, start: &Vector3<f64>, end: &Vector3<f64>, margin_m: f64) -> bool {
-        if !self.is_near(start, end, margin_m) {
+    /// True if a cable from its pulley at `start` to the node at `end`, or a cable that sags by up to `sag_m` below this
+    /// line in its middle, comes closer than `margin_m` to the body. Within a metre of the pulley it may be closer, but
+    /// must not approach the body.
+    pub fn blocks_cable(&self, start: &Vector3<f64>, end: &Vector3<f64>, margin_m: f64, sag_m: f64) -> bool {
+        if !self.is_near_below(start, end, margin_m, sag_m) {
             return false;
         }
         let length_m = (end - start).norm();
-        let root = start + (end - start) * (ROOT_M / length_m).min(1.0);
-        if !(length_m > 0.0) || length_m > ROOT_M && self.is_near(&root, end, margin_m) {
+        if !(length_m > 0.0) {
             return true;
         }
+        let root_share = (ROOT_M / length_m).min(1.0);
+        if root_share < 1.0 && self.is_near_hanging([start, end], root_share, margin_m, sag_m) {
+            return true;
+        }
+        let root = start + (end - start) * root_share;
+        let margin_m = margin_m + parabola(sag_m, root_share);
         let mut before_m = self.distance_m(start);
         (1..=ROOT_STEPS).any(|k| {
             let distance_m = self.distance_m(&(start + (root - start) * (f64::from(k) / f64::from(ROOT_STEPS))));
@@ -130,13 +139,33 @@ impl Obstacle {
         })
     }
 
+    /// True if the part of a line from a share of its length on, or a parabola below that sags by up to `sag_m`, comes
+    /// closer than `margin_m` to the body.
+    fn is_near_hanging(&self, [start, end]: [&Vector3<f64>; 2], from_share: f64, margin_m: f64, sag_m: f64) -> bool {
+        let at = |u: f64| start + (end - start) * u;
+        if sag_m == 0.0 {
+            return self.is_near(&at(from_share), end, margin_m);
+        }
+        let u = |k: u32| from_share + (1.0 - from_share) * f64::from(k) / f64::from(HANGING_PIECES);
+        (0..HANGING_PIECES).any(|k| {
+            let (u0, u1) = (u(k), u(k + 1));
+            let lowest_m = parabola(sag_m, 0.5f64.clamp(u0, u1));
+            self.is_near_below(&at(u0), &at(u1), margin_m, lowest_m)
+        })
+    }
+
     /// True if the straight line from `a` to `b` comes closer than `margin_m` to the body. Around its upper and lower
     /// rim the margin is up to a factor √2 larger. A line with an end that is not finite is near.
     pub fn is_near(&self, a: &Vector3<f64>, b: &Vector3<f64>, margin_m: f64) -> bool {
-        if !(a.iter().chain(b.iter()).all(|x| x.is_finite()) && margin_m.is_finite()) {
+        self.is_near_below(a, b, margin_m, 0.0)
+    }
+
+    /// The same for the band between the line and the line `depth_m` below it.
+    pub fn is_near_below(&self, a: &Vector3<f64>, b: &Vector3<f64>, margin_m: f64, depth_m: f64) -> bool {
+        if !(a.iter().chain(b.iter()).all(|x| x.is_finite()) && margin_m.is_finite() && depth_m.is_finite()) {
             return true;
         }
-        let (low, high) = (self.bottom_m - margin_m, self.top_m + margin_m);
+        let (low, high) = (self.bottom_m - margin_m, self.top_m + margin_m + depth_m);
         let rise = b.z - a.z;
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
         if rise == 0.0 {
@@ -170,6 +199,11 @@ impl Footprint {
             }
         }
     }
+}
+
+/// Depth of a parabola below its chord at a share of the chord; `sag_m` in the middle.
+fn parabola(sag_m: f64, share: f64) -> f64 {
+    4.0 * sag_m * share * (1.0 - share)
 }
 
 fn coordinates(values: &[f64; 2]) -> Result<(), RobotError> {
@@ -261,6 +295,31 @@ mod tests {
             }
             if least_m > margin_m * std::f64::consts::SQRT_2 + step_m {
                 prop_assert!(!body.is_near(&a, &b, margin_m), "{least_m}");
+            }
+        }
+
+        #[test]
+        fn a_cable_is_blocked_if_a_point_of_the_hanging_one_is_near(
+            body in obstacle(), a in point(), b in point(), margin_m in 0.0..0.3f64, sag_m in 0.0..0.8f64,
+        ) {
+            const PIECES: usize = 1000;
+            let length_m = (b - a).norm();
+            prop_assume!(length_m > ROOT_M);
+            let hanging = |share: f64| {
+                (0..=PIECES).map(|i| i as f64 / PIECES as f64).filter(|u| u * length_m > ROOT_M).map(|u| {
+                    let depth_m = parabola(share * sag_m, u);
+                    body.distance_m(&(a + (b - a) * u - Vector3::new(0.0, 0.0, depth_m)))
+                }).fold(f64::INFINITY, f64::min)
+            };
+            for share in [0.0, 0.4, 1.0] {
+                if hanging(share) < margin_m {
+                    prop_assert!(body.blocks_cable(&a, &b, margin_m, sag_m), "{share}");
+                }
+            }
+            // What is blocked stays blocked with more of either.
+            if body.blocks_cable(&a, &b, margin_m, 0.5 * sag_m) {
+                prop_assert!(body.blocks_cable(&a, &b, margin_m + 0.05, 0.5 * sag_m));
+                prop_assert!(body.blocks_cable(&a, &b, margin_m, sag_m));
             }
         }
 

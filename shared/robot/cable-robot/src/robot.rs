@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::energy::{Current, MotorTable};
+use crate::energy::{Current, MotorTable, Motors};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, DriveLoad, Motor};
-use crate::obstacle::{Contact, MAX_OBSTACLES, Obstacle};
+use crate::obstacle::{MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
 use crate::robot_parts::{
     AnchorBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_limits, obstacle_places, routed_lengths,
@@ -38,7 +38,7 @@ pub struct Robot {
     routed_length_m: CableVec,
     length_limits_m: [[f64; 2]; MAX_CABLES],
     motor: Motor,
-    motor_table: Option<MotorTable>,
+    motors: Motors,
     drive_limits: DriveLimits,
     anchor_covariance: Option<AnchorBlocks>,
     uncertainty: Uncertainty,
@@ -80,14 +80,15 @@ impl Robot {
         let length_limits_m = length_limits(parts.length_limits_m.as_deref(), n)?;
         parts.motor.check()?;
         parts.drive_limits.check()?;
-        let motor_table = match &parts.motor_table {
-            None => None,
-            Some(table) => match MotorTable::new(table) {
-                Ok(table) => Some(table),
-                Err(error) => {
-                    return refuse("table", format!("does not fit: {error}"), "at most 24 speeds and 16 tensions");
-                }
-            },
+        let motors = match Motors::new(parts.motor, &parts.motor_tables, n) {
+            Ok(motors) => motors,
+            Err(error) => {
+                return refuse(
+                    "table",
+                    format!("does not fit: {error}"),
+                    "one table for all motors or one per cable, each with at most 24 speeds and 16 tensions",
+                );
+            }
         };
         parts.uncertainty.check()?;
         let anchor_covariance = parts.anchor_covariance_m2.as_deref().map(|rows| anchor_blocks(rows, n)).transpose()?;
@@ -111,7 +112,7 @@ impl Robot {
             routed_length_m,
             length_limits_m,
             motor: parts.motor,
-            motor_table,
+            motors,
             drive_limits: parts.drive_limits,
             anchor_covariance,
             uncertainty: parts.uncertainty,
@@ -203,31 +204,6 @@ impl Robot {
         self.clearance_m
     }
 
-    /// Finds the first contact of the node or a cable with an obstacle, on the way of the node from `before` to
-    /// `position`, m. A cable is the straight line from its eye, or from its pulley, to the node. In a short way every
-    /// point of it moves by at most the way of the node, by which the clearance grows.
-    ///
-    /// The first metre of a cable may be closer to a body, which carries its pulley or stands beside it, but must not
-    /// approach it.
-    pub fn contact(&self, before: &Vector3<f64>, position: &Vector3<f64>) -> Option<Contact> {
-        let hit = |obstacle, cable| Some(Contact { obstacle, cable });
-        for (number, obstacle) in self.obstacles().enumerate() {
-            if obstacle.is_near(before, position, self.clearance_m) {
-                return hit(number, None);
-            }
-        }
-        self.obstacles().next()?;
-        let margin_m = self.clearance_m + (position - before).norm();
-        for (cable, pulley) in self.anchors.pulleys().enumerate() {
-            let start = pulley.cable_to(position).map_or(pulley.anchor, |free| position - free.direction * free.free_m);
-            let blocked = |obstacle: &Obstacle| obstacle.blocks_cable(&start, position, margin_m);
-            if let Some(number) = self.obstacles().position(blocked) {
-                return hit(number, Some(cable));
-            }
-        }
-        None
-    }
-
     /// EA of the cables, N; None for rigid cables.
     pub fn stiffness_n(&self) -> Option<f64> {
         self.stiffness_n
@@ -277,17 +253,14 @@ impl Robot {
         &self.motor
     }
 
-    /// Current of the winch motors: measured if there is a table, otherwise by the friction model.
+    /// Currents of the winch motors: measured if there are tables, otherwise by the friction model.
     pub fn current(&self) -> &dyn Current {
-        match &self.motor_table {
-            Some(table) => table,
-            None => &self.motor,
-        }
+        &self.motors
     }
 
-    /// Measured current of the winch motors, if any.
-    pub fn motor_table(&self) -> Option<&MotorTable> {
-        self.motor_table.as_ref()
+    /// Measured current of the winch motor of a cable, counted from 0, if any.
+    pub fn motor_table(&self, cable: usize) -> Option<&MotorTable> {
+        self.motors.table(cable)
     }
 
     /// What the drives can deliver to the motors.
@@ -295,11 +268,11 @@ impl Robot {
         self.drive_limits
     }
 
-    /// Computes what the motor of a cable needs at a tension, N, and a reel-in speed, m/s: by the measured table where
-    /// it covers the point, otherwise by the friction model.
-    pub fn drive_load(&self, tension_n: f64, reel_in_m_s: f64) -> DriveLoad {
+    /// Computes what the motor of a cable, counted from 0, needs at a tension, N, and a reel-in speed, m/s: by its
+    /// measured table where it covers the point, otherwise by the friction model.
+    pub fn drive_load(&self, cable: usize, tension_n: f64, reel_in_m_s: f64) -> DriveLoad {
         let modelled = |_| self.motor.current_a(tension_n, reel_in_m_s);
-        let current_a = self.current().current_a(tension_n, reel_in_m_s).unwrap_or_else(modelled);
+        let current_a = self.motors.current_of_a(cable, tension_n, reel_in_m_s).unwrap_or_else(modelled);
         DriveLoad { tension_n, reel_in_m_s, current_a, voltage_v: self.motor.voltage_v(current_a, reel_in_m_s) }
     }
 
@@ -406,11 +379,28 @@ mod tests {
     fn a_measured_table_takes_the_place_of_the_model() {
         let table =
             CurrentTable::new(vec![-1.0, 1.0], vec![0.0, 100.0], &[vec![0.0, 0.0], vec![2.0, 2.0]], 1.2).unwrap();
-        let robot = Robot::new(RobotParts { motor_table: Some(table), ..parts() }).unwrap();
+        let robot = Robot::new(RobotParts { motor_tables: vec![table], ..parts() }).unwrap();
         assert_eq!(robot.current().current_a(50.0, 0.0), Ok(1.0));
         assert!(robot.current().current_a(50.0, 1.1).is_err());
         let modelled = Robot::new(parts()).unwrap();
         assert_eq!(modelled.current().current_a(50.0, 1.1), Ok(modelled.motor().current_a(50.0, 1.1)));
+    }
+
+    #[test]
+    fn each_motor_may_have_its_own_table() {
+        let table =
+            |a: f64| CurrentTable::new(vec![-1.0, 1.0], vec![0.0, 100.0], &[vec![0.0, 0.0], vec![a, a]], 1.2).unwrap();
+        let tables = vec![table(1.0), table(2.0), table(4.0)];
+        let robot = Robot::new(RobotParts { motor_tables: tables.clone(), ..parts() }).unwrap();
+        for (cable, most_a) in [1.0, 2.0, 4.0].into_iter().enumerate() {
+            assert_eq!(robot.drive_load(cable, 50.0, 1.0).current_a, most_a);
+            assert_eq!(robot.current().current_of_a(cable, 50.0, 0.0), Ok(0.5 * most_a));
+            assert!(robot.current().current_of_a(cable, 50.0, 1.1).is_err());
+            // Beyond the table the model counts.
+            assert_eq!(robot.drive_load(cable, 50.0, 1.1).current_a, robot.motor().current_a(50.0, 1.1));
+        }
+        let refused = Robot::new(RobotParts { motor_tables: tables[..2].to_vec(), ..parts() }).unwrap_err();
+        assert!(refused.key == "table" && refused.problem.contains("2 tables for 3 motors"), "{refused}");
     }
 
     #[test]
@@ -459,7 +449,7 @@ mod tests {
             ("length_limits_m", |p| p.length_limits_m = Some(vec![[0.1, 10.0]; 2])),
             ("length_limits_m", |p| p.length_limits_m = Some(vec![[0.1, 10.0], [5.0, 1.0], [0.1, 10.0]])),
             ("force_constant_n_a", |p| p.motor.force_constant_n_a = 0.0),
-            ("table", |p| p.motor_table = long_table()),
+            ("table", |p| p.motor_tables = long_table().into_iter().collect()),
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![0.0; 9]; 8])),
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![1.0; 8]; 9])),
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![f64::NAN; 9]; 9])),

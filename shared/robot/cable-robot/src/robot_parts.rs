@@ -71,8 +71,9 @@ pub struct RobotParts {
     pub length_limits_m: Option<Vec<[f64; 2]>>,
     /// The winch motors, with quantities at the cable.
     pub motor: Motor,
-    /// Measured current of the motors; None for the model. At most 24 speeds and 16 tensions.
-    pub motor_table: Option<CurrentTable>,
+    /// Measured current of the motors: none for the model, one for all, or one per cable. At most 24 speeds and 16
+    /// tensions each.
+    pub motor_tables: Vec<CurrentTable>,
     /// What the drives can deliver to the motors; default unlimited.
     pub drive_limits: DriveLimits,
     /// Covariance of x1, y1, z1, x2, .. of the anchors, a row per coordinate, m²; None if unknown.
@@ -105,7 +106,7 @@ impl Default for RobotParts {
             routed_length_m: None,
             length_limits_m: None,
             motor: Motor::default(),
-            motor_table: None,
+            motor_tables: Vec::new(),
             drive_limits: DriveLimits::default(),
             anchor_covariance_m2: None,
             uncertainty: Uncertainty::default(),

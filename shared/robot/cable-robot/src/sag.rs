@@ -26,6 +26,9 @@ use crate::{Anchors, MAX_CABLES};
 /// the weight of a cable that may be wet.
 pub const SHALLOW: f64 = 0.05;
 
+/// Largest ratio of the true sag to the computed one: a wet braid weighs one and a half times as much as a dry one.
+pub const WET: f64 = 1.5;
+
 /// Bound of the iteration for the tension, which needs about five steps from its upper bound.
 const MAX_STEPS: usize = 60;
 
@@ -85,6 +88,14 @@ impl Load {
     }
 }
 
+/// Depth of a cable below the middle of its chord at a tension, w L² / (8 T), m; at most half of the chord.
+pub fn sag_m(weight_n_m: f64, chord_m: f64, tension_n: f64) -> f64 {
+    if weight_n_m == 0.0 {
+        return 0.0;
+    }
+    (weight_n_m * chord_m * chord_m / (8.0 * tension_n)).min(0.5 * chord_m)
+}
+
 /// The loads of all cables.
 pub(crate) fn loads(anchors: &Anchors, position: &Vector3<f64>, weight_n_m: f64) -> [Load; MAX_CABLES] {
     let mut loads = [Load::default(); MAX_CABLES];
@@ -95,6 +106,6 @@ pub(crate) fn loads(anchors: &Anchors, position: &Vector3<f64>, weight_n_m: f64)
 }
 
 /// The half weights of all cables, which the node carries, N.
-pub(crate) fn carried_n(anchors: &Anchors, position: &Vector3<f64>, weight_n_m: f64) -> f64 {
+pub fn carried_n(anchors: &Anchors, position: &Vector3<f64>, weight_n_m: f64) -> f64 {
     anchors.pulleys().map(|pulley| Load::at(&pulley, position, weight_n_m).half_n).sum()
 }

@@ -19,6 +19,9 @@ pub struct Args {
     /// Write the table to this new file, for `table` in `[motor]` of a robot file.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Use the motor of this cable only, from 1; default: all motors together.
+    #[arg(long, value_name = "CABLE", value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub cable: Option<u8>,
     /// Reel-in speeds of the table, m/s, ascending, below 0 for paying out; default: the range of the runs.
     #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
     pub speeds: Option<Numbers>,
@@ -46,13 +49,13 @@ struct CycleData {
     period_s: f64,
 }
 
-/// Extracts the samples of a run: one per cable and window of steady motion.
+/// Extracts the samples of a run: one per cable, or of the given one (from 1), and window of steady motion.
 ///
 /// The tension is the estimated one: with three cables from the statics of the load, with more from their stretch.
 ///
 /// # Errors
 /// The run cannot be read or has no usable motion.
-pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
+pub fn samples(run: &Path, cable: Option<u8>) -> Answer<Vec<Sample>> {
     let mut cycles: BTreeMap<u64, CycleData> = BTreeMap::new();
     let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
@@ -97,7 +100,9 @@ pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
             (x * x + y * y + z * z).sqrt() > STANDING_M_S
         });
         if unbroken && moves {
-            samples.extend((0..usize::from(cycles[0].1.cable_count)).filter_map(|cable| steady(cycles, cable)));
+            let wanted = (0..usize::from(cycles[0].1.cable_count))
+                .filter(|index| cable.is_none_or(|cable| usize::from(cable) == index + 1));
+            samples.extend(wanted.filter_map(|index| steady(cycles, index)));
         }
     }
     Ok(samples)
@@ -144,7 +149,7 @@ pub fn run(args: &Args) -> Answer<Output> {
                 run.display()
             )));
         }
-        all.extend(samples(run)?);
+        all.extend(samples(run, args.cable)?);
     }
     let given = |axis: &Option<Numbers>| axis.as_ref().map(|Numbers(values)| values.clone());
     let (speeds, tensions) = match (given(&args.speeds), given(&args.tensions)) {

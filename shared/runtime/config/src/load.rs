@@ -62,16 +62,26 @@ impl RobotFile {
                 self.calibration = Some(calibration);
             }
         }
-        if let Some(named) = &self.motor.table {
-            self.motor_table = Some(MotorTableFile::load(&resolve_named_file(folder, named))?);
+        // A run keeps the files side by side.
+        let tables = self.motor.table.paths();
+        let twice = |(i, path): (usize, &PathBuf)| {
+            tables[..i].iter().any(|before| before != path && before.file_name() == path.file_name())
+        };
+        if tables.iter().enumerate().any(twice) {
+            return refuse(
+                "motor.table",
+                "`table` names two files of the same name; give each motor's file its own name",
+            );
         }
+        let load = |named: &PathBuf| MotorTableFile::load(&resolve_named_file(folder, named));
+        self.motor_tables = tables.iter().map(load).collect::<Result<_, _>>()?;
         Ok(())
     }
 
     /// Returns the paths of the files that this file, in `folder`, names.
     #[must_use]
     pub fn named_files(&self, folder: &Path) -> Vec<PathBuf> {
-        let named = [&self.robot.calibration, &self.motor.table].into_iter().flatten();
+        let named = self.robot.calibration.iter().chain(self.motor.table.paths());
         named.map(|named| resolve_named_file(folder, named)).collect()
     }
 
@@ -120,7 +130,11 @@ impl RobotFile {
             routed_length_m: (!self.lines.routed_length_m.is_empty()).then(|| self.lines.routed_length_m.clone()),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
             motor: self.motor.motor(),
-            motor_table: self.motor_table.as_ref().and_then(|file| file.table(self.motor.resistance_ohm).ok()),
+            motor_tables: self
+                .motor_tables
+                .iter()
+                .filter_map(|file| file.table(self.motor.resistance_ohm).ok())
+                .collect(),
             drive_limits: DriveLimits {
                 current_a: self.motor.current_limit_a,
                 voltage_v: self.supply_min_v.map_or(f64::INFINITY, |supply_v| supply_v * (1.0 - DRIVE_RESERVE)),

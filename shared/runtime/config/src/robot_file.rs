@@ -52,9 +52,9 @@ pub struct RobotFile {
     /// The calibration that `robot.calibration` names.
     #[serde(skip)]
     pub calibration: Option<CalibrationFile>,
-    /// The table that `motor.table` names.
+    /// The tables that `motor.table` names: none, one for all motors, or one per cable.
     #[serde(skip)]
-    pub motor_table: Option<MotorTableFile>,
+    pub motor_tables: Vec<MotorTableFile>,
     /// Lowest supply voltage of the drives, V, if a system file names this robot.
     #[serde(skip)]
     pub supply_min_v: Option<f64>,
@@ -130,6 +130,27 @@ crate::section! {
     }
 }
 
+/// `motor.table`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, serde::Serialize)]
+#[serde(untagged, expecting = "the path of a table, or a list with one path per cable")]
+pub enum TablePaths {
+    /// The same motors everywhere.
+    All(PathBuf),
+    /// For the motor of each cable; empty: no table.
+    Each(Vec<PathBuf>),
+}
+
+impl TablePaths {
+    /// Returns the paths, in the order of the cables.
+    #[must_use]
+    pub fn paths(&self) -> &[PathBuf] {
+        match self {
+            Self::All(path) => std::slice::from_ref(path),
+            Self::Each(paths) => paths,
+        }
+    }
+}
+
 /// `lines.counts_stretched`.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(untagged, expecting = "true or false, or a list with one of them per cable")]
@@ -181,9 +202,10 @@ crate::section! {
     /// Model: current = (T (1 + gear_friction s) + coulomb s + viscous v) / force_constant, with
     /// s = tanh(v / transition); v > 0 reels in.
     pub struct MotorSection {
-        /// A file from `nims motor-table --out`, relative to the folder of this file, from which the energy of moves is
-        /// computed. Fault detection uses the model, which is valid outside the measured range too.
-        pub table: Option<PathBuf> = None,
+        /// A file from `nims motor-table --out`, relative to the folder of this file, or a list with one per cable, from
+        /// which currents and the energy of moves are computed. Fault detection uses the model, which is valid outside
+        /// the measured range too.
+        pub table: TablePaths = TablePaths::Each(Vec::new()),
         /// Cable tension per ampere, N/A.
         pub force_constant_n_a: f64 = 40.0 => between(1e-3, 1e5, "N/A"),
         /// Armature resistance, ohm.

@@ -25,6 +25,7 @@ pub const STOPS: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_PLANNER_LOST
     | MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_OFF_START
+    | MotorAuthority::FAULT_BORDER
     | MotorAuthority::FAULT_COMPUTER;
 
 /// Faults with a lasting condition: a reset waits for its end.

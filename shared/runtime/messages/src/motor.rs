@@ -125,6 +125,8 @@ message! {
             FAULT_COMPUTER = 524288,
             /// The offered motion does not begin at the position of the node.
             FAULT_OFF_START = 1048576,
+            /// The jog ended at the border of an obstacle or a keep-out box.
+            FAULT_BORDER = 2097152,
         },
         /// Incremented on arm, stop, fault, reset and zero; older commands are rejected.
         epoch: u32,

@@ -82,6 +82,18 @@ impl Display for OrSwap {
     }
 }
 
+/// The node, 0, or a cable by its number from 1.
+struct NodeOrCable(usize);
+
+impl Display for NodeOrCable {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            0 => f.write_str("the node"),
+            cable => write!(f, "cable {cable}"),
+        }
+    }
+}
+
 fn role_name(role: SlotRole) -> &'static str {
     ROLE_NAMES[role.index()]
 }
@@ -228,6 +240,8 @@ answers! {
     117 NotJoggedFaults { faults: Faults } REFUSED, "Not jogged: {}.", FaultList(faults);
     118 NotJoggedPaused REFUSED, "Not jogged: a motion is paused; stop to give it up first.";
     119 NotJoggedLimit { cable: usize, now_m: f64, then_m: f64, low_m: f64, high_m: f64 } REFUSED, "Not jogged: cable {cable} is {now_m:.3} m long and would be {then_m:.3} m; accepted: {low_m} to {high_m} m.";
+    120 NotJoggedBorder { cable: usize, part: usize, obstacle: usize } REFUSED, "Not jogged: cable {cable} would bring {} closer to obstacle {obstacle}, whose border it has reached; jog the other way or another cable, or zero the node if it is elsewhere.", NodeOrCable(*part);
+    121 NotJoggedBox { cable: usize, number: usize } REFUSED, "Not jogged: cable {cable} would bring the node closer to keep-out box {number}, whose border it has reached; jog the other way or another cable, or zero the node if it is elsewhere.";
 
     130 SpeedSet { rate: f64 } ACCEPTED, "Motions run at {:.0} % of their planned speed.", rate * 100.0;
     131 NoSpeed { rate: f64, slowest: f64 } BAD_INPUT, "{} is no speed; accepted: a fraction from {slowest} to 1.", Given(*rate);

@@ -18,7 +18,7 @@ pub struct FaultText {
 }
 
 /// Every fault, in the order in which several are named.
-pub const FAULTS: [FaultText; 21] = [
+pub const FAULTS: [FaultText; 22] = [
     FaultText {
         bit: MotorAuthority::FAULT_LOST_UNIT,
         clause: "a drive unit does not answer",
@@ -138,6 +138,12 @@ pub const FAULTS: [FaultText; 21] = [
         clause: "the planned motion does not begin at the position of the node by its cables",
         effect: ", so it is not started",
         cure: "compare the estimators in nims status, restart the wrong one, then try again",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_BORDER,
+        clause: "the node or a cable reached the border of an obstacle or a keep-out box",
+        effect: ", so the jog ended early",
+        cure: "jog the other way or another cable, or zero the node if it is elsewhere",
     },
     FaultText {
         bit: MotorAuthority::FAULT_COMPUTER,

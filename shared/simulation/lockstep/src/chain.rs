@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use cable_robot::Robot;
-use config::{ControllerSection, EstimatorSection, PlannerSection, SystemFile};
+use config::{ControllerSection, EstimatorSection, PlannerSection, RobotFile, SystemFile};
 use controller::{Controller, ControllerConfig};
 use estimator::{Estimator, EstimatorConfig};
 use motor_io::{Core, CoreConfig};
@@ -91,11 +91,18 @@ impl Chain {
     /// # Errors
     /// An error of the file.
     pub fn from_file(file: &SystemFile) -> Result<Self> {
-        let robot = file.robot_file()?;
+        Self::from_files(file, &file.robot_file()?)
+    }
+
+    /// The same with another robot than that of the system file.
+    ///
+    /// # Errors
+    /// An error of one of the files.
+    pub fn from_files(file: &SystemFile, robot: &RobotFile) -> Result<Self> {
         Ok(Self {
-            core: Core::new(CoreConfig::from_files(file, &robot)?),
+            core: Core::new(CoreConfig::from_files(file, robot)?),
             estimator: Estimator::new(&EstimatorConfig::from_section(&file.estimator, robot.robot()?, 1)?),
-            controller: Controller::new(ControllerConfig::from_files(file, &robot, 2)?),
+            controller: Controller::new(ControllerConfig::from_files(file, robot, 2)?),
             planner: Planner::new(PlannerConfig::from_files(file, robot.robot()?)),
         })
     }

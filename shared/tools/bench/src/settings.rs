@@ -136,7 +136,11 @@ mod tests {
         assert_eq!((settings.seconds, settings.load), (Some(4000.0), Load::All));
         assert_eq!(settings.parts, [Part::Tick].into());
         assert_eq!(Settings::from_args(&Args { seconds: Some(3.0), ..args }).unwrap().seconds, Some(3.0));
-        assert_eq!(Settings::from_args(&default_args()).unwrap().load, Load::None, "an ordinary benchmark adds no load");
+        assert_eq!(
+            Settings::from_args(&default_args()).unwrap().load,
+            Load::None,
+            "an ordinary benchmark adds no load"
+        );
     }
 
     #[test]

@@ -114,6 +114,7 @@ fn plan_move(args: &Args) -> Answer<Value> {
             anchors: robot.anchors(),
             wrench_n: robot.wrench_n(&Vector3::zeros()),
             drag_n_s2_m2: robot.drag_n_s2_m2(),
+            cable_weight_n_m: robot.cable_weight_n_m(),
             limits_n: robot.tension_limits_n(),
             method: distribution(args.method, &robot),
             current: robot.current(),

@@ -104,7 +104,12 @@ pub(crate) fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     findings.extend(weight_finding(&robot, &at, distribution));
     findings.extend(collinear_anchors(&robot));
     findings.extend(file.calibration.as_ref().map(calibration_finding));
-    findings.extend(robot.motor_table().map(|table| motor_table_finding(&robot, table)));
+    let tables = file.motor_tables.len();
+    for cable in 0..tables {
+        let whose =
+            if tables > 1 { format!("the motor table of cable {}", cable + 1) } else { "the motor table".to_owned() };
+        findings.extend(robot.motor_table(cable).map(|table| motor_table_finding(&robot, table, &whose)));
+    }
     findings.extend(motor_finding(&robot));
     Ok(findings)
 }
@@ -112,7 +117,9 @@ pub(crate) fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
 /// Warns of a node speed that the motors do not reach at the highest tension.
 fn motor_finding(robot: &Robot) -> Option<Finding> {
     let limits = robot.drive_limits();
-    let load = robot.drive_load(robot.tension_limits_n()[1], robot.speed_limit_m_s());
+    let loads = (0..robot.cable_count())
+        .map(|cable| robot.drive_load(cable, robot.tension_limits_n()[1], robot.speed_limit_m_s()));
+    let load = loads.max_by(|a, b| a.current_a.total_cmp(&b.current_a))?;
     let excess = match load {
         DriveLoad { current_a, .. } if !limits.allow_current(&load) => {
             format!("takes {current_a:.1} A, above current_limit_a = {} A", limits.current_a)
@@ -155,11 +162,11 @@ fn calibration_finding(file: &CalibrationFile) -> Finding {
 }
 
 /// Compares the range of the motor table with the limits of the robot.
-fn motor_table_finding(robot: &Robot, table: &MotorTable) -> Finding {
+fn motor_table_finding(robot: &Robot, table: &MotorTable, whose: &str) -> Finding {
     let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
     let ([slowest, fastest], [loosest, tightest]) = (ends(table.speeds_m_s()), ends(table.tensions_n()));
     let sentence = format!(
-        "the motor table covers {slowest} to {fastest} m/s and {loosest} to {tightest} N; the energy of a move beyond this range is unknown"
+        "{whose} covers {slowest} to {fastest} m/s and {loosest} to {tightest} N; the energy of a move beyond this range is unknown"
     );
     let limit = robot.speed_limit_m_s();
     if slowest > -limit || fastest < limit {

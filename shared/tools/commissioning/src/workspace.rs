@@ -88,7 +88,7 @@ impl Grid {
 
 /// Returns the greatest possible margin to a tension limit at rest, N; `None` where the node cannot be held.
 fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
-    if robot.keep_out().iter().any(|b| b.touches(at, at)) || robot.contact(at, at).is_some() {
+    if robot.keep_out().iter().any(|b| b.touches(at, at)) || robot.contact(at, at, Distribution::Safest).is_some() {
         return None;
     }
     let weight = robot.with_cables_n(at, &robot.wrench_n(&Vector3::zeros()));
@@ -97,7 +97,8 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     if tension::worst_violation(&feasible.tensions_n, limits).is_some() {
         return None;
     }
-    let loads = feasible.tensions_n.iter().map(|tension_n| robot.drive_load(*tension_n, 0.0));
+    let loads =
+        feasible.tensions_n.iter().enumerate().map(|(cable, tension_n)| robot.drive_load(cable, *tension_n, 0.0));
     let limits = robot.drive_limits();
     if !loads.into_iter().all(|load| limits.allow_current(&load) && limits.allow_voltage(&load)) {
         return None;

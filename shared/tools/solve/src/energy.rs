@@ -3,7 +3,7 @@
 use super::args::{Args, invalid_value};
 use super::error::{OperationResult, SolveError};
 use super::geometry::point_json;
-use super::statics::wrench;
+use super::statics::{cable_weight_n_m, wrench};
 use cable_robot::energy::{Bounds, Cost, Current, WinchEnergy, parabola as shape};
 use cable_robot::path::Parabola;
 use cable_robot::{Anchors, Distribution, Vector3, motor};
@@ -67,6 +67,7 @@ struct Move {
     from: Vector3<f64>,
     to: Vector3<f64>,
     wrench_n: Vector3<f64>,
+    cable_weight_n_m: f64,
     limits_n: [f64; 2],
     method: Distribution,
     current: Box<dyn Current>,
@@ -87,6 +88,7 @@ impl Move {
             from: args.vector("from_m", planar)?,
             to: args.vector("to_m", planar)?,
             wrench_n: wrench(args, planar)?,
+            cable_weight_n_m: cable_weight_n_m(args)?,
             limits_n: args.limits()?,
             method: args.method()?,
             current,
@@ -101,6 +103,7 @@ impl Move {
             anchors: &self.anchors,
             wrench_n: self.wrench_n,
             drag_n_s2_m2: 0.0,
+            cable_weight_n_m: self.cable_weight_n_m,
             limits_n: self.limits_n,
             method: self.method,
             current: &*self.current,

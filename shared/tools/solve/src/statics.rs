@@ -5,7 +5,7 @@ use super::error::{OperationResult, SolveError};
 use super::geometry::{directions, point_json, structure};
 use cable_robot::tension::general::{self, GeneralStructure};
 use cable_robot::tension::{self, FourCables, margin};
-use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};
+use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3, sag};
 use serde_json::{Value, json};
 
 /// Returns the wrench m (a + g) of (15), N.
@@ -18,19 +18,32 @@ pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, SolveError> {
     Ok((acceleration + Vector3::new(0.0, 0.0, args.gravity()?)) * mass)
 }
 
+/// Weight of the cables, N/m: `cable_mass_kg_m`, 0 if it is not given.
+pub fn cable_weight_n_m(args: &Args) -> Result<f64, SolveError> {
+    match args.get("cable_mass_kg_m") {
+        Some(_) => Ok(args.not_negative("cable_mass_kg_m")? * args.gravity()?),
+        None => Ok(0.0),
+    }
+}
+
 /// Tensions at a position, (15), (27)-(37).
 pub fn tensions(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let Points { points, planar, .. } = &anchors;
     let at = args.vector("position_m", *planar)?;
-    let wrench = wrench(args, *planar)?;
+    let mut wrench = wrench(args, *planar)?;
+    let cable_weight_n_m = cable_weight_n_m(args)?;
     let method = args.method()?;
     let bounded = args.get("limits_n").is_some();
     let limits = if bounded || method != Distribution::Unique { args.limits()? } else { [0.0, f64::INFINITY] };
     let directions = directions(&anchors, &at)?;
     // Reports a lost rank before the limits are checked.
     structure(&directions, *planar)?.pseudo_inverse()?;
-    let found = tension::hold(&anchors.checked()?, &at, &wrench, limits, method)?;
+    let checked = anchors.checked()?;
+    if cable_weight_n_m != 0.0 {
+        wrench.z += sag::carried_n(&checked, &at, cable_weight_n_m);
+    }
+    let found = tension::hold(&checked, &at, &wrench, limits, method)?;
     let mut result = summary(&found.tensions_n);
     result["margin_n"] = if bounded { json!(margin(&found.tensions_n, limits)) } else { Value::Null };
     if points.len() == 4 && !planar {

@@ -9,6 +9,11 @@ pub trait Current {
     /// Armature current, A, for a tension, N, and a reel-in speed -dL/dt, m/s. Fails outside the measured range.
     fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError>;
 
+    /// The same for the motor of a cable, counted from 0, where motors differ.
+    fn current_of_a(&self, _cable: usize, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        self.current_a(tension_n, reel_in_m_s)
+    }
+
     /// Armature resistance, Ω.
     fn resistance_ohm(&self) -> f64;
 }

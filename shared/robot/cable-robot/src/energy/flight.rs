@@ -52,7 +52,7 @@ pub fn best_parabola(
     super::winch_energy::check_speed(speed_m_s)?;
     best(from, to, &bounds(robot, time_weight_w), |path, precision| {
         let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
-        check_keep_out(robot, |u| parabola::at_fraction(path, u).position, intervals)?;
+        check_keep_out(robot, method, |u| parabola::at_fraction(path, u).position, intervals)?;
         winch_energy.integrate(path, speed_m_s, intervals)
     })
 }
@@ -75,7 +75,7 @@ pub fn best_lateral(
     Ok(lateral::best(from, to, &bounds, parabola, |bow, precision| {
         let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
         check_ground(bow, &bounds, intervals)?;
-        check_keep_out(robot, |u| bow.at_fraction(u).position, intervals)?;
+        check_keep_out(robot, method, |u| bow.at_fraction(u).position, intervals)?;
         winch_energy.integrate_bow(bow, speed_m_s, intervals)
     }))
 }
@@ -134,6 +134,7 @@ fn winch_energy(robot: &Robot, method: Distribution) -> WinchEnergy<'_> {
         anchors: robot.anchors(),
         wrench_n: robot.wrench_n(&Vector3::zeros()),
         drag_n_s2_m2: robot.drag_n_s2_m2(),
+        cable_weight_n_m: robot.cable_weight_n_m(),
         limits_n: robot.tension_limits_n(),
         method,
         current: robot.current(),
@@ -145,7 +146,12 @@ fn bounds(robot: &Robot, time_weight_w: f64) -> Bounds {
 }
 
 /// Rejects a path through a box; the path is approximated by a polyline.
-fn check_keep_out(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize) -> Result<(), EnergyError> {
+fn check_keep_out(
+    robot: &Robot,
+    method: Distribution,
+    at: impl Fn(f64) -> Vector3<f64>,
+    pieces: usize,
+) -> Result<(), EnergyError> {
     let from = at(0.0);
     let mut before = from;
     for i in 1..=pieces {
@@ -156,11 +162,16 @@ fn check_keep_out(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize
         }
         before = position;
     }
-    check_obstacles(robot, at, pieces)
+    check_obstacles(robot, method, at, pieces)
 }
 
 /// Rejects a path on which the node or a cable would touch an obstacle, in steps of at most [`OBSTACLE_STEP_M`].
-fn check_obstacles(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize) -> Result<(), EnergyError> {
+fn check_obstacles(
+    robot: &Robot,
+    method: Distribution,
+    at: impl Fn(f64) -> Vector3<f64>,
+    pieces: usize,
+) -> Result<(), EnergyError> {
     if robot.obstacles().next().is_none() {
         return Ok(());
     }
@@ -171,8 +182,8 @@ fn check_obstacles(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usiz
         let steps = (way_m / OBSTACLE_STEP_M).ceil().max(1.0);
         for k in 1..=steps as usize {
             let position = at((i as f64 + k as f64 / steps) / pieces as f64);
-            if let Some(contact) = robot.contact(&before, &position) {
-                let cause = Cause::Obstacle { contact, clearance_m: robot.clearance_m() };
+            if let Some(contact) = robot.contact(&before, &position, method) {
+                let cause = Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(&position) };
                 return Err(Refusal { position, path_s_m: (position - from).norm(), cause }.into());
             }
             before = position;

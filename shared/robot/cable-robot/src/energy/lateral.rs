@@ -14,6 +14,7 @@
 //!     anchors: &anchors,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
 //!     drag_n_s2_m2: 0.0,
+//!     cable_weight_n_m: 0.0,
 //!     limits_n: [1.0, 150.0],
 //!     method: Distribution::Unique,
 //!     current: &motor,

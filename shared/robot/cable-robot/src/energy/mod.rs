@@ -18,6 +18,7 @@
 //!     anchors: &anchors,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
 //!     drag_n_s2_m2: 0.0,
+//!     cable_weight_n_m: 0.0,
 //!     limits_n: [1.0, 150.0],
 //!     method: Distribution::LeastNorm,
 //!     current: &motor,
@@ -42,5 +43,5 @@ pub use current::{Current, TableError};
 pub use error::EnergyError;
 pub use lateral::BestLateral;
 pub use optimum::{Best, Bounds};
-pub use table::{CurrentTable, MotorTable};
+pub use table::{CurrentTable, MotorTable, Motors};
 pub use winch_energy::{Cost, WinchEnergy};

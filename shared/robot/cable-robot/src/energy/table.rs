@@ -4,6 +4,8 @@
 //! are a [`TableError`]; nothing is extrapolated.
 
 use super::current::{Current, TableError};
+use crate::MAX_CABLES;
+use crate::motor::Motor;
 
 /// Measured current over speed and tension, with bilinear interpolation between the points.
 ///
@@ -72,6 +74,62 @@ impl Current for CurrentTable {
 
     fn resistance_ohm(&self) -> f64 {
         self.resistance_ohm
+    }
+}
+
+/// The motors of a robot: one measured table for all, one per cable, or none, which is the friction model for all.
+///
+/// A table stays in memory until the program ends, because a robot is `Copy` and eight tables in place would make it
+/// four times as large. A program creates the robot of a file once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motors {
+    model: Motor,
+    tables: [Option<&'static MotorTable>; MAX_CABLES],
+}
+
+impl Motors {
+    /// Creates the motors of `cables` cables; `tables` has no, one or `cables` tables.
+    ///
+    /// # Errors
+    /// Another number of tables, or a table with too many points.
+    pub fn new(model: Motor, tables: &[CurrentTable], cables: usize) -> Result<Self, TableError> {
+        if !(tables.len() <= 1 || tables.len() == cables) {
+            let what =
+                format!("there are {} tables for {cables} motors, not one for all or one for each", tables.len());
+            return Err(TableError::Shape { what });
+        }
+        let mut of_cables: [Option<&'static MotorTable>; MAX_CABLES] = [None; MAX_CABLES];
+        for (kept, table) in of_cables.iter_mut().zip(tables) {
+            *kept = Some(Box::leak(Box::new(MotorTable::new(table)?)));
+        }
+        if tables.len() == 1 {
+            let table = of_cables[0];
+            of_cables[..cables].fill(table);
+        }
+        Ok(Self { model, tables: of_cables })
+    }
+
+    /// The measured table of the motor of a cable, counted from 0, if there is one.
+    pub fn table(&self, cable: usize) -> Option<&MotorTable> {
+        *self.tables.get(cable)?
+    }
+}
+
+/// Without a cable: the motor of the first one.
+impl Current for Motors {
+    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        self.current_of_a(0, tension_n, reel_in_m_s)
+    }
+
+    fn current_of_a(&self, cable: usize, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        match self.table(cable) {
+            Some(table) => table.current_a(tension_n, reel_in_m_s),
+            None => Ok(self.model.current_a(tension_n, reel_in_m_s)),
+        }
+    }
+
+    fn resistance_ohm(&self) -> f64 {
+        self.table(0).map_or(self.model.resistance_ohm, MotorTable::resistance_ohm)
     }
 }
 

@@ -10,6 +10,7 @@
 //!     anchors: &anchors,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
 //!     drag_n_s2_m2: 0.0,
+//!     cable_weight_n_m: 0.0,
 //!     limits_n: [1.0, 150.0],
 //!     method: Distribution::Unique,
 //!     current: &motor,
@@ -30,7 +31,7 @@ use super::{Current, EnergyError};
 use crate::path::Parabola;
 use crate::profile::Profile;
 use crate::tension::{TensionError, hold, worst_violation};
-use crate::{Anchors, CableVec, Distribution, Path, Segment};
+use crate::{Anchors, CableVec, Distribution, Path, Segment, sag};
 
 /// Largest number of Simpson intervals; 64 have an error of 3e-6 with the default motor.
 pub const MAX_INTERVALS: usize = 100_000;
@@ -67,6 +68,8 @@ pub struct WinchEnergy<'a> {
     pub wrench_n: Vector3<f64>,
     /// Drag of the node divided by its squared speed, N s²/m²; 0 in air.
     pub drag_n_s2_m2: f64,
+    /// Weight of the cables, N/m, half of which the node carries; 0 for cables that are too light to matter.
+    pub cable_weight_n_m: f64,
     /// Lowest and highest tension, N.
     pub limits_n: [f64; 2],
     /// Tension distribution. A move has to keep the limits with any method.
@@ -162,13 +165,16 @@ impl WinchEnergy<'_> {
         wrench_n: &Vector3<f64>,
     ) -> Result<InstantCost, EnergyError> {
         let fail = |why| EnergyError::Tension { x: position.x, y: position.y, z: position.z, why };
-        let wrench_n = wrench_n + velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm());
+        let mut wrench_n = wrench_n + velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm());
+        if self.cable_weight_n_m != 0.0 {
+            wrench_n.z += sag::carried_n(self.anchors, position, self.cable_weight_n_m);
+        }
         let held = hold(self.anchors, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
         if let Some(violation) = worst_violation(&held.tensions_n, self.limits_n) {
             return Err(fail(TensionError::Infeasible(violation)));
         }
         let (mut square, mut peak_a) = (0.0, 0.0f64);
-        for (pulley, tension) in self.anchors.pulleys().zip(held.tensions_n.iter()) {
+        for (cable, (pulley, tension)) in self.anchors.pulleys().zip(held.tensions_n.iter()).enumerate() {
             // Eyes keep the order of operations that decides the last bit.
             let reel_in = if pulley.radius_m == 0.0 {
                 let line = pulley.anchor - position;
@@ -177,7 +183,7 @@ impl WinchEnergy<'_> {
                 let direction = pulley.direction(position).map_err(|_| fail(TensionError::Singular))?;
                 -direction.dot(velocity_m_s)
             };
-            let current = self.current.current_a(*tension, reel_in)?;
+            let current = self.current.current_of_a(cable, *tension, reel_in)?;
             square += current * current;
             peak_a = peak_a.max(current.abs());
         }

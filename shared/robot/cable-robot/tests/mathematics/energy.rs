@@ -36,7 +36,15 @@ fn triangle() -> Anchors {
 }
 
 fn winch_energy<'a>(anchors: &'a Anchors, method: Distribution, current: &'a dyn Current) -> WinchEnergy<'a> {
-    WinchEnergy { anchors, wrench_n: WEIGHT, drag_n_s2_m2: 0.0, limits_n: [1.0, 150.0], method, current }
+    WinchEnergy {
+        anchors,
+        wrench_n: WEIGHT,
+        drag_n_s2_m2: 0.0,
+        cable_weight_n_m: 0.0,
+        limits_n: [1.0, 150.0],
+        method,
+        current,
+    }
 }
 
 fn ratios(best: &Best) -> (f64, f64) {

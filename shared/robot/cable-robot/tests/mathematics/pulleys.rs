@@ -367,6 +367,7 @@ fn checks_and_energy_of_a_move_use_the_pulleys() {
             anchors,
             wrench_n: robot.wrench_n(&Vector3::zeros()),
             drag_n_s2_m2: 0.0,
+            cable_weight_n_m: 0.0,
             limits_n: robot.tension_limits_n(),
             method: Distribution::LeastNorm,
             current: &motor,

@@ -291,6 +291,7 @@ fn modelled_loss(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
         anchors: robot.anchors(),
         wrench_n: robot.wrench_n(&Vector3::zeros()),
         drag_n_s2_m2: robot.drag_n_s2_m2(),
+        cable_weight_n_m: robot.cable_weight_n_m(),
         limits_n: robot.tension_limits_n(),
         method,
         current: robot.current(),

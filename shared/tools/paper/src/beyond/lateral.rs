@@ -85,6 +85,7 @@ fn savings(effort: Effort) -> Result<Savings> {
                 anchors: &anchors,
                 wrench_n: stand_in::weight(),
                 drag_n_s2_m2: 0.0,
+                cable_weight_n_m: 0.0,
                 limits_n: stand_in::LIMITS_N,
                 method: *method,
                 current: &motor,

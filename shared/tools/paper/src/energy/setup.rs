@@ -33,6 +33,7 @@ impl WinchSetup {
             anchors: &self.anchors,
             wrench_n: stand_in::weight(),
             drag_n_s2_m2: 0.0,
+            cable_weight_n_m: 0.0,
             limits_n: stand_in::LIMITS_N,
             method,
             current: &self.motor,

@@ -1,0 +1,277 @@
+//! Random missions in drawn worlds. The planner knows the model only; what it accepts has to be flown in the world
+//! without a fault and without a slack cable, and it has to accept most of what the world allows.
+//!
+//! `NIMS_MISSIONS=1000 cargo test -p nims-tests --test lockstep -- missions::missions --nocapture` flies more, and
+//! `NIMS_TRUNKS=1000 .. missions::among` more among trunks. `NIMS_SEED` is the first seed.
+
+use crate::drawn::{Drawn, number};
+use cable_robot::{CableVec, Obstacle, Vector3};
+use config::{ObstacleSection, RobotFile};
+use messages::{MotorAuthority as A, PlanStatus};
+use nims_tests::lockstep::{Chain, Lockstep};
+use nims_tests::walk::random::Random;
+use planner::{Mission, Planner, PlannerConfig};
+
+const SYSTEMS: [&str; 4] = ["demo3", "field3", "river4", "forest4"];
+/// Largest way of a leg along x and y, m, so that flights of long robots stay short.
+const REACH_M: f64 = 8.0;
+/// Length of cable at a pulley that its trunk may be close to, m.
+const ROOT_M: f64 = 1.0;
+/// Duty of a drive that has no voltage left.
+const ALL_DUTY: f64 = 0.999;
+
+/// A flight to its end.
+#[derive(Debug, Clone, Copy)]
+struct Flown {
+    /// Faults of motor-io.
+    faults: u32,
+    /// Least and largest true tension of a cable, N.
+    tensions_n: [f64; 2],
+    /// True and estimated tensions at the end, N.
+    last_n: [CableVec; 2],
+    /// Largest current that was measured, A.
+    current_a: f64,
+    /// Largest duty of a drive.
+    duty: f64,
+    /// Least true distance from the bodies, m.
+    distance_m: f64,
+    done: bool,
+}
+
+impl Flown {
+    /// Whether the world allowed the flight, by the limits that the robot file states.
+    fn is_feasible(&self, robot: &RobotFile) -> bool {
+        let [low_n, high_n] = robot.robot.tension_limits_n;
+        let [least_n, most_n] = self.tensions_n;
+        let motors = self.current_a <= robot.motor.current_limit_a && self.duty < ALL_DUTY;
+        self.done && self.faults == 0 && least_n >= low_n && most_n <= high_n && motors
+    }
+}
+
+/// Bodies, and those that carry a pulley.
+#[derive(Default)]
+struct Bodies {
+    free: Vec<Obstacle>,
+    carriers: Vec<Obstacle>,
+}
+
+/// Points in the volume that the anchors span, some of which cannot be held.
+fn mission(drawn: &Drawn, random: &mut Random) -> Mission {
+    let anchors = &drawn.robot.robot.anchors_m;
+    let around = |k: usize| {
+        let (low, high) =
+            anchors.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), a| (low.min(a[k]), high.max(a[k])));
+        let middle = drawn.plant.start_m[k];
+        ((low + 0.05 * (high - low)).max(middle - REACH_M), (high - 0.05 * (high - low)).min(middle + REACH_M))
+    };
+    let ((x0, x1), (y0, y1)) = (around(0), around(1));
+    let ground_m = drawn.robot.robot.ground_m;
+    let top_m = ground_m + 0.9 * (anchors[0][2] - ground_m);
+    let points: Vec<[f64; 3]> = (0..1 + random.below(3))
+        .map(|_| [random.between(x0, x1), random.between(y0, y1), random.between(ground_m + 0.1, top_m)])
+        .collect();
+    let speed_m_s = drawn.robot.robot.speed_limit_m_s * random.between(0.3, 1.0);
+    let text =
+        format!("name = \"drawn\"\nspeed_m_s = {speed_m_s:.3}\n[[leg]]\npolyline = {{ points_m = {points:?} }}\n");
+    Mission::parse(&text).unwrap()
+}
+
+/// A planner that knows neither limits of tensions nor of motors, to see what the world allows.
+fn unlimited(drawn: &Drawn) -> Planner {
+    let mut robot = drawn.robot.clone();
+    robot.robot.tension_limits_n = [1e-3, 1e4];
+    robot.motor.current_limit_a = 500.0;
+    robot.supply_min_v = None;
+    Planner::new(PlannerConfig::from_files(&drawn.file, robot.robot().unwrap()))
+}
+
+/// Flies a mission; `None`: the planner rejects it.
+fn fly(drawn: &Drawn, mut lockstep: Lockstep, mission: &Mission, bodies: &Bodies) -> Option<Flown> {
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(mission).ok()?;
+    let mut flown = Flown {
+        faults: 0,
+        tensions_n: [f64::INFINITY, 0.0],
+        last_n: [CableVec::zeros(0); 2],
+        current_a: 0.0,
+        duty: 0.0,
+        distance_m: f64::INFINITY,
+        done: false,
+    };
+    for number in 0..60_000_u32 {
+        let cycle = lockstep.cycle().unwrap();
+        for (i, tension_n) in cycle.truth_n.iter().enumerate() {
+            let [least_n, most_n] = flown.tensions_n;
+            flown.tensions_n = [least_n.min(*tension_n), most_n.max(*tension_n)];
+            flown.current_a = flown.current_a.max(cycle.state.current_a[i].abs());
+            flown.duty = flown.duty.max(cycle.state.duty[i].abs());
+        }
+        let estimated_n = CableVec::from_array8(&cycle.estimate.tension_n, cycle.truth_n.len());
+        flown.last_n = [cycle.truth_n, estimated_n];
+        flown.faults |= cycle.authority.faults;
+        if number % 10 == 0 && !(bodies.free.is_empty() && bodies.carriers.is_empty()) {
+            let free_m = drawn.least_distance_m(cycle.truth_m, &cycle.truth_n, &bodies.free, 0.0);
+            let carried_m = drawn.least_distance_m(cycle.truth_m, &cycle.truth_n, &bodies.carriers, ROOT_M);
+            flown.distance_m = flown.distance_m.min(free_m).min(carried_m);
+        }
+        match cycle.plan.state {
+            PlanStatus::STATE_DONE => return Some(Flown { done: true, ..flown }),
+            PlanStatus::STATE_ABORTED => return Some(flown),
+            _ => {}
+        }
+    }
+    panic!("the mission does not end");
+}
+
+#[derive(Debug, Default)]
+struct Tally {
+    accepted: u32,
+    /// Accepted ones that met a fault, ran out of voltage, or had a slack cable.
+    failed: u32,
+    /// Accepted ones during which a limit of the robot file was exceeded by the truth.
+    beyond: u32,
+    feasible: u32,
+    feasible_accepted: u32,
+    least_n: f64,
+    duty: f64,
+    distance_m: f64,
+}
+
+impl Tally {
+    fn new() -> Self {
+        Self { least_n: f64::INFINITY, distance_m: f64::INFINITY, ..Self::default() }
+    }
+
+    fn add_accepted(&mut self, flown: &Flown, robot: &RobotFile) -> bool {
+        let failed = !flown.done
+            || flown.faults & messages::faults::HARD != 0
+            || flown.tensions_n[0] <= 0.0
+            || flown.duty >= ALL_DUTY;
+        let feasible = flown.is_feasible(robot);
+        self.accepted += 1;
+        self.failed += u32::from(failed);
+        self.beyond += u32::from(!feasible);
+        self.feasible += u32::from(feasible);
+        self.feasible_accepted += u32::from(feasible);
+        self.least_n = self.least_n.min(flown.tensions_n[0]);
+        self.duty = self.duty.max(flown.duty);
+        self.distance_m = self.distance_m.min(flown.distance_m);
+        failed
+    }
+}
+
+#[test]
+fn missions_that_the_planner_accepts_are_flown_in_drawn_worlds() {
+    let mut tallies = SYSTEMS.map(|name| (name, Tally::new()));
+    let first = number("NIMS_SEED", 1);
+    for seed in first..first + number("NIMS_MISSIONS", 24) {
+        let (name, tally) = &mut tallies[(seed % 4) as usize];
+        let mut random = Random::new(seed);
+        let drawn = Drawn::new(name, 100 + seed / 4);
+        let mission = mission(&drawn, &mut random);
+        if let Some(flown) = fly(&drawn, drawn.lockstep(), &mission, &Bodies::default()) {
+            if tally.add_accepted(&flown, &drawn.robot) {
+                println!("NIMS_SEED={seed} {name}: {flown:?}\n{mission:?}");
+            }
+            continue;
+        }
+        let mut chain = Chain::from_files(&drawn.file, &drawn.robot).unwrap();
+        chain.planner = unlimited(&drawn);
+        if let Some(flown) = fly(&drawn, drawn.lockstep_with(chain), &mission, &Bodies::default()) {
+            tally.feasible += u32::from(flown.is_feasible(&drawn.robot));
+        }
+    }
+    println!("{tallies:#?}");
+    let sum = |of: fn(&Tally) -> u32| tallies.iter().map(|(_, tally)| of(tally)).sum::<u32>();
+    let (accepted, feasible) = (sum(|tally| tally.feasible_accepted), sum(|tally| tally.feasible));
+    println!(
+        "{} accepted, {} failed; {accepted} of {feasible} feasible accepted",
+        sum(|t| t.accepted),
+        sum(|t| t.failed)
+    );
+    assert_eq!(sum(|tally| tally.failed), 0);
+    assert!(accepted * 100 >= feasible * 80 && feasible > 0, "{accepted} of {feasible}");
+}
+
+/// Trunks in the volume, and some that carry a pulley.
+fn trunks(drawn: &mut Drawn, random: &mut Random) -> Bodies {
+    let start = Vector3::from(drawn.plant.start_m);
+    let anchors = drawn.robot.robot.anchors_m.to_vec();
+    let mut bodies = Bodies::default();
+    let mut sections = Vec::new();
+    for anchor in &anchors {
+        if random.once_in(3) {
+            // The pulley is at its side that looks to the node.
+            let out = (Vector3::from(*anchor) - start).xy().normalize();
+            let radius_m = random.between(0.1, 0.3);
+            let away_m = radius_m + random.between(0.02, 0.15);
+            let section = ObstacleSection::cylinder(
+                [anchor[0] + out.x * away_m, anchor[1] + out.y * away_m],
+                radius_m,
+                [-1.0, anchor[2] + 1.0],
+            );
+            bodies.carriers.push(section.obstacle().unwrap());
+            sections.push(section);
+        }
+    }
+    for _ in 0..1 + random.below(3) {
+        let (radius_m, top_m) = (random.between(0.1, 0.4), random.between(0.3, 1.1) * anchors[0][2]);
+        let center_m = [0, 1].map(|k| start[k] + random.between(-0.7, 0.7) * REACH_M.min(anchors[1][0]));
+        let section = ObstacleSection::cylinder(center_m, radius_m, [-1.0, top_m]);
+        let body = section.obstacle().unwrap();
+        if anchors.iter().any(|anchor| body.is_near(&Vector3::from(*anchor), &start, 0.3)) {
+            continue;
+        }
+        bodies.free.push(body);
+        sections.push(section);
+    }
+    drawn.robot.obstacle = sections;
+    bodies
+}
+
+#[test]
+fn missions_among_trunks_in_drawn_worlds_touch_none() {
+    let mut tallies = SYSTEMS.map(|name| (name, Tally::new()));
+    let mut rejected = 0;
+    let (first, wanted) = (number("NIMS_SEED", 1), number("NIMS_TRUNKS", 24));
+    for seed in first..first + wanted {
+        let (name, tally) = &mut tallies[(seed % 4) as usize];
+        let mut random = Random::new(1_000_000 + seed);
+        let mut drawn = Drawn::new(name, 100 + seed / 4);
+        drawn.state_anchors();
+        let bodies = trunks(&mut drawn, &mut random);
+        let mission = mission(&drawn, &mut random);
+        let Some(flown) = fly(&drawn, drawn.lockstep(), &mission, &bodies) else {
+            rejected += 1;
+            continue;
+        };
+        if tally.add_accepted(&flown, &drawn.robot) || flown.distance_m <= 0.0 {
+            println!("NIMS_SEED={seed} {name}: {flown:?}\n{mission:?}\n{:?}", drawn.robot.obstacle);
+        }
+    }
+    println!("{rejected} of {wanted} rejected: {tallies:#?}");
+    let flown: u32 = tallies.iter().map(|(_, tally)| tally.accepted).sum();
+    assert!(u64::from(flown) * 8 >= wanted && rejected * 8 >= wanted, "{flown} flown, {rejected} rejected");
+    for (name, tally) in &tallies {
+        assert!(tally.distance_m > 0.0, "{name}: {tally:?}");
+    }
+}
+
+/// A fault that motor-io reports is one that the tally counts.
+#[test]
+fn a_flight_beyond_its_limits_counts_as_failed() {
+    let drawn = Drawn::new("demo3", 1);
+    let flown = Flown {
+        faults: A::FAULT_OVER_CURRENT,
+        tensions_n: [5.0, 20.0],
+        last_n: [CableVec::zeros(0); 2],
+        current_a: 1.0,
+        duty: 0.5,
+        distance_m: 1.0,
+        done: true,
+    };
+    let mut tally = Tally::new();
+    assert!(tally.add_accepted(&flown, &drawn.robot) && tally.failed == 1);
+    let good = Flown { faults: 0, ..flown };
+    assert!(!tally.add_accepted(&good, &drawn.robot) && good.is_feasible(&drawn.robot));
+}
