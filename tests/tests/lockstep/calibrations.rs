@@ -4,7 +4,7 @@
 //! The table is printed: `cargo test -p nims-tests --test lockstep calibrations -- --nocapture`.
 
 use cable_robot::{Anchors, Vector3, kinematics};
-use commissioning::calibrate::{MeasurementsFile, PointEntry, RangeEntry, judge, places};
+use commissioning::calibrate::{HeightBy, HeightEntry, MeasurementsFile, PointEntry, RangeEntry, judge, places};
 use config::{PulleyKind, SystemFile};
 use motor_box::MotorBoxSection;
 use motor_box::section::{PerCable, TruthSection};
@@ -91,6 +91,15 @@ impl Site {
             file.point.push(PointEntry { lengths_m, gps_m: None });
         }
         file
+    }
+
+    /// Heights by a tape along each plumb line, which ends on the uneven floor.
+    fn heights(&mut self) -> Vec<HeightEntry> {
+        let tape = |(i, z): (usize, f64)| {
+            let m = z + FLOOR_M * self.random.gaussian() + 0.003 * self.random.gaussian();
+            HeightEntry { anchor: i + 1, m, sigma_m: None, by: Some(HeightBy::Tape) }
+        };
+        self.anchors_m.iter().map(|a| a.z).enumerate().map(tape).collect()
     }
 
     /// States the pulleys as `nims setup` does: a radius to a millimetre, with its deviation and the usual ones.
@@ -224,7 +233,8 @@ fn calibrations_in_drawn_worlds_state_what_they_are_worth() {
          median mm | worst anchor of a good one, mm |"
     );
     for (robot, count) in [("demo3", 9), ("demo4", 12), ("river4", 12), ("forest4", 12)] {
-        let [mut known, mut estimated, mut guessed, mut unstated, mut eyes]: [Tally; 5] = Default::default();
+        let [mut known, mut estimated, mut guessed, mut unstated, mut eyes, mut eyes_with_heights, mut diameter]: [Tally; 7] =
+            Default::default();
         for seed in 1..=WORLDS {
             let mut site = Site::new(robot, seed);
             let file = site.measure(count);
@@ -240,13 +250,20 @@ fn calibrations_in_drawn_worlds_state_what_they_are_worth() {
             site.state(&mut with, 0.0275, 0.0075);
             guessed.add(&site, &with);
             unstated.add(&site, &file);
-            eyes.add(&site, &MeasurementsFile { pulley: Some(PulleyKind::Eye), ..file });
+            let mut as_eyes = MeasurementsFile { pulley: Some(PulleyKind::Eye), ..file };
+            eyes.add(&site, &as_eyes);
+            as_eyes.height = site.heights();
+            eyes_with_heights.add(&site, &as_eyes);
+            site.state(&mut with, 2.0 * ruler_m, 0.001);
+            diameter.add(&site, &with);
         }
         known.row(robot, "stated to 1 mm");
         estimated.row(robot, "stated to 3 mm, estimated");
         guessed.row(robot, "guessed as 27.5 ± 7.5 mm");
         unstated.row(robot, "not stated");
         eyes.row(robot, "stated as eyes, wrongly");
+        eyes_with_heights.row(robot, "the same, with heights");
+        diameter.row(robot, "diameter stated as radius");
         // At most 5 % of honest worlds are refused, and their intervals hold what they promise. At 80 m 7 of 100 are:
         // poles that yield and cables that sag leave patterns of millimetres there, which the model does not have.
         let most = if robot == "forest4" { 8 } else { 5 };

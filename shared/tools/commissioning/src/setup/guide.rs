@@ -265,7 +265,7 @@ fn points_complete(file: &MeasurementsFile) -> bool {
 /// Returns the accuracy of the anchors from the points so far as one line; `None` if too few points exist.
 fn progress(file: &MeasurementsFile) -> Option<String> {
     let measured = file.measurements(file.usual_method()).ok()?;
-    match calibrate(&measured, file.usual_method()) {
+    match crate::calibrate::honest_calibration(&measured, file.usual_method()) {
         Ok(found) => {
             let (anchor, axis, std) = found.covariance.worst();
             Some(format!(
