@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod calibrated_worlds;
 mod calibrations;
 mod choices;
 mod energy;

@@ -442,7 +442,10 @@ fn add_point(file: &mut MeasurementsFile) -> String {
 fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
     if line.is_empty() {
         file.pulley = Some(PulleyKind::Eye);
-        return Ok(String::new());
+        let seen = file.height.len() == pulleys(file);
+        let message = "Points alone can hardly tell eyes from wheels, so the calibration will state large deviations. With the height \
+                       of every pulley, by a tape or a laser, they are small: undo goes back to these questions.";
+        return Ok(if seen { String::new() } else { message.to_owned() });
     }
     let radius_m = numbers::radius(line)?;
     file.pulley = Some(PulleyKind::Swivel);
@@ -451,7 +454,11 @@ fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, Stri
     file.sigma_cable_scale = Some(SIGMA_CABLE_SCALE);
     file.sigma_attachment_m = Some(SIGMA_ATTACHMENT_M);
     file.sigma_offset_m = Some(SIGMA_TYPED_ZERO_M);
-    Ok(String::new())
+    // The mistake that no point reveals.
+    Ok(format!(
+        "Then the wheels measure {:.0} mm across, from cable to cable; if that is their radius, take it back with undo.",
+        2000.0 * radius_m
+    ))
 }
 
 fn end_early(file: &mut MeasurementsFile) -> Result<String, String> {
