@@ -2,7 +2,8 @@
 //! then zeroed once in the middle. The node then hangs at places over the workspace, in the plant at rest, and the
 //! robot computes from its counts where it is.
 //!
-//! Takes minutes, so it runs by hand: `cargo test --workspace --test lockstep calibrated_worlds -- --ignored --nocapture`.
+//! Takes minutes, so it runs by hand:
+//! `cargo test --workspace --test lockstep calibrated_worlds -- --ignored --nocapture`.
 
 use crate::calibrations::{Site, median};
 use cable_robot::{Anchors, Distribution, Robot, Vector3, elastic};

@@ -4,9 +4,11 @@
 mod file;
 mod honest;
 pub mod places;
+mod tape;
 mod text;
 
 pub use file::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
+pub use tape::{TapeEntry, scales as tape_scales};
 
 use calibration::{
     self, AnchorCovariance, Calibration, CalibrationError, Holdout, Measurements, Method, UnmeasuredRadius,
@@ -108,7 +110,9 @@ pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResul
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
     value["pulley"] = json!(file.pulley);
-    let words = text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
+    let scales = tape::scales(file, measured.cable_count)?;
+    value["cable_scale"] = json!(tape::factors(&scales));
+    let words = tape::words(&scales) + &text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
     Ok(CalibrationResult { value, words, covariance: found.covariance })
 }
 

@@ -11,8 +11,8 @@ const GOOD_STD_M: f64 = 0.02;
 /// Greatest standard deviation of an anchor coordinate in a usable calibration, m: moves are safe, maps are blurred.
 const USABLE_STD_M: f64 = 0.08;
 
-/// Returns the verdict and, if necessary, what to do. `open`: what a radius that was not measured would change, which the
-/// covariance includes. `numbers`: indices of the points that were used, from 0.
+/// Returns the verdict and, if necessary, what to do. `open`: what a radius that was not measured would change; the
+/// covariance includes it. `numbers`: indices of the points that were used, from 0.
 pub fn verdict(
     found: &Calibration,
     measured: &Measurements,

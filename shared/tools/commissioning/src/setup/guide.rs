@@ -4,9 +4,9 @@
 use super::capture::CapturedLengths;
 use super::numbers::{self, excerpt};
 use super::question::{self, POINTS, Question, pulleys};
-use super::shape;
 use super::text::listed;
 use super::undo::undo;
+use super::{shape, tape};
 use crate::calibrate::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
 use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, calibrate};
 use config::PulleyKind;
@@ -339,6 +339,8 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             file.doubt.push(PointDecision { point: doubtful.point, used, after: file.point.len() });
             Ok(String::new())
         }
+        Question::Tape { cable } => tape::answer(file, *cable, line),
+        Question::TapeDecision { doubted } => tape::confirm(file, doubted, line),
         Question::Finish => {
             let used = file.used(file.usual_method()).len();
             let more = whole(line, 1, MOST.saturating_sub(used).max(1)).ok_or_else(|| {

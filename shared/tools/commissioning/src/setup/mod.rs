@@ -12,6 +12,7 @@ mod input;
 mod numbers;
 mod question;
 mod shape;
+mod tape;
 
 #[cfg(test)]
 mod tests;
