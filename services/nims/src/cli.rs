@@ -136,7 +136,7 @@ impl Cli {
             Command::Set(args) => set::set(domain, args),
             Command::Fault { words, seconds } => fault::fault(domain, words, *seconds),
             Command::NewSensor(args) => new_sensor::new_sensor(args),
-            Command::Commissioning(command) => command.run(),
+            Command::Commissioning(command) => command.run(domain),
             Command::Analysis(command) => command.run(),
             Command::Export(args) => args.run(),
             Command::Replay(args) => replay::replay(args),

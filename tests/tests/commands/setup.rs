@@ -35,7 +35,10 @@ fn answers() -> Vec<String> {
     let flat = SITE.map(|[x, y, _]| [x, y, 0.0]);
     let mut lines = vec!["3".to_owned()];
     lines.extend([(0, 1), (0, 2), (1, 2)].map(|(a, b)| format!("{:.3}", distance(flat[a], flat[b]))));
-    lines.extend(["left", "", "", "", "3 m", "", ""].map(str::to_owned));
+    // Measured heights: without them, wheels in place of eyes would not be excluded.
+    lines.push("left".to_owned());
+    lines.extend(SITE.map(|[_, _, z]| format!("{z:.2}")));
+    lines.extend([String::new(), String::new()]);
     let middle = [4.83, 2.87];
     for k in 0..9 {
         let (foot, share) = (flat[k % 3], 0.9 - 0.05 * (k / 3) as f64);
@@ -147,9 +150,9 @@ fn the_transcript_in_the_documentation_equals_the_output() {
     let mut lines = answers();
     lines.insert(3, "99.8".to_owned());
     (lines[2], lines[4]) = ("9,801".to_owned(), "999.8 cm".to_owned());
-    lines.insert(16, "9.56 3.52 9.73".to_owned());
-    lines.insert(17, String::new());
-    lines.insert(18, "again".to_owned());
+    lines.insert(15, "9.56 3.52 9.73".to_owned());
+    lines.insert(16, String::new());
+    lines.insert(17, "again".to_owned());
     lines.push(String::new());
     let done = setup(folder.path(), &[], &lines);
     let came = text(&done.stderr) + &text(&done.stdout);

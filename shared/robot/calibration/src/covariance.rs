@@ -124,4 +124,11 @@ impl AnchorCovariance {
     pub fn widened(&self, factor: f64) -> Self {
         Self { matrix: &self.matrix * (factor * factor) }
     }
+
+    /// The same covariance with an error of its own that moves all coordinates together: its standard deviation by
+    /// coordinate, with sign, m.
+    pub(super) fn with_shift(&self, standard_m: &[f64]) -> Self {
+        let shift = DVector::from_column_slice(standard_m);
+        Self { matrix: &self.matrix + &shift * shift.transpose() }
+    }
 }

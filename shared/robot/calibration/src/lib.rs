@@ -11,6 +11,7 @@
 //! * [`undecided`]: whether the measurements determine a radius, a scale or a zero that was set free.
 //! * [`holdout`]: prediction of points that a calibration did not use.
 //! * [`pattern`]: whether the residuals have a pattern that the model does not explain.
+//! * [`unmeasured_radius`]: what wheels that were not measured would change.
 //! * [`placement`]: positions of the points, and the accuracy to expect before measuring.
 //! * [`motor_fit`]: the motor current over speed and tension, from recorded runs.
 //! * [`Measurements`] and [`calibrate`] combine them: from measurements to anchors with covariance, or an error.
@@ -89,6 +90,7 @@ mod refine;
 mod straight;
 pub mod survey;
 mod undetermined;
+mod unmeasured;
 mod wheels;
 
 pub use covariance::AnchorCovariance;
@@ -102,7 +104,8 @@ pub use joint::{DirectHeight, Joint, JointInput, Loss, calibrate_joint};
 pub use measurements::{
     Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method, Outlier,
 };
-pub use pattern::{Effect, Misfit, UnstatedPulleys, misfit, unstated_pulleys};
+pub use pattern::{Effect, Misfit, misfit};
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
 pub use undetermined::{Ambiguity, Undetermined};
+pub use unmeasured::{LARGEST_RADIUS_M, UnmeasuredRadius, unmeasured_radius};
 pub use wheels::{calibrate_heights_with_pulleys, calibrate_joint_with_pulleys};

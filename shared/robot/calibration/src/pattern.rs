@@ -20,20 +20,20 @@ use super::model::{Cable, Layout, Model, Solution, State};
 /// Probability to find a pattern where there is none, for all effects together.
 pub const LEVEL: f64 = 0.01;
 
-/// Largest radius of a pulley that is considered where none is stated, m: sheaves for cords have 15 to 40 mm.
-pub const LARGEST_RADIUS_M: f64 = 0.05;
-
 /// Fields whose own part is below this share of the whole cannot be separated from the unknowns.
 const IMITATED: f64 = 1e-6;
-
-/// A radius is excluded if it is this many standard deviations from the estimated one: a wrong one stays unseen.
-const EXCLUDED_SIGMAS: f64 = 4.0;
 
 /// Least share of the stated standard deviation that is taken for the scatter of lengths: a few may agree by chance.
 const LEAST_SCATTER: f64 = 0.2;
 
-/// Least movement of an anchor that is worth a question, m.
-const NOTEWORTHY_M: f64 = 0.01;
+/// Usual standard deviation of the zero of a cable, m: where a tape begins, and poles that yield.
+const USUAL_OFFSET_M: f64 = 0.005;
+
+/// Usual standard deviation of the scale of each cable, as a share: a check over five metres, good to 2.5 mm.
+const USUAL_CABLE_SCALE: f64 = 0.0005;
+
+/// Usual standard deviation of the point where a cable is tied, m: a ring at the node.
+const USUAL_ATTACHMENT_M: f64 = 0.005;
 
 /// An effect outside the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,19 +108,6 @@ pub struct Misfit {
     /// Axis of that coordinate: 0 x, 1 y, 2 z.
     pub axis: usize,
     /// How far it moves, m.
-    pub shift_m: f64,
-}
-
-/// What pulleys that were not stated would change.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UnstatedPulleys {
-    /// Largest radius that the measurements leave possible, m.
-    pub radius_m: f64,
-    /// The coordinate that would move most: anchor from 0.
-    pub anchor: usize,
-    /// Axis of that coordinate: 0 x, 1 y, 2 z.
-    pub axis: usize,
-    /// How far it would move, m.
     pub shift_m: f64,
 }
 
@@ -285,24 +272,26 @@ pub fn misfit(measured: &Measurements, found: &Calibration) -> Option<Misfit> {
     best
 }
 
-/// What pulleys would change if the radius was not stated at all and the measurements do not exclude pulleys: the
-/// movement of an anchor with the largest radius up to [`LARGEST_RADIUS_M`] within four standard deviations. None if
-/// the radius was stated (0 for eyes) or would not matter.
-#[must_use]
-pub fn unstated_pulleys(measured: &Measurements, found: &Calibration) -> Option<UnstatedPulleys> {
-    if !measured.pulley_radius_m.is_empty() {
+/// Estimates a common deviation of the radii from the stated ones, from the residuals: the deviation and its standard
+/// deviation, m. What `nims setup` states of every robot (a zero and a scale of each cable, a place where it is tied) is
+/// taken into account even if these measurements do not state it, because the radius resembles it. None if the residuals
+/// say nothing about the radius, or if it is already an unknown.
+pub(crate) fn radius_beyond(measured: &Measurements, found: &Calibration) -> Option<(f64, f64)> {
+    if found.method == Method::Gps {
         return None;
     }
-    let test = Test::new(measured, found)?;
+    let usual = Measurements {
+        sigma_offset_m: measured.sigma_offset_m.or(Some(USUAL_OFFSET_M)),
+        sigma_cable_scale: measured.sigma_cable_scale.or(Some(USUAL_CABLE_SCALE)),
+        sigma_attachment_m: measured.sigma_attachment_m.or(Some(USUAL_ATTACHMENT_M)),
+        ..measured.clone()
+    };
+    let joint = Calibration { method: Method::Joint, ..found.clone() };
+    let test = Test::new(&usual, &joint)?;
     let (_, first) = *test.effects.iter().find(|(effect, _)| *effect == Effect::PulleyRadius)?;
     let explained = test.explain(first, 1);
     // The scatter is at least the stated one: few points may agree by chance.
     let variance = test.variance(&explained).map_or(1.0, |(variance, _)| variance.max(1.0));
-    let radius_m = if explained.rank == 0 || !(explained.norm > 0.0) {
-        LARGEST_RADIUS_M
-    } else {
-        (explained.coefficients[0] + EXCLUDED_SIGMAS * variance.sqrt() / explained.norm).clamp(0.0, LARGEST_RADIUS_M)
-    };
-    let (anchor, axis, shift_m, ratio) = test.movement(first, &DVector::from_element(1, radius_m));
-    (ratio > 1.0 && shift_m > NOTEWORTHY_M).then_some(UnstatedPulleys { radius_m, anchor, axis, shift_m })
+    let determined = explained.rank > 0 && explained.norm > 0.0;
+    determined.then(|| (explained.coefficients[0], variance.sqrt() / explained.norm))
 }

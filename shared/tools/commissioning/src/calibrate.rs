@@ -4,11 +4,15 @@
 mod file;
 mod honest;
 pub mod places;
+mod tape;
 mod text;
 
 pub use file::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
+pub use tape::{TapeEntry, scales as tape_scales};
 
-use calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
+use calibration::{
+    self, AnchorCovariance, Calibration, CalibrationError, Holdout, Measurements, Method, UnmeasuredRadius,
+};
 use clap::ValueEnum;
 use command::values::above_zero;
 use command::{Answer, Failure, Output};
@@ -100,12 +104,33 @@ pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResul
         return Err(why);
     }
     let holdout = calibration::hold_out(&measured, method).map_err(|e| e.to_string())?;
-    let verdict = text::verdict(&found, &measured, &numbers);
+    let open = calibration::unmeasured_radius(&measured, &found);
+    let found = widened(found, open.as_ref());
+    let verdict = text::verdict(&found, &measured, open.as_ref(), &numbers);
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
     value["pulley"] = json!(file.pulley);
-    let words = text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
+    let scales = tape::scales(file, measured.cable_count)?;
+    value["cable_scale"] = json!(tape::factors(&scales));
+    let words = tape::words(&scales) + &text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
     Ok(CalibrationResult { value, words, covariance: found.covariance })
+}
+
+/// Calibrates, as uncertain as wheels that were not measured make the result.
+///
+/// # Errors
+/// Why the measurements do not determine the anchors.
+pub fn honest_calibration(measured: &Measurements, method: Method) -> Result<Calibration, CalibrationError> {
+    let found = calibration::calibrate(measured, method)?;
+    let open = calibration::unmeasured_radius(measured, &found);
+    Ok(widened(found, open.as_ref()))
+}
+
+fn widened(found: Calibration, open: Option<&UnmeasuredRadius>) -> Calibration {
+    match open {
+        Some(open) => found.widened_to(open),
+        None => found,
+    }
 }
 
 fn name(method: Method) -> &'static str {

@@ -29,11 +29,11 @@ pub enum Command {
 }
 
 impl Command {
-    /// Runs the command.
+    /// Runs the command. `domain`: that of the robot, for `setup`; None for the only running one.
     ///
     /// # Errors
     /// One sentence that the program prints.
-    pub fn run(&self) -> Answer<Output> {
+    pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         match self {
             Self::Check(args) => check::run(args),
             Self::Doctor(args) => doctor::run(args),
@@ -41,7 +41,7 @@ impl Command {
             Self::Fk(args) => kinematics::fk(args),
             Self::Tension(args) => kinematics::tension(args),
             Self::Calibrate(args) => calibrate::run(args),
-            Self::Setup(args) => setup::run(args),
+            Self::Setup(args) => setup::run(args, domain),
             Self::Plan(args) => plan::run(args),
             Self::Workspace(args) => workspace::run(args),
         }

@@ -2,7 +2,7 @@
 
 use cable_robot::pulley::Pulley;
 use cable_robot::{CableVec, Vector3};
-use calibration::{Effect, Freed, Measurements, Method, calibrate, misfit, placement, undecided, unstated_pulleys};
+use calibration::{Effect, Freed, Measurements, Method, calibrate, misfit, placement, undecided, unmeasured_radius};
 
 use super::stand_in::*;
 
@@ -61,7 +61,8 @@ fn wheels_taken_for_eyes_are_never_accepted_without_a_question() {
                     let found = calibrate(&measured, method).unwrap();
                     let pattern = misfit(&measured, &found);
                     assert!(
-                        pattern.is_some() || unstated_pulleys(&measured, &found).is_some(),
+                        pattern.is_some()
+                            || unmeasured_radius(&measured, &found).is_some_and(|open| open.shift_m > 0.04),
                         "{name}, {count} points, {way}, seed {seed}"
                     );
                     refused += u32::from(pattern.is_some());
@@ -90,7 +91,6 @@ fn honest_measurements_are_rarely_refused() {
                     let pulley_radius_m = vec![radius_m; anchors.len()];
                     let measured = Measurements { sigma_scale, sigma_offset_m, pulley_radius_m, ..measured };
                     let found = calibrate(&measured, method).unwrap();
-                    assert_eq!(unstated_pulleys(&measured, &found), None);
                     refused += u32::from(misfit(&measured, &found).is_some());
                     all += 1;
                 }

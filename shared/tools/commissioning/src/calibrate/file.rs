@@ -1,6 +1,7 @@
 //! The measurements file that `nims calibrate` reads and `nims setup` writes. Lengths are in m; anchors and points
 //! count from 1 in the file.
 
+use super::tape::{self, TapeEntry};
 use cable_robot::CableVec;
 use cable_robot::anchors::RADII_M;
 use calibration::{DirectHeight, Loss, Measurements, Method, Range, Side};
@@ -73,6 +74,9 @@ pub struct MeasurementsFile {
     /// Points on the reference plane.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub point: Vec<PointEntry>,
+    /// Marks on cables that moved along a tape.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tape: Vec<TapeEntry>,
     /// Decisions about points that do not fit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub doubt: Vec<PointDecision>,
@@ -101,6 +105,9 @@ pub struct Setup {
     /// Lengths of an incomplete point, m.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths_so_far_m: Vec<f64>,
+    /// Reading of a tape that is far from what the robot counted, until it is confirmed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tape_so_far: Option<TapeEntry>,
 }
 
 /// Decision about a point that does not fit the others.
@@ -250,6 +257,14 @@ impl MeasurementsFile {
             return Err(format!(
                 "counts_per_m is {counts:?}; accepted: one value for each of the {cables} cables, as in the system file; omit the key if the robot did not measure the lengths"
             ));
+        }
+        if let Some(factors) = tape::factors(&tape::scales(self, cables)?) {
+            for lengths in &mut measured.lengths_m {
+                *lengths = CableVec::from_fn(lengths.len(), |i| lengths[i] / factors.get(i).copied().unwrap_or(1.0));
+            }
+            for height in measured.heights.iter_mut().filter(|height| height.by_line) {
+                height.m /= factors.get(height.anchor).copied().unwrap_or(1.0);
+            }
         }
         measured.pulley_radius_m = self.radii(cables)?;
         measured.sigma_pulley_radius_m = self.sigma_pulley_radius_m;

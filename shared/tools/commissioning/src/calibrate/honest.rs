@@ -1,6 +1,6 @@
 //! What a calibration with small residuals may hide, as one clause for users.
 
-use calibration::{Calibration, Effect, Freed, Measurements, Misfit, Undecided, misfit, undecided, unstated_pulleys};
+use calibration::{Calibration, Effect, Freed, Measurements, Misfit, Undecided, UnmeasuredRadius, misfit, undecided};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -23,17 +23,32 @@ pub fn refusal(measured: &Measurements, found: &Calibration, numbers: &[usize]) 
     Some(text)
 }
 
-/// Returns what pulleys whose radius is not stated could change; None if it is stated or does not matter.
-pub fn open_question(measured: &Measurements, found: &Calibration) -> Option<String> {
-    let open = unstated_pulleys(measured, found)?;
-    Some(format!(
-        "the measurements do not say whether the cables run over pulleys: with a radius of {:.0} mm {} of anchor {} would be {:.3} m \
-         elsewhere; add pulley = \"swivel\" with pulley_radius_m, or pulley = \"eye\"",
-        1000.0 * open.radius_m,
-        AXES[open.axis],
-        open.anchor + 1,
-        open.shift_m
-    ))
+/// Least movement of an anchor that is worth a question, m.
+const NOTEWORTHY_M: f64 = 0.01;
+
+/// Returns what pulleys of another radius could change; None if it does not matter.
+pub fn open_question(measured: &Measurements, open: &UnmeasuredRadius) -> Option<String> {
+    let UnmeasuredRadius { radius_m, anchor, axis, shift_m, .. } = open;
+    let (radius_mm, coordinate, anchor) = (1000.0 * radius_m, AXES[*axis], anchor + 1);
+    let moved =
+        format!("with a radius of {radius_mm:.0} mm {coordinate} of anchor {anchor} would be {shift_m:.3} m elsewhere");
+    let text = if measured.pulley_radius_m.is_empty() {
+        format!(
+            "the measurements do not say whether the cables run over pulleys: {moved}; add pulley = \"swivel\" with pulley_radius_m and \
+             sigma_pulley_radius_m, or pulley = \"eye\" and the heights of the anchors"
+        )
+    } else if measured.pulley_radius_m.iter().all(|r| *r == 0.0) {
+        format!(
+            "the measurements do not exclude wheels in place of eyes, and the deviations include them: {moved}; \
+             measure the height of each anchor with a tape or a laser"
+        )
+    } else {
+        format!(
+            "the radius of the pulleys was stated and not measured, and the deviations include others: {moved}; \
+             add sigma_pulley_radius_m, how well you measured it"
+        )
+    };
+    (*shift_m > NOTEWORTHY_M).then_some(text)
 }
 
 fn undecided_clause(open: &Undecided) -> String {

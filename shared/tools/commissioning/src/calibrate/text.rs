@@ -1,7 +1,7 @@
 //! The result of a calibration as text.
 
 use super::honest;
-use calibration::{self, Calibration, Holdout, Measurements, Method};
+use calibration::{self, Calibration, Holdout, Measurements, Method, UnmeasuredRadius};
 use std::fmt::Write as _;
 
 /// Greatest standard deviation of an anchor coordinate in a good calibration, m: the position of the node is then about
@@ -11,8 +11,14 @@ const GOOD_STD_M: f64 = 0.02;
 /// Greatest standard deviation of an anchor coordinate in a usable calibration, m: moves are safe, maps are blurred.
 const USABLE_STD_M: f64 = 0.08;
 
-/// Returns the verdict and, if necessary, what to do. `numbers`: indices of the points that were used, from 0.
-pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) -> String {
+/// Returns the verdict and, if necessary, what to do. `open`: what a radius that was not measured would change; the
+/// covariance includes it. `numbers`: indices of the points that were used, from 0.
+pub fn verdict(
+    found: &Calibration,
+    measured: &Measurements,
+    open: Option<&UnmeasuredRadius>,
+    numbers: &[usize],
+) -> String {
     let (anchor, axis, std) = found.covariance.worst();
     let worst = format!(
         "the least certain coordinate is {} of anchor {}, ±{:.3} m (one standard deviation)",
@@ -20,8 +26,11 @@ pub fn verdict(found: &Calibration, measured: &Measurements, numbers: &[usize]) 
         anchor + 1,
         std
     );
-    let mut text = if let Some(open) = honest::open_question(measured, found) {
+    let open = open.and_then(|open| honest::open_question(measured, open));
+    let mut text = if let Some(open) = open.as_ref().filter(|_| measured.pulley_radius_m.is_empty()) {
         format!("poor: {open}; {worst}")
+    } else if let Some(open) = open.as_ref().filter(|_| std > GOOD_STD_M) {
+        format!("{}: {worst}; {open}", if std <= USABLE_STD_M { "usable" } else { "poor" })
     } else if std <= GOOD_STD_M {
         format!("good: {worst}")
     } else if std <= USABLE_STD_M {

@@ -20,12 +20,12 @@ pub struct CapturedLengths {
     pub counts_per_m: Vec<f64>,
 }
 
-/// Reads the lengths of the only running robot.
+/// Reads the lengths of the robot in this domain, or of the only running one.
 ///
 /// # Errors
 /// No robot runs, or its lengths cannot be used now.
-pub fn capture() -> Answer<CapturedLengths> {
-    let bus = join(None)?;
+pub fn capture(domain: Option<&str>) -> Answer<CapturedLengths> {
+    let bus = join(domain)?;
     let counts_per_m = system_of(&bus)?.motor_io.counts_per_m;
     let state = newest::<MotorState>(&bus, "motor/state", PATIENCE)?
         .ok_or_else(|| Failure::NotNow("the robot publishes no lengths; `nims status` says why".to_owned()))?;

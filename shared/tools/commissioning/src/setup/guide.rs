@@ -4,9 +4,9 @@
 use super::capture::CapturedLengths;
 use super::numbers::{self, excerpt};
 use super::question::{self, POINTS, Question, pulleys};
-use super::shape;
 use super::text::listed;
 use super::undo::undo;
+use super::{shape, tape};
 use crate::calibrate::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntry, RangeEntry, Setup};
 use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, calibrate};
 use config::PulleyKind;
@@ -265,7 +265,7 @@ fn points_complete(file: &MeasurementsFile) -> bool {
 /// Returns the accuracy of the anchors from the points so far as one line; `None` if too few points exist.
 fn progress(file: &MeasurementsFile) -> Option<String> {
     let measured = file.measurements(file.usual_method()).ok()?;
-    match calibrate(&measured, file.usual_method()) {
+    match crate::calibrate::honest_calibration(&measured, file.usual_method()) {
         Ok(found) => {
             let (anchor, axis, std) = found.covariance.worst();
             Some(format!(
@@ -339,6 +339,8 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             file.doubt.push(PointDecision { point: doubtful.point, used, after: file.point.len() });
             Ok(String::new())
         }
+        Question::Tape { cable } => tape::answer(file, *cable, line),
+        Question::TapeDecision { doubted } => tape::confirm(file, doubted, line),
         Question::Finish => {
             let used = file.used(file.usual_method()).len();
             let more = whole(line, 1, MOST.saturating_sub(used).max(1)).ok_or_else(|| {
@@ -442,7 +444,10 @@ fn add_point(file: &mut MeasurementsFile) -> String {
 fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
     if line.is_empty() {
         file.pulley = Some(PulleyKind::Eye);
-        return Ok(String::new());
+        let seen = file.height.len() == pulleys(file);
+        let message = "Points alone can hardly tell eyes from wheels, so the calibration will state large deviations. With the height \
+                       of every pulley, by a tape or a laser, they are small: undo goes back to these questions.";
+        return Ok(if seen { String::new() } else { message.to_owned() });
     }
     let radius_m = numbers::radius(line)?;
     file.pulley = Some(PulleyKind::Swivel);
@@ -451,7 +456,11 @@ fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, Stri
     file.sigma_cable_scale = Some(SIGMA_CABLE_SCALE);
     file.sigma_attachment_m = Some(SIGMA_ATTACHMENT_M);
     file.sigma_offset_m = Some(SIGMA_TYPED_ZERO_M);
-    Ok(String::new())
+    // The mistake that no point reveals.
+    Ok(format!(
+        "Then the wheels measure {:.0} mm across, from cable to cable; if that is their radius, take it back with undo.",
+        2000.0 * radius_m
+    ))
 }
 
 fn end_early(file: &mut MeasurementsFile) -> Result<String, String> {

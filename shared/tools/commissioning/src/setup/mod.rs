@@ -12,6 +12,7 @@ mod input;
 mod numbers;
 mod question;
 mod shape;
+mod tape;
 
 #[cfg(test)]
 mod tests;
@@ -44,11 +45,11 @@ pub struct Args {
 const NAMES: usize = 1000;
 
 /// Asks until the measurements are complete, then writes the calibration. Returns the JSON of `nims calibrate` and the
-/// next steps as text.
+/// next steps as text. `domain`: that of the robot whose lengths are captured; None for the only running one.
 ///
 /// # Errors
 /// A file that cannot be continued or written, or input that ends early; saved answers are kept.
-pub fn run(args: &Args) -> Answer<Output> {
+pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
     let path = args.measurements.as_path();
     if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
         return Err(Failure::BadInput(format!("{} already exists; name a new file or move this one", out.display())));
@@ -80,7 +81,7 @@ pub fn run(args: &Args) -> Answer<Output> {
             }
         };
         let reply = if guide.takes_capture(&line) {
-            match capture::capture() {
+            match capture::capture(domain) {
                 Ok(captured) => guide.capture(&captured),
                 Err(failure) => {
                     print_message(&format!("{}.", failure.to_string().trim_end_matches('.')));

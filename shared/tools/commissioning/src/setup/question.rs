@@ -1,10 +1,10 @@
 //! The next question: the first item that the measurements so far leave open.
 
 use super::doubt::{self, DoubtfulPoint};
-use super::shape;
 use super::text::{listed, metres};
+use super::{shape, tape};
 use crate::calibrate;
-use crate::calibrate::{MeasurementsFile, Setup, places};
+use crate::calibrate::{MeasurementsFile, Setup, TapeEntry, places};
 use calibration::calibrate;
 use std::fmt::Write as _;
 
@@ -61,6 +61,16 @@ pub enum Question {
         place: usize,
         /// The point.
         doubtful: DoubtfulPoint,
+    },
+    /// Length by the robot and by a tape.
+    Tape {
+        /// The cable, from 1.
+        cable: usize,
+    },
+    /// Whether a reading far from the length by the robot is right.
+    TapeDecision {
+        /// The reading.
+        doubted: TapeEntry,
     },
     /// Confirmation that the measurements are complete.
     Finish,
@@ -127,7 +137,11 @@ impl Question {
             return Self::PointDecision { place, doubtful };
         }
         if places.iter().flatten().count() >= wanted {
-            return Self::Finish;
+            return match (tape::doubted(file), tape::open_cable(file)) {
+                (Some(doubted), _) => Self::TapeDecision { doubted },
+                (None, Some(cable)) => Self::Tape { cable },
+                (None, None) => Self::Finish,
+            };
         }
         let place = places.iter().position(Option::is_none).unwrap_or(places.len());
         if setup.lengths_so_far_m.len() >= count { Self::Confirmation { place } } else { Self::Lengths { place } }
@@ -182,6 +196,8 @@ impl Question {
                 place + 1,
                 doubtful.description
             ),
+            Self::Tape { cable } => tape::text(*cable),
+            Self::TapeDecision { doubted } => tape::doubt_text(doubted),
             Self::Finish => match calibrate::judge(file, file.usual_method()) {
                 Ok(judged) => format!(
                     "\n{}\nPress Enter to write the calibration, or type the number of further points that you will measure:",

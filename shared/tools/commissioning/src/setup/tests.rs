@@ -71,7 +71,10 @@ impl Team {
             Question::Height { .. } | Question::Points | Question::Finish => String::new(),
             Question::ApproximateHeight => "3".to_owned(),
             Question::PulleyRadius if self.radius_m > 0.0 => format!("{:.1} mm", 1000.0 * self.radius_m),
-            Question::PulleyRadius | Question::Confirmation { .. } => String::new(),
+            Question::PulleyRadius
+            | Question::Confirmation { .. }
+            | Question::Tape { .. }
+            | Question::TapeDecision { .. } => String::new(),
             Question::Lengths { place } => self.lengths(place),
             Question::PointDecision { .. } => "again".to_owned(),
         }
@@ -229,6 +232,55 @@ fn captured_lengths_make_points_whose_zeros_are_found() {
         assert!(guide.answer("undo").changed);
     }
     assert!(guide.answer("9.7").changed || guide.answer("done").message.contains("enough"));
+}
+
+#[test]
+fn captured_lengths_are_checked_along_a_tape() {
+    let mut team = Team { share: 0.0, ..Team::new(33, 4) };
+    let scales = [1.012, 0.991, 1.004, 1.0];
+    let mut guide = Guide::default();
+    while !matches!(guide.pending(), Question::Tape { .. }) {
+        if let Question::Lengths { .. } = guide.pending() {
+            let line = team.lengths(guide.file().point.len()).replace(',', ".");
+            let lengths_m =
+                line.split(' ').zip(scales).map(|(text, scale)| text.parse::<f64>().unwrap() * scale).collect();
+            assert!(guide.capture(&CapturedLengths { lengths_m, counts_per_m: vec![10_000.0; 4] }).changed);
+            continue;
+        }
+        let line = match *guide.pending() {
+            Question::Height { pulley } => format!("{:.3}", team.site[pulley - 1][2]),
+            ref question => team.answer(question),
+        };
+        assert!(guide.answer(&line).changed, "{}", guide.question());
+    }
+    let before = guide.clone();
+    // What no wheel explains is refused, and 35 cm are asked about.
+    assert!(guide.answer("3.9").message.contains("cable 1") && guide == before);
+    assert!(guide.answer("5.35").changed);
+    assert!(guide.question().contains("0.35 m more"), "{}", guide.question());
+    assert_eq!(again(&guide), guide);
+    assert!(guide.answer("undo").changed && guide == before);
+    assert!(guide.answer("5.35").changed && guide.answer("4.941").changed);
+    assert_eq!(guide.pending(), &Question::Tape { cable: 2 });
+    for line in ["5.000 5.045", "4.980", ""] {
+        assert!(guide.answer(line).changed);
+        assert_eq!(again(&guide), guide);
+    }
+    assert_eq!(guide.pending(), &Question::Finish, "{}", guide.question());
+    let judged = crate::calibrate::judge(guide.file(), guide.file().usual_method()).unwrap();
+    let found: Vec<f64> = serde_json::from_value(judged.value["cable_scale"].clone()).unwrap();
+    assert!(found.iter().zip(scales).all(|(found, scale)| (found - scale).abs() < 0.0005), "{found:?}");
+    // The zeros, which are right, would imitate the scales.
+    let zero_m = |file: &MeasurementsFile| {
+        let found = calibrate(&file.measurements(Method::Joint).unwrap(), Method::Joint).unwrap();
+        found.offsets_m.iter().fold(0.0, |most: f64, zero| most.max(zero.abs()))
+    };
+    let (with, without) = (guide.file(), MeasurementsFile { tape: Vec::new(), ..guide.file().clone() });
+    assert!(2.0 * zero_m(with) < zero_m(&without), "{} {}", zero_m(with), zero_m(&without));
+    for _ in 0..4 {
+        assert!(guide.answer("undo").changed);
+    }
+    assert_eq!(guide, before);
 }
 
 /// The team measures over wheels and states their radius to the millimetre.

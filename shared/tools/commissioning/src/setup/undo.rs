@@ -2,8 +2,8 @@
 //! contains.
 
 use super::question::pulleys;
-use super::shape;
 use super::text::{listed, metres};
+use super::{shape, tape};
 use crate::calibrate::MeasurementsFile;
 
 /// Takes back the last answer and returns its description; `None` if there is no answer.
@@ -14,6 +14,10 @@ pub fn undo(file: &mut MeasurementsFile) -> Option<String> {
         let line = setup.lengths_so_far_m.len() + 1;
         return Some(format!("cable {line} was {}", metres(length)));
     }
+    if let Some(undone) = tape::undo(file) {
+        return Some(undone);
+    }
+    let setup = file.setup.get_or_insert_default();
     // A new number of points was answered after all decisions about the points at that time.
     if setup.plan.len() > 1 && setup.plan.last().is_some_and(|plan| plan[0] == points) {
         setup.plan.pop();
