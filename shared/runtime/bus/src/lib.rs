@@ -60,7 +60,7 @@ pub use node::Bus;
 pub use places::Participant;
 pub use port::{Publisher, Subscriber};
 pub use privacy::make_private;
-pub use request::{Call, Client, Server, request_event};
+pub use request::{Call, Client, Pending, Server, request_event};
 pub use sweep::SweepReport;
 pub use tap::{ChannelInfo, ChannelWatch, Raw, Tap};
 pub use waiter::{Waiter, Wake};
