@@ -83,7 +83,8 @@ impl Roles {
     /// robot, and others have the highest role of their groups.
     #[must_use]
     pub fn of(&self, peer: &Peer) -> Role {
-        let lists = [(Role::Look, &self.section.look), (Role::Stop, &self.section.stop), (Role::Fly, &self.section.fly)];
+        let lists =
+            [(Role::Look, &self.section.look), (Role::Stop, &self.section.stop), (Role::Fly, &self.section.fly)];
         // The lowest role of a user who is listed twice.
         let own = lists.iter().find(|(_, entries)| entries.iter().any(|entry| is_user(peer, entry)));
         if let Some((role, _)) = own {

@@ -56,7 +56,7 @@ mod waiter;
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
 pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, UnusableFolder};
 pub use memory::Memory;
-pub use node::Bus;
+pub use node::{Bus, is_channel_name};
 pub use places::Participant;
 pub use port::{Publisher, Subscriber};
 pub use privacy::make_private;

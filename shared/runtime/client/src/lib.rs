@@ -11,8 +11,8 @@ mod requests;
 mod robot;
 
 pub use process_table::{follow, state_name};
-pub use requests::{MOTOR_IO, PLANNER, SUPERVISOR, robot_of, running, send, system_of, true_system_of};
+pub use requests::{MOTOR_BOX, MOTOR_IO, PLANNER, SUPERVISOR, robot_of, running, send, system_of, true_system_of};
 pub use robot::{
-    ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, sample, unrecorded,
-    unrecorded_of,
+    ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, sample,
+    sentence_of_stop, unrecorded, unrecorded_of,
 };

@@ -4,13 +4,15 @@ use crate::robot::{Running, ask};
 use bus::Bus;
 use cable_robot::Robot;
 use command::{Answer, Failure};
-use config::{MOTOR_BOX, RESOLVED, SystemFile};
+use config::{RESOLVED, SystemFile};
 use messages::Request;
 
 /// Process that moves the robot.
 pub const MOTOR_IO: &str = "motor-io";
 /// Process that plans missions and single moves.
 pub const PLANNER: &str = "planner";
+/// Virtual motor box, which makes faults on request.
+pub const MOTOR_BOX: &str = "motor-box";
 /// Process that starts and ends the others; the name under which the supervisor joins the domain.
 pub const SUPERVISOR: &str = "nims";
 
@@ -36,7 +38,7 @@ pub fn system_of(bus: &Bus) -> Answer<SystemFile> {
 /// # Errors
 /// As [`system_of`].
 pub fn true_system_of(bus: &Bus) -> Answer<SystemFile> {
-    copy_of(bus, MOTOR_BOX)
+    copy_of(bus, config::MOTOR_BOX)
 }
 
 fn copy_of(bus: &Bus, name: &str) -> Answer<SystemFile> {

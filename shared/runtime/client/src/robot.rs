@@ -7,7 +7,7 @@ use messages::{
     blended_estimate, put_sentence,
 };
 use robot_state::Reason;
-use robot_state::answers::detail;
+use robot_state::answers::{Detail, detail};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -127,15 +127,21 @@ pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });
     let mut answer = answer.map_err(helped)?;
-    let sentence = Reason::of(&answer).map(|reason| reason.sentence());
-    let sentence = sentence.unwrap_or_else(|| {
+    let sentence = sentence_of_stop(&answer);
+    put_sentence(&mut answer.answer, &sentence);
+    Failure::unless_accepted(&answer)
+}
+
+/// Returns the sentence of an answer to an emergency stop, which comes without it.
+#[must_use]
+pub fn sentence_of_stop(answer: &OperatorRequest) -> Detail {
+    let sentence = Reason::of(answer).map(|reason| reason.sentence());
+    sentence.unwrap_or_else(|| {
         detail(format_args!(
             "motor-io answered with number {}, which this program does not know; look whether the robot stands",
             answer.reason
         ))
-    });
-    put_sentence(&mut answer.answer, &sentence);
-    Failure::unless_accepted(&answer)
+    })
 }
 
 /// Returns the newest estimate in charge that arrives within `patience`.

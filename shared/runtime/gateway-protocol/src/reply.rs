@@ -281,6 +281,27 @@ impl Reply {
         }
     }
 
+    /// The same reply to another call.
+    #[must_use]
+    pub fn with_id(mut self, number: u64) -> Self {
+        match &mut self {
+            Self::Welcome { .. } => {}
+            Self::Answer { id, .. }
+            | Self::Robot { id, .. }
+            | Self::Configuration { id, .. }
+            | Self::Channels { id, .. }
+            | Self::Done { id }
+            | Self::Definition { id, .. }
+            | Self::Sample { id, .. }
+            | Self::Runs { id, .. }
+            | Self::Files { id, .. }
+            | Self::Opened { id, .. }
+            | Self::Token { id, .. }
+            | Self::Tokens { id, .. } => *id = number,
+        }
+        self
+    }
+
     /// The JSON of the header of a frame.
     #[must_use]
     pub fn header(&self) -> Vec<u8> {
