@@ -129,6 +129,7 @@ impl Robot {
         let memory = domain.memory();
         Some(RobotFacts {
             domain: domain.name().to_owned(),
+            folder: domain.root().to_owned(),
             pid: running.pid,
             system_file: running.system_file,
             run: running.run,

@@ -5,6 +5,7 @@ use crate::{
     visualization_export,
 };
 use clap::{Parser, Subcommand};
+use client::Place;
 use command::values::seconds;
 use command::{Answer, Output};
 use std::ffi::OsString;
@@ -22,6 +23,9 @@ pub struct Cli {
     /// The robot's domain: the name of its system, or the path of a folder; default: that of the only running robot.
     #[arg(long, global = true, value_name = "NAME")]
     pub domain: Option<String>,
+    /// Socket of the robot's gateway; default: only where this user cannot join the robot, found in /run/nims-gateway.
+    #[arg(long, global = true, value_name = "SOCKET")]
+    pub gateway: Option<PathBuf>,
     /// Print one JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
@@ -122,19 +126,20 @@ impl Cli {
     /// The command failed: one sentence.
     pub fn run(&self) -> Answer<Option<Output>> {
         let domain = self.domain.as_deref();
+        let place = Place { domain, gateway: self.gateway.as_deref() };
         let output = match &self.command {
             Command::Demo(args) => return demo::run(args, domain).map(Some),
             Command::Up { arguments } => return Err(programs::run_supervisor(arguments, domain, self.json)),
             Command::Program(words) => return Err(programs::run_external(words, domain, self.json)),
-            Command::Top => return top::top(domain, self.json).map(|()| None),
+            Command::Top => return top::top(place, self.json).map(|()| None),
             Command::Solve => return programs::solve().map(|()| None),
-            Command::Channel(command) => return command.run(domain),
-            Command::Status => status::status(&client::join(domain)?),
-            Command::Operate(command) => command.run(domain),
-            Command::Processes(command) => command.run(domain),
-            Command::Swap(args) => swap::run(domain, args),
-            Command::Set(args) => set::set(domain, args),
-            Command::Fault { words, seconds } => fault::fault(domain, words, *seconds),
+            Command::Channel(command) => return command.run(place),
+            Command::Status => status::status(&client::link(place)?),
+            Command::Operate(command) => command.run(place),
+            Command::Processes(command) => command.run(place),
+            Command::Swap(args) => swap::run(place, args),
+            Command::Set(args) => set::set(place, args),
+            Command::Fault { words, seconds } => fault::fault(place, words, *seconds),
             Command::NewSensor(args) => new_sensor::new_sensor(args),
             Command::Commissioning(command) => command.run(),
             Command::Analysis(command) => command.run(),

@@ -154,6 +154,8 @@ pub enum Reply {
 pub struct RobotFacts {
     /// Name of its domain.
     pub domain: String,
+    /// The folder of its domain.
+    pub folder: PathBuf,
     /// Process id of its supervisor.
     pub pid: u32,
     /// System file.
