@@ -1,7 +1,7 @@
 //! The command line: the commands with their arguments, and their dispatch.
 
 use crate::{
-    channels, demo, fault, groups, new_sensor, operate, processes, programs, set, status, swap, top,
+    channels, demo, fault, fetch, groups, new_sensor, operate, processes, programs, set, status, swap, top,
     visualization_export,
 };
 use clap::{Parser, Subcommand};
@@ -86,6 +86,13 @@ pub enum Command {
     /// Compute a recorded run again and compare every bit; with --law or --set: compute the commands of another law or
     /// parameter.
     Replay(replay::Args),
+    /// List the finished runs of a robot with a gateway.
+    Runs,
+    /// Copy a finished run from a robot with a gateway.
+    Fetch(fetch::Args),
+    /// Create, list and revoke tokens, with which a program acts through the gateway for a person.
+    #[command(subcommand)]
+    Token(fetch::TokenCommand),
     /// Run the program nims-X as `nims X`.
     #[command(external_subcommand)]
     Program(Vec<OsString>),
@@ -143,6 +150,9 @@ impl Cli {
             Command::NewSensor(args) => new_sensor::new_sensor(args),
             Command::Commissioning(command) => command.run(),
             Command::Analysis(command) => command.run(),
+            Command::Runs => fetch::runs(place),
+            Command::Fetch(args) => fetch::fetch(place, args),
+            Command::Token(command) => command.run(place),
             Command::Export(args) => args.run(),
             Command::Replay(args) => replay::replay(args),
         };

@@ -19,11 +19,12 @@ mod tap;
 
 pub use connection::TOKEN_VARIABLE;
 pub use finding::{GATEWAY_VARIABLE, Place, emergency_stop, gateway, link, link_as};
+pub use gateway_protocol::{FileRow, RunRow, TokenRow};
 pub use link::{Gateway, LinkWaiter, RobotLink, Samples, Subscription};
 pub use process_table::{follow, state_name};
 pub use requests::{robot_of, send, system_of, true_system_of};
 pub use robot::{
-    ANSWER, MOTOR_BOX, MOTOR_IO, PLANNER, RUNNING_FILE, Running, SUPERVISOR, domain, join, join_as, running, sample,
+    ANSWER, MOTOR_IO, PLANNER, RUNNING_FILE, Running, SUPERVISOR, VIRTUAL_BOX, domain, join, join_as, running, sample,
     sentence_of_stop,
 };
 pub use samples::{estimate, newest, unrecorded, unrecorded_of};

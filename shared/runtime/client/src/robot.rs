@@ -14,7 +14,7 @@ pub const MOTOR_IO: &str = "motor-io";
 /// Process that plans missions and single moves.
 pub const PLANNER: &str = "planner";
 /// Virtual motor box, which makes faults on request.
-pub const MOTOR_BOX: &str = "motor-box";
+pub const VIRTUAL_BOX: &str = "motor-box";
 /// Process that starts and ends the others; the name under which the supervisor joins the domain.
 pub const SUPERVISOR: &str = "nims";
 
