@@ -499,7 +499,7 @@ fn process_of(request: &Request, named: Option<&str>) -> Option<String> {
         | Request::Set { .. } => client::SUPERVISOR,
         Request::Fault { .. } => match named {
             Some(named) if OUTPUTS.contains(&named) => return Some(named.to_owned()),
-            _ => client::MOTOR_BOX,
+            _ => client::VIRTUAL_BOX,
         },
         _ => client::MOTOR_IO,
     };

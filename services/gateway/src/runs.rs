@@ -3,7 +3,6 @@
 //! No name of a client is opened as it was given: a run and a file must be in the list that was just read, and the file
 //! is opened below the folder of the runs without following links.
 
-use config::MOTOR_BOX;
 use gateway_protocol::{FileRow, RunRow};
 use rustix::fs::{CWD, Mode, OFlags, ResolveFlags, openat, openat2};
 use std::fs;
@@ -103,7 +102,7 @@ pub fn configuration(run: &Path, most: u64) -> Result<(Vec<FileRow>, Vec<u8>), S
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
     let mut names: Vec<String> = names.filter(|name| name.ends_with(".toml")).collect();
     // The system file first, so that it is there even if the rest is too long.
-    names.sort_by_key(|name| (name != config::RESOLVED, name != MOTOR_BOX, name.clone()));
+    names.sort_by_key(|name| (name != config::RESOLVED, name.clone()));
     let (mut files, mut body) = (Vec::new(), Vec::new());
     for name in names {
         let bytes = config::file::read(&run.join(&name)).map_err(|error| unreadable(format!("{name}: {error}")))?;
