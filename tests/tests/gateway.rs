@@ -451,7 +451,7 @@ fn the_gateway_outlives_the_robot_and_its_own_death_stops_nothing() {
     let mut gateway = Gateway::joined(&robot, OWNER);
     let mut client = gateway.client();
     assert_eq!(client.ask(Request::Stop).1, Accepted::Accepted);
-    client.send(&Call::Subscribe { id: 4, channel: "motor/authority".to_owned(), rate_hz: Some(5.0) }, &[]);
+    client.call(&Call::Subscribe { id: 4, channel: "motor/authority".to_owned(), rate_hz: Some(5.0) });
     // The robot without its supervisor is still stopped through the gateway.
     robot.down(Signal::KILL);
     let (_, accepted) = client.ask(Request::Estop);

@@ -50,6 +50,8 @@ pub(crate) struct Connection {
     /// Number of samples and definitions so far, by which a wait ends.
     arrived: Cell<u64>,
     robot: String,
+    /// The files of the robot's configuration, while this connection exists: a system file names others.
+    folder: RefCell<Option<tempfile::TempDir>>,
 }
 
 impl Connection {
@@ -69,6 +71,7 @@ impl Connection {
             last_id: Cell::new(0),
             arrived: Cell::new(0),
             robot: String::new(),
+            folder: RefCell::default(),
         };
         let token = std::env::var(TOKEN_VARIABLE).ok().filter(|token| !token.is_empty());
         let hello = Call::Hello { version: VERSION, origin: Origin::Command, token };
@@ -82,6 +85,16 @@ impl Connection {
     /// Name of the gateway's robot.
     pub(crate) fn robot(&self) -> &str {
         &self.robot
+    }
+
+    /// Keeps the files of the robot's configuration until this connection ends.
+    pub(crate) fn keep(&self, folder: tempfile::TempDir) {
+        *self.folder.borrow_mut() = Some(folder);
+    }
+
+    /// The folder with the files of the robot's configuration, if they were asked for.
+    pub(crate) fn kept(&self) -> Option<PathBuf> {
+        self.folder.borrow().as_ref().map(|folder| folder.path().to_owned())
     }
 
     /// A number for the next call.

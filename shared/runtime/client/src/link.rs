@@ -171,7 +171,10 @@ impl RobotLink {
                 let path = if copy.is_file() { &copy } else { &running.system_file };
                 SystemFile::load(path).map_err(Failure::not_now)
             }
-            Self::Gateway(gateway) => gateway.configuration()?.load(name),
+            Self::Gateway(gateway) => {
+                let folder = gateway.configuration_folder()?;
+                SystemFile::load(&folder.join(name)).map_err(Failure::not_now)
+            }
         }
     }
 }
@@ -232,11 +235,29 @@ impl Gateway {
         }
     }
 
-    fn configuration(&self) -> Answer<Configuration> {
-        match self.0.call(&Call::Configuration { id: self.0.next_id() }, &[])? {
-            (Reply::Configuration { files, .. }, body) => Ok(Configuration { files, body }),
-            (other, _) => Err(unexpected(&other)),
+    /// Writes the files of the robot's configuration into a folder of this user, as they are in the run folder. It
+    /// exists as long as the connection.
+    fn configuration_folder(&self) -> Answer<PathBuf> {
+        if let Some(folder) = self.0.kept() {
+            return Ok(folder);
         }
+        let (files, body) = match self.0.call(&Call::Configuration { id: self.0.next_id() }, &[])? {
+            (Reply::Configuration { files, .. }, body) => (files, body),
+            (other, _) => return Err(unexpected(&other)),
+        };
+        let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+        let mut rest = body.as_slice();
+        for file in &files {
+            let split = usize::try_from(file.bytes).ok().and_then(|bytes| rest.split_at_checked(bytes));
+            let Some((bytes, after)) = split else { break };
+            // A name of the gateway leads nowhere else either.
+            let plain = Path::new(&file.name).file_name().map_or_else(|| Path::new("x"), Path::new);
+            std::fs::write(folder.path().join(plain), bytes).map_err(Failure::not_now)?;
+            rest = after;
+        }
+        let path = folder.path().to_owned();
+        self.0.keep(folder);
+        Ok(path)
     }
 
     /// The finished runs.
@@ -310,30 +331,6 @@ impl Gateway {
             Reply::Done { .. } => Ok(()),
             other => Err(unexpected(&other)),
         }
-    }
-}
-
-/// The files of a configuration, as a gateway sends them.
-struct Configuration {
-    files: Vec<FileRow>,
-    body: Vec<u8>,
-}
-
-impl Configuration {
-    /// Loads the system file of that name. Its files are read as those of a run folder: from a folder that exists only
-    /// meanwhile.
-    fn load(&self, name: &str) -> Answer<SystemFile> {
-        let folder = tempfile::tempdir().map_err(Failure::not_now)?;
-        let mut rest = self.body.as_slice();
-        for file in &self.files {
-            let split = usize::try_from(file.bytes).ok().and_then(|bytes| rest.split_at_checked(bytes));
-            let Some((bytes, after)) = split else { break };
-            // A name of the gateway leads nowhere else either.
-            let plain = Path::new(&file.name).file_name().map_or_else(|| Path::new("x"), Path::new);
-            std::fs::write(folder.path().join(plain), bytes).map_err(Failure::not_now)?;
-            rest = after;
-        }
-        SystemFile::load(&folder.path().join(name)).map_err(Failure::not_now)
     }
 }
 

@@ -71,7 +71,8 @@ impl Decoder {
         Self { limits, bytes: Vec::new(), taken: 0 }
     }
 
-    /// Adds received bytes. The caller adds a bounded piece, then calls [`Decoder::next_frame`] until it returns `None`.
+    /// Adds received bytes. The caller adds a bounded piece, then calls [`Decoder::next_frame`] until it returns
+    /// `None`.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.drain(..self.taken);
         self.taken = 0;
