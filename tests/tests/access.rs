@@ -92,10 +92,12 @@ fn operator_uses_the_gateway(robot: &mut Robot, nims: &Path, memory: &Path) {
     };
     let operator = |args: &[&str]| run(OPERATOR, OPERATORS, args);
     robot.until_said("the gateway has joined the robot", |_| operator(&["status"]).status.success());
-    for args in [&["hold"][..], &["stop"], &["run", "own.toml", "--wait"], &["channel", "list"], &["runs"]] {
+    for args in [&["hold"][..], &["stop"], &["channel", "list"], &["runs"]] {
         let output = operator(args);
         assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     }
+    // Once the robot has come to rest.
+    robot.until_said("the mission is flown", |_| operator(&["run", "own.toml", "--wait"]).status.success());
     // No shell as the robot's user, no token, no run that is being recorded, no path of its own.
     let present = robot.run().file_name().unwrap().to_str().unwrap().to_owned();
     for args in [

@@ -280,7 +280,7 @@ mod tests {
         assert!(bytes_of(&hub.poll(&bus, start + 99_000_000).unwrap()).is_empty());
         let last = hub.poll(&bus, start + 100_000_000).unwrap();
         let [Delivery::Sample(_, _, bytes, 0)] = &last[..] else { panic!("{last:?}") };
-        let last: MotorState = *bytemuck::from_bytes(&bytes.to_vec());
+        let last: MotorState = bytemuck::pod_read_unaligned(bytes);
         assert_eq!(last.cable_count, 19);
     }
 }

@@ -40,7 +40,7 @@ pub fn link_as(place: Place<'_>, party: Participant) -> Answer<RobotLink> {
     bus::make_private();
     let direct = robot::domain(place.domain).and_then(|domain| Ok(Bus::join_as(&domain, NAME, party)?));
     match direct {
-        Ok(bus) => Ok(RobotLink::Bus(bus)),
+        Ok(bus) => Ok(bus.into()),
         Err(failure) => Ok(RobotLink::Gateway(gateway_for(place, failure)?)),
     }
 }

@@ -16,7 +16,7 @@ use std::rc::Rc;
 #[derive(Debug)]
 pub enum RobotLink {
     /// Through its shared memory, as its user.
-    Bus(Bus),
+    Bus(Box<Bus>),
     /// Through its gateway.
     Gateway(Gateway),
 }
@@ -27,7 +27,7 @@ pub struct Gateway(pub(crate) Rc<Connection>);
 
 impl From<Bus> for RobotLink {
     fn from(bus: Bus) -> Self {
-        Self::Bus(bus)
+        Self::Bus(Box::new(bus))
     }
 }
 
@@ -74,7 +74,7 @@ impl RobotLink {
     /// The channel cannot be opened.
     pub fn subscriber<T: Message>(&self, channel: &str) -> Answer<Samples<T>> {
         Ok(match self {
-            Self::Bus(bus) => Samples::Bus(bus.subscriber(channel)?),
+            Self::Bus(bus) => Samples::Bus(Box::new(bus.subscriber(channel)?)),
             Self::Gateway(gateway) => Samples::Gateway(gateway.subscribe(channel)?, PhantomData),
         })
     }
@@ -85,7 +85,7 @@ impl RobotLink {
     /// The channels cannot be opened.
     pub fn waiter(&self, channels: &[&str]) -> Answer<LinkWaiter> {
         Ok(match self {
-            Self::Bus(bus) => LinkWaiter::Bus(bus.waiter(channels)?),
+            Self::Bus(bus) => LinkWaiter::Bus(Box::new(bus.waiter(channels)?)),
             Self::Gateway(gateway) => LinkWaiter::Gateway(gateway.clone()),
         })
     }
@@ -395,7 +395,7 @@ impl Drop for Subscription {
 #[derive(Debug)]
 pub enum Samples<T: Message> {
     /// From shared memory.
-    Bus(Subscriber<T>),
+    Bus(Box<Subscriber<T>>),
     /// From a gateway.
     Gateway(Subscription, PhantomData<T>),
 }
@@ -429,7 +429,7 @@ impl<T: Message> Samples<T> {
 #[derive(Debug)]
 pub enum LinkWaiter {
     /// From shared memory.
-    Bus(Waiter),
+    Bus(Box<Waiter>),
     /// From a gateway: of any subscription.
     Gateway(Gateway),
 }

@@ -12,7 +12,7 @@ const DEFINED_NS: u64 = 2 * clock::SECOND_NS;
 #[derive(Debug)]
 pub enum LinkTap {
     /// From shared memory.
-    Bus(Tap),
+    Bus(Box<Tap>),
     /// From a gateway, with the number of samples that were lost up to the last one.
     Gateway(Subscription, u64),
 }
@@ -24,7 +24,7 @@ impl LinkTap {
     /// There is no such channel, or it cannot be opened.
     pub fn open(link: &RobotLink, channel: &str) -> Answer<Self> {
         let gateway = match link {
-            RobotLink::Bus(bus) => return Ok(Self::Bus(bus.tap(channel)?)),
+            RobotLink::Bus(bus) => return Ok(Self::Bus(Box::new(bus.tap(channel)?))),
             RobotLink::Gateway(gateway) => gateway,
         };
         if !link.channels()?.iter().any(|row| row.name == channel) {
