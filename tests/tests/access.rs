@@ -8,12 +8,15 @@ mod robot;
 use messages::{MotorAuthority, Request};
 use robot::{Robot, program};
 use std::fs;
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
 
 /// A user other than the present one.
-const STRANGER: &str = "65533";
+const STRANGER: u32 = 65533;
+/// Another one, in the group of the gateway's socket.
+const OPERATOR: u32 = 65532;
+const OPERATORS: u32 = 65531;
 
 /// The folder and everything in it; a link counts as the target that it leads to.
 fn all_below(folder: &Path, into: &mut Vec<PathBuf>) {
@@ -34,8 +37,89 @@ fn open(paths: &[PathBuf]) -> Vec<String> {
 
 /// A command as another user.
 fn stranger(program: &Path, args: &[&str]) -> Output {
-    let ids = [format!("--reuid={STRANGER}"), format!("--regid={STRANGER}"), "--clear-groups".to_owned()];
-    Command::new("setpriv").args(ids).arg("--").arg(program).args(args).current_dir("/").output().unwrap()
+    command_as(STRANGER, STRANGER, program).args(args).current_dir("/").output().unwrap()
+}
+
+fn command_as(user: u32, group: u32, program: &Path) -> Command {
+    let mut command = Command::new("setpriv");
+    command.args([format!("--reuid={user}"), format!("--regid={group}"), "--clear-groups".to_owned()]);
+    command.arg("--").arg(program);
+    command
+}
+
+/// A folder that everyone may enter.
+fn open_folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::set_permissions(folder.path(), PermissionsExt::from_mode(0o755)).unwrap();
+    folder
+}
+
+/// A process that is ended when this value is dropped.
+struct Ended(Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// What an operator can do through the gateway, whose socket only the operators' group can open, and nothing more.
+fn operator_uses_the_gateway(robot: &mut Robot, nims: &Path, memory: &Path) {
+    let folder = open_folder();
+    let (socket, system) = (folder.path().join("robot.sock"), robot.folder().join("configs/systems/gateway.toml"));
+    let text = fs::read_to_string(robot.folder().join("configs/systems/demo3.toml")).unwrap();
+    fs::write(&system, format!("runs = \"../..\"\n{text}\n[gateway]\nfly = [\"@{OPERATORS}\"]\n")).unwrap();
+    let mut gateway = command_as(0, OPERATORS, &program().with_file_name("gateway"));
+    gateway.arg("--system").arg(&system).arg("--socket").arg(&socket).args(["--domain", robot.domain.name()]);
+    let _gateway = Ended(gateway.stderr(std::process::Stdio::null()).spawn().unwrap());
+    robot.until_said("the gateway listens", |_| socket.exists());
+    // The operator's mission is in a home that the robot's user could enter only as root.
+    let home = open_folder();
+    fs::write(home.path().join("own.toml"), "name = \"own\"\n[[leg]]\nline = { to_m = [4.9, 3.1, 0.4] }\n").unwrap();
+    fs::set_permissions(home.path().join("own.toml"), PermissionsExt::from_mode(0o600)).unwrap();
+    std::os::unix::fs::chown(home.path().join("own.toml"), Some(OPERATOR), None).unwrap();
+    std::os::unix::fs::chown(home.path(), Some(OPERATOR), None).unwrap();
+    fs::set_permissions(home.path(), PermissionsExt::from_mode(0o700)).unwrap();
+    let run = |user, group, args: &[&str]| {
+        let mut command = command_as(user, group, nims);
+        command.arg("--gateway").arg(&socket).args(args).current_dir(if user == OPERATOR {
+            home.path()
+        } else {
+            "/".as_ref()
+        });
+        command.output().unwrap()
+    };
+    let operator = |args: &[&str]| run(OPERATOR, OPERATORS, args);
+    robot.until_said("the gateway has joined the robot", |_| operator(&["status"]).status.success());
+    for args in [&["hold"][..], &["stop"], &["channel", "list"], &["runs"]] {
+        let output = operator(args);
+        assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+    // Once the robot has come to rest.
+    robot.until_said("the mission is flown", |_| operator(&["run", "own.toml", "--wait"]).status.success());
+    // No shell as the robot's user, no token, no run that is being recorded, no path of its own.
+    let present = robot.run().file_name().unwrap().to_str().unwrap().to_owned();
+    for args in [
+        &["plug", "shell", "--", "/bin/sh"][..],
+        &["token", "add", "own", "fly"],
+        &["fetch", &present],
+        &["fetch", "../state"],
+    ] {
+        let output = operator(args);
+        assert!(!output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stdout));
+    }
+    let sh = Path::new("/bin/sh");
+    for what in [memory, robot.domain.root(), &robot.run()] {
+        let script = format!("exec ls {0}/ || exec head -c 1 < {0}", what.display());
+        assert!(!command_as(OPERATOR, OPERATORS, sh).args(["-c", &script]).output().unwrap().status.success());
+    }
+    // A stranger is not let in.
+    for args in [&["status"][..], &["estop"]] {
+        let output = run(STRANGER, STRANGER, args);
+        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && sentence.contains("closed to this user"), "{sentence}");
+    }
 }
 
 #[test]
@@ -79,11 +163,10 @@ fn only_its_user_can_access_the_files_of_a_robot_and_move_it() {
         return notes::left_out("what another user can do to the robot", "only root can act as another user");
     }
     // If everybody may read the programs, an unprivileged user can run them.
-    let copy = tempfile::tempdir().unwrap();
-    fs::set_permissions(copy.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let copy = open_folder();
     let nims = copy.path().join("nims");
     fs::copy(program(), &nims).unwrap();
-    fs::set_permissions(&nims, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    fs::set_permissions(&nims, PermissionsExt::from_mode(0o755)).unwrap();
     let domain = root.to_str().unwrap();
     assert!(stranger(&nims, &["--version"]).status.success(), "another user can run the program");
     for command in
@@ -106,6 +189,8 @@ fn only_its_user_can_access_the_files_of_a_robot_and_move_it() {
     }
     assert!(!stranger(sh, &["-c", &format!("kill -STOP {pid}")]).status.success());
     assert!(!stranger(sh, &["-c", &format!("head -c 1 /proc/{pid}/mem")]).status.success());
+    operator_uses_the_gateway(&mut robot, &nims, &memory[0]);
+    robot.fly();
     robot.until("the motion continues", |robot| robot.last.header.cycle > 300);
     assert!(matches!(robot.last.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_HOLDING));
     assert_eq!(robot.last.faults, 0);

@@ -1,6 +1,7 @@
 //! `nims channel`: lists, counts and prints channels of any type.
 
-use bus::{Bus, Participant, Tap, clock};
+use bus::{Participant, clock};
+use client::{LinkTap, Place, RobotLink};
 use command::values::seconds;
 use command::{Answer, Failure, Output};
 use messages::schema::{Number, Schema, Value as FieldValue};
@@ -38,12 +39,12 @@ impl Command {
     ///
     /// # Errors
     /// Shared memory cannot be read, or there is no such channel.
-    pub fn run(&self, domain: Option<&str>) -> Answer<Option<Output>> {
-        let bus = client::join_as(domain, Participant::Guest)?;
+    pub fn run(&self, place: Place<'_>) -> Answer<Option<Output>> {
+        let link = client::link_as(place, Participant::Guest)?;
         match self {
-            Self::List => list(&bus).map(Some),
-            Self::Hz { name, seconds } => rates(&bus, name.as_deref(), *seconds).map(Some),
-            Self::Echo { name, count, seconds } => echo(&bus, name, *count, *seconds).map(|()| None),
+            Self::List => list(&link).map(Some),
+            Self::Hz { name, seconds } => rates(&link, name.as_deref(), *seconds).map(Some),
+            Self::Echo { name, count, seconds } => echo(&link, name, *count, *seconds).map(|()| None),
         }
     }
 }
@@ -55,18 +56,16 @@ const POLL: Duration = Duration::from_millis(20);
 ///
 /// # Errors
 /// Shared memory cannot be read.
-fn list(bus: &Bus) -> Answer<Output> {
-    let channels = bus.channels()?;
+fn list(link: &RobotLink) -> Answer<Output> {
+    let channels = link.channels()?;
     let width = channels.iter().map(|channel| channel.name.len()).max().unwrap_or(0);
     let mut lines = Vec::new();
     let mut rows = Vec::new();
     for channel in &channels {
-        let holders: Vec<&str> =
-            channel.holders.iter().map(|node| node.name.as_str()).filter(|name| *name != bus.process()).collect();
-        lines.push(format!("{:width$}  {:6} B  {}", channel.name, channel.size, channel.type_name));
+        lines.push(format!("{:width$}  {:6} B  {}", channel.name, channel.size_bytes, channel.type_name));
         rows.push(json!({
-            "name": channel.name, "type": channel.type_name, "size_bytes": channel.size, "buffer": channel.buffer,
-            "history": channel.history, "has_schema": channel.schema.is_some(), "processes": holders,
+            "name": channel.name, "type": channel.type_name, "size_bytes": channel.size_bytes, "buffer": channel.buffer,
+            "history": channel.history, "has_schema": channel.has_schema, "processes": channel.processes,
         }));
     }
     Ok(Output::new(json!({ "channels": rows }), lines.join("\n")))
@@ -76,16 +75,16 @@ fn list(bus: &Bus) -> Answer<Output> {
 ///
 /// # Errors
 /// There is no such channel, or the time is out of range.
-fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
+fn rates(link: &RobotLink, name: Option<&str>, seconds: f64) -> Answer<Output> {
     let time = duration(seconds)?;
     let names = match name {
         Some(name) => vec![name.to_owned()],
-        None => bus.channels()?.into_iter().map(|channel| channel.name).collect(),
+        None => link.channels()?.into_iter().map(|channel| channel.name).collect(),
     };
-    let mut taps = names.iter().map(|name| bus.tap(name)).collect::<Result<Vec<Tap>, _>>()?;
+    let mut taps = names.iter().map(|name| LinkTap::open(link, name)).collect::<Answer<Vec<_>>>()?;
     // Discard the samples from before the start.
     for tap in &mut taps {
-        while tap.receive(|_| ())?.is_some() {}
+        while tap.receive()?.is_some() {}
     }
     let mut counts = vec![(0_u64, 0_u64); taps.len()];
     let started = clock::now_ns();
@@ -93,7 +92,7 @@ fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
     while clock::now_ns() < end {
         clock::sleep_until(end.min(clock::now_ns() + POLL.as_nanos() as u64));
         for (tap, (received, lost)) in taps.iter_mut().zip(&mut counts) {
-            while let Some(missing) = tap.receive(|raw| raw.missing)? {
+            while let Some((_, missing)) = tap.receive()? {
                 *received += 1;
                 *lost += missing;
             }
@@ -118,26 +117,21 @@ fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
 ///
 /// # Errors
 /// There is no such channel.
-fn echo(bus: &Bus, name: &str, count: Option<u64>, seconds: Option<f64>) -> Answer {
+fn echo(link: &RobotLink, name: &str, count: Option<u64>, seconds: Option<f64>) -> Answer {
     let end = match seconds {
         Some(seconds) => Some(clock::now_ns() + duration(seconds)?.as_nanos() as u64),
         None => None,
     };
-    let mut tap = bus.tap(name)?;
-    let schema = tap
-        .info()
-        .schema
-        .as_deref()
-        .and_then(|text| Schema::parse(text).ok())
-        .filter(|schema| schema.size() == tap.info().size);
-    let mut waiter = bus.waiter(&[name])?;
+    let mut tap = LinkTap::open(link, name)?;
+    let schema = tap.schema();
+    let mut waiter = link.waiter(&[name])?;
     let mut left = count.unwrap_or(u64::MAX);
     while left > 0 && end.is_none_or(|end| clock::now_ns() < end) {
         while left > 0
-            && let Some(value) = tap.receive(|raw| sample(schema.as_ref(), raw.bytes))?
+            && let Some((bytes, _)) = tap.receive()?
         {
             left -= 1;
-            if !command::print_line(&value.to_string()) {
+            if !command::print_line(&sample(schema.as_ref(), &bytes).to_string()) {
                 return Ok(());
             }
         }

@@ -1,10 +1,11 @@
 //! The command line: the commands with their arguments, and their dispatch.
 
 use crate::{
-    channels, demo, fault, groups, new_sensor, operate, processes, programs, set, status, swap, top,
+    channels, demo, fault, fetch, groups, new_sensor, operate, processes, programs, set, status, swap, top,
     visualization_export,
 };
 use clap::{Parser, Subcommand};
+use client::Place;
 use command::values::seconds;
 use command::{Answer, Output};
 use std::ffi::OsString;
@@ -22,6 +23,9 @@ pub struct Cli {
     /// The robot's domain: the name of its system, or the path of a folder; default: that of the only running robot.
     #[arg(long, global = true, value_name = "NAME")]
     pub domain: Option<String>,
+    /// Socket of the robot's gateway; default: only where this user cannot join the robot, found in /run/nims-gateway.
+    #[arg(long, global = true, value_name = "SOCKET")]
+    pub gateway: Option<PathBuf>,
     /// Print one JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
@@ -82,6 +86,13 @@ pub enum Command {
     /// Compute a recorded run again and compare every bit; with --law or --set: compute the commands of another law or
     /// parameter.
     Replay(replay::Args),
+    /// List the finished runs of a robot with a gateway.
+    Runs,
+    /// Copy a finished run from a robot with a gateway.
+    Fetch(fetch::Args),
+    /// Create, list and revoke tokens, with which a program acts through the gateway for a person.
+    #[command(subcommand)]
+    Token(fetch::TokenCommand),
     /// Run the program nims-X as `nims X`.
     #[command(external_subcommand)]
     Program(Vec<OsString>),
@@ -122,22 +133,26 @@ impl Cli {
     /// The command failed: one sentence.
     pub fn run(&self) -> Answer<Option<Output>> {
         let domain = self.domain.as_deref();
+        let place = Place { domain, gateway: self.gateway.as_deref() };
         let output = match &self.command {
             Command::Demo(args) => return demo::run(args, domain).map(Some),
             Command::Up { arguments } => return Err(programs::run_supervisor(arguments, domain, self.json)),
             Command::Program(words) => return Err(programs::run_external(words, domain, self.json)),
-            Command::Top => return top::top(domain, self.json).map(|()| None),
+            Command::Top => return top::top(place, self.json).map(|()| None),
             Command::Solve => return programs::solve().map(|()| None),
-            Command::Channel(command) => return command.run(domain),
-            Command::Status => status::status(&client::join(domain)?),
-            Command::Operate(command) => command.run(domain),
-            Command::Processes(command) => command.run(domain),
-            Command::Swap(args) => swap::run(domain, args),
-            Command::Set(args) => set::set(domain, args),
-            Command::Fault { words, seconds } => fault::fault(domain, words, *seconds),
+            Command::Channel(command) => return command.run(place),
+            Command::Status => status::status(&client::link(place)?),
+            Command::Operate(command) => command.run(place),
+            Command::Processes(command) => command.run(place),
+            Command::Swap(args) => swap::run(place, args),
+            Command::Set(args) => set::set(place, args),
+            Command::Fault { words, seconds } => fault::fault(place, words, *seconds),
             Command::NewSensor(args) => new_sensor::new_sensor(args),
             Command::Commissioning(command) => command.run(domain),
             Command::Analysis(command) => command.run(),
+            Command::Runs => fetch::runs(place),
+            Command::Fetch(args) => fetch::fetch(place, args),
+            Command::Token(command) => command.run(place),
             Command::Export(args) => args.run(),
             Command::Replay(args) => replay::replay(args),
         };

@@ -4,7 +4,7 @@
 //! fault list` prints it, `docs/faults.md` is that output, and the tests cause the faults and compare the robot's
 //! behaviour with it.
 
-use bus::Bus;
+use client::{Place, RobotLink};
 use command::{Answer, Failure, Output};
 use config::Role;
 use messages::{MotorAuthority, Request};
@@ -309,7 +309,7 @@ fn list() -> Value {
 ///
 /// # Errors
 /// There is no such fault or process, the robot has real drives, or the request is refused or not answered.
-pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> Answer<Output> {
+pub fn fault(place: Place<'_>, words: &[String], seconds: Option<f64>) -> Answer<Output> {
     let first = words.first().map(String::as_str).unwrap_or_default();
     if first == "list" && words.len() == 1 && seconds.is_none() {
         return Ok(Output::new(list(), page().trim_end()));
@@ -325,7 +325,7 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
                     "for faults of processes, --for is accepted with `stop` only: above 0, at most 3600 seconds";
                 return Err(Failure::BadInput(accepted.to_owned()));
             }
-            to_process(&virtual_only(domain)?, word, *signal, name, seconds)?
+            to_process(&virtual_only(place)?, word, *signal, name, seconds)?
         }
         None => {
             let of_output = OUTPUT_FAULTS.iter().any(|(word, ..)| *word == first);
@@ -337,7 +337,7 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
             if !of_output {
                 text.parse::<FaultRequest>().map_err(Failure::bad)?;
             }
-            client::send(&virtual_only(domain)?, &process, &Request::Fault { text })?
+            client::send(&virtual_only(place)?, &process, &Request::Fault { text })?
         }
     };
     Ok(Output::accepted(sentence))
@@ -363,20 +363,20 @@ fn to_output(words: &[String]) -> Answer<(String, String)> {
 ///
 /// # Errors
 /// Its drives are not virtual.
-fn virtual_only(domain: Option<&str>) -> Answer<Bus> {
-    let bus = client::join(domain)?;
-    if client::system_of(&bus)?.motor_box.is_none() {
+fn virtual_only(place: Place<'_>) -> Answer<RobotLink> {
+    let link = client::link(place)?;
+    if client::system_of(&link)?.motor_box.is_none() {
         return Err(Failure::NotNow(
             "this robot has real drives, so nothing was done: nims fault works with the virtual motor box only"
                 .to_owned(),
         ));
     }
-    Ok(bus)
+    Ok(link)
 }
 
-fn to_process(bus: &Bus, word: &str, signal: Signal, name: &str, seconds: Option<f64>) -> Answer<String> {
+fn to_process(link: &RobotLink, word: &str, signal: Signal, name: &str, seconds: Option<f64>) -> Answer<String> {
     let own = std::process::id();
-    let alive = bus.domain().alive();
+    let alive = link.alive()?;
     let found = alive.iter().find(|node| node.name == name && node.pid != own).and_then(|node| {
         let pid = i32::try_from(node.pid).ok().and_then(Pid::from_raw)?;
         Some((node.pid, pid))

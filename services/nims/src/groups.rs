@@ -9,8 +9,11 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
     ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "hold", "stop", "estop"]),
     ("Look", &["status", "top", "channel"]),
-    ("Change in flight", &["swap", "set", "start", "stop-process", "restart", "plug", "unplug", "new-sensor", "fault"]),
-    ("After a flight", &["report", "map", "info", "export", "replay", "recover"]),
+    (
+        "Change in flight",
+        &["swap", "set", "start", "stop-process", "restart", "plug", "unplug", "new-sensor", "fault", "token"],
+    ),
+    ("After a flight", &["runs", "fetch", "report", "map", "info", "export", "replay", "recover"]),
     ("Compute", &["ik", "fk", "tension", "plan", "workspace", "solve", "paper"]),
 ];
 /// Columns of a narrow terminal.

@@ -15,6 +15,7 @@ mod channels;
 pub mod cli;
 mod demo;
 pub mod fault;
+mod fetch;
 mod groups;
 mod new_sensor;
 mod operate;

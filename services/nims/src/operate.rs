@@ -1,9 +1,9 @@
 //! Requests to the running robot; the answer to each is one sentence.
 
 use crate::wait::Follower;
-use bus::{Bus, Participant};
+use bus::Participant;
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
-use client::{MOTOR_IO, PLANNER, robot_of, send, system_of};
+use client::{MOTOR_IO, PLANNER, Place, RobotLink, robot_of, send, system_of};
 use command::values::{Numbers, finite, numbers, point};
 use command::{Answer, Failure, Output, points};
 use commissioning::plan::PathKind;
@@ -65,22 +65,22 @@ impl Command {
     ///
     /// # Errors
     /// The input is wrong, or the request is refused (with the reason) or not answered.
-    pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
-        let join = || client::join(domain);
+    pub fn run(&self, place: Place<'_>) -> Answer<Output> {
+        let join = || client::link(place);
         // Commands that bring the robot to rest may use the places reserved for members.
-        let ask = |request: Request, party: Participant| send(&client::join_as(domain, party)?, MOTOR_IO, &request);
+        let ask = |request: Request, party: Participant| send(&client::link_as(place, party)?, MOTOR_IO, &request);
         let sentence = match self {
             Self::Arm => ask(Request::Arm, Participant::Command),
             Self::Disarm => ask(Request::Disarm, Participant::Member),
             Self::Hold => ask(Request::Hold, Participant::Member),
             Self::Stop => ask(Request::Stop, Participant::Member),
-            Self::Estop => client::emergency_stop(domain),
+            Self::Estop => client::emergency_stop(place),
             Self::Reset => ask(Request::Reset, Participant::Command),
             Self::Zero(args) => zero(&join()?, args),
             Self::ConfirmPosition => ask(Request::ConfirmPosition, Participant::Command),
             Self::Jog { cable, metres } => jog(&join()?, *cable, *metres),
             Self::Goto(args) => return goto(&join()?, args),
-            Self::Run(args) if args.dry_run => return dry_run(domain, args),
+            Self::Run(args) if args.dry_run => return dry_run(place, args),
             Self::Run(args) => return run(&join()?, args),
             Self::Pause => ask(Request::Pause, Participant::Member),
             Self::Resume => ask(Request::Resume, Participant::Command),
@@ -151,8 +151,8 @@ pub struct RunArgs {
 ///
 /// # Errors
 /// The position or the lengths are impossible for this robot, or the request is refused or not answered.
-fn zero(bus: &Bus, asked: &ZeroArgs) -> Answer<String> {
-    let robot = robot_of(bus)?;
+fn zero(link: &RobotLink, asked: &ZeroArgs) -> Answer<String> {
+    let robot = robot_of(link)?;
     let request = match (&asked.at, &asked.lengths) {
         (Some(at), _) => {
             let position_m = points::position(&robot, at)?;
@@ -165,32 +165,32 @@ fn zero(bus: &Bus, asked: &ZeroArgs) -> Answer<String> {
         }
         (None, None) => return Err(Failure::BadInput("give --at X,Y,Z or --lengths A,B,..".to_owned())),
     };
-    send(bus, MOTOR_IO, &request)
+    send(link, MOTOR_IO, &request)
 }
 
 /// `nims jog`.
 ///
 /// # Errors
 /// There is no such cable, or the request is refused or not answered.
-fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
-    let cables = robot_of(bus)?.cable_count();
+fn jog(link: &RobotLink, cable: u8, metres: f64) -> Answer<String> {
+    let cables = robot_of(link)?.cable_count();
     if usize::from(cable) > cables {
         return Err(Failure::BadInput(format!("there is no cable {cable}; this robot has cables 1 to {cables}")));
     }
-    send(bus, MOTOR_IO, &Request::Jog { cable, distance_m: metres })
+    send(link, MOTOR_IO, &Request::Jog { cable, distance_m: metres })
 }
 
 /// `nims speed`.
 ///
 /// # Errors
 /// The speed is out of range, or the request is refused or not answered.
-fn speed(bus: &Bus, percent: f64) -> Answer<String> {
+fn speed(link: &RobotLink, percent: f64) -> Answer<String> {
     if !(5.0..=100.0).contains(&percent) {
         return Err(Failure::BadInput(format!(
             "the speed is {percent} percent; accepted: 5 to 100 percent of the planned speed"
         )));
     }
-    send(bus, MOTOR_IO, &Request::Speed { rate: percent / 100.0 })
+    send(link, MOTOR_IO, &Request::Speed { rate: percent / 100.0 })
 }
 
 /// `nims goto`.
@@ -199,9 +199,9 @@ fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 /// The node cannot hang at the target, the speed is out of range, or the request is refused or not answered.
 ///
 /// Without a recording, a single move is allowed with a warning, because it may bring the node home.
-fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<Output> {
+fn goto(link: &RobotLink, asked: &GotoArgs) -> Answer<Output> {
     let path = path_of(asked)?;
-    let robot = robot_of(bus)?;
+    let robot = robot_of(link)?;
     let to = points::position(&robot, &asked.to)?;
     standing(&robot, &to)?;
     if let Some(speed) = asked.speed.filter(|speed| !(*speed > 0.0 && *speed <= robot.speed_limit_m_s())) {
@@ -210,10 +210,10 @@ fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<Output> {
             "--speed is {speed}; accepted: above 0, at most this robot's {limit} m/s"
         )));
     }
-    let follower = asked.wait.then(|| Follower::begin(bus)).transpose()?;
-    let answer = planned(&client::ask(bus, PLANNER, &Request::Goto { to_m: to, path, speed_m_s: asked.speed })?)?;
+    let follower = asked.wait.then(|| Follower::begin(link)).transpose()?;
+    let answer = planned(&link.ask(PLANNER, &Request::Goto { to_m: to, path, speed_m_s: asked.speed })?)?;
     // The planner has accepted and the node moves, so a failure here is only a warning.
-    match client::unrecorded(bus) {
+    match client::unrecorded(link) {
         Ok(None) => {}
         Ok(Some(why)) => eprintln!("nims: warning: nothing is being recorded ({why})"),
         Err(failure) => eprintln!("nims: warning: cannot find out whether this is being recorded ({failure})"),
@@ -274,11 +274,7 @@ impl MissionText {
     ///
     /// # Errors
     /// The run folder cannot be written.
-    pub fn request(&self, bus: &Bus, continues: bool) -> Answer<Request> {
-        self.request_in(&client::running(bus)?.run, continues)
-    }
-
-    fn request_in(&self, run: &Path, continues: bool) -> Answer<Request> {
+    pub fn request(&self, run: &Path, continues: bool) -> Answer<Request> {
         let hash = config::store_mission(run, &self.text).map_err(Failure::not_now)?;
         Ok(Request::Run { mission: self.name.clone(), hash, continues })
     }
@@ -301,17 +297,17 @@ fn planned(answer: &OperatorRequest) -> Answer<Output> {
 ///
 /// # Errors
 /// The mission cannot be read or flown, or the request is refused or not answered.
-fn run(bus: &Bus, asked: &RunArgs) -> Answer<Output> {
-    let file = system_of(bus)?;
+fn run(link: &RobotLink, asked: &RunArgs) -> Answer<Output> {
+    let file = system_of(link)?;
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let text = MissionText::read(&path)?;
-    if let Some(why) = client::unrecorded(bus)?.filter(|_| !asked.unrecorded) {
+    if let Some(why) = client::unrecorded(link)?.filter(|_| !asked.unrecorded) {
         return Err(Failure::NotNow(format!(
             "the mission is not started, because nothing is being recorded ({why}): solve this, or fly with --unrecorded"
         )));
     }
-    let follower = asked.wait.then(|| Follower::begin(bus)).transpose()?;
-    let answer = planned(&client::ask(bus, PLANNER, &text.request(bus, asked.go_on)?)?)?;
+    let follower = asked.wait.then(|| Follower::begin(link)).transpose()?;
+    let answer = planned(&link.fly(&text.name, &text.text, asked.go_on)?)?;
     waited(answer, follower)
 }
 
@@ -319,12 +315,12 @@ fn run(bus: &Bus, asked: &RunArgs) -> Answer<Output> {
 ///
 /// # Errors
 /// The configuration or the mission cannot be read, or there is no starting point.
-fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
+fn dry_run(place: Place<'_>, asked: &RunArgs) -> Answer<Output> {
     let (file, here) = match &asked.config {
         Some(config) => (SystemFile::load(config).map_err(Failure::bad)?, None),
         None => {
-            let bus = client::join(domain)?;
-            (system_of(&bus)?, present(&bus)?)
+            let link = client::link(place)?;
+            (system_of(&link)?, present(&link)?)
         }
     };
     let robot = file.robot_file().map_err(Failure::bad)?;
@@ -370,8 +366,8 @@ pub fn mission_path(asked: &Path, missions: Option<&Path>) -> Answer<PathBuf> {
 }
 
 /// Returns the position of the node, if known.
-fn present(bus: &Bus) -> Answer<Option<[f64; 3]>> {
-    let estimate = client::estimate(bus, Duration::from_millis(500))?;
+fn present(link: &RobotLink) -> Answer<Option<[f64; 3]>> {
+    let estimate = client::estimate(link, Duration::from_millis(500))?;
     Ok(estimate.filter(|estimate| estimate.valid == 1).map(|estimate| estimate.position_m))
 }
 
@@ -398,7 +394,7 @@ mod tests {
         let text = MissionText::read(&file).unwrap();
         // The file changes after it was read, and again after the request was made.
         std::fs::write(&file, low.replace("0.4", "1.4")).unwrap();
-        let request = text.request_in(&run, false).unwrap();
+        let request = text.request(&run, false).unwrap();
         std::fs::write(&file, "not a mission").unwrap();
         let Request::Run { mission, hash, continues: false } = request else { panic!("{request:?}") };
         assert_eq!((mission.as_str(), config::read_mission(&run, &hash).unwrap().as_str()), ("low", low));

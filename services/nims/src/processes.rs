@@ -3,8 +3,7 @@
 
 use command::{Answer, Failure, Output};
 
-use bus::Bus;
-use client::{follow, state_name};
+use client::{Place, RobotLink, follow, state_name};
 use messages::{ProcessState, Request, text_of};
 use serde_json::json;
 
@@ -37,7 +36,7 @@ impl Command {
     ///
     /// # Errors
     /// No supervisor runs, it refuses, or the process does not reach the state in time; each with the reason.
-    pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
+    pub fn run(&self, place: Place<'_>) -> Answer<Output> {
         let command = match self {
             Self::Start(StartArgs { process, slot, law }) => {
                 Request::StartProcess { name: process.clone(), slot: *slot, law: law.clone() }
@@ -53,7 +52,7 @@ impl Command {
             },
             Self::Unplug { process } => Request::Unplug { name: process.clone() },
         };
-        send_and_follow(&client::join(domain)?, &command)
+        send_and_follow(&client::link(place)?, &command)
     }
 }
 
@@ -99,8 +98,8 @@ fn present_folder() -> Answer<String> {
 ///
 /// # Errors
 /// As [`follow`].
-pub(crate) fn send_and_follow(bus: &Bus, command: &Request) -> Answer<Output> {
-    let row = follow(bus, command, |_| ())?;
+pub(crate) fn send_and_follow(link: &RobotLink, command: &Request) -> Answer<Output> {
+    let row = follow(link, command, |_| ())?;
     let name = text_of(&row.name);
     let sentence = match row.state {
         ProcessState::STATE_READY => format!("{name} is ready (process {})", row.pid),

@@ -2,7 +2,8 @@
 
 use command::{Answer, Failure, Output};
 
-use bus::{Bus, Subscriber, clock};
+use bus::clock;
+use client::{Place, RobotLink, Samples};
 use commissioning::check;
 use config::{EstimatorSection, RobotFile, Role, SystemFile, Tuned};
 use controller::ControllerConfig;
@@ -52,17 +53,17 @@ pub fn help() -> String {
 ///
 /// # Errors
 /// The change is refused, with the reason, or a process does not apply it in time.
-pub fn set(domain: Option<&str>, args: &Args) -> Answer<Output> {
-    let bus = client::join(domain)?;
-    let Some(key) = &args.key else { return show(&bus, None) };
-    let Some(value) = &args.value else { return show(&bus, Some(key)) };
-    let mut followers = followers(&bus, key)?;
-    let (before, after, robot) = changed(&bus, key, value)?;
+pub fn set(place: Place<'_>, args: &Args) -> Answer<Output> {
+    let link = client::link(place)?;
+    let Some(key) = &args.key else { return show(&link, None) };
+    let Some(value) = &args.value else { return show(&link, Some(key)) };
+    let mut followers = followers(&link, key)?;
+    let (before, after, robot) = changed(&link, key, value)?;
     let request = Request::Set { key: key.clone(), value: value.clone() };
-    let sentence = client::send(&bus, client::SUPERVISOR, &request)?;
-    let published = client::newest::<SystemConfig>(&bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
-    follow(&bus, &mut followers, published.changes)?;
-    let sentence = format!("{sentence}{}", remarks(&bus, key, &before, &after, &robot)?);
+    let sentence = client::send(&link, client::SUPERVISOR, &request)?;
+    let published = client::newest::<SystemConfig>(&link, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
+    follow(&link, &mut followers, published.changes)?;
+    let sentence = format!("{sentence}{}", remarks(&link, key, &before, &after, &robot)?);
     let value = json!({ "accepted": true, "answer": sentence, "key": key, "changes": published.changes,
         "from_cycle": published.from_cycle, "taken_up_by": followers.iter().map(|one| &one.name).collect::<Vec<_>>() });
     Ok(Output::new(value, format!("{sentence}.")))
@@ -72,10 +73,10 @@ pub fn set(domain: Option<&str>, args: &Args) -> Answer<Output> {
 ///
 /// # Errors
 /// The value is out of range, or a law or method does not work with it.
-fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(SystemFile, SystemFile, RobotFile)> {
-    let file = client::system_of(bus)?;
+fn changed(link: &RobotLink, key: &str, value: &str) -> Answer<(SystemFile, SystemFile, RobotFile)> {
+    let file = client::system_of(link)?;
     let robot = file.robot_file().map_err(Failure::not_now)?;
-    let published = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
+    let published = client::newest::<SystemConfig>(link, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
     let tuned = Tuned::parse(&text_of(&published.parameters)).map_err(Failure::NotNow)?;
     let before = file.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
     let after = tuned.with(key, value).and_then(|tuned| file.tuned(&robot, &tuned)).map_err(Failure::BadInput)?;
@@ -85,10 +86,10 @@ fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(SystemFile, SystemFile,
 
 /// Returns remarks on a change: running laws that do not use the parameter, and a warning about a horizon that does not
 /// suit the drives.
-fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Answer<String> {
+fn remarks(link: &RobotLink, key: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Answer<String> {
     let role = key.split('.').next().unwrap_or_default();
     let mut idle: Vec<String> = Vec::new();
-    for law in laws_of(bus, role)? {
+    for law in laws_of(link, role)? {
         idle.extend(
             unchanged(role, &law, before, after, robot)
                 .into_iter()
@@ -97,7 +98,7 @@ fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot:
         );
     }
     let idle = if idle.is_empty() { String::new() } else { format!("; {} does not use it", idle.join(" or ")) };
-    let drives = MotorBoxSection::from_file(&client::true_system_of(bus)?, robot).map_err(Failure::not_now)?;
+    let drives = MotorBoxSection::from_file(&client::true_system_of(link)?, robot).map_err(Failure::not_now)?;
     let warning = drives.and_then(|drives| check::horizon(after, &drives)).filter(|_| key == HORIZON);
     let warning = warning.map_or(String::new(), |found| format!("; warning: {}; {}", found.finding, found.cure));
     Ok(idle + &warning)
@@ -105,9 +106,9 @@ fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot:
 
 /// Returns the law or method of each running process of a role, from the process table; an empty string means "as
 /// configured".
-fn laws_of(bus: &Bus, role: &str) -> Answer<Vec<String>> {
-    let mut rows = bus.subscriber::<ProcessState>("system/process")?;
-    let alive = bus.domain().alive();
+fn laws_of(link: &RobotLink, role: &str) -> Answer<Vec<String>> {
+    let mut rows = link.subscriber::<ProcessState>("system/process")?;
+    let alive = link.alive()?;
     let (mut laws, give_up) = (BTreeMap::new(), clock::now_ns() + TABLE_NS);
     let missing = |laws: &BTreeMap<String, String>| {
         let names =
@@ -157,20 +158,20 @@ fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, rob
 /// A running process that has to apply the change.
 struct Follower {
     name: String,
-    config: Subscriber<SystemConfig>,
+    config: Samples<SystemConfig>,
     /// Number of changes that it has applied.
     changes: u32,
 }
 
 /// Returns the running processes of the parameter's role.
-fn followers(bus: &Bus, key: &str) -> Answer<Vec<Follower>> {
+fn followers(link: &RobotLink, key: &str) -> Answer<Vec<Follower>> {
     let roles = [Role::Controller, Role::Estimator].into_iter();
-    let alive: Vec<String> = bus.domain().alive().into_iter().map(|node| node.name).collect();
+    let alive: Vec<String> = link.alive()?.into_iter().map(|node| node.name).collect();
     let mut followers = Vec::new();
     for role in roles.filter(|role| key.split('.').next() == Some(role.name())) {
         for name in [Slot::A, Slot::B].map(|slot| role.process_name(slot)) {
             if alive.contains(&name) {
-                let config = bus.subscriber(&format!("system/config/{name}"))?;
+                let config = link.subscriber(&format!("system/config/{name}"))?;
                 followers.push(Follower { name, config, changes: 0 });
             }
         }
@@ -180,7 +181,7 @@ fn followers(bus: &Bus, key: &str) -> Answer<Vec<Follower>> {
 
 /// Waits until each process reports that it has applied the change. Processes that have ended are ignored: they start
 /// with it.
-fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
+fn follow(link: &RobotLink, followers: &mut [Follower], changes: u32) -> Answer {
     let give_up = clock::now_ns() + APPLY_NS;
     loop {
         for one in followers.iter_mut() {
@@ -192,7 +193,7 @@ fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
             return Ok(());
         }
         if clock::now_ns() >= give_up {
-            let alive: Vec<String> = bus.domain().alive().into_iter().map(|node| node.name).collect();
+            let alive: Vec<String> = link.alive()?.into_iter().map(|node| node.name).collect();
             let late: Vec<&str> = late.into_iter().filter(|name| alive.iter().any(|one| one == name)).collect();
             if late.is_empty() {
                 return Ok(());
@@ -207,10 +208,10 @@ fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
 }
 
 /// Shows the current values of one parameter or of all.
-fn show(bus: &Bus, key: Option<&str>) -> Answer<Output> {
-    let file = client::system_of(bus)?;
+fn show(link: &RobotLink, key: Option<&str>) -> Answer<Output> {
+    let file = client::system_of(link)?;
     let robot: RobotFile = file.robot_file().map_err(Failure::not_now)?;
-    let published = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
+    let published = client::newest::<SystemConfig>(link, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
     let tuned = Tuned::parse(&text_of(&published.parameters)).map_err(Failure::NotNow)?;
     let current: SystemFile = file.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
     if let Some(key) = key {

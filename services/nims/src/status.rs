@@ -1,7 +1,7 @@
 //! `nims status`: the state of the robot and its processes.
 
-use bus::{Bus, Memory, Subscriber, clock};
-use client::{Running, state_name};
+use bus::{Memory, clock};
+use client::{RobotLink, Samples as Received, state_name};
 use command::{Answer, Output};
 use messages::{
     ControlStatus, LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
@@ -37,13 +37,13 @@ const SCARCE_BYTES: u64 = 8 << 20;
 
 /// Newest sample of a channel.
 struct Newest<T: Message> {
-    subscriber: Subscriber<T>,
+    subscriber: Received<T>,
     sample: Option<T>,
 }
 
 impl<T: Message> Newest<T> {
-    fn subscribe(bus: &Bus, channel: &str) -> Answer<Self> {
-        Ok(Self { subscriber: bus.subscriber(channel)?, sample: None })
+    fn subscribe(link: &RobotLink, channel: &str) -> Answer<Self> {
+        Ok(Self { subscriber: link.subscriber(channel)?, sample: None })
     }
 
     fn poll(&mut self) -> Answer<bool> {
@@ -64,25 +64,25 @@ struct Samples {
     plan: Newest<PlanStatus>,
     recorder: Newest<RecorderStatus>,
     set: Newest<SystemConfig>,
-    table: Subscriber<ProcessState>,
+    table: Received<ProcessState>,
     processes: BTreeMap<String, ProcessState>,
 }
 
 impl Samples {
-    fn subscribe(bus: &Bus) -> Answer<Self> {
+    fn subscribe(link: &RobotLink) -> Answer<Self> {
         let [a, b] = SLOT_NAMES;
-        let estimate = |slot| Newest::subscribe(bus, &format!("node/estimate/{slot}"));
-        let control = |slot| Newest::subscribe(bus, &format!("control/status/{slot}"));
+        let estimate = |slot| Newest::subscribe(link, &format!("node/estimate/{slot}"));
+        let control = |slot| Newest::subscribe(link, &format!("control/status/{slot}"));
         Ok(Self {
-            authority: Newest::subscribe(bus, "motor/authority")?,
-            state: Newest::subscribe(bus, "motor/state")?,
+            authority: Newest::subscribe(link, "motor/authority")?,
+            state: Newest::subscribe(link, "motor/state")?,
             estimates: [estimate(a)?, estimate(b)?],
             controls: [control(a)?, control(b)?],
-            slots: Newest::subscribe(bus, "motor/slots")?,
-            plan: Newest::subscribe(bus, "plan/status")?,
-            recorder: Newest::subscribe(bus, "recorder/status")?,
-            set: Newest::subscribe(bus, TUNED_CHANNEL)?,
-            table: bus.subscriber("system/process")?,
+            slots: Newest::subscribe(link, "motor/slots")?,
+            plan: Newest::subscribe(link, "plan/status")?,
+            recorder: Newest::subscribe(link, "recorder/status")?,
+            set: Newest::subscribe(link, TUNED_CHANNEL)?,
+            table: link.subscriber("system/process")?,
             processes: BTreeMap::new(),
         })
     }
@@ -133,12 +133,12 @@ impl Samples {
 ///
 /// # Errors
 /// Shared memory cannot be read.
-pub fn status(bus: &Bus) -> Answer<Output> {
-    let mut samples = Samples::subscribe(bus)?;
+pub fn status(link: &RobotLink) -> Answer<Output> {
+    let mut samples = Samples::subscribe(link)?;
     samples.collect()?;
-    let mut value = json!({ "domain": bus.domain().name() });
-    let mut lines = vec![format!("domain     {}", bus.domain().name())];
-    if let Some(running) = Running::read(bus.domain()) {
+    let mut value = json!({ "domain": link.name() });
+    let mut lines = vec![format!("domain     {}", link.name())];
+    if let Some(running) = link.running()? {
         value["run"] = json!(running.run);
         value["system"] = json!(running.system_file);
         lines.push(format!("run        {}", running.run.display()));
@@ -153,7 +153,7 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         Some(authority) => {
             motors(authority, samples.processes.get("motor-io"), &mut value, &mut lines);
             if authority.faults & MotorAuthority::FAULT_LOST_UNIT != 0
-                && let Some(warning) = port_warning(bus)?
+                && let Some(warning) = port_warning(link)?
             {
                 lines.push(format!("drives     {warning}"));
                 value["drives"] = json!(warning);
@@ -169,7 +169,7 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         let steered = steering(authority, samples.processes.get("motor-io"), clock::now_ns());
         mission(plan, steered, &mut value, &mut lines);
     }
-    system(bus, &samples, &mut value, &mut lines);
+    system(link, &samples, &mut value, &mut lines)?;
     Ok(Output::new(value, lines.join("\n")))
 }
 
@@ -206,14 +206,14 @@ fn node(samples: &Samples, value: &mut Value, lines: &mut Vec<String>) {
 }
 
 /// Recorder, shared memory and processes.
-fn system(bus: &Bus, samples: &Samples, value: &mut Value, lines: &mut Vec<String>) {
+fn system(link: &RobotLink, samples: &Samples, value: &mut Value, lines: &mut Vec<String>) -> Answer {
     if let Some(recorder) = &samples.recorder.sample {
         let recording = recording_words(recorder, clock::now_ns());
         value["recorder"] = json!({ "state": recording, "messages": recorder.total_messages, "bytes": recorder.total_bytes, "lost": recorder.lost });
         let megabytes = recorder.total_bytes as f64 * 1e-6;
         lines.push(format!("recorder   {recording}, {} messages, {megabytes:.1} MB", recorder.total_messages));
     }
-    let memory = bus.domain().memory();
+    let memory = link.memory()?;
     value["shared_memory"] =
         json!({ "used_bytes": memory.used, "free_bytes": memory.free, "total_bytes": memory.total });
     lines.push(format!("memory     {}", memory_words(&memory)));
@@ -222,6 +222,7 @@ fn system(bus: &Bus, samples: &Samples, value: &mut Value, lines: &mut Vec<Strin
     let listed: Vec<String> = processes.iter().map(|(name, row)| format!("{name} {}", state_name(row.state))).collect();
     lines
         .push(format!("processes  {}", if listed.is_empty() { "no supervisor".to_owned() } else { listed.join(", ") }));
+    Ok(())
 }
 
 /// Returns the usage of shared memory on one text line, with a warning before it is exhausted.
@@ -265,11 +266,11 @@ fn motors(authority: &MotorAuthority, row: Option<&ProcessState>, value: &mut Va
 }
 
 /// Returns motor-io's last warning about one of its serial ports.
-fn port_warning(bus: &Bus) -> Answer<Option<String>> {
-    let Ok(file) = client::system_of(bus) else { return Ok(None) };
-    let root = bus.domain().root().to_string_lossy().into_owned();
+fn port_warning(link: &RobotLink) -> Answer<Option<String>> {
+    let Ok(file) = client::system_of(link) else { return Ok(None) };
+    let root = link.domain_folder()?.to_string_lossy().into_owned();
     let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.replace("{domain}", &root)).collect();
-    let mut log = bus.subscriber::<LogEvent>("system/log/motor-io")?;
+    let mut log = link.subscriber::<LogEvent>("system/log/motor-io")?;
     let (mut warning, give_up) = (None, clock::now_ns() + LOG_NS);
     while clock::now_ns() < give_up {
         while let Some(event) = log.receive()? {

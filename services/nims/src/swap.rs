@@ -5,8 +5,8 @@
 //! then ended, unless the system has a standby.
 
 use crate::processes;
-use bus::{Bus, Subscriber, Waiter, clock};
-use client::MOTOR_IO;
+use bus::clock;
+use client::{LinkWaiter, MOTOR_IO, Place, RobotLink, Samples};
 use command::{Answer, Failure, Output};
 use config::Role;
 use messages::{MotorSlots, ProcessState, Request, SLOTS, Slot, SlotRole, text_of};
@@ -38,9 +38,9 @@ pub struct Args {
 ///
 /// # Errors
 /// The request is refused, with the reason, or the swap fails.
-pub fn run(domain: Option<&str>, args: &Args) -> Answer<Output> {
-    let bus = client::join(domain)?;
-    if args.admit { admit(&bus, args) } else { swap(&bus, args) }
+pub fn run(place: Place<'_>, args: &Args) -> Answer<Output> {
+    let link = client::link(place)?;
+    if args.admit { admit(&link, args) } else { swap(&link, args) }
 }
 
 /// Name that selects the configured law.
@@ -57,8 +57,8 @@ const SWAP_S: f64 = 10.0;
 /// # Errors
 /// The new process could not be started, did not qualify, was refused, or failed just after it had taken over; each
 /// with the reason.
-fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
-    let mut robot = Robot::observe(bus, asked)?;
+fn swap(link: &RobotLink, asked: &Args) -> Answer<Output> {
+    let mut robot = Robot::observe(link, asked)?;
     let lead = robot.lead()?;
     let slot = asked.slot.map_or(1 - lead, Slot::index);
     if slot == lead {
@@ -71,7 +71,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
     let (new, old) = (robot.role.process_name(name_of(slot)), robot.role.process_name(name_of(lead)));
     if let Some(law) = asked.name.as_deref().filter(|law| *law != DEFAULT) {
         // Check the law before a process is ended to free the slot.
-        client::system_of(bus)?.process_for(robot.role, law).map_err(Failure::bad)?;
+        client::system_of(link)?.process_for(robot.role, law).map_err(Failure::bad)?;
     }
     if let Some(law) = &asked.name {
         robot.end(&new)?;
@@ -81,7 +81,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
             slot: Some(name_of(slot)),
             law: (law != DEFAULT).then(|| law.clone()),
         };
-        robot.print_progress(&processes::send_and_follow(bus, &start)?.words);
+        robot.print_progress(&processes::send_and_follow(link, &start)?.words);
     }
     let outcome = robot.qualify(slot, &new).and_then(|()| robot.take_over(slot));
     if let Err(failure) = outcome {
@@ -109,28 +109,28 @@ fn name_of(slot: usize) -> Slot {
 
 /// The state of the robot during a swap.
 struct Robot<'a> {
-    bus: &'a Bus,
+    link: &'a RobotLink,
     index: usize,
     role: Role,
-    slots: Subscriber<MotorSlots>,
-    processes: Subscriber<ProcessState>,
+    slots: Samples<MotorSlots>,
+    processes: Samples<ProcessState>,
     table: BTreeMap<String, ProcessState>,
-    waiter: Waiter,
+    waiter: LinkWaiter,
     newest: Option<MotorSlots>,
     prints_progress: bool,
     last_printed: String,
 }
 
 impl<'a> Robot<'a> {
-    fn observe(bus: &'a Bus, asked: &Args) -> Answer<Self> {
+    fn observe(link: &'a RobotLink, asked: &Args) -> Answer<Self> {
         Ok(Self {
-            bus,
+            link,
             index: asked.role.index(),
             role: asked.role.into(),
-            slots: bus.subscriber("motor/slots")?,
-            processes: bus.subscriber("system/process")?,
+            slots: link.subscriber("motor/slots")?,
+            processes: link.subscriber("system/process")?,
             table: BTreeMap::new(),
-            waiter: bus.waiter(&["motor/slots"])?,
+            waiter: link.waiter(&["motor/slots"])?,
             newest: None,
             prints_progress: std::io::IsTerminal::is_terminal(&std::io::stderr()),
             last_printed: String::new(),
@@ -200,14 +200,14 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        self.print_progress(&processes::send_and_follow(self.bus, &Request::StopProcess { name })?.words);
+        self.print_progress(&processes::send_and_follow(self.link, &Request::StopProcess { name })?.words);
         Ok(())
     }
 
     /// Admits a slot regardless of its former failures.
     fn admit(&mut self, slot: usize) -> Answer {
         let request = Request::Admit { role: SlotRole::ALL[self.index], slot: name_of(slot) };
-        client::send(self.bus, MOTOR_IO, &request).map(|_| ())
+        client::send(self.link, MOTOR_IO, &request).map(|_| ())
     }
 
     /// Waits until the slot holds a standby.
@@ -242,7 +242,7 @@ impl<'a> Robot<'a> {
     fn take_over(&mut self, slot: usize) -> Answer {
         let (role, index) = (self.index, SLOTS * self.index + slot);
         let request = Request::Swap { role: SlotRole::ALL[role], slot: name_of(slot) };
-        let answer = client::send(self.bus, MOTOR_IO, &request)?;
+        let answer = client::send(self.link, MOTOR_IO, &request)?;
         self.print_progress(&answer);
         // Ignore samples from before the request.
         let requested_in = self.newest.map_or(0, |slots| slots.header.cycle) + 2;
@@ -269,7 +269,7 @@ impl<'a> Robot<'a> {
 
     /// Returns whether the system file has a standby for this role.
     fn keeps_standby(&self) -> Answer<bool> {
-        let file = client::system_of(self.bus)?;
+        let file = client::system_of(self.link)?;
         Ok(file.process.iter().any(|section| section.role == self.role && section.standby))
     }
 }
@@ -296,14 +296,14 @@ pub(crate) fn progress(role: usize, index: usize, slots: &MotorSlots) -> String 
 ///
 /// # Errors
 /// motor-io does not answer.
-fn admit(bus: &Bus, asked: &Args) -> Answer<Output> {
-    let mut robot = Robot::observe(bus, asked)?;
+fn admit(link: &RobotLink, asked: &Args) -> Answer<Output> {
+    let mut robot = Robot::observe(link, asked)?;
     let slot = match asked.slot {
         Some(slot) => slot.index(),
         None => 1 - robot.lead()?,
     };
     let request = Request::Admit { role: SlotRole::ALL[robot.index], slot: name_of(slot) };
-    let sentence = client::send(bus, MOTOR_IO, &request)?;
+    let sentence = client::send(link, MOTOR_IO, &request)?;
     Ok(Output::accepted(sentence))
 }
 

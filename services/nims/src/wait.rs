@@ -1,7 +1,8 @@
 //! `--wait` of `nims goto` and `nims run`: follows a mission to its end, which decides the exit code.
 
 use crate::progress::Progress;
-use bus::{Bus, Subscriber, clock};
+use bus::clock;
+use client::{RobotLink, Samples};
 use command::{Answer, Failure, StopFlag};
 use messages::{MotorAuthority, PlanStatus, text_of};
 use robot_state::sentences::faults_of;
@@ -26,8 +27,8 @@ enum Stage {
 
 /// Follows a mission from before its request.
 pub struct Follower {
-    plans: Subscriber<PlanStatus>,
-    authority: Subscriber<MotorAuthority>,
+    plans: Samples<PlanStatus>,
+    authority: Samples<MotorAuthority>,
     stop: StopFlag,
 }
 
@@ -36,8 +37,8 @@ impl Follower {
     ///
     /// # Errors
     /// The channels cannot be opened.
-    pub fn begin(bus: &Bus) -> Answer<Self> {
-        let (plans, authority) = (bus.subscriber("plan/status")?, bus.subscriber("motor/authority")?);
+    pub fn begin(link: &RobotLink) -> Answer<Self> {
+        let (plans, authority) = (link.subscriber("plan/status")?, link.subscriber("motor/authority")?);
         Ok(Self { plans, authority, stop: command::stop_flag()? })
     }
 

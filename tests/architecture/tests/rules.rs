@@ -59,6 +59,7 @@ fn dependencies_point_one_way() {
         ("messages", &[]),
         ("evidence", &[]),
         ("bus", &["messages"]),
+        ("gateway-protocol", &["messages"]),
         // configuration types use the mathematics
         ("config", &["messages", "cable-robot"]),
         ("segments", &["messages", "cable-robot"]),
@@ -68,7 +69,7 @@ fn dependencies_point_one_way() {
         // an error wraps the errors of the layers below
         ("command", &["bus", "runlog", "messages", "config", "cable-robot"]),
         // a reader of numbers makes their sentences
-        ("client", &["bus", "messages", "config", "cable-robot", "command", "robot-state"]),
+        ("client", &["bus", "messages", "config", "cable-robot", "command", "robot-state", "gateway-protocol"]),
         ("runlog", &["messages"]),
         ("plot", &["command"]),
         ("georeference", &["messages", "config", "cable-robot", "survey"]),

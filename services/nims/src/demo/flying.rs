@@ -8,6 +8,7 @@ use bus::clock;
 use command::{Answer, Failure};
 use messages::{MotorAuthority, NodeEstimate, PlanStatus, Request, text_of};
 use robot_state::sentences::mode_name;
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// How long a request is repeated while the robot is not ready for it: the drives connect and the estimate settles.
@@ -32,12 +33,12 @@ const RESUMABLE_FAULTS: u32 = MotorAuthority::FAULT_LONG_GAP
 pub fn fly(robot: &mut Robot, mission: &MissionText, start: &[f64; 3], planned_s: f64) -> Answer {
     send_until_accepted(robot, client::MOTOR_IO, &Request::Arm)?;
     send_until_accepted(robot, client::MOTOR_IO, &Request::ZeroAt { position_m: *start })?;
-    let mut estimates = robot.bus().subscriber::<NodeEstimate>("node/estimate/a")?;
+    let mut estimates = robot.link().subscriber::<NodeEstimate>("node/estimate/a")?;
     wait(robot, SETTLE, "the estimator published no valid position", |_| {
         Ok(estimates.latest()?.is_some_and(|estimate| estimate.valid == 1))
     })?;
-    let mut plans = robot.bus().subscriber::<PlanStatus>("plan/status")?;
-    let request = mission.request(robot.bus(), false)?;
+    let mut plans = robot.link().subscriber::<PlanStatus>("plan/status")?;
+    let request = mission.request(&run_of(robot)?, false)?;
     send_until_accepted(robot, client::PLANNER, &request)?;
 
     let mut shown = Progress::begin();
@@ -98,7 +99,7 @@ impl Resumes {
     fn resume(&mut self, robot: &mut Robot) {
         let faults = robot.authority().map(|authority| authority.faults & RESUMABLE_FAULTS);
         let Some(faults) = faults.filter(|bits| *bits != 0) else { return };
-        if let Err(refusal) = client::send(robot.bus(), client::MOTOR_IO, &Request::Resume) {
+        if let Err(refusal) = client::send(robot.link(), client::MOTOR_IO, &Request::Resume) {
             self.refused = Some(refusal.to_string());
             return;
         }
@@ -163,11 +164,17 @@ impl TimeLimits {
     }
 }
 
+/// The run folder.
+fn run_of(robot: &Robot) -> Answer<PathBuf> {
+    let running = robot.link().running()?;
+    running.map(|running| running.run).ok_or_else(|| Failure::NotNow("the supervisor has ended".to_owned()))
+}
+
 /// Repeats a request until it is accepted: just after the start a process may not be ready for it.
 fn send_until_accepted(robot: &mut Robot, process: &str, request: &Request) -> Answer {
     let give_up = clock::now_ns() + SETTLE.as_nanos() as u64;
     loop {
-        match client::send(robot.bus(), process, request) {
+        match client::send(robot.link(), process, request) {
             Ok(_) => return Ok(()),
             Err(failure) if clock::now_ns() >= give_up => return Err(failure),
             Err(_) => {

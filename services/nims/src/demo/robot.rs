@@ -1,8 +1,8 @@
 //! The robot of the demonstration: starts a supervisor, monitors its processes, and ends it.
 
 use crate::programs::sibling;
-use bus::{Bus, Domain, Participant, Subscriber, clock};
-use client::{Running, SUPERVISOR};
+use bus::{Bus, Domain, Participant, clock};
+use client::{RobotLink, Running, SUPERVISOR, Samples};
 use command::{Answer, Failure, StopFlag};
 use messages::{Heartbeat, MotorAuthority, ProcessState, text_of};
 use serde_json::Value;
@@ -49,11 +49,11 @@ pub struct Ending {
 pub struct Robot {
     child: Child,
     stdin: Option<ChildStdin>,
-    bus: Bus,
+    link: RobotLink,
     stop: StopFlag,
-    authority: Subscriber<MotorAuthority>,
+    authority: Samples<MotorAuthority>,
     last_authority: Option<MotorAuthority>,
-    table: Subscriber<ProcessState>,
+    table: Samples<ProcessState>,
     rows: BTreeMap<String, ProcessState>,
 }
 
@@ -75,20 +75,20 @@ impl Robot {
         while Running::read(&domain).is_none_or(|running| running.pid != child.id()) {
             wait_for_start(&mut child, &stop)?;
         }
-        let bus = Bus::join_as(&domain, NAME, Participant::Command)?;
-        let mut beats = bus.subscriber::<Heartbeat>(&format!("system/heartbeat/{SUPERVISOR}"))?;
+        let link = RobotLink::from(Bus::join_as(&domain, NAME, Participant::Command)?);
+        let mut beats = link.subscriber::<Heartbeat>(&format!("system/heartbeat/{SUPERVISOR}"))?;
         let ready = |beat: &Heartbeat| beat.state == Heartbeat::STATE_READY;
         let own = child.id();
         while beats.latest()?.is_none_or(|beat| beat.pid != own || !ready(&beat)) {
             wait_for_start(&mut child, &stop)?;
         }
-        let (authority, table) = (bus.subscriber("motor/authority")?, bus.subscriber("system/process")?);
-        Ok(Self { child, stdin, bus, stop, authority, last_authority: None, table, rows: BTreeMap::new() })
+        let (authority, table) = (link.subscriber("motor/authority")?, link.subscriber("system/process")?);
+        Ok(Self { child, stdin, link, stop, authority, last_authority: None, table, rows: BTreeMap::new() })
     }
 
-    /// The bus of its domain.
-    pub fn bus(&self) -> &Bus {
-        &self.bus
+    /// The way to it.
+    pub fn link(&self) -> &RobotLink {
+        &self.link
     }
 
     /// Newest state of motor-io.
@@ -134,8 +134,8 @@ impl Robot {
     /// # Errors
     /// The supervisor gave no answer.
     pub fn end(self, because: &str) -> Answer<Ending> {
-        let Self { mut child, stdin, bus, authority, table, .. } = self;
-        drop((authority, table, bus));
+        let Self { mut child, stdin, link, authority, table, .. } = self;
+        drop((authority, table, link));
         if let Some(mut stdin) = stdin {
             // The write fails if the supervisor has already ended.
             let _ = stdin.write_all(because.as_bytes());

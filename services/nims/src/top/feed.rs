@@ -1,8 +1,8 @@
 //! Fills snapshots from the bus.
 
 use super::snapshot::{ChannelRow, Recording, Scale, Snapshot};
-use bus::{Bus, Domain, Participant, Subscriber, clock};
-use client::Running;
+use bus::{Participant, clock};
+use client::{Place, RobotLink, Samples};
 use command::Answer;
 use messages::{
     ControlStatus, Heartbeat, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
@@ -10,10 +10,8 @@ use messages::{
 };
 use std::collections::BTreeMap;
 
-/// The name under which `nims top` joins a domain.
-const NAME: &str = "nims-top";
 /// Participants that only observe: if a domain has no others, no robot runs in it.
-const OBSERVERS: [&str; 2] = [NAME, "nims-command"];
+const OBSERVERS: [&str; 2] = ["nims-command", "gateway"];
 /// Time between two checks whether the robot still runs, ns.
 const CHECK_NS: u64 = 1_000_000_000;
 /// Number of rows over which a rate is averaged. The recorder publishes one row per channel and second; an average over
@@ -22,8 +20,7 @@ const RATE_ROWS: usize = 4;
 
 /// Subscriptions to everything that `nims top` shows, with the newest sample of each.
 pub struct Feed {
-    bus: Bus,
-    domain: Domain,
+    link: RobotLink,
     run: String,
     scale: Scale,
     checked_ns: u64,
@@ -33,22 +30,22 @@ pub struct Feed {
     estimate: [Newest<NodeEstimate>; SLOTS],
     control: [Newest<ControlStatus>; SLOTS],
     plan: Newest<PlanStatus>,
-    table: Subscriber<ProcessState>,
+    table: Samples<ProcessState>,
     rows: BTreeMap<String, ProcessState>,
     beats: BTreeMap<String, Newest<Heartbeat>>,
-    recorder: Subscriber<RecorderStatus>,
+    recorder: Samples<RecorderStatus>,
     channels: BTreeMap<String, ChannelCounts>,
     recording: Option<Recording>,
 }
 
 struct Newest<T: Message> {
-    subscriber: Subscriber<T>,
+    subscriber: Samples<T>,
     sample: Option<T>,
 }
 
 impl<T: Message> Newest<T> {
-    fn subscribe(bus: &Bus, channel: &str) -> Answer<Self> {
-        Ok(Self { subscriber: bus.subscriber(channel)?, sample: None })
+    fn subscribe(link: &RobotLink, channel: &str) -> Answer<Self> {
+        Ok(Self { subscriber: link.subscriber(channel)?, sample: None })
     }
 
     fn poll(&mut self) -> Answer<Option<T>> {
@@ -90,44 +87,42 @@ impl ChannelCounts {
 impl Feed {
     /// Sends a request to motor-io; returns its answer or the refusal.
     pub fn request(&self, request: &Request) -> String {
-        client::send(&self.bus, client::MOTOR_IO, request).unwrap_or_else(|refusal| refusal.to_string())
+        client::send(&self.link, client::MOTOR_IO, request).unwrap_or_else(|refusal| refusal.to_string())
     }
 
     /// Joins the domain of this name, or that of the only running robot.
     ///
     /// # Errors
     /// No robot runs, or several robots run and none is named.
-    pub fn join(name: Option<&str>) -> Answer<Self> {
-        let domain = client::domain(name)?;
-        if !is_alive(&domain) {
-            return Err(command::Failure::NotNow(format!("no robot runs in the domain `{}`", domain.name())));
+    pub fn join(place: Place<'_>) -> Answer<Self> {
+        let link = client::link_as(place, Participant::Guest)?;
+        if !is_alive(&link) {
+            return Err(command::Failure::NotNow(format!("no robot runs in the domain `{}`", link.name())));
         }
-        let bus = Bus::join_as(&domain, NAME, Participant::Guest)?;
         let slot = |kind: &str, slot: usize| format!("{kind}/{}", SLOT_NAMES[slot]);
         Ok(Self {
-            run: Running::read(&domain).map(|running| running.run.display().to_string()).unwrap_or_default(),
-            scale: scale(&bus).unwrap_or_default(),
+            run: link.running()?.map(|running| running.run.display().to_string()).unwrap_or_default(),
+            scale: scale(&link).unwrap_or_default(),
             checked_ns: clock::now_ns(),
-            authority: Newest::subscribe(&bus, "motor/authority")?,
-            state: Newest::subscribe(&bus, "motor/state")?,
-            slots: Newest::subscribe(&bus, "motor/slots")?,
+            authority: Newest::subscribe(&link, "motor/authority")?,
+            state: Newest::subscribe(&link, "motor/state")?,
+            slots: Newest::subscribe(&link, "motor/slots")?,
             estimate: [
-                Newest::subscribe(&bus, &slot("node/estimate", 0))?,
-                Newest::subscribe(&bus, &slot("node/estimate", 1))?,
+                Newest::subscribe(&link, &slot("node/estimate", 0))?,
+                Newest::subscribe(&link, &slot("node/estimate", 1))?,
             ],
             control: [
-                Newest::subscribe(&bus, &slot("control/status", 0))?,
-                Newest::subscribe(&bus, &slot("control/status", 1))?,
+                Newest::subscribe(&link, &slot("control/status", 0))?,
+                Newest::subscribe(&link, &slot("control/status", 1))?,
             ],
-            plan: Newest::subscribe(&bus, "plan/status")?,
-            table: bus.subscriber("system/process")?,
+            plan: Newest::subscribe(&link, "plan/status")?,
+            table: link.subscriber("system/process")?,
             rows: BTreeMap::new(),
             beats: BTreeMap::new(),
-            recorder: bus.subscriber("recorder/status")?,
+            recorder: link.subscriber("recorder/status")?,
             channels: BTreeMap::new(),
             recording: None,
-            domain,
-            bus,
+            link,
         })
     }
 
@@ -138,7 +133,7 @@ impl Feed {
             return true;
         }
         self.checked_ns = now;
-        is_alive(&self.domain)
+        is_alive(&self.link)
     }
 
     /// Receives new samples and returns a snapshot.
@@ -154,7 +149,7 @@ impl Feed {
                 continue;
             }
             if row.pid != 0 && !self.beats.contains_key(&name) {
-                self.beats.insert(name.clone(), Newest::subscribe(&self.bus, &format!("system/heartbeat/{name}"))?);
+                self.beats.insert(name.clone(), Newest::subscribe(&self.link, &format!("system/heartbeat/{name}"))?);
             }
             self.rows.insert(name, row);
         }
@@ -182,7 +177,7 @@ impl Feed {
         Ok(Snapshot {
             answer: String::new(),
             now_ns: clock::now_ns(),
-            domain: Some(self.domain.name().to_owned()),
+            domain: Some(self.link.name().to_owned()),
             waiting: String::new(),
             run: self.run.clone(),
             scale: self.scale,
@@ -203,14 +198,14 @@ impl Feed {
     }
 }
 
-fn is_alive(domain: &Domain) -> bool {
-    domain.alive().iter().any(|node| !OBSERVERS.contains(&node.name.as_str()))
+fn is_alive(link: &RobotLink) -> bool {
+    link.alive().is_ok_and(|alive| alive.iter().any(|node| !OBSERVERS.contains(&node.name.as_str())))
 }
 
 /// Returns the full scale from the robot file; the longest possible cable joins the two anchors that are farthest
 /// apart.
-fn scale(bus: &Bus) -> Option<Scale> {
-    let file = client::system_of(bus).ok()?.robot_file().ok()?;
+fn scale(link: &RobotLink) -> Option<Scale> {
+    let file = client::system_of(link).ok()?.robot_file().ok()?;
     let robot = file.robot().ok()?;
     let anchors = robot.anchors();
     let distances_m = anchors.iter().flat_map(|a| anchors.iter().map(move |b| (a - b).norm()));

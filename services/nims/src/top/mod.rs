@@ -7,6 +7,7 @@ mod snapshot;
 use command::{Answer, Failure};
 
 use bus::clock;
+use client::Place;
 use feed::Feed;
 use messages::Request;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -26,7 +27,7 @@ const SEARCH_NS: u64 = 1_000_000_000;
 ///
 /// # Errors
 /// Standard input or output is no terminal, or shared memory fails.
-pub fn top(domain: Option<&str>, json: bool) -> Answer {
+pub fn top(place: Place<'_>, json: bool) -> Answer {
     if json || !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
         return Err(Failure::BadInput(
             "`nims top` needs a terminal; elsewhere use `nims status` or `nims status --json`".to_owned(),
@@ -38,12 +39,12 @@ pub fn top(domain: Option<&str>, json: bool) -> Answer {
         ratatui::restore();
         Failure::NotNow(format!("cannot draw on the terminal: {error}"))
     })?;
-    let shown = show(domain, &mut terminal, &|| stop.load(Ordering::Relaxed));
+    let shown = show(place, &mut terminal, &|| stop.load(Ordering::Relaxed));
     ratatui::restore();
     shown
 }
 
-fn show(domain: Option<&str>, terminal: &mut ratatui::DefaultTerminal, stopped: &dyn Fn() -> bool) -> Answer {
+fn show(place: Place<'_>, terminal: &mut ratatui::DefaultTerminal, stopped: &dyn Fn() -> bool) -> Answer {
     let mut feed: Option<Feed> = None;
     let (mut waiting, mut searched_ns) = (String::new(), 0);
     let (mut answer, mut answered_ns) = (String::new(), 0);
@@ -54,7 +55,7 @@ fn show(domain: Option<&str>, terminal: &mut ratatui::DefaultTerminal, stopped: 
         }
         if feed.is_none() && clock::now_ns() >= searched_ns + SEARCH_NS {
             searched_ns = clock::now_ns();
-            match Feed::join(domain) {
+            match Feed::join(place) {
                 Ok(joined) => feed = Some(joined),
                 Err(failure @ Failure::BadInput(_)) => return Err(failure),
                 Err(failure) => waiting = failure.to_string(),

@@ -13,6 +13,7 @@
 use std::io;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use arrayvec::ArrayVec;
@@ -159,58 +160,102 @@ pub fn send(
     patience: Duration,
     uneasy: impl FnOnce(),
 ) -> Result<OperatorRequest, BusError> {
-    let failed = |error: io::Error| BusError::Failed {
-        channel: ESTOP_SOCKET.to_owned(),
-        what: "be sent",
-        why: error.to_string(),
-    };
-    let absent = || BusError::NoServer { process: "motor-io".to_owned(), domain: domain.name().to_owned() };
-    let mut sent = *request;
-    sign_from_memory(&mut sent);
-    let begun = sent.header.stamp_ns;
-    // An abstract name needs no space in a file system.
-    let own = SocketAddr::from_abstract_name(format!("nims-estop-{}-{:x}", sent.pid, sent.id)).map_err(failed)?;
-    let socket = UnixDatagram::bind_addr(&own).map_err(failed)?;
-    socket.set_nonblocking(true).map_err(failed)?;
-    let mut datagram = Vec::with_capacity(LONGEST);
-    datagram.extend_from_slice(&MAGIC);
-    // Another user cannot guess this number, so it cannot forge an answer of motor-io.
-    let number = secret().unwrap_or(sent.id.to_ne_bytes());
-    datagram.extend_from_slice(&number);
-    datagram.extend_from_slice(bytemuck::bytes_of(&sent));
-
-    let path = domain.root().join(ESTOP_SOCKET);
-    let after = |time: Duration| begun + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
-    let (deadline, uneasy_at, mut again_ns) = (after(timeout), after(patience), 0);
-    let (mut uneasy, mut got_through) = (Some(uneasy), false);
-    let mut bytes = [0_u8; ANSWER];
+    let mut attempt = Attempt::begin(domain, request, timeout)?;
+    let uneasy_at = attempt.after(patience);
+    let mut uneasy = Some(uneasy);
     loop {
+        if let Some(answer) = attempt.poll()? {
+            return Ok(answer);
+        }
         let now = now_ns();
-        if now >= again_ns {
-            match socket.send_to(&datagram, &path) {
-                Ok(_) => (got_through, again_ns) = (true, now + AGAIN_NS),
-                // The queue is full of other stops; try again, because this one needs an answer too.
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                Err(_) if got_through => again_ns = now + AGAIN_NS,
-                Err(_) => return Err(absent()),
-            }
-        }
-        while let Ok(length) = socket.recv(&mut bytes) {
-            if let Some(answer) = answer_in(&bytes[..length], &number) {
-                sent.put_answer(&answer);
-                return Ok(sent);
-            }
-        }
-        if now >= deadline {
-            let why = "is busy or has died";
-            return Err(BusError::NoAnswer { process: "motor-io".to_owned(), seconds: timeout.as_secs_f64(), why });
-        }
         if now >= uneasy_at
             && let Some(say) = uneasy.take()
         {
             say();
         }
         sleep_until(now + POLL_NS);
+    }
+}
+
+/// An emergency stop that is being sent, for a program that must not wait: [`Attempt::poll`] repeats it and returns its
+/// answer.
+#[derive(Debug)]
+pub struct Attempt {
+    socket: UnixDatagram,
+    path: PathBuf,
+    domain: String,
+    sent: OperatorRequest,
+    datagram: Vec<u8>,
+    number: [u8; 8],
+    timeout: Duration,
+    again_ns: u64,
+    got_through: bool,
+}
+
+impl Attempt {
+    /// Creates the socket of an attempt; the first [`Attempt::poll`] sends the stop.
+    ///
+    /// # Errors
+    /// [`BusError::Failed`] if this process cannot create a socket.
+    pub fn begin(domain: &Domain, request: &OperatorRequest, timeout: Duration) -> Result<Self, BusError> {
+        let failed = |error: io::Error| BusError::Failed {
+            channel: ESTOP_SOCKET.to_owned(),
+            what: "be sent",
+            why: error.to_string(),
+        };
+        let mut sent = *request;
+        sign_from_memory(&mut sent);
+        // An abstract name needs no space in a file system.
+        let name = format!("nims-estop-{}-{:x}", std::process::id(), sent.id);
+        let own = SocketAddr::from_abstract_name(name).map_err(failed)?;
+        let socket = UnixDatagram::bind_addr(&own).map_err(failed)?;
+        socket.set_nonblocking(true).map_err(failed)?;
+        let mut datagram = Vec::with_capacity(LONGEST);
+        datagram.extend_from_slice(&MAGIC);
+        // Another user cannot guess this number, so it cannot forge an answer of motor-io.
+        let number = secret().unwrap_or(sent.id.to_ne_bytes());
+        datagram.extend_from_slice(&number);
+        datagram.extend_from_slice(bytemuck::bytes_of(&sent));
+        let (path, domain) = (domain.root().join(ESTOP_SOCKET), domain.name().to_owned());
+        Ok(Self { socket, path, domain, sent, datagram, number, timeout, again_ns: 0, got_through: false })
+    }
+
+    fn after(&self, time: Duration) -> u64 {
+        self.sent.header.stamp_ns + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64
+    }
+
+    /// Sends the stop where that is due, and returns the answer if it has arrived; never waits.
+    ///
+    /// # Errors
+    /// As [`send`].
+    pub fn poll(&mut self) -> Result<Option<OperatorRequest>, BusError> {
+        let now = now_ns();
+        if now >= self.again_ns {
+            match self.socket.send_to(&self.datagram, &self.path) {
+                Ok(_) => (self.got_through, self.again_ns) = (true, now + AGAIN_NS),
+                // The queue is full of other stops; try again, because this one needs an answer too.
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(_) if self.got_through => self.again_ns = now + AGAIN_NS,
+                Err(_) => {
+                    let (process, domain) = ("motor-io".to_owned(), self.domain.clone());
+                    return Err(BusError::NoServer { process, domain });
+                }
+            }
+        }
+        let mut bytes = [0_u8; ANSWER];
+        while let Ok(length) = self.socket.recv(&mut bytes) {
+            if let Some(answer) = answer_in(&bytes[..length], &self.number) {
+                let mut answered = self.sent;
+                answered.put_answer(&answer);
+                return Ok(Some(answered));
+            }
+        }
+        if now >= self.after(self.timeout) {
+            let why = "is busy or has died";
+            let seconds = self.timeout.as_secs_f64();
+            return Err(BusError::NoAnswer { process: "motor-io".to_owned(), seconds, why });
+        }
+        Ok(None)
     }
 }
 

@@ -362,6 +362,12 @@ fn quality_mismatch(channel: String, why: &str, holders: String) -> BusError {
     BusError::QualityMismatch { channel, why: why.to_owned(), holders }
 }
 
+/// Returns whether a channel can have this name: at most 64 of a-z, 0-9, `_`, `-`, in words between `/`.
+#[must_use]
+pub fn is_channel_name(name: &str) -> bool {
+    service_name(name).is_ok()
+}
+
 pub(crate) fn service_name(channel: &str) -> Result<ServiceName, BusError> {
     let bad = || BusError::ChannelName { name: channel.to_owned() };
     let word = |word: &str| {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, MessagingPattern, PortFactory as _, ipc};
 use iceoryx2::service::builder::request_response::RequestResponseOpenOrCreateError;
@@ -57,6 +58,14 @@ pub struct Call<'a> {
     pub unlogged: Option<BusError>,
     active: ActiveRequest<ipc::Service, Request, (), Request, ()>,
     log: &'a mut Publisher<OperatorRequest>,
+}
+
+/// A request that was sent and has no answer yet.
+#[derive(Debug)]
+pub struct Pending {
+    port: PendingResponse<ipc::Service, Request, (), Request, ()>,
+    started_ns: u64,
+    deadline_ns: u64,
 }
 
 /// Sends requests to one process.
@@ -240,10 +249,18 @@ impl Call<'_> {
     }
 }
 
+/// The instant that lies a time after another one, ns.
+fn after(instant_ns: u64, time: Duration) -> u64 {
+    instant_ns + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64
+}
+
 impl Client {
+    /// Largest number of unanswered requests.
+    pub const AT_ONCE: usize = PENDING;
+
     /// Sends a request and waits for the answer: the same request with `answered`, `accepted` and `answer` filled in.
     ///
-    /// Fills in `header`, `pid`, `uid` and, where they are empty, `id` and `requester`.
+    /// Fills in `header` and, where they are empty, `pid` with `uid`, `id` and `requester`.
     ///
     /// # Errors
     /// [`BusError::NoServer`] at once if the process has no server, [`BusError::NoAnswer`] after `timeout` or when the
@@ -263,6 +280,28 @@ impl Client {
         patience: Duration,
         uneasy: impl FnOnce(),
     ) -> Result<OperatorRequest, BusError> {
+        let mut pending = self.begin(request, timeout)?;
+        let uneasy_at = after(pending.started_ns, patience);
+        let mut uneasy = Some(uneasy);
+        loop {
+            if let Some(answer) = self.poll(&mut pending)? {
+                return Ok(answer);
+            }
+            if now_ns() >= uneasy_at
+                && let Some(say) = uneasy.take()
+            {
+                say();
+            }
+            sleep_until(now_ns() + POLL_NS);
+        }
+    }
+
+    /// Sends a request without waiting; [`Client::poll`] returns its answer. A client has [`Client::AT_ONCE`] unanswered
+    /// requests at most. Fills in the same fields as [`Client::ask`].
+    ///
+    /// # Errors
+    /// [`BusError::NoServer`] if the process has no server, [`BusError::Failed`] with too many unanswered requests.
+    pub fn begin(&mut self, request: &OperatorRequest, timeout: Duration) -> Result<Pending, BusError> {
         let absent = || BusError::NoServer { process: self.process.clone(), domain: self.domain.clone() };
         if self.service.dynamic_config().number_of_servers() == 0 {
             return Err(absent());
@@ -271,38 +310,39 @@ impl Client {
         let mut sent = *request;
         sent.header.seq = self.asked;
         sign(&mut sent);
-        let started = sent.header.stamp_ns;
-        let pending = self
+        let started_ns = sent.header.stamp_ns;
+        let port = self
             .port
             .send_copy(ShmSample(sent))
             .map_err(|error| BusError::failed(&request_event(&self.process), "be asked", &error))?;
         let _ = self.notifier.notify();
-        if pending.number_of_server_connections() == 0 {
+        if port.number_of_server_connections() == 0 {
             return Err(absent());
         }
-        let late = |why| BusError::NoAnswer { process: self.process.clone(), seconds: timeout.as_secs_f64(), why };
-        let after = |time: Duration| started + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
-        let (deadline, uneasy_at) = (after(timeout), after(patience));
-        let mut uneasy = Some(uneasy);
-        loop {
-            match pending.receive() {
-                Ok(Some(answer)) => return Ok(answer.payload().0),
-                Ok(None) => {}
-                Err(error) => return Err(BusError::failed(&request_event(&self.process), "be answered", &error)),
-            }
-            if now_ns() >= deadline {
-                return Err(late("is busy or has died"));
-            }
-            if now_ns() >= uneasy_at
-                && let Some(say) = uneasy.take()
-            {
-                say();
-            }
-            if self.service.dynamic_config().number_of_servers() == 0 {
-                return Err(late("has ended"));
-            }
-            sleep_until(now_ns() + POLL_NS);
+        Ok(Pending { port, started_ns, deadline_ns: after(started_ns, timeout) })
+    }
+
+    /// Returns the answer to a request of this client, if it has arrived; never waits.
+    ///
+    /// # Errors
+    /// [`BusError::NoAnswer`] after the timeout or when the process has ended.
+    pub fn poll(&self, pending: &mut Pending) -> Result<Option<OperatorRequest>, BusError> {
+        let late = |why| {
+            let seconds = (pending.deadline_ns - pending.started_ns) as f64 * 1e-9;
+            BusError::NoAnswer { process: self.process.clone(), seconds, why }
+        };
+        match pending.port.receive() {
+            Ok(Some(answer)) => return Ok(Some(answer.payload().0)),
+            Ok(None) => {}
+            Err(error) => return Err(BusError::failed(&request_event(&self.process), "be answered", &error)),
         }
+        if now_ns() >= pending.deadline_ns {
+            return Err(late("is busy or has died"));
+        }
+        if self.service.dynamic_config().number_of_servers() == 0 {
+            return Err(late("has ended"));
+        }
+        Ok(None)
     }
 
     /// Ends this client without withdrawing its unanswered requests: a suspended process still receives them when it

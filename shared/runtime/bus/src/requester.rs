@@ -13,7 +13,8 @@ const USERS: &str = "/etc/passwd";
 /// Name of the user of this process, after the first look-up.
 static NAME: OnceLock<String> = OnceLock::new();
 
-/// Fills in the fields of a request that is sent now: time, process, user, and, if they are empty, user name and id.
+/// Fills in the fields of a request that is sent now: time, and, if they are empty, process, user, user name and id. A
+/// request that is passed on for another process keeps that process and its user.
 pub(crate) fn sign(request: &mut OperatorRequest) {
     if request.requester[0] == 0 {
         put_text(&mut request.requester, NAME.get_or_init(|| user_name(geteuid().as_raw())));
@@ -25,8 +26,9 @@ pub(crate) fn sign(request: &mut OperatorRequest) {
 pub(crate) fn sign_from_memory(request: &mut OperatorRequest) {
     let now = now_ns();
     (request.header.stamp_ns, request.header.oldest_input_ns) = (now, now);
-    request.pid = std::process::id();
-    request.uid = geteuid().as_raw();
+    if request.pid == 0 {
+        (request.pid, request.uid) = (std::process::id(), geteuid().as_raw());
+    }
     if request.requester[0] == 0 {
         match NAME.get() {
             Some(name) => put_text(&mut request.requester, name),
@@ -73,5 +75,9 @@ mod tests {
         let id = request.id;
         sign(&mut request);
         assert_eq!((text_of(&request.requester).as_str(), request.id), ("planner", id));
+        let mut passed_on = OperatorRequest { pid: 7, uid: 1000, ..OperatorRequest::default() };
+        put_text(&mut passed_on.requester, "ada");
+        sign(&mut passed_on);
+        assert_eq!((passed_on.pid, passed_on.uid, text_of(&passed_on.requester).as_str()), (7, 1000, "ada"));
     }
 }

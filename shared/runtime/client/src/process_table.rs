@@ -1,8 +1,8 @@
 //! A request to the supervisor, followed on the process table until it has taken effect.
 
-use crate::requests::SUPERVISOR;
-use crate::robot::ask;
-use bus::{Bus, clock};
+use crate::link::RobotLink;
+use crate::robot::SUPERVISOR;
+use bus::clock;
 use command::{Answer, Failure};
 use messages::{ProcessState, Request, text_of};
 
@@ -16,11 +16,11 @@ const SETTLED_NS: u64 = 300_000_000;
 ///
 /// # Errors
 /// No supervisor, refused, or the change failed or timed out.
-pub fn follow(bus: &Bus, asked: &Request, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
-    let mut table = bus.subscriber::<ProcessState>("system/process")?;
-    let mut waiter = bus.waiter(&["system/process"])?;
+pub fn follow(link: &RobotLink, asked: &Request, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
+    let mut table = link.subscriber::<ProcessState>("system/process")?;
+    let mut waiter = link.waiter(&["system/process"])?;
     let asked_ns = clock::now_ns();
-    let answer = ask(bus, SUPERVISOR, asked)?;
+    let answer = link.ask(SUPERVISOR, asked)?;
     let sentence = Failure::unless_accepted(&answer)?;
     let give_up = clock::now_ns() + PATIENCE_NS;
     loop {

@@ -2,15 +2,21 @@
 
 use bus::{Bus, Domain, Participant};
 use command::{Answer, Failure};
-use messages::{
-    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES,
-    blended_estimate, put_sentence,
-};
+use messages::{OperatorRequest, Request, put_sentence};
 use robot_state::Reason;
-use robot_state::answers::detail;
+use robot_state::answers::{Detail, detail};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// Process that moves the robot.
+pub const MOTOR_IO: &str = "motor-io";
+/// Process that plans missions and single moves.
+pub const PLANNER: &str = "planner";
+/// Virtual motor box, which makes faults on request.
+pub const VIRTUAL_BOX: &str = "motor-box";
+/// Process that starts and ends the others; the name under which the supervisor joins the domain.
+pub const SUPERVISOR: &str = "nims";
 
 /// Longest wait for an answer: motor-io answers once per cycle, the planner checks a whole mission first.
 pub const ANSWER: Duration = Duration::from_secs(10);
@@ -52,7 +58,7 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
         return match domain {
             Some(domain) if !domain.alive().is_empty() => Ok(domain),
             _ if is_closed(Path::new(name)) => Err(Failure::NotNow(format!(
-                "the domain `{name}` belongs to another user: command its robot as that user (sudo -u USER nims ..), see docs/access.md"
+                "the domain `{name}` belongs to another user: use its gateway, see docs/access.md"
             ))),
             _ => Err(Failure::NotNow(format!(
                 "no robot runs in the domain `{name}`: start it with `nims up SYSTEM.toml`"
@@ -88,12 +94,14 @@ pub fn join_as(name: Option<&str>, party: Participant) -> Answer<Bus> {
     Ok(Bus::join_as(&domain(name)?, "nims-command", party)?)
 }
 
-/// Sends a request to a process and waits for its answer.
+/// What the supervisor of this domain runs.
 ///
 /// # Errors
-/// A text that a request cannot hold; the process does not run, or does not answer.
-pub fn ask(bus: &Bus, process: &str, request: &Request) -> Answer<OperatorRequest> {
-    Ok(bus.client(process)?.ask(&sample(request)?, ANSWER)?)
+/// The supervisor left no record of the run.
+pub fn running(bus: &Bus) -> Answer<Running> {
+    Running::read(bus.domain()).ok_or_else(|| {
+        Failure::NotNow(format!("the robot in the domain `{}` was not started by `nims up`", bus.domain().name()))
+    })
 }
 
 /// An emergency stop without an answer warns after this time.
@@ -102,7 +110,7 @@ const UNEASY: Duration = Duration::from_secs(1);
 const HARDWARE_STOP: &str = "use the hardware stop";
 
 /// Returns the domain as [`domain`] does, but prefers one in which motor-io receives emergency stops.
-fn listening(name: Option<&str>) -> Answer<Domain> {
+pub(crate) fn listening(name: Option<&str>) -> Answer<Domain> {
     let found = match name {
         Some(name) => Domain::existing(name)?.into_iter().collect(),
         None => Domain::all(),
@@ -119,102 +127,29 @@ fn listening(name: Option<&str>) -> Answer<Domain> {
 ///
 /// # Errors
 /// motor-io does not run, or does not answer.
-pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
+pub(crate) fn emergency_stop(domain: &Domain) -> Answer<String> {
     let helped = |error: bus::BusError| Failure::NotNow(format!("{error}; {HARDWARE_STOP}"));
     let (body, origin) = (Request::Estop.body(), OperatorRequest::ORIGIN_ESTOP);
     let request = OperatorRequest { body, origin, ..OperatorRequest::default() };
-    let answer = bus::estop::send(&listening(name)?, &request, ANSWER, UNEASY, || {
+    let answer = bus::estop::send(domain, &request, ANSWER, UNEASY, || {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });
     let mut answer = answer.map_err(helped)?;
-    let sentence = Reason::from_request(&answer).map(|reason| reason.sentence());
-    let sentence = sentence.unwrap_or_else(|| {
-        detail(format_args!(
-            "motor-io answered with number {}, which this program does not know; look whether the robot stands",
-            answer.reason
-        ))
-    });
+    let sentence = sentence_of_stop(&answer);
     put_sentence(&mut answer.answer, &sentence);
     Failure::unless_accepted(&answer)
 }
 
-/// Returns the newest estimate in charge that arrives within `patience`.
-///
-/// # Errors
-/// A channel cannot be opened.
-pub fn estimate(bus: &Bus, patience: Duration) -> Answer<Option<NodeEstimate>> {
-    let mut authority = bus.subscriber::<MotorAuthority>("motor/authority")?;
-    let [a, b] = SLOT_NAMES.map(|slot| format!("node/estimate/{slot}"));
-    let mut estimates = [bus.subscriber::<NodeEstimate>(&a)?, bus.subscriber::<NodeEstimate>(&b)?];
-    let (mut newest, mut said) = ([None; 2], None);
-    let deadline = bus::clock::now_ns() + patience.as_nanos() as u64;
-    let mut waiter = bus.waiter(&[&a, &b])?;
-    loop {
-        for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
-            *newest = estimates.latest()?.or(*newest);
-        }
-        said = authority.latest()?.or(said);
-        let late = bus::clock::now_ns() >= deadline;
-        if late || (said.is_some() && newest.iter().any(Option::is_some)) {
-            return Ok(blended_estimate(said.as_ref(), [newest[0].as_ref(), newest[1].as_ref()], Rule::History));
-        }
-        waiter.wait_until(Some(deadline))?;
-    }
-}
-
-/// The recorder publishes its status every second; after this time without one it counts as failed, ns.
-const RECORDER_NS: u64 = 2_500_000_000;
-
-/// Returns why nothing is being recorded; `None` while recording.
-///
-/// # Errors
-/// The channel cannot be opened.
-pub fn unrecorded(bus: &Bus) -> Answer<Option<String>> {
-    let mut rows = bus.subscriber::<RecorderStatus>("recorder/status")?;
-    let deadline = bus::clock::now_ns() + RECORDER_NS;
-    let mut waiter = bus.waiter(&["recorder/status"])?;
-    loop {
-        // A sample of the history may be older than the failure of the recorder.
-        let row = rows.latest()?.filter(|row| row.header.stamp_ns + RECORDER_NS > bus::clock::now_ns());
-        if let Some(row) = row {
-            return Ok(unrecorded_of(&row));
-        }
-        if bus::clock::now_ns() >= deadline {
-            return Ok(Some("the recorder does not run or hangs; see nims status".to_owned()));
-        }
-        waiter.wait_until(Some(deadline))?;
-    }
-}
-
-/// Returns why a recorder with this status records nothing.
+/// Returns the sentence of an answer to an emergency stop, which comes without it.
 #[must_use]
-pub fn unrecorded_of(row: &RecorderStatus) -> Option<String> {
-    let reason = messages::text_of(&row.reason);
-    match row.state {
-        RecorderStatus::STATE_RECORDING => None,
-        _ if !reason.is_empty() => Some(reason),
-        RecorderStatus::STATE_DISK_FULL => Some("the disk is full".to_owned()),
-        _ => Some("the recorder cannot write".to_owned()),
-    }
-}
-
-/// Returns the newest sample of a channel that arrives within `patience`.
-///
-/// # Errors
-/// The channel cannot be opened.
-pub fn newest<T: Message>(bus: &Bus, channel: &str, patience: Duration) -> Answer<Option<T>> {
-    let mut subscriber = bus.subscriber::<T>(channel)?;
-    let deadline = bus::clock::now_ns() + patience.as_nanos() as u64;
-    let mut waiter = bus.waiter(&[channel])?;
-    loop {
-        if let Some(sample) = subscriber.latest()? {
-            return Ok(Some(sample));
-        }
-        if bus::clock::now_ns() >= deadline {
-            return Ok(None);
-        }
-        waiter.wait_until(Some(deadline))?;
-    }
+pub fn sentence_of_stop(answer: &OperatorRequest) -> Detail {
+    let sentence = Reason::from_request(answer).map(|reason| reason.sentence());
+    sentence.unwrap_or_else(|| {
+        detail(format_args!(
+            "motor-io answered with number {}, which this program does not know; look whether the robot stands",
+            answer.reason
+        ))
+    })
 }
 
 /// The sample that carries a request of a command.

@@ -1,6 +1,6 @@
 //! Checks of whole files: of values that depend on each other. The sections state what else each key accepts.
 
-use super::{RobotFile, SystemFile, logger, motor_io, names, process};
+use super::{RobotFile, SystemFile, gateway, logger, motor_io, names, process};
 use crate::Problem;
 use crate::number::number;
 
@@ -51,6 +51,7 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     file.planner.check(&robot.robot)?;
     file.recorder.check_ranges("recorder")?;
     file.viewer.check_ranges("viewer")?;
+    gateway::check(&file.gateway)?;
     logger::check(&file.sensor_logger)?;
     file.realtime.check_ranges("realtime")?;
     process::check(&file.process)

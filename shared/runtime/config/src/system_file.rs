@@ -1,8 +1,8 @@
 //! The system file: processes, drives, control rate and parameters of a robot.
 
 use super::{
-    ArbiterSection, ControllerSection, EstimatorSection, MotorBoxTable, MotorIoSection, PlannerSection, ProcessSection,
-    RealtimeSection, RecorderSection, SensorLoggerSection, ViewerSection,
+    ArbiterSection, ControllerSection, EstimatorSection, GatewaySection, MotorBoxTable, MotorIoSection, PlannerSection,
+    ProcessSection, RealtimeSection, RecorderSection, SensorLoggerSection, ViewerSection,
 };
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -41,6 +41,9 @@ pub struct SystemFile {
     /// The live view.
     #[serde(default)]
     pub viewer: ViewerSection,
+    /// Roles of users who reach the robot through the gateway.
+    #[serde(default)]
+    pub gateway: GatewaySection,
     /// Storage of sensor readings and live maps.
     #[serde(default)]
     pub sensor_logger: SensorLoggerSection,

@@ -23,6 +23,7 @@ extern crate self as messages;
 mod channels;
 mod config;
 pub mod faults;
+mod hexadecimal;
 mod live;
 mod message;
 mod motion;

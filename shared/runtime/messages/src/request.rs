@@ -1,6 +1,7 @@
 //! Requests: the enum that programs use, and its conversion to and from the sample that travels.
 
 use arrayvec::ArrayVec;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::request_sample::{OperatorRequest, RequestBody};
@@ -8,7 +9,8 @@ use crate::slot::{Slot, SlotRole};
 use crate::{CABLES, put_text};
 
 /// Shape of the path of a single move.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "shape", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum GotoPath {
     /// A straight line.
     Line,
@@ -29,7 +31,10 @@ pub enum GotoPath {
 /// assert_eq!(Request::decode(&jog.encode()?)?, jog);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+///
+/// As JSON: `{"verb": "jog", "cable": 2, "distance_m": -0.05}`; the hash of a mission in hexadecimal digits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "verb", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Request {
     /// motor-io: switches the drives on.
     Arm,
@@ -99,8 +104,10 @@ pub enum Request {
         /// Name of the mission.
         mission: String,
         /// SHA-256 of its text.
+        #[serde(with = "crate::hexadecimal")]
         hash: [u8; 32],
         /// Flies the rest of a mission that was interrupted.
+        #[serde(default)]
         continues: bool,
     },
     /// Virtual motor box, or a process of a robot with virtual drives: causes a fault. The text is parsed there.
@@ -136,6 +143,7 @@ pub enum Request {
         /// Program and arguments.
         command: Vec<String>,
         /// Replaces a process of that name.
+        #[serde(default)]
         replace: bool,
     },
     /// supervisor: ends a plugged process and removes it from the table.

@@ -1,9 +1,12 @@
 //! Roles with two slots.
 
+use serde::{Deserialize, Serialize};
+
 use crate::{CONTROLLERS, ESTIMATORS, SLOT_NAMES};
 
 /// A role with two slots.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum SlotRole {
     /// Position and motion to velocities.
     Controller,
@@ -26,7 +29,8 @@ impl SlotRole {
 }
 
 /// One of the two slots of a role: a process can be swapped for the one in the other slot while both run.
-#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Slot {
     /// First slot.
     #[default]

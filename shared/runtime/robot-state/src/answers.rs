@@ -335,6 +335,23 @@ answers! {
     402 FaultInvalid { why: Detail } BAD_INPUT, "{why}";
     403 FaultFailed { fault: Detail, why: Detail } REFUSED, "the fault \"{fault}\" was not made: {why}";
 
+    // the gateway
+    450 NotPermitted { verb: Detail, needs: Detail, user: Detail, has: Detail } REFUSED, "{user} may not {verb}: it needs the role {needs}, and {user} has the role {has}; ask the person who runs this robot";
+    451 OwnerOnly { verb: Detail, user: Detail } REFUSED, "{user} may not {verb} through the gateway: only the robot's user and root may; for a program, declare it as a [[process]] of the system file and start it with nims start";
+    452 NoRobotRuns { robot: Detail } REFUSED, "no robot runs here: the gateway of {robot} waits for the next start; start it with its service, or with nims up";
+    453 GatewayBusy { most: usize } REFUSED, "{most} requests are unanswered already; wait for their answers, then try again";
+    454 ConnectionsFull { most: usize } REFUSED, "the gateway has {most} connections already; close one, then try again";
+    455 RobotUnreached { why: Detail } REFUSED, "{why}";
+    456 NotAsked { why: Detail } BAD_INPUT, "{why}";
+    457 NotACall { why: Detail } BAD_INPUT, "the gateway cannot read this: {why}";
+    458 OtherProtocol { given: u64, spoken: u32 } BAD_INPUT, "the gateway's protocol has version {spoken}, and the client speaks version {given}; use the nims of the same installation";
+    459 TokenInvalid REFUSED, "the token is unknown, or it was revoked; ask the person who runs this robot for a new one";
+    460 MissionMissing BAD_INPUT, "the text of the mission is missing, or is not the one of the hash; send it with the request";
+    461 NoFinishedRun { run: Detail } BAD_INPUT, "there is no finished run \"{run}\" here; nims runs lists them";
+    462 NoRunFile { run: Detail, file: Detail } BAD_INPUT, "the run \"{run}\" has no file \"{file}\"; the list of its files has their names";
+    463 DiskRefused { why: Detail } REFUSED, "{why}";
+    464 TooManySubscriptions { most: usize } REFUSED, "a connection has at most {most} subscriptions; end one, then try again";
+
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.
     500 LeftUnfinished { mission: Detail } REFUSED, "mission \"{mission}\" was left unfinished; nims run with --continue flies the rest";

@@ -1,6 +1,6 @@
 //! Lengths of a running robot, in place of typed ones.
 
-use client::{join, newest, system_of};
+use client::{Place, link, newest, system_of};
 use command::{Answer, Failure};
 use messages::MotorState;
 use std::time::Duration;
@@ -25,9 +25,9 @@ pub struct CapturedLengths {
 /// # Errors
 /// No robot runs, or its lengths cannot be used now.
 pub fn capture(domain: Option<&str>) -> Answer<CapturedLengths> {
-    let bus = join(domain)?;
-    let counts_per_m = system_of(&bus)?.motor_io.counts_per_m;
-    let state = newest::<MotorState>(&bus, "motor/state", PATIENCE)?
+    let link = link(Place { domain, ..Place::default() })?;
+    let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
+    let state = newest::<MotorState>(&link, "motor/state", PATIENCE)?
         .ok_or_else(|| Failure::NotNow("the robot publishes no lengths; `nims status` says why".to_owned()))?;
     lengths(&state, counts_per_m).map_err(Failure::NotNow)
 }

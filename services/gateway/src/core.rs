@@ -1,0 +1,507 @@
+//! The decisions of the gateway: bytes, peers and answers in, actions out. No clock, no I/O.
+
+use crate::budget::Budget;
+use crate::roles::{Peer, Role, Roles, deed, needed};
+use crate::tokens::Tokens;
+use gateway_protocol::{CALL_LIMITS, Call, Decoder, Frame, Origin, Reply, VERSION};
+use messages::{OperatorRequest, Request, RequestAnswer, put_text};
+use robot_state::Reason;
+use robot_state::answers::detail;
+use std::collections::BTreeMap;
+
+/// Largest number of connections.
+pub const CONNECTIONS: usize = 160;
+/// Largest number of connections of one user. A further one takes the place of the user's longest idle one, so that a
+/// stop always finds a place.
+pub const CONNECTIONS_OF_A_USER: usize = 32;
+/// Largest number of unanswered calls of a connection; stops are not counted.
+pub const UNANSWERED: usize = 8;
+/// Largest number of subscriptions of a connection.
+pub const SUBSCRIPTIONS: usize = 64;
+/// Calls of a connection per second, and in a burst; stops pass beyond them.
+const CALLS_PER_S: f64 = 100.0;
+const BURST: f64 = 200.0;
+/// Time in which a connection has to send `hello`, ns.
+const HELLO_NS: u64 = 10_000_000_000;
+
+/// Number of a connection, never used twice.
+pub type ClientId = u64;
+/// Number of a call that the process carries out, never used twice.
+pub type Ticket = u64;
+
+/// What happened.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// A client has connected.
+    Connected {
+        /// Its number.
+        client: ClientId,
+        /// Its process.
+        peer: Peer,
+    },
+    /// Bytes have arrived.
+    Received {
+        /// From this client.
+        client: ClientId,
+        /// The bytes.
+        bytes: &'a [u8],
+    },
+    /// A connection was closed.
+    Gone {
+        /// The client.
+        client: ClientId,
+    },
+    /// A call was carried out.
+    Answered {
+        /// Its number.
+        ticket: Ticket,
+        /// The reply, whose `id` is filled in here.
+        reply: Done,
+    },
+    /// Some time has passed.
+    Tick,
+}
+
+/// Result of a call.
+#[derive(Debug)]
+pub enum Done {
+    /// The robot's or the gateway's answer.
+    Answer(Box<RequestAnswer>),
+    /// Another reply, with its body and perhaps a descriptor.
+    Reply(Box<Reply>, Vec<u8>, Option<std::os::fd::OwnedFd>),
+}
+
+/// What the process has to do.
+#[derive(Debug)]
+pub enum Action {
+    /// Send a reply.
+    Send {
+        /// To this client.
+        client: ClientId,
+        /// The reply.
+        reply: Reply,
+        /// The body of its frame.
+        body: Vec<u8>,
+        /// A descriptor that goes with it.
+        descriptor: Option<std::os::fd::OwnedFd>,
+    },
+    /// Close a connection after what was sent to it.
+    Close {
+        /// The client.
+        client: ClientId,
+    },
+    /// Send a request to a process of the robot.
+    Ask {
+        /// Its number.
+        ticket: Ticket,
+        /// Name of the process.
+        process: String,
+        /// The request with its sender.
+        request: Box<OperatorRequest>,
+        /// The text of a mission, to be stored before.
+        mission: Option<String>,
+    },
+    /// Send an emergency stop.
+    Estop {
+        /// Its number.
+        ticket: Ticket,
+        /// The request with its sender.
+        request: Box<OperatorRequest>,
+    },
+    /// Find something out.
+    Look {
+        /// Its number.
+        ticket: Ticket,
+        /// What.
+        what: Question,
+    },
+    /// Subscribe a client to a channel.
+    Subscribe {
+        /// The client.
+        client: ClientId,
+        /// Number of the subscription.
+        id: u64,
+        /// Name of the channel.
+        channel: String,
+        /// Largest number of samples per second.
+        rate_hz: Option<f64>,
+    },
+    /// End a subscription.
+    Unsubscribe {
+        /// The client.
+        client: ClientId,
+        /// Number of the subscription.
+        id: u64,
+    },
+    /// The tokens have changed: store them.
+    StoreTokens,
+}
+
+/// Something to find out.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Question {
+    /// Which robot runs.
+    Robot,
+    /// The files of its configuration.
+    Configuration,
+    /// Its channels.
+    Channels,
+    /// The finished runs.
+    Runs,
+    /// The files of a run.
+    Files(String),
+    /// A file of a run.
+    Open(String, String),
+}
+
+/// Who acts through a connection.
+#[derive(Debug, Clone)]
+struct Holder {
+    user: String,
+    role: Role,
+    origin: Origin,
+    by_token: bool,
+}
+
+#[derive(Debug)]
+struct Connection {
+    peer: Peer,
+    decoder: Decoder,
+    /// `None` before `hello`.
+    holder: Option<Holder>,
+    subscriptions: Vec<u64>,
+    /// Unanswered calls.
+    unanswered: usize,
+    budget: Budget,
+    since_ns: u64,
+    used_ns: u64,
+    /// Nothing is read from it any more.
+    closed: bool,
+}
+
+/// The state of the gateway.
+#[derive(Debug)]
+pub struct Core {
+    robot: String,
+    roles: Roles,
+    tokens: Tokens,
+    connections: BTreeMap<ClientId, Connection>,
+    /// The client and the `id` of each call that is being carried out; whether it counts as unanswered.
+    tickets: BTreeMap<Ticket, (ClientId, u64, bool)>,
+    last_ticket: Ticket,
+    actions: Vec<Action>,
+}
+
+impl Core {
+    /// Creates the gateway of the robot of that name.
+    #[must_use]
+    pub fn new(robot: String, roles: Roles, tokens: Tokens) -> Self {
+        let (connections, tickets) = (BTreeMap::new(), BTreeMap::new());
+        Self { robot, roles, tokens, connections, tickets, last_ticket: 0, actions: Vec::new() }
+    }
+
+    /// Returns the tokens, to store them.
+    #[must_use]
+    pub fn tokens(&self) -> &Tokens {
+        &self.tokens
+    }
+
+    /// Evaluates an event; returns what has to be done, in this order.
+    pub fn step(&mut self, now_ns: u64, event: Event<'_>) -> Vec<Action> {
+        match event {
+            Event::Connected { client, peer } => self.connect(now_ns, client, peer),
+            Event::Received { client, bytes } => self.receive(now_ns, client, bytes),
+            Event::Gone { client } => {
+                self.connections.remove(&client);
+            }
+            Event::Answered { ticket, reply } => self.answered(ticket, reply),
+            Event::Tick => {
+                let late = |one: &Connection| one.holder.is_none() && now_ns >= one.since_ns + HELLO_NS;
+                let late: Vec<_> =
+                    self.connections.iter().filter(|(_, one)| late(one)).map(|(client, _)| *client).collect();
+                late.into_iter().for_each(|client| self.close(client));
+            }
+        }
+        std::mem::take(&mut self.actions)
+    }
+
+    fn connect(&mut self, now_ns: u64, client: ClientId, peer: Peer) {
+        let uid = peer.uid;
+        let connection = Connection {
+            peer,
+            decoder: Decoder::new(CALL_LIMITS),
+            holder: None,
+            subscriptions: Vec::new(),
+            unanswered: 0,
+            budget: Budget::new(CALLS_PER_S, BURST, now_ns),
+            since_ns: now_ns,
+            used_ns: now_ns,
+            closed: false,
+        };
+        let of_user = self.connections.values().filter(|one| one.peer.uid == uid && !one.closed).count();
+        self.connections.insert(client, connection);
+        if of_user >= CONNECTIONS_OF_A_USER {
+            let idle = self
+                .connections
+                .iter()
+                .filter(|(id, one)| **id != client && one.peer.uid == uid && one.unanswered == 0 && !one.closed);
+            let longest = idle.min_by_key(|(id, one)| (one.holder.is_some(), one.used_ns, **id)).map(|(id, _)| *id);
+            self.refuse_and_close(longest.unwrap_or(client), Reason::ConnectionsFull { most: CONNECTIONS_OF_A_USER });
+        } else if self.connections.len() > CONNECTIONS {
+            self.refuse_and_close(client, Reason::ConnectionsFull { most: CONNECTIONS });
+        }
+    }
+
+    fn receive(&mut self, now_ns: u64, client: ClientId, bytes: &[u8]) {
+        let Some(connection) = self.connections.get_mut(&client).filter(|one| !one.closed) else { return };
+        connection.used_ns = now_ns;
+        connection.decoder.push(bytes);
+        loop {
+            let Some(connection) = self.connections.get_mut(&client).filter(|one| !one.closed) else { return };
+            match connection.decoder.next_frame() {
+                Ok(None) => return,
+                Ok(Some(frame)) => self.frame(now_ns, client, frame),
+                Err(error) => self.refuse_and_close(client, Reason::NotACall { why: detail(error) }),
+            }
+        }
+    }
+
+    fn frame(&mut self, now_ns: u64, client: ClientId, frame: Frame) {
+        let call = match Call::read(&frame.header) {
+            Ok(call) => call,
+            Err(why) => return self.refuse_and_close(client, Reason::NotACall { why: detail(why) }),
+        };
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        let Some(holder) = connection.holder.clone() else { return self.hello(client, call) };
+        let id = call.id();
+        let (within, unanswered) = (connection.budget.spend(now_ns), connection.unanswered);
+        match call {
+            Call::Ask { request, process, .. } => {
+                let urgent = needed(&request) == Role::Stop;
+                if !urgent && (!within || unanswered >= UNANSWERED) {
+                    return self.refuse(client, id, Reason::GatewayBusy { most: UNANSWERED });
+                }
+                self.ask(client, id, &holder, (request, process), frame.body);
+            }
+            _ if !within || unanswered >= UNANSWERED => {
+                self.refuse(client, id, Reason::GatewayBusy { most: UNANSWERED });
+            }
+            Call::Hello { .. } => {
+                self.refuse_and_close(client, Reason::NotACall { why: detail("`hello` was sent twice") });
+            }
+            other => self.other_call(client, &holder, other),
+        }
+    }
+
+    fn hello(&mut self, client: ClientId, call: Call) {
+        let Call::Hello { version, origin, token } = call else {
+            return self.refuse_and_close(client, Reason::NotACall { why: detail("the first call is not `hello`") });
+        };
+        if version != VERSION {
+            return self.refuse_and_close(client, Reason::OtherProtocol { given: version.into(), spoken: VERSION });
+        }
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        let by_token = token.is_some();
+        let (user, role) = match token.map(|secret| self.tokens.of(&secret)) {
+            None => (connection.peer.user.clone(), self.roles.of(&connection.peer)),
+            Some(Some((name, role))) => (name, role),
+            Some(None) => return self.refuse_and_close(client, Reason::TokenInvalid),
+        };
+        connection.holder = Some(Holder { user: user.clone(), role, origin, by_token });
+        let (robot, role) = (self.robot.clone(), role.name().to_owned());
+        self.send(client, Reply::Welcome { version: VERSION, robot, user, role });
+    }
+
+    fn ask(&mut self, client: ClientId, id: u64, holder: &Holder, asked: (Request, Option<String>), body: Vec<u8>) {
+        let (request, process) = asked;
+        let needs = needed(&request);
+        if holder.role < needs {
+            let (verb, user) = (detail(deed(&request)), detail(&holder.user));
+            let (needs_word, has) = (detail(needs.name()), detail(holder.role.name()));
+            return self.refuse(
+                client,
+                id,
+                match needs {
+                    Role::Owner => Reason::OwnerOnly { verb, user },
+                    _ => Reason::NotPermitted { verb, needs: needs_word, user, has },
+                },
+            );
+        }
+        let Some(process) = process_of(&request, process.as_deref()) else {
+            let why = detail("no process has this name and takes this request; leave the process out");
+            return self.refuse(client, id, Reason::NotAsked { why });
+        };
+        let mission = match &request {
+            Request::Run { hash, .. } => match String::from_utf8(body) {
+                Ok(text) if config::mission_hash(&text) == *hash => Some(text),
+                _ => return self.refuse(client, id, Reason::MissionMissing),
+            },
+            _ => None,
+        };
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        let peer = &connection.peer;
+        let mut sample = match request.encode() {
+            Ok(sample) => sample,
+            Err(error) => return self.refuse(client, id, Reason::NotAsked { why: detail(error) }),
+        };
+        (sample.pid, sample.uid) = (peer.pid, peer.uid);
+        (sample.role, sample.origin) = (holder.role.number(), holder.origin.number());
+        put_text(&mut sample.requester, &holder.user);
+        let counts = needs != Role::Stop;
+        connection.unanswered += usize::from(counts);
+        let ticket = self.ticket(client, id, counts);
+        let request = Box::new(sample);
+        self.actions.push(match sample.body.verb {
+            messages::RequestBody::VERB_ESTOP => Action::Estop { ticket, request },
+            _ => Action::Ask { ticket, process, request, mission },
+        });
+    }
+
+    fn other_call(&mut self, client: ClientId, holder: &Holder, call: Call) {
+        let id = call.id();
+        let what = match call {
+            Call::Robot { .. } => Question::Robot,
+            Call::Configuration { .. } => Question::Configuration,
+            Call::Channels { .. } => Question::Channels,
+            Call::Runs { .. } => Question::Runs,
+            Call::Files { run, .. } => Question::Files(run),
+            Call::Open { run, file, .. } => Question::Open(run, file),
+            Call::Subscribe { channel, rate_hz, .. } => return self.subscribe(client, id, channel, rate_hz),
+            Call::Unsubscribe { subscription, .. } => {
+                let Some(connection) = self.connections.get_mut(&client) else { return };
+                connection.subscriptions.retain(|one| *one != subscription);
+                self.actions.push(Action::Unsubscribe { client, id: subscription });
+                return self.send(client, Reply::Done { id });
+            }
+            Call::TokenAdd { .. } | Call::TokenList { .. } | Call::TokenRevoke { .. } => {
+                return self.token_call(client, holder, call);
+            }
+            // They were carried out before.
+            Call::Hello { .. } | Call::Ask { .. } => return,
+        };
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        connection.unanswered += 1;
+        let ticket = self.ticket(client, id, true);
+        self.actions.push(Action::Look { ticket, what });
+    }
+
+    fn subscribe(&mut self, client: ClientId, id: u64, channel: String, rate_hz: Option<f64>) {
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        if connection.subscriptions.len() >= SUBSCRIPTIONS {
+            return self.refuse(client, id, Reason::TooManySubscriptions { most: SUBSCRIPTIONS });
+        }
+        if rate_hz.is_some_and(|rate_hz| !(rate_hz.is_finite() && rate_hz > 0.0)) {
+            let why = detail("rate_hz is not above 0; leave it out, or give samples per second");
+            return self.refuse(client, id, Reason::NotAsked { why });
+        }
+        if !bus::is_channel_name(&channel) {
+            let why = detail(format_args!("`{channel}` is no name of a channel; `channels` lists them"));
+            return self.refuse(client, id, Reason::NotAsked { why });
+        }
+        if connection.subscriptions.contains(&id) {
+            let why = detail(format_args!("a subscription has the number {id} already; give another one"));
+            return self.refuse(client, id, Reason::NotAsked { why });
+        }
+        connection.subscriptions.push(id);
+        // First, so that no sample comes before it.
+        self.send(client, Reply::Done { id });
+        self.actions.push(Action::Subscribe { client, id, channel, rate_hz });
+    }
+
+    fn token_call(&mut self, client: ClientId, holder: &Holder, call: Call) {
+        let id = call.id();
+        if holder.role < Role::Owner {
+            let (verb, user) = (detail("manage tokens"), detail(&holder.user));
+            return self.refuse(client, id, Reason::OwnerOnly { verb, user });
+        }
+        let changed = match call {
+            Call::TokenAdd { name, role, .. } => {
+                self.tokens.add(&name, &role).map(|secret| Reply::Token { id, secret })
+            }
+            Call::TokenRevoke { name, .. } => self.tokens.revoke(&name).map(|()| {
+                self.close_holders(&name);
+                Reply::Done { id }
+            }),
+            _ => return self.send(client, Reply::Tokens { id, tokens: self.tokens.rows() }),
+        };
+        match changed {
+            Ok(reply) => {
+                self.actions.push(Action::StoreTokens);
+                self.send(client, reply);
+            }
+            Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
+        }
+    }
+
+    /// Closes the connections of a token that was revoked.
+    fn close_holders(&mut self, name: &str) {
+        let by_it = |one: &Connection| one.holder.as_ref().is_some_and(|holder| holder.by_token && holder.user == name);
+        let held: Vec<_> = self.connections.iter().filter(|(_, one)| by_it(one)).map(|(client, _)| *client).collect();
+        held.into_iter().for_each(|client| self.refuse_and_close(client, Reason::TokenInvalid));
+    }
+
+    fn answered(&mut self, ticket: Ticket, done: Done) {
+        let Some((client, id, counts)) = self.tickets.remove(&ticket) else { return };
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        connection.unanswered -= usize::from(counts && connection.unanswered > 0);
+        let (reply, body, descriptor) = match done {
+            Done::Answer(answer) => (Reply::answer(id, &answer), Vec::new(), None),
+            Done::Reply(reply, body, descriptor) => (reply.with_id(id), body, descriptor),
+        };
+        self.actions.push(Action::Send { client, reply, body, descriptor });
+    }
+
+    fn ticket(&mut self, client: ClientId, id: u64, counts: bool) -> Ticket {
+        self.last_ticket += 1;
+        self.tickets.insert(self.last_ticket, (client, id, counts));
+        self.last_ticket
+    }
+
+    fn send(&mut self, client: ClientId, reply: Reply) {
+        self.actions.push(Action::Send { client, reply, body: Vec::new(), descriptor: None });
+    }
+
+    fn refuse(&mut self, client: ClientId, id: u64, reason: Reason) {
+        self.send(client, Reply::answer(id, &reason.answer()));
+    }
+
+    fn refuse_and_close(&mut self, client: ClientId, reason: Reason) {
+        self.refuse(client, 0, reason);
+        self.close(client);
+    }
+
+    fn close(&mut self, client: ClientId) {
+        if let Some(connection) = self.connections.get_mut(&client) {
+            connection.closed = true;
+        }
+        self.actions.push(Action::Close { client });
+    }
+
+    /// Returns the user and the role of a client, for the log.
+    #[must_use]
+    pub fn described(&self, ticket: Ticket) -> Option<(&str, Role)> {
+        let (client, ..) = self.tickets.get(&ticket)?;
+        let holder = self.connections.get(client)?.holder.as_ref()?;
+        Some((&holder.user, holder.role))
+    }
+}
+
+/// Returns the process that carries a request out; `None` if the client names another one.
+fn process_of(request: &Request, named: Option<&str>) -> Option<String> {
+    const OUTPUTS: [&str; 4] = ["controller", "controller-b", "estimator", "estimator-b"];
+    let of = match request {
+        Request::Goto { .. } | Request::Run { .. } => client::PLANNER,
+        Request::StartProcess { .. }
+        | Request::StopProcess { .. }
+        | Request::RestartProcess { .. }
+        | Request::Plug { .. }
+        | Request::Unplug { .. }
+        | Request::Set { .. } => client::SUPERVISOR,
+        Request::Fault { .. } => match named {
+            Some(named) if OUTPUTS.contains(&named) => return Some(named.to_owned()),
+            _ => client::VIRTUAL_BOX,
+        },
+        _ => client::MOTOR_IO,
+    };
+    named.is_none_or(|named| named == of).then(|| of.to_owned())
+}

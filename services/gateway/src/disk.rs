@@ -1,0 +1,125 @@
+//! What touches the disk, on a thread of its own: a disk can block for seconds, and a stop must not wait for it.
+
+use crate::core::{Done, Ticket};
+use crate::runs;
+use gateway_protocol::{FileRow, Reply};
+use robot_state::Reason;
+use robot_state::answers::detail;
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+
+/// Largest number of waiting jobs.
+const WAITING: usize = 64;
+/// Largest configuration of a robot, bytes; that of the examples has 20 kB.
+const CONFIGURATION: u64 = 4 << 20;
+
+/// A job of the disk.
+#[derive(Debug)]
+pub(crate) enum Job {
+    /// Lists the finished runs; with the folder of the present run.
+    Runs(Option<PathBuf>),
+    /// Lists the files of a run.
+    Files(Option<PathBuf>, String),
+    /// Opens a file of a run.
+    Open(Option<PathBuf>, String, String),
+    /// Reads the configuration of a run.
+    Configuration(PathBuf),
+    /// Stores the text of a mission in a run.
+    Mission(PathBuf, String),
+}
+
+/// A finished job.
+#[derive(Debug)]
+pub(crate) enum Outcome {
+    /// The call is carried out.
+    Done(Ticket, Done),
+    /// The mission of this call is stored, and its request can be sent.
+    Stored(Ticket),
+}
+
+/// The thread.
+pub(crate) struct Disk {
+    jobs: SyncSender<(Ticket, Job)>,
+    outcomes: Receiver<Outcome>,
+    waiting: usize,
+}
+
+impl Disk {
+    /// Starts the thread for the runs in this folder.
+    pub(crate) fn start(runs: PathBuf) -> std::io::Result<Self> {
+        let (jobs, todo) = sync_channel(WAITING);
+        let (done, outcomes) = channel();
+        std::thread::Builder::new().name("disk".to_owned()).spawn(move || work(&runs, &todo, &done))?;
+        Ok(Self { jobs, outcomes, waiting: 0 })
+    }
+
+    /// Begins a job; false if too many wait.
+    pub(crate) fn begin(&mut self, ticket: Ticket, job: Job) -> bool {
+        let begun = self.jobs.try_send((ticket, job)).is_ok();
+        self.waiting += usize::from(begun);
+        begun
+    }
+
+    /// Returns a finished job, if there is one.
+    pub(crate) fn poll(&mut self) -> Option<Outcome> {
+        let outcome = self.outcomes.try_recv().ok()?;
+        self.waiting -= 1;
+        Some(outcome)
+    }
+
+    /// Returns whether jobs are being done.
+    pub(crate) fn is_busy(&self) -> bool {
+        self.waiting > 0
+    }
+}
+
+fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<Outcome>) {
+    while let Ok((ticket, job)) = jobs.recv() {
+        let reply = |reply| Done::Reply(Box::new(reply), Vec::new(), None);
+        let refused = |reason: Reason| Done::Answer(Box::new(reason.answer()));
+        let no_run = |run: &str| refused(Reason::NoFinishedRun { run: detail(run) });
+        let outcome = match job {
+            Job::Mission(run, text) => match config::store_mission(&run, &text) {
+                Ok(_) => Outcome::Stored(ticket),
+                Err(error) => Outcome::Done(ticket, refused(Reason::DiskRefused { why: detail(error) })),
+            },
+            Job::Runs(present) => {
+                Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs: runs::list(folder, present.as_deref()) }))
+            }
+            Job::Files(present, run) => {
+                let files = runs::files(folder, present.as_deref(), &run);
+                Outcome::Done(ticket, files.map_or_else(|| no_run(&run), |files| reply(Reply::Files { id: 0, files })))
+            }
+            Job::Open(present, run, name) => {
+                let file = runs::files(folder, present.as_deref(), &run).map(|files| find(files, &name));
+                Outcome::Done(
+                    ticket,
+                    match file {
+                        None => no_run(&run),
+                        Some(None) => refused(Reason::NoRunFile { run: detail(&run), file: detail(&name) }),
+                        Some(Some(file)) => match runs::open(folder, &run, &file) {
+                            Ok((descriptor, bytes)) => {
+                                Done::Reply(Box::new(Reply::Opened { id: 0, bytes }), Vec::new(), Some(descriptor))
+                            }
+                            Err(error) => refused(Reason::DiskRefused { why: detail(format_args!("{name}: {error}")) }),
+                        },
+                    },
+                )
+            }
+            Job::Configuration(run) => Outcome::Done(
+                ticket,
+                match runs::configuration(&run, CONFIGURATION) {
+                    Ok((files, body)) => Done::Reply(Box::new(Reply::Configuration { id: 0, files }), body, None),
+                    Err(why) => refused(Reason::DiskRefused { why: detail(why) }),
+                },
+            ),
+        };
+        if done.send(outcome).is_err() {
+            return;
+        }
+    }
+}
+
+fn find(files: Vec<FileRow>, name: &str) -> Option<FileRow> {
+    files.into_iter().find(|file| file.name == name)
+}

@@ -1,0 +1,32 @@
+//! The gateway: the one way by which operators who are not the robot's user reach the robot.
+//!
+//! It runs as the robot's user, beside the supervisor and independent of it. It owns a Unix socket, knows the user and
+//! the group of each client from the kernel, and carries out what the client's role permits. `docs/gateway.md` has the
+//! protocol, `docs/access.md` the roles.
+//!
+//! Invariants:
+//! * [`core::Core`] decides everything and is pure: bytes, peers and answers in, actions out. No bytes make it panic.
+//! * Everything that a client can fill is bounded: frames, calls, subscriptions, connections, waiting bytes. Nothing
+//!   that a client does or leaves undone delays another client for longer than one pass.
+//! * Requests that stop the robot have their own places on the bus, taken when the robot is joined. An emergency stop
+//!   needs none.
+//! * A client is no process of the robot's user: it starts no program of its own choice, and no name from it is opened
+//!   as a path.
+//! * The recorded request names the user at the other end of the connection, not the gateway.
+#![forbid(unsafe_code)]
+
+mod budget;
+pub mod core;
+mod disk;
+mod hub;
+mod outbox;
+mod robot;
+pub mod roles;
+mod runs;
+mod server;
+pub mod settings;
+mod socket;
+pub mod tokens;
+mod users;
+
+pub use server::Server;

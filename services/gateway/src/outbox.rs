@@ -1,0 +1,74 @@
+//! What waits to be sent to a client: bounded, and a descriptor goes with the first byte of its frame.
+
+use rustix::io::Errno;
+use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg};
+use std::collections::VecDeque;
+use std::io::IoSlice;
+use std::mem::MaybeUninit;
+use std::os::fd::{AsFd, OwnedFd};
+
+/// Bytes of waiting samples beyond which further ones are left out.
+pub(crate) const SAMPLES: usize = 512 << 10;
+/// Waiting bytes beyond which nothing is read from the client: it first has to take its replies.
+pub(crate) const PAUSED: usize = 256 << 10;
+
+#[derive(Debug)]
+struct Piece {
+    bytes: Vec<u8>,
+    sent: usize,
+    descriptor: Option<OwnedFd>,
+}
+
+/// The queue of a client.
+#[derive(Debug, Default)]
+pub(crate) struct Outbox {
+    pieces: VecDeque<Piece>,
+    waiting: usize,
+}
+
+impl Outbox {
+    /// Adds a frame.
+    pub(crate) fn push(&mut self, bytes: Vec<u8>, descriptor: Option<OwnedFd>) {
+        self.waiting += bytes.len();
+        self.pieces.push_back(Piece { bytes, sent: 0, descriptor });
+    }
+
+    /// Returns whether a sample of that size may be added.
+    pub(crate) fn has_room(&self, bytes: usize) -> bool {
+        self.waiting == 0 || self.waiting + bytes <= SAMPLES
+    }
+
+    /// Returns the number of waiting bytes.
+    pub(crate) fn waiting(&self) -> usize {
+        self.waiting
+    }
+
+    /// Sends as much as the socket takes.
+    ///
+    /// # Errors
+    /// The connection is broken.
+    pub(crate) fn send(&mut self, socket: impl AsFd) -> Result<(), Errno> {
+        while let Some(piece) = self.pieces.front_mut() {
+            let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
+            let mut attached = SendAncillaryBuffer::new(&mut space);
+            let descriptors = piece.descriptor.as_ref().map(|descriptor| [descriptor.as_fd()]);
+            if let Some(descriptors) = &descriptors {
+                attached.push(SendAncillaryMessage::ScmRights(descriptors));
+            }
+            let rest = IoSlice::new(&piece.bytes[piece.sent..]);
+            match sendmsg(&socket, &[rest], &mut attached, SendFlags::DONTWAIT | SendFlags::NOSIGNAL) {
+                Ok(sent) => {
+                    piece.descriptor = None;
+                    piece.sent += sent;
+                    self.waiting -= sent;
+                    if piece.sent == piece.bytes.len() {
+                        self.pieces.pop_front();
+                    }
+                }
+                Err(Errno::AGAIN | Errno::INTR) => return Ok(()),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}

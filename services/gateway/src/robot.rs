@@ -1,0 +1,348 @@
+//! The robot, while one runs: its place on the bus, requests to its processes, and its subscriptions.
+
+use crate::core::Ticket;
+use crate::hub::{Delivery, Hub};
+use bus::estop::Attempt;
+use bus::{Bus, BusError, Client, Domain, Participant, Pending};
+use client::{ANSWER, MOTOR_IO, PLANNER, Running, SUPERVISOR};
+use gateway_protocol::{ChannelRow, MemoryFigures, RobotFacts};
+use messages::{OperatorRequest, RequestAnswer, put_sentence};
+use robot_state::Reason;
+use robot_state::answers::detail;
+use rustix::process::{Pid, test_kill_process};
+use std::collections::{BTreeMap, VecDeque};
+
+/// Name under which the gateway joins the domain.
+const NAME: &str = "gateway";
+/// Time between two looks for the robot, ns.
+const LOOK_NS: u64 = 250_000_000;
+/// Largest number of requests to one process that wait for the answers to earlier ones.
+const WAITING: usize = 16;
+/// Largest number of emergency stops under way: further ones are answered when the first of them is.
+const STOPS: usize = 64;
+
+/// Requests to one process. Those that stop the robot have a client of their own, which no other request can fill.
+struct Lane {
+    client: Client,
+    pending: Vec<(Ticket, Pending)>,
+    waiting: VecDeque<(Ticket, Box<OperatorRequest>)>,
+}
+
+/// The gateway's places on the bus of a running robot.
+struct Joined {
+    /// Process id of its supervisor; another one is another life of the robot.
+    supervisor: Option<u32>,
+    /// Created first and dropped last of the two: the places reserved for a stop.
+    lanes: BTreeMap<String, Lane>,
+    members: Bus,
+    guests: Bus,
+}
+
+/// The robot of a domain, whether it runs or not.
+pub(crate) struct Robot {
+    name: String,
+    domain: String,
+    joined: Option<Joined>,
+    hub: Hub,
+    stops: Vec<(Ticket, Attempt)>,
+    /// Requests whose robot has ended before it answered.
+    orphans: Vec<Ticket>,
+    look_ns: u64,
+    /// Why the robot could not be joined, to be reported once.
+    unjoined: Option<String>,
+}
+
+/// Name of the lane of requests that stop the robot.
+const STOP_LANE: &str = "stop";
+
+impl Robot {
+    /// The robot of that name in that domain.
+    pub(crate) fn new(name: String, domain: String) -> Self {
+        let (hub, stops, orphans) = (Hub::default(), Vec::new(), Vec::new());
+        Self { name, domain, joined: None, hub, stops, orphans, look_ns: 0, unjoined: None }
+    }
+
+    /// The subscriptions.
+    pub(crate) fn hub(&mut self) -> &mut Hub {
+        &mut self.hub
+    }
+
+    /// Looks whether the robot runs, and joins or leaves it. Returns a sentence for the log if that has changed.
+    pub(crate) fn look(&mut self, now_ns: u64) -> Option<String> {
+        if now_ns < self.look_ns {
+            return None;
+        }
+        self.look_ns = now_ns + LOOK_NS;
+        let domain = Domain::existing(&self.domain).ok().flatten();
+        let alive = domain.as_ref().map(Alive::in_domain).unwrap_or_default();
+        let stays = self.joined.as_ref().is_some_and(|joined| alive.is_the_robot_of(joined.supervisor));
+        if stays || self.joined.is_none() && !alive.motor_io {
+            return None;
+        }
+        let left = self.joined.is_some();
+        self.leave();
+        let Some(domain) = domain.filter(|_| alive.motor_io) else {
+            return left.then(|| format!("{} has ended; waiting for its next start", self.name));
+        };
+        match Joined::new(&domain, alive.supervisor) {
+            Ok(joined) => {
+                (self.joined, self.unjoined) = (Some(joined), None);
+                Some(format!("{} runs", self.name))
+            }
+            Err(error) => {
+                let why = format!("{} runs, but cannot be joined: {error}", self.name);
+                (self.unjoined.replace(why.clone()).as_ref() != Some(&why)).then_some(why)
+            }
+        }
+    }
+
+    /// Leaves the robot. The last one to leave a domain removes its objects.
+    pub(crate) fn leave(&mut self) {
+        let Some(joined) = self.joined.take() else { return };
+        for lane in joined.lanes.values() {
+            self.orphans.extend(lane.pending.iter().map(|(ticket, _)| *ticket));
+            self.orphans.extend(lane.waiting.iter().map(|(ticket, _)| *ticket));
+        }
+        self.hub.detach();
+        drop(joined);
+        // The objects of a robot that has ended would otherwise remain until its next start.
+        if let Ok(Some(domain)) = Domain::existing(&self.domain)
+            && Alive::in_domain(&domain) == Alive::default()
+            && domain.alive().is_empty()
+            && let Ok(claim) = domain.claim()
+        {
+            domain.release(claim);
+        }
+    }
+
+    /// Returns whether something is under way that needs a look every few milliseconds.
+    pub(crate) fn is_busy(&self) -> bool {
+        let asked =
+            |joined: &Joined| joined.lanes.values().any(|lane| !lane.pending.is_empty() || !lane.waiting.is_empty());
+        !self.stops.is_empty() || !self.orphans.is_empty() || self.joined.as_ref().is_some_and(asked)
+    }
+
+    /// Returns what runs.
+    pub(crate) fn facts(&self) -> Option<RobotFacts> {
+        let domain = self.joined.as_ref()?.guests.domain();
+        let running = Running::read(domain)?;
+        let memory = domain.memory();
+        Some(RobotFacts {
+            domain: domain.name().to_owned(),
+            folder: domain.root().to_owned(),
+            pid: running.pid,
+            system_file: running.system_file,
+            run: running.run,
+            processes: domain.alive().into_iter().map(|node| (node.name, node.pid)).collect(),
+            memory: MemoryFigures {
+                total: memory.total,
+                free: memory.free,
+                used: memory.used,
+                unreserved: memory.unreserved,
+            },
+        })
+    }
+
+    /// Returns the run folder of the robot that runs.
+    pub(crate) fn run(&self) -> Option<std::path::PathBuf> {
+        Running::read(self.joined.as_ref()?.guests.domain()).map(|running| running.run)
+    }
+
+    /// Returns the channels.
+    ///
+    /// # Errors
+    /// No robot runs, or shared memory cannot be read.
+    pub(crate) fn channels(&self) -> Result<Vec<ChannelRow>, Box<RequestAnswer>> {
+        let joined = self.joined.as_ref().ok_or_else(|| self.absent())?;
+        let channels = joined.guests.channels().map_err(|error| failed(&error))?;
+        let row = |channel: bus::ChannelInfo| ChannelRow {
+            name: channel.name,
+            type_name: channel.type_name,
+            size_bytes: channel.size,
+            buffer: channel.buffer,
+            history: channel.history,
+            has_schema: channel.schema.is_some(),
+            processes: channel.holders.into_iter().map(|node| node.name).filter(|name| name != NAME).collect(),
+        };
+        Ok(channels.into_iter().map(row).collect())
+    }
+
+    /// The answer while no robot runs.
+    pub(crate) fn absent(&self) -> Box<RequestAnswer> {
+        Box::new(Reason::NoRobotRuns { robot: detail(&self.name) }.answer())
+    }
+
+    /// Sends a request.
+    ///
+    /// # Errors
+    /// It cannot be sent: the answer.
+    pub(crate) fn ask(
+        &mut self,
+        ticket: Ticket,
+        process: &str,
+        request: Box<OperatorRequest>,
+    ) -> Result<(), Box<RequestAnswer>> {
+        let absent = self.absent();
+        let joined = self.joined.as_mut().ok_or(absent)?;
+        let stops =
+            [messages::RequestBody::VERB_HOLD, messages::RequestBody::VERB_STOP, messages::RequestBody::VERB_PAUSE];
+        let name = if stops.contains(&request.body.verb) { STOP_LANE } else { process };
+        if !joined.lanes.contains_key(name) {
+            let client = joined.members.client(process).map_err(|error| failed(&error))?;
+            joined.lanes.insert(name.to_owned(), Lane::new(client));
+        }
+        let Some(lane) = joined.lanes.get_mut(name) else { return Ok(()) };
+        if lane.waiting.len() >= WAITING {
+            return Err(Box::new(Reason::GatewayBusy { most: WAITING }.answer()));
+        }
+        lane.waiting.push_back((ticket, request));
+        Ok(())
+    }
+
+    /// Sends an emergency stop. It needs no place on the bus, so it is sent even if the robot could not be joined.
+    ///
+    /// # Errors
+    /// It cannot be sent: the answer.
+    pub(crate) fn emergency_stop(
+        &mut self,
+        ticket: Ticket,
+        request: &OperatorRequest,
+    ) -> Result<(), Box<RequestAnswer>> {
+        let domain = Domain::existing(&self.domain).map_err(|error| failed(&error))?;
+        let Some(domain) = domain.filter(bus::estop::is_heard) else { return Err(self.absent()) };
+        if self.stops.len() >= STOPS {
+            return Err(Box::new(Reason::GatewayBusy { most: STOPS }.answer()));
+        }
+        let attempt = Attempt::begin(&domain, request, ANSWER).map_err(|error| failed(&error))?;
+        self.stops.push((ticket, attempt));
+        Ok(())
+    }
+
+    /// Returns the answers that have arrived.
+    pub(crate) fn answers(&mut self) -> Vec<(Ticket, Box<RequestAnswer>)> {
+        let absent = self.absent();
+        let mut answers: Vec<_> = self.orphans.drain(..).map(|ticket| (ticket, absent.clone())).collect();
+        self.stops.retain_mut(|(ticket, attempt)| match attempt.poll() {
+            Ok(None) => true,
+            Ok(Some(answered)) => {
+                answers.push((*ticket, stopped(&answered)));
+                false
+            }
+            Err(error) => {
+                answers.push((*ticket, failed(&error)));
+                false
+            }
+        });
+        for lane in self.joined.iter_mut().flat_map(|joined| joined.lanes.values_mut()) {
+            lane.poll(&mut answers);
+        }
+        answers
+    }
+
+    /// Returns the samples that have arrived.
+    pub(crate) fn samples(&mut self, now_ns: u64) -> Vec<Delivery> {
+        let Some(joined) = &self.joined else { return Vec::new() };
+        match self.hub.poll(&joined.guests, now_ns) {
+            Ok(deliveries) => deliveries,
+            Err(error) => {
+                // Shared memory is damaged: joined again.
+                eprintln!("gateway: {error}");
+                self.leave();
+                Vec::new()
+            }
+        }
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        self.leave();
+    }
+}
+
+impl Joined {
+    /// Joins a robot, and takes the places for stops at once.
+    fn new(domain: &Domain, supervisor: Option<u32>) -> Result<Self, BusError> {
+        let members = Bus::join_as(domain, NAME, Participant::Member)?;
+        let mut lanes = BTreeMap::new();
+        for (name, process) in
+            [(STOP_LANE, MOTOR_IO), (MOTOR_IO, MOTOR_IO), (PLANNER, PLANNER), (SUPERVISOR, SUPERVISOR)]
+        {
+            lanes.insert(name.to_owned(), Lane::new(members.client(process)?));
+        }
+        let guests = Bus::join_as(domain, NAME, Participant::Guest)?;
+        Ok(Self { supervisor, lanes, members, guests })
+    }
+}
+
+impl Lane {
+    fn new(client: Client) -> Self {
+        Self { client, pending: Vec::new(), waiting: VecDeque::new() }
+    }
+
+    fn poll(&mut self, answers: &mut Vec<(Ticket, Box<RequestAnswer>)>) {
+        let client = &self.client;
+        self.pending.retain_mut(|(ticket, pending)| match client.poll(pending) {
+            Ok(None) => true,
+            Ok(Some(answered)) => {
+                answers.push((*ticket, Box::new(answered.recorded_answer().unwrap_or_default())));
+                false
+            }
+            Err(error) => {
+                answers.push((*ticket, failed(&error)));
+                false
+            }
+        });
+        while self.pending.len() < Client::AT_ONCE
+            && let Some((ticket, request)) = self.waiting.pop_front()
+        {
+            match self.client.begin(&request, ANSWER) {
+                Ok(pending) => self.pending.push((ticket, pending)),
+                Err(error) => answers.push((ticket, failed(&error))),
+            }
+        }
+    }
+}
+
+/// Which of the two processes that keep a robot alive are running.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Alive {
+    supervisor: Option<u32>,
+    motor_io: bool,
+}
+
+impl Alive {
+    fn in_domain(domain: &Domain) -> Self {
+        let lives = |pid: u32| {
+            let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
+            pid.is_some_and(|pid| test_kill_process(pid).is_ok())
+        };
+        let supervisor = Running::read(domain).map(|running| running.pid).filter(|pid| lives(*pid));
+        let motor_io = domain.alive().iter().any(|node| node.name == MOTOR_IO && lives(node.pid));
+        Self { supervisor, motor_io }
+    }
+
+    /// Returns whether the robot that was joined with this supervisor still runs: while one of the two does, and no
+    /// other supervisor has begun.
+    fn is_the_robot_of(&self, supervisor: Option<u32>) -> bool {
+        match self.supervisor {
+            Some(pid) => supervisor == Some(pid),
+            None => self.motor_io,
+        }
+    }
+}
+
+/// The answer to an emergency stop, which comes without its sentence.
+fn stopped(answered: &OperatorRequest) -> Box<RequestAnswer> {
+    let mut answer = answered.recorded_answer().unwrap_or_default();
+    let sentence = client::sentence_of_stop(answered);
+    put_sentence(&mut answer.text, &sentence);
+    Box::new(answer)
+}
+
+/// The answer for a request that did not reach its process.
+fn failed(error: &BusError) -> Box<RequestAnswer> {
+    let why = detail(error);
+    let reason = if error.is_bad_input() { Reason::NotAsked { why } } else { Reason::RobotUnreached { why } };
+    Box::new(reason.answer())
+}

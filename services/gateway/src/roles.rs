@@ -1,0 +1,219 @@
+//! Roles: what a client may request, by its user and groups as the kernel knows them.
+
+use config::GatewaySection;
+use messages::{OperatorRequest, Request};
+
+/// Role of a client, in ascending order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Role {
+    /// May read channels, lists and finished runs.
+    Look,
+    /// May also hold and stop.
+    Stop,
+    /// May also do everything that moves the robot.
+    Fly,
+    /// The robot's user and root: may also start any program as the robot's user, and manage tokens.
+    Owner,
+}
+
+impl Role {
+    /// Every role that a token can have.
+    pub const OF_TOKENS: [Self; 3] = [Self::Look, Self::Stop, Self::Fly];
+
+    /// Name in files, replies and sentences.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Look => "look",
+            Self::Stop => "stop",
+            Self::Fly => "fly",
+            Self::Owner => "owner",
+        }
+    }
+
+    /// The role of a token of that name.
+    #[must_use]
+    pub fn of_token(name: &str) -> Option<Self> {
+        Self::OF_TOKENS.into_iter().find(|role| role.name() == name)
+    }
+
+    /// Returns `role` of [`OperatorRequest`].
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Look | Self::Stop => OperatorRequest::ROLE_OBSERVER,
+            Self::Fly => OperatorRequest::ROLE_OPERATOR,
+            Self::Owner => OperatorRequest::ROLE_ENGINEER,
+        }
+    }
+}
+
+/// The process at the other end of a connection.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Peer {
+    /// User.
+    pub uid: u32,
+    /// Group of the process.
+    pub gid: u32,
+    /// Process id.
+    pub pid: u32,
+    /// Name of the user; its number if it has none.
+    pub user: String,
+    /// Names of the user's groups and of the group of the process.
+    pub groups: Vec<String>,
+    /// Numbers of the same groups.
+    pub gids: Vec<u32>,
+}
+
+/// The configured roles.
+#[derive(Debug, Clone)]
+pub struct Roles {
+    owner_uid: u32,
+    section: GatewaySection,
+}
+
+impl Roles {
+    /// Roles for the robot of this user.
+    #[must_use]
+    pub fn new(owner_uid: u32, section: GatewaySection) -> Self {
+        Self { owner_uid, section }
+    }
+
+    /// Returns the role of a peer: that of its user if the user is listed; otherwise the robot's user and root own the
+    /// robot, and others have the highest role of their groups.
+    #[must_use]
+    pub fn of(&self, peer: &Peer) -> Role {
+        let lists =
+            [(Role::Look, &self.section.look), (Role::Stop, &self.section.stop), (Role::Fly, &self.section.fly)];
+        // The lowest role of a user who is listed twice.
+        let own = lists.iter().find(|(_, entries)| entries.iter().any(|entry| is_user(peer, entry)));
+        if let Some((role, _)) = own {
+            return *role;
+        }
+        if peer.uid == self.owner_uid || peer.uid == 0 {
+            return Role::Owner;
+        }
+        let of_group = lists.iter().rev().find(|(_, entries)| entries.iter().any(|entry| is_group(peer, entry)));
+        of_group.map_or(Role::Look, |(role, _)| *role)
+    }
+}
+
+fn is_user(peer: &Peer, entry: &str) -> bool {
+    !entry.starts_with('@') && (entry == peer.user || entry.parse() == Ok(peer.uid))
+}
+
+fn is_group(peer: &Peer, entry: &str) -> bool {
+    let Some(group) = entry.strip_prefix('@') else { return false };
+    peer.groups.iter().any(|name| name == group) || group.parse().is_ok_and(|gid| peer.gids.contains(&gid))
+}
+
+/// Returns the role that a request needs.
+#[must_use]
+pub fn needed(request: &Request) -> Role {
+    match request {
+        Request::Hold | Request::Pause | Request::Stop | Request::Estop => Role::Stop,
+        // It runs any program as the robot's user.
+        Request::Plug { .. } => Role::Owner,
+        Request::Arm
+        | Request::Disarm
+        | Request::Reset
+        | Request::ZeroAt { .. }
+        | Request::ZeroLengths { .. }
+        | Request::ConfirmPosition
+        | Request::Jog { .. }
+        | Request::Resume
+        | Request::Speed { .. }
+        | Request::Swap { .. }
+        | Request::Admit { .. }
+        | Request::Goto { .. }
+        | Request::Run { .. }
+        | Request::Fault { .. }
+        | Request::StartProcess { .. }
+        | Request::StopProcess { .. }
+        | Request::RestartProcess { .. }
+        | Request::Unplug { .. }
+        | Request::Set { .. } => Role::Fly,
+    }
+}
+
+/// What a request does, for a sentence: `ada may not arm the robot`.
+#[must_use]
+pub fn deed(request: &Request) -> &'static str {
+    match request {
+        Request::Arm => "arm the robot",
+        Request::Disarm => "disarm the robot",
+        Request::Hold | Request::Pause => "hold the robot",
+        Request::Stop | Request::Estop => "stop the robot",
+        Request::Reset => "reset the robot",
+        Request::ZeroAt { .. } | Request::ZeroLengths { .. } => "zero the robot",
+        Request::ConfirmPosition => "confirm the position",
+        Request::Jog { .. } => "jog a cable",
+        Request::Resume => "resume the motion",
+        Request::Speed { .. } => "set the speed",
+        Request::Swap { .. } | Request::Admit { .. } => "swap processes",
+        Request::Goto { .. } => "move the node",
+        Request::Run { .. } => "fly a mission",
+        Request::Fault { .. } => "cause a fault",
+        Request::StartProcess { .. } => "start a process",
+        Request::StopProcess { .. } => "stop a process",
+        Request::RestartProcess { .. } => "restart a process",
+        Request::Plug { .. } => "plug in a program",
+        Request::Unplug { .. } => "unplug a process",
+        Request::Set { .. } => "set a parameter",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn peer(uid: u32, user: &str, groups: &[&str], gids: &[u32]) -> Peer {
+        let groups = groups.iter().map(|&group| group.to_owned()).collect();
+        Peer { uid, gid: uid, pid: 1, user: user.to_owned(), groups, gids: gids.to_vec() }
+    }
+
+    fn roles(fly: &[&str], stop: &[&str], look: &[&str]) -> Roles {
+        let list = |entries: &[&str]| entries.iter().map(|&entry| entry.to_owned()).collect();
+        Roles::new(900, GatewaySection { fly: list(fly), stop: list(stop), look: list(look) })
+    }
+
+    #[test]
+    fn by_default_operators_fly_the_owner_owns_and_others_look() {
+        let roles = Roles::new(900, GatewaySection::default());
+        for (peer, role) in [
+            (peer(900, "nims", &[], &[]), Role::Owner),
+            (peer(0, "root", &[], &[]), Role::Owner),
+            (peer(1000, "ada", &["users", "nims-operators"], &[]), Role::Fly),
+            (peer(1001, "bob", &["users"], &[]), Role::Look),
+            // A user is no group, and no user has an empty name.
+            (peer(1002, "nims-operators", &[], &[]), Role::Look),
+            (peer(1003, "", &[""], &[]), Role::Look),
+        ] {
+            assert_eq!(roles.of(&peer), role, "{peer:?}");
+        }
+    }
+
+    #[test]
+    fn a_listed_user_has_that_role_and_a_group_the_highest() {
+        let roles = roles(&["@pilots", "carl"], &["@77", "1004"], &["eve", "900"]);
+        for (peer, role) in [
+            (peer(1000, "eve", &["pilots"], &[]), Role::Look),
+            (peer(1001, "ada", &["pilots"], &[77]), Role::Fly),
+            (peer(1002, "bob", &[], &[5, 77]), Role::Stop),
+            (peer(1003, "carl", &[], &[]), Role::Fly),
+            (peer(1004, "dora", &["pilots"], &[]), Role::Stop),
+            // So that the robot's user can try each role.
+            (peer(900, "nims", &["pilots"], &[]), Role::Look),
+            (peer(77, "fred", &[], &[]), Role::Look),
+        ] {
+            assert_eq!(roles.of(&peer), role, "{peer:?}");
+        }
+    }
+
+    #[test]
+    fn a_role_may_do_what_the_lower_ones_may() {
+        assert!(Role::Look < Role::Stop && Role::Stop < Role::Fly && Role::Fly < Role::Owner);
+        assert_eq!(needed(&Request::Estop), Role::Stop);
+        assert_eq!(needed(&Request::Disarm), Role::Fly);
+    }
+}

@@ -1,0 +1,315 @@
+//! The process around the core: sockets, the robot, the disk.
+
+use crate::core::{Action, ClientId, Core, Done, Event, Question, Ticket};
+use crate::disk::{Disk, Job, Outcome};
+use crate::hub::Delivery;
+use crate::outbox::{Outbox, PAUSED};
+use crate::robot::Robot;
+use crate::roles::Roles;
+use crate::settings::Settings;
+use crate::tokens::Tokens;
+use crate::{socket, users};
+use bus::clock::now_ns;
+use command::{Answer, Failure, StopFlag};
+use gateway_protocol::{Reply, encode};
+use messages::{OperatorRequest, RequestAnswer, text_of};
+use robot_state::Reason;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
+use rustix::time::Timespec;
+use std::collections::BTreeMap;
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+/// Longest wait: while the robot is looked for, while samples are passed on, and while an answer is awaited, ns.
+const IDLE_NS: u64 = 250_000_000;
+const SAMPLES_NS: u64 = 20_000_000;
+const BUSY_NS: u64 = 2_000_000;
+/// Bytes that are read from a client in one pass, so that every client has its turn.
+const PIECE: usize = 64 << 10;
+/// Time for which a closed connection may take what was sent to it, ns.
+const FAREWELL_NS: u64 = 1_000_000_000;
+
+/// The connection of a client.
+struct Client {
+    socket: OwnedFd,
+    outbox: Outbox,
+    /// Closed at this instant at the latest, earlier when everything was sent.
+    closes_ns: Option<u64>,
+    broken: bool,
+}
+
+/// The gateway.
+pub struct Server {
+    listener: OwnedFd,
+    path: PathBuf,
+    core: Core,
+    robot: Robot,
+    disk: Disk,
+    clients: BTreeMap<ClientId, Client>,
+    last_client: ClientId,
+    /// Requests whose mission is being stored.
+    missions: BTreeMap<Ticket, (String, Box<OperatorRequest>)>,
+    tokens: PathBuf,
+}
+
+impl Server {
+    /// Opens the socket.
+    ///
+    /// # Errors
+    /// Another gateway has it, or it cannot be created; the tokens cannot be read.
+    pub fn open(settings: &Settings) -> Answer<Self> {
+        let tokens = Tokens::read(&settings.tokens).map_err(Failure::NotNow)?;
+        let roles = Roles::new(rustix::process::geteuid().as_raw(), settings.section.clone());
+        Ok(Self {
+            listener: socket::listen(&settings.socket)?,
+            path: settings.socket.clone(),
+            core: Core::new(settings.name.clone(), roles, tokens),
+            robot: Robot::new(settings.name.clone(), settings.domain.clone()),
+            disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            clients: BTreeMap::new(),
+            last_client: 0,
+            missions: BTreeMap::new(),
+            tokens: settings.tokens.clone(),
+        })
+    }
+
+    /// Serves until the flag is set.
+    ///
+    /// # Errors
+    /// The sockets cannot be waited for.
+    pub fn run(&mut self, stop: &StopFlag) -> Answer {
+        eprintln!("gateway: listening on {}", self.path.display());
+        while !stop.load(Ordering::Relaxed) {
+            self.wait()?;
+            if let Some(sentence) = self.robot.look(now_ns()) {
+                eprintln!("gateway: {sentence}");
+            }
+            self.robot_answers();
+            self.disk_outcomes();
+            self.samples();
+            let actions = self.core.step(now_ns(), Event::Tick);
+            self.carry_out(actions);
+            self.send_and_close();
+        }
+        let _ = std::fs::remove_file(&self.path);
+        Ok(())
+    }
+
+    /// Waits for a client or for the next look at the robot; accepts and reads.
+    fn wait(&mut self) -> Answer {
+        let wait_ns = match () {
+            () if self.robot.is_busy() || self.disk.is_busy() => BUSY_NS,
+            () if self.robot.hub().is_used() => SAMPLES_NS,
+            () => IDLE_NS,
+        };
+        let ids: Vec<ClientId> = self.clients.keys().copied().collect();
+        let (accepts, readable) = {
+            let mut entries = vec![PollFd::new(&self.listener, PollFlags::IN)];
+            for client in self.clients.values() {
+                let mut flags = PollFlags::empty();
+                // A client that does not take its replies is not asked for more calls.
+                flags.set(PollFlags::IN, client.closes_ns.is_none() && client.outbox.waiting() < PAUSED);
+                flags.set(PollFlags::OUT, client.outbox.waiting() > 0);
+                entries.push(PollFd::new(&client.socket, flags));
+            }
+            let timeout = Timespec { tv_sec: 0, tv_nsec: wait_ns as i64 };
+            match poll(&mut entries, Some(&timeout)) {
+                Ok(_) | Err(Errno::INTR) => {}
+                Err(error) => return Err(Failure::NotNow(format!("the sockets cannot be waited for: {error}"))),
+            }
+            let ready =
+                |entry: &PollFd<'_>| entry.revents().intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR);
+            let readable: Vec<ClientId> =
+                ids.into_iter().zip(&entries[1..]).filter(|(_, entry)| ready(entry)).map(|(id, _)| id).collect();
+            (ready(&entries[0]), readable)
+        };
+        if accepts {
+            self.accept();
+        }
+        for client in readable {
+            self.read(client);
+        }
+        Ok(())
+    }
+
+    fn accept(&mut self) {
+        // A bounded number, so that those who connect do not delay those who are connected.
+        for _ in 0..crate::core::CONNECTIONS {
+            let Some((accepted, credentials)) = socket::accept(&self.listener) else { return };
+            self.last_client += 1;
+            let client = self.last_client;
+            let peer = users::peer_of(credentials.uid, credentials.gid, credentials.pid);
+            let entry = Client { socket: accepted, outbox: Outbox::default(), closes_ns: None, broken: false };
+            self.clients.insert(client, entry);
+            let actions = self.core.step(now_ns(), Event::Connected { client, peer });
+            self.carry_out(actions);
+        }
+    }
+
+    fn read(&mut self, client: ClientId) {
+        let Some(entry) = self.clients.get_mut(&client) else { return };
+        let mut bytes = vec![0; PIECE];
+        match rustix::io::read(&entry.socket, bytes.as_mut_slice()) {
+            Ok(0) => entry.broken = true,
+            Ok(length) => {
+                let actions = self.core.step(now_ns(), Event::Received { client, bytes: &bytes[..length] });
+                self.carry_out(actions);
+            }
+            Err(Errno::AGAIN | Errno::INTR) => {}
+            Err(_) => entry.broken = true,
+        }
+    }
+
+    fn carry_out(&mut self, actions: Vec<Action>) {
+        for action in actions {
+            match action {
+                Action::Send { client, reply, body, descriptor } => self.post(client, &reply, &body, descriptor),
+                Action::Close { client } => {
+                    if let Some(entry) = self.clients.get_mut(&client) {
+                        entry.closes_ns.get_or_insert(now_ns() + FAREWELL_NS);
+                    }
+                    self.robot.hub().remove(client);
+                }
+                Action::Ask { ticket, process, request, mission: None } => self.ask(ticket, &process, request),
+                Action::Ask { ticket, process, request, mission: Some(text) } => {
+                    self.ask_with_mission(ticket, process, request, text);
+                }
+                Action::Estop { ticket, request } => {
+                    if let Err(answer) = self.robot.emergency_stop(ticket, &request) {
+                        self.answer(ticket, answer);
+                    }
+                }
+                Action::Look { ticket, what } => self.look(ticket, what),
+                Action::Subscribe { client, id, channel, rate_hz } => {
+                    self.robot.hub().subscribe(client, id, channel, rate_hz);
+                }
+                Action::Unsubscribe { client, id } => self.robot.hub().unsubscribe(client, id),
+                Action::StoreTokens => {
+                    if let Err(why) = self.core.tokens().write(&self.tokens) {
+                        eprintln!("gateway: the tokens are valid until this gateway ends: {why}");
+                    }
+                }
+            }
+        }
+    }
+
+    fn ask(&mut self, ticket: Ticket, process: &str, request: Box<OperatorRequest>) {
+        if let Err(answer) = self.robot.ask(ticket, process, request) {
+            self.answer(ticket, answer);
+        }
+    }
+
+    fn ask_with_mission(&mut self, ticket: Ticket, process: String, request: Box<OperatorRequest>, text: String) {
+        let Some(run) = self.robot.run() else { return self.answer(ticket, self.robot.absent()) };
+        self.missions.insert(ticket, (process, request));
+        self.begin(ticket, Job::Mission(run, text));
+    }
+
+    fn look(&mut self, ticket: Ticket, what: Question) {
+        let reply = |reply| Done::Reply(Box::new(reply), Vec::new(), None);
+        let present = self.robot.run();
+        match what {
+            Question::Robot => self.done(ticket, reply(Reply::Robot { id: 0, robot: self.robot.facts() })),
+            Question::Channels => {
+                let channels = self.robot.channels();
+                self.done(
+                    ticket,
+                    match channels {
+                        Ok(channels) => reply(Reply::Channels { id: 0, channels }),
+                        Err(answer) => Done::Answer(answer),
+                    },
+                );
+            }
+            Question::Configuration => match present {
+                Some(run) => self.begin(ticket, Job::Configuration(run)),
+                None => self.answer(ticket, self.robot.absent()),
+            },
+            Question::Runs => self.begin(ticket, Job::Runs(present)),
+            Question::Files(run) => self.begin(ticket, Job::Files(present, run)),
+            Question::Open(run, file) => self.begin(ticket, Job::Open(present, run, file)),
+        }
+    }
+
+    fn begin(&mut self, ticket: Ticket, job: Job) {
+        if !self.disk.begin(ticket, job) {
+            self.missions.remove(&ticket);
+            let reason = Reason::GatewayBusy { most: crate::core::UNANSWERED };
+            self.answer(ticket, Box::new(reason.answer()));
+        }
+    }
+
+    fn robot_answers(&mut self) {
+        for (ticket, answer) in self.robot.answers() {
+            if let Some((user, role)) = self.core.described(ticket) {
+                eprintln!("gateway: {user} ({}): {}", role.name(), text_of(&answer.text));
+            }
+            self.answer(ticket, answer);
+        }
+    }
+
+    fn disk_outcomes(&mut self) {
+        while let Some(outcome) = self.disk.poll() {
+            match outcome {
+                Outcome::Done(ticket, done) => {
+                    self.missions.remove(&ticket);
+                    self.done(ticket, done);
+                }
+                Outcome::Stored(ticket) => {
+                    if let Some((process, request)) = self.missions.remove(&ticket) {
+                        self.ask(ticket, &process, request);
+                    }
+                }
+            }
+        }
+    }
+
+    fn samples(&mut self) {
+        for delivery in self.robot.samples(now_ns()) {
+            match delivery {
+                Delivery::Definition(client, reply) => self.post(client, &reply, &[], None),
+                Delivery::Sample(client, id, bytes, missed) => {
+                    let Some(entry) = self.clients.get_mut(&client) else { continue };
+                    if entry.closes_ns.is_some() || !entry.outbox.has_room(bytes.len()) {
+                        self.robot.hub().drop_sample(client, id);
+                        continue;
+                    }
+                    let dropped = self.robot.hub().dropped(client, id);
+                    self.post(client, &Reply::Sample { id, dropped, missed }, &bytes, None);
+                }
+            }
+        }
+    }
+
+    fn answer(&mut self, ticket: Ticket, answer: Box<RequestAnswer>) {
+        self.done(ticket, Done::Answer(answer));
+    }
+
+    fn done(&mut self, ticket: Ticket, reply: Done) {
+        let actions = self.core.step(now_ns(), Event::Answered { ticket, reply });
+        self.carry_out(actions);
+    }
+
+    fn post(&mut self, client: ClientId, reply: &Reply, body: &[u8], descriptor: Option<OwnedFd>) {
+        if let Some(entry) = self.clients.get_mut(&client).filter(|entry| entry.closes_ns.is_none()) {
+            entry.outbox.push(encode(&reply.header(), body), descriptor);
+        }
+    }
+
+    fn send_and_close(&mut self) {
+        let now = now_ns();
+        for entry in self.clients.values_mut() {
+            entry.broken |= entry.outbox.send(entry.socket.as_fd()).is_err();
+            let done = |closes_ns| now >= closes_ns || entry.outbox.waiting() == 0;
+            entry.broken |= entry.closes_ns.is_some_and(done);
+        }
+        let gone: Vec<ClientId> =
+            self.clients.iter().filter(|(_, entry)| entry.broken).map(|(client, _)| *client).collect();
+        for client in gone {
+            self.clients.remove(&client);
+            self.robot.hub().remove(client);
+            self.core.step(now, Event::Gone { client });
+        }
+    }
+}

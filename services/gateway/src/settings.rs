@@ -1,0 +1,72 @@
+//! The arguments of the gateway, and what follows from them.
+
+use command::{Answer, Failure};
+use config::{GatewaySection, SystemFile};
+use gateway_protocol::SOCKET_ENDING;
+use std::path::PathBuf;
+
+/// The way of operators who are not the robot's user to the robot.
+///
+/// Runs as the robot's user beside `nims up`, before and after it too. See docs/gateway.md.
+#[derive(Debug, clap::Parser)]
+#[command(name = "gateway", version = runtime::build::description())]
+pub struct Args {
+    /// System file of the robot: its name, its runs folder and `[gateway]`.
+    #[arg(long, value_name = "FILE")]
+    pub system: PathBuf,
+    /// Domain of the robot: a name, or the path of a folder; default: the name of the system.
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// Folder of the socket NAME.sock, or the socket itself if this ends in `.sock`; default: the runtime folder of the
+    /// service (RUNTIME_DIRECTORY), otherwise the state folder.
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// Folder in which the tokens are stored; default: the folder `state` beside the runs.
+    #[arg(long, value_name = "FOLDER")]
+    pub state: Option<PathBuf>,
+}
+
+/// What the gateway needs to know.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Name of the robot.
+    pub name: String,
+    /// Its domain.
+    pub domain: String,
+    /// The socket.
+    pub socket: PathBuf,
+    /// The folder of its runs.
+    pub runs: PathBuf,
+    /// The file of its tokens.
+    pub tokens: PathBuf,
+    /// The roles.
+    pub section: GatewaySection,
+}
+
+impl Settings {
+    /// Reads the system file.
+    ///
+    /// # Errors
+    /// It is not accepted.
+    pub fn new(args: &Args) -> Answer<Self> {
+        let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
+        let state = args.state.clone().unwrap_or_else(|| file.state_folder());
+        let folder = args.socket.clone().unwrap_or_else(|| runtime_folder().unwrap_or_else(|| state.clone()));
+        let is_socket = folder.extension().is_some_and(|ending| ending.to_string_lossy() == SOCKET_ENDING[1..]);
+        let socket = if is_socket { folder } else { folder.join(format!("{}{SOCKET_ENDING}", file.name)) };
+        Ok(Self {
+            domain: args.domain.clone().unwrap_or_else(|| file.name.clone()),
+            socket,
+            tokens: state.join(format!("tokens-{}.json", file.name)),
+            runs: file.runs,
+            name: file.name,
+            section: file.gateway,
+        })
+    }
+}
+
+/// The folder that a service manager has made for this service.
+fn runtime_folder() -> Option<PathBuf> {
+    let given = std::env::var("RUNTIME_DIRECTORY").ok()?;
+    given.split(':').next().filter(|first| !first.is_empty()).map(PathBuf::from)
+}

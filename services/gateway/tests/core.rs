@@ -1,0 +1,343 @@
+//! The core of the gateway: roles, limits and the protocol, with any bytes.
+
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use config::GatewaySection;
+use gateway::core::*;
+use gateway::roles::{Peer, Roles};
+use gateway::tokens::Tokens;
+use gateway_protocol::{Accepted, CALL_LIMITS, Call, Origin, Reply, VERSION, encode};
+use messages::{OperatorRequest, Request, RequestAnswer, RequestBody, Slot, SlotRole, text_of};
+use proptest::collection::vec;
+use proptest::prelude::*;
+use std::collections::BTreeSet;
+
+const OWNER: u32 = 900;
+const SECOND: u64 = 1_000_000_000;
+
+fn core() -> Core {
+    let list = |name: &str| vec![name.to_owned()];
+    let section = GatewaySection { fly: list("ada"), stop: list("bob"), look: list("eve") };
+    Core::new("lab".to_owned(), Roles::new(OWNER, section), Tokens::default())
+}
+
+fn peer(user: &str) -> Peer {
+    let uid = match user {
+        "nims" => OWNER,
+        other => 1000 + u32::from(other.as_bytes()[0]),
+    };
+    Peer { uid, gid: uid, pid: 7, user: user.to_owned(), groups: Vec::new(), gids: vec![uid] }
+}
+
+fn framed(call: &Call, body: &[u8]) -> Vec<u8> {
+    encode(&call.header().unwrap(), body)
+}
+
+fn hello() -> Vec<u8> {
+    framed(&Call::Hello { version: VERSION, origin: Origin::Command, token: None }, &[])
+}
+
+fn ask(id: u64, request: Request) -> Vec<u8> {
+    framed(&Call::Ask { id, request, process: None }, &[])
+}
+
+/// A client of that user that has said hello.
+fn connected(core: &mut Core, client: ClientId, user: &str) {
+    core.step(0, Event::Connected { client, peer: peer(user) });
+    let actions = core.step(0, Event::Received { client, bytes: &hello() });
+    assert!(matches!(&actions[..], [Action::Send { reply: Reply::Welcome { .. }, .. }]), "{actions:?}");
+}
+
+/// The reason of the only reply.
+fn reason(actions: &[Action]) -> u16 {
+    match actions {
+        [Action::Send { reply: Reply::Answer { reason, accepted, .. }, .. }, ..] if *accepted != Accepted::Accepted => {
+            *reason
+        }
+        _ => panic!("{actions:?}"),
+    }
+}
+
+/// One of every request.
+fn requests() -> Vec<Request> {
+    let name = || "controller".to_owned();
+    let hash = config::mission_hash("");
+    vec![
+        Request::Arm,
+        Request::Disarm,
+        Request::Hold,
+        Request::Stop,
+        Request::Estop,
+        Request::Reset,
+        Request::ZeroAt { position_m: [1.0, 2.0, 3.0] },
+        Request::ZeroLengths { lengths_m: [1.0, 2.0, 3.0].into_iter().collect() },
+        Request::ConfirmPosition,
+        Request::Jog { cable: 1, distance_m: 0.1 },
+        Request::Pause,
+        Request::Resume,
+        Request::Speed { rate: 0.5 },
+        Request::Swap { role: SlotRole::Controller, slot: Slot::B },
+        Request::Admit { role: SlotRole::Estimator, slot: Slot::A },
+        Request::Goto { to_m: [1.0, 2.0, 3.0], path: messages::GotoPath::Line, speed_m_s: None },
+        Request::Run { mission: "m".to_owned(), hash, continues: false },
+        Request::Fault { text: "stall 2".to_owned() },
+        Request::StartProcess { name: name(), slot: None, law: None },
+        Request::StopProcess { name: name() },
+        Request::RestartProcess { name: name() },
+        Request::Plug { name: name(), folder: "/".to_owned(), command: vec!["sh".to_owned()], replace: false },
+        Request::Unplug { name: name() },
+        Request::Set { key: "controller.horizon_cycles".to_owned(), value: "3".to_owned() },
+    ]
+}
+
+#[test]
+fn a_request_passes_only_with_its_role_and_names_its_user() {
+    let stops = ["hold", "stop", "estop", "pause"];
+    let verbs: BTreeSet<u8> = requests().iter().map(Request::verb).collect();
+    assert_eq!(verbs.len(), 24, "a request is missing here");
+    for (user, number) in [
+        ("eve", OperatorRequest::ROLE_OBSERVER),
+        ("zoe", OperatorRequest::ROLE_OBSERVER),
+        ("bob", OperatorRequest::ROLE_OBSERVER),
+        ("ada", OperatorRequest::ROLE_OPERATOR),
+        ("nims", OperatorRequest::ROLE_ENGINEER),
+    ] {
+        for request in requests() {
+            let mut core = core();
+            connected(&mut core, 1, user);
+            let actions = core.step(0, Event::Received { client: 1, bytes: &ask(5, request.clone()) });
+            let header = String::from_utf8_lossy(&ask(5, request.clone())).into_owned();
+            let is_stop = stops.iter().any(|stop| header.contains(&format!("\"verb\":\"{stop}\"")));
+            let may = match user {
+                "nims" => true,
+                "ada" => !matches!(request, Request::Plug { .. }),
+                "bob" => is_stop,
+                _ => false,
+            };
+            let sent = match &actions[..] {
+                [Action::Ask { request, .. }] if request.body.verb != RequestBody::VERB_ESTOP => request,
+                [Action::Estop { request, .. }] => request,
+                refused => {
+                    assert!(!may, "{user}: {request:?}: {actions:?}");
+                    assert!(matches!(reason(refused), 450 | 451));
+                    continue;
+                }
+            };
+            assert!(may, "{user}: {request:?}");
+            assert_eq!(Request::decode(sent).unwrap(), request);
+            assert_eq!((text_of(&sent.requester).as_str(), sent.uid, sent.pid), (user, peer(user).uid, 7));
+            assert_eq!((sent.role, sent.origin), (number, OperatorRequest::ORIGIN_COMMAND));
+        }
+    }
+}
+
+#[test]
+fn every_request_goes_to_the_process_that_carries_it_out() {
+    let mut core = core();
+    connected(&mut core, 1, "nims");
+    let mut seen = BTreeSet::new();
+    for (id, request) in requests().into_iter().enumerate() {
+        let (id, bytes) = (id as u64, ask(id as u64, request));
+        for action in core.step(id * SECOND, Event::Received { client: 1, bytes: &bytes }) {
+            if let Action::Ask { ticket, process, .. } = action {
+                seen.insert(process);
+                let answer = Done::Answer(Box::default());
+                core.step(0, Event::Answered { ticket, reply: answer });
+            }
+        }
+    }
+    let all = ["motor-box", "motor-io", "nims", "planner"];
+    assert_eq!(seen.iter().map(String::as_str).collect::<Vec<_>>(), all);
+    // Another process is named only for a fault of its output.
+    let fault = |process: &str| Call::Ask {
+        id: 9,
+        request: Request::Fault { text: "nan".to_owned() },
+        process: Some(process.to_owned()),
+    };
+    let mut go = |call: &Call| core.step(99 * SECOND, Event::Received { client: 1, bytes: &framed(call, &[]) });
+    assert!(matches!(&go(&fault("controller-b"))[..], [Action::Ask { process, .. }] if process == "controller-b"));
+    assert_eq!(reason(&go(&fault("planner"))), 456);
+    let arm = Call::Ask { id: 9, request: Request::Arm, process: Some("planner".to_owned()) };
+    assert_eq!(reason(&go(&arm)), 456);
+}
+
+#[test]
+fn a_mission_is_flown_only_with_its_text() {
+    let mut core = core();
+    connected(&mut core, 1, "ada");
+    let hash = config::mission_hash("name = \"low\"");
+    let run = |core: &mut Core, body: &[u8]| {
+        let request = Request::Run { mission: "low".to_owned(), hash, continues: false };
+        let call = framed(&Call::Ask { id: 1, request, process: None }, body);
+        core.step(0, Event::Received { client: 1, bytes: &call })
+    };
+    for body in [&b""[..], b"name = \"high\"", &[0xff, 0xfe]] {
+        assert_eq!(reason(&run(&mut core, body)), 460);
+    }
+    let actions = run(&mut core, b"name = \"low\"");
+    assert!(matches!(&actions[..], [Action::Ask { mission: Some(text), .. }] if text == "name = \"low\""));
+}
+
+#[test]
+fn a_stop_passes_when_nothing_else_does() {
+    let mut core = core();
+    connected(&mut core, 1, "ada");
+    let (mut passed, mut refused) = (0, 0);
+    for id in 0..1000 {
+        match &core.step(0, Event::Received { client: 1, bytes: &ask(id, Request::Reset) })[..] {
+            [Action::Ask { .. }] => passed += 1,
+            busy => {
+                assert_eq!(reason(busy), 453);
+                refused += 1;
+            }
+        }
+    }
+    assert_eq!((passed, refused), (UNANSWERED, 1000 - UNANSWERED));
+    for id in 0..1000 {
+        let stop = core.step(0, Event::Received { client: 1, bytes: &ask(id, Request::Stop) });
+        let estop = core.step(0, Event::Received { client: 1, bytes: &ask(id, Request::Estop) });
+        assert!(matches!((&stop[..], &estop[..]), ([Action::Ask { .. }], [Action::Estop { .. }])));
+    }
+}
+
+#[test]
+fn connections_are_bounded_and_a_new_one_of_a_user_takes_the_place_of_an_idle_one() {
+    let mut core = core();
+    let mut closed = BTreeSet::new();
+    for client in 1..=300 {
+        for action in core.step(client, Event::Connected { client, peer: peer("eve") }) {
+            if let Action::Close { client } = action {
+                closed.insert(client);
+                core.step(client, Event::Gone { client });
+            }
+        }
+    }
+    // The newest are left.
+    let left = CONNECTIONS_OF_A_USER as u64;
+    assert_eq!(closed.iter().copied().collect::<Vec<_>>(), (1..=300 - left).collect::<Vec<_>>());
+    // Another user is not affected.
+    connected(&mut core, 301, "ada");
+    let arm = core.step(0, Event::Received { client: 301, bytes: &ask(1, Request::Arm) });
+    assert!(matches!(arm[..], [Action::Ask { .. }]));
+}
+
+#[test]
+fn a_connection_begins_with_hello_in_time_and_of_the_same_version() {
+    let version = |version| framed(&Call::Hello { version, origin: Origin::Python, token: None }, &[]);
+    for (bytes, expected) in [
+        (ask(1, Request::Stop), 457),
+        (version(VERSION + 1), 458),
+        (version(0), 458),
+        (encode(b"{}", &[]), 457),
+        (encode(b"not json", &[]), 457),
+        (vec![0xff; 8], 457),
+    ] {
+        let mut core = core();
+        core.step(0, Event::Connected { client: 1, peer: peer("ada") });
+        let actions = core.step(0, Event::Received { client: 1, bytes: &bytes });
+        assert_eq!(reason(&actions), expected);
+        assert!(matches!(actions.last(), Some(Action::Close { client: 1 })));
+        // Nothing of a closed connection is read.
+        assert!(core.step(0, Event::Received { client: 1, bytes: &hello() }).is_empty());
+    }
+    let mut core = core();
+    core.step(0, Event::Connected { client: 1, peer: peer("ada") });
+    connected(&mut core, 2, "ada");
+    assert!(core.step(9 * SECOND, Event::Tick).is_empty());
+    assert!(matches!(core.step(10 * SECOND, Event::Tick)[..], [Action::Close { client: 1 }]));
+}
+
+#[test]
+fn a_token_gives_its_role_until_it_is_revoked() {
+    let mut core = core();
+    connected(&mut core, 1, "nims");
+    let add = Call::TokenAdd { id: 3, name: "tablet".to_owned(), role: "stop".to_owned() };
+    let actions = core.step(0, Event::Received { client: 1, bytes: &framed(&add, &[]) });
+    let [Action::StoreTokens, Action::Send { reply: Reply::Token { id: 3, secret }, .. }] = &actions[..] else {
+        panic!("{actions:?}")
+    };
+    let with = |core: &mut Core, client, secret: &str| {
+        let token = Some(secret.to_owned());
+        core.step(0, Event::Connected { client, peer: peer("eve") });
+        let bytes = framed(&Call::Hello { version: VERSION, origin: Origin::Page, token }, &[]);
+        core.step(0, Event::Received { client, bytes: &bytes })
+    };
+    assert_eq!(reason(&with(&mut core, 2, "guess")), 459);
+    let welcome = with(&mut core, 3, secret);
+    let [Action::Send { reply: Reply::Welcome { role, user, .. }, .. }] = &welcome[..] else { panic!("{welcome:?}") };
+    assert_eq!((role.as_str(), user.as_str()), ("stop", "tablet"));
+    let stop = core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Stop) });
+    let [Action::Ask { request, .. }] = &stop[..] else { panic!("{stop:?}") };
+    assert_eq!((text_of(&request.requester).as_str(), request.origin), ("tablet", OperatorRequest::ORIGIN_PAGE));
+    assert_eq!(reason(&core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Arm) })), 450);
+    // Nobody but the owner manages tokens.
+    let list = framed(&Call::TokenList { id: 1 }, &[]);
+    assert_eq!(reason(&core.step(0, Event::Received { client: 3, bytes: &list })), 451);
+    let revoke = framed(&Call::TokenRevoke { id: 4, name: "tablet".to_owned() }, &[]);
+    let revoked = core.step(0, Event::Received { client: 1, bytes: &revoke });
+    assert!(revoked.iter().any(|action| matches!(action, Action::Close { client: 3 })), "{revoked:?}");
+    assert!(core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Stop) }).is_empty());
+    assert_eq!(reason(&with(&mut core, 4, secret)), 459);
+}
+
+#[test]
+fn an_answer_reaches_its_own_client_only() {
+    let mut core = core();
+    connected(&mut core, 1, "ada");
+    connected(&mut core, 2, "ada");
+    let mut ticket_of = |client, id| match core.step(0, Event::Received { client, bytes: &ask(id, Request::Arm) })[..] {
+        [Action::Ask { ticket, .. }] => ticket,
+        ref other => panic!("{other:?}"),
+    };
+    let (first, second) = (ticket_of(1, 40), ticket_of(2, 40));
+    core.step(0, Event::Gone { client: 1 });
+    let answer = || Done::Answer(Box::new(RequestAnswer { accepted: 1, ..RequestAnswer::default() }));
+    assert!(core.step(0, Event::Answered { ticket: first, reply: answer() }).is_empty());
+    let sent = core.step(0, Event::Answered { ticket: second, reply: answer() });
+    assert!(matches!(&sent[..], [Action::Send { client: 2, reply: Reply::Answer { id: 40, .. }, .. }]), "{sent:?}");
+    assert!(core.step(0, Event::Answered { ticket: second, reply: answer() }).is_empty());
+}
+
+/// Bytes that are partly frames: random ones alone hardly ever get beyond the first length.
+fn stream() -> impl Strategy<Value = Vec<u8>> {
+    let text = "[\\x00-\\x7f]{0,60}".prop_map(|text| encode(text.as_bytes(), b"body"));
+    let json = "\\{\"call\":\"(ask|robot|open|subscribe|hello)\",\"id\":[0-9]{1,3}(,\"[a-z]{1,8}\":[0-9]{1,3}){0,3}\\}"
+        .prop_map(|text| encode(text.as_bytes(), &[]));
+    let ask = prop::sample::select(requests()).prop_map(|request| ask(1, request));
+    let piece = prop_oneof![vec(any::<u8>(), 0..40), text, json, ask, Just(hello())];
+    vec(piece, 0..12).prop_map(|pieces| pieces.concat())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_bytes_panic_or_reach_the_robot_without_a_role(
+        bytes in stream(),
+        piece in 1..200_usize,
+        greeted in any::<bool>(),
+    ) {
+        let mut core = core();
+        core.step(0, Event::Connected { client: 1, peer: peer("eve") });
+        if greeted {
+            core.step(0, Event::Received { client: 1, bytes: &hello() });
+        }
+        for bytes in bytes.chunks(piece) {
+            for action in core.step(1, Event::Received { client: 1, bytes }) {
+                let moves = matches!(action, Action::Ask { .. } | Action::Estop { .. } | Action::StoreTokens);
+                prop_assert!(!moves, "{:?}", action);
+            }
+        }
+        let left = core.step(2, Event::Gone { client: 1 });
+        prop_assert!(left.is_empty());
+    }
+
+    #[test]
+    fn a_frame_beyond_the_limits_closes_the_connection(more in 1..u32::MAX / 2) {
+        let mut core = core();
+        connected(&mut core, 1, "ada");
+        let header = (CALL_LIMITS.header as u32).saturating_add(more);
+        let actions = core.step(0, Event::Received { client: 1, bytes: &header.to_le_bytes() });
+        prop_assert_eq!(reason(&actions), 457);
+    }
+}

@@ -1,0 +1,138 @@
+//! Finding the way to a robot.
+
+use crate::link::{Gateway, RobotLink};
+use crate::robot;
+use bus::{Bus, Participant};
+use command::{Answer, Failure};
+use gateway_protocol::{SOCKET_ENDING, SOCKETS};
+use std::path::{Path, PathBuf};
+
+/// Environment variable with the socket of a gateway, as `--gateway`.
+pub const GATEWAY_VARIABLE: &str = "NIMS_GATEWAY";
+/// Name under which a command joins a domain.
+const NAME: &str = "nims-command";
+
+/// Where the robot of a command is.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Place<'a> {
+    /// Domain; `None`: that of the only running robot.
+    pub domain: Option<&'a str>,
+    /// Socket of a gateway; `None`: only where shared memory is out of reach.
+    pub gateway: Option<&'a Path>,
+}
+
+/// Returns the way to a robot: shared memory if this user can join it, otherwise its gateway.
+///
+/// # Errors
+/// No robot runs, several run and none is named, or the robot is out of reach for this user.
+pub fn link(place: Place<'_>) -> Answer<RobotLink> {
+    link_as(place, Participant::Command)
+}
+
+/// [`link`] as another party: a command that stops the robot may take every place, an observer leaves places free.
+///
+/// # Errors
+/// As [`link`].
+pub fn link_as(place: Place<'_>, party: Participant) -> Answer<RobotLink> {
+    if let Some(path) = given(place) {
+        return Ok(RobotLink::Gateway(Gateway::connect(&path)?));
+    }
+    bus::make_private();
+    let direct = robot::domain(place.domain).and_then(|domain| Ok(Bus::join_as(&domain, NAME, party)?));
+    match direct {
+        Ok(bus) => Ok(bus.into()),
+        Err(failure) => Ok(RobotLink::Gateway(gateway_for(place, failure)?)),
+    }
+}
+
+/// Returns the gateway of a robot, also if its shared memory could be joined.
+///
+/// # Errors
+/// There is none, or several and none is named.
+pub fn gateway(place: Place<'_>) -> Answer<Gateway> {
+    match given(place) {
+        Some(path) => Gateway::connect(&path),
+        None => gateway_for(place, Failure::NotNow(format!("no gateway runs here; sockets lie in {SOCKETS}"))),
+    }
+}
+
+/// Sends an emergency stop, without a place on the bus and without shared memory, or through the robot's gateway. It
+/// warns after a second without an answer, keeps trying, and leaves the request for a suspended motor-io.
+///
+/// # Errors
+/// motor-io does not run, or does not answer.
+pub fn emergency_stop(place: Place<'_>) -> Answer<String> {
+    let through = |gateway: Gateway| Failure::unless_accepted(&gateway.emergency_stop()?);
+    if let Some(path) = given(place) {
+        return through(Gateway::connect(&path)?);
+    }
+    match robot::listening(place.domain) {
+        Ok(domain) => robot::emergency_stop(&domain),
+        Err(failure) => through(gateway_for(place, failure)?),
+    }
+}
+
+fn given(place: Place<'_>) -> Option<PathBuf> {
+    let of_environment = || std::env::var_os(GATEWAY_VARIABLE).filter(|path| !path.is_empty()).map(PathBuf::from);
+    // A domain that is named on the command line is meant.
+    let unnamed = place.domain.is_none();
+    place.gateway.map(Path::to_owned).or_else(|| of_environment().filter(|_| unnamed))
+}
+
+/// Returns the gateway that stands for a robot out of reach; without one, the robot's own failure is the reason.
+fn gateway_for(place: Place<'_>, failure: Failure) -> Answer<Gateway> {
+    let sockets = sockets(Path::new(SOCKETS), place.domain);
+    let mut found = Vec::new();
+    let mut closed = None;
+    for path in &sockets {
+        match Gateway::connect(path) {
+            Ok(gateway) => found.push(gateway),
+            Err(why) => closed = Some(why),
+        }
+    }
+    match (found.pop(), found.is_empty()) {
+        (Some(only), true) => Ok(only),
+        (Some(last), false) => {
+            let names = found.iter().chain([&last]).map(|gateway| gateway.0.robot()).collect::<Vec<_>>().join(", ");
+            Err(Failure::NotNow(format!("several robots have a gateway ({names}): choose one with --domain NAME")))
+        }
+        (None, _) => Err(closed.unwrap_or(failure)),
+    }
+}
+
+/// Returns the sockets of a domain in a folder, or all of them. The domain of a service is `/run/nims-NAME`.
+fn sockets(folder: &Path, domain: Option<&str>) -> Vec<PathBuf> {
+    let wanted = domain.map(|domain| {
+        let last = domain.rsplit('/').next().unwrap_or(domain);
+        let name = if domain.starts_with('/') { last.strip_prefix("nims-").unwrap_or(last) } else { last };
+        format!("{name}{SOCKET_ENDING}")
+    });
+    let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    let is_wanted = |name: &str| name.ends_with(SOCKET_ENDING) && wanted.as_ref().is_none_or(|wanted| wanted == name);
+    let mut paths: Vec<PathBuf> =
+        names.filter(|name| name.to_str().is_some_and(is_wanted)).map(|name| folder.join(name)).collect();
+    paths.sort();
+    paths
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_service_is_found_by_its_name_and_by_its_domain() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["lab.sock", "field.sock", "notes.txt"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let of = |domain| {
+            let found = sockets(folder.path(), domain);
+            found.iter().map(|path| path.file_name().unwrap().to_str().unwrap().to_owned()).collect::<Vec<_>>()
+        };
+        assert_eq!(of(None), ["field.sock", "lab.sock"]);
+        assert_eq!(of(Some("lab")), ["lab.sock"]);
+        assert_eq!(of(Some("/run/nims-lab")), ["lab.sock"]);
+        assert_eq!(of(Some("other")), [""; 0]);
+        assert_eq!(of(Some("../lab")), ["lab.sock"]);
+    }
+}

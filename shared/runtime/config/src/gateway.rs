@@ -1,0 +1,36 @@
+//! `[gateway]`: who may do what through the gateway.
+
+use crate::Problem;
+
+crate::section! {
+    /// `[gateway]`: the roles of users who reach the robot through the gateway, see `docs/access.md`. An entry is the
+    /// name or the number of a user or, after `@`, of a group. A user who is listed has that role; otherwise the robot's
+    /// user and root may fly, then the highest role of a listed group counts, and every other user may look.
+    pub struct GatewaySection {
+        /// Users and groups that may do everything that moves the robot.
+        pub fly: Vec<String> = vec!["@nims-operators".to_owned()],
+        /// Users and groups that may hold and stop.
+        pub stop: Vec<String> = Vec::new(),
+        /// Users that may only look, although one of their groups may do more.
+        pub look: Vec<String> = Vec::new(),
+    }
+}
+
+/// Checks the entries.
+///
+/// # Errors
+/// An entry that is no name of a user or a group.
+pub(super) fn check(section: &GatewaySection) -> Result<(), Problem> {
+    let usable = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.' | b'$');
+    for (key, entries) in [("fly", &section.fly), ("stop", &section.stop), ("look", &section.look)] {
+        for entry in entries {
+            let name = entry.strip_prefix('@').unwrap_or(entry);
+            if name.is_empty() || !name.bytes().all(usable) {
+                let clause =
+                    format!("contains \"{entry}\"; accepted: the name or number of a user, or `@` and that of a group");
+                return Err(Problem::with_clause(format!("gateway.{key}"), clause));
+            }
+        }
+    }
+    Ok(())
+}

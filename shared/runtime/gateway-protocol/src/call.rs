@@ -1,0 +1,171 @@
+//! What a client sends.
+
+use messages::{OperatorRequest, Request};
+use serde::{Deserialize, Serialize};
+
+/// Kind of a client's program. The gateway records it with each request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Origin {
+    /// The command `nims`.
+    Command,
+    /// A web page.
+    Page,
+    /// A program in Python or another language.
+    Python,
+}
+
+impl Origin {
+    /// Returns `origin` of [`OperatorRequest`].
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Command => OperatorRequest::ORIGIN_COMMAND,
+            Self::Page => OperatorRequest::ORIGIN_PAGE,
+            Self::Python => OperatorRequest::ORIGIN_PYTHON,
+        }
+    }
+}
+
+/// A call of a client. The first one is [`Call::Hello`]; the reply to every other one has the same `id`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "call", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Call {
+    /// Opens the connection.
+    Hello {
+        /// [`crate::VERSION`].
+        version: u32,
+        /// Kind of the client's program.
+        origin: Origin,
+        /// Secret of a client that acts for a person, in place of the role of its own user.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        token: Option<String>,
+    },
+    /// Requests something of the robot; body: the text of the mission of `run`, otherwise empty.
+    Ask {
+        /// Number that the reply repeats.
+        id: u64,
+        /// The request.
+        request: Request,
+        /// For faults: the process that makes it; default: the virtual motor box.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        process: Option<String>,
+    },
+    /// Asks which robot runs.
+    Robot {
+        /// Number that the reply repeats.
+        id: u64,
+    },
+    /// Asks for the files of the robot's configuration.
+    Configuration {
+        /// Number that the reply repeats.
+        id: u64,
+    },
+    /// Asks for the list of channels.
+    Channels {
+        /// Number that the reply repeats.
+        id: u64,
+    },
+    /// Subscribes to a channel, which may not exist yet.
+    Subscribe {
+        /// Number of the subscription, which its samples repeat.
+        id: u64,
+        /// Name of the channel.
+        channel: String,
+        /// Largest number of samples per second; default: all that the connection can take.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        rate_hz: Option<f64>,
+    },
+    /// Ends a subscription.
+    Unsubscribe {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Number of the subscription.
+        subscription: u64,
+    },
+    /// Asks for the list of finished runs.
+    Runs {
+        /// Number that the reply repeats.
+        id: u64,
+    },
+    /// Asks for the files of a finished run.
+    Files {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of the run in the list.
+        run: String,
+    },
+    /// Asks for one of these files, as a descriptor that can only be read.
+    Open {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of the run.
+        run: String,
+        /// Name of the file in the list.
+        file: String,
+    },
+    /// Creates a token; the robot's user and root only.
+    TokenAdd {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of its holder.
+        name: String,
+        /// Role of its holder.
+        role: String,
+    },
+    /// Asks for the list of tokens, without their secrets; the robot's user and root only.
+    TokenList {
+        /// Number that the reply repeats.
+        id: u64,
+    },
+    /// Revokes a token; the robot's user and root only.
+    TokenRevoke {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of its holder.
+        name: String,
+    },
+}
+
+impl Call {
+    /// The number that the reply repeats; 0 for [`Call::Hello`].
+    #[must_use]
+    pub fn id(&self) -> u64 {
+        match self {
+            Self::Hello { .. } => 0,
+            Self::Ask { id, .. }
+            | Self::Robot { id }
+            | Self::Configuration { id }
+            | Self::Channels { id }
+            | Self::Subscribe { id, .. }
+            | Self::Unsubscribe { id, .. }
+            | Self::Runs { id }
+            | Self::Files { id, .. }
+            | Self::Open { id, .. }
+            | Self::TokenAdd { id, .. }
+            | Self::TokenList { id }
+            | Self::TokenRevoke { id, .. } => *id,
+        }
+    }
+
+    /// The JSON of the header of a frame.
+    ///
+    /// # Errors
+    /// JSON cannot hold a number of the request: NaN or an infinity.
+    pub fn header(&self) -> Result<Vec<u8>, String> {
+        let text = serde_json::to_vec(self).map_err(|error| error.to_string())?;
+        // A number that may be left out would otherwise silently be left out.
+        match Self::read(&text) {
+            Ok(read) if read == *self => Ok(text),
+            _ => Err("a number of the request is not finite; give a finite one".to_owned()),
+        }
+    }
+
+    /// Reads the header of a frame.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn read(header: &[u8]) -> Result<Self, String> {
+        serde_json::from_slice(header).map_err(|error| format!("a frame is not a call: {error}"))
+    }
+}
