@@ -51,6 +51,7 @@ mod keep_out;
 pub mod kinematics;
 pub mod limits;
 pub mod linalg;
+pub mod model_error;
 pub mod modes;
 pub mod motion;
 pub mod motor;

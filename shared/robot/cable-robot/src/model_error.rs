@@ -1,0 +1,115 @@
+//! How wrong the position of an elastic equilibrium may be, because the robot is not its model.
+//!
+//! Each source has one standard deviation in [`Uncertainty`]. Its effect is the error of the cables' lengths that it
+//! makes at a pose, and the sensitivity of the equilibrium turns lengths into positions. Lengths were set where the node
+//! was known to be, so an error counts by how much it differs from the one that it made there: a wrong scale counts by
+//! the cable that has passed since, and a wrong anchor by the angle by which its cable has turned since.
+//!
+//! To first order; independent sources. Wind, slack cables and what the operator stated wrongly are not in it.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::elastic::Equilibrium;
+use crate::modes::stiffness_n_m;
+use crate::pulley::Pulley;
+use crate::{MAX_CABLES, Robot, Uncertainty, linalg};
+
+/// Change of a pulley's radius with which the effect of its error is computed, m.
+const RADIUS_STEP_M: f64 = 1e-4;
+
+/// Sources with the same error for all cables.
+const COMMON: usize = 4;
+
+/// Errors of the cables' lengths at one pose, each by one standard deviation of its source.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LengthErrors {
+    count: usize,
+    /// Unit vector of each cable, for the errors of its anchor.
+    directions: [Vector3<f64>; MAX_CABLES],
+    /// Common to all cables, m: radius, stiffness, weight of the node, expansion.
+    common_m: [[f64; MAX_CABLES]; COMMON],
+    /// Independent for each cable, m: scale, pole.
+    scale_m: [f64; MAX_CABLES],
+    pole_m: [f64; MAX_CABLES],
+    /// Independent, with a sign that changes with the motion, m.
+    friction_m: [f64; MAX_CABLES],
+}
+
+impl Uncertainty {
+    /// Computes the errors of the lengths at an equilibrium; zero for a cable without a direction there.
+    pub fn length_errors(&self, robot: &Robot, at: &Equilibrium) -> LengthErrors {
+        let count = robot.cable_count();
+        let mut errors = LengthErrors::none(count);
+        let yields_m = self.weight_shift_m(robot, at);
+        for i in 0..count {
+            let pulley = robot.anchors().pulley(i);
+            let Ok(cable) = pulley.cable_to(&at.position) else { continue };
+            let (tension_n, total_m) = (at.tensions_n[i], cable.length_m + robot.routed_length_m()[i]);
+            let strain = robot.stiffness_n().map_or(0.0, |ea| tension_n / ea);
+            let level_sq = cable.direction.x * cable.direction.x + cable.direction.y * cable.direction.y;
+            errors.directions[i] = cable.direction;
+            errors.common_m[0][i] = self.pulley_radius_m * length_by_radius(&pulley, &at.position);
+            errors.common_m[1][i] = self.stiffness * strain * total_m;
+            errors.common_m[2][i] = self.node_weight * cable.direction.dot(&yields_m);
+            errors.common_m[3][i] = self.expansion * total_m;
+            errors.scale_m[i] = self.cable_scale * cable.length_m;
+            errors.pole_m[i] = self.pole_m_n * tension_n * level_sq;
+            errors.friction_m[i] = self.pulley_friction * strain * robot.routed_length_m()[i];
+        }
+        errors
+    }
+
+    /// Displacement of the node by its own weight while the drums stand still, m.
+    fn weight_shift_m(&self, robot: &Robot, at: &Equilibrium) -> Vector3<f64> {
+        let softness = stiffness_n_m(robot, &at.position, &at.tensions_n).and_then(|stiffness| stiffness.try_inverse());
+        softness.map_or_else(Vector3::zeros, |softness| softness * Vector3::new(0.0, 0.0, robot.net_weight_n()))
+    }
+
+    /// Covariance of the position of an equilibrium, m². `zero`: the errors where the lengths were set; `None` if that is
+    /// unknown, so that every error counts whole.
+    pub fn covariance_m2(&self, robot: &Robot, at: &Equilibrium, zero: Option<&LengthErrors>) -> Matrix3<f64> {
+        let (errors, unknown) = (self.length_errors(robot, at), LengthErrors::none(robot.cable_count()));
+        let zero = zero.filter(|zero| zero.count == errors.count).unwrap_or(&unknown);
+        let mut sum = Matrix3::zeros();
+        for (source, (here_m, there_m)) in errors.common_m.iter().zip(&zero.common_m).enumerate() {
+            let mut shift_m = Vector3::zeros();
+            for (i, column) in at.sensitivity.iter().enumerate() {
+                // What happened since the lengths were set was not there.
+                let there_m = if source == COMMON - 1 { 0.0 } else { there_m[i] };
+                shift_m += column * (here_m[i] - there_m);
+            }
+            sum += linalg::outer(&shift_m, &shift_m);
+        }
+        let anchors_m2 = if robot.anchor_covariance_m2(0, 0).is_some() { 0.0 } else { self.anchors_m * self.anchors_m };
+        let square = |x: f64| x * x;
+        for (i, column) in at.sensitivity.iter().enumerate() {
+            let variance_m2 = anchors_m2 * (errors.directions[i] - zero.directions[i]).norm_squared()
+                + square(errors.scale_m[i] - zero.scale_m[i])
+                + square(errors.pole_m[i] - zero.pole_m[i])
+                + square(errors.friction_m[i])
+                + square(zero.friction_m[i]);
+            sum += linalg::outer(column, column) * variance_m2;
+        }
+        sum
+    }
+}
+
+impl LengthErrors {
+    fn none(count: usize) -> Self {
+        Self {
+            count,
+            directions: [Vector3::zeros(); MAX_CABLES],
+            common_m: [[0.0; MAX_CABLES]; COMMON],
+            scale_m: [0.0; MAX_CABLES],
+            pole_m: [0.0; MAX_CABLES],
+            friction_m: [0.0; MAX_CABLES],
+        }
+    }
+}
+
+/// Change of the length from anchor to node with the radius of the pulley.
+fn length_by_radius(pulley: &Pulley, position: &Vector3<f64>) -> f64 {
+    let wider = Pulley { radius_m: pulley.radius_m + RADIUS_STEP_M, ..*pulley };
+    let change_m = wider.length_m(position) - pulley.length_m(position);
+    if change_m.is_finite() { change_m / RADIUS_STEP_M } else { 0.0 }
+}
