@@ -168,7 +168,7 @@ fn a_run_that_only_hangs_or_only_lowers_is_refused_in_one_sentence() {
 }
 
 /// Motors of which one needs a quarter more current per newton: each table shows its own motor, and energy and planner
-/// use it.
+/// use it. The third cable runs at too few speeds in these runs for a table of its own.
 #[test]
 fn each_motor_has_its_own_table() {
     let folder = tempfile::tempdir().unwrap();
@@ -182,7 +182,7 @@ fn each_motor_has_its_own_table() {
         }
     });
     let runs = runs.map(|(_, run)| run).to_vec();
-    for cable in 1..=3 {
+    for cable in 1..=2 {
         let out = folder.path().join(format!("winch{cable}.toml"));
         let asked = Args { runs: runs.clone(), out, cable: Some(cable), speeds: None, tensions: None };
         analysis::motor_table::run(&asked).unwrap();
@@ -193,7 +193,7 @@ fn each_motor_has_its_own_table() {
         std::fs::write(&path, text.replace("[motor] ", &format!("[motor]\ntable = {table} "))).unwrap();
         RobotFile::load(&path)
     };
-    let file = load("[\"winch1.toml\", \"winch2.toml\", \"winch3.toml\"]").unwrap();
+    let file = load("[\"winch1.toml\", \"winch2.toml\", \"winch1.toml\"]").unwrap();
     assert_eq!(file.named_files(folder.path()).len(), 3);
     let robot = file.robot().unwrap();
     // In the middle of what each motor's table covers, relative to the plant's first motor.
@@ -201,7 +201,7 @@ fn each_motor_has_its_own_table() {
     let ratios = [0, 1, 2].map(|cable| {
         let tensions_n = robot.motor_table(cable).unwrap().tensions_n();
         let tension_n = 0.5 * (tensions_n[0] + tensions_n[tensions_n.len() - 1]);
-        robot.current().current_of_a(cable, tension_n, 0.15).unwrap() / model.current_a(tension_n, 0.15)
+        robot.current().current_of_a(cable, tension_n, 0.08).unwrap() / model.current_a(tension_n, 0.08)
     });
     println!("{ratios:.3?}");
     for (ratio, expected) in ratios.into_iter().zip([1.0, 1.25, 1.0]) {
@@ -212,8 +212,16 @@ fn each_motor_has_its_own_table() {
         let unique = cable_robot::Distribution::Unique;
         cable_robot::energy::flight::best_parabola(robot, unique, &from, &to, 0.2, 0.0).unwrap().line.unwrap().energy_j
     };
-    let same = load("\"winch1.toml\"").unwrap().robot().unwrap();
-    assert!(loss_j(&robot) > 1.05 * loss_j(&same), "{} {}", loss_j(&robot), loss_j(&same));
+    // Energy along a move needs tables of every tension there.
+    for (name, most_a) in [("one", 4.0), ("two", 8.0)] {
+        let currents = format!("currents_a = [[0.0, {most_a:?}], [0.0, {most_a:?}]]");
+        let table = format!("speeds_m_s = [-1.0, 1.0]\ntensions_n = [0.0, 200.0]\n{currents}\n");
+        std::fs::write(folder.path().join(format!("{name}.toml")), table).unwrap();
+    }
+    let loss_with = |tables: &str| loss_j(&load(tables).unwrap().robot().unwrap());
+    let all = ["\"one.toml\"", "[\"one.toml\", \"two.toml\", \"one.toml\"]", "\"two.toml\""].map(loss_with);
+    assert!(all[1] > 1.05 * all[0] && all[2] > 1.05 * all[1], "{all:?}");
+    assert!((all[2] / all[0] - 4.0).abs() < 1e-9, "{all:?}");
     // Two of three are no answer.
     let two = load("[\"winch1.toml\", \"winch2.toml\"]");
     let sentence = two.map_or_else(|error| error.to_string(), |file| file.robot().unwrap_err().to_string());

@@ -1,8 +1,8 @@
 //! Distances of the node and the cables from obstacles and keep-out boxes, with the weight of the cables and the stated
 //! uncertainty of the position. Lengths in m, tensions in N.
 //!
-//! A cable is every curve between the straight line from its eye or pulley to the node and the parabola that it hangs in
-//! when it is wet ([`sag::WET`]). It is exempt only near its pulley, which a trunk may carry: its first metre may be
+//! A cable is every curve between the straight line from its eye or pulley to the node and its parabola when it is wet
+//! ([`sag::WET`]). It is exempt only near its pulley, which a trunk may carry: its first metre may be
 //! closer to a body than the margin, but must not approach it.
 
 use nalgebra::Vector3;

@@ -202,9 +202,9 @@ crate::section! {
     /// Model: current = (T (1 + gear_friction s) + coulomb s + viscous v) / force_constant, with
     /// s = tanh(v / transition); v > 0 reels in.
     pub struct MotorSection {
-        /// A file from `nims motor-table --out`, relative to the folder of this file, or a list with one per cable, from
-        /// which currents and the energy of moves are computed. Fault detection uses the model, which is valid outside
-        /// the measured range too.
+        /// A file from `nims motor-table --out`, relative to the folder of this file, or a list with one per cable, for
+        /// currents and the energy of moves. Fault detection uses the model, which is valid outside the measured range
+        /// too.
         pub table: TablePaths = TablePaths::Each(Vec::new()),
         /// Cable tension per ampere, N/A.
         pub force_constant_n_a: f64 = 40.0 => between(1e-3, 1e5, "N/A"),
