@@ -273,9 +273,9 @@ pub fn misfit(measured: &Measurements, found: &Calibration) -> Option<Misfit> {
 }
 
 /// Estimates a common deviation of the radii from the stated ones, from the residuals: the deviation and its standard
-/// deviation, m. What `nims setup` states of every robot (a zero and a scale of each cable, a place where it is tied) is
-/// taken into account even if these measurements do not state it, because the radius resembles it. None if the residuals
-/// say nothing about the radius, or if it is already an unknown.
+/// deviation, m. A zero and a scale of each cable, and the place where it is tied, have their usual uncertainty even if
+/// these measurements do not state it, because the radius resembles them. None if the residuals say nothing about the
+/// radius, or if it is already an unknown.
 pub(crate) fn radius_beyond(measured: &Measurements, found: &Calibration) -> Option<(f64, f64)> {
     if found.method == Method::Gps {
         return None;

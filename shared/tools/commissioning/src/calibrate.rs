@@ -110,7 +110,7 @@ pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResul
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
     value["pulley"] = json!(file.pulley);
-    let scales = tape::scales(file, measured.cable_count)?;
+    let scales = tape::scales(&file.tape, file.counts_per_m.as_deref(), measured.cable_count)?;
     value["cable_scale"] = json!(tape::factors(&scales));
     let words = tape::words(&scales) + &text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
     Ok(CalibrationResult { value, words, covariance: found.covariance })

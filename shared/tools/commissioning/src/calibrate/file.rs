@@ -258,7 +258,7 @@ impl MeasurementsFile {
                 "counts_per_m is {counts:?}; accepted: one value for each of the {cables} cables, as in the system file; omit the key if the robot did not measure the lengths"
             ));
         }
-        if let Some(factors) = tape::factors(&tape::scales(self, cables)?) {
+        if let Some(factors) = tape::factors(&tape::scales(&self.tape, self.counts_per_m.as_deref(), cables)?) {
             for lengths in &mut measured.lengths_m {
                 *lengths = CableVec::from_fn(lengths.len(), |i| lengths[i] / factors.get(i).copied().unwrap_or(1.0));
             }

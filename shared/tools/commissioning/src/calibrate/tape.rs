@@ -1,6 +1,5 @@
 //! Checks of the scale of single cables along a tape.
 
-use super::file::MeasurementsFile;
 use calibration::length_check::{self, CableScale, TapeCheck};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -27,20 +26,24 @@ pub struct TapeEntry {
     pub after: Option<usize>,
 }
 
-/// The scale of each cable that was checked; None for the others.
+/// The scale of each cable that was checked; None for the others. `counts_per_m`: with which the robot counted.
 ///
 /// # Errors
 /// One clause without the file name: which entry cannot be used, and what to do.
-pub fn scales(file: &MeasurementsFile, cables: usize) -> Result<Vec<Option<CableScale>>, String> {
-    if let Some(entry) = file.tape.iter().find(|entry| !(1..=cables).contains(&entry.cable)) {
+pub fn scales(
+    tape: &[TapeEntry],
+    counts_per_m: Option<&[f64]>,
+    cables: usize,
+) -> Result<Vec<Option<CableScale>>, String> {
+    if let Some(entry) = tape.iter().find(|entry| !(1..=cables).contains(&entry.cable)) {
         return Err(format!("a [[tape]] names cable {}; there are {cables} cables", entry.cable));
     }
-    let measured = |cable: usize| file.tape.iter().filter(move |entry| entry.cable == cable && entry.m.is_some());
+    let measured = |cable: usize| tape.iter().filter(move |entry| entry.cable == cable && entry.m.is_some());
     let scale = |cable: usize| -> Result<Option<CableScale>, String> {
         if measured(cable).next().is_none() {
             return Ok(None);
         }
-        let Some(counts_per_m) = file.counts_per_m.as_ref().and_then(|counts| counts.get(cable - 1)) else {
+        let Some(counts_per_m) = counts_per_m.and_then(|counts| counts.get(cable - 1)) else {
             return Err(format!(
                 "the [[tape]] of cable {cable} needs counts_per_m, with which the robot computed its lengths"
             ));
@@ -83,7 +86,9 @@ pub fn words(scales: &[Option<CableScale>]) -> String {
 mod tests {
     use super::*;
 
-    fn file(tapes: &[(usize, f64, Option<f64>)]) -> MeasurementsFile {
+    const COUNTS: [f64; 3] = [43_460.0, -43_460.0, 43_460.0];
+
+    fn entries(tapes: &[(usize, f64, Option<f64>)]) -> Vec<TapeEntry> {
         let entry = |(cable, counted_m, m): &(usize, f64, Option<f64>)| TapeEntry {
             cable: *cable,
             counted_m: *counted_m,
@@ -91,30 +96,28 @@ mod tests {
             sigma_m: None,
             after: None,
         };
-        let counts_per_m = Some(vec![43_460.0, -43_460.0, 43_460.0]);
-        MeasurementsFile { tape: tapes.iter().map(entry).collect(), counts_per_m, ..MeasurementsFile::default() }
+        tapes.iter().map(entry).collect()
     }
 
     #[test]
     fn a_tape_gives_the_scale_of_its_cable() {
-        let found = scales(&file(&[(1, 5.0, Some(4.95)), (2, 5.0, Some(5.02)), (3, 5.0, None)]), 3).unwrap();
-        let factors = factors(&found).unwrap();
-        for (factor, expected) in factors.iter().zip([5.0 / 4.95, 5.0 / 5.02, 1.0]) {
-            assert!((factor - expected).abs() < 1e-5, "{factors:?}");
+        let tapes = entries(&[(1, 5.0, Some(4.95)), (2, 5.0, Some(5.02)), (3, 5.0, None)]);
+        let found = scales(&tapes, Some(&COUNTS), 3).unwrap();
+        for (factor, expected) in factors(&found).unwrap().iter().zip([5.0 / 4.95, 5.0 / 5.02, 1.0]) {
+            assert!((factor - expected).abs() < 1e-5, "{factor} {expected}");
         }
         assert!((found[0].unwrap().std - 0.0005).abs() < 2e-5);
         assert_eq!(words(&found).lines().count(), 2);
-        assert_eq!(super::factors(&scales(&file(&[(3, 5.0, None)]), 3).unwrap()), None);
+        assert_eq!(factors(&scales(&tapes[2..], Some(&COUNTS), 3).unwrap()), None);
     }
 
     #[test]
     fn unusable_tapes_are_refused_by_cable() {
-        let refused = |tapes: &[(usize, f64, Option<f64>)]| scales(&file(tapes), 3).unwrap_err();
+        let refused = |tapes: &[(usize, f64, Option<f64>)]| scales(&entries(tapes), Some(&COUNTS), 3).unwrap_err();
         assert!(refused(&[(4, 5.0, Some(5.0))]).contains("cable 4"));
         assert!(refused(&[(2, 5.0, Some(3.0))]).contains("cable 2"));
         assert!(refused(&[(2, 5.0, Some(0.5))]).contains("five metres"));
         assert!(refused(&[(1, 5.0, Some(5.0)), (1, 5.0, Some(4.9))]).contains("repeat the moves"));
-        let without = MeasurementsFile { counts_per_m: None, ..file(&[(1, 5.0, Some(5.0))]) };
-        assert!(scales(&without, 3).unwrap_err().contains("counts_per_m"));
+        assert!(scales(&entries(&[(1, 5.0, Some(5.0))]), None, 3).unwrap_err().contains("counts_per_m"));
     }
 }

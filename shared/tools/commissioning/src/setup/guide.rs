@@ -339,8 +339,8 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             file.doubt.push(PointDecision { point: doubtful.point, used, after: file.point.len() });
             Ok(String::new())
         }
-        Question::Tape { cable } => tape::answer(file, *cable, line),
-        Question::TapeDecision { doubted } => tape::confirm(file, doubted, line),
+        Question::Tape { cable } => tape::answer(file, pulleys(file), *cable, line),
+        Question::TapeDecision { doubted } => tape::confirm(file, pulleys(file), doubted, line),
         Question::Finish => {
             let used = file.used(file.usual_method()).len();
             let more = whole(line, 1, MOST.saturating_sub(used).max(1)).ok_or_else(|| {

@@ -137,7 +137,7 @@ impl Question {
             return Self::PointDecision { place, doubtful };
         }
         if places.iter().flatten().count() >= wanted {
-            return match (tape::doubted(file), tape::open_cable(file)) {
+            return match (tape::doubted(file), tape::open_cable(file, count)) {
                 (Some(doubted), _) => Self::TapeDecision { doubted },
                 (None, Some(cable)) => Self::Tape { cable },
                 (None, None) => Self::Finish,

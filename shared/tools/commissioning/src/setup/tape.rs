@@ -1,24 +1,23 @@
 //! The check of each cable over five metres of tape, after the points of a running robot.
 
 use super::numbers::{self, Bounds};
-use super::question::{pulleys, wanted};
 use super::text::metres;
 use crate::calibrate::{MeasurementsFile, TapeEntry};
 
 /// What the robot runs out, m.
 const COUNTED_M: f64 = 5.0;
 
-/// Difference between robot and tape that is asked about, as a share: counts of the bare wheel of 30 mm are 3 % off with
-/// a cable of 1 mm, and those of another wheel more.
+/// Difference between robot and tape that is asked about, as a share: counts of the bare wheel of 30 mm are 3 % off
+/// with a cable of 1 mm, and those of another wheel more.
 const ASKED_SHARE: f64 = 0.03;
 
 /// Accepted readings of the tape: shorter ones are too inexact.
 const TAPE: Bounds = Bounds { least_m: 1.0, most_m: 100.0 };
 
 /// Returns the first cable, from 1, without an answer. Only lengths that the robot counted have its scale.
-pub fn open_cable(file: &MeasurementsFile) -> Option<usize> {
+pub fn open_cable(file: &MeasurementsFile, cables: usize) -> Option<usize> {
     file.counts_per_m.as_ref()?;
-    (1..=pulleys(file)).find(|cable| !file.tape.iter().any(|entry| entry.cable == *cable))
+    (1..=cables).find(|cable| !file.tape.iter().any(|entry| entry.cable == *cable))
 }
 
 /// Returns the answer that waits for a confirmation.
@@ -51,7 +50,7 @@ pub fn doubt_text(entry: &TapeEntry) -> String {
 ///
 /// # Errors
 /// One sentence: why it is not accepted.
-pub fn answer(file: &mut MeasurementsFile, cable: usize, line: &str) -> Result<String, String> {
+pub fn answer(file: &mut MeasurementsFile, cables: usize, cable: usize, line: &str) -> Result<String, String> {
     let after = Some(file.point.len());
     if line.is_empty() {
         file.tape.push(TapeEntry { cable, counted_m: COUNTED_M, m: None, sigma_m: None, after });
@@ -63,10 +62,9 @@ pub fn answer(file: &mut MeasurementsFile, cable: usize, line: &str) -> Result<S
         more => return Err(format!("these are {} numbers; type what the robot counted and the tape", more.len())),
     };
     let entry = TapeEntry { cable, counted_m, m: Some(m), sigma_m: None, after };
-    let mut tried = file.clone();
-    tried.tape.push(entry.clone());
+    let tried: Vec<TapeEntry> = file.tape.iter().chain([&entry]).cloned().collect();
     // What differs too much for any wheel is refused here.
-    crate::calibrate::tape_scales(&tried, pulleys(file))?;
+    crate::calibrate::tape_scales(&tried, file.counts_per_m.as_deref(), cables)?;
     if (m / counted_m - 1.0).abs() > ASKED_SHARE {
         file.setup.get_or_insert_default().tape_so_far = Some(entry);
     } else {
@@ -79,23 +77,23 @@ pub fn answer(file: &mut MeasurementsFile, cable: usize, line: &str) -> Result<S
 ///
 /// # Errors
 /// As for [`answer`].
-pub fn confirm(file: &mut MeasurementsFile, entry: &TapeEntry, line: &str) -> Result<String, String> {
+pub fn confirm(file: &mut MeasurementsFile, cables: usize, entry: &TapeEntry, line: &str) -> Result<String, String> {
     file.setup.get_or_insert_default().tape_so_far = None;
     if line.is_empty() {
         file.tape.push(entry.clone());
         return Ok(String::new());
     }
-    answer(file, entry.cable, line)
+    answer(file, cables, entry.cable, line)
 }
 
-/// Takes back the last answer about a tape, if no later answer exists.
-pub fn undo(file: &mut MeasurementsFile) -> Option<String> {
+/// Takes back the last answer about a tape, if no later answer exists. `wanted`: points of the plan.
+pub fn undo(file: &mut MeasurementsFile, wanted: Option<usize>) -> Option<String> {
     if let Some(entry) = file.setup.as_mut().and_then(|setup| setup.tape_so_far.take()) {
         return Some(format!("the tape of cable {} was {}", entry.cable, metres(entry.m.unwrap_or_default())));
     }
     let points = file.point.len();
     // A number of further points was answered after the tapes.
-    if wanted(file).is_some_and(|wanted| wanted > file.used(file.usual_method()).len()) {
+    if wanted.is_some_and(|wanted| wanted > file.used(file.usual_method()).len()) {
         return None;
     }
     let entry = file.tape.pop_if(|entry| entry.after == Some(points))?;

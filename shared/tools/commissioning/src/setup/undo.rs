@@ -1,7 +1,7 @@
 //! Takes back the last answer. Questions have a fixed order, so it is the last item in this order that the file
 //! contains.
 
-use super::question::pulleys;
+use super::question::{pulleys, wanted};
 use super::text::{listed, metres};
 use super::{shape, tape};
 use crate::calibrate::MeasurementsFile;
@@ -14,7 +14,8 @@ pub fn undo(file: &mut MeasurementsFile) -> Option<String> {
         let line = setup.lengths_so_far_m.len() + 1;
         return Some(format!("cable {line} was {}", metres(length)));
     }
-    if let Some(undone) = tape::undo(file) {
+    let planned = wanted(file);
+    if let Some(undone) = tape::undo(file, planned) {
         return Some(undone);
     }
     let setup = file.setup.get_or_insert_default();
