@@ -1,10 +1,10 @@
 //! The swing of the node on its cables, which encoders cannot measure: while the drums stand still, the node may still
 //! move.
 //!
-//! The lengths give the position of rest x(t), where the forces balance. About it the node y of mass m moves by
-//! m d²y/dt² = K (x - y) - c d(y - x)/dt with the stiffness K of [`cable_robot::modes`]. The observer integrates this
-//! from the measured x(t) and starts at rest. It knows the swing that motions of the robot excite; wind and hands excite
-//! more.
+//! The lengths give the position of rest x(t), where the forces balance. About it the node y of mass m moves by m
+//! d²y/dt² = K (x - y) - c d(y - x)/dt with the stiffness K of [`cable_robot::modes`]. The observer integrates this
+//! from the measured x(t) and starts at rest. It knows the swing that motions of the robot excite; wind and hands
+//! excite more.
 
 use cable_robot::modes::Modes;
 use cable_robot::{Matrix3, Robot, Vector3};

@@ -154,11 +154,11 @@ fn the_estimate_states_the_swing_that_encoders_do_not_measure() {
     assert!(flight.covered > 0.95, "{flight:?}");
 }
 
-/// The plant's node in a drawn world, on a flight with profiles that are not shaped, beside an integration in numpy that
-/// knows nothing but the true robot, its unstretched cables over time, and where and how fast it began: 10 s.
+/// The plant's node in a drawn world, on a flight with profiles that are not shaped, beside an integration in numpy
+/// that knows nothing but the true robot, its unstretched cables over time, and where and how fast it began: 10 s.
 ///
-/// Poles and the friction of pulleys have no independent model, and cables no weight here: `commands/statics.rs` compares
-/// that with catenaries.
+/// Poles and the friction of pulleys have no independent model, and cables no weight here: `commands/statics.rs`
+/// compares that with catenaries.
 #[test]
 fn the_node_moves_as_newton_says() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,9 +1,9 @@
 //! How wrong the position of an elastic equilibrium may be, because the robot is not its model.
 //!
 //! Each source has one standard deviation in [`Uncertainty`]. Its effect is the error of the cables' lengths that it
-//! makes at a pose, and the sensitivity of the equilibrium turns lengths into positions. Lengths were set where the node
-//! was known to be, so an error counts by how much it differs from the one that it made there: a wrong scale counts by
-//! the cable that has passed since, and a wrong anchor by the angle by which its cable has turned since.
+//! makes at a pose, and the sensitivity of the equilibrium turns lengths into positions. Lengths were set where the
+//! node was known to be, so an error counts by how much it differs from the one that it made there: a wrong scale
+//! counts by the cable that has passed since, and a wrong anchor by the angle by which its cable has turned since.
 //!
 //! To first order; independent sources. Wind, slack cables and what the operator stated wrongly are not in it.
 
@@ -65,8 +65,8 @@ impl Uncertainty {
         softness.map_or_else(Vector3::zeros, |softness| softness * Vector3::new(0.0, 0.0, robot.net_weight_n()))
     }
 
-    /// Covariance of the position of an equilibrium, m². `zero`: the errors where the lengths were set; `None` if that is
-    /// unknown, so that every error counts whole.
+    /// Covariance of the position of an equilibrium, m². `zero`: the errors where the lengths were set; `None` if that
+    /// is unknown, so that every error counts whole.
     pub fn covariance_m2(&self, robot: &Robot, at: &Equilibrium, zero: Option<&LengthErrors>) -> Matrix3<f64> {
         let (errors, unknown) = (self.length_errors(robot, at), LengthErrors::none(robot.cable_count()));
         let zero = zero.filter(|zero| zero.count == errors.count).unwrap_or(&unknown);

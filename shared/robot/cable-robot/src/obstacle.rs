@@ -113,9 +113,9 @@ impl Obstacle {
         libm::hypot(beside_m, above_m)
     }
 
-    /// True if a cable from its pulley at `start` to the node at `end`, or a cable that sags by up to `sag_m` below this
-    /// line in its middle, comes closer than `margin_m` to the body. Within a metre of the pulley it may be closer, but
-    /// must not approach the body.
+    /// True if a cable from its pulley at `start` to the node at `end`, or a cable that sags by up to `sag_m` below
+    /// this line in its middle, comes closer than `margin_m` to the body. Within a metre of the pulley it may be
+    /// closer, but must not approach the body.
     pub fn blocks_cable(&self, start: &Vector3<f64>, end: &Vector3<f64>, margin_m: f64, sag_m: f64) -> bool {
         if !self.is_near_below(start, end, margin_m, sag_m) {
             return false;

@@ -28,11 +28,11 @@ crate::section! {
     /// `[uncertainty]`: standard deviations of what the file states. They are part of the covariance of every estimate.
     /// The defaults are those of careful work; 0 states that a value is exact.
     pub struct UncertaintySection {
-        /// Of the anchors and of the points where the cables are tied to the node, m per axis. A `calibration` states its
-        /// own for the anchors, and then this key is not used.
+        /// Of the anchors and of the points where the cables are tied to the node, m per axis. A `calibration` states
+        /// its own for the anchors, and then this key is not used.
         pub anchors_m: f64 = ANCHORS_M => between(0.0, 10.0, "m"),
-        /// Of the radius of the pulleys, m; the same error for all. Default: 0.5 mm if the file states `pulley`, otherwise
-        /// 28 mm, because there may be any.
+        /// Of the radius of the pulleys, m; the same error for all. Default: 0.5 mm if the file states `pulley`,
+        /// otherwise 28 mm, because there may be any.
         pub pulley_radius_m: Option<f64> = None => between(0.0, 1.0, "m"),
         /// Of the counts per metre of each cable, as a share.
         pub cable_scale: f64 = CABLE_SCALE => between(0.0, 0.5, "as a share"),

@@ -36,8 +36,8 @@ enum Source {
     Expansion,
 }
 
-/// Displacement of the node of a drawn robot from where the model has it: its lengths were set at `zero`, where the node
-/// truly was, and it was moved until the model had it at `place`.
+/// Displacement of the node of a drawn robot from where the model has it: its lengths were set at `zero`, where the
+/// node truly was, and it was moved until the model had it at `place`.
 fn displacement_m(
     source: Source,
     size: f64,
