@@ -466,7 +466,8 @@ fn the_gateway_outlives_the_robot_and_its_own_death_stops_nothing() {
         }
     }
     gateway.until("no robot runs", |gateway| gateway.client().ask(Request::Arm).0 == 452);
-    assert_eq!(client.ask(Request::Estop).0, 452);
+    // The remains of its socket are no motor-io either.
+    assert!(matches!(client.ask(Request::Estop).0, 452 | 455));
     assert!(matches!(client.call(&Call::Robot { id: 1 }), Reply::Robot { robot: None, .. }));
     // The next life, on the same connection: requests and the subscription go on.
     robot.up_again("");

@@ -296,8 +296,8 @@ impl Client {
         }
     }
 
-    /// Sends a request without waiting; [`Client::poll`] returns its answer. A client has [`Client::AT_ONCE`]
-    /// unanswered requests at most. Fills in the same fields as [`Client::ask`].
+    /// Sends a request without waiting; [`Client::poll`] returns its answer. A client has at most [`Client::AT_ONCE`]
+    /// unanswered requests. Fills in the same fields as [`Client::ask`].
     ///
     /// # Errors
     /// [`BusError::NoServer`] if the process has no server, [`BusError::Failed`] with too many unanswered requests.
