@@ -18,11 +18,11 @@ use robot_state::answers::detail;
 /// requesting command waits 25 s.
 const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
 
-const GOES_ON: &str = "the previous process continues";
+const PREVIOUS_CONTINUES: &str = "the previous process continues";
 
 /// Remedy for a new program that does not state why it fails.
-fn goes_on(name: &str) -> String {
-    format!("{GOES_ON}; if both need one device, `nims unplug {name}` first")
+fn cure_of(name: &str) -> String {
+    format!("{PREVIOUS_CONTINUES}; if both need one device, `nims unplug {name}` first")
 }
 
 impl Supervisor {
@@ -96,8 +96,8 @@ impl Supervisor {
                 let ending = successor.child.ending();
                 // Its own diagnostic comes last, because it states what to do.
                 let why = match successor.child.last_diagnostic() {
-                    Some(words) => format!("{ending} ({GOES_ON}): {words}"),
-                    None => format!("{ending}; {}", goes_on(&name)),
+                    Some(words) => format!("{ending} ({PREVIOUS_CONTINUES}): {words}"),
+                    None => format!("{ending}; {}", cure_of(&name)),
                 };
                 self.give_up(successor, &why)?;
             }
@@ -118,7 +118,7 @@ impl Supervisor {
         let is_asked = self.process_set.find(&name).is_some_and(|child| child.asked.is_some());
         if !is_asked && now >= successor.child.started_ns + FIRST_SAMPLE_NS {
             let why =
-                format!("published no valid sample within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, goes_on(&name));
+                format!("published no valid sample within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, cure_of(&name));
             self.give_up(successor, &why)?;
             successor.child.ask_to_end(AfterEnd::Remove);
         }

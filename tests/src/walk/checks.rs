@@ -18,7 +18,7 @@ const LED_AWAY_S: f64 = 1.0;
 
 /// Bounds on the node while the robot is in a mode; speed in m/s, acceleration in m/s².
 ///
-/// They hold for a node that hung still. A node that still swings on its cables when it is told to move, because it was
+/// They hold for a node that hung still. A node that still swings on its cables when its motion begins, because it was
 /// stopped at once before, is bounded by the sum of both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {

@@ -101,14 +101,14 @@ impl Walk {
 
     fn carry_out(&mut self, cure: Cure) -> Result<()> {
         match cure {
-            Cure::Arm => self.told(Request::Arm),
-            Cure::Reset => self.told(Request::Reset),
-            Cure::Stop => self.told(Request::Stop),
+            Cure::Arm => self.request(Request::Arm),
+            Cure::Reset => self.request(Request::Reset),
+            Cure::Stop => self.request(Request::Stop),
             Cure::Resume => match self.ask(Request::Resume)? {
                 Some(Ok(_)) => self.await_end().map(|_| ()),
                 _ => Ok(()),
             },
-            Cure::Confirm if !self.powered_off => self.told(Request::ConfirmPosition),
+            Cure::Confirm if !self.powered_off => self.request(Request::ConfirmPosition),
             // An operator who looks sees that the node is elsewhere.
             Cure::Confirm | Cure::Zero => match self.zero()? {
                 Some(_) => Ok(()),
@@ -141,13 +141,13 @@ impl Walk {
                 if self.astray[slot].is_some() || !self.robot.slots().lives(CONTROLLERS, slot) {
                     self.begin(CONTROLLERS, slot);
                 }
-                self.told(Request::Reset)?;
+                self.request(Request::Reset)?;
                 self.periods(150)?;
                 self.ask(Request::Swap { role: SlotRole::Controller, slot: Slot::ALL[slot] })?;
                 self.periods(60)
             }
             Cure::JogTaut => {
-                self.told(Request::Reset)?;
+                self.request(Request::Reset)?;
                 let slack = self.last.map_or([0; 8], |last| last.authority.fault_cable);
                 let cable = slack.iter().position(|named| *named == 1).unwrap_or(0) as u8 + 1;
                 self.ask(Request::Jog { cable, distance_m: -0.02 })?;
@@ -156,14 +156,14 @@ impl Walk {
         }
     }
 
-    fn told(&mut self, request: Request) -> Result<()> {
+    fn request(&mut self, request: Request) -> Result<()> {
         match self.ask(request)? {
             Some(_) => self.periods(60),
             None => self.start_what_is_missing(),
         }
     }
 
-    /// A request without an answer: `nims` reports that motor-io is not running and says how to start it.
+    /// A request without an answer: `nims` reports that motor-io is not running and how to start it.
     fn start_what_is_missing(&mut self) -> Result<()> {
         self.carry_out(Cure::Up)
     }

@@ -41,7 +41,7 @@ fn files_below(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-fn said(output: &Output) -> String {
+fn printed(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout)
 }
 
@@ -57,7 +57,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     let root = folder.path().join("root");
     let old = programs(folder.path(), "old");
     let output = install(&root, &["--programs", old.to_str().unwrap()]);
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     assert!(current_output(&root).contains("old"));
     assert_eq!(fs::read_link(root.join("usr/bin/nims")).unwrap(), Path::new("/opt/nims/current/bin/nims"));
     // Operators use the gateway, and no rule of sudo.
@@ -68,7 +68,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     assert!(text.contains("\nruns = \"/var/lib/nims/runs\""), "{text}");
 
     let output = install(&root, &["--roll-back"]);
-    assert!(!output.status.success(), "there is no earlier version: {}", said(&output));
+    assert!(!output.status.success(), "there is no earlier version: {}", printed(&output));
 
     // An earlier version under another name, as an upgrade finds it; the operator's changes are kept.
     let current = fs::read_link(root.join("opt/nims/current")).unwrap();
@@ -123,7 +123,7 @@ fn a_machine_keeps_the_current_version_and_the_one_before() {
             fs::write(examples.join(format!("{version}.toml")), "# runs = \"../../runs\"\n").unwrap();
         }
         let output = nims_version(&root, &["add", package.to_str().unwrap()]);
-        assert!(output.status.success(), "{}", said(&output));
+        assert!(output.status.success(), "{}", printed(&output));
     }
     assert_eq!(versions(), ["1.1.0", "1.2.0"]);
     let current = || fs::read_link(root.join("opt/nims/current")).unwrap();
@@ -138,7 +138,7 @@ fn a_machine_keeps_the_current_version_and_the_one_before() {
     assert_eq!((current(), versions().len()), (PathBuf::from("1.2.0"), 2));
     assert_eq!(nims_version(&root, &["armed"]).status.code(), Some(1), "no robot runs in a folder");
     let output = nims_version(&root, &["add", folder.path().to_str().unwrap()]);
-    assert!(!output.status.success() && said(&output).contains("bin/nims"), "{}", said(&output));
+    assert!(!output.status.success() && printed(&output).contains("bin/nims"), "{}", printed(&output));
 }
 
 #[test]
@@ -156,10 +156,10 @@ fn missing_or_unknown_items_are_reported_and_nothing_is_installed() {
     let some = programs(folder.path(), "some");
     fs::remove_file(some.join("planner")).unwrap();
     let output = install(&root, &["--programs", some.to_str().unwrap()]);
-    assert!(!output.status.success() && said(&output).contains("planner"), "{}", said(&output));
+    assert!(!output.status.success() && printed(&output).contains("planner"), "{}", printed(&output));
     assert!(!root.join("opt/nims/current").exists());
     let output = install(&root, &["--everything"]);
-    assert!(!output.status.success() && said(&output).contains("--everything"), "{}", said(&output));
+    assert!(!output.status.success() && printed(&output).contains("--everything"), "{}", printed(&output));
 }
 
 /// Largest exposure by `systemd-analyze security`, in tenths of its scale from 0 to 10.
@@ -201,7 +201,7 @@ fn the_service_manager_accepts_the_units() {
             .args(["verify", "--man=no"])
             .arg(units.join(name))
             .env("SYSTEMD_UNIT_PATH", format!("{}:", units.display()));
-        said(&command.output().unwrap())
+        printed(&command.output().unwrap())
     };
     for name in
         ["nims@lab.service", "nims-gateway@lab.service", "run-nims-shm.mount", "nims-runs.service", "nims-runs.timer"]
@@ -252,7 +252,7 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     assert!(keep("0").status.success());
     assert_eq!(left().len(), 5);
     let output = keep("14");
-    assert!(said(&output).contains("2026-01-01"), "{}", said(&output));
+    assert!(printed(&output).contains("2026-01-01"), "{}", printed(&output));
     assert_eq!(left().len(), 4);
     assert!(keep("1").status.success());
     assert_eq!(left(), ["0-notes", "2026-01-02T00-00-00Z-lab", "2026-01-04T00-00-00Z-lab"]);

@@ -95,13 +95,13 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
         let mut status = PlanStatus::default();
         while ![PlanStatus::STATE_DONE, PlanStatus::STATE_ABORTED].contains(&status.state) {
             robot.for_cycles(20);
-            assert!(robot.last.header.cycle < last, "the mission does not end\n{}", robot.said());
+            assert!(robot.last.header.cycle < last, "the mission does not end\n{}", robot.printed());
             status = statuses.latest().unwrap().unwrap_or(status);
             if robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults & STARVED != 0 {
                 robot.ask("motor-io", Request::Resume);
             }
         }
-        assert_eq!(robot.named & !STARVED, 0, "{}", robot.said());
+        assert_eq!(robot.named & !STARVED, 0, "{}", robot.printed());
         robot.down(rustix::process::Signal::INT);
 
         let run = robot.run();

@@ -30,7 +30,7 @@ fn mission_under_way(robot: &mut Robot) {
     }
     std::fs::write(robot.folder().join("fro.toml"), mission).unwrap();
     robot.arm();
-    robot.until_said("the mission is accepted", |robot| robot.nims(&["run", "./fro.toml"]).status.success());
+    robot.until_reported("the mission is accepted", |robot| robot.nims(&["run", "./fro.toml"]).status.success());
     going_on(robot);
 }
 
@@ -46,7 +46,7 @@ fn going_on(robot: &mut Robot) {
             _ => {}
         }
     }
-    panic!("it does not go on: mode {}, faults {:#x}\n{}", robot.last.mode, robot.last.faults, robot.said());
+    panic!("it does not go on: mode {}, faults {:#x}\n{}", robot.last.mode, robot.last.faults, robot.printed());
 }
 
 /// Disturbs a robot in flight; returns the periods until it flies again.
@@ -148,7 +148,7 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
         let first_life = Periods::from_authority(&robot.last);
         robot.signal("motor-io", Signal::KILL);
         std::thread::sleep(Duration::from_millis(700));
-        robot.told(&["start", "motor-io"]);
+        robot.accepted(&["start", "motor-io"]);
         let life = robot.last.header.life;
         robot.until("another life", |robot| robot.last.header.life != life && robot.last.header.cycle > 50);
         robot.down(Signal::INT);

@@ -28,7 +28,7 @@ fn begin(more: &str) -> Robot {
 fn ready(more: &str) -> Robot {
     let mut robot = Robot::up(more);
     // The supervisor's own report, because a start prints it after everything else.
-    robot.until_said("it is ready", |robot| robot.said().contains("is ready to arm"));
+    robot.until_reported("it is ready", |robot| robot.printed().contains("Ctrl-C"));
     robot
 }
 
@@ -42,14 +42,14 @@ fn processes_come_and_go_while_the_robot_runs() {
     assert!(processes.len() >= 6 && processes.iter().all(|process| process["version"].is_string()), "{manifest:#}");
     assert!(manifest["ended_utc"].is_null());
     // A second controller beside the first one, in the free slot.
-    up.told(&["start", "controller"]);
+    up.accepted(&["start", "controller"]);
     assert_eq!(up.state("controller-b"), "ready");
     assert_eq!(up.state("controller"), "ready");
     assert_eq!(up.rejected(&["start", "controller"]), Reason::SlotsTaken { role: SlotRole::Controller });
     let second = pid(&up, "controller-b");
     let runs = Reason::ProcessRunning { process: detail("controller-b"), pid: second };
     assert_eq!(up.rejected(&["start", "controller", "--slot", "b"]), runs);
-    up.told(&["stop-process", "controller-b"]);
+    up.accepted(&["stop-process", "controller-b"]);
     assert_eq!(up.state("controller-b"), "stopped");
     assert!(!lives(second));
     let stopped = Reason::ProcessNotRunning { process: detail("controller-b") };
@@ -57,13 +57,13 @@ fn processes_come_and_go_while_the_robot_runs() {
 
     // An ended one returns under the same name, with another id.
     let planner = pid(&up, "planner");
-    up.told(&["restart", "planner"]);
+    up.accepted(&["restart", "planner"]);
     assert!(pid(&up, "planner") != planner && !lives(planner));
     assert_eq!(up.state("planner"), "ready");
 
     // Programs that are not in the system file.
     std::fs::write(up.folder().join("sensor.sh"), "echo $1 > plugged; exec sleep 1000\n").unwrap();
-    up.told(&["plug", "wind", "--", "sh", "sensor.sh", "{name}/{domain}"]);
+    up.accepted(&["plug", "wind", "--", "sh", "sensor.sh", "{name}/{domain}"]);
     assert_eq!(up.state("wind"), "running", "a process without heartbeats is not reported as ready");
     let plugged = std::fs::read_to_string(up.folder().join("plugged")).unwrap();
     assert_eq!(plugged.trim(), format!("wind/{}", up.domain.name()));
@@ -84,10 +84,10 @@ fn processes_come_and_go_while_the_robot_runs() {
         matches!(up.rejected(&["unplug", "rain"]), Reason::UnknownProcess { process, .. } if process == detail("rain"))
     );
     assert!(matches!(up.rejected(&["stop-process", "nosuch"]), Reason::UnknownProcess { .. }));
-    up.told(&["unplug", "wind"]);
+    up.accepted(&["unplug", "wind"]);
     assert_eq!(up.state("wind"), "no row");
     assert!(!lives(wind));
-    assert_eq!(up.down(Signal::INT), Some(0), "no process has ended: {}", up.said());
+    assert_eq!(up.down(Signal::INT), Some(0), "no process has ended: {}", up.printed());
     // The run and its file name what was plugged in.
     let kept = up.run().join("processes/1-wind-sensor.sh");
     let original = std::fs::read(up.folder().join("sensor.sh")).unwrap();
@@ -100,10 +100,10 @@ fn processes_come_and_go_while_the_robot_runs() {
 fn a_plugged_program_that_ends_at_once_is_reported_with_its_cause() {
     let mut up = ready("");
     let failing = ["plug", "rain", "--", "sh", "-c", "echo the gauge is not there >&2; exit 3"];
-    up.refused(&failing, &["rain", "exit code 3", "the gauge is not there"]);
+    up.refused(&failing, &["rain", "3", "the gauge is not there"]);
     assert_eq!(up.state("rain"), "DIED");
     // The name is free again.
-    up.told(&["plug", "rain", "--", "sleep", "1000"]);
+    up.accepted(&["plug", "rain", "--", "sleep", "1000"]);
     assert_eq!(up.down(Signal::INT), Some(1), "nims up exits with success although rain ended");
 }
 
@@ -119,11 +119,11 @@ fn processes_in_charge_are_not_ended_during_a_motion() {
                 assert!(matches!(reason, Reason::ProcessNeeded { process, .. } if process == detail(name)), "{reason}");
             }
         }
-        up.told(&["hold"]);
+        up.accepted(&["hold"]);
         up.until("it holds", |up| up.last.mode == MotorAuthority::MODE_HOLDING);
-        up.told(&["restart", "controller"]);
+        up.accepted(&["restart", "controller"]);
         assert_eq!(up.state("controller"), "ready");
-        assert_eq!(up.down(Signal::INT), Some(0), "{}", up.said());
+        assert_eq!(up.down(Signal::INT), Some(0), "{}", up.printed());
     });
 }
 
@@ -138,16 +138,16 @@ fn a_standby_is_kept_and_a_dead_one_is_started_again() {
     for name in ["controller", "controller-b"] {
         let before = pid(&up, name);
         up.signal(name, Signal::KILL);
-        up.until_said("the controller is restarted", |up| up.state(name) == "ready" && pid(up, name) != before);
+        up.until_reported("the controller is restarted", |up| up.state(name) == "ready" && pid(up, name) != before);
     }
     // By its name in the system file too.
-    up.told(&["restart", "second"]);
-    up.told(&["start", "spare"]);
+    up.accepted(&["restart", "second"]);
+    up.accepted(&["start", "spare"]);
     assert_eq!(up.state("estimator-b"), "ready");
     assert_eq!(up.state("spare"), "no row", "the process has the name of its slot");
     // A process that keeps dying is not restarted.
-    up.until_said("flaky is no longer restarted", |up| up.state("flaky") == "DIED for good");
-    assert_eq!(up.row("flaky").unwrap()["restarts"], 2, "{}", up.said());
+    up.until_reported("flaky is no longer restarted", |up| up.state("flaky") == "DIED for good");
+    assert_eq!(up.row("flaky").unwrap()["restarts"], 2, "{}", up.printed());
     assert_eq!(up.down(Signal::INT), Some(1));
 }
 
@@ -155,7 +155,7 @@ fn a_standby_is_kept_and_a_dead_one_is_started_again() {
 fn a_process_that_does_not_get_ready_is_named_and_nothing_is_left_behind() {
     let mut up =
         begin("\n[[process]]\nname = \"planner\"\nrole = \"planner\"\ncommand = [\"sh\", \"-c\", \"sleep 1000\"]\n");
-    up.until_said("the process is named", |up| up.said().contains("planner"));
+    up.until_reported("the process is named", |up| up.printed().contains("planner"));
     assert_eq!(up.down(Signal::INT), Some(1));
     assert_eq!(others(&up), [""; 0]);
 
@@ -163,16 +163,16 @@ fn a_process_that_does_not_get_ready_is_named_and_nothing_is_left_behind() {
     let mut up = begin(
         "\n[[process]]\nname = \"planner\"\nrole = \"planner\"\ncommand = [\"sh\", \"-c\", \"echo no maps >&2; exit 1\"]\n",
     );
-    assert_eq!(up.ended(), Some(1), "{}", up.said());
+    assert_eq!(up.ended(), Some(1), "{}", up.printed());
     // The cause is what the program itself printed.
-    assert!(up.said().lines().any(|line| line.contains("planner") && line.contains("no maps")), "{}", up.said());
+    assert!(up.printed().lines().any(|line| line.contains("planner") && line.contains("no maps")), "{}", up.printed());
     assert_eq!(others(&up), [""; 0]);
 }
 
 #[test]
 fn a_closed_terminal_is_an_orderly_end() {
     let mut up = ready("");
-    assert_eq!(up.down(Signal::HUP), Some(0), "{}", up.said());
+    assert_eq!(up.down(Signal::HUP), Some(0), "{}", up.printed());
     assert_eq!(others(&up), [""; 0]);
     assert!(up.run().join("run.mcap").is_file());
 }

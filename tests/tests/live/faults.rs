@@ -119,7 +119,7 @@ fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
 /// Waits until the motion continues and no fault is named.
 fn resume(robot: &mut Robot) {
     robot.ask("motor-io", Request::Resume);
-    robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
+    robot.until("it continues", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
 }
 
 /// Repeats an attempt at most so many times.
@@ -148,7 +148,7 @@ fn faults_of_ports_and_processes_are_detected_within_the_cycles_of_the_table() {
             robot.last.lost_on_ports() - lost,
             robot.last.faults
         );
-        assert_eq!(robot.last.faults & messages::faults::HARD, 0, "it goes on");
+        assert_eq!(robot.last.faults & messages::faults::HARD, 0, "it continues");
         assert!(robot.last.lost_on_ports() > lost, "the noise causes no fault");
 
         for (kind, repair) in
@@ -215,8 +215,8 @@ fn faults_of_ports_and_processes_are_detected_within_the_cycles_of_the_table() {
             in_one_of(10, row, || {
                 robot.fly();
                 let in_time = found_after(&mut robot, row, |robot| robot.signal(process, Signal::KILL));
-                robot.told(&["start", process]);
-                robot.until_said("it is back", |robot| robot.pid(process).is_some());
+                robot.accepted(&["start", process]);
+                robot.until_reported("it is back", |robot| robot.pid(process).is_some());
                 std::thread::sleep(Duration::from_millis(300));
                 resume(&mut robot);
                 in_time

@@ -54,9 +54,12 @@ fn a_parameter_set_in_flight_applies_to_every_slot_and_after_a_restart_and_repla
             assert_eq!((said.changes, said.from_seq, said.from_cycle), (0, 1, 0), "{process}");
             assert!(parameters(&said).contains("length_gain_per_s = 3.0\n"), "{}", parameters(&said));
         }
-        assert_eq!(robot.refused(&["set", "controller.length_gain_per_s", "51"], &["at most 50 per second"]), Some(2));
+        assert_eq!(
+            robot.refused(&["set", "controller.length_gain_per_s", "51"], &["length_gain_per_s", "50"]),
+            Some(2)
+        );
         assert_eq!(robot.refused(&["set", "controller.law", "preview"], &["nims swap"]), Some(2));
-        let answer = robot.told(&["--json", "set", "controller.length_gain_per_s", "6"]);
+        let answer = robot.accepted(&["--json", "set", "controller.length_gain_per_s", "6"]);
         let answer: serde_json::Value = serde_json::from_str(&answer).unwrap();
         assert_eq!(answer["taken_up_by"].as_array().unwrap().len(), 2, "{answer}");
         let announced = answer["from_cycle"].as_u64().unwrap();
@@ -70,7 +73,7 @@ fn a_parameter_set_in_flight_applies_to_every_slot_and_after_a_restart_and_repla
         // The process in charge dies; the standby takes over, and the restarted one begins with the parameters that
         // were set.
         robot.signal("controller", Signal::KILL);
-        robot.until_said("another controller", |robot| {
+        robot.until_reported("another controller", |robot| {
             config_of(robot, "controller").is_some_and(|said| said.incarnation != first[0])
         });
         let again = config_of(&robot, "controller").unwrap();
@@ -78,13 +81,13 @@ fn a_parameter_set_in_flight_applies_to_every_slot_and_after_a_restart_and_repla
         assert!(parameters(&again).contains("length_gain_per_s = 6.0\n"), "{}", parameters(&again));
         assert_eq!(text_of(&again.file), robot.run().join("resolved-1.toml").to_string_lossy());
         assert_eq!(text_of(&again.file_sha256).len(), 64);
-        robot.told(&["set", "estimator.eta", "20"]);
+        robot.accepted(&["set", "estimator.eta", "20"]);
         // The method that does not use it is named.
-        let idle = robot.told(&["set", "estimator.reading_sigma_m", "0.001"]);
+        let idle = robot.accepted(&["set", "estimator.reading_sigma_m", "0.001"]);
         assert!(idle.contains("phi"), "{idle}");
         robot.arrive();
         // One of its processes has died.
-        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.printed());
         let record = std::fs::read_to_string(robot.run().join("set.toml")).unwrap();
         let record: toml::Table = record.parse().unwrap();
         assert_eq!(record["set"].as_array().unwrap().len(), 3, "{record}");
@@ -119,8 +122,8 @@ fn an_edit_in_flight_is_for_the_next_run() {
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         for process in ["controller", "estimator", "planner", "wind"] {
             let before = config_of(&robot, process).unwrap();
-            robot.told(&["restart", process]);
-            robot.until_said("another life", |robot| {
+            robot.accepted(&["restart", process]);
+            robot.until_reported("another life", |robot| {
                 config_of(robot, process).is_some_and(|said| said.incarnation != before.incarnation)
             });
             let after = config_of(&robot, process).unwrap();
@@ -130,9 +133,9 @@ fn an_edit_in_flight_is_for_the_next_run() {
             assert!(file.starts_with(robot.run()), "{process} reads {}", file.display());
         }
         assert_eq!(std::fs::read_to_string(&resolved).unwrap(), begun, "the file is restored");
-        assert!(robot.said().contains("resolved.toml"), "the file is named: {}", robot.said());
+        assert!(robot.printed().contains("resolved.toml"), "the file is named: {}", robot.printed());
         robot.fly();
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
         assert_eq!(std::fs::read_to_string(&resolved).unwrap(), begun);
         replays(&robot.run(), &["motor/command/a", "node/estimate/a"]);
     });
@@ -154,7 +157,7 @@ fn every_process_publishes_its_configuration() {
             ("nims", ""),
         ] {
             // The hash follows once the program file has been read.
-            robot.until_said("the hash of its program", |robot| {
+            robot.until_reported("the hash of its program", |robot| {
                 config_of(robot, process).is_some_and(|said| !text_of(&said.program_sha256).is_empty())
             });
             let said = config_of(&robot, process).unwrap();
@@ -166,7 +169,7 @@ fn every_process_publishes_its_configuration() {
             let file = if process == "motor-box" { "motor-box.toml" } else { "resolved.toml" };
             assert_eq!(text_of(&said.file), robot.run().join(file).to_string_lossy(), "{process}");
         }
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
         let kept = runlog::read_channel::<SystemConfig>(&robot.run(), "system/config/controller").unwrap();
         assert!(parameters(&kept[0].1).contains("law = \"lq-endpoint\""), "the run file contains it");
     });

@@ -29,12 +29,12 @@ fn fly_to(robot: &mut Robot, z: f64) {
 /// motor-io dies while the robot holds, and restarts.
 fn another_life(robot: &mut Robot) {
     let life = robot.last.header.life;
-    robot.told(&["fault", "kill", "motor-io"]);
-    robot.until_said("motor-io has ended", |robot| robot.row("motor-io").is_some_and(|row| row["state"] == "DIED"));
-    robot.told(&["start", "motor-io"]);
+    robot.accepted(&["fault", "kill", "motor-io"]);
+    robot.until_reported("motor-io has ended", |robot| robot.row("motor-io").is_some_and(|row| row["state"] == "DIED"));
+    robot.accepted(&["start", "motor-io"]);
     robot.until("another life", |robot| robot.last.header.life != life && robot.last.header.cycle > 20);
-    robot.told(&["arm"]);
-    robot.told(&["confirm-position"]);
+    robot.accepted(&["arm"]);
+    robot.accepted(&["confirm-position"]);
 }
 
 /// By truth: down between the two heights, near the straight line, and within the speed limit.
@@ -55,13 +55,13 @@ fn goes_down(run: &Path, begun_ns: u64, from_z: f64, to_z: f64) {
 fn a_dead_estimator_is_not_believed(restart: bool) {
     let mut robot = Robot::up(LOGGER);
     robot.arm();
-    robot.told(&["plug", "soil", "--", "my-sensor"]);
+    robot.accepted(&["plug", "soil", "--", "my-sensor"]);
     fly_to(&mut robot, 0.8);
-    robot.told(&["swap", "estimator", "kalman"]);
+    robot.accepted(&["swap", "estimator", "kalman"]);
     fly_to(&mut robot, 0.6);
     another_life(&mut robot);
     if restart {
-        robot.told(&["restart", "controller"]);
+        robot.accepted(&["restart", "controller"]);
     }
     let samples = RefCell::new(robot.bus.subscriber::<Sample>("sample/soil").unwrap());
     let begun_ns = bus::clock::now_ns();
@@ -70,7 +70,7 @@ fn a_dead_estimator_is_not_believed(restart: bool) {
         std::iter::from_fn(|| samples.borrow_mut().receive().unwrap()).any(|sample| sample.header.stamp_ns > begun_ns)
     });
     // A process was killed, which is a failure at the end.
-    assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+    assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.printed());
     goes_down(&robot.run(), begun_ns, 0.6, 0.5);
 }
 
@@ -116,9 +116,9 @@ fn a_stranger_on_the_free_slot_does_nothing_to_the_robot_in_flight() {
         assert_eq!((robot.named, robot.last.in_charge), (0, begun.in_charge));
         assert_ne!(robot.slots.phase[SLOTS * ESTIMATORS + 1], MotorSlots::PHASE_QUALIFIED);
         // The next process in that slot is accepted: forged samples do not block a later, valid sample.
-        robot.told(&["swap", "estimator", "kalman"]);
+        robot.accepted(&["swap", "estimator", "kalman"]);
         robot.fly();
         robot.arrive();
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
     });
 }

@@ -38,9 +38,9 @@ fn without_room_nothing_is_recorded_and_no_mission_begins() {
         assert!(home.status.success() && !home.stderr.is_empty(), "{home:?}");
         robot.ask("motor-io", Request::Stop);
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-        robot.told(&["run", "--unrecorded", mission]);
+        robot.accepted(&["run", "--unrecorded", mission]);
         robot.until("it flies", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
-        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.printed());
         let answer = robot.answer();
         assert_eq!(answer["unrecorded"].as_array().map(Vec::len), Some(1), "{answer}");
         assert!(answer["unfinished"].is_string(), "{answer}");
@@ -54,18 +54,18 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         robot.for_cycles(400);
         let mut before = names_of(&robot.run());
         std::fs::remove_dir_all(robot.run()).unwrap();
-        robot.until_said("recording continues", |robot| {
+        robot.until_reported("recording continues", |robot| {
             names_of(&robot.run()).iter().any(|name| name.ends_with(".mcap.part"))
         });
         // The configuration is in the folder again, and the new file begins with it.
         before.retain(|name| name.ends_with(".toml") || name == "manifest.json");
-        robot.until_said("it stands there again", |robot| {
+        robot.until_reported("it stands there again", |robot| {
             let now = names_of(&robot.run());
             before.iter().all(|name| now.contains(name))
         });
         // A process that starts now finds a folder for its log.
-        robot.told(&["restart", "planner"]);
-        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+        robot.accepted(&["restart", "planner"]);
+        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.printed());
         assert_eq!(robot.answer()["unrecorded"].as_array().map(Vec::len), Some(1), "{}", robot.answer());
         let report = runlog::info(&robot.run()).unwrap();
         assert!(report.channels.iter().any(|channel| channel.name == "motor/state"), "{report}");
@@ -86,11 +86,11 @@ fn a_recorder_that_hangs_is_replaced() {
         let mut robot = Robot::up("");
         robot.for_cycles(200);
         robot.signal("recorder", Signal::STOP);
-        robot.until_said("it is replaced", |robot| {
+        robot.until_reported("it is replaced", |robot| {
             restarts(robot, "recorder") == 1 && robot.state("recorder") == "ready"
         });
         robot.for_cycles(200);
-        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.printed());
         let report = runlog::info(&robot.run()).unwrap();
         assert!(report.files.iter().all(|file| file.finished) && report.files[0].recovered, "{report}");
         assert!(!report.healthy, "{report}");
@@ -103,13 +103,13 @@ fn a_recorder_that_hangs_is_replaced() {
 fn a_standby_that_hangs_is_replaced() {
     steadily(|| {
         let mut robot = Robot::up(STANDBY);
-        robot.until_said("the standby is ready", |robot| robot.state("controller-b") == "ready");
+        robot.until_reported("the standby is ready", |robot| robot.state("controller-b") == "ready");
         robot.signal("controller-b", Signal::STOP);
-        robot.until_said("it is replaced", |robot| {
+        robot.until_reported("it is replaced", |robot| {
             restarts(robot, "controller-b") == 1 && robot.state("controller-b") == "ready"
         });
         assert_eq!(restarts(&robot, "controller"), 0, "the slot in charge is unchanged");
-        assert_eq!(robot.down(Signal::INT), Some(1), "a process has ended: {}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(1), "a process has ended: {}", robot.printed());
     });
 }
 

@@ -18,7 +18,7 @@ fn a_custom_estimator_is_swapped_in_during_a_flight() {
         let mut robot = Robot::up(OWN);
         robot.arm();
         robot.fly_at(0.05);
-        robot.told(&["swap", "estimator", "my-estimator"]);
+        robot.accepted(&["swap", "estimator", "my-estimator"]);
         robot.until("it is in charge", |robot| robot.slots.in_charge[ESTIMATORS] == 1);
         let mut estimates = robot.bus.subscriber::<NodeEstimate>("node/estimate/b").unwrap();
         robot.for_cycles(5);
@@ -42,12 +42,12 @@ fn a_custom_estimator_is_swapped_in_during_a_flight() {
         assert_eq!(parameters["program"]["sources"].as_str(), Some(env!("CARGO_MANIFEST_DIR")));
         let version = text_of(&said.version);
         assert!(version.ends_with(" of nims-tests"), "{version}");
-        robot.told(&["set", "estimator.sigma_length_m", "0.002"]);
+        robot.accepted(&["set", "estimator.sigma_length_m", "0.002"]);
         robot.arrive();
         robot.for_cycles(50);
         let off_m = robot.distance_m(robot.goal);
         assert!(off_m < SWING_M, "{off_m} m from the goal");
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
         let manifest = std::fs::read_to_string(robot.run().join("manifest.json")).unwrap();
         let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
         let processes = manifest["processes"].as_array().unwrap();

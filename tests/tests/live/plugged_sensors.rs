@@ -108,23 +108,23 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         let first = robot.last.header.cycle;
 
         // Both appear under their names, with their fields, and no other process is restarted.
-        robot.told(&["plug", "soil", "--", "my-sensor"]);
-        robot.told(&["plug", "leaf", "--", &path(&python), "sensor.py"]);
+        robot.accepted(&["plug", "soil", "--", "my-sensor"]);
+        robot.accepted(&["plug", "leaf", "--", &path(&python), "sensor.py"]);
         for name in ["soil", "leaf"] {
             let channel = format!("sensor/{name}");
             let mut subscriber = robot.bus.subscriber::<Example>(&channel).unwrap();
             robot.until("a sample", |_| true);
-            let said = robot.told(&["channel", "echo", &channel, "-n", "3"]);
+            let said = robot.accepted(&["channel", "echo", &channel, "-n", "3"]);
             assert_eq!(said.lines().filter(|line| line.contains("\"value_v\":")).count(), 3, "{said}");
             assert!(subscriber.latest().unwrap().is_some());
-            assert!(robot.told(&["channel", "list"]).contains(&format!("{channel}  ")));
+            assert!(robot.accepted(&["channel", "list"]).contains(&format!("{channel}  ")));
         }
         let mut killed = 0;
         for round in 0..rounds {
             let mut samples = robot.bus.subscriber::<Example>("sensor/soil").unwrap();
             match round % 3 {
                 0 => {
-                    robot.told(&["plug", "soil", "--replace", "--", "my-sensor"]);
+                    robot.accepted(&["plug", "soil", "--replace", "--", "my-sensor"]);
                 }
                 1 => {
                     killed += 1;
@@ -132,10 +132,10 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
                     robot
                         .until("its end is known", |robot| robot.domain.alive().iter().all(|node| node.name != "soil"));
                     // In the other language, under the same name and with the same type.
-                    robot.told(&["plug", "soil", "--replace", "--", &path(&python), "sensor.py"]);
+                    robot.accepted(&["plug", "soil", "--replace", "--", &path(&python), "sensor.py"]);
                 }
                 _ => {
-                    robot.told(&["restart", "soil"]);
+                    robot.accepted(&["restart", "soil"]);
                 }
             }
             while samples.latest().unwrap().is_some() {}
@@ -164,10 +164,10 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         // Other fields under the old name are rejected, with what to do; under a new name they are accepted.
         let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py"]);
         assert!(!output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        robot.told(&["plug", "leaf-2", "--", &path(&python), "other.py"]);
-        robot.told(&["channel", "echo", "sensor/leaf-2", "-n", "1"]);
-        robot.told(&["unplug", "soil"]);
-        robot.told(&["unplug", "leaf-2"]);
+        robot.accepted(&["plug", "leaf-2", "--", &path(&python), "other.py"]);
+        robot.accepted(&["channel", "echo", "sensor/leaf-2", "-n", "1"]);
+        robot.accepted(&["unplug", "soil"]);
+        robot.accepted(&["unplug", "leaf-2"]);
         robot.poll();
         let last = robot.last.header.cycle;
         robot.until("quiet flight", |robot| robot.last.header.cycle > last + QUIET_CYCLES);
@@ -204,8 +204,8 @@ fn a_successor_that_does_not_speak_costs_nothing() {
         let python = python.to_str().unwrap();
         let mut robot = Robot::up("");
         copy_templates(&robot);
-        robot.told(&["plug", "soil", "--", "my-sensor"]);
-        robot.told(&["channel", "echo", "sensor/soil", "-n", "1"]);
+        robot.accepted(&["plug", "soil", "--", "my-sensor"]);
+        robot.accepted(&["channel", "echo", "sensor/soil", "-n", "1"]);
         let before = robot.pid_in_table("soil").unwrap();
 
         // One that ends, one of another type, and one that never publishes: the previous one keeps publishing. What the
@@ -228,7 +228,7 @@ fn a_successor_that_does_not_speak_costs_nothing() {
         }
 
         // One that publishes has the name from then on; the previous one published until then.
-        robot.told(&["plug", "soil", "--replace", "--", python, "sensor.py"]);
+        robot.accepted(&["plug", "soil", "--replace", "--", python, "sensor.py"]);
         let after = robot.pid_in_table("soil").unwrap();
         assert_ne!(after, before);
         assert_eq!(robot.down(Signal::INT), Some(0), "no process ended");

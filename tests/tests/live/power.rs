@@ -72,7 +72,7 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
         let cycle = robot.last.header.cycle + 5;
         robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
-        robot.until_said("the earlier run is recovered", |_| {
+        robot.until_reported("the earlier run is recovered", |_| {
             runlog::info(&run).is_ok_and(|report| report.files.iter().all(|file| file.finished))
         });
         is_whole(&run, &seen);
@@ -130,7 +130,7 @@ fn a_mission_continues_after_a_power_cut_without_repeating_finished_legs() {
         let file = robot.folder().join("configs/missions/over.toml");
         std::fs::write(&file, &mission).unwrap();
         robot.arm();
-        robot.until_said("the mission is accepted", |robot| robot.nims(&["run", "over"]).status.success());
+        robot.until_reported("the mission is accepted", |robot| robot.nims(&["run", "over"]).status.success());
         robot.until("more than half of the first line", |robot| robot.distance_m(START) > 0.5);
         robot.kill_all();
         robot.poll();
@@ -141,7 +141,9 @@ fn a_mission_continues_after_a_power_cut_without_repeating_finished_legs() {
         robot.up_again("");
         robot.ask("motor-io", Request::Arm);
         robot.ask("motor-io", Request::ZeroAt { position_m: there });
-        robot.until_said("the rest is accepted", |robot| robot.nims(&["run", "over", "--continue"]).status.success());
+        robot.until_reported("the rest is accepted", |robot| {
+            robot.nims(&["run", "over", "--continue"]).status.success()
+        });
         robot.until("the first line's end", |robot| {
             assert!(robot.distance_m(START) > before - 0.1, "the robot flies a finished leg again");
             robot.distance_m(GOAL) < 0.02
@@ -152,7 +154,7 @@ fn a_mission_continues_after_a_power_cut_without_repeating_finished_legs() {
         robot.refused(&["run", "over", "--continue"], &[]);
         // The run has what was flown, even if the progress file is lost.
         std::fs::remove_file(&file).unwrap();
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
         assert_eq!(std::fs::read_to_string(robot.run().join("missions/1-over.toml")).unwrap(), mission);
         assert!(!robot.run().join("missions/2-over.toml").exists(), "what was refused was not flown");
         let kept = runlog::info(&robot.run()).unwrap().attachments;

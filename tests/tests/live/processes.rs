@@ -49,7 +49,7 @@ fn until_still(robot: &mut Robot) {
             return;
         }
     }
-    panic!("the drums still turn\n{}", robot.said());
+    panic!("the drums still turn\n{}", robot.printed());
 }
 
 /// Every run file is finished and sound.
@@ -160,22 +160,22 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
         robot.for_cycles(30);
         assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
 
-        let listed: Value = serde_json::from_str(&robot.told(&["channel", "list", "--json"])).unwrap();
+        let listed: Value = serde_json::from_str(&robot.accepted(&["channel", "list", "--json"])).unwrap();
         let channels = listed["channels"].as_array().unwrap();
         assert!(channels.iter().any(|channel| channel["name"] == "motor/state"), "{listed}");
-        let counted = robot.told(&["channel", "hz", "motor/state", "--for", "1", "--json"]);
+        let counted = robot.accepted(&["channel", "hz", "motor/state", "--for", "1", "--json"]);
         let counted: Value = serde_json::from_str(&counted).unwrap();
         let hz = counted["channels"][0]["hz"].as_f64().unwrap();
         assert!(hz > 50.0 && hz < 120.0, "{counted}");
-        let echoed = robot.told(&["channel", "echo", "motor/authority", "-n", "2"]);
+        let echoed = robot.accepted(&["channel", "echo", "motor/authority", "-n", "2"]);
         let lines: Vec<Value> = echoed.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert_eq!(lines.len(), 2);
         assert_eq!(lines[0]["mode"], "MODE_HOLDING", "{}", lines[0]);
 
         robot.fly_at(SPEED_M_S);
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
         let answer = robot.answer();
-        assert_eq!(answer["mode"], "holding", "{answer}\n{}", robot.said());
+        assert_eq!(answer["mode"], "holding", "{answer}\n{}", robot.printed());
         files_are_closed(&robot.run());
         // The file ends with a robot that holds on taut cables.
         let truth = runlog::read_channel::<TruthNode>(&robot.run(), "truth/node").unwrap();
@@ -194,7 +194,7 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
         let mut robot = in_flight(THREE_CABLES, "");
         robot.arrive();
         robot.for_cycles(100);
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
         // The virtual motor box starts the node at the position in its file, so the file gets the last position.
         robot.change_system(|text| {
             assert!(text.contains("start_m = [4.8, 3.0, 0.3]"));
@@ -205,9 +205,9 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
         robot.poll();
         assert_eq!(robot.last.position_known, messages::MotorState::POSITION_RESTORED);
         assert_eq!(robot.refused(&["goto", "5.0,3.2,0.5"], &["confirm-position"]), Some(1));
-        robot.told(&["confirm-position"]);
+        robot.accepted(&["confirm-position"]);
         let mut found = Vec::new();
-        robot.until_said("a position", |robot| robot.status()["position_m"].is_array());
+        robot.until_reported("a position", |robot| robot.status()["position_m"].is_array());
         // A cycle without readings has no estimate.
         while found.is_empty() {
             let status = robot.status();
@@ -215,7 +215,7 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
         }
         let off = found.iter().zip(GOAL).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         assert!(off < 0.02, "{off} m from the last position");
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
     });
 }
 
@@ -244,7 +244,8 @@ fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
             "the node drifts: {place:?} {:?}",
             robot.seen.position_m
         );
-        assert!(robot.said().contains(&format!("{name} was ended by signal 9")), "{}", robot.said());
+        let reported = |line: &str| line.contains(name) && line.contains("signal 9");
+        assert!(robot.printed().lines().any(reported), "{}", robot.printed());
         assert_eq!(robot.down(Signal::INT), Some(1), "nims up exits with success although {name} ended");
         files_are_closed(&robot.run());
         stopped_in_time(&robot.run(), killed_ns, drift_s);
@@ -276,10 +277,10 @@ fn a_controller_that_stands_still_is_as_good_as_dead_until_it_goes_on() {
         assert_ne!(robot.named & MotorAuthority::FAULT_COMMAND_LOST, 0, "faults {:#x}", robot.named);
         until_still(&mut robot);
         assert!(taut(&robot) && robot.distance_m(GOAL) > 0.3, "{:?}", robot.seen);
-        robot.until_said("the missing heartbeat is reported", |robot| robot.state("controller") == "SILENT");
+        robot.until_reported("the missing heartbeat is reported", |robot| robot.state("controller") == "SILENT");
         robot.signal("controller", Signal::CONT);
-        robot.until_said("the return is reported", |robot| robot.state("controller") == "ready");
-        assert_eq!(robot.down(Signal::INT), Some(0), "no process ended: {}", robot.said());
+        robot.until_reported("the return is reported", |robot| robot.state("controller") == "ready");
+        assert_eq!(robot.down(Signal::INT), Some(0), "no process ended: {}", robot.printed());
         files_are_closed(&robot.run());
     });
 }
@@ -296,7 +297,7 @@ fn an_emergency_stop_waits_aloud_for_a_motor_io_that_stands_still() {
             .stderr(std::fs::File::create(&said).unwrap())
             .spawn()
             .unwrap();
-        robot.until_said("the failed stop is reported", |_| {
+        robot.until_reported("the failed stop is reported", |_| {
             !std::fs::read_to_string(&said).unwrap_or_default().is_empty()
         });
         assert!(estop.try_wait().unwrap().is_none(), "the supervisor keeps trying");
@@ -332,7 +333,7 @@ fn a_recorder_whose_file_cannot_grow_reports_it_and_starts_another_during_the_fl
         robot.arrive();
         assert_eq!(robot.named & messages::faults::HARD, 0, "the robot has faults: {:#x}", robot.named);
         assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
-        assert_eq!(robot.down(Signal::INT), Some(1), "a part of the run is lost: {}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(1), "a part of the run is lost: {}", robot.printed());
         assert_eq!(robot.answer()["unrecorded"].as_array().map(Vec::len), Some(1), "{}", robot.answer());
         assert!(robot.run().join("run-0002.mcap").is_file());
         files_are_closed(&robot.run());
@@ -359,13 +360,13 @@ fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
     steadily(|| {
         let mut robot = in_flight(THREE_CABLES, "");
         robot.signal("recorder", Signal::KILL);
-        robot.until_said("it is restarted", |robot| {
+        robot.until_reported("it is restarted", |robot| {
             robot.row("recorder").is_some_and(|row| row["restarts"] == 1 && row["state"] == "ready")
         });
         robot.arrive();
         assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
         let second = robot.run().join("run-0002.mcap");
-        robot.until_said("it records again", |_| second.with_extension("mcap.part").exists());
+        robot.until_reported("it records again", |_| second.with_extension("mcap.part").exists());
         robot.down(Signal::INT);
         files_are_closed(&robot.run());
         assert!(second.is_file());
@@ -389,9 +390,9 @@ fn without_motor_io_the_drives_stop_the_motors() {
         assert!(travel < WATCHDOG_S * SPEED_M_S + 0.01, "{travel} m");
         until_still(&mut robot);
         assert!(taut(&robot), "{:?}", robot.seen);
-        robot.until_said("the loss is reported", |robot| robot.state("motor-io") == "DIED");
+        robot.until_reported("the loss is reported", |robot| robot.state("motor-io") == "DIED");
         // The text itself: the cure is the one while `nims up` runs, which rejects a second one; its log is no cause.
-        let said = robot.said();
+        let said = robot.printed();
         let loss = said.lines().find(|line| line.contains("`nims restart motor-io`"));
         assert!(loss.is_some_and(|line| !line.contains("(INFO")), "{said}");
         let status = robot.status();
@@ -407,9 +408,9 @@ fn a_planar_robot_that_floats_flies() {
     steadily(|| {
         let mut robot = Robot::up_with("aq4", "", |_| ());
         robot.ask("motor-io", Request::Arm);
-        robot.told(&["zero", "--at", "4.0,2.0"]);
+        robot.accepted(&["zero", "--at", "4.0,2.0"]);
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-        robot.until_said("the move is accepted", |robot| robot.nims(&["goto", "4.8,2.4"]).status.success());
+        robot.until_reported("the move is accepted", |robot| robot.nims(&["goto", "4.8,2.4"]).status.success());
         robot.until("it moves", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
         robot.arrive();
         assert!(robot.distance_m([4.8, 0.0, 2.4]) < SWING_M, "{:?}", robot.seen.position_m);
@@ -425,9 +426,10 @@ fn without_motor_io_cables_run_out_at_the_speed_that_check_computes() {
             let text = std::fs::read_to_string(&path).unwrap();
             std::fs::write(&path, text.replace("gear_friction = 0.85 ", "gear_friction = 0.0 ")).unwrap();
         });
-        let said = robot.told(&["check", robot.system_file().to_str().unwrap()]);
-        let (_, rest) = said.split_once("a cable unwinds at ").expect("nims check warns of unwinding");
-        let announced_m_s = 1e-3 * rest.split_once(" mm/s").unwrap().0.parse::<f64>().unwrap();
+        let said = robot.accepted(&["check", robot.system_file().to_str().unwrap()]);
+        // The first speed that it states is that of an unwinding cable.
+        let (before, _) = said.split_once(" mm/s").expect("nims check warns of unwinding");
+        let announced_m_s = 1e-3 * before.rsplit(' ').next().unwrap().parse::<f64>().unwrap();
         robot.arm();
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         robot.signal("motor-io", Signal::KILL);
@@ -453,12 +455,12 @@ fn processes_outside_the_control_cycle_die_without_effect_on_the_flight() {
             format!("\n[[process]]\nname = \"{name}\"\ncommand = [\"{name}\", \"--system\", \"{{system}}\"]\n")
         };
         let mut robot = in_flight(THREE_CABLES, &["visualization", "sensor-logger"].map(process).concat());
-        robot.told(&["plug", "soil", "--", "my-sensor"]);
+        robot.accepted(&["plug", "soil", "--", "my-sensor"]);
         for name in ["visualization", "sensor-logger", "soil"] {
-            robot.until_said("it runs", |robot| robot.pid(name).is_some());
+            robot.until_reported("it runs", |robot| robot.pid(name).is_some());
             robot.signal(name, Signal::KILL);
-            let lost = format!("{name} was ended by signal 9");
-            robot.until_said("the loss is reported", |robot| robot.said().contains(&lost));
+            let lost = |line: &str| line.contains(name) && line.contains("signal 9");
+            robot.until_reported("the loss is reported", |robot| robot.printed().lines().any(lost));
             assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING, "after the death of {name}");
         }
         let mut watcher = Command::new(program());

@@ -237,7 +237,7 @@ fn on_a_robot_it_is_a_process_like_the_others() {
     robot.ask("motor-io", Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
     robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     robot.until("the logger", |robot| robot.pid("sensor-logger").is_some());
-    robot.told(&["plug", "soil", "--", "my-sensor"]);
+    robot.accepted(&["plug", "soil", "--", "my-sensor"]);
     let samples = RefCell::new(robot.bus.subscriber::<Sample>("sample/soil").unwrap());
     let maps = RefCell::new(robot.bus.subscriber::<FieldMap>("map/soil").unwrap());
     let newest = || std::iter::from_fn(|| samples.borrow_mut().receive().unwrap()).last();
@@ -248,7 +248,7 @@ fn on_a_robot_it_is_a_process_like_the_others() {
         last.get() > 5
     });
     robot.until("a map", |_| maps.borrow_mut().receive().unwrap().is_some_and(|map| map.samples > 0));
-    // it dies, restarts, and goes on
+    // it dies, restarts, and continues
     robot.signal("sensor-logger", Signal::KILL);
     note();
     let died = last.get();
@@ -257,7 +257,7 @@ fn on_a_robot_it_is_a_process_like_the_others() {
         last.get() > died + 20
     });
     // the exit code reports a process that died on the way, as a failure
-    assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+    assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.printed());
     let samples = samples_in(&robot.run());
     assert!(samples.len() > 20);
     for sample in &samples {

@@ -71,16 +71,16 @@ fn a_run_is_drawn_and_read_field_by_field() {
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let python = python();
-    let said = |script: &str, more: &[&Path]| {
+    let printed = |script: &str, more: &[&Path]| {
         let output = Command::new(&python).arg(root.join(script)).arg(&out).args(more).output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
         said
     };
-    let checked = said("python/check_visualization.py", &[&file]);
+    let checked = printed("python/check_visualization.py", &[&file]);
     assert_eq!(checked.lines().filter(|line| line.ends_with("as expected")).count(), 2, "{checked}");
     // the project's reader for analysts, including texts and lists
-    let reader = said("python/check_reader.py", &[]);
+    let reader = printed("python/check_reader.py", &[]);
     assert!(reader.contains(" samples on 7 channels agree"), "{reader}");
 }
 
@@ -118,7 +118,7 @@ fn a_living_robot_is_drawn_too() {
     // The time of a drawing is that of the run file, to the nanosecond: both use the clock of the run.
     let number = |at: usize| u64::from(u32::from_le_bytes(body[at..at + 4].try_into().unwrap()));
     let drawn_ns = 1_000_000_000 * number(4) + number(8);
-    assert_eq!(robot.down(rustix::process::Signal::INT), Some(0), "{}", robot.said());
+    assert_eq!(robot.down(rustix::process::Signal::INT), Some(0), "{}", robot.printed());
     let clock = RunReader::open(&robot.run()).unwrap().clock().unwrap();
     let estimates = read_channel::<NodeEstimate>(&robot.run(), "node/estimate/a").unwrap();
     let exactly = |(_, estimate): &(u64, NodeEstimate)| clock.unix_of(estimate.header.stamp_ns) == drawn_ns;

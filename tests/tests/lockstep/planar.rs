@@ -81,7 +81,7 @@ fn a_pause_and_a_stop_keep_the_lines_taut() {
             assert!(last.truth_n.iter().all(|tension| *tension > 5.0), "{:?}", last.truth_n);
             let speed_m_s = (Vector3::from(last.truth_m) - before).norm() / 0.01;
             assert!(speed_m_s < 0.25, "{speed_m_s} m/s");
-            // It comes to rest between the legs of the mission, so the last speed does not show whether it goes on.
+            // It comes to rest between the legs of the mission, so the last speed does not show whether it continues.
             fastest_m_s = if cycle < 900 { 0.0 } else { speed_m_s.max(fastest_m_s) };
             if cycle == 1099 {
                 assert_eq!(last.authority.mode, mode);

@@ -136,7 +136,7 @@ fn a_change_of_the_estimators_parameters_is_no_step_of_the_estimate() {
 }
 
 /// Parameters that a process publishes.
-fn said(file: &SystemFile, section: &str, incarnation: u32, from_seq: u64, stamp_ns: u64) -> SystemConfig {
+fn declared(file: &SystemFile, section: &str, incarnation: u32, from_seq: u64, stamp_ns: u64) -> SystemConfig {
     let mut said = SystemConfig { incarnation, from_seq, ..SystemConfig::default() };
     said.header.stamp_ns = stamp_ns;
     put_text(&mut said.parameters, &file.sections(&[section]));
@@ -178,8 +178,8 @@ fn a_run_in_which_parameters_were_set_replays_bit_for_bit() {
             if cycle == 1 || cycle == CYCLE {
                 let file = if cycle == 1 { &file } else { &after };
                 let stamp_ns = now.state.header.stamp_ns;
-                tape.write("system/config/estimator", said(file, "estimator", 1, cycle, stamp_ns)).unwrap();
-                tape.write("system/config/controller", said(file, "controller", 2, cycle, stamp_ns)).unwrap();
+                tape.write("system/config/estimator", declared(file, "estimator", 1, cycle, stamp_ns)).unwrap();
+                tape.write("system/config/controller", declared(file, "controller", 2, cycle, stamp_ns)).unwrap();
             }
             tape.cycle(&now, lockstep.slots()).unwrap();
         }

@@ -82,7 +82,7 @@ fn the_robot_flies_in_drawn_worlds_and_its_estimate_is_not_the_truth() {
         let flight = drawn("demo3", seed, 1.0, 0.0, 0.0);
         row(&format!("seed {seed}, spread 1"), &flight);
         assert_eq!(flight.state, PlanStatus::STATE_DONE, "{flight:?}");
-        // It follows its own estimate as well as in the model's world, and that says nothing about the truth.
+        // It follows its own estimate as well as in the model's world, which is no measure of the truth.
         assert!(flight.estimate.rms_m < 0.003, "{flight:?}");
         assert!(flight.between.rms_m > 3.0 * model.between.rms_m, "{flight:?}");
         assert!(flight.truth.max_m < 0.15, "{flight:?}");

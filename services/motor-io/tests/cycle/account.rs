@@ -119,7 +119,7 @@ fn a_drive_without_answers_is_the_cause_of_resynchronising_its_port() {
             rig.unit[0] = outcome;
             rig.inbox.input_mut().box_left_out_ns += if held_up { 9_000_000 } else { 0 };
             rig.step();
-            // Waiting for it in vain takes until the next cycle is due.
+            // Without it, the wait takes until the next cycle is due.
             rig.step_after(-3_500_000, 50_000);
             rig.step_after(3_500_000, 50_000);
             rig.estimate_valid = false;

@@ -78,7 +78,7 @@ pub enum LengthCheckError {
         /// Distance on the tape, m.
         tape_m: f64,
     },
-    /// Two moves contradict each other.
+    /// Moves contradict each other; the one farthest from all together.
     #[error(
         "move {number} gives a scale of {scale:.5}, and all together {mean:.5} ±{std:.5}; the cable slips over the idler or \
          a reading is wrong: repeat the moves"
@@ -124,14 +124,19 @@ pub fn scale(moves: &[TapeCheck], counts_per_m: f64) -> Result<CableScale, Lengt
         return Err(LengthCheckError::NoMove);
     }
     let mean = weighted / weights;
-    let mut chi_square = 0.0;
+    // A move that slipped also moves the mean away from the others, so only the farthest one is named.
+    let (mut chi_square, mut farthest, mut contradiction) = (0.0, CONTRADICTION, None);
     for (i, one) in moves.iter().enumerate() {
         let (scale, std) = scale_of(i + 1, one, counts_per_m)?;
         let off = (scale - mean) / std;
-        if off.abs() > CONTRADICTION {
-            return Err(LengthCheckError::Contradiction { number: i + 1, scale, mean, std });
+        if off.abs() > farthest {
+            farthest = off.abs();
+            contradiction = Some(LengthCheckError::Contradiction { number: i + 1, scale, mean, std });
         }
         chi_square += off * off;
+    }
+    if let Some(contradiction) = contradiction {
+        return Err(contradiction);
     }
     // Birge's ratio: the scatter of the moves takes the place of a tape that claims to be better.
     let ratio = if moves.len() > 1 { (chi_square / (moves.len() - 1) as f64).max(1.0) } else { 1.0 };

@@ -136,7 +136,7 @@ fn another_type_on_a_channel_is_an_error_of_one_sentence() {
     let BusError::TypeMismatch { found, wanted, .. } = &error else { panic!("{error}") };
     assert_eq!((found.as_str(), wanted.as_str()), (MotorState::type_name(), NodeEstimate::type_name()));
     assert_eq!(error.to_string().lines().count(), 1);
-    // The sentence tells the user to give a changed sensor another name.
+    // The sentence names the cure: another name for a changed sensor.
     let _sensor = bus.publisher::<messages::Reading>("sensor/soil").unwrap();
     let error = bus.publisher::<Heartbeat>("sensor/soil").unwrap_err().to_string();
     assert!(error.contains("`soil-2`") && error.lines().count() == 1, "{error}");

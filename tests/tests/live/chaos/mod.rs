@@ -148,7 +148,7 @@ impl Chaos {
                 self.robot.last.faults,
                 self.robot.slots.phase,
                 self.robot.slots.cause,
-                self.robot.said()
+                self.robot.printed()
             );
             let cycle = self.robot.last.header.cycle;
             if self.in_flight() && self.complete() {
@@ -237,7 +237,7 @@ impl Chaos {
                 "{fault}: no effect; mode {}, faults {:#x}\n{}",
                 self.robot.last.mode,
                 self.robot.last.faults,
-                self.robot.said()
+                self.robot.printed()
             );
             if self.robot.last.mode == MotorAuthority::MODE_HOLDING {
                 self.go_on();

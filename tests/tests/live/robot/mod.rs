@@ -128,7 +128,7 @@ impl Robot {
         self.supervisor = start(self.folder.path(), self.file, &self.domain, more, self.runs);
         // The old ports ended with the old processes.
         while self.domain.alive().iter().all(|node| node.name == "observer") {
-            assert!(self.supervisor.try_wait().unwrap().is_none(), "it ended\n{}", self.said());
+            assert!(self.supervisor.try_wait().unwrap().is_none(), "it ended\n{}", self.printed());
             std::thread::sleep(Duration::from_millis(2));
         }
         self.bus = Bus::join(&self.domain, "observer").unwrap();
@@ -169,7 +169,7 @@ impl Robot {
     }
 
     /// Output of the supervisors so far.
-    pub fn said(&self) -> String {
+    pub fn printed(&self) -> String {
         std::fs::read_to_string(self.folder.path().join("said")).unwrap_or_default()
     }
 
@@ -181,9 +181,9 @@ impl Robot {
     }
 
     /// Runs the operator's command; returns its answer.
-    pub fn told(&self, args: &[&str]) -> String {
+    pub fn accepted(&self, args: &[&str]) -> String {
         let output = self.nims(args);
-        assert!(output.status.success(), "{args:?}: {}\n{}", String::from_utf8_lossy(&output.stderr), self.said());
+        assert!(output.status.success(), "{args:?}: {}\n{}", String::from_utf8_lossy(&output.stderr), self.printed());
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
@@ -248,7 +248,7 @@ impl Robot {
             if let Some(status) = self.supervisor.try_wait().unwrap() {
                 return status.code();
             }
-            assert!(clock::now_ns() < give_up, "nims up does not end\n{}", self.said());
+            assert!(clock::now_ns() < give_up, "nims up does not end\n{}", self.printed());
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -274,32 +274,32 @@ impl Robot {
                     return;
                 }
             }
-            self.not_in_vain(what, give_up);
+            self.in_time(what, give_up);
             std::thread::sleep(Duration::from_millis(2));
         }
     }
 
     /// The same for conditions that are slow to check or come from elsewhere: checked now and then, after all present
     /// samples.
-    pub fn until_said(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
+    pub fn until_reported(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
             self.poll();
             if wanted(self) {
                 return;
             }
-            self.not_in_vain(what, give_up);
+            self.in_time(what, give_up);
             std::thread::sleep(Duration::from_millis(20));
         }
     }
 
-    fn not_in_vain(&self, what: &str, give_up: u64) {
+    fn in_time(&self, what: &str, give_up: u64) {
         let MotorAuthority { mode, faults, .. } = self.last;
         let periods = robot_state::Periods::from_authority(&self.last).summary();
         assert!(
             clock::now_ns() < give_up,
             "{what}: in vain; mode {mode}, faults {faults:#x}, {periods}\n{}",
-            self.said()
+            self.printed()
         );
     }
 
@@ -311,7 +311,7 @@ impl Robot {
             if matches!(answer, Some((true, _))) {
                 return;
             }
-            assert!(clock::now_ns() < give_up, "still rejected: {answer:?}\n{}", self.said());
+            assert!(clock::now_ns() < give_up, "still rejected: {answer:?}\n{}", self.printed());
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -337,7 +337,7 @@ impl Robot {
             if states.latest().unwrap().is_some_and(|row| row.state == state) {
                 return;
             }
-            self.not_in_vain(&format!("the recorder in state {state}"), give_up);
+            self.in_time(&format!("the recorder in state {state}"), give_up);
             std::thread::sleep(Duration::from_millis(20));
         }
     }

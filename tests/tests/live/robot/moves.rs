@@ -49,7 +49,7 @@ impl Robot {
                 return;
             }
             self.ask("motor-io", Request::Resume);
-            self.until("it goes on", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+            self.until("it continues", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
         }
         panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
     }

@@ -130,7 +130,7 @@ fn ports_come_up_go_and_come_back_one_by_one() {
     two.jack.lock().unwrap().unplug();
     let reply = until(&mut fleet, PATIENCE_NS, RUN, |reply| reply.ports[1].lost.is_some());
     assert!(reply.units[2].outcome.as_ref().is_err_and(Error::is_lost), "{reply:?}");
-    assert!(reply.units[..2].iter().all(|unit| unit.outcome.is_ok()), "the other port goes on");
+    assert!(reply.units[..2].iter().all(|unit| unit.outcome.is_ok()), "the other port continues");
 
     two.jack.lock().unwrap().plug().unwrap();
     let interlocked = |reply: &FleetReply| {
@@ -196,7 +196,7 @@ impl Device for Stuck {
 fn a_port_that_hangs_does_not_hold_up_the_caller() {
     let bus = Bus::new(Pipe::new("stuck", 0, Stuck), &bus_config(&[0x80], WIRE_MARGIN_NS)).unwrap();
     let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
-    // One exchange with it takes most of a second; every call ends by its own deadline all the same, and says what the
+    // One exchange with it takes most of a second; every call ends by its own deadline all the same, and states what the
     // port is at.
     for cycle in 1..20 {
         let reply = fleet.exchange(&all(Command::HOLD, cycle), monotonic_ns() + 2 * MS);

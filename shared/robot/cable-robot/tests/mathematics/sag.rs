@@ -252,7 +252,7 @@ proptest! {
         let hangs = span.hang(tension * slope.cos()).unwrap();
         let bow = hangs.unstretched_m - chord;
         prop_assert!((load.bow_m(tension) / bow - 1.0).abs() < 24.0 * sag * sag + 1e-9 / bow, "{} for {bow}", load.bow_m(tension));
-        // The summed cable ends where the formula says.
+        // The summed cable ends where the formula puts it.
         let ([x, z], _) = end(tension * slope.cos(), hangs.lift_n, hangs.unstretched_m, w, f64::INFINITY);
         prop_assert!((x - span.level_m).abs() + (z - span.rise_m).abs() < 1e-6 * chord);
     }

@@ -86,5 +86,6 @@ fn moves_that_tell_nothing_or_contradict_are_refused() {
     // One of three moves slipped by 5 cm.
     let slipped = [good, one(5.05, 5.0), good];
     let why = scale(&slipped, COUNTS_PER_M).unwrap_err();
-    assert!(matches!(why, LengthCheckError::Contradiction { .. }), "{why}");
+    let LengthCheckError::Contradiction { number: 2, scale, mean, std } = why else { panic!("{why:?}") };
+    assert!(std > 0.0 && (scale - mean).abs() > 2.0 * std, "{why}");
 }

@@ -39,7 +39,7 @@ fn check<T: Message>() {
     let own = text.split(&"=".repeat(80)).next().unwrap();
     assert_eq!(cdr_size(own, text, 0), size_of::<T>(), "{}", T::NAME);
     assert_eq!(size_of::<T>() % 8, 0, "{}: an array of it must not need padding", T::NAME);
-    // Longer texts go on in services of their own, which costs every process that opens the channel: two types are
+    // Longer texts need services of their own, which costs every process that opens the channel: two types are
     // worth it.
     let room = if ["MotorAuthority", "MotorInput"].contains(&T::NAME) { 2 * 1750 } else { 1750 };
     assert!(text.len() <= room, "{}: schema text of {} bytes does not fit a channel's attributes", T::NAME, text.len());

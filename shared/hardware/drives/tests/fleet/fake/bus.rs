@@ -69,7 +69,7 @@ impl Unit {
         self.failed >= SILENT_AFTER
     }
 
-    /// The unit began at zero again, so its counts go on from where they were.
+    /// The unit began at zero again, so its counts continue from where they were.
     fn restarted(&mut self) {
         self.report.reboots += 1;
         self.origin = self.report.counts.value[0];

@@ -19,7 +19,7 @@ struct FakeUnit {
     amperes: f64,
     drive: Command,
     watchdog_ms: u32,
-    /// Keeps this watchdog whatever it is told.
+    /// Keeps this watchdog whatever it receives.
     kept_ms: Option<u32>,
     muted: bool,
     stopped: bool,

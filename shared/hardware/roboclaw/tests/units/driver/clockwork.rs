@@ -12,11 +12,11 @@ pub const BUDGET_NS: u64 = 9 * MS;
 pub const BAUD: u32 = 230_400;
 
 /// Units whose encoders show the time: motor 1 counts microseconds, motor 2 counts them backwards. So every sample
-/// tells by itself when it was taken, and a stale one cannot hide.
+/// states by itself when it was taken, and a stale one cannot hide.
 #[derive(Debug)]
 pub struct Clockwork {
     pub bus: UnitBus,
-    /// Speeds each unit was told, in the order in which it was told them.
+    /// Speeds each unit received, in their order.
     pub told: Vec<Vec<f64>>,
 }
 
@@ -114,7 +114,7 @@ impl Run {
     }
 }
 
-/// How far the clockwork's time in a sample is from the time at which the driver says it asked, ns.
+/// How far the clockwork's time in a sample is from the time of the question that the driver states, ns.
 pub fn age_ns(answer: &UnitAnswer, zero_us: i64) -> i64 {
     let counts = answer.report.counts;
     assert_eq!(counts.value[0], -counts.value[1], "two motors of one sample disagree");

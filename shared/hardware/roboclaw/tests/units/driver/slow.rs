@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 
 use super::clockwork::*;
 
-/// A pipe whose clock goes on by a microsecond whenever it is read, as a computer's does.
+/// A pipe whose clock advances by a microsecond whenever it is read, as a computer's does.
 struct Ticking {
     pipe: Mutex<Pipe<Clockwork>>,
     name: Arc<str>,
@@ -93,7 +93,7 @@ fn answers_that_are_always_late_are_waited_for_longer_until_they_are_not() {
     for unit in units(&mut run.bus) {
         unit.answer_late(0, 0);
     }
-    // Cycles have no time for answers that were so slow: between them the fleet goes on by itself.
+    // Cycles have no time for answers that were so slow: between them the fleet continues by itself.
     while run.bus.settle(run.bus.transport().now_ns() + 5 * MS).is_err() {
         assert!(run.bus.transport().now_ns() < start_ns + 1_000 * MS, "not in use again: {:?}", run.bus);
     }
