@@ -210,7 +210,7 @@ fn the_service_manager_accepts_the_units() {
         let ours: Vec<&str> = complaints.lines().filter(|line| line.contains("nims")).collect();
         assert!(ours.is_empty(), "{ours:?}");
     }
-    for unit in ["nims@.service", "nims-runs.service"] {
+    for unit in ["nims@.service", "nims-gateway@.service", "nims-runs.service"] {
         let judged = exposure(&root.join("usr/lib/systemd/system").join(unit));
         assert!(judged.status.success(), "{unit}: {}", String::from_utf8_lossy(&judged.stdout));
     }
