@@ -73,7 +73,7 @@ fn operator_uses_the_gateway(robot: &mut Robot, nims: &Path, memory: &Path) {
     let mut gateway = command_as(0, OPERATORS, &program().with_file_name("gateway"));
     gateway.arg("--system").arg(&system).arg("--socket").arg(&socket).args(["--domain", robot.domain.name()]);
     let _gateway = Ended(gateway.stderr(std::process::Stdio::null()).spawn().unwrap());
-    robot.until_said("the gateway listens", |_| socket.exists());
+    robot.until_reported("the gateway listens", |_| socket.exists());
     // The operator's mission is in a home that the robot's user could enter only as root.
     let home = open_folder();
     fs::write(home.path().join("own.toml"), "name = \"own\"\n[[leg]]\nline = { to_m = [4.9, 3.1, 0.4] }\n").unwrap();
@@ -91,13 +91,13 @@ fn operator_uses_the_gateway(robot: &mut Robot, nims: &Path, memory: &Path) {
         command.output().unwrap()
     };
     let operator = |args: &[&str]| run(OPERATOR, OPERATORS, args);
-    robot.until_said("the gateway has joined the robot", |_| operator(&["status"]).status.success());
+    robot.until_reported("the gateway has joined the robot", |_| operator(&["status"]).status.success());
     for args in [&["hold"][..], &["stop"], &["channel", "list"], &["runs"]] {
         let output = operator(args);
         assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     }
     // Once the robot has come to rest.
-    robot.until_said("the mission is flown", |_| operator(&["run", "own.toml", "--wait"]).status.success());
+    robot.until_reported("the mission is flown", |_| operator(&["run", "own.toml", "--wait"]).status.success());
     // No shell as the robot's user, no token, no run that is being recorded, no path of its own.
     let present = robot.run().file_name().unwrap().to_str().unwrap().to_owned();
     for args in [
