@@ -35,6 +35,7 @@ const DEFAULT_SYSTEM: &str = "configs/systems/field3.toml";
 const MEANING: &str = "\
 meaning    estimate: how far the robot saw itself from where it should be; truth: how far it really was
            model: the difference, which the robot cannot see; a real robot shows no truth
+           stated: how large the estimates say that this difference may be
            steered: control cycles in which no fresh command reached the drives, by what was late:
            this computer, the drives, their serial port, or estimator and controller";
 
@@ -192,6 +193,7 @@ fn words(
     if let Some(model) = &analysis.model {
         lines.push(format!("model      {}", millimetres(model, "truth to the estimate")));
     }
+    lines.push(format!("stated     {}", analysis.stated));
     lines.extend(world_of(run, &[]).map(|world| format!("world      {world}")));
     if let Some(tensions) = &analysis.tensions {
         lines.push(format!(

@@ -7,6 +7,7 @@ use command::{Answer, Failure};
 use messages::{ControlStatus, MotorAuthority, TruthNode};
 use robot_state::Periods;
 use serde::Serialize;
+use std::fmt;
 use std::path::Path;
 
 /// Relative deviation of a tension from the chosen one that counts as equal.
@@ -23,6 +24,22 @@ pub struct Error {
     pub max_m: f64,
     /// Number of samples.
     pub samples: usize,
+}
+
+/// How far the estimates state that the truth may be.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Stated {
+    /// Root mean square of two standard deviations over all axes together, m.
+    pub rms_m: f64,
+    /// Share of the cycles in which the truth is within two standard deviations on every axis; only with a truth.
+    pub covered: Option<f64>,
+}
+
+impl fmt::Display for Stated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "within {:.1} mm (two standard deviations)", 1e3 * self.rms_m)?;
+        self.covered.map_or(Ok(()), |covered| write!(f, ", and so it is in {:.0} % of the cycles", 100.0 * covered))
+    }
 }
 
 /// True tensions compared with the chosen ones.
@@ -47,6 +64,8 @@ pub struct Analysis {
     pub estimate: Error,
     /// Model error: truth from the estimate, over moving cycles. The robot cannot see it.
     pub model: Option<Error>,
+    /// What the estimates state of this error, over moving cycles.
+    pub stated: Stated,
     /// Error of the truth from the setpoint, over moving cycles, including those without a valid estimate; only the
     /// virtual motor box publishes the truth.
     pub truth: Option<Error>,
@@ -87,6 +106,8 @@ pub struct AccuracySum {
     begin_ns: Option<u64>,
     estimate: Distances,
     model: Distances,
+    stated: Distances,
+    covered: u64,
     truth: Distances,
     tensions: TensionSum,
 }
@@ -116,8 +137,12 @@ impl AccuracySum {
         let position = Vector3::from(estimate.position_m);
         // The truth lies up to a period after the estimate. The setpoint moves on with the node, so the difference of
         // the two distances from it is the error at one time.
-        let model_off_m = nearest.map(|(_, off)| (off - (position - setpoint.position)).norm());
+        let model_off = nearest.map(|(_, off)| off - (position - setpoint.position));
+        let model_off_m = model_off.map(|off| off.norm());
         model_off_m.iter().for_each(|off_m| self.model.add(*off_m));
+        let two_sigma_m: [f64; 3] = std::array::from_fn(|i| 2.0 * estimate.covariance_m2[4 * i].sqrt());
+        self.stated.add(Vector3::from(two_sigma_m).norm());
+        self.covered += u64::from(model_off.is_some_and(|off| (0..3).all(|i| off[i].abs() <= two_sigma_m[i])));
         let point = TrackPoint {
             time_s: now.header.stamp_ns.saturating_sub(begin_ns) as f64 * 1e-9,
             setpoint: setpoint.position,
@@ -139,6 +164,10 @@ impl AccuracySum {
             moving_s: self.moving as f64 * last.period_s,
             estimate: self.estimate.result()?,
             model: self.model.result(),
+            stated: Stated {
+                rms_m: self.stated.result()?.rms_m,
+                covered: self.model.result().map(|model| self.covered as f64 / model.samples as f64),
+            },
             truth: self.truth.result(),
             tensions: self.tensions.result(),
             cycles: last.header.cycle.saturating_sub(first.header.cycle) + 1,

@@ -178,8 +178,15 @@ fn parabola(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
             Vector3::new(7.5, 2.5, 4.0),
         ),
     ] {
-        let hoist =
-            WinchEnergy { anchors, wrench_n: weight(), drag_n_s2_m2: 0.0, cable_weight_n_m: 0.0, limits_n: LIMITS_N, method, current: &motor };
+        let hoist = WinchEnergy {
+            anchors,
+            wrench_n: weight(),
+            drag_n_s2_m2: 0.0,
+            cable_weight_n_m: 0.0,
+            limits_n: LIMITS_N,
+            method,
+            current: &motor,
+        };
         let best = || hoist.best_parabola(black_box(&from), black_box(&to), 0.2, 64, &bounds);
         // At least as good as the best of a thousand parabolas.
         let found = best()?;

@@ -207,6 +207,7 @@ fn facts_of(assessment: &RunAssessment) -> Vec<(&'static str, String)> {
         ),
         ("tracking: estimate from setpoint, mm", mm(analysis.map(|analysis| &analysis.estimate))),
         ("model error: truth from estimate, mm", mm(analysis.and_then(|analysis| analysis.model.as_ref()))),
+        ("model error as the estimate states it", analysis.map_or_else(none, |analysis| analysis.stated.to_string())),
         ("both: truth from setpoint, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
         ("world of the truth", run.world.clone().unwrap_or_else(none)),
         ("tensions", if low <= high { format!("{low:.1} to {high:.1} N") } else { none() }),
