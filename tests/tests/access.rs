@@ -176,8 +176,8 @@ fn only_its_user_can_access_the_files_of_a_robot_and_move_it() {
         assert!(!output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stdout));
         let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
-        // The sentence itself: the cause, which no code states.
-        assert!(sentence.contains("belongs to another user"), "{sentence}");
+        // The domain, and the page about what other users can do, which no other refusal names.
+        assert!(sentence.contains(domain) && sentence.contains("docs/access.md"), "{sentence}");
     }
     let pid = robot.domain.alive().iter().find(|node| node.name == "motor-io").unwrap().pid;
     let port = fs::read_link(root.join("drive0")).unwrap();

@@ -317,9 +317,11 @@ mod tests {
         slots.phase[3] = MotorSlots::PHASE_SHADOW;
         slots.good_cycles[3] = 40;
         slots.deviation[3] = 0.002;
-        assert_eq!(progress(1, 3, &slots), "shadow: 40 of 100 cycles, 0.002 m from the one in charge");
+        let shadow = progress(1, 3, &slots);
+        assert!(["shadow", "40 of 100", "0.002 m"].iter().all(|part| shadow.contains(part)), "{shadow}");
         slots.phase[3] = MotorSlots::PHASE_ACTIVE;
         slots.fade = [1.0, 0.3];
-        assert_eq!(progress(1, 3, &slots), "active: 30 % of the command");
+        let active = progress(1, 3, &slots);
+        assert!(active.starts_with("active") && active.contains("30 %"), "{active}");
     }
 }

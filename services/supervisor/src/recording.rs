@@ -168,6 +168,11 @@ mod tests {
     use super::*;
     use runlog::RunError;
 
+    /// The whole numbers of a sentence.
+    fn numbers(sentence: &str) -> Vec<u64> {
+        sentence.split(' ').filter_map(|word| word.parse().ok()).collect()
+    }
+
     #[test]
     fn each_gap_is_reported_once_and_kept_until_the_end() {
         let (well, full) = (RecorderStatus::STATE_RECORDING, RecorderStatus::STATE_DISK_FULL);
@@ -197,10 +202,7 @@ mod tests {
         assert_eq!(ledger.troubles, [removed.as_str(), "Permission denied"]);
         ledger.removed = true;
         let said = ledger.record(well, "", 1_000_000_001);
-        assert!(
-            matches!(&said, Some(RecordingEvent::Resumed(said)) if said.contains("what the removed files held")),
-            "{said:?}"
-        );
+        assert!(matches!(&said, Some(RecordingEvent::Resumed(said)) if said.contains("removed")), "{said:?}");
         // The next gap starts with an empty list of reasons.
         assert!(ledger.record(failed, "Permission denied", 3).is_some());
         let said = ledger.record(well, "", 4);
@@ -224,19 +226,17 @@ mod tests {
         assert_eq!(rows(1, [0, 0]), None);
         assert_eq!(rows(2, [3, 0]), None, "rows of some channels are missing");
         assert_eq!(rows(3, [4, 1]), None);
-        assert!(
-            matches!(rows(4, [4, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("6 samples are missing in the run file so far"))
-        );
+        assert!(matches!(rows(4, [4, 2]), Some(RecordingEvent::Lost(said)) if numbers(&said) == [6]));
         assert_eq!(rows(5, [4, 2]), None, "no further loss");
         assert_eq!(rows(21, [5, 2]), None);
-        assert!(
-            matches!(rows(23, [0, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("7 samples are")),
-            "total count"
-        );
+        assert!(matches!(rows(23, [0, 2]), Some(RecordingEvent::Lost(said)) if numbers(&said) == [7]), "total count");
         assert_eq!((ledger.lost, ledger.all), (7, 7));
         assert_eq!(ledger.count(1, "b".to_owned(), 1, 40 * SECOND_NS), 1, "restarted recorder");
         assert_eq!(ledger.count(2, "b".to_owned(), 1, 41 * SECOND_NS), 0);
-        assert!(ledger.missing("").starts_with("at least 8 samples are missing in the run file: "));
+        assert!(ledger.restarted && numbers(&ledger.missing("")) == [8], "{}", ledger.missing(""));
+        // A bound, because the restarted recorder does not know what was lost before.
+        let exact = Ledger { all: 8, ..Ledger::default() };
+        assert!(ledger.missing("").ends_with(&exact.missing("")) && ledger.missing("") != exact.missing(""));
     }
 
     #[test]

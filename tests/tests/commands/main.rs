@@ -9,6 +9,7 @@ mod hostile_files;
 mod install;
 mod interoperability;
 mod layouts;
+mod sentences;
 mod setup;
 mod solve;
 mod statics;

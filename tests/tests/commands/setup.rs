@@ -66,7 +66,7 @@ fn a_site_is_calibrated_from_a_pipe() {
         }
     }
     let asked = text(&done.stderr);
-    for words in ["How many pulleys", "plumb lines of pulleys 1 and 2", "Point 9 of 9", "known to", "good: "] {
+    for words in ["pulleys 1 and 2", "9 of 9", "±", "good: "] {
         assert!(asked.contains(words), "{words}: {asked}");
     }
     // The same numbers and words as those of `nims calibrate` for the same file.

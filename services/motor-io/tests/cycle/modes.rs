@@ -229,16 +229,16 @@ fn jogging_moves_one_cable_the_distance_and_no_other() {
     rig.steps(50);
     assert!((rig.length_m[1] - before[1] + 0.123).abs() < 1e-4, "{}", rig.length_m[1] - before[1]);
     assert_eq!((rig.length_m[0], rig.length_m[2]), (before[0], before[2]));
-    for ((cable, distance_m), word) in [
-        ((0, 0.1), "no cable"),
-        ((4, 0.1), "no cable"),
-        ((255, 0.1), "no cable"),
-        ((1, 2.5), "no distance"),
-        ((1, f64::NAN), "no distance"),
-    ] {
-        let (accepted, sentence) = rig.ask(Request::Jog { cable, distance_m });
-        assert!(!accepted && sentence.contains(word), "{sentence}");
+    for number in [0, 4, 255] {
+        let reason = rig.reason(Request::Jog { cable: number, distance_m: 0.1 });
+        assert_eq!(reason, Reason::NoCable { cable: usize::from(number), cables: 3 });
     }
+    assert_eq!(
+        rig.reason(Request::Jog { cable: 1, distance_m: 2.5 }),
+        Reason::NoDistance { distance_m: 2.5, most_m: 2.0 }
+    );
+    let reason = rig.reason(Request::Jog { cable: 1, distance_m: f64::NAN });
+    assert!(matches!(reason, Reason::NoDistance { distance_m, .. } if distance_m.is_nan()), "{reason:?}");
     rig.demand(Request::Jog { cable: 1, distance_m: 1.0 });
     rig.steps(20);
     rig.demand(Request::Hold);
@@ -342,10 +342,14 @@ fn zeroing_at_a_position_gives_unstretched_lengths() {
         let wanted = (length(&rows[cable]) + 6.0) / (1.0 + tension / 6000.0) - 6.0;
         assert!((state.length_m[cable] - wanted).abs() < 1e-9, "{} {wanted}", state.length_m[cable]);
     }
-    for bad in [[4.8, 3.0, 5.0], [50.0, 50.0, 1.0], [f64::NAN, 0.0, 0.0]] {
-        let (accepted, sentence) = rig.ask(Request::ZeroAt { position_m: bad });
-        assert!(!accepted, "{sentence}");
+    for bad in [[4.8, 3.0, 5.0], [50.0, 50.0, 1.0]] {
+        let reason = rig.reason(Request::ZeroAt { position_m: bad });
+        assert!(matches!(reason, Reason::CannotHang { position_m, .. } if position_m == bad), "{reason:?}");
     }
+    let reason = rig.reason(Request::ZeroAt { position_m: [f64::NAN, 0.0, 0.0] });
+    assert!(matches!(reason, Reason::NotAPosition { .. }), "{reason:?}");
+    let after = rig.seen().state;
+    assert_eq!((after.position_known, after.length_m), (MotorState::POSITION_KNOWN, state.length_m));
 }
 
 #[test]

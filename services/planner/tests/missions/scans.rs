@@ -1,10 +1,12 @@
 //! Scanning missions: their length and duration, their refusals, and the continuation of an interrupted
 //! mission.
 
+use cable_robot::motion::Cause;
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanStatus, Request};
 use planner::mission::Mission;
-use planner::plan::Plan;
+use planner::plan::{Plan, PlanError};
+use planner::scan::ScanError;
 use planner::{Inputs, Planner, PlannerConfig, Progress, dry_run, requests};
 use proptest::prelude::*;
 use robot_state::Reason;
@@ -146,30 +148,34 @@ fn the_answer_to_a_scan_gives_its_length_and_duration() {
 
 #[test]
 fn a_scan_beyond_the_limits_is_rejected_with_place_and_excess() {
-    for (text, says) in [
-        (
-            "raster = { corner_m = [4, 3, 0.5], opposite_m = [9.7, 4, 0.5], pitch_m = 0.2 }",
-            &["leg 1", "cable", "limit"][..],
-        ),
-        (
-            "raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.6], pitch_m = 0.2 }",
-            &["leg 1", "opposite_m", "level"],
-        ),
-        (
-            "raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.2, along = \"z\" }",
-            &["along is z"],
-        ),
-        ("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.001 }", &["1000 lines", "pitch_m"]),
-        ("raster = { corner_m = [4, 0.5], opposite_m = [5, 1.5], pitch_m = 0.2 }", &["leg 1", "moves in space"]),
-        ("profile = { at_m = [4.8, 3, 0.5], rise_m = -0.9 }", &["leg 1", "ground"]),
-        ("transect = { from_m = [4.8, 3, 0.5], to_m = [4.8, 3, 2.95], dwell_s = 1 }", &["leg 1", "60.00 N"]),
-        ("dwell_points = { points_m = [[4.8, 3, 0.5], [5, 3, -0.5]], duration_s = 1 }", &["leg 1", "ground"]),
-    ] {
-        let sentence = dry_run(&mission(&format!("[[leg]]\n{text}")), &config(), START_M).unwrap_err().to_string();
-        for word in says {
-            assert!(sentence.contains(word), "{word:?} is not in {sentence:?}");
+    let refusal = |leg: &str| dry_run(&mission(&format!("[[leg]]\n{leg}")), &config(), START_M).unwrap_err();
+    let cause = |leg: &str| match refusal(leg) {
+        PlanError::Refused { leg: 1, refusal, .. } => {
+            assert!(refusal.path_s_m >= 0.0 && refusal.position.iter().all(|value| value.is_finite()), "{refusal}");
+            refusal.cause
         }
-    }
+        other => panic!("{leg}: {other:?}"),
+    };
+    let pattern = |leg: &str| match refusal(leg) {
+        PlanError::Scan { leg: 1, error } => error,
+        other => panic!("{leg}: {other:?}"),
+    };
+    let wide = cause("raster = { corner_m = [4, 3, 0.5], opposite_m = [9.7, 4, 0.5], pitch_m = 0.2 }");
+    assert!(matches!(wide, Cause::Tension(_)), "{wide:?}");
+    let tilted = pattern("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.6], pitch_m = 0.2 }");
+    assert_eq!(tilted, ScanError::Box);
+    let across = pattern("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.2, along = \"z\" }");
+    assert_eq!(across, ScanError::Across { axis: "z" });
+    let fine = pattern("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.001 }");
+    assert!(matches!(fine, ScanError::TooFine { lines } if (1000.0..=1001.0).contains(&lines)), "{fine:?}");
+    let planar = refusal("raster = { corner_m = [4, 0.5], opposite_m = [5, 1.5], pitch_m = 0.2 }");
+    assert!(matches!(planar, PlanError::Point { leg: 1, .. }), "{planar:?}");
+    let below = cause("profile = { at_m = [4.8, 3, 0.5], rise_m = -0.9 }");
+    assert!(matches!(below, Cause::Ground { below_m, .. } if below_m > 0.0), "{below:?}");
+    let high = cause("transect = { from_m = [4.8, 3, 0.5], to_m = [4.8, 3, 2.95], dwell_s = 1 }");
+    assert!(matches!(high, Cause::Tension(limit) if limit.limit_n == 60.0 && limit.excess_n() > 0.0), "{high:?}");
+    let stay = cause("dwell_points = { points_m = [[4.8, 3, 0.5], [5, 3, -0.5]], duration_s = 1 }");
+    assert!(matches!(stay, Cause::Ground { below_m, .. } if below_m > 0.0), "{stay:?}");
 }
 
 #[test]

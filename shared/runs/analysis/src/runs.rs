@@ -159,20 +159,22 @@ pub(crate) mod tests {
         }
     }
 
-    #[test]
-    fn a_run_without_an_end_is_described() {
+    /// Descriptions of runs without an end, with their names in the file of sentences.
+    pub(crate) fn without_end() -> Vec<(String, String)> {
         let manifest = json!({ "name": "demo3", "nims_version": "1" });
         let file = whole_file("run.mcap");
-        let said = |file: &FileReport| {
+        let open = FileReport { finished: false, recording: true, ..file.clone() };
+        let files = [
+            ("whole", file.clone()),
+            ("recovered", FileReport { recovered: true, ..file }),
+            ("open", open.clone()),
+            ("silent", FileReport { silent_s: 12, ..open }),
+        ];
+        let described = files.map(|(name, file)| {
             let (recording, silent_s) = (file.recording, file.silent_s);
-            let report = RunReport { recording, silent_s, files: vec![file.clone()], ..RunReport::default() };
-            manifest_text(&manifest, &report)
-        };
-        assert!(said(&file).contains("; no end: its supervisor ended without recording one"), "{}", said(&file));
-        assert!(said(&FileReport { recovered: true, ..file.clone() }).contains("; no end: the recording was cut off"));
-        let open = FileReport { finished: false, recording: true, ..file };
-        assert!(said(&open).contains("; it is being recorded"));
-        let silent = FileReport { silent_s: 12, ..open };
-        assert!(said(&silent).contains("; it is open, but nothing has been written for 12 s"), "{}", said(&silent));
+            let report = RunReport { recording, silent_s, files: vec![file], ..RunReport::default() };
+            (format!("run without an end, {name}"), manifest_text(&manifest, &report))
+        });
+        described.to_vec()
     }
 }

@@ -204,8 +204,8 @@ fn unrecorded_time_adds_no_error_and_no_path() {
     assert!(legs[0]["complete"] == false && legs[1]["complete"] == true);
     let sum = value["flown_m"].as_f64().unwrap();
     assert!((sum - flown[0] - flown[1]).abs() < 1e-9, "{sum}");
-    // The sentence itself: a lower bound where samples are missing.
-    assert!(words.contains("at least 1.0 m of path in at least 5 s of motion"), "{words}");
+    // A lower bound where samples are missing, of the path and of the time.
+    assert!(words.contains("1.0 m") && words.contains("5 s") && words.matches("at least").count() >= 2, "{words}");
 }
 
 #[test]

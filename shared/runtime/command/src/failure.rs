@@ -7,8 +7,9 @@ use std::fmt::Display;
 /// Failure of a command.
 ///
 /// A program decides by the exit code, and for the refusal of a process by the number of its reason, which `--json`
-/// prints. The other sentences are for a person: nothing in the tree reads them. They come from typed errors of
-/// libraries, which have the variants; a caller that needs them calls the library.
+/// prints. The sentences are for a person: no program reads them. They come from typed errors of libraries, which have
+/// the variants; a caller that needs them calls the library. Tests compare the names and numbers in a sentence; its
+/// wording stands in the files of sentences only (`shared/testing/sentences`).
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// The input is not accepted; exit code 2.

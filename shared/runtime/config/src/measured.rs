@@ -278,10 +278,18 @@ mod tests {
         let file = load(folder.path(), ROBOT).unwrap();
         assert_eq!(file.robot().unwrap().anchors().radii_m(), [0.025; 3]);
         assert!(load(folder.path(), &stating(swivel)).is_ok());
-        let wrong = load(folder.path(), &stating(&swivel.replace("0.025", "0.04"))).unwrap_err().to_string();
-        assert!(wrong.contains("pulley_radius_m"), "{wrong}");
+        let wrong = load(folder.path(), &stating(&swivel.replace("0.025", "0.04"))).unwrap_err();
+        assert!(
+            matches!(&wrong, ConfigError::Text { key: Some(key), .. } if key == "robot.pulley_radius_m"),
+            "{wrong:?}"
+        );
+        // The calibration that contradicts the robot file, with both radii.
+        let date = &file.calibration.as_ref().unwrap().date;
+        let named = [date.as_str(), "0.04,", "0.0250"];
+        assert!(named.iter().all(|part| wrong.to_string().contains(part)), "{wrong}");
         write("pulley = \"eye\"");
-        load(folder.path(), &stating(swivel)).unwrap_err();
+        let wrong = load(folder.path(), &stating(swivel)).unwrap_err();
+        assert_eq!(wrong.key(), Some("robot.pulley_radius_m"), "{wrong:?}");
         assert!(!load(folder.path(), ROBOT).unwrap().robot().unwrap().anchors().have_pulleys());
         // A calibration that states nothing, such as an older one, leaves the robot file as it is.
         write("");
@@ -333,7 +341,7 @@ mod tests {
             assert!(sentence.contains("cable_scale") && sentence.contains(says), "{sentence}");
         }
         let sentence = with("cable_scale = [1.001, 0.998, 1.0]").unwrap_err().to_string();
-        assert!(sentence.contains("needs `counts_per_m`"), "{sentence}");
+        assert!(["`cable_scale`", "`counts_per_m`"].iter().all(|key| sentence.contains(key)), "{sentence}");
     }
 
     #[test]

@@ -429,9 +429,13 @@ impl Reason {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sentences::{FAULTS, FaultText};
+    use crate::sentences::{FAULTS, FaultText, fault_sentences, mode_sentence, verdict_sentence};
     use messages::{MORE, text_of};
     use std::collections::BTreeSet;
+
+    fn sentence_of(bit: u32) -> String {
+        fault_sentences(bit).collect()
+    }
 
     #[test]
     fn every_reason_travels_with_its_parameters() {
@@ -454,6 +458,20 @@ mod tests {
         assert_eq!(Reason::from_request(&OperatorRequest::default()), None);
     }
 
+    /// Every answer, and the faults, modes and verdicts in their sentences, word for word.
+    #[test]
+    fn the_sentences_are_those_of_the_file() {
+        let answers =
+            Reason::examples().into_iter().map(|reason| (format!("answer {}", reason.code()), reason.to_string()));
+        let faults = FAULTS.iter().map(|FaultText { bit, .. }| {
+            let faults = Faults { bits: *bit, cables: [true; 8], units: [true; 8], ..Faults::default() };
+            (format!("fault {bit:#x}"), [sentence_of(*bit), Reason::EndedByFault { faults }.to_string()].join(" | "))
+        });
+        let modes = (0..=7).map(|mode| (format!("mode {mode}"), mode_sentence(mode).to_owned()));
+        let verdicts = (0..=11).map(|verdict| (format!("verdict {verdict}"), verdict_sentence(verdict).to_owned()));
+        sentences::compare(env!("CARGO_MANIFEST_DIR"), answers.chain(faults).chain(modes).chain(verdicts));
+    }
+
     #[test]
     fn numbers_are_unique_and_every_reason_has_a_row() {
         let codes: BTreeSet<u16> = CATALOGUE.iter().map(|(code, ..)| *code).collect();
@@ -466,7 +484,8 @@ mod tests {
         let all = FAULTS.iter().fold(0, |all, fault| all | fault.bit);
         let faults = Faults { bits: all, cables: [true; 8], units: [true; 8], ..Faults::default() };
         let answer = Reason::NotArmedFaults { faults }.sentence();
-        assert!(!answer.contains(MORE) && answer.ends_with("names with their cures."), "{answer}");
+        // The command that lists them all.
+        assert!(!answer.contains(MORE) && answer.contains("nims status"), "{answer}");
         for FaultText { bit, clause, cure, .. } in FAULTS {
             let faults = Faults { bits: bit, cables: [true; 8], units: [true; 8], ..Faults::default() };
             let answer = Reason::NotArmedFaults { faults }.sentence();

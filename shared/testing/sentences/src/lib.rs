@@ -17,17 +17,24 @@ pub const RENEW: &str = "NIMS_RENEW";
 /// # Panics
 /// The file differs: with every text line that differs, and how to renew it.
 pub fn compare<N: Display, S: Display>(folder: &str, sentences: impl IntoIterator<Item = (N, S)>) {
-    let file = Path::new(folder).join("tests/sentences.txt");
+    compare_with(&Path::new(folder).join("tests/sentences.txt"), sentences);
+}
+
+/// Compares named sentences with another file, as [`compare`] does.
+///
+/// # Panics
+/// As [`compare`].
+pub fn compare_with<N: Display, S: Display>(file: &Path, sentences: impl IntoIterator<Item = (N, S)>) {
     let text: String = sentences.into_iter().fold(String::new(), |mut text, (name, sentence)| {
         let _ = writeln!(text, "{name}: {}", sentence.to_string().replace('\n', "\\n"));
         text
     });
     if std::env::var_os(RENEW).is_some_and(|value| value == "1") {
         #[allow(clippy::panic)]
-        std::fs::write(&file, text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+        std::fs::write(file, text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
         return;
     }
-    let before = std::fs::read_to_string(&file).unwrap_or_default();
+    let before = std::fs::read_to_string(file).unwrap_or_default();
     assert!(
         before == text,
         "{} has other sentences:\n{}If these are meant, run this test again with {RENEW}=1: it writes the file.",

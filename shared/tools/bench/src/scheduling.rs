@@ -138,10 +138,9 @@ mod tests {
         assert_eq!(found.iter().map(|given| given.asked).collect::<Vec<_>>(), [Some(10), Some(11), Some(12), None]);
         // No priority is granted that was not requested, whatever the rights of this user.
         assert!(found.iter().all(|given| given.got.is_none() || given.got <= given.asked), "{found:?}");
-        assert_eq!(
-            GrantedPriority { role: "estimator", asked: Some(51), got: Some(50) }.words(),
-            "estimator 50 instead of 51"
-        );
+        let words = GrantedPriority { role: "estimator", asked: Some(51), got: Some(50) }.words();
+        let places: Vec<_> = ["estimator", "50", "51"].iter().filter_map(|part| words.find(part)).collect();
+        assert!(places.len() == 3 && places.is_sorted(), "{words}");
     }
 
     #[test]
@@ -151,7 +150,7 @@ mod tests {
         assert_eq!((reached.fifo_priority, reached.cpu, reached.idle_latency_us), (None, None, None));
         let words = reached.lines();
         assert_eq!(words.len(), 3, "{words:?}");
-        assert!(words[0].contains("ordinary") && words[1].contains("motor-box ordinary"), "{words:?}");
+        assert!(words[0].contains("ordinary") && words[1].contains("motor-box"), "{words:?}");
         assert!(words[2].contains("100000"), "{words:?}");
     }
 

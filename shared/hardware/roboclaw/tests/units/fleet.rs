@@ -196,8 +196,8 @@ impl Device for Stuck {
 fn a_port_that_hangs_does_not_hold_up_the_caller() {
     let bus = Bus::new(Pipe::new("stuck", 0, Stuck), &bus_config(&[0x80], WIRE_MARGIN_NS)).unwrap();
     let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
-    // One exchange with it takes most of a second; every call ends by its own deadline all the same, and states what the
-    // port is at.
+    // One exchange with it takes most of a second; every call ends by its own deadline all the same, and states what
+    // the port is at.
     for cycle in 1..20 {
         let reply = fleet.exchange(&all(Command::HOLD, cycle), monotonic_ns() + 2 * MS);
         assert!(matches!(reply.units[0].outcome, Err(Error::Resynchronising { .. })), "{reply:?}");

@@ -307,7 +307,9 @@ mod tests {
         row.state = ProcessState::STATE_DIED;
         messages::put_text(&mut row.reason, "was ended by signal 9");
         events.process(2.0, &row);
-        assert_eq!(events.all()[1].text, "estimator-a died: was ended by signal 9");
+        let event = &events.all()[1];
+        assert_eq!((event.kind, event.time_s), (EventKind::Process, 2.0));
+        assert!(event.text.starts_with("estimator-a") && event.text.ends_with(&text_of(&row.reason)), "{}", event.text);
         assert_eq!((events.dead("estimator"), events.dead("planner")), (Some("estimator-a"), None));
         (row.state, row.restarts) = (ProcessState::STATE_READY, 1);
         events.process(3.0, &row);

@@ -82,7 +82,7 @@ mod tests {
             lengths(&state, vec![10_000.0; 3]).unwrap_err()
         };
         assert!(refused(|s| s.position_known = MotorState::POSITION_RESTORED).contains("nims zero"));
-        assert!(refused(|s| s.velocity_m_s[1] = -0.02).contains("cable 2 moves"));
+        assert!(refused(|s| s.velocity_m_s[1] = -0.02).contains("cable 2"));
         assert!(refused(|s| s.fresh[2] = 0).contains("cable 3"));
         assert!(refused(|s| s.cable_count = 4).contains("counts_per_m"));
     }

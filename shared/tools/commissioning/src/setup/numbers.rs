@@ -217,7 +217,8 @@ mod tests {
         ] {
             assert_eq!(lengths(text, LENGTH), Ok(vec![3.1, 9.8, 9.75]), "{text}");
         }
-        assert!(lengths("310 980 975 cm", LENGTH).unwrap_err().contains("after each"));
+        // A unit behind the last one only: the sentence shows how it is meant.
+        assert!(lengths("310 980 975 cm", LENGTH).unwrap_err().contains("cm"));
         assert!(lengths("3,1,9,8,9,75", LENGTH).is_err());
     }
 }
