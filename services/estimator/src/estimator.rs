@@ -189,7 +189,6 @@ impl Estimator {
         if epoch != self.last_epoch {
             self.last_epoch = epoch;
             self.cables.iter_mut().for_each(|cable| cable.method.expect_anything());
-            self.swing.forget();
         }
         (self.last_life, self.last_cycle) = (state.header.life, state.header.cycle);
         (self.last_stamp_ns, self.last_instant_ns) = (state.header.stamp_ns, instant_ns);
@@ -245,6 +244,8 @@ impl Estimator {
         if zeroed_m.iter().map(|m| m.to_bits()).eq(self.zero.lengths_m.iter().map(|m| m.to_bits())) {
             return;
         }
+        // Set lengths move the position of rest, and not the node.
+        self.swing.forget();
         let robot = &self.config.robot;
         let lengths_m = CableVec::from_array8(zeroed_m, robot.cable_count());
         let at = lengths_m.iter().all(|m| m.is_finite());
@@ -285,10 +286,10 @@ impl Estimator {
                 tensions_n: &found.tensions_n,
             },
         );
-        let robot = &self.config.robot;
+        let (robot, zero) = (&self.config.robot, self.zero.errors.as_ref());
         let covariance = found.covariance(sigma_m)
             + found.covariance_by_anchors(robot).unwrap_or_else(Matrix3::zeros)
-            + robot.uncertainty().covariance_m2(robot, &found, self.zero.errors.as_ref())
+            + robot.uncertainty().covariance_m2(robot, &found, zero)
             + swing.covariance_m2;
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !(finite(&found.position) && finite(&velocity) && covariance.iter().all(|x| x.is_finite())) {

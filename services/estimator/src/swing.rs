@@ -16,6 +16,10 @@ const DAMPING: f64 = 0.01;
 /// Longest step of the integration, s. After a longer gap the swing is unknown, and the observer starts at rest.
 const LONGEST_STEP_S: f64 = 0.2;
 
+/// Change of the position of rest that no motion explains, m: the lengths were set, or read anew after a loss. Twice the
+/// way at the present speed is more than a motion makes.
+const JUMP_M: f64 = 0.02;
+
 /// Position of rest of one cycle, and what holds the node there.
 pub(crate) struct Rest<'a> {
     /// Time of the readings, ns.
@@ -97,6 +101,10 @@ impl SwingObserver {
         let step_s = rest.instant_ns.saturating_sub(last.instant_ns) as f64 * 1e-9;
         if !(step_s > 0.0 && step_s <= LONGEST_STEP_S) {
             return if step_s > 0.0 { at_rest } else { last };
+        }
+        let fastest_m_s = last.velocity_m_s.norm().max(rest.velocity_m_s.norm());
+        if (rest.position_m - last.rest_m).norm() > JUMP_M + 2.0 * step_s * fastest_m_s {
+            return at_rest;
         }
         // In each mode: the mean offset q and velocity w of the step obey
         // w = w0 + h/2 (-ω² q - 2 ζ ω (w - s)), q = q0 + h/2 (w - s), with the velocity s of the position of rest.

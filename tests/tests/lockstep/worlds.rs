@@ -2,12 +2,13 @@
 //!
 //! The table is printed: `cargo test -p nims-tests --test lockstep drawn_worlds -- --nocapture`.
 
+use cable_robot::Vector3;
 use config::{CountsStretched, RobotFile, SystemFile};
 use controller::Law;
 use estimator::Method;
-use messages::PlanStatus;
+use messages::{PlanStatus, Request};
 use motor_box::BoxConfig;
-use nims_tests::lockstep::{Chain, Flight, Lockstep, Scenario, fly, fly_with};
+use nims_tests::lockstep::{Chain, Cycle, Flight, Lockstep, Scenario, fly, fly_with};
 use nims_tests::python;
 use nims_truth::Args;
 use planner::plan::{Plan, PlanError};
@@ -152,6 +153,30 @@ fn the_estimate_states_the_swing_that_encoders_do_not_measure() {
     row("forest4, profiles not shaped", &flight);
     assert!(flight.between.max_m > 0.010, "it does not swing: {flight:?}");
     assert!(flight.covered > 0.95, "{flight:?}");
+}
+
+/// A stop ends the epoch of the commands and not the swing: what the braking excites is stated after it.
+#[test]
+fn the_swing_after_a_stop_is_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = scenario(&forest_at_its_limits(folder.path()), |_, _| ());
+    let mission = scenario.mission.clone();
+    let chain = Chain::new(&scenario).unwrap();
+    let mut lockstep = Lockstep::with(scenario, chain).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(&mission).unwrap();
+    let fast = (0..3000).any(|_| {
+        let [x, y, z] = lockstep.cycle().unwrap().truth_m_s;
+        x.hypot(y).hypot(z) > 0.3
+    });
+    assert!(fast);
+    lockstep.request(Request::Estop);
+    let after: Vec<_> = (0..300).map(|_| lockstep.cycle().unwrap()).collect();
+    let deviation_m = |cycle: &Cycle| (Vector3::from(cycle.truth_m) - Vector3::from(cycle.estimate.position_m)).norm();
+    let swung_m = after.iter().map(deviation_m).fold(0.0, f64::max);
+    let stated_m = after.iter().skip(50).map(|cycle| cycle.estimate.swing_m).fold(0.0, f64::max);
+    println!("{:.0} mm swung, {:.0} mm stated", 1e3 * swung_m, 1e3 * stated_m);
+    assert!(swung_m > 0.005 && (0.8..1.5).contains(&(stated_m / swung_m)), "{swung_m} m swung, {stated_m} m stated");
 }
 
 /// The plant's node in a drawn world, on a flight with profiles that are not shaped, beside an integration in numpy

@@ -11,6 +11,9 @@ use crate::Robot;
 use crate::elastic::unstretched;
 use crate::kinematics::inverse_kinematics;
 
+/// Bound of the steps to the eigenvalues, of which three rows and columns need about five.
+const EIGEN_STEPS: usize = 100;
+
 /// One mode of vibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mode {
@@ -53,7 +56,7 @@ impl Modes {
     /// directions, and where the cables do not hold the node in every direction.
     pub fn at(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64]) -> Option<Self> {
         let stiffness = stiffness_n_m(robot, position, tensions_n)?;
-        let eigen = SymmetricEigen::new(stiffness / robot.node_mass_kg());
+        let eigen = SymmetricEigen::try_new(stiffness / robot.node_mass_kg(), f64::EPSILON, EIGEN_STEPS)?;
         let mut modes = [0, 1, 2].map(|i| Mode {
             direction: eigen.eigenvectors.column(i).into(),
             angular_rad_s: eigen.eigenvalues[i].max(0.0).sqrt(),

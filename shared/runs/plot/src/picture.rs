@@ -72,7 +72,7 @@ pub enum Legend {
 pub struct Series {
     /// Name in the legend; empty for no entry.
     pub name: String,
-    /// Index in [`COLOURS`].
+    /// Index in [`crate::COLOURS`].
     pub colour: usize,
     /// Drawing style.
     pub style: SeriesStyle,

@@ -140,7 +140,8 @@ impl RobotFile {
                 voltage_v: self.supply_min_v.map_or(f64::INFINITY, |supply_v| supply_v * (1.0 - DRIVE_RESERVE)),
             },
             anchor_covariance_m2: self.calibration.as_ref().map(|file| file.covariance_m2.clone()),
-            uncertainty: self.uncertainty.uncertainty(self.robot.pulley.is_some()),
+            // The covariance of a calibration contains the pulleys that it could not exclude.
+            uncertainty: self.uncertainty.uncertainty(self.robot.pulley.is_some() || self.calibration.is_some()),
         })
     }
 }
