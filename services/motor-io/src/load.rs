@@ -1,11 +1,11 @@
-//! Whether a motor that reels in draws the current of its cable's estimated tension. A motor without load draws only the
-//! current of its own friction.
+//! Whether a motor that reels in draws the current of its cable's estimated tension. A motor without load draws only
+//! the current of its own friction.
 //!
-//! A single reading says little. A drive samples its current, its speed loop answers every step of the encoder, and near
-//! a whole number of steps per cycle each reading has the same phase of that ripple: dozens of readings in a row can
-//! then be as low as without load, although their mean over all phases is the current of the tension. So the readings
-//! have to contradict the tension for the longer, the larger their spread is beside the tension's current, and a reading
-//! that repeats the last one counts less.
+//! A single reading says little. A drive samples its current, its speed loop answers every step of the encoder, and
+//! near a whole number of steps per cycle each reading has the same phase of that ripple: dozens of readings in a row
+//! can then be as low as without load, although their mean over all phases is the current of the tension. So the
+//! readings have to contradict the tension for the longer, the larger their spread is beside the tension's current, and
+//! a reading that repeats the last one counts less.
 
 use cable_robot::motor::Motor;
 
@@ -14,9 +14,9 @@ const TELLING_A: f64 = 0.1;
 /// Missing share of a tension's current above which the reading contradicts the tension; a cable without load misses
 /// all of it.
 const LACKING_SHARE: f64 = 0.4;
-/// Standard deviation of the friction without load, and of force constant and gear friction, as shares: friction changes
-/// with temperature and wear, data sheets allow 10 % (docs/truth.md draws from the same). Currents that a deviation of
-/// one standard deviation explains do not contradict the tension.
+/// Standard deviation of the friction without load, and of force constant and gear friction, as shares: friction
+/// changes with temperature and wear, data sheets allow 10 % (docs/truth.md draws from the same). Currents that a
+/// deviation of one standard deviation explains do not contradict the tension.
 const FRICTION_SIGMA: f64 = 0.2;
 const FORCE_SIGMA: f64 = 0.05;
 const GEAR_SIGMA: f64 = 0.05;

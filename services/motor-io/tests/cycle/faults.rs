@@ -202,8 +202,8 @@ fn a_cable_without_the_current_of_its_tension_is_slack() {
     }
 }
 
-/// Near a whole number of encoder steps per cycle, each reading has the same phase of the current's ripple, and many in a
-/// row are as low as without load. These are readings of a sound cable, relative to the current of its tension: their
+/// Near a whole number of encoder steps per cycle, each reading has the same phase of the current's ripple, and many in
+/// a row are as low as without load. These are readings of a sound cable, relative to the current of its tension: their
 /// mean is 1. Without load the same ripple is 1 lower.
 #[test]
 fn the_ripple_of_a_motor_is_no_slack_cable_and_hides_none() {
