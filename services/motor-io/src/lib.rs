@@ -28,6 +28,7 @@ mod energy;
 mod inbox;
 mod kernel;
 mod limits;
+mod load;
 mod mode;
 mod motion;
 mod node;

@@ -2,16 +2,16 @@
 //! drive errors, lost units.
 //!
 //! A cable without load shows in two ways. Estimated tensions come from lengths, and a broken cable keeps its length,
-//! so they are not enough. A motor that reels in a cable without tension draws only the current of its own friction:
-//! while a cable is reeled in, its current is compared with the current of the estimated tension. While it is paid out,
-//! the gear carries nearly all of the tension and the current says little; there, a cable that does not move although
-//! it is paid out is one that nothing pulls. At standstill neither shows.
+//! so they are not enough. While a cable is reeled in, the current of its motor is compared with the current of the
+//! estimated tension (`load.rs`). While it is paid out, the gear carries nearly all of the tension and the current says
+//! little; there, a cable that does not move although it is paid out is one that nothing pulls. At standstill neither
+//! shows.
 //!
 //! Each condition must persist for a number of cycles, because one reading is noise. Time is counted in cycles, so that
 //! a short stop of the computer does not count as a fault of the robot.
 
+use crate::load::{LoadEvidence, Winding};
 use crate::settings::CoreConfig;
-use cable_robot::motor::Motor;
 use drives::DriveStatus;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput, UNITS};
@@ -33,24 +33,8 @@ const TENSION_MARGIN_N: f64 = 2.0;
 /// Readings of a low supply before it is a fault: a starting motor pulls it down for a moment.
 const SUPPLY_READINGS: u32 = 5;
 
-/// Least current of a tension, A, at which the current shows the tension; readings have steps of 10 mA, and the model's
-/// friction is known to a few of them.
-const TELLING_A: f64 = 0.1;
-/// Missing share of a tension's current above which the reading contradicts the tension; the rest allows for changes of
-/// friction.
-const LACKING_SHARE: f64 = 0.5;
-/// Rotor and gear as a mass on the cable, kg: while the reeling in slows down, they drive the cable and the motor draws
-/// less. 25 kg is a 24 V, 150 W motor (142 g cm²) geared to 40 N/A.
-const INERTIA_KG: f64 = 25.0;
 /// Time over which a velocity is smoothed to measure its change, s: the encoder's steps are 1 cm/s at 100 Hz.
 const SMOOTHED_S: f64 = 0.1;
-/// Bound on the weight of a single reading, either way.
-const LACKING_MOST: f64 = 1.0;
-/// Sum of missing shares over cycles at which a cable carries no load: a quarter of a second of a broken cable. A sound
-/// robot stays below half of it.
-const LACKING_CYCLES: f64 = 12.0;
-/// Most cycles that one reading stands for; otherwise it stands for those since the last one.
-const SPARSE_CYCLES: u32 = 8;
 /// Least readings for a condition on a slowly read value, however long it lasts.
 const LEAST_READINGS: u32 = 3;
 /// Share of the current limit from which the motion slows down.
@@ -125,10 +109,7 @@ pub struct Watch {
     tight: [u32; CABLES],
     hot: [Lasting; CABLES],
     straining: [Lasting; CABLES],
-    /// Missing shares of current, summed up.
-    lacking: [f64; CABLES],
-    /// Cycles since the current was last read.
-    unread: [u32; CABLES],
+    load: [LoadEvidence; CABLES],
     /// Smoothed velocity of each cable, m/s.
     smooth_m_s: [f64; CABLES],
     /// Factor for the speed of the motion.
@@ -157,8 +138,7 @@ impl Watch {
             tight: [0; CABLES],
             hot: [Lasting::default(); CABLES],
             straining: [Lasting::default(); CABLES],
-            lacking: [0.0; CABLES],
-            unread: [0; CABLES],
+            load: [LoadEvidence::default(); CABLES],
             smooth_m_s: [0.0; CABLES],
             ease: 1.0,
             late: 0,
@@ -290,12 +270,12 @@ impl Watch {
                     self.ease = self.ease.min(headroom(-tensions[i], -least, -config.slack_n));
                 }
                 if judged {
-                    self.lacks(i, motor, tensions[i], v, new_current, situation.following && driven);
+                    self.load(i, config, tensions[i], v, new_current, situation.following && driven);
                     count(&mut self.slack[i], situation.following && tensions[i] < config.slack_n);
                 }
                 count(&mut self.tight[i], situation.following && tensions[i] > strongest);
             }
-            if self.slack[i] >= config.slack_cycles || self.lacking[i] >= LACKING_CYCLES {
+            if self.slack[i] >= config.slack_cycles || self.load[i].is_unloaded() {
                 found.cable(MotorAuthority::FAULT_SLACK, i);
             }
             if self.tight[i] >= config.slack_cycles || self.straining[i].over(config.slack_cycles) {
@@ -340,31 +320,23 @@ impl Watch {
         for lasting in [&mut self.stalled, &mut self.hot, &mut self.straining] {
             *lasting = [Lasting::default(); CABLES];
         }
-        self.lacking = [0.0; CABLES];
+        self.load.iter_mut().for_each(LoadEvidence::clear);
     }
 
-    /// Sums up how much the current contradicts the estimated tension, where it can.
-    fn lacks(&mut self, i: usize, motor: &Motor, tension_n: f64, v: f64, new_current: bool, counts: bool) {
+    /// Compares the current of a cable that the motion reels in with its estimated tension.
+    fn load(&mut self, i: usize, config: &CoreConfig, tension_n: f64, v: f64, new_current: bool, counts: bool) {
         if !counts {
-            self.lacking[i] = 0.0;
+            self.load[i].clear();
             return;
         }
-        self.unread[i] = self.unread[i].saturating_add(1);
-        let reel_in = -v;
-        let idle_a = motor.current_a(0.0, reel_in);
-        let drawn_a = motor.current_a(tension_n, reel_in) - idle_a;
-        if !new_current {
-            return;
-        }
-        // The velocity of a cable rises when it is reeled in more slowly.
-        let slowing_m_s2 = ((v - self.smooth_m_s[i]) / SMOOTHED_S).max(0.0);
-        let current_a = self.current_a[i] + INERTIA_KG * slowing_m_s2 / motor.force_constant_n_a;
-        let cycles = f64::from(self.unread[i].min(SPARSE_CYCLES));
-        self.unread[i] = 0;
-        if motor.friction_sign(reel_in) > 0.5 && drawn_a > TELLING_A {
-            let lacking = (1.0 - (current_a - idle_a) / drawn_a - LACKING_SHARE).clamp(-LACKING_MOST, LACKING_MOST);
-            self.lacking[i] = (self.lacking[i] + lacking * cycles).max(0.0);
-        }
+        let winding = Winding {
+            tension_n,
+            reel_in_m_s: -v,
+            // The velocity of a cable rises when it is reeled in more slowly.
+            slowing_m_s2: ((v - self.smooth_m_s[i]) / SMOOTHED_S).max(0.0),
+            current_a: new_current.then_some(self.current_a[i]),
+        };
+        self.load[i].advance(config.robot.motor(), &winding, config.period_s);
     }
 
     /// Factor for the speed of the motion, because a tension or a current approaches its fault; 1: full speed.

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod borders;
+mod broken;
 mod calibrated_worlds;
 mod calibrations;
 mod choices;

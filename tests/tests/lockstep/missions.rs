@@ -12,7 +12,7 @@ use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::walk::random::Random;
 use planner::{Mission, Planner, PlannerConfig};
 
-const SYSTEMS: [&str; 4] = ["demo3", "field3", "river4", "forest4"];
+pub const SYSTEMS: [&str; 4] = ["demo3", "field3", "river4", "forest4"];
 /// Largest way of a leg along x and y, m, so that flights of long robots stay short.
 const REACH_M: f64 = 8.0;
 /// Length of cable at a pulley that its trunk may be close to, m.
@@ -56,7 +56,7 @@ struct Bodies {
 }
 
 /// Points in the volume that the anchors span, some of which cannot be held.
-fn mission(drawn: &Drawn, random: &mut Random) -> Mission {
+pub fn mission(drawn: &Drawn, random: &mut Random) -> Mission {
     let anchors = &drawn.robot.robot.anchors_m;
     let around = |k: usize| {
         let (low, high) =

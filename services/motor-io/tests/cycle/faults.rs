@@ -202,6 +202,35 @@ fn a_cable_without_the_current_of_its_tension_is_slack() {
     }
 }
 
+/// Near a whole number of encoder steps per cycle, each reading has the same phase of the current's ripple, and many in
+/// a row are as low as without load. These have the sizes of readings of a sound cable, relative to the current of its
+/// tension: their mean is 1. Without load the same ripple is 1 lower, and is found as soon as its readings have
+/// different phases; while they repeat each other, that takes longer.
+#[test]
+fn the_ripple_of_a_motor_is_no_slack_cable_and_hides_none() {
+    let motor = rig::config().robot.motor().to_owned();
+    let (idle_a, drawn_a) = (motor.current_a(0.0, 0.1), motor.current_a(10.0, 0.1) - motor.current_a(0.0, 0.1));
+    let ripple: Vec<f64> = [[0.08; 30].as_slice(), &[1.55; 14], &[2.4; 14], &[0.9; 5]].concat();
+    let mean = ripple.iter().sum::<f64>() / ripple.len() as f64;
+    assert!((0.95..1.05).contains(&mean), "{mean}");
+    let mut rig = Rig::following([0.05, -0.1, 0.0]);
+    for cycle in 0..600 {
+        rig.current_a[1] = idle_a + ripple[(cycle + 30) % ripple.len()] * drawn_a;
+        rig.step();
+        assert_eq!(rig.mode(), A::MODE_FOLLOWING, "cycle {cycle}");
+    }
+    let mut cycles = 0;
+    while rig.mode() == A::MODE_FOLLOWING {
+        // Every 17th of 63 readings: all of them, in an order in which few are alike.
+        rig.current_a[1] = idle_a + (ripple[17 * cycles % ripple.len()] - 1.0) * drawn_a;
+        rig.step();
+        cycles += 1;
+        assert!(cycles <= 100, "not found");
+    }
+    println!("found after {cycles} cycles");
+    assert_eq!(rig.faults(), A::FAULT_SLACK);
+}
+
 /// Inertia turns rotor and gear while a cable is reeled in more and more slowly, so the motor of a lightly loaded cable
 /// draws hardly any current.
 #[test]

@@ -39,6 +39,10 @@ const TENSION_STEPS_N: [f64; 8] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0
 /// Number of samples required around each point of the table.
 pub const NEEDED: usize = 3;
 
+/// Least number of speeds of a selected table in either direction: with one, a straight line from standstill to it
+/// replaces the bend of the friction, which was 24 % wrong in flights with a motor for each cable.
+const LEAST_SPEEDS: usize = 2;
+
 /// Weight of the regularisation towards straight lines, in samples per point.
 const STRAIGHTNESS: f64 = 0.02;
 
@@ -83,6 +87,14 @@ pub enum FitError {
         /// Missing direction: `reeling in` or `paying out`.
         missing: &'static str,
     },
+    /// Enough samples at too few speeds.
+    #[error(
+        "the runs have enough samples at the speeds {} m/s only, and a table needs {LEAST_SPEEDS} in each direction; record runs with steady moves of this cable at more speeds, or use all motors together", list(.speeds_m_s)
+    )]
+    FewSpeeds {
+        /// Speeds that are covered, m/s.
+        speeds_m_s: Vec<f64>,
+    },
     /// Too small a range of tensions.
     #[error(
         "the runs contain tensions from {low_n:.1} to {high_n:.1} N only; record runs with lighter and heavier loads, at large and small heights"
@@ -110,9 +122,13 @@ pub enum FitError {
     Axes,
 }
 
+fn list(values: &[f64]) -> String {
+    values.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
+}
+
 /// Selects speeds (m/s) and tensions (N) of the largest table that the samples cover completely. For every range of
 /// tensions it takes the speeds covered over all of it; of these tables, the one with the largest product of the ranges
-/// of speed (in both directions) and tension.
+/// of speed (in both directions) and tension. A table has at least two speeds in each direction.
 pub fn covered(samples: &[Sample]) -> Result<(Vec<f64>, Vec<f64>), FitError> {
     let (low_n, high_n) = samples
         .iter()
@@ -131,25 +147,34 @@ pub fn covered(samples: &[Sample]) -> Result<(Vec<f64>, Vec<f64>), FitError> {
     }
     let all: Vec<f64> = SPEEDS_M_S.iter().rev().map(|v| -v).chain([0.0]).chain(SPEEDS_M_S.iter().copied()).collect();
     let mut best: Option<(f64, Vec<f64>, &[f64])> = None;
+    let mut coarse: Option<Vec<f64>> = None;
     for first in 0..tensions.len() {
         for last in first + 1..tensions.len() {
             let tensions = &tensions[first..=last];
             let speeds = covered_speeds(samples, all.clone(), tensions);
             let (Some(slowest), Some(fastest)) = (speeds.first(), speeds.last()) else { continue };
             let reach = fastest.min(-slowest) * (tensions[tensions.len() - 1] - tensions[0]);
-            if reach > 0.0 && best.as_ref().is_none_or(|(most, ..)| reach > *most) {
+            if reach > 0.0 && !are_enough(&speeds) {
+                coarse = coarse.filter(|most| most.len() >= speeds.len()).or(Some(speeds));
+            } else if reach > 0.0 && best.as_ref().is_none_or(|(most, ..)| reach > *most) {
                 best = Some((reach, speeds, tensions));
             }
         }
     }
-    match best {
-        Some((_, speeds, tensions)) => Ok((speeds, tensions.to_vec())),
-        None => {
+    match (best, coarse) {
+        (Some((_, speeds, tensions)), _) => Ok((speeds, tensions.to_vec())),
+        (None, Some(speeds_m_s)) => Err(FitError::FewSpeeds { speeds_m_s }),
+        (None, None) => {
             let paid_out = samples.iter().filter(|sample| sample.reel_in_m_s < 0.0).count();
             let missing = if 2 * paid_out < samples.len() { "paying out" } else { "reeling in" };
             Err(FitError::OneWay { missing })
         }
     }
+}
+
+fn are_enough(speeds_m_s: &[f64]) -> bool {
+    let number = |of: fn(&&f64) -> bool| speeds_m_s.iter().filter(of).count();
+    number(|v| **v > 0.0).min(number(|v| **v < 0.0)) >= LEAST_SPEEDS
 }
 
 /// Speeds that are covered at all of these tensions.
@@ -321,6 +346,8 @@ mod tests {
         assert_eq!(only(|s| s.reel_in_m_s > 0.03), Err(FitError::OneWay { missing: "paying out" }));
         assert_eq!(only(|s| s.reel_in_m_s < -0.03), Err(FitError::OneWay { missing: "reeling in" }));
         assert!(matches!(only(|s| (s.tension_n - 20.0).abs() < 0.4), Err(FitError::OneTension { .. })));
+        let slow_or_fast = only(|s| s.reel_in_m_s.abs() < 0.002 || s.reel_in_m_s.abs() > 0.36).unwrap_err();
+        assert!(matches!(&slow_or_fast, FitError::FewSpeeds { .. }), "{slow_or_fast}");
         assert!(matches!(covered(&all[..5]), Err(FitError::TooFew { given: 5 })));
         assert_eq!(fit(&all, &[0.1, 0.0], &[2.0, 40.0]), Err(FitError::Axes));
     }
