@@ -2,10 +2,10 @@
 
 usage: check_dynamics.py FILE
 
-FILE is JSON: the true robot, the node's velocity at the beginning, and the plant's time, unstretched cables and position
-every few milliseconds. This program integrates Newton's law for the node from the first position on. Forces are the numerical
-gradient of the energy of the stretched cables, so it shares with the plant neither the directions of the cables nor the
-integration; the wheels' tangent follows from the power of a point.
+FILE is JSON: the true robot, the node's velocity at the beginning, and the plant's time, unstretched cables and
+position every few milliseconds. This program integrates Newton's law for the node from the first position on. Forces
+are the numerical gradient of the energy of the stretched cables, so it shares with the plant neither the directions of
+the cables nor the integration; the wheels' tangent follows from the power of a point.
 
 Prints the difference of both positions beside the swing about the place of rest; exits 1 if the difference exceeds its
 tolerance, or if the node hardly swings, so that there is nothing to compare.

@@ -28,8 +28,9 @@ pub fn doubted(file: &MeasurementsFile) -> Option<TapeEntry> {
 /// Returns the question.
 pub fn text(cable: usize) -> String {
     format!(
-        "Check cable {cable}: mark it where it leaves the pulley, run out {COUNTED_M:.0} m as the robot counts them, and measure how \
-         far the mark has moved (two lengths: what the robot counted, then the tape; Enter: not checked)?"
+        "Check cable {cable}: mark it where it leaves the pulley, run out {COUNTED_M:.0} m as the robot counts them \
+         (a jog is at most 2 m), and measure how far the mark has moved (two lengths: what the robot counted, then the \
+         tape; Enter: not checked)?"
     )
 }
 
