@@ -337,7 +337,7 @@ answers! {
 
     // the gateway
     450 NotPermitted { verb: Detail, needs: Detail, user: Detail, has: Detail } REFUSED, "{user} may not {verb}: it needs the role {needs}, and {user} has the role {has}; ask the person who runs this robot";
-    451 OwnerOnly { verb: Detail, user: Detail } REFUSED, "{user} may not {verb} through the gateway: only the robot's user and root may; for a program, declare it as a [[process]] of the system file and start it with nims start";
+    451 OwnerOnly { verb: Detail, user: Detail } REFUSED, "{user} may not {verb} through the gateway: only the robot's user and root may; for a program, declare it as a process in the system file and start it with nims start";
     452 NoRobotRuns { robot: Detail } REFUSED, "no robot runs here: the gateway of {robot} waits for the next start; start it with its service, or with nims up";
     453 GatewayBusy { most: usize } REFUSED, "{most} requests are unanswered already; wait for their answers, then try again";
     454 ConnectionsFull { most: usize } REFUSED, "the gateway has {most} connections already; close one, then try again";

@@ -102,6 +102,27 @@ fn honest_measurements_are_rarely_refused() {
     }
 }
 
+/// A radius that was measured hides nothing; one that was not widens the 95 % interval of each coordinate to the farthest
+/// alternative.
+#[test]
+fn only_a_radius_that_was_not_measured_widens_the_intervals() {
+    let measured = measure(&four(), 15, 0.03, &Noise::plain(0.005, 0.003), 0x31);
+    let measured = Measurements { pulley_radius_m: vec![0.03; 4], ..measured };
+    let known = Measurements { sigma_pulley_radius_m: Some(0.001), ..measured.clone() };
+    assert_eq!(unmeasured_radius(&known, &calibrate(&known, Method::Joint).unwrap()), None);
+
+    let found = calibrate(&measured, Method::Joint).unwrap();
+    let open = unmeasured_radius(&measured, &found).unwrap();
+    assert!(open.shift_m > 0.01, "{open:?}");
+    let widened = found.clone().widened_to(&open);
+    for (i, shifts_m) in open.shifts_m.iter().enumerate() {
+        for (k, shift_m) in shifts_m.iter().enumerate() {
+            let half_m = |of: &calibration::Calibration| 1.96 * of.covariance.block(i)[(k, k)].sqrt();
+            assert!(half_m(&widened) >= shift_m.abs().max(half_m(&found)) * 0.999, "anchor {i}, axis {k}: {open:?}");
+        }
+    }
+}
+
 #[test]
 fn many_exact_points_name_the_wheels_and_their_radius() {
     for (stated_m, true_m) in [(0.0, 0.04), (0.02, 0.035)] {
