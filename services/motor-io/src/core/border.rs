@@ -4,7 +4,7 @@
 
 use super::Core;
 use super::settle::REACTION_S;
-use cable_robot::Border;
+use cable_robot::{Border, Held};
 use messages::CABLES;
 
 impl Core {
@@ -26,7 +26,8 @@ impl Core {
         way_m[cable] = (braking_m + speed_m_s * (REACTION_S + 2.0 * self.config.period_s)).copysign(sign);
         let to = from + self.node.velocity_of(&way_m)?;
         let shortest_m = robot.anchors().iter().map(|anchor| (from - anchor).norm()).fold(f64::INFINITY, f64::min);
-        robot.approached(&from, &to, (to - from).norm_squared() / shortest_m.max(1e-3), tensions_n)
+        let at = |position_m| Held { position_m, tensions_n };
+        robot.approached(&at(from), &at(to), (to - from).norm_squared() / shortest_m.max(1e-3))
     }
 
     /// Deceleration of a cable that alone comes to rest, within the limits of cables and node, m/s².
