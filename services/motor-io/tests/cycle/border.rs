@@ -3,7 +3,7 @@
 use crate::counting::allocations;
 use crate::rig;
 
-use cable_robot::{Obstacle, Robot, RobotParts, Vector3, elastic};
+use cable_robot::{Obstacle, Robot, RobotParts, Vector3, elastic, sag};
 use messages::{MotorAuthority as A, Request};
 use motor_io::CoreConfig;
 use proptest::prelude::*;
@@ -45,6 +45,21 @@ fn position(robot: &Robot, lengths_m: &[f64]) -> Vector3<f64> {
     elastic::equilibrium(robot, lengths_m, &Vector3::zeros(), None).unwrap().position
 }
 
+/// Point of a cable with the node at rest, dry, at a share of its chord.
+fn point(robot: &Robot, lengths_m: &[f64], cable: usize, share: f64) -> Vector3<f64> {
+    let held = elastic::equilibrium(robot, lengths_m, &Vector3::zeros(), None).unwrap();
+    let anchor = robot.anchors()[cable];
+    let chord = held.position - anchor;
+    let sag_m = sag::sag_m(robot.cable_weight_n_m(), chord.norm(), held.tensions_n[cable]);
+    anchor + chord * share - Vector3::new(0.0, 0.0, 4.0 * sag_m * share * (1.0 - share))
+}
+
+/// Least distance of the dry cable from a body, by its points.
+fn cable_m(robot: &Robot, lengths_m: &[f64], cable: usize, body: &Obstacle) -> f64 {
+    let points = (20..=100).map(|k| point(robot, lengths_m, cable, f64::from(k) / 100.0));
+    points.map(|point| body.distance_m(&point)).fold(f64::INFINITY, f64::min)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -78,6 +93,38 @@ proptest! {
             let node = position(&robot, &rig.length_m[..3]);
             prop_assert!(trunk.distance_m(&node) > CLEARANCE_M - 1e-3, "{node:?}");
         }
+    }
+
+    /// A jog that loosens a heavy cable lowers the cable more than the node: below the sag under the least tension
+    /// with which the planner flies, too.
+    #[test]
+    fn no_jog_lets_a_cable_sag_closer_than_the_clearance(
+        number in 1..=3u8,
+        at in 0.3..0.6f64,
+        gap_m in 0.0..0.3f64,
+        distance_m in 0.1..2.0f64,
+        lengths_m in [5.7..6.3f64, 5.7..6.3f64, 5.7..6.3f64],
+    ) {
+        let heavy = |parts: &mut RobotParts| {
+            (parts.cable_mass_kg_m, parts.tension_limits_n) = (0.05, [10.0, 60.0]);
+            parts.length_limits_m = Some(vec![[0.3, 14.0]; 3]);
+        };
+        let cable = usize::from(number) - 1;
+        let bare = rig_with(heavy).1;
+        let low = point(&bare, &lengths_m, cable, at);
+        let body = Obstacle::cylinder([low.x, low.y], 0.05, [-10.0, low.z - CLEARANCE_M - gap_m]).unwrap();
+        prop_assume!(cable_m(&bare, &lengths_m, cable, &body) > CLEARANCE_M);
+        let (rig, robot) = rig_with(|parts| {
+            heavy(parts);
+            parts.obstacles = vec![body];
+        });
+        let mut rig = held(rig, lengths_m);
+        if rig.ask(Request::Jog { cable: number, distance_m }).0 {
+            rig.until(4000, |rig| rig.mode() != A::MODE_JOGGING);
+            rig.steps(50);
+        }
+        let least_m = cable_m(&robot, &rig.length_m[..3], cable, &body);
+        prop_assert!(least_m > CLEARANCE_M - 1e-3, "{least_m} m left, {:?}", rig.length_m);
     }
 }
 
