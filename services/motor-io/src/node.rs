@@ -124,3 +124,53 @@ impl Node {
         Some(jacobian.cable_velocity(velocity_m_s).to_array8())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cable_robot::RobotParts;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// Position and tensions after a way are those of the lengths after it, also before they are confirmed.
+        #[test]
+        fn a_way_leads_to_the_position_and_the_tensions_of_its_lengths(
+            lengths_m in [5.7..6.3f64, 5.7..6.3f64, 5.7..6.3f64],
+            cable in 0..3usize,
+            change_m in -0.1..0.1f64,
+            certain in any::<bool>(),
+        ) {
+            let robot = Robot::new(RobotParts {
+                anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
+                node_mass_kg: 0.3,
+                tension_limits_n: [2.0, 60.0],
+                speed_limit_m_s: 0.4,
+                acceleration_limit_m_s2: 0.5,
+                stiffness_n: Some(6000.0),
+                cable_mass_kg_m: 0.05,
+                ..RobotParts::default()
+            })
+            .unwrap();
+            let mut node = Node::new(robot);
+            let [mut all_m, mut way_m] = [[0.0; CABLES]; 2];
+            all_m[..3].copy_from_slice(&lengths_m);
+            way_m[cable] = change_m;
+            node.observe(&all_m, if certain { MotorState::POSITION_KNOWN } else { MotorState::POSITION_RESTORED });
+            prop_assert_eq!(node.position_m().is_some(), certain);
+            let way = node.way(&way_m).unwrap();
+            let at = |add_m: f64| {
+                let mut lengths_m = lengths_m;
+                lengths_m[cable] += add_m;
+                elastic::equilibrium(&robot, &lengths_m, &Vector3::zeros(), None).unwrap()
+            };
+            for ((position_m, tensions_n), found) in [(way.from, at(0.0)), (way.to, at(change_m))] {
+                prop_assert!((position_m - found.position).norm() < 1e-6);
+                for (tension_n, found_n) in tensions_n.iter().zip(found.tensions_n.iter()) {
+                    prop_assert!((tension_n - found_n).abs() < 1e-4, "{tension_n} {found_n}");
+                }
+            }
+        }
+    }
+}

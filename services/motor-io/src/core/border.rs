@@ -1,7 +1,7 @@
 //! The borders of obstacles and keep-out boxes, at which a jog ends.
 //!
-//! The position is motor-io's own, like that by which it judges motions. Without a known
-//! one, a jog is not checked.
+//! The position is motor-io's own, like that by which it judges motions, but also one that has to be confirmed. Without
+//! any, a jog is not checked.
 
 use super::Core;
 use super::settle::REACTION_S;

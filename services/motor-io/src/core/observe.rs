@@ -61,8 +61,7 @@ impl Core {
         }
         self.catch_up(n, &before, &fresh);
         let lengths = std::array::from_fn(|i| self.odometry.length_m(i));
-        let known = self.odometry.position() == MotorState::POSITION_KNOWN;
-        self.node.observe(&lengths, if known { MotorState::POSITION_KNOWN } else { MotorState::POSITION_UNKNOWN });
+        self.node.observe(&lengths, self.odometry.position());
         for (cable, strain) in self.node.counted_strains() {
             self.odometry.set_strain(cable, strain);
         }
