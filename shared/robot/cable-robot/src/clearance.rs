@@ -1,5 +1,8 @@
-//! Distances of the node and the cables from obstacles and keep-out boxes, with the weight of the cables and the stated
-//! uncertainty of the position. Lengths in m, tensions in N.
+//! Distances of the node and the cables from obstacles and keep-out boxes, with the weight of the cables and the
+//! covariance of the anchors that a calibration states. Lengths in m, tensions in N.
+//!
+//! Nothing else is added to `clearance_m`: neither [`crate::Uncertainty`], nor the rest of the covariance of an estimate
+//! ([`crate::model_error`]). `clearance_m` has to contain these, and without a calibration the error of the anchors too.
 //!
 //! A cable is every curve between the straight line from its eye or pulley to the node and its parabola when it is wet
 //! ([`sag::WET`]). It is exempt only near its pulley, which a trunk may carry: its first metre may be
