@@ -99,7 +99,8 @@ fn jog(lockstep: &mut Lockstep, cable: u8, distance_m: f64, watch: &mut Watch<'_
     let answer = lockstep.answers()[0];
     watch.tally.jogs += 1;
     if !answer.is_accepted() {
-        watch.tally.refused += u64::from(matches!(answer.reason, Reason::NotJoggedBorder { .. } | Reason::NotJoggedBox { .. }));
+        watch.tally.refused +=
+            u64::from(matches!(answer.reason, Reason::NotJoggedBorder { .. } | Reason::NotJoggedBox { .. }));
         return cycle.authority.mode == A::MODE_FAULTED;
     }
     let period_s = watch.drawn.file.period_s();
