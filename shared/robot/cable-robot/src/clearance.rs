@@ -1,8 +1,9 @@
 //! Distances of the node and the cables from obstacles and keep-out boxes, with the weight of the cables and the
 //! covariance of the anchors that a calibration states. Lengths in m, tensions in N.
 //!
-//! Nothing else is added to `clearance_m`: neither [`crate::Uncertainty`], nor the rest of the covariance of an estimate
-//! ([`crate::model_error`]). `clearance_m` has to contain these, and without a calibration the error of the anchors too.
+//! Nothing else is added to `clearance_m`: neither [`crate::Uncertainty`], nor the rest of the covariance of an
+//! estimate ([`crate::model_error`]). `clearance_m` has to contain these, and without a calibration the error of the
+//! anchors too.
 //!
 //! A cable is every curve between the straight line from its eye or pulley to the node and its parabola when it is wet
 //! ([`sag::WET`]). It is exempt only near its pulley, which a trunk may carry: its first metre may be
@@ -301,8 +302,8 @@ mod tests {
             prop_assert_eq!(robot.approached(&held(lower_m), &held(0.0), 0.0), None);
         }
 
-        /// Whatever the node's way and tensions: where the dry cable comes closer than the margin by its points, and was
-        /// not so close before, is a border, also if the node itself does not move and only its cable is loosened.
+        /// Whatever the node's way and tensions: a dry cable that comes closer than the margin by its points, and was
+        /// not so close before, is at a border, also if the node does not move and only its cable is loosened.
         #[test]
         fn what_comes_closer_by_its_points_is_a_border(
             x in 12.0..28.0f64, y in 6.0..16.0f64, z in 5.0..9.0f64,
