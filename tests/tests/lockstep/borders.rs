@@ -9,6 +9,7 @@ use config::ObstacleSection;
 use messages::{MotorAuthority as A, Request};
 use nims_tests::lockstep::{Cycle, Lockstep};
 use nims_tests::walk::random::Random;
+use robot_state::Reason;
 
 /// Jogs in one world.
 const JOGS: u64 = 20;
@@ -98,7 +99,8 @@ fn jog(lockstep: &mut Lockstep, cable: u8, distance_m: f64, watch: &mut Watch<'_
     let answer = lockstep.answers()[0];
     watch.tally.jogs += 1;
     if !answer.is_accepted() {
-        watch.tally.refused += u64::from(matches!(answer.reason.code(), 120 | 121));
+        watch.tally.refused +=
+            u64::from(matches!(answer.reason, Reason::NotJoggedBorder { .. } | Reason::NotJoggedBox { .. }));
         return cycle.authority.mode == A::MODE_FAULTED;
     }
     let period_s = watch.drawn.file.period_s();

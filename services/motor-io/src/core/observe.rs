@@ -61,7 +61,7 @@ impl Core {
         }
         self.catch_up(n, &before, &fresh);
         let lengths = std::array::from_fn(|i| self.odometry.length_m(i));
-        self.node.observe(&lengths, self.odometry.position() == MotorState::POSITION_KNOWN);
+        self.node.observe(&lengths, self.odometry.position());
         for (cable, strain) in self.node.counted_strains() {
             self.odometry.set_strain(cable, strain);
         }

@@ -70,7 +70,7 @@ pub mod uncertainty;
 
 pub use anchors::Anchors;
 pub use cables::{CableVec, MAX_CABLES};
-pub use clearance::Border;
+pub use clearance::{Border, Held};
 pub use keep_out::KeepOut;
 pub use kinematics::{Jacobian, KinematicsError, NodeJacobian, StructureMatrix};
 pub use modes::{Mode, Modes};

@@ -8,7 +8,7 @@ use crate::motor::{DriveLimits, DriveLoad, Motor};
 use crate::obstacle::{MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
 use crate::robot_parts::{
-    AnchorBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_limits, obstacle_places, routed_lengths,
+    AnchorBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_limits, motors, obstacle_places, routed_lengths,
     stretched_counts, with_pulleys,
 };
 use crate::sag::{self, Load};
@@ -80,16 +80,7 @@ impl Robot {
         let length_limits_m = length_limits(parts.length_limits_m.as_deref(), n)?;
         parts.motor.check()?;
         parts.drive_limits.check()?;
-        let motors = match Motors::new(parts.motor, &parts.motor_tables, n) {
-            Ok(motors) => motors,
-            Err(error) => {
-                return refuse(
-                    "table",
-                    format!("does not fit: {error}"),
-                    "one table for all motors or one per cable, each with at most 24 speeds and 16 tensions",
-                );
-            }
-        };
+        let motors = motors(parts.motor, &parts.motor_tables, n)?;
         parts.uncertainty.check()?;
         let anchor_covariance = parts.anchor_covariance_m2.as_deref().map(|rows| anchor_blocks(rows, n)).transpose()?;
         Ok(Self {

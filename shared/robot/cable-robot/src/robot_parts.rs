@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::energy::CurrentTable;
+use crate::energy::{CurrentTable, Motors};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, Motor};
 use crate::obstacle::{MAX_OBSTACLES, Obstacle};
@@ -150,6 +150,14 @@ pub(crate) fn stretched_counts(given: Option<&[bool]>, cables: usize) -> Result<
         return refuse("counts_stretched", problem, "true or false, or a list with one of them per cable");
     }
     Ok(given.iter().rev().fold(0, |bits, stretched| bits << 1 | u8::from(*stretched)))
+}
+
+/// The motors with their measured tables, if any.
+pub(crate) fn motors(model: Motor, tables: &[CurrentTable], cables: usize) -> Result<Motors, RobotError> {
+    Motors::new(model, tables, cables).or_else(|error| {
+        let accepted = "one table for all motors or one per cable, each with at most 24 speeds and 16 tensions";
+        refuse("table", format!("does not fit: {error}"), accepted)
+    })
 }
 
 pub(crate) fn obstacle_places(obstacles: &[Obstacle]) -> Result<[Option<Obstacle>; MAX_OBSTACLES], RobotError> {

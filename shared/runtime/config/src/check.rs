@@ -1,6 +1,6 @@
 //! Checks of whole files: of values that depend on each other. The sections state what else each key accepts.
 
-use super::{RobotFile, SystemFile, gateway, logger, motor_io, names, process};
+use super::{RobotFile, SystemFile, TablePaths, gateway, logger, motor_io, names, process};
 use crate::Problem;
 use crate::number::number;
 
@@ -36,6 +36,16 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
         return Err(Problem::with_clause("lines.counts_stretched", clause));
     }
     file.motor.check_ranges("motor")?;
+    if let TablePaths::Each(paths) = &file.motor.table
+        && !(paths.is_empty() || paths.len() == robot.anchors_m.len())
+    {
+        let (paths, cables) = (paths.len(), robot.anchors_m.len());
+        let clause = format!(
+            "lists {paths} files for {cables} cables; accepted: one file per cable in a list, or one path without a list \
+             for all"
+        );
+        return Err(Problem::with_clause("motor.table", clause));
+    }
     file.uncertainty.check_ranges("uncertainty")?;
     file.site.map_or(Ok(()), |site| site.check_ranges("site"))
 }

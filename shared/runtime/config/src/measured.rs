@@ -365,6 +365,20 @@ mod tests {
             (ROBOT.replace("pond", "lake"), calibration("1e-4"), TABLE, "lake.toml", &[&unreadable]),
             (ROBOT.into(), calibration("-1e-4"), TABLE, "robot.toml", &["covariance_m2"]),
             (ROBOT.into(), calibration("nan"), TABLE, "robot.toml", &["covariance_m2"]),
+            (
+                ROBOT.replace("\"winch.toml\"", "[\"winch.toml\"]"),
+                calibration("1e-4"),
+                TABLE,
+                "robot.toml",
+                &["motor.table", "1 files for 3 cables"],
+            ),
+            (
+                ROBOT.replace("\"winch.toml\"", "[\"winch.toml\", \"winch.toml\"]"),
+                calibration("1e-4"),
+                TABLE,
+                "robot.toml",
+                &["motor.table", "2 files for 3 cables"],
+            ),
             (ROBOT.into(), "method = \"survey\"\n".into(), TABLE, "pond.toml", &["date"]),
             (ROBOT.into(), calibration("1e-4"), "speeds_m_s = [0.0]\n", "winch.toml", &["tensions_n"]),
             (

@@ -102,8 +102,8 @@ fn honest_measurements_are_rarely_refused() {
     }
 }
 
-/// A radius that was measured hides nothing; one that was not widens the 95 % interval of each coordinate to the farthest
-/// alternative.
+/// A radius that was measured hides nothing; one that was not widens the 95 % interval of each coordinate to the
+/// farthest alternative.
 #[test]
 fn only_a_radius_that_was_not_measured_widens_the_intervals() {
     let measured = measure(&four(), 15, 0.03, &Noise::plain(0.005, 0.003), 0x31);
