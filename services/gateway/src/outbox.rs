@@ -9,8 +9,9 @@ use std::os::fd::{AsFd, OwnedFd};
 
 /// Bytes of waiting samples beyond which further ones are left out.
 pub(crate) const SAMPLES: usize = 512 << 10;
-/// Waiting bytes beyond which nothing is read from the client: it first has to take its replies.
-pub(crate) const PAUSED: usize = 256 << 10;
+/// Waiting bytes beyond which nothing is read from the client: it first has to take its replies. Samples alone never
+/// reach it, so that a client which does not read can still stop the robot.
+pub(crate) const PAUSED: usize = SAMPLES + (256 << 10);
 
 #[derive(Debug)]
 struct Piece {
