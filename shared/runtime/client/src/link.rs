@@ -1,7 +1,7 @@
 //! The way to a robot: its shared memory for its user, or its gateway for others. Commands are the same on both.
 
 use crate::connection::{Connection, unexpected};
-use crate::robot::{ANSWER, MOTOR_IO, PLANNER, Running, running, sample};
+use crate::robot::{ANSWER, MOTOR_IO, PLANNER, Running, UNEASY, running, sample, warn_of_silence};
 use bus::{Bus, Memory, NodeInfo, Subscriber, Waiter};
 use command::{Answer, Failure};
 use config::SystemFile;
@@ -189,21 +189,32 @@ impl Gateway {
     }
 
     fn ask(&self, process: &str, request: &Request, body: &[u8]) -> Answer<OperatorRequest> {
+        self.ask_with(process, request, body, ANSWER.as_nanos() as u64, || {})
+    }
+
+    fn ask_with(
+        &self,
+        process: &str,
+        request: &Request,
+        body: &[u8],
+        patience_ns: u64,
+        uneasy: impl FnOnce(),
+    ) -> Answer<OperatorRequest> {
         let mut asked = sample(request)?;
         // Only a fault names its process: the gateway knows the others.
         let process = matches!(request, Request::Fault { .. }).then(|| process.to_owned());
         let call = Call::Ask { id: self.0.next_id(), request: request.clone(), process };
-        let (reply, _) = self.0.exchange(&call, body)?;
+        let (reply, _) = self.0.exchange_with(&call, body, patience_ns, uneasy)?;
         asked.put_answer(&reply.request_answer().ok_or_else(|| unexpected(&reply))?);
         Ok(asked)
     }
 
-    /// Sends an emergency stop.
+    /// Sends an emergency stop. It warns after a second without an answer.
     ///
     /// # Errors
     /// It is refused, or not answered.
     pub fn emergency_stop(&self) -> Answer<OperatorRequest> {
-        self.ask(MOTOR_IO, &Request::Estop, &[])
+        self.ask_with(MOTOR_IO, &Request::Estop, &[], UNEASY.as_nanos() as u64, warn_of_silence)
     }
 
     /// Subscribes to a channel, which may not exist yet.
