@@ -84,6 +84,7 @@ impl Hub {
         for channel in self.channels.values_mut() {
             channel.subscriptions.retain(|one| (one.client, one.id) != (client, id));
         }
+        self.forget_unused();
     }
 
     /// Ends all subscriptions of a client.
@@ -91,6 +92,12 @@ impl Hub {
         for channel in self.channels.values_mut() {
             channel.subscriptions.retain(|one| one.client != client);
         }
+        self.forget_unused();
+    }
+
+    /// Forgets names without a channel, also while no robot runs and nothing is polled.
+    fn forget_unused(&mut self) {
+        self.channels.retain(|_, channel| channel.tap.is_some() || !channel.subscriptions.is_empty());
     }
 
     /// Counts a sample that a client had no room for.
