@@ -21,6 +21,8 @@ pub const SUBSCRIPTIONS: usize = 64;
 /// Calls of a connection per second, and in a burst; stops pass beyond them.
 const CALLS_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
+/// Files that a connection may open per second, and in a burst.
+const OPENS_PER_S: f64 = 10.0;
 /// Time in which a connection has to send `hello`, ns.
 const HELLO_NS: u64 = 10_000_000_000;
 
@@ -173,6 +175,9 @@ struct Connection {
     /// Unanswered calls.
     unanswered: usize,
     budget: Budget,
+    opens: Budget,
+    /// The list of runs or of files that is being made.
+    listing: Option<Ticket>,
     since_ns: u64,
     used_ns: u64,
     /// Nothing is read from it any more.
@@ -213,6 +218,8 @@ impl Core {
             Event::Received { client, bytes } => self.receive(now_ns, client, bytes),
             Event::Gone { client } => {
                 self.connections.remove(&client);
+                // What still waits of its calls is not carried out any more.
+                self.tickets.retain(|_, (of, ..)| *of != client);
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
             Event::Tick => {
@@ -234,6 +241,8 @@ impl Core {
             subscriptions: Vec::new(),
             unanswered: 0,
             budget: Budget::new(CALLS_PER_S, BURST, now_ns),
+            opens: Budget::new(OPENS_PER_S, OPENS_PER_S, now_ns),
+            listing: None,
             since_ns: now_ns,
             used_ns: now_ns,
             closed: false,
@@ -247,7 +256,7 @@ impl Core {
                 .filter(|(id, one)| **id != client && one.peer.uid == uid && one.unanswered == 0 && !one.closed);
             let longest = idle.min_by_key(|(id, one)| (one.holder.is_some(), one.used_ns, **id)).map(|(id, _)| *id);
             self.refuse_and_close(longest.unwrap_or(client), Reason::ConnectionsFull { most: CONNECTIONS_OF_A_USER });
-        } else if self.connections.len() > CONNECTIONS {
+        } else if self.connections.values().filter(|one| !one.closed).count() > CONNECTIONS {
             self.refuse_and_close(client, Reason::ConnectionsFull { most: CONNECTIONS });
         }
     }
@@ -289,7 +298,7 @@ impl Core {
             Call::Hello { .. } => {
                 self.refuse_and_close(client, Reason::NotACall { why: detail("`hello` was sent twice") });
             }
-            other => self.other_call(client, &holder, other),
+            other => self.other_call(now_ns, client, &holder, other),
         }
     }
 
@@ -357,7 +366,7 @@ impl Core {
         });
     }
 
-    fn other_call(&mut self, client: ClientId, holder: &Holder, call: Call) {
+    fn other_call(&mut self, now_ns: u64, client: ClientId, holder: &Holder, call: Call) {
         let id = call.id();
         let what = match call {
             Call::Robot { .. } => Question::Robot,
@@ -380,8 +389,18 @@ impl Core {
             Call::Hello { .. } | Call::Ask { .. } => return,
         };
         let Some(connection) = self.connections.get_mut(&client) else { return };
+        let lists = matches!(what, Question::Runs | Question::Files(_));
+        if lists && connection.listing.is_some() {
+            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
+        }
+        if matches!(what, Question::Open(..)) && !connection.opens.spend(now_ns) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: OPENS_PER_S as usize });
+        }
         connection.unanswered += 1;
         let ticket = self.ticket(client, id, true);
+        if lists && let Some(connection) = self.connections.get_mut(&client) {
+            connection.listing = Some(ticket);
+        }
         self.actions.push(Action::Look { ticket, what });
     }
 
@@ -443,6 +462,7 @@ impl Core {
     fn answered(&mut self, ticket: Ticket, done: Done) {
         let Some((client, id, counts)) = self.tickets.remove(&ticket) else { return };
         let Some(connection) = self.connections.get_mut(&client) else { return };
+        connection.listing = connection.listing.filter(|listing| *listing != ticket);
         connection.unanswered -= usize::from(counts && connection.unanswered > 0);
         let (reply, body, descriptor) = match done {
             Done::Answer(answer) => (Reply::answer(id, &answer), Vec::new(), None),
@@ -475,6 +495,18 @@ impl Core {
             connection.closed = true;
         }
         self.actions.push(Action::Close { client });
+    }
+
+    /// Returns whether the client of a call still waits for its reply.
+    #[must_use]
+    pub fn is_wanted(&self, ticket: Ticket) -> bool {
+        self.tickets.contains_key(&ticket)
+    }
+
+    /// Returns the client of a call.
+    #[must_use]
+    pub fn client_of(&self, ticket: Ticket) -> Option<ClientId> {
+        self.tickets.get(&ticket).map(|(client, ..)| *client)
     }
 
     /// Returns the user and the role of a client, for the log.

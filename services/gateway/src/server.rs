@@ -3,8 +3,8 @@
 use crate::core::{Action, ClientId, Core, Done, Event, Question, Ticket};
 use crate::disk::{Disk, Job, Outcome};
 use crate::hub::Delivery;
-use crate::outbox::{Outbox, PAUSED};
-use crate::robot::Robot;
+use crate::outbox::{DESCRIPTORS, Outbox, PAUSED};
+use crate::robot::{Robot, stops};
 use crate::roles::Roles;
 use crate::settings::Settings;
 use crate::tokens::Tokens;
@@ -47,10 +47,15 @@ pub struct Server {
     core: Core,
     robot: Robot,
     disk: Disk,
+    /// Missions have a disk of their own, so that no list delays a motion.
+    inbox: Disk,
+    spare: socket::Spare,
+    /// Device and inode of the socket.
+    bound: Option<(u64, u64)>,
     clients: BTreeMap<ClientId, Client>,
     last_client: ClientId,
     /// Requests whose mission is being stored.
-    missions: BTreeMap<Ticket, (String, Box<OperatorRequest>)>,
+    missions: BTreeMap<Ticket, (String, Box<OperatorRequest>, u64)>,
     tokens: PathBuf,
 }
 
@@ -62,12 +67,16 @@ impl Server {
     pub fn open(settings: &Settings) -> Answer<Self> {
         let tokens = Tokens::read(&settings.tokens).map_err(Failure::NotNow)?;
         let roles = Roles::new(rustix::process::geteuid().as_raw(), settings.section.clone());
+        let listener = socket::listen(&settings.socket)?;
         Ok(Self {
-            listener: socket::listen(&settings.socket)?,
+            listener,
+            bound: socket::identity(&settings.socket),
+            spare: socket::Spare::new(),
             path: settings.socket.clone(),
             core: Core::new(settings.name.clone(), roles, tokens),
             robot: Robot::new(settings.name.clone(), settings.domain.clone()),
             disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            inbox: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             clients: BTreeMap::new(),
             last_client: 0,
             missions: BTreeMap::new(),
@@ -93,14 +102,17 @@ impl Server {
             self.carry_out(actions);
             self.send_and_close();
         }
-        let _ = std::fs::remove_file(&self.path);
+        // Another gateway may have put its own socket there.
+        if self.bound.is_some() && socket::identity(&self.path) == self.bound {
+            let _ = std::fs::remove_file(&self.path);
+        }
         Ok(())
     }
 
     /// Waits for a client or for the next look at the robot; accepts and reads.
     fn wait(&mut self) -> Answer {
         let wait_ns = match () {
-            () if self.robot.is_busy() || self.disk.is_busy() => BUSY_NS,
+            () if self.robot.is_busy() || self.disk.is_busy() || self.inbox.is_busy() => BUSY_NS,
             () if self.robot.hub().is_used() => SAMPLES_NS,
             () => IDLE_NS,
         };
@@ -128,19 +140,33 @@ impl Server {
         if accepts {
             self.accept();
         }
-        for client in readable {
-            self.read(client);
+        let actions: Vec<Action> = readable.into_iter().flat_map(|client| self.read(client)).collect();
+        // What stops the robot comes before everything else of this pass.
+        let (stops, rest): (Vec<_>, Vec<_>) = actions.into_iter().partition(|action| match action {
+            Action::Estop { .. } => true,
+            Action::Ask { request, .. } => stops(request),
+            _ => false,
+        });
+        if !stops.is_empty() {
+            self.carry_out(stops);
+            self.robot_answers();
         }
+        self.carry_out(rest);
         Ok(())
     }
 
     fn accept(&mut self) {
         // A bounded number, so that those who connect do not delay those who are connected.
-        for _ in 0..crate::core::CONNECTIONS {
-            let Some((accepted, credentials)) = socket::accept(&self.listener) else { return };
+        for (accepted, credentials) in self.spare.accept(&self.listener, crate::core::CONNECTIONS) {
             self.last_client += 1;
             let client = self.last_client;
-            let peer = users::peer_of(credentials.uid, credentials.gid, credentials.pid);
+            let peer = match users::peer_of(credentials.uid, credentials.gid, credentials.pid) {
+                Ok(peer) => peer,
+                Err(error) => {
+                    eprintln!("gateway: a connection is refused, because /etc/passwd or /etc/group has {error}");
+                    continue;
+                }
+            };
             let entry = Client { socket: accepted, outbox: Outbox::default(), closes_ns: None, broken: false };
             self.clients.insert(client, entry);
             let actions = self.core.step(now_ns(), Event::Connected { client, peer });
@@ -148,18 +174,16 @@ impl Server {
         }
     }
 
-    fn read(&mut self, client: ClientId) {
-        let Some(entry) = self.clients.get_mut(&client) else { return };
+    fn read(&mut self, client: ClientId) -> Vec<Action> {
+        let Some(entry) = self.clients.get_mut(&client) else { return Vec::new() };
         let mut bytes = vec![0; PIECE];
         match rustix::io::read(&entry.socket, bytes.as_mut_slice()) {
             Ok(0) => entry.broken = true,
-            Ok(length) => {
-                let actions = self.core.step(now_ns(), Event::Received { client, bytes: &bytes[..length] });
-                self.carry_out(actions);
-            }
+            Ok(length) => return self.core.step(now_ns(), Event::Received { client, bytes: &bytes[..length] }),
             Err(Errno::AGAIN | Errno::INTR) => {}
             Err(_) => entry.broken = true,
         }
+        Vec::new()
     }
 
     fn carry_out(&mut self, actions: Vec<Action>) {
@@ -172,7 +196,9 @@ impl Server {
                     }
                     self.robot.hub().remove(client);
                 }
-                Action::Ask { ticket, process, request, mission: None } => self.ask(ticket, &process, request),
+                Action::Ask { ticket, process, request, mission: None } => {
+                    self.ask(ticket, &process, request, now_ns());
+                }
                 Action::Ask { ticket, process, request, mission: Some(text) } => {
                     self.ask_with_mission(ticket, process, request, text);
                 }
@@ -195,15 +221,15 @@ impl Server {
         }
     }
 
-    fn ask(&mut self, ticket: Ticket, process: &str, request: Box<OperatorRequest>) {
-        if let Err(answer) = self.robot.ask(ticket, process, request) {
+    fn ask(&mut self, ticket: Ticket, process: &str, request: Box<OperatorRequest>, asked_ns: u64) {
+        if let Err(answer) = self.robot.ask(ticket, process, request, asked_ns) {
             self.answer(ticket, answer);
         }
     }
 
     fn ask_with_mission(&mut self, ticket: Ticket, process: String, request: Box<OperatorRequest>, text: String) {
         let Some(run) = self.robot.run() else { return self.answer(ticket, self.robot.absent()) };
-        self.missions.insert(ticket, (process, request));
+        self.missions.insert(ticket, (process, request, now_ns()));
         self.begin(ticket, Job::Mission(run, text));
     }
 
@@ -228,12 +254,21 @@ impl Server {
             },
             Question::Runs => self.begin(ticket, Job::Runs(present)),
             Question::Files(run) => self.begin(ticket, Job::Files(present, run)),
+            Question::Open(..) if !self.takes_a_descriptor(ticket) => {
+                self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
+            }
             Question::Open(run, file) => self.begin(ticket, Job::Open(present, run, file)),
         }
     }
 
+    fn takes_a_descriptor(&self, ticket: Ticket) -> bool {
+        let client = self.core.client_of(ticket).and_then(|client| self.clients.get(&client));
+        client.is_some_and(|client| client.outbox.has_room_for_a_descriptor())
+    }
+
     fn begin(&mut self, ticket: Ticket, job: Job) {
-        if !self.disk.begin(ticket, job) {
+        let disk = if matches!(job, Job::Mission(..)) { &mut self.inbox } else { &mut self.disk };
+        if !disk.begin(ticket, job) {
             self.missions.remove(&ticket);
             let reason = Reason::GatewayBusy { most: crate::core::UNANSWERED };
             self.answer(ticket, Box::new(reason.answer()));
@@ -241,7 +276,8 @@ impl Server {
     }
 
     fn robot_answers(&mut self) {
-        for (ticket, answer) in self.robot.answers() {
+        let answers = self.robot.answers(now_ns(), |ticket| self.core.is_wanted(ticket));
+        for (ticket, answer) in answers {
             if let Some((user, role)) = self.core.described(ticket) {
                 eprintln!("gateway: {user} ({}): {}", role.name(), text_of(&answer.text));
             }
@@ -250,15 +286,19 @@ impl Server {
     }
 
     fn disk_outcomes(&mut self) {
-        while let Some(outcome) = self.disk.poll() {
+        while let Some(outcome) = self.inbox.poll().or_else(|| self.disk.poll()) {
             match outcome {
+                // Several may have been opened at once.
+                Outcome::Done(ticket, Done::Reply(_, _, Some(_))) if !self.takes_a_descriptor(ticket) => {
+                    self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
+                }
                 Outcome::Done(ticket, done) => {
                     self.missions.remove(&ticket);
                     self.done(ticket, done);
                 }
                 Outcome::Stored(ticket) => {
-                    if let Some((process, request)) = self.missions.remove(&ticket) {
-                        self.ask(ticket, &process, request);
+                    if let Some((process, request, asked_ns)) = self.missions.remove(&ticket) {
+                        self.ask(ticket, &process, request, asked_ns);
                     }
                 }
             }
