@@ -60,6 +60,13 @@ pub enum Event<'a> {
         /// The reply, whose `id` is filled in here.
         reply: Done,
     },
+    /// A change of the tokens was stored, or could not be.
+    Stored {
+        /// The change.
+        change: Box<TokenChange>,
+        /// One sentence: why it could not be stored.
+        stored: Result<(), String>,
+    },
     /// Some time has passed.
     Tick,
 }
@@ -135,8 +142,26 @@ pub enum Action {
         /// Number of the subscription.
         id: u64,
     },
-    /// The tokens have changed: store them.
-    StoreTokens,
+    /// Store the tokens; they are valid, and the client gets its reply, when that is done.
+    StoreTokens(Box<TokenChange>),
+}
+
+/// A change of the tokens that is being stored.
+#[derive(Debug)]
+pub struct TokenChange {
+    client: ClientId,
+    id: u64,
+    tokens: Tokens,
+    reply: Reply,
+    revoked: Option<String>,
+}
+
+impl TokenChange {
+    /// Returns the tokens after the change.
+    #[must_use]
+    pub fn tokens(&self) -> &Tokens {
+        &self.tokens
+    }
 }
 
 /// Something to find out.
@@ -194,6 +219,8 @@ pub struct Core {
     /// The client and the `id` of each call that is being carried out; whether it counts as unanswered.
     tickets: BTreeMap<Ticket, (ClientId, u64, bool)>,
     last_ticket: Ticket,
+    /// A change of the tokens is being stored.
+    changing: bool,
     actions: Vec<Action>,
 }
 
@@ -202,13 +229,7 @@ impl Core {
     #[must_use]
     pub fn new(robot: String, roles: Roles, tokens: Tokens) -> Self {
         let (connections, tickets) = (BTreeMap::new(), BTreeMap::new());
-        Self { robot, roles, tokens, connections, tickets, last_ticket: 0, actions: Vec::new() }
-    }
-
-    /// Returns the tokens, to store them.
-    #[must_use]
-    pub fn tokens(&self) -> &Tokens {
-        &self.tokens
+        Self { robot, roles, tokens, connections, tickets, last_ticket: 0, changing: false, actions: Vec::new() }
     }
 
     /// Evaluates an event; returns what has to be done, in this order.
@@ -222,6 +243,7 @@ impl Core {
                 self.tickets.retain(|_, (of, ..)| *of != client);
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
+            Event::Stored { change, stored } => self.stored(*change, stored),
             Event::Tick => {
                 let late = |one: &Connection| one.holder.is_none() && now_ns >= one.since_ns + HELLO_NS;
                 let late: Vec<_> =
@@ -433,23 +455,39 @@ impl Core {
             let (verb, user) = (detail("manage tokens"), detail(&holder.user));
             return self.refuse(client, id, Reason::OwnerOnly { verb, user });
         }
+        // A second change would be made from tokens without the first one.
+        if self.changing && !matches!(call, Call::TokenList { .. }) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
+        }
+        let mut tokens = self.tokens.clone();
         let changed = match call {
             Call::TokenAdd { name, role, .. } => {
-                self.tokens.add(&name, &role).map(|secret| Reply::Token { id, secret })
+                tokens.add(&name, &role).map(|secret| (Reply::Token { id, secret }, None))
             }
-            Call::TokenRevoke { name, .. } => self.tokens.revoke(&name).map(|()| {
-                self.close_holders(&name);
-                Reply::Done { id }
-            }),
+            Call::TokenRevoke { name, .. } => tokens.revoke(&name).map(|()| (Reply::Done { id }, Some(name))),
             _ => return self.send(client, Reply::Tokens { id, tokens: self.tokens.rows() }),
         };
         match changed {
-            Ok(reply) => {
-                self.actions.push(Action::StoreTokens);
-                self.send(client, reply);
+            Ok((reply, revoked)) => {
+                self.changing = true;
+                let change = TokenChange { client, id, tokens, reply, revoked };
+                self.actions.push(Action::StoreTokens(Box::new(change)));
             }
             Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
         }
+    }
+
+    fn stored(&mut self, change: TokenChange, stored: Result<(), String>) {
+        let TokenChange { client, id, tokens, reply, revoked } = change;
+        self.changing = false;
+        if let Err(why) = stored {
+            return self.refuse(client, id, Reason::DiskRefused { why: detail(why) });
+        }
+        self.tokens = tokens;
+        if let Some(name) = revoked {
+            self.close_holders(&name);
+        }
+        self.send(client, reply);
     }
 
     /// Closes the connections of a token that was revoked.

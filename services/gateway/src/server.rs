@@ -212,10 +212,10 @@ impl Server {
                     self.robot.hub().subscribe(client, id, channel, rate_hz);
                 }
                 Action::Unsubscribe { client, id } => self.robot.hub().unsubscribe(client, id),
-                Action::StoreTokens => {
-                    if let Err(why) = self.core.tokens().write(&self.tokens) {
-                        eprintln!("gateway: the tokens are valid until this gateway ends: {why}");
-                    }
+                Action::StoreTokens(change) => {
+                    let stored = change.tokens().write(&self.tokens);
+                    let actions = self.core.step(now_ns(), Event::Stored { change, stored });
+                    self.carry_out(actions);
                 }
             }
         }
