@@ -2,7 +2,7 @@
 
 use crate::core::{Action, ClientId, Core, Done, Event, Question, Ticket};
 use crate::disk::{Disk, Job, Outcome};
-use crate::hub::Delivery;
+use crate::hub::{Delivery, count};
 use crate::outbox::{DESCRIPTORS, Outbox, PAUSED};
 use crate::robot::{Robot, stops};
 use crate::roles::Roles;
@@ -309,13 +309,13 @@ impl Server {
         for delivery in self.robot.samples(now_ns()) {
             match delivery {
                 Delivery::Definition(client, reply) => self.post(client, &reply, &[], None),
-                Delivery::Sample(client, id, bytes, missed) => {
+                Delivery::Sample(client, id, bytes, missed, dropped) => {
                     let Some(entry) = self.clients.get_mut(&client) else { continue };
                     if entry.closes_ns.is_some() || !entry.outbox.has_room(bytes.len()) {
-                        self.robot.hub().drop_sample(client, id);
+                        count(&dropped);
                         continue;
                     }
-                    let dropped = self.robot.hub().dropped(client, id);
+                    let dropped = dropped.get();
                     self.post(client, &Reply::Sample { id, dropped, missed }, &bytes, None);
                 }
             }
