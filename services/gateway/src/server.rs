@@ -11,7 +11,7 @@ use crate::tokens::Tokens;
 use crate::{socket, users};
 use bus::clock::now_ns;
 use command::{Answer, Failure, StopFlag};
-use gateway_protocol::{Reply, encode};
+use gateway_protocol::{ChannelRow, Reply, RobotFacts, encode};
 use messages::{OperatorRequest, RequestAnswer, text_of};
 use robot_state::Reason;
 use rustix::event::{PollFd, PollFlags, poll};
@@ -26,6 +26,8 @@ use std::sync::atomic::Ordering;
 const IDLE_NS: u64 = 250_000_000;
 const SAMPLES_NS: u64 = 20_000_000;
 const BUSY_NS: u64 = 2_000_000;
+/// Time for which what was found out about the robot is told again, ns.
+const FOUND_NS: u64 = 250_000_000;
 /// Bytes that are read from a client in one pass, so that every client has its turn.
 const PIECE: usize = 64 << 10;
 /// Time for which a closed connection may take what was sent to it, ns.
@@ -52,6 +54,9 @@ pub struct Server {
     spare: socket::Spare,
     /// Device and inode of the socket.
     bound: Option<(u64, u64)>,
+    /// What runs and its channels as they were found last, with the time: to find them reads many files.
+    facts: Option<(u64, Option<RobotFacts>)>,
+    rows: Option<(u64, Vec<ChannelRow>)>,
     clients: BTreeMap<ClientId, Client>,
     last_client: ClientId,
     /// Requests whose mission is being stored.
@@ -77,6 +82,8 @@ impl Server {
             robot: Robot::new(settings.name.clone(), settings.domain.clone()),
             disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             inbox: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            facts: None,
+            rows: None,
             clients: BTreeMap::new(),
             last_client: 0,
             missions: BTreeMap::new(),
@@ -94,6 +101,7 @@ impl Server {
             self.wait()?;
             if let Some(sentence) = self.robot.look(now_ns()) {
                 eprintln!("gateway: {sentence}");
+                (self.facts, self.rows) = (None, None);
             }
             self.robot_answers();
             self.disk_outcomes();
@@ -237,9 +245,12 @@ impl Server {
         let reply = |reply| Done::Reply(Box::new(reply), Vec::new(), None);
         let present = self.robot.run();
         match what {
-            Question::Robot => self.done(ticket, reply(Reply::Robot { id: 0, robot: self.robot.facts() })),
+            Question::Robot => {
+                let robot = self.facts();
+                self.done(ticket, reply(Reply::Robot { id: 0, robot }));
+            }
             Question::Channels => {
-                let channels = self.robot.channels();
+                let channels = self.channels();
                 self.done(
                     ticket,
                     match channels {
@@ -258,6 +269,22 @@ impl Server {
                 self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
             }
             Question::Open(run, file) => self.begin(ticket, Job::Open(present, run, file)),
+        }
+    }
+
+    fn facts(&mut self) -> Option<RobotFacts> {
+        let now = now_ns();
+        match &self.facts {
+            Some((found_ns, facts)) if now < found_ns + FOUND_NS => facts.clone(),
+            _ => self.facts.insert((now, self.robot.facts())).1.clone(),
+        }
+    }
+
+    fn channels(&mut self) -> Result<Vec<ChannelRow>, Box<RequestAnswer>> {
+        let now = now_ns();
+        match &self.rows {
+            Some((found_ns, rows)) if now < found_ns + FOUND_NS => Ok(rows.clone()),
+            _ => Ok(self.rows.insert((now, self.robot.channels()?)).1.clone()),
         }
     }
 
