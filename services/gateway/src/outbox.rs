@@ -41,7 +41,7 @@ impl Outbox {
         self.waiting == 0 || self.waiting + bytes <= SAMPLES
     }
 
-    /// Returns whether a descriptor may be added. A client that takes none would otherwise exhaust those of the gateway.
+    /// Returns whether a descriptor may be added: a client that takes none would exhaust those of the gateway.
     pub(crate) fn has_room_for_a_descriptor(&self) -> bool {
         self.pieces.iter().filter(|piece| piece.descriptor.is_some()).count() < DESCRIPTORS
     }
