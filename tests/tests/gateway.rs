@@ -420,14 +420,19 @@ fn hostile_clients_delay_nobody() {
 
 #[test]
 fn a_slow_reader_loses_samples_and_is_told_how_many() {
-    let robot = Robot::up("");
+    let mut robot = Robot::up("");
+    robot.arm();
     let gateway = Gateway::joined(&robot, OWNER);
+    robot.fly();
     let mut slow = gateway.client();
     for id in 1..=32 {
         slow.send(&Call::Subscribe { id, channel: "motor/input".to_owned(), rate_hz: None }, &[]);
     }
     // More than the socket and the queue hold.
     std::thread::sleep(Duration::from_secs(5));
+    // It still does not read, and stops the robot.
+    slow.send(&Call::Ask { id: 99, request: Request::Stop, process: None }, &[]);
+    robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     let (mut samples, mut told) = (0_u64, 0);
     while told == 0 {
         let (reply, body) = slow.next().unwrap();

@@ -21,6 +21,8 @@ pub const SUBSCRIPTIONS: usize = 64;
 /// Calls of a connection per second, and in a burst; stops pass beyond them.
 const CALLS_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
+/// Files that a connection may open per second, and in a burst.
+const OPENS_PER_S: f64 = 10.0;
 /// Time in which a connection has to send `hello`, ns.
 const HELLO_NS: u64 = 10_000_000_000;
 
@@ -57,6 +59,13 @@ pub enum Event<'a> {
         ticket: Ticket,
         /// The reply, whose `id` is filled in here.
         reply: Done,
+    },
+    /// A change of the tokens was stored, or could not be.
+    Stored {
+        /// The change.
+        change: Box<TokenChange>,
+        /// One sentence: why it could not be stored.
+        stored: Result<(), String>,
     },
     /// Some time has passed.
     Tick,
@@ -133,8 +142,26 @@ pub enum Action {
         /// Number of the subscription.
         id: u64,
     },
-    /// The tokens have changed: store them.
-    StoreTokens,
+    /// Store the tokens; they are valid, and the client gets its reply, when that is done.
+    StoreTokens(Box<TokenChange>),
+}
+
+/// A change of the tokens that is being stored.
+#[derive(Debug)]
+pub struct TokenChange {
+    client: ClientId,
+    id: u64,
+    tokens: Tokens,
+    reply: Reply,
+    revoked: Option<String>,
+}
+
+impl TokenChange {
+    /// Returns the tokens after the change.
+    #[must_use]
+    pub fn tokens(&self) -> &Tokens {
+        &self.tokens
+    }
 }
 
 /// Something to find out.
@@ -173,6 +200,9 @@ struct Connection {
     /// Unanswered calls.
     unanswered: usize,
     budget: Budget,
+    opens: Budget,
+    /// The list of runs or of files that is being made.
+    listing: Option<Ticket>,
     since_ns: u64,
     used_ns: u64,
     /// Nothing is read from it any more.
@@ -189,6 +219,8 @@ pub struct Core {
     /// The client and the `id` of each call that is being carried out; whether it counts as unanswered.
     tickets: BTreeMap<Ticket, (ClientId, u64, bool)>,
     last_ticket: Ticket,
+    /// A change of the tokens is being stored.
+    changing: bool,
     actions: Vec<Action>,
 }
 
@@ -197,13 +229,7 @@ impl Core {
     #[must_use]
     pub fn new(robot: String, roles: Roles, tokens: Tokens) -> Self {
         let (connections, tickets) = (BTreeMap::new(), BTreeMap::new());
-        Self { robot, roles, tokens, connections, tickets, last_ticket: 0, actions: Vec::new() }
-    }
-
-    /// Returns the tokens, to store them.
-    #[must_use]
-    pub fn tokens(&self) -> &Tokens {
-        &self.tokens
+        Self { robot, roles, tokens, connections, tickets, last_ticket: 0, changing: false, actions: Vec::new() }
     }
 
     /// Evaluates an event; returns what has to be done, in this order.
@@ -213,8 +239,11 @@ impl Core {
             Event::Received { client, bytes } => self.receive(now_ns, client, bytes),
             Event::Gone { client } => {
                 self.connections.remove(&client);
+                // What still waits of its calls is not carried out any more.
+                self.tickets.retain(|_, (of, ..)| *of != client);
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
+            Event::Stored { change, stored } => self.stored(*change, stored),
             Event::Tick => {
                 let late = |one: &Connection| one.holder.is_none() && now_ns >= one.since_ns + HELLO_NS;
                 let late: Vec<_> =
@@ -234,6 +263,8 @@ impl Core {
             subscriptions: Vec::new(),
             unanswered: 0,
             budget: Budget::new(CALLS_PER_S, BURST, now_ns),
+            opens: Budget::new(OPENS_PER_S, OPENS_PER_S, now_ns),
+            listing: None,
             since_ns: now_ns,
             used_ns: now_ns,
             closed: false,
@@ -247,7 +278,7 @@ impl Core {
                 .filter(|(id, one)| **id != client && one.peer.uid == uid && one.unanswered == 0 && !one.closed);
             let longest = idle.min_by_key(|(id, one)| (one.holder.is_some(), one.used_ns, **id)).map(|(id, _)| *id);
             self.refuse_and_close(longest.unwrap_or(client), Reason::ConnectionsFull { most: CONNECTIONS_OF_A_USER });
-        } else if self.connections.len() > CONNECTIONS {
+        } else if self.connections.values().filter(|one| !one.closed).count() > CONNECTIONS {
             self.refuse_and_close(client, Reason::ConnectionsFull { most: CONNECTIONS });
         }
     }
@@ -289,7 +320,7 @@ impl Core {
             Call::Hello { .. } => {
                 self.refuse_and_close(client, Reason::NotACall { why: detail("`hello` was sent twice") });
             }
-            other => self.other_call(client, &holder, other),
+            other => self.other_call(now_ns, client, &holder, other),
         }
     }
 
@@ -357,7 +388,7 @@ impl Core {
         });
     }
 
-    fn other_call(&mut self, client: ClientId, holder: &Holder, call: Call) {
+    fn other_call(&mut self, now_ns: u64, client: ClientId, holder: &Holder, call: Call) {
         let id = call.id();
         let what = match call {
             Call::Robot { .. } => Question::Robot,
@@ -380,8 +411,18 @@ impl Core {
             Call::Hello { .. } | Call::Ask { .. } => return,
         };
         let Some(connection) = self.connections.get_mut(&client) else { return };
+        let lists = matches!(what, Question::Runs | Question::Files(_));
+        if lists && connection.listing.is_some() {
+            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
+        }
+        if matches!(what, Question::Open(..)) && !connection.opens.spend(now_ns) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: OPENS_PER_S as usize });
+        }
         connection.unanswered += 1;
         let ticket = self.ticket(client, id, true);
+        if lists && let Some(connection) = self.connections.get_mut(&client) {
+            connection.listing = Some(ticket);
+        }
         self.actions.push(Action::Look { ticket, what });
     }
 
@@ -414,23 +455,39 @@ impl Core {
             let (verb, user) = (detail("manage tokens"), detail(&holder.user));
             return self.refuse(client, id, Reason::OwnerOnly { verb, user });
         }
+        // A second change would be made from tokens without the first one.
+        if self.changing && !matches!(call, Call::TokenList { .. }) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
+        }
+        let mut tokens = self.tokens.clone();
         let changed = match call {
             Call::TokenAdd { name, role, .. } => {
-                self.tokens.add(&name, &role).map(|secret| Reply::Token { id, secret })
+                tokens.add(&name, &role).map(|secret| (Reply::Token { id, secret }, None))
             }
-            Call::TokenRevoke { name, .. } => self.tokens.revoke(&name).map(|()| {
-                self.close_holders(&name);
-                Reply::Done { id }
-            }),
+            Call::TokenRevoke { name, .. } => tokens.revoke(&name).map(|()| (Reply::Done { id }, Some(name))),
             _ => return self.send(client, Reply::Tokens { id, tokens: self.tokens.rows() }),
         };
         match changed {
-            Ok(reply) => {
-                self.actions.push(Action::StoreTokens);
-                self.send(client, reply);
+            Ok((reply, revoked)) => {
+                self.changing = true;
+                let change = TokenChange { client, id, tokens, reply, revoked };
+                self.actions.push(Action::StoreTokens(Box::new(change)));
             }
             Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
         }
+    }
+
+    fn stored(&mut self, change: TokenChange, stored: Result<(), String>) {
+        let TokenChange { client, id, tokens, reply, revoked } = change;
+        self.changing = false;
+        if let Err(why) = stored {
+            return self.refuse(client, id, Reason::DiskRefused { why: detail(why) });
+        }
+        self.tokens = tokens;
+        if let Some(name) = revoked {
+            self.close_holders(&name);
+        }
+        self.send(client, reply);
     }
 
     /// Closes the connections of a token that was revoked.
@@ -443,6 +500,7 @@ impl Core {
     fn answered(&mut self, ticket: Ticket, done: Done) {
         let Some((client, id, counts)) = self.tickets.remove(&ticket) else { return };
         let Some(connection) = self.connections.get_mut(&client) else { return };
+        connection.listing = connection.listing.filter(|listing| *listing != ticket);
         connection.unanswered -= usize::from(counts && connection.unanswered > 0);
         let (reply, body, descriptor) = match done {
             Done::Answer(answer) => (Reply::answer(id, &answer), Vec::new(), None),
@@ -475,6 +533,18 @@ impl Core {
             connection.closed = true;
         }
         self.actions.push(Action::Close { client });
+    }
+
+    /// Returns whether the client of a call still waits for its reply.
+    #[must_use]
+    pub fn is_wanted(&self, ticket: Ticket) -> bool {
+        self.tickets.contains_key(&ticket)
+    }
+
+    /// Returns the client of a call.
+    #[must_use]
+    pub fn client_of(&self, ticket: Ticket) -> Option<ClientId> {
+        self.tickets.get(&ticket).map(|(client, ..)| *client)
     }
 
     /// Returns the user and the role of a client, for the log.

@@ -3,6 +3,7 @@
 use crate::core::ClientId;
 use bus::{Bus, BusError, ChannelInfo, ChannelWatch, Tap};
 use gateway_protocol::Reply;
+use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::rc::Rc;
 
@@ -20,8 +21,9 @@ const AT_ONCE: usize = 64;
 pub(crate) enum Delivery {
     /// The definition of a channel.
     Definition(ClientId, Reply),
-    /// A sample: the client, the subscription, the bytes, and how many the gateway itself has missed.
-    Sample(ClientId, u64, Rc<[u8]>, u64),
+    /// A sample: the client, the subscription, the bytes, how many the gateway itself has missed, and the number that
+    /// the subscription has not got.
+    Sample(ClientId, u64, Rc<[u8]>, u64, Rc<Cell<u64>>),
 }
 
 /// A subscription of a client.
@@ -35,7 +37,7 @@ struct Subscription {
     /// The newest sample that came too early.
     early: Option<Rc<[u8]>>,
     defined: bool,
-    dropped: u64,
+    dropped: Rc<Cell<u64>>,
 }
 
 /// A channel that clients have subscribed to.
@@ -75,7 +77,7 @@ impl Hub {
             due_ns: 0,
             early: None,
             defined: false,
-            dropped: 0,
+            dropped: Rc::default(),
         });
     }
 
@@ -84,6 +86,7 @@ impl Hub {
         for channel in self.channels.values_mut() {
             channel.subscriptions.retain(|one| (one.client, one.id) != (client, id));
         }
+        self.forget_unused();
     }
 
     /// Ends all subscriptions of a client.
@@ -91,23 +94,12 @@ impl Hub {
         for channel in self.channels.values_mut() {
             channel.subscriptions.retain(|one| one.client != client);
         }
+        self.forget_unused();
     }
 
-    /// Counts a sample that a client had no room for.
-    pub(crate) fn drop_sample(&mut self, client: ClientId, id: u64) {
-        if let Some(one) = self.find(client, id) {
-            one.dropped += 1;
-        }
-    }
-
-    /// Returns the number of samples that a subscription has not got.
-    pub(crate) fn dropped(&mut self, client: ClientId, id: u64) -> u64 {
-        self.find(client, id).map_or(0, |one| one.dropped)
-    }
-
-    fn find(&mut self, client: ClientId, id: u64) -> Option<&mut Subscription> {
-        let mut all = self.channels.values_mut().flat_map(|channel| &mut channel.subscriptions);
-        all.find(|one| (one.client, one.id) == (client, id))
+    /// Forgets names without a channel, also while no robot runs and nothing is polled.
+    fn forget_unused(&mut self) {
+        self.channels.retain(|_, channel| channel.tap.is_some() || !channel.subscriptions.is_empty());
     }
 
     /// Returns whether there is a subscription.
@@ -172,7 +164,7 @@ impl Channel {
             one.defined = true;
             out.push(Delivery::Definition(one.client, definition(one.id, &info)));
             for sample in &self.recent {
-                out.push(Delivery::Sample(one.client, one.id, Rc::clone(sample), self.missed));
+                out.push(one.delivery(Rc::clone(sample), self.missed));
             }
         }
         for _ in 0..AT_ONCE {
@@ -194,14 +186,20 @@ impl Channel {
 }
 
 impl Subscription {
+    fn delivery(&self, sample: Rc<[u8]>, missed: u64) -> Delivery {
+        Delivery::Sample(self.client, self.id, sample, missed, Rc::clone(&self.dropped))
+    }
+
     fn take(&mut self, sample: &Rc<[u8]>, missed: u64, now_ns: u64, out: &mut Vec<Delivery>) {
         if self.every_ns == 0 || now_ns >= self.due_ns {
             self.due_ns = now_ns + self.every_ns;
             // An older one that still waits is overtaken.
-            self.dropped += u64::from(self.early.take().is_some());
-            out.push(Delivery::Sample(self.client, self.id, Rc::clone(sample), missed));
+            if self.early.take().is_some() {
+                count(&self.dropped);
+            }
+            out.push(self.delivery(Rc::clone(sample), missed));
         } else if self.early.replace(Rc::clone(sample)).is_some() {
-            self.dropped += 1;
+            count(&self.dropped);
         }
     }
 
@@ -211,9 +209,14 @@ impl Subscription {
             && let Some(sample) = self.early.take()
         {
             self.due_ns = now_ns + self.every_ns;
-            out.push(Delivery::Sample(self.client, self.id, sample, missed));
+            out.push(self.delivery(sample, missed));
         }
     }
+}
+
+/// Counts a sample that a subscription does not get.
+pub(crate) fn count(dropped: &Cell<u64>) {
+    dropped.set(dropped.get() + 1);
 }
 
 fn definition(id: u64, info: &ChannelInfo) -> Reply {
@@ -276,10 +279,11 @@ mod tests {
         }
         let first = hub.poll(&bus, start).unwrap();
         assert_eq!(bytes_of(&first).len(), 1);
-        assert_eq!(hub.dropped(1, 1), 18);
+        let [.., Delivery::Sample(.., dropped)] = &first[..] else { panic!("{first:?}") };
+        assert_eq!(dropped.get(), 18);
         assert!(bytes_of(&hub.poll(&bus, start + 99_000_000).unwrap()).is_empty());
         let last = hub.poll(&bus, start + 100_000_000).unwrap();
-        let [Delivery::Sample(_, _, bytes, 0)] = &last[..] else { panic!("{last:?}") };
+        let [Delivery::Sample(_, _, bytes, 0, _)] = &last[..] else { panic!("{last:?}") };
         let last: MotorState = bytemuck::pod_read_unaligned(bytes);
         assert_eq!(last.cable_count, 19);
     }

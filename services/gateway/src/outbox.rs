@@ -9,8 +9,11 @@ use std::os::fd::{AsFd, OwnedFd};
 
 /// Bytes of waiting samples beyond which further ones are left out.
 pub(crate) const SAMPLES: usize = 512 << 10;
-/// Waiting bytes beyond which nothing is read from the client: it first has to take its replies.
-pub(crate) const PAUSED: usize = 256 << 10;
+/// Largest number of waiting descriptors.
+pub(crate) const DESCRIPTORS: usize = 2;
+/// Waiting bytes beyond which nothing is read from the client: it first has to take its replies. Samples alone never
+/// reach it, so that a client which does not read can still stop the robot.
+pub(crate) const PAUSED: usize = SAMPLES + (256 << 10);
 
 #[derive(Debug)]
 struct Piece {
@@ -36,6 +39,11 @@ impl Outbox {
     /// Returns whether a sample of that size may be added.
     pub(crate) fn has_room(&self, bytes: usize) -> bool {
         self.waiting == 0 || self.waiting + bytes <= SAMPLES
+    }
+
+    /// Returns whether a descriptor may be added: a client that takes none would exhaust those of the gateway.
+    pub(crate) fn has_room_for_a_descriptor(&self) -> bool {
+        self.pieces.iter().filter(|piece| piece.descriptor.is_some()).count() < DESCRIPTORS
     }
 
     /// Returns the number of waiting bytes.
@@ -70,5 +78,28 @@ impl Outbox {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_client_that_reads_nothing_holds_two_descriptors_and_its_samples_never_pause_it() {
+        let (ours, _theirs) = std::os::unix::net::UnixStream::pair().unwrap();
+        let mut outbox = Outbox::default();
+        let descriptor = || OwnedFd::from(std::fs::File::open("/dev/null").unwrap());
+        while outbox.has_room(1000) {
+            outbox.push(vec![0; 1000], None);
+            outbox.send(&ours).unwrap();
+        }
+        assert!(outbox.waiting() < PAUSED);
+        let mut pushed = 0;
+        while outbox.has_room_for_a_descriptor() {
+            outbox.push(vec![0; 10], Some(descriptor()));
+            pushed += 1;
+        }
+        assert_eq!(pushed, DESCRIPTORS);
     }
 }

@@ -18,14 +18,51 @@ const NAME: &str = "gateway";
 const LOOK_NS: u64 = 250_000_000;
 /// Largest number of requests to one process that wait for the answers to earlier ones.
 const WAITING: usize = 16;
-/// Largest number of emergency stops under way: further ones are answered when the first of them is.
+/// Time after an attempt to join that has failed, ns: the attempt itself takes a second.
+const REJOIN_NS: u64 = 5_000_000_000;
+/// Largest number of emergency stops under way: further ones are answered with the last of them.
 const STOPS: usize = 64;
 
 /// Requests to one process. Those that stop the robot have a client of their own, which no other request can fill.
 struct Lane {
     client: Client,
-    pending: Vec<(Ticket, Pending)>,
-    waiting: VecDeque<(Ticket, Box<OperatorRequest>)>,
+    pending: Vec<(Vec<Ticket>, Pending)>,
+    waiting: VecDeque<Waiting>,
+}
+
+/// A request that waits for its turn. Equal stops wait as one.
+#[derive(Debug)]
+struct Waiting {
+    tickets: Vec<Ticket>,
+    request: Box<OperatorRequest>,
+    asked_ns: u64,
+}
+
+impl Waiting {
+    /// Why it is not sent any more: it would begin a motion that its client does not expect any longer. `stopped` is
+    /// the last call that stops the robot.
+    fn refusal(&self, now_ns: u64, stopped: Ticket, is_wanted: impl Fn(Ticket) -> bool) -> Option<Reason> {
+        if stops(&self.request) {
+            return None;
+        }
+        let unsent = |why: &str| Some(Reason::RobotUnreached { why: detail(why) });
+        if self.tickets.iter().any(|ticket| *ticket < stopped) {
+            return unsent("the robot was told to stop after this request, so it was not sent; ask again");
+        }
+        if now_ns >= self.asked_ns + ANSWER.as_nanos() as u64 {
+            return unsent("the request has waited for too long and was not sent; look at the robot, then ask again");
+        }
+        if !self.tickets.iter().any(|ticket| is_wanted(*ticket)) {
+            return unsent("its client is gone, so the request was not sent");
+        }
+        None
+    }
+}
+
+/// Returns whether a request only ever stops the robot.
+pub(crate) fn stops(request: &OperatorRequest) -> bool {
+    use messages::RequestBody as Body;
+    [Body::VERB_HOLD, Body::VERB_STOP, Body::VERB_PAUSE, Body::VERB_ESTOP].contains(&request.body.verb)
 }
 
 /// The gateway's places on the bus of a running robot.
@@ -44,7 +81,9 @@ pub(crate) struct Robot {
     domain: String,
     joined: Option<Joined>,
     hub: Hub,
-    stops: Vec<(Ticket, Attempt)>,
+    stops: Vec<(Vec<Ticket>, Attempt)>,
+    /// The last call that stops the robot.
+    stopped: Ticket,
     /// Requests whose robot has ended before it answered.
     orphans: Vec<Ticket>,
     look_ns: u64,
@@ -59,7 +98,7 @@ impl Robot {
     /// The robot of that name in that domain.
     pub(crate) fn new(name: String, domain: String) -> Self {
         let (hub, stops, orphans) = (Hub::default(), Vec::new(), Vec::new());
-        Self { name, domain, joined: None, hub, stops, orphans, look_ns: 0, unjoined: None }
+        Self { name, domain, joined: None, hub, stops, stopped: 0, orphans, look_ns: 0, unjoined: None }
     }
 
     /// The subscriptions.
@@ -90,6 +129,7 @@ impl Robot {
                 Some(format!("{} runs", self.name))
             }
             Err(error) => {
+                self.look_ns = now_ns + REJOIN_NS;
                 let why = format!("{} runs, but cannot be joined: {error}", self.name);
                 (self.unjoined.replace(why.clone()).as_ref() != Some(&why)).then_some(why)
             }
@@ -100,8 +140,8 @@ impl Robot {
     pub(crate) fn leave(&mut self) {
         let Some(joined) = self.joined.take() else { return };
         for lane in joined.lanes.values() {
-            self.orphans.extend(lane.pending.iter().map(|(ticket, _)| *ticket));
-            self.orphans.extend(lane.waiting.iter().map(|(ticket, _)| *ticket));
+            self.orphans.extend(lane.pending.iter().flat_map(|(tickets, _)| tickets));
+            self.orphans.extend(lane.waiting.iter().flat_map(|waiting| &waiting.tickets));
         }
         self.hub.detach();
         drop(joined);
@@ -181,22 +221,21 @@ impl Robot {
         ticket: Ticket,
         process: &str,
         request: Box<OperatorRequest>,
+        asked_ns: u64,
     ) -> Result<(), Box<RequestAnswer>> {
+        let stops = stops(&request);
+        if stops {
+            self.stopped = self.stopped.max(ticket);
+        }
         let absent = self.absent();
         let joined = self.joined.as_mut().ok_or(absent)?;
-        let stops =
-            [messages::RequestBody::VERB_HOLD, messages::RequestBody::VERB_STOP, messages::RequestBody::VERB_PAUSE];
-        let name = if stops.contains(&request.body.verb) { STOP_LANE } else { process };
+        let name = if stops { STOP_LANE } else { process };
         if !joined.lanes.contains_key(name) {
             let client = joined.members.client(process).map_err(|error| failed(&error))?;
             joined.lanes.insert(name.to_owned(), Lane::new(client));
         }
         let Some(lane) = joined.lanes.get_mut(name) else { return Ok(()) };
-        if lane.waiting.len() >= WAITING {
-            return Err(Box::new(Reason::GatewayBusy { most: WAITING }.answer()));
-        }
-        lane.waiting.push_back((ticket, request));
-        Ok(())
+        lane.add(Waiting { tickets: vec![ticket], request, asked_ns })
     }
 
     /// Sends an emergency stop. It needs no place on the bus, so it is sent even if the robot could not be joined.
@@ -208,33 +247,40 @@ impl Robot {
         ticket: Ticket,
         request: &OperatorRequest,
     ) -> Result<(), Box<RequestAnswer>> {
+        self.stopped = self.stopped.max(ticket);
         let domain = Domain::existing(&self.domain).map_err(|error| failed(&error))?;
         let Some(domain) = domain.filter(bus::estop::is_heard) else { return Err(self.absent()) };
-        if self.stops.len() >= STOPS {
-            return Err(Box::new(Reason::GatewayBusy { most: STOPS }.answer()));
+        if self.stops.len() >= STOPS
+            && let Some((tickets, _)) = self.stops.last_mut()
+        {
+            tickets.push(ticket);
+            return Ok(());
         }
         let attempt = Attempt::begin(&domain, request, ANSWER).map_err(|error| failed(&error))?;
-        self.stops.push((ticket, attempt));
+        self.stops.push((vec![ticket], attempt));
         Ok(())
     }
 
     /// Returns the answers that have arrived.
-    pub(crate) fn answers(&mut self) -> Vec<(Ticket, Box<RequestAnswer>)> {
+    pub(crate) fn answers(
+        &mut self,
+        now_ns: u64,
+        is_wanted: impl Fn(Ticket) -> bool,
+    ) -> Vec<(Ticket, Box<RequestAnswer>)> {
         let absent = self.absent();
         let mut answers: Vec<_> = self.orphans.drain(..).map(|ticket| (ticket, absent.clone())).collect();
-        self.stops.retain_mut(|(ticket, attempt)| match attempt.poll() {
-            Ok(None) => true,
-            Ok(Some(answered)) => {
-                answers.push((*ticket, stopped(&answered)));
-                false
-            }
-            Err(error) => {
-                answers.push((*ticket, failed(&error)));
-                false
-            }
+        self.stops.retain_mut(|(tickets, attempt)| {
+            let answer = match attempt.poll() {
+                Ok(None) => return true,
+                Ok(Some(answered)) => stopped(&answered),
+                Err(error) => failed(&error),
+            };
+            answers.extend(tickets.iter().map(|ticket| (*ticket, answer.clone())));
+            false
         });
+        let stopped = self.stopped;
         for lane in self.joined.iter_mut().flat_map(|joined| joined.lanes.values_mut()) {
-            lane.poll(&mut answers);
+            lane.poll(|waiting| waiting.refusal(now_ns, stopped, &is_wanted), now_ns, &mut answers);
         }
         answers
     }
@@ -280,26 +326,57 @@ impl Lane {
         Self { client, pending: Vec::new(), waiting: VecDeque::new() }
     }
 
-    fn poll(&mut self, answers: &mut Vec<(Ticket, Box<RequestAnswer>)>) {
+    /// Adds a request. A stop is never refused: it waits together with an equal one.
+    fn add(&mut self, added: Waiting) -> Result<(), Box<RequestAnswer>> {
+        let verb = added.request.body.verb;
+        if stops(&added.request) {
+            match self.waiting.iter_mut().find(|one| one.request.body.verb == verb) {
+                Some(equal) => equal.tickets.extend(added.tickets),
+                None => self.waiting.push_back(added),
+            }
+        } else if self.waiting.len() >= WAITING {
+            return Err(Box::new(Reason::GatewayBusy { most: WAITING }.answer()));
+        } else {
+            self.waiting.push_back(added);
+        }
+        Ok(())
+    }
+
+    fn poll(
+        &mut self,
+        refusal: impl Fn(&Waiting) -> Option<Reason>,
+        now_ns: u64,
+        answers: &mut Vec<(Ticket, Box<RequestAnswer>)>,
+    ) {
         let client = &self.client;
-        self.pending.retain_mut(|(ticket, pending)| match client.poll(pending) {
-            Ok(None) => true,
-            Ok(Some(answered)) => {
-                answers.push((*ticket, Box::new(answered.recorded_answer().unwrap_or_default())));
-                false
-            }
-            Err(error) => {
-                answers.push((*ticket, failed(&error)));
-                false
-            }
+        self.pending.retain_mut(|(tickets, pending)| {
+            let answer = match client.poll(pending) {
+                Ok(None) => return true,
+                Ok(Some(answered)) => Box::new(answered.recorded_answer().unwrap_or_default()),
+                Err(error) => failed(&error),
+            };
+            answers.extend(tickets.iter().map(|ticket| (*ticket, answer.clone())));
+            false
         });
         while self.pending.len() < Client::AT_ONCE
-            && let Some((ticket, request)) = self.waiting.pop_front()
+            && let Some(waiting) = self.waiting.pop_front()
         {
-            match self.client.begin(&request, ANSWER) {
-                Ok(pending) => self.pending.push((ticket, pending)),
-                Err(error) => answers.push((ticket, failed(&error))),
-            }
+            let answer = match refusal(&waiting) {
+                Some(reason) => Box::new(reason.answer()),
+                None => {
+                    // A stop always gets the whole time.
+                    let waited = std::time::Duration::from_nanos(now_ns.saturating_sub(waiting.asked_ns));
+                    let rest = if stops(&waiting.request) { ANSWER } else { ANSWER.saturating_sub(waited) };
+                    match self.client.begin(&waiting.request, rest) {
+                        Ok(pending) => {
+                            self.pending.push((waiting.tickets, pending));
+                            continue;
+                        }
+                        Err(error) => failed(&error),
+                    }
+                }
+            };
+            answers.extend(waiting.tickets.iter().map(|ticket| (*ticket, answer.clone())));
         }
     }
 }
@@ -345,4 +422,55 @@ fn failed(error: &BusError) -> Box<RequestAnswer> {
     let why = detail(error);
     let reason = if error.is_bad_input() { Reason::NotAsked { why } } else { Reason::RobotUnreached { why } };
     Box::new(reason.answer())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bus::Domain;
+    use messages::Request;
+
+    fn waiting(ticket: Ticket, request: Request) -> Waiting {
+        Waiting { tickets: vec![ticket], request: Box::new(request.encode().unwrap()), asked_ns: 1000 }
+    }
+
+    #[test]
+    fn a_motion_does_not_start_after_a_stop_or_without_its_client() {
+        let late_ns = 1000 + ANSWER.as_nanos() as u64;
+        let why = |request: Request, now_ns, stopped, wanted| {
+            let refusal = waiting(7, request).refusal(now_ns, stopped, |_| wanted);
+            refusal.map(|reason| reason.to_string())
+        };
+        assert_eq!(why(Request::Resume, 2000, 6, true), None);
+        assert!(why(Request::Resume, 2000, 8, true).unwrap().contains("told to stop"));
+        assert!(why(Request::Resume, late_ns, 6, true).unwrap().contains("too long"));
+        assert!(why(Request::Resume, 2000, 6, false).unwrap().contains("gone"));
+        // A stop is sent in any case.
+        for stop in [Request::Stop, Request::Hold, Request::Pause] {
+            assert_eq!(why(stop, late_ns, 8, false), None);
+        }
+    }
+
+    #[test]
+    fn stops_are_never_refused_and_equal_ones_wait_as_one() {
+        let domain = Domain::for_test();
+        let bus = Bus::join(&domain, NAME).unwrap();
+        let mut lane = Lane::new(bus.client(MOTOR_IO).unwrap());
+        for ticket in 0..1000 {
+            let request = if ticket % 2 == 0 { Request::Stop } else { Request::Hold };
+            lane.add(waiting(ticket, request)).unwrap();
+        }
+        assert_eq!(lane.waiting.iter().map(|one| one.tickets.len()).collect::<Vec<_>>(), [500, 500]);
+        let refused = (0..1000).filter(|ticket| lane.add(waiting(*ticket, Request::Reset)).is_err()).count();
+        assert_eq!(lane.waiting.len() + refused, 1002);
+        // Without a motor-io, each of them gets an answer.
+        let mut answers = Vec::new();
+        let give_up = bus::clock::now_ns() + 2 * ANSWER.as_nanos() as u64;
+        while !lane.pending.is_empty() || !lane.waiting.is_empty() {
+            lane.poll(|_| None, 1000, &mut answers);
+            assert!(bus::clock::now_ns() < give_up);
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        assert_eq!(answers.len() + refused, 2000);
+    }
 }

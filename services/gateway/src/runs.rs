@@ -31,7 +31,10 @@ pub fn list(runs: &Path, present: Option<&Path>) -> Vec<RunRow> {
         let files = files(runs, present, &name)?;
         Some(RunRow { files: files.len(), bytes: files.iter().map(|file| file.bytes).sum(), name })
     };
-    names.into_iter().filter_map(row).take(RUNS).collect()
+    // The newest ones, because a name begins with its time.
+    let mut rows: Vec<RunRow> = names.into_iter().rev().filter_map(row).take(RUNS).collect();
+    rows.reverse();
+    rows
 }
 
 /// Returns the files of a finished run; `None` if there is no such run, or if it is being recorded.

@@ -2,16 +2,16 @@
 
 use crate::core::{Action, ClientId, Core, Done, Event, Question, Ticket};
 use crate::disk::{Disk, Job, Outcome};
-use crate::hub::Delivery;
-use crate::outbox::{Outbox, PAUSED};
-use crate::robot::Robot;
+use crate::hub::{Delivery, count};
+use crate::outbox::{DESCRIPTORS, Outbox, PAUSED};
+use crate::robot::{Robot, stops};
 use crate::roles::Roles;
 use crate::settings::Settings;
 use crate::tokens::Tokens;
 use crate::{socket, users};
 use bus::clock::now_ns;
 use command::{Answer, Failure, StopFlag};
-use gateway_protocol::{Reply, encode};
+use gateway_protocol::{ChannelRow, Reply, RobotFacts, encode};
 use messages::{OperatorRequest, RequestAnswer, text_of};
 use robot_state::Reason;
 use rustix::event::{PollFd, PollFlags, poll};
@@ -26,6 +26,8 @@ use std::sync::atomic::Ordering;
 const IDLE_NS: u64 = 250_000_000;
 const SAMPLES_NS: u64 = 20_000_000;
 const BUSY_NS: u64 = 2_000_000;
+/// Time for which what was found out about the robot is told again, ns.
+const FOUND_NS: u64 = 250_000_000;
 /// Bytes that are read from a client in one pass, so that every client has its turn.
 const PIECE: usize = 64 << 10;
 /// Time for which a closed connection may take what was sent to it, ns.
@@ -47,10 +49,18 @@ pub struct Server {
     core: Core,
     robot: Robot,
     disk: Disk,
+    /// Missions have a disk of their own, so that no list delays a motion.
+    inbox: Disk,
+    spare: socket::Spare,
+    /// Device and inode of the socket.
+    bound: Option<(u64, u64)>,
+    /// What runs and its channels as they were found last, with the time: to find them reads many files.
+    facts: Option<(u64, Option<RobotFacts>)>,
+    rows: Option<(u64, Vec<ChannelRow>)>,
     clients: BTreeMap<ClientId, Client>,
     last_client: ClientId,
     /// Requests whose mission is being stored.
-    missions: BTreeMap<Ticket, (String, Box<OperatorRequest>)>,
+    missions: BTreeMap<Ticket, (String, Box<OperatorRequest>, u64)>,
     tokens: PathBuf,
 }
 
@@ -62,12 +72,18 @@ impl Server {
     pub fn open(settings: &Settings) -> Answer<Self> {
         let tokens = Tokens::read(&settings.tokens).map_err(Failure::NotNow)?;
         let roles = Roles::new(rustix::process::geteuid().as_raw(), settings.section.clone());
+        let listener = socket::listen(&settings.socket)?;
         Ok(Self {
-            listener: socket::listen(&settings.socket)?,
+            listener,
+            bound: socket::identity(&settings.socket),
+            spare: socket::Spare::new(),
             path: settings.socket.clone(),
             core: Core::new(settings.name.clone(), roles, tokens),
             robot: Robot::new(settings.name.clone(), settings.domain.clone()),
             disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            inbox: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            facts: None,
+            rows: None,
             clients: BTreeMap::new(),
             last_client: 0,
             missions: BTreeMap::new(),
@@ -85,6 +101,7 @@ impl Server {
             self.wait()?;
             if let Some(sentence) = self.robot.look(now_ns()) {
                 eprintln!("gateway: {sentence}");
+                (self.facts, self.rows) = (None, None);
             }
             self.robot_answers();
             self.disk_outcomes();
@@ -93,14 +110,17 @@ impl Server {
             self.carry_out(actions);
             self.send_and_close();
         }
-        let _ = std::fs::remove_file(&self.path);
+        // Another gateway may have put its own socket there.
+        if self.bound.is_some() && socket::identity(&self.path) == self.bound {
+            let _ = std::fs::remove_file(&self.path);
+        }
         Ok(())
     }
 
     /// Waits for a client or for the next look at the robot; accepts and reads.
     fn wait(&mut self) -> Answer {
         let wait_ns = match () {
-            () if self.robot.is_busy() || self.disk.is_busy() => BUSY_NS,
+            () if self.robot.is_busy() || self.disk.is_busy() || self.inbox.is_busy() => BUSY_NS,
             () if self.robot.hub().is_used() => SAMPLES_NS,
             () => IDLE_NS,
         };
@@ -128,19 +148,33 @@ impl Server {
         if accepts {
             self.accept();
         }
-        for client in readable {
-            self.read(client);
+        let actions: Vec<Action> = readable.into_iter().flat_map(|client| self.read(client)).collect();
+        // What stops the robot comes before everything else of this pass.
+        let (stops, rest): (Vec<_>, Vec<_>) = actions.into_iter().partition(|action| match action {
+            Action::Estop { .. } => true,
+            Action::Ask { request, .. } => stops(request),
+            _ => false,
+        });
+        if !stops.is_empty() {
+            self.carry_out(stops);
+            self.robot_answers();
         }
+        self.carry_out(rest);
         Ok(())
     }
 
     fn accept(&mut self) {
         // A bounded number, so that those who connect do not delay those who are connected.
-        for _ in 0..crate::core::CONNECTIONS {
-            let Some((accepted, credentials)) = socket::accept(&self.listener) else { return };
+        for (accepted, credentials) in self.spare.accept(&self.listener, crate::core::CONNECTIONS) {
             self.last_client += 1;
             let client = self.last_client;
-            let peer = users::peer_of(credentials.uid, credentials.gid, credentials.pid);
+            let peer = match users::peer_of(credentials.uid, credentials.gid, credentials.pid) {
+                Ok(peer) => peer,
+                Err(error) => {
+                    eprintln!("gateway: a connection is refused, because /etc/passwd or /etc/group has {error}");
+                    continue;
+                }
+            };
             let entry = Client { socket: accepted, outbox: Outbox::default(), closes_ns: None, broken: false };
             self.clients.insert(client, entry);
             let actions = self.core.step(now_ns(), Event::Connected { client, peer });
@@ -148,18 +182,16 @@ impl Server {
         }
     }
 
-    fn read(&mut self, client: ClientId) {
-        let Some(entry) = self.clients.get_mut(&client) else { return };
+    fn read(&mut self, client: ClientId) -> Vec<Action> {
+        let Some(entry) = self.clients.get_mut(&client) else { return Vec::new() };
         let mut bytes = vec![0; PIECE];
         match rustix::io::read(&entry.socket, bytes.as_mut_slice()) {
             Ok(0) => entry.broken = true,
-            Ok(length) => {
-                let actions = self.core.step(now_ns(), Event::Received { client, bytes: &bytes[..length] });
-                self.carry_out(actions);
-            }
+            Ok(length) => return self.core.step(now_ns(), Event::Received { client, bytes: &bytes[..length] }),
             Err(Errno::AGAIN | Errno::INTR) => {}
             Err(_) => entry.broken = true,
         }
+        Vec::new()
     }
 
     fn carry_out(&mut self, actions: Vec<Action>) {
@@ -172,7 +204,9 @@ impl Server {
                     }
                     self.robot.hub().remove(client);
                 }
-                Action::Ask { ticket, process, request, mission: None } => self.ask(ticket, &process, request),
+                Action::Ask { ticket, process, request, mission: None } => {
+                    self.ask(ticket, &process, request, now_ns());
+                }
                 Action::Ask { ticket, process, request, mission: Some(text) } => {
                     self.ask_with_mission(ticket, process, request, text);
                 }
@@ -186,24 +220,24 @@ impl Server {
                     self.robot.hub().subscribe(client, id, channel, rate_hz);
                 }
                 Action::Unsubscribe { client, id } => self.robot.hub().unsubscribe(client, id),
-                Action::StoreTokens => {
-                    if let Err(why) = self.core.tokens().write(&self.tokens) {
-                        eprintln!("gateway: the tokens are valid until this gateway ends: {why}");
-                    }
+                Action::StoreTokens(change) => {
+                    let stored = change.tokens().write(&self.tokens);
+                    let actions = self.core.step(now_ns(), Event::Stored { change, stored });
+                    self.carry_out(actions);
                 }
             }
         }
     }
 
-    fn ask(&mut self, ticket: Ticket, process: &str, request: Box<OperatorRequest>) {
-        if let Err(answer) = self.robot.ask(ticket, process, request) {
+    fn ask(&mut self, ticket: Ticket, process: &str, request: Box<OperatorRequest>, asked_ns: u64) {
+        if let Err(answer) = self.robot.ask(ticket, process, request, asked_ns) {
             self.answer(ticket, answer);
         }
     }
 
     fn ask_with_mission(&mut self, ticket: Ticket, process: String, request: Box<OperatorRequest>, text: String) {
         let Some(run) = self.robot.run() else { return self.answer(ticket, self.robot.absent()) };
-        self.missions.insert(ticket, (process, request));
+        self.missions.insert(ticket, (process, request, now_ns()));
         self.begin(ticket, Job::Mission(run, text));
     }
 
@@ -211,9 +245,12 @@ impl Server {
         let reply = |reply| Done::Reply(Box::new(reply), Vec::new(), None);
         let present = self.robot.run();
         match what {
-            Question::Robot => self.done(ticket, reply(Reply::Robot { id: 0, robot: self.robot.facts() })),
+            Question::Robot => {
+                let robot = self.facts();
+                self.done(ticket, reply(Reply::Robot { id: 0, robot }));
+            }
             Question::Channels => {
-                let channels = self.robot.channels();
+                let channels = self.channels();
                 self.done(
                     ticket,
                     match channels {
@@ -228,12 +265,37 @@ impl Server {
             },
             Question::Runs => self.begin(ticket, Job::Runs(present)),
             Question::Files(run) => self.begin(ticket, Job::Files(present, run)),
+            Question::Open(..) if !self.takes_a_descriptor(ticket) => {
+                self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
+            }
             Question::Open(run, file) => self.begin(ticket, Job::Open(present, run, file)),
         }
     }
 
+    fn facts(&mut self) -> Option<RobotFacts> {
+        let now = now_ns();
+        match &self.facts {
+            Some((found_ns, facts)) if now < found_ns + FOUND_NS => facts.clone(),
+            _ => self.facts.insert((now, self.robot.facts())).1.clone(),
+        }
+    }
+
+    fn channels(&mut self) -> Result<Vec<ChannelRow>, Box<RequestAnswer>> {
+        let now = now_ns();
+        match &self.rows {
+            Some((found_ns, rows)) if now < found_ns + FOUND_NS => Ok(rows.clone()),
+            _ => Ok(self.rows.insert((now, self.robot.channels()?)).1.clone()),
+        }
+    }
+
+    fn takes_a_descriptor(&self, ticket: Ticket) -> bool {
+        let client = self.core.client_of(ticket).and_then(|client| self.clients.get(&client));
+        client.is_some_and(|client| client.outbox.has_room_for_a_descriptor())
+    }
+
     fn begin(&mut self, ticket: Ticket, job: Job) {
-        if !self.disk.begin(ticket, job) {
+        let disk = if matches!(job, Job::Mission(..)) { &mut self.inbox } else { &mut self.disk };
+        if !disk.begin(ticket, job) {
             self.missions.remove(&ticket);
             let reason = Reason::GatewayBusy { most: crate::core::UNANSWERED };
             self.answer(ticket, Box::new(reason.answer()));
@@ -241,7 +303,8 @@ impl Server {
     }
 
     fn robot_answers(&mut self) {
-        for (ticket, answer) in self.robot.answers() {
+        let answers = self.robot.answers(now_ns(), |ticket| self.core.is_wanted(ticket));
+        for (ticket, answer) in answers {
             if let Some((user, role)) = self.core.described(ticket) {
                 eprintln!("gateway: {user} ({}): {}", role.name(), text_of(&answer.text));
             }
@@ -250,15 +313,19 @@ impl Server {
     }
 
     fn disk_outcomes(&mut self) {
-        while let Some(outcome) = self.disk.poll() {
+        while let Some(outcome) = self.inbox.poll().or_else(|| self.disk.poll()) {
             match outcome {
+                // Several may have been opened at once.
+                Outcome::Done(ticket, Done::Reply(_, _, Some(_))) if !self.takes_a_descriptor(ticket) => {
+                    self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
+                }
                 Outcome::Done(ticket, done) => {
                     self.missions.remove(&ticket);
                     self.done(ticket, done);
                 }
                 Outcome::Stored(ticket) => {
-                    if let Some((process, request)) = self.missions.remove(&ticket) {
-                        self.ask(ticket, &process, request);
+                    if let Some((process, request, asked_ns)) = self.missions.remove(&ticket) {
+                        self.ask(ticket, &process, request, asked_ns);
                     }
                 }
             }
@@ -269,13 +336,13 @@ impl Server {
         for delivery in self.robot.samples(now_ns()) {
             match delivery {
                 Delivery::Definition(client, reply) => self.post(client, &reply, &[], None),
-                Delivery::Sample(client, id, bytes, missed) => {
+                Delivery::Sample(client, id, bytes, missed, dropped) => {
                     let Some(entry) = self.clients.get_mut(&client) else { continue };
                     if entry.closes_ns.is_some() || !entry.outbox.has_room(bytes.len()) {
-                        self.robot.hub().drop_sample(client, id);
+                        count(&dropped);
                         continue;
                     }
-                    let dropped = self.robot.hub().dropped(client, id);
+                    let dropped = dropped.get();
                     self.post(client, &Reply::Sample { id, dropped, missed }, &bytes, None);
                 }
             }

@@ -1,17 +1,18 @@
 //! The listening socket, and who connects to it.
 
 use command::{Answer, Failure};
-use rustix::fs::Mode;
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{
     AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, bind, connect, listen as begin, socket_with,
 };
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::FileTypeExt;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
 
 /// Connections that the kernel holds until they are accepted.
-const BACKLOG: i32 = 128;
+const BACKLOG: i32 = 4096;
 /// Its user and its group may connect.
 const MODE: u32 = 0o660;
 
@@ -34,8 +35,13 @@ pub(crate) fn listen(path: &Path) -> Answer<OwnedFd> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).map_err(|error| failed(error.to_string()))
     };
-    if connect(new()?, &address).is_ok() {
-        return Err(failed("another gateway listens there; end it first".to_owned()));
+    match connect(new()?, &address) {
+        // Only these say that nothing listens there; e.g. one with many waiting clients answers EAGAIN.
+        Err(Errno::CONNREFUSED | Errno::NOENT) => {}
+        Ok(()) | Err(Errno::AGAIN) => return Err(failed("another gateway listens there; end it first".to_owned())),
+        // The kinds of files are told apart below.
+        Err(Errno::NOTSOCK | Errno::PROTOTYPE) => {}
+        Err(error) => return Err(failed(error.to_string())),
     }
     match std::fs::symlink_metadata(path) {
         Ok(found) if found.file_type().is_socket() => {
@@ -56,10 +62,41 @@ pub(crate) fn listen(path: &Path) -> Answer<OwnedFd> {
     Ok(listener)
 }
 
-/// Accepts a connection, if one waits.
-pub(crate) fn accept(listener: &OwnedFd) -> Option<(OwnedFd, Credentials)> {
-    let accepted = accept_with(listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK).ok()?;
-    let found = socket_peercred(&accepted).ok()?;
+/// Device and inode of a socket, by which it is recognized at the end.
+pub(crate) fn identity(path: &Path) -> Option<(u64, u64)> {
+    std::fs::symlink_metadata(path).ok().map(|found| (found.dev(), found.ino()))
+}
+
+/// A descriptor that is given up to accept and close a connection while there is no other: the listener would otherwise
+/// remain readable, and its clients would wait.
+pub(crate) struct Spare(Option<OwnedFd>);
+
+impl Spare {
+    pub(crate) fn new() -> Self {
+        Self(rustix::fs::open("/dev/null", OFlags::RDONLY | OFlags::CLOEXEC, Mode::empty()).ok())
+    }
+
+    /// Accepts the connections that wait, at most `most`.
+    pub(crate) fn accept(&mut self, listener: &OwnedFd, most: usize) -> Vec<(OwnedFd, Credentials)> {
+        let mut accepted = Vec::new();
+        for _ in 0..most {
+            match accept_with(listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK) {
+                Ok(stream) => accepted.extend(credentials(&stream).map(|found| (stream, found))),
+                Err(Errno::MFILE | Errno::NFILE) => {
+                    self.0 = None;
+                    drop(accept_with(listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK));
+                    *self = Self::new();
+                }
+                Err(Errno::INTR | Errno::CONNABORTED) => {}
+                Err(_) => break,
+            }
+        }
+        accepted
+    }
+}
+
+fn credentials(stream: &OwnedFd) -> Option<Credentials> {
+    let found = socket_peercred(stream).ok()?;
     let pid = found.pid.as_raw_nonzero().get().unsigned_abs();
-    Some((accepted, Credentials { uid: found.uid.as_raw(), gid: found.gid.as_raw(), pid }))
+    Some(Credentials { uid: found.uid.as_raw(), gid: found.gid.as_raw(), pid })
 }

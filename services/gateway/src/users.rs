@@ -4,10 +4,12 @@ use crate::roles::Peer;
 use std::path::Path;
 
 /// Reads the names for the credentials that the kernel states.
-#[must_use]
-pub fn peer_of(uid: u32, gid: u32, pid: u32) -> Peer {
-    let read = |path: &str| std::fs::read_to_string(Path::new(path)).unwrap_or_default();
-    described(uid, gid, pid, &read("/etc/passwd"), &read("/etc/group"))
+///
+/// # Errors
+/// The files cannot be read: without them, a user who may only look could get the role of a group.
+pub fn peer_of(uid: u32, gid: u32, pid: u32) -> std::io::Result<Peer> {
+    let read = |path: &str| std::fs::read_to_string(Path::new(path));
+    Ok(described(uid, gid, pid, &read("/etc/passwd")?, &read("/etc/group")?))
 }
 
 /// passwd(5): `name:password:UID:GID:...`; group(5): `name:password:GID:user,user,...`.

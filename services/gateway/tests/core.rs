@@ -247,15 +247,64 @@ fn a_connection_begins_with_hello_in_time_and_of_the_same_version() {
     assert!(matches!(core.step(10 * SECOND, Event::Tick)[..], [Action::Close { client: 1 }]));
 }
 
+/// Changes the tokens as the client 1; a second change waits for the end of the first.
+fn changed(core: &mut Core, call: &Call, stored: Result<(), String>) -> Vec<Action> {
+    let mut actions = core.step(0, Event::Received { client: 1, bytes: &framed(call, &[]) });
+    let Some(Action::StoreTokens(change)) = actions.pop() else { panic!("{actions:?}") };
+    assert!(actions.is_empty(), "a reply comes before the change is stored: {actions:?}");
+    let second = Call::TokenAdd { id: 8, name: "second".to_owned(), role: "look".to_owned() };
+    assert_eq!(reason(&core.step(0, Event::Received { client: 1, bytes: &framed(&second, &[]) })), 453);
+    core.step(0, Event::Stored { change, stored })
+}
+
+#[test]
+fn a_client_opens_ten_files_at_once_and_makes_one_list() {
+    let mut core = core();
+    connected(&mut core, 1, "eve");
+    let mut go = |call: Call, now| core.step(now, Event::Received { client: 1, bytes: &framed(&call, &[]) });
+    let list = go(Call::Runs { id: 1 }, 0);
+    let [Action::Look { ticket, .. }] = list[..] else { panic!("{list:?}") };
+    assert_eq!(reason(&go(Call::Files { id: 2, run: "run".to_owned() }, 0)), 453);
+    core.step(0, Event::Answered { ticket, reply: Done::Answer(Box::default()) });
+    let mut opened = 0;
+    for id in 0..100 {
+        let open = Call::Open { id, run: "run".to_owned(), file: "run.mcap".to_owned() };
+        let actions = core.step(0, Event::Received { client: 1, bytes: &framed(&open, &[]) });
+        if let [Action::Look { ticket, .. }] = actions[..] {
+            opened += 1;
+            core.step(0, Event::Answered { ticket, reply: Done::Answer(Box::default()) });
+        } else {
+            assert_eq!(reason(&actions), 453);
+        }
+    }
+    assert_eq!(opened, 10);
+    let again = core.step(0, Event::Received { client: 1, bytes: &framed(&Call::Runs { id: 3 }, &[]) });
+    assert!(matches!(again[..], [Action::Look { .. }]), "{again:?}");
+}
+
+#[test]
+fn the_calls_of_a_client_that_is_gone_are_not_wanted() {
+    let mut core = core();
+    connected(&mut core, 1, "ada");
+    let asked = core.step(0, Event::Received { client: 1, bytes: &ask(1, Request::Arm) });
+    let [Action::Ask { ticket, .. }] = asked[..] else { panic!("{asked:?}") };
+    assert!(core.is_wanted(ticket));
+    core.step(0, Event::Gone { client: 1 });
+    assert!(!core.is_wanted(ticket));
+}
+
 #[test]
 fn a_token_gives_its_role_until_it_is_revoked() {
     let mut core = core();
     connected(&mut core, 1, "nims");
     let add = Call::TokenAdd { id: 3, name: "tablet".to_owned(), role: "stop".to_owned() };
-    let actions = core.step(0, Event::Received { client: 1, bytes: &framed(&add, &[]) });
-    let [Action::StoreTokens, Action::Send { reply: Reply::Token { id: 3, secret }, .. }] = &actions[..] else {
-        panic!("{actions:?}")
-    };
+    // A token that could not be stored is not valid, and its secret is not told.
+    let failed = changed(&mut core, &add, Err("the disk is full".to_owned()));
+    assert_eq!(reason(&failed), 463);
+    let list = core.step(0, Event::Received { client: 1, bytes: &framed(&Call::TokenList { id: 1 }, &[]) });
+    assert!(matches!(&list[..], [Action::Send { reply: Reply::Tokens { tokens, .. }, .. }] if tokens.is_empty()));
+    let actions = changed(&mut core, &add, Ok(()));
+    let [Action::Send { reply: Reply::Token { id: 3, secret }, .. }] = &actions[..] else { panic!("{actions:?}") };
     let with = |core: &mut Core, client, secret: &str| {
         let token = Some(secret.to_owned());
         core.step(0, Event::Connected { client, peer: peer("eve") });
@@ -273,8 +322,9 @@ fn a_token_gives_its_role_until_it_is_revoked() {
     // Nobody but the owner manages tokens.
     let list = framed(&Call::TokenList { id: 1 }, &[]);
     assert_eq!(reason(&core.step(0, Event::Received { client: 3, bytes: &list })), 451);
-    let revoke = framed(&Call::TokenRevoke { id: 4, name: "tablet".to_owned() }, &[]);
-    let revoked = core.step(0, Event::Received { client: 1, bytes: &revoke });
+    let revoke = Call::TokenRevoke { id: 4, name: "tablet".to_owned() };
+    assert_eq!(reason(&changed(&mut core, &revoke, Err("the disk is full".to_owned()))), 463);
+    let revoked = changed(&mut core, &revoke, Ok(()));
     assert!(revoked.iter().any(|action| matches!(action, Action::Close { client: 3 })), "{revoked:?}");
     assert!(core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Stop) }).is_empty());
     assert_eq!(reason(&with(&mut core, 4, secret)), 459);
@@ -324,7 +374,7 @@ proptest! {
         }
         for bytes in bytes.chunks(piece) {
             for action in core.step(1, Event::Received { client: 1, bytes }) {
-                let moves = matches!(action, Action::Ask { .. } | Action::Estop { .. } | Action::StoreTokens);
+                let moves = matches!(action, Action::Ask { .. } | Action::Estop { .. } | Action::StoreTokens(_));
                 prop_assert!(!moves, "{:?}", action);
             }
         }

@@ -54,7 +54,7 @@ pub fn fetch(place: Place<'_>, args: &Args) -> Answer<Output> {
     // Under another name until it is whole.
     let part = with_ending(&dest, ".part");
     let failed = |what: &Path, error: io::Error| Failure::NotNow(format!("{}: {error}", what.display()));
-    fs::create_dir_all(&part).map_err(|error| failed(&part, error))?;
+    begin(&part).map_err(|error| failed(&part, error))?;
     let mut progress = Progress { done: 0, all, shown: 0, terminal: io::stderr().is_terminal() };
     for file in &files {
         let to = part.join(safe(&file.name)?);
@@ -74,6 +74,15 @@ pub fn fetch(place: Place<'_>, args: &Args) -> Answer<Output> {
     fs::rename(&part, &dest).map_err(|error| failed(&dest, error))?;
     let sentence = format!("{}: {} files, {:.1} MB", dest.display(), files.len(), all as f64 * 1e-6);
     Ok(Output::new(json!({ "run": dest, "files": files.len(), "bytes": all }), sentence))
+}
+
+/// Creates the folder of a copy, without what an earlier attempt has left there.
+fn begin(part: &Path) -> io::Result<()> {
+    match fs::remove_dir_all(part) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    fs::create_dir_all(part)
 }
 
 /// Returns the path of a file below the destination.
@@ -190,6 +199,18 @@ mod tests {
         assert_eq!(safe("log/motor-io.txt"), Ok(Path::new("log/motor-io.txt")));
         for name in ["", "/etc/passwd", "../x", "log/../../x"] {
             assert!(safe(name).is_err(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_copy_begins_without_the_remains_of_an_earlier_attempt() {
+        let folder = tempfile::tempdir().unwrap();
+        let part = folder.path().join("run.part");
+        for _ in 0..2 {
+            begin(&part).unwrap();
+            assert_eq!(fs::read_dir(&part).unwrap().count(), 0);
+            fs::create_dir(part.join("log")).unwrap();
+            fs::write(part.join("log/motor-io.txt"), "half").unwrap();
         }
     }
 

@@ -6,6 +6,7 @@ use gateway_protocol::{Call, Decoder, Frame, Origin, REPLY_LIMITS, Reply, VERSIO
 use messages::RequestAnswer;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
+use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
 use rustix::time::Timespec;
 use std::cell::{Cell, RefCell};
@@ -13,6 +14,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io::{IoSliceMut, Write};
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 
@@ -61,6 +63,7 @@ impl Connection {
     /// No gateway listens there, it is closed to this user, or it refuses the connection.
     pub(crate) fn open(path: &Path) -> Answer<Self> {
         let stream = UnixStream::connect(path).map_err(|error| not_connected(path, &error))?;
+        trusted(path, &stream)?;
         let mut connection = Self {
             path: path.to_owned(),
             stream,
@@ -108,8 +111,23 @@ impl Connection {
     /// # Errors
     /// The connection is broken, or the gateway does not reply.
     pub(crate) fn exchange(&self, call: &Call, body: &[u8]) -> Answer<(Reply, Vec<u8>)> {
+        self.exchange_with(call, body, REPLY_NS, || {})
+    }
+
+    /// As [`Connection::exchange`]; calls `uneasy` once if there is no reply after `patience_ns`.
+    ///
+    /// # Errors
+    /// As that.
+    pub(crate) fn exchange_with(
+        &self,
+        call: &Call,
+        body: &[u8],
+        patience_ns: u64,
+        uneasy: impl FnOnce(),
+    ) -> Answer<(Reply, Vec<u8>)> {
         self.send(call, body)?;
-        let give_up = clock::now_ns() + REPLY_NS;
+        let now = clock::now_ns();
+        let (give_up, uneasy_ns, mut uneasy) = (now + REPLY_NS, now + patience_ns, Some(uneasy));
         loop {
             let matching = |(reply, _): &(Reply, Vec<u8>)| reply.id() == call.id() || reply.id() == 0;
             if let Some(reply) = self.reply.borrow_mut().take().filter(matching) {
@@ -119,7 +137,12 @@ impl Connection {
                 let seconds = REPLY_NS / clock::SECOND_NS;
                 return Err(self.broken(&format!("it has not replied for {seconds} s")));
             }
-            self.pump(Some(give_up))?;
+            if clock::now_ns() >= uneasy_ns
+                && let Some(say) = uneasy.take()
+            {
+                say();
+            }
+            self.pump(Some(if uneasy.is_some() { give_up.min(uneasy_ns) } else { give_up }))?;
         }
     }
 
@@ -287,6 +310,24 @@ pub(crate) fn unexpected(reply: &Reply) -> Failure {
             Failure::NotNow("the gateway's reply is of another kind; use the nims of the same installation".to_owned())
         }
     }
+}
+
+/// A gateway gets missions and secrets, so it has to be root's, this user's, or that of the user whose folder it is in:
+/// another user may have created a socket in a folder that everybody may write to.
+fn trusted(path: &Path, stream: &UnixStream) -> Answer {
+    let unknown = |why: String| {
+        Failure::NotNow(format!("the user of the gateway {} cannot be found out: {why}; try again", path.display()))
+    };
+    let peer = socket_peercred(stream).map_err(|error| unknown(error.to_string()))?.uid.as_raw();
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+    let owner = std::fs::metadata(folder).map_err(|error| unknown(error.to_string()))?.uid();
+    if [0, rustix::process::geteuid().as_raw(), owner].contains(&peer) {
+        return Ok(());
+    }
+    Err(Failure::NotNow(format!(
+        "the gateway {} is run by the user {peer}, who is not the owner of its folder; name another one with --gateway",
+        path.display()
+    )))
 }
 
 fn not_connected(path: &Path, error: &std::io::Error) -> Failure {

@@ -17,11 +17,11 @@ const NAME: &str = "nims-command";
 pub struct Place<'a> {
     /// Domain; `None`: that of the only running robot.
     pub domain: Option<&'a str>,
-    /// Socket of a gateway; `None`: only where shared memory is out of reach.
+    /// Socket of a gateway; `None`: only where no robot of this user is meant.
     pub gateway: Option<&'a Path>,
 }
 
-/// Returns the way to a robot: shared memory if this user can join it, otherwise its gateway.
+/// Returns the way to a robot: shared memory if a robot of this user runs, otherwise the gateway, which stderr names.
 ///
 /// # Errors
 /// No robot runs, several run and none is named, or the robot is out of reach for this user.
@@ -37,12 +37,26 @@ pub fn link_as(place: Place<'_>, party: Participant) -> Answer<RobotLink> {
     if let Some(path) = given(place) {
         return Ok(RobotLink::Gateway(Gateway::connect(&path)?));
     }
+    link_in(Path::new(SOCKETS), place, party)
+}
+
+fn link_in(sockets: &Path, place: Place<'_>, party: Participant) -> Answer<RobotLink> {
     bus::make_private();
-    let direct = robot::domain(place.domain).and_then(|domain| Ok(Bus::join_as(&domain, NAME, party)?));
-    match direct {
-        Ok(bus) => Ok(bus.into()),
-        Err(failure) => Ok(RobotLink::Gateway(gateway_for(place, failure)?)),
+    match robot::domain(place.domain) {
+        // A failure of this user's own robot is the answer: the gateway may be that of another robot.
+        Ok(domain) => Ok(Bus::join_as(&domain, NAME, party)?.into()),
+        Err(failure) => Ok(RobotLink::Gateway(instead(sockets, place, failure)?)),
     }
+}
+
+/// Returns the gateway that a command uses by itself, if no robot of this user is meant.
+fn instead(sockets: &Path, place: Place<'_>, failure: Failure) -> Answer<Gateway> {
+    if robot::runs(place.domain) {
+        return Err(failure);
+    }
+    let gateway = gateway_for(sockets, place, failure)?;
+    eprintln!("nims: through the gateway of {}", gateway.0.robot());
+    Ok(gateway)
 }
 
 /// Returns the gateway of a robot, also if its shared memory could be joined.
@@ -52,7 +66,10 @@ pub fn link_as(place: Place<'_>, party: Participant) -> Answer<RobotLink> {
 pub fn gateway(place: Place<'_>) -> Answer<Gateway> {
     match given(place) {
         Some(path) => Gateway::connect(&path),
-        None => gateway_for(place, Failure::NotNow(format!("no gateway runs here; sockets lie in {SOCKETS}"))),
+        None => {
+            let none = Failure::NotNow(format!("no gateway runs here; sockets lie in {SOCKETS}"));
+            gateway_for(Path::new(SOCKETS), place, none)
+        }
     }
 }
 
@@ -62,13 +79,13 @@ pub fn gateway(place: Place<'_>) -> Answer<Gateway> {
 /// # Errors
 /// motor-io does not run, or does not answer.
 pub fn emergency_stop(place: Place<'_>) -> Answer<String> {
-    let through = |gateway: Gateway| Failure::unless_accepted(&gateway.emergency_stop()?);
+    let stopped = |gateway: Gateway| Failure::unless_accepted(&gateway.emergency_stop()?);
     if let Some(path) = given(place) {
-        return through(Gateway::connect(&path)?);
+        return robot::helped(Gateway::connect(&path).and_then(stopped));
     }
     match robot::listening(place.domain) {
         Ok(domain) => robot::emergency_stop(&domain),
-        Err(failure) => through(gateway_for(place, failure)?),
+        Err(failure) => robot::helped(instead(Path::new(SOCKETS), place, failure).and_then(stopped)),
     }
 }
 
@@ -80,8 +97,8 @@ fn given(place: Place<'_>) -> Option<PathBuf> {
 }
 
 /// Returns the gateway that stands for a robot out of reach; without one, the robot's own failure is the reason.
-fn gateway_for(place: Place<'_>, failure: Failure) -> Answer<Gateway> {
-    let sockets = sockets(Path::new(SOCKETS), place.domain);
+fn gateway_for(folder: &Path, place: Place<'_>, failure: Failure) -> Answer<Gateway> {
+    let sockets = sockets(folder, place.domain);
     let mut found = Vec::new();
     let mut closed = None;
     for path in &sockets {
@@ -100,11 +117,11 @@ fn gateway_for(place: Place<'_>, failure: Failure) -> Answer<Gateway> {
     }
 }
 
-/// Returns the sockets of a domain in a folder, or all of them. The domain of a service is `/run/nims-NAME`.
+/// Returns the sockets of a domain in a folder, or all of them. The domain of a service is `/run/nims-NAME`; a robot in
+/// another folder has none here.
 fn sockets(folder: &Path, domain: Option<&str>) -> Vec<PathBuf> {
     let wanted = domain.map(|domain| {
-        let last = domain.rsplit('/').next().unwrap_or(domain);
-        let name = if domain.starts_with('/') { last.strip_prefix("nims-").unwrap_or(last) } else { last };
+        let name = domain.strip_prefix("/run/nims-").unwrap_or(domain);
         format!("{name}{SOCKET_ENDING}")
     });
     let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
@@ -118,6 +135,9 @@ fn sockets(folder: &Path, domain: Option<&str>) -> Vec<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bus::Domain;
+    use gateway_protocol::{Reply, VERSION, encode};
+    use std::io::Write;
 
     #[test]
     fn a_service_is_found_by_its_name_and_by_its_domain() {
@@ -133,6 +153,47 @@ mod tests {
         assert_eq!(of(Some("lab")), ["lab.sock"]);
         assert_eq!(of(Some("/run/nims-lab")), ["lab.sock"]);
         assert_eq!(of(Some("other")), [""; 0]);
-        assert_eq!(of(Some("../lab")), ["lab.sock"]);
+        // Another folder is another robot.
+        assert_eq!(of(Some("../lab")), [""; 0]);
+        assert_eq!(of(Some("/home/ada/lab")), [""; 0]);
+        assert_eq!(of(Some("/home/ada/nims-lab")), [""; 0]);
+    }
+
+    /// Serves connections that say hello as the gateway of `lab`.
+    fn gateway_of_lab(socket: &Path) {
+        let listener = std::os::unix::net::UnixListener::bind(socket).unwrap();
+        std::thread::spawn(move || {
+            let mut kept = Vec::new();
+            for stream in listener.incoming() {
+                let mut stream = stream.unwrap();
+                let named = || "lab".to_owned();
+                let welcome = Reply::Welcome { version: VERSION, robot: named(), user: named(), role: named() };
+                stream.write_all(&encode(&welcome.header(), &[])).unwrap();
+                kept.push(stream);
+            }
+        });
+    }
+
+    #[test]
+    fn a_failure_of_the_own_robot_never_leads_to_the_gateway_of_another_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let domain = Domain::for_test();
+        for name in ["lab", domain.name()] {
+            gateway_of_lab(&folder.path().join(format!("{name}{SOCKET_ENDING}")));
+        }
+        fn place(name: &str) -> Place<'_> {
+            Place { domain: Some(name), gateway: None }
+        }
+        let failed = || Failure::NotNow("no place is free".to_owned());
+        let go = |name| link_in(folder.path(), place(name), Participant::Guest);
+        // No robot of this user runs in this domain.
+        let absent = go("lab").unwrap();
+        assert!(matches!(&absent, RobotLink::Gateway(gateway) if gateway.0.robot() == "lab"), "{absent:?}");
+        assert!(instead(folder.path(), place(domain.name()), failed()).is_ok());
+        // One runs, and cannot be joined, or is one of several.
+        let _robot = Bus::join(&domain, "motor-io").unwrap();
+        assert_eq!(instead(folder.path(), place(domain.name()), failed()).err(), Some(failed()));
+        assert_eq!(instead(folder.path(), Place::default(), failed()).err(), Some(failed()));
+        assert!(matches!(go(domain.name()), Ok(RobotLink::Bus(_))));
     }
 }

@@ -1,8 +1,8 @@
 //! The way to a robot: its shared memory for its user, or its gateway for others. Commands are the same on both.
 
 use crate::connection::{Connection, unexpected};
-use crate::robot::{ANSWER, MOTOR_IO, PLANNER, Running, running, sample};
-use bus::{Bus, Memory, NodeInfo, Subscriber, Waiter};
+use crate::robot::{ANSWER, MOTOR_IO, PLANNER, Running, UNEASY, running, sample, warn_of_silence};
+use bus::{Bus, Memory, NodeInfo, Subscriber, Waiter, clock};
 use command::{Answer, Failure};
 use config::SystemFile;
 use gateway_protocol::{Call, ChannelRow, FileRow, Reply, RobotFacts, RunRow, TokenRow};
@@ -11,6 +11,10 @@ use std::fs::File;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+
+/// Time for which a file that the gateway is too busy to open is asked for again, and time between two attempts, ns.
+const OPEN_NS: u64 = 10 * clock::SECOND_NS;
+const AGAIN_NS: u64 = 100_000_000;
 
 /// The way to a robot.
 #[derive(Debug)]
@@ -189,21 +193,32 @@ impl Gateway {
     }
 
     fn ask(&self, process: &str, request: &Request, body: &[u8]) -> Answer<OperatorRequest> {
+        self.ask_with(process, request, body, ANSWER.as_nanos() as u64, || {})
+    }
+
+    fn ask_with(
+        &self,
+        process: &str,
+        request: &Request,
+        body: &[u8],
+        patience_ns: u64,
+        uneasy: impl FnOnce(),
+    ) -> Answer<OperatorRequest> {
         let mut asked = sample(request)?;
         // Only a fault names its process: the gateway knows the others.
         let process = matches!(request, Request::Fault { .. }).then(|| process.to_owned());
         let call = Call::Ask { id: self.0.next_id(), request: request.clone(), process };
-        let (reply, _) = self.0.exchange(&call, body)?;
+        let (reply, _) = self.0.exchange_with(&call, body, patience_ns, uneasy)?;
         asked.put_answer(&reply.request_answer().ok_or_else(|| unexpected(&reply))?);
         Ok(asked)
     }
 
-    /// Sends an emergency stop.
+    /// Sends an emergency stop. It warns after a second without an answer.
     ///
     /// # Errors
     /// It is refused, or not answered.
     pub fn emergency_stop(&self) -> Answer<OperatorRequest> {
-        self.ask(MOTOR_IO, &Request::Estop, &[])
+        self.ask_with(MOTOR_IO, &Request::Estop, &[], UNEASY.as_nanos() as u64, warn_of_silence)
     }
 
     /// Subscribes to a channel, which may not exist yet.
@@ -287,8 +302,19 @@ impl Gateway {
     /// # Errors
     /// There is no such file.
     pub fn open(&self, run: &str, file: &str) -> Answer<File> {
-        let call = Call::Open { id: self.0.next_id(), run: run.to_owned(), file: file.to_owned() };
-        match self.0.call(&call, &[])?.0 {
+        let busy = robot_state::Reason::GatewayBusy { most: 0 }.answer().reason;
+        let give_up = clock::now_ns() + OPEN_NS;
+        let reply = loop {
+            let call = Call::Open { id: self.0.next_id(), run: run.to_owned(), file: file.to_owned() };
+            let reply = self.0.exchange(&call, &[])?.0;
+            // The gateway opens a bounded number of files per second, and a run may have more.
+            let is_busy = reply.request_answer().is_some_and(|answer| answer.reason == busy);
+            if !is_busy || clock::now_ns() >= give_up {
+                break reply;
+            }
+            clock::sleep_until(clock::now_ns() + AGAIN_NS);
+        };
+        match reply {
             Reply::Opened { .. } => self.0.descriptor().map(File::from).ok_or_else(|| {
                 Failure::NotNow(
                     "the gateway's reply has no descriptor; use the nims of the same installation".to_owned(),

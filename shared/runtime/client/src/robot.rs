@@ -77,6 +77,16 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
     }
 }
 
+/// Returns whether a robot of this user runs: in the domain of that name, or in any. If so, a failure to reach it is no
+/// reason to look for another way.
+pub(crate) fn runs(name: Option<&str>) -> bool {
+    match name {
+        // An invalid name is no robot of another user either.
+        Some(name) => Domain::existing(name).map_or(true, |found| found.is_some_and(|found| !found.alive().is_empty())),
+        None => Domain::all().iter().any(|domain| !domain.alive().is_empty()),
+    }
+}
+
 /// Joins the domain for the duration of one command.
 ///
 /// # Errors
@@ -105,7 +115,7 @@ pub fn running(bus: &Bus) -> Answer<Running> {
 }
 
 /// An emergency stop without an answer warns after this time.
-const UNEASY: Duration = Duration::from_secs(1);
+pub(crate) const UNEASY: Duration = Duration::from_secs(1);
 /// Advice where no program can stop the robot.
 const HARDWARE_STOP: &str = "use the hardware stop";
 
@@ -122,19 +132,35 @@ pub(crate) fn listening(name: Option<&str>) -> Answer<Domain> {
     }
 }
 
+/// Adds the advice to the failure of an emergency stop.
+pub(crate) fn helped<T>(stopped: Answer<T>) -> Answer<T> {
+    stopped.map_err(|failure| {
+        let add = |why: String| if why.contains(HARDWARE_STOP) { why } else { format!("{why}; {HARDWARE_STOP}") };
+        match failure {
+            Failure::BadInput(why) => Failure::BadInput(add(why)),
+            Failure::NotNow(why) => Failure::NotNow(add(why)),
+            Failure::Refused { verdict, reason, sentence } => {
+                Failure::Refused { verdict, reason, sentence: add(sentence) }
+            }
+        }
+    })
+}
+
+/// Says that an emergency stop has no answer yet.
+pub(crate) fn warn_of_silence() {
+    eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
+}
+
 /// Sends an emergency stop, without a place on the bus and without shared memory. It warns after a second without an
 /// answer, keeps trying, and leaves the request for a suspended motor-io.
 ///
 /// # Errors
 /// motor-io does not run, or does not answer.
 pub(crate) fn emergency_stop(domain: &Domain) -> Answer<String> {
-    let helped = |error: bus::BusError| Failure::NotNow(format!("{error}; {HARDWARE_STOP}"));
     let (body, origin) = (Request::Estop.body(), OperatorRequest::ORIGIN_ESTOP);
     let request = OperatorRequest { body, origin, ..OperatorRequest::default() };
-    let answer = bus::estop::send(domain, &request, ANSWER, UNEASY, || {
-        eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
-    });
-    let mut answer = answer.map_err(helped)?;
+    let answer = bus::estop::send(domain, &request, ANSWER, UNEASY, warn_of_silence);
+    let mut answer = helped(answer.map_err(Failure::from))?;
     let sentence = sentence_of_stop(&answer);
     put_sentence(&mut answer.answer, &sentence);
     Failure::unless_accepted(&answer)

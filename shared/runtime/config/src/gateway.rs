@@ -5,7 +5,8 @@ use crate::Problem;
 crate::section! {
     /// `[gateway]`: the roles of users who reach the robot through the gateway, see `docs/access.md`. An entry is the
     /// name or the number of a user or, after `@`, of a group. A user who is listed has that role; otherwise the
-    /// robot's user and root may fly, then the highest role of a listed group counts, and every other user may look.
+    /// robot's user and root own the robot, then the highest role of a listed group counts, and every other user may
+    /// look.
     pub struct GatewaySection {
         /// Users and groups that may do everything that moves the robot.
         pub fly: Vec<String> = vec!["@nims-operators".to_owned()],
