@@ -2,9 +2,10 @@
 #![allow(clippy::unwrap_used)]
 
 use config::{
-    ArbiterSection, ControllerSection, EstimatorSection, LinesSection, LoggedSensorSection, MotorIoSection,
-    MotorSection, ObstacleSection, PlannerSection, PortSection, ProcessSection, RealtimeSection, RecorderSection,
-    RobotFile, RobotSection, SensorLoggerSection, SiteSection, SystemFile, UnitSection, ViewerSection,
+    ArbiterSection, ControllerSection, EstimatorSection, GatewaySection, LinesSection, LoggedSensorSection,
+    MotorIoSection, MotorSection, ObstacleSection, PlannerSection, PortSection, ProcessSection, RealtimeSection,
+    RecorderSection, RobotFile, RobotSection, SensorLoggerSection, SiteSection, SystemFile, UncertaintySection,
+    UnitSection, ViewerSection,
 };
 use motor_box::section::{DeviceSection, FieldSection, MotorBoxSection, PeakSection};
 use serde::de::DeserializeOwned;
@@ -63,6 +64,7 @@ fn every_key_of_a_system_file_is_in_demo3() {
         "motor_box",
         "realtime",
         "process",
+        "gateway",
     ];
     let own: Vec<String> = keys::<SystemFile>().into_iter().filter(|key| !tables.contains(&key.as_str())).collect();
     assert_eq!(own.len() + tables.len(), keys::<SystemFile>().len(), "a table is missing in this test");
@@ -86,6 +88,7 @@ fn every_key_of_a_system_file_is_in_demo3() {
             ("[[motor_box.device.value]]", [keys::<FieldSection>(), keys::<PeakSection>()].concat()),
             ("[realtime]", keys::<RealtimeSection>()),
             ("[[process]]", keys::<ProcessSection>()),
+            ("[gateway]", keys::<GatewaySection>()),
         ],
     );
 }
@@ -101,6 +104,7 @@ fn every_key_of_a_robot_file_is_in_lab3() {
             ("[robot]", keys::<RobotSection>()),
             ("[lines]", keys::<LinesSection>()),
             ("[motor]", keys::<MotorSection>()),
+            ("[uncertainty]", keys::<UncertaintySection>()),
             ("[site]", keys::<SiteSection>()),
             ("[[obstacle]]", keys::<ObstacleSection>()),
         ],
