@@ -1,8 +1,7 @@
 //! The command line: the commands with their arguments, and their dispatch.
 
 use crate::{
-    channels, demo, fault, fetch, groups, new_sensor, operate, processes, programs, set, status, swap, top,
-    visualization_export,
+    channels, demo, fault, fetch, groups, operate, processes, programs, set, status, swap, top, visualization_export,
 };
 use clap::{Parser, Subcommand};
 use client::Place;
@@ -72,7 +71,7 @@ pub enum Command {
         seconds: Option<f64>,
     },
     /// Write an example sensor that runs unchanged, in Rust or in Python, as the start of a new sensor.
-    NewSensor(new_sensor::Args),
+    NewSensor(commissioning::new_sensor::Args),
     /// Commands for use before the first flight.
     #[command(flatten)]
     Commissioning(commissioning::Command),
@@ -147,7 +146,7 @@ impl Cli {
             Command::Swap(args) => swap::run(place, args),
             Command::Set(args) => set::set(place, args),
             Command::Fault { words, seconds } => fault::fault(place, words, *seconds),
-            Command::NewSensor(args) => new_sensor::new_sensor(args),
+            Command::NewSensor(args) => commissioning::new_sensor::new_sensor(args),
             Command::Commissioning(command) => command.run(domain),
             Command::Analysis(command) => command.run(),
             Command::Runs => fetch::runs(place),

@@ -17,7 +17,6 @@ mod demo;
 pub mod fault;
 mod fetch;
 mod groups;
-mod new_sensor;
 mod operate;
 mod processes;
 pub mod programs;

@@ -20,12 +20,12 @@ pub struct Args {
 }
 
 /// The templates; the tests compile and run them unchanged.
-const MANIFEST: &str = include_str!("../../../scripts/templates/sensor/Cargo.toml");
-const MAIN: &str = include_str!("../../../scripts/templates/sensor/src/main.rs");
-const DRIVER: &str = include_str!("../../../scripts/templates/sensor/src/driver.rs");
-const PYTHON: &str = include_str!("../../../scripts/templates/sensor.py");
+const MANIFEST: &str = include_str!("../../../../scripts/templates/sensor/Cargo.toml");
+const MAIN: &str = include_str!("../../../../scripts/templates/sensor/src/main.rs");
+const DRIVER: &str = include_str!("../../../../scripts/templates/sensor/src/driver.rs");
+const PYTHON: &str = include_str!("../../../../scripts/templates/sensor.py");
 /// The Python module that a Python sensor imports.
-const PYTHON_BUS: &str = include_str!("../../../scripts/python/nims_bus.py");
+const PYTHON_BUS: &str = include_str!("../../../../scripts/python/nims_bus.py");
 /// Path from the Rust template to the libraries of nims.
 const SHARED_IN_TEMPLATE: &str = "../../../shared";
 /// Longest name, characters; the same as for `nims plug`.
@@ -96,7 +96,7 @@ fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> 
 /// contain the path of the machine that built it.
 const SOURCES: &str = match option_env!("NIMS_SOURCES") {
     Some(folder) => folder,
-    None => concat!(env!("CARGO_MANIFEST_DIR"), "/../.."),
+    None => concat!(env!("CARGO_MANIFEST_DIR"), "/../../.."),
 };
 
 /// Returns the folder of the libraries that a Rust sensor depends on: in `nims`, or in the folder from which this
