@@ -14,18 +14,7 @@ const CLEARANCE_M: f64 = 0.1;
 
 /// The rig's robot with these bodies; the other configuration is that of the rig.
 fn rig_with(change: impl FnOnce(&mut RobotParts)) -> (Rig, Robot) {
-    let mut parts = RobotParts {
-        anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
-        node_mass_kg: 1.2,
-        tension_limits_n: [2.0, 60.0],
-        speed_limit_m_s: 0.4,
-        acceleration_limit_m_s2: 0.5,
-        length_limits_m: Some(vec![[0.3, 14.0]; 3]),
-        stiffness_n: Some(6000.0),
-        routed_length_m: Some(vec![6.0; 3]),
-        clearance_m: CLEARANCE_M,
-        ..RobotParts::default()
-    };
+    let mut parts = RobotParts { clearance_m: CLEARANCE_M, ..rig::parts() };
     change(&mut parts);
     let robot = Robot::new(parts).unwrap();
     let config = CoreConfig { robot, jog_speed_m_s: 0.2, ..rig::config() };

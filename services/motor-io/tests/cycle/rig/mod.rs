@@ -14,8 +14,9 @@ const COUNTS_PER_M: [f64; 3] = [10_000.0, -10_000.0, 12_000.0];
 /// Time without a command after which a drive stops its motor, s.
 const WATCHDOG_S: f64 = 0.3;
 
-pub fn config() -> CoreConfig {
-    let robot = Robot::new(RobotParts {
+/// Parts of the rig's robot.
+pub fn parts() -> RobotParts {
+    RobotParts {
         anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
         node_mass_kg: 1.2,
         tension_limits_n: [2.0, 60.0],
@@ -25,8 +26,11 @@ pub fn config() -> CoreConfig {
         stiffness_n: Some(6000.0),
         routed_length_m: Some(vec![6.0; 3]),
         ..RobotParts::default()
-    })
-    .unwrap();
+    }
+}
+
+pub fn config() -> CoreConfig {
+    let robot = Robot::new(parts()).unwrap();
     CoreConfig::new(robot, PERIOD_S, &COUNTS_PER_M, &[vec![0, 1], vec![2]]).unwrap()
 }
 
