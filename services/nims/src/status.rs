@@ -191,7 +191,7 @@ fn node(samples: &Samples, value: &mut Value, lines: &mut Vec<String>) {
         value["tensions_n"] = json!(tensions);
         let listed: Vec<String> = tensions.iter().map(|tension| format!("{tension:.1}")).collect();
         // Two standard deviations over all axes together.
-        let within_m = 2.0 * (0..3).map(|i| estimate.covariance_m2[4 * i]).sum::<f64>().sqrt();
+        let within_m = estimate.two_sigma_m().iter().map(|m| m * m).sum::<f64>().sqrt();
         value["within_m"] = json!(within_m);
         let (within_mm, tensions) = (within_m * 1e3, listed.join(", "));
         lines.push(format!("node       at {x:.3}, {y:.3}, {z:.3} m within {within_mm:.0} mm; tensions {tensions} N"));

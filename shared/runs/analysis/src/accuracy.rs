@@ -140,7 +140,7 @@ impl AccuracySum {
         let model_off = nearest.map(|(_, off)| off - (position - setpoint.position));
         let model_off_m = model_off.map(|off| off.norm());
         model_off_m.iter().for_each(|off_m| self.model.add(*off_m));
-        let two_sigma_m: [f64; 3] = std::array::from_fn(|i| 2.0 * estimate.covariance_m2[4 * i].sqrt());
+        let two_sigma_m = estimate.two_sigma_m();
         self.stated.add(Vector3::from(two_sigma_m).norm());
         self.covered += u64::from(model_off.is_some_and(|off| (0..3).all(|i| off[i].abs() <= two_sigma_m[i])));
         let point = TrackPoint {

@@ -38,6 +38,14 @@ message! {
     }
 }
 
+impl NodeEstimate {
+    /// Two standard deviations of the position per axis, m: how far the truth may be.
+    #[must_use]
+    pub fn two_sigma_m(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| 2.0 * self.covariance_m2[4 * axis].sqrt())
+    }
+}
+
 message! {
     /// `control/status/a` and `/b`: errors and saturation of a controller.
     pub struct ControlStatus {

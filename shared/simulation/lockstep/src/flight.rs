@@ -1,6 +1,6 @@
 //! What is flown, and what a flight and a cycle of it result in.
 
-use cable_robot::{CableVec, Distribution, Robot};
+use cable_robot::{CableVec, Distribution, Robot, Vector3};
 use controller::Law;
 use estimator::Method;
 use messages::{
@@ -145,12 +145,12 @@ pub struct Cycle {
 impl Cycle {
     /// Whether the truth is within two standard deviations of the estimate on every axis.
     pub(crate) fn covers_truth(&self) -> bool {
-        let NodeEstimate { position_m, covariance_m2, .. } = &self.estimate;
-        (0..3).all(|i| (self.truth_m[i] - position_m[i]).powi(2) <= 4.0 * covariance_m2[4 * i])
+        let (position_m, two_sigma_m) = (&self.estimate.position_m, self.estimate.two_sigma_m());
+        (0..3).all(|i| (self.truth_m[i] - position_m[i]).abs() <= two_sigma_m[i])
     }
 
     /// Twice the standard deviation that the estimate states, over all axes together, m.
     pub(crate) fn stated_m(&self) -> f64 {
-        2.0 * (0..3).map(|i| self.estimate.covariance_m2[4 * i]).sum::<f64>().sqrt()
+        Vector3::from(self.estimate.two_sigma_m()).norm()
     }
 }
