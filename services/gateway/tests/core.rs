@@ -319,7 +319,7 @@ fn a_token_gives_its_role_until_it_is_revoked() {
     let [Action::Ask { request, .. }] = &stop[..] else { panic!("{stop:?}") };
     assert_eq!((text_of(&request.requester).as_str(), request.origin), ("tablet", OperatorRequest::ORIGIN_PAGE));
     assert_eq!(reason(&core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Arm) })), 450);
-    // Nobody but the owner manages tokens.
+    // Only the owner manages tokens.
     let list = framed(&Call::TokenList { id: 1 }, &[]);
     assert_eq!(reason(&core.step(0, Event::Received { client: 3, bytes: &list })), 451);
     let revoke = Call::TokenRevoke { id: 4, name: "tablet".to_owned() };

@@ -49,7 +49,7 @@ fn a_command_that_waits_ends_with_the_motion_and_tells_how() {
         assert!(said.contains("s left"), "no progress: {said}");
         assert!(robot.distance_m(GOAL) < 0.02 && robot.last.mode == MotorAuthority::MODE_HOLDING);
 
-        // Stopped by someone else: the reason, and exit code 1.
+        // Stopped by another requester: the reason, and exit code 1.
         let child = set_off(&mut robot, START);
         robot.accepted(&["stop"]);
         let (code, said) = ended(child);

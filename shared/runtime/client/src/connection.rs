@@ -313,7 +313,7 @@ pub(crate) fn unexpected(reply: &Reply) -> Failure {
 }
 
 /// A gateway gets missions and secrets, so it has to be root's, this user's, or that of the user whose folder it is in:
-/// another user may have created a socket in a folder that everybody may write to.
+/// another user may have created a socket in a folder that all users may write to.
 fn trusted(path: &Path, stream: &UnixStream) -> Answer {
     let unknown = |why: String| {
         Failure::NotNow(format!("the user of the gateway {} cannot be found out: {why}; try again", path.display()))

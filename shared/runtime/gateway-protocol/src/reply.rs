@@ -92,7 +92,7 @@ pub enum Reply {
         /// Of the call.
         id: u64,
     },
-    /// Before the first sample of a subscription, and again when the channel was made anew.
+    /// Before the first sample of a subscription, and again when the channel was created again.
     Definition {
         /// Of the subscription.
         id: u64,
