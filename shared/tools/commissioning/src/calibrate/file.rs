@@ -258,15 +258,27 @@ impl MeasurementsFile {
                 "counts_per_m is {counts:?}; accepted: one value for each of the {cables} cables, as in the system file; omit the key if the robot did not measure the lengths"
             ));
         }
-        if let Some(factors) = tape::factors(&tape::scales(&self.tape, self.counts_per_m.as_deref(), cables)?) {
-            for lengths in &mut measured.lengths_m {
-                *lengths = CableVec::from_fn(lengths.len(), |i| lengths[i] / factors.get(i).copied().unwrap_or(1.0));
-            }
-            for height in measured.heights.iter_mut().filter(|height| height.by_line) {
-                height.m /= factors.get(height.anchor).copied().unwrap_or(1.0);
-            }
-        }
+        self.correct_counted_lengths(&mut measured, cables)?;
         measured.pulley_radius_m = self.radii(cables)?;
+        self.set_options(&mut measured);
+        Ok(measured)
+    }
+
+    /// Divides every length that the robot counted by its cable's scale from the tape.
+    fn correct_counted_lengths(&self, measured: &mut Measurements, cables: usize) -> Result<(), String> {
+        let scales = tape::scales(&self.tape, self.counts_per_m.as_deref(), cables)?;
+        let Some(factors) = tape::factors(&scales) else { return Ok(()) };
+        for lengths in &mut measured.lengths_m {
+            *lengths = CableVec::from_fn(lengths.len(), |i| lengths[i] / factors.get(i).copied().unwrap_or(1.0));
+        }
+        for height in measured.heights.iter_mut().filter(|height| height.by_line) {
+            height.m /= factors.get(height.anchor).copied().unwrap_or(1.0);
+        }
+        Ok(())
+    }
+
+    /// Sets the standard deviations, the limits and the loss that the file states.
+    fn set_options(&self, measured: &mut Measurements) {
         measured.sigma_pulley_radius_m = self.sigma_pulley_radius_m;
         measured.sigma_cable_scale = self.sigma_cable_scale;
         measured.sigma_attachment_m = self.sigma_attachment_m;
@@ -282,7 +294,6 @@ impl MeasurementsFile {
             // Field data contain an outlier sooner or later; on data without outliers this loss costs 5 % accuracy.
             Some(LossName::Huber) | None => Loss::Huber,
         };
-        Ok(measured)
     }
 
     /// The method where none is asked for: for pulleys the joint one, which alone weighs what is not quite known about

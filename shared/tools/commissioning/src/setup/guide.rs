@@ -330,27 +330,31 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             }
             Err(format!("type all {open} lengths again, or press Enter"))
         }
-        Question::PointDecision { doubtful, .. } => {
-            let used = match line.to_lowercase().as_str() {
-                "keep" | "k" => true,
-                "again" | "a" => false,
-                _ => return Err(format!("`{}` is neither keep nor again", excerpt(line))),
-            };
-            file.doubt.push(PointDecision { point: doubtful.point, used, after: file.point.len() });
-            Ok(String::new())
-        }
+        Question::PointDecision { doubtful, .. } => point_decision(file, doubtful.point, line),
         Question::Tape { cable } => tape::answer(file, pulleys(file), *cable, line),
         Question::TapeDecision { doubted } => tape::confirm(file, pulleys(file), doubted, line),
-        Question::Finish => {
-            let used = file.used(file.usual_method()).len();
-            let more = whole(line, 1, MOST.saturating_sub(used).max(1)).ok_or_else(|| {
-                format!("`{}` is neither Enter nor a number of further points (up to {MOST} in all)", excerpt(line))
-            })?;
-            let points = file.point.len();
-            file.setup.get_or_insert_default().plan.push([points, used + more]);
-            Ok(String::new())
-        }
+        Question::Finish => further_points(file, line),
     }
+}
+
+fn point_decision(file: &mut MeasurementsFile, point: usize, line: &str) -> Result<String, String> {
+    let used = match line.to_lowercase().as_str() {
+        "keep" | "k" => true,
+        "again" | "a" => false,
+        _ => return Err(format!("`{}` is neither keep nor again", excerpt(line))),
+    };
+    file.doubt.push(PointDecision { point, used, after: file.point.len() });
+    Ok(String::new())
+}
+
+fn further_points(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
+    let used = file.used(file.usual_method()).len();
+    let more = whole(line, 1, MOST.saturating_sub(used).max(1)).ok_or_else(|| {
+        format!("`{}` is neither Enter nor a number of further points (up to {MOST} in all)", excerpt(line))
+    })?;
+    let points = file.point.len();
+    file.setup.get_or_insert_default().plan.push([points, used + more]);
+    Ok(String::new())
 }
 
 fn side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String, String> {
