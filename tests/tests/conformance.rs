@@ -85,7 +85,7 @@ fn talk() -> Result<(), Talked> {
     assert!(motor_box.0.try_wait().unwrap().is_none(), "motor-box ended");
     if !talked.status.success() {
         let box_said = std::fs::read_to_string(&box_said).unwrap();
-        let starved = box_said.contains("ms did not pass in the motor box");
+        let starved = box_said.contains(motor_box::LEFT_OUT);
         return Err(Talked { starved, said: format!("{said}{}{box_said}", String::from_utf8_lossy(&talked.stderr)) });
     }
     let seen: serde_json::Value = serde_json::from_str(&said).expect("the output is one text line of JSON");

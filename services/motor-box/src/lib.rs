@@ -31,7 +31,7 @@ pub use fault::{BoxFault, FaultRequest, KINDS, Kind, UnknownFault};
 pub use machine::Machine;
 pub use run::MotorBox;
 pub use section::{GroundFile, MotorBoxSection};
-pub use serve::{ports_only, serve};
+pub use serve::{LEFT_OUT, ports_only, serve};
 pub use settings::BoxConfig;
 pub use socket::{Shared, Socket};
 pub use time::LeftOut;

@@ -90,6 +90,9 @@ struct Notice {
     said_ns: u64,
 }
 
+/// The words after the number of milliseconds that the motor box left out, in its log.
+pub const LEFT_OUT: &str = "ms did not pass in the motor box";
+
 impl Notice {
     /// Returns a log line at most once in [`WORD_NS`], if time was left out.
     fn sentence(&mut self, motor_box: &MotorBox) -> Option<String> {
@@ -103,7 +106,7 @@ impl Notice {
         let ms = |now_ns: u64, before_ns: u64| (now_ns - before_ns) / 1_000_000;
         (left_out.total_ns() > reported.total_ns() + WORTH_A_WORD_NS).then(|| {
             format!(
-                "the computer was busy with other things; {} ms did not pass in the motor box (it had no time for the box for {} ms, none for motor-io for {} ms)",
+                "the computer was busy with other things; {} {LEFT_OUT} (it had no time for the box for {} ms, none for motor-io for {} ms)",
                 ms(left_out.total_ns(), reported.total_ns()),
                 ms(left_out.box_ns, reported.box_ns),
                 ms(left_out.program_ns, reported.program_ns)

@@ -209,11 +209,7 @@ impl Reader {
         while i < tokens.len() {
             match &tokens[i] {
                 TokenTree::Punct(hash) if hash.as_char() == '#' => {
-                    let group = tokens[i + 1..].iter().take(2).position(|t| matches!(t, TokenTree::Group(_)));
-                    if let Some(TokenTree::Group(group)) = group.and_then(|offset| tokens.get(i + 1 + offset)) {
-                        attributes.read(group.stream());
-                    }
-                    i += 2 + group.unwrap_or(0);
+                    i = attributes.read_at(&tokens, i);
                     if attributes.test {
                         i = end_of_item(&tokens, i);
                         attributes = Attributes::default();
@@ -257,17 +253,7 @@ impl Reader {
                     let restricted = matches!(tokens.get(i + 1), Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Parenthesis);
                     i += if restricted { 2 } else { 1 };
                 }
-                TokenTree::Ident(_) => {
-                    let after_dot = i > 0 && is_punct(&tokens[i - 1], '.');
-                    let (path, next) = path_at(&tokens, i);
-                    // A single lowercase word is usually a variable; the functions of a glob are called.
-                    let called = matches!(tokens.get(next), Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Parenthesis);
-                    let variable = path.len() == 1 && path[0].starts_with(|c: char| c.is_lowercase()) && !called;
-                    if !after_dot && !variable {
-                        self.module.paths.insert(path);
-                    }
-                    (i, public) = (next, false);
-                }
+                TokenTree::Ident(_) => (i, public) = (self.path(&tokens, i), false),
                 TokenTree::Group(group) => {
                     // A macro may define items; its arguments are read as code.
                     self.items(group.stream(), false);
@@ -277,6 +263,20 @@ impl Reader {
                 _ => i += 1,
             }
         }
+    }
+
+    /// Reads the path that begins at `i`; returns where it ends.
+    fn path(&mut self, tokens: &[TokenTree], i: usize) -> usize {
+        let after_dot = i > 0 && is_punct(&tokens[i - 1], '.');
+        let (path, next) = path_at(tokens, i);
+        // A single lowercase word is usually a variable; the functions of a glob are called.
+        let called =
+            matches!(tokens.get(next), Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Parenthesis);
+        let variable = path.len() == 1 && path[0].starts_with(|c: char| c.is_lowercase()) && !called;
+        if !after_dot && !variable {
+            self.module.paths.insert(path);
+        }
+        next
     }
 
     fn use_tree(&mut self, tokens: &[TokenTree], before: Vec<String>, reexport: bool) {
@@ -326,6 +326,15 @@ struct Attributes {
 }
 
 impl Attributes {
+    /// Reads the attribute whose `#` stands at `i`; returns where it ends.
+    fn read_at(&mut self, tokens: &[TokenTree], i: usize) -> usize {
+        let group = tokens[i + 1..].iter().take(2).position(|t| matches!(t, TokenTree::Group(_)));
+        if let Some(TokenTree::Group(group)) = group.and_then(|offset| tokens.get(i + 1 + offset)) {
+            self.read(group.stream());
+        }
+        i + 2 + group.unwrap_or(0)
+    }
+
     fn read(&mut self, stream: TokenStream) {
         let text = stream.to_string().replace(' ', "");
         self.test |= text == "cfg(test)" || text == "test" || text.starts_with("cfg(all(test");

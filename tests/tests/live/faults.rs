@@ -131,25 +131,43 @@ fn row(kind: &str, of: &str) -> &'static Row {
     ROWS.iter().find(|row| row.kind() == kind && row.example.contains(of)).unwrap()
 }
 
+/// Noise on the wire costs periods and nothing else.
+fn noise(robot: &mut Robot) {
+    robot.fly();
+    let lost = robot.last.lost_on_ports();
+    robot.fault(row("noise", "").example);
+    let until = robot.last.header.cycle + 200;
+    robot.until("a noisy flight", |robot| robot.last.header.cycle > until);
+    println!(
+        "noise: {} periods lost on the ports in two seconds, faults {:#x}",
+        robot.last.lost_on_ports() - lost,
+        robot.last.faults
+    );
+    assert_eq!(robot.last.faults & messages::faults::HARD, 0, "it continues");
+    assert!(robot.last.lost_on_ports() > lost, "the noise causes no fault");
+}
+
+/// The button of a unit: an emergency stop that no reset ends while it is pressed. When it is released, nothing moves.
+fn pressed_button(robot: &mut Robot) {
+    let pressed = row("estop", "");
+    robot.fly();
+    assert!(found_after(robot, pressed, |robot| robot.fault(pressed.example)));
+    let refused = robot.reason("motor-io", &Request::Reset);
+    assert!(matches!(refused, Some(Reason::NotResetFaults { .. })), "{refused:?}");
+    robot.fault("estop 1 128 off");
+    let until = robot.last.header.cycle + 50;
+    robot.until("it stays stopped", |robot| robot.last.header.cycle > until);
+    assert_eq!(robot.last.mode, MotorAuthority::MODE_EMERGENCY_STOP, "releasing the button does not reset the robot");
+    robot.reset();
+}
+
 /// Faults on the wire and of processes: one robot after the other fault, in real time.
 #[test]
 fn faults_of_ports_and_processes_are_detected_within_the_cycles_of_the_table() {
     steadily(|| {
         let mut robot = Robot::up("");
         robot.arm();
-
-        robot.fly();
-        let lost = robot.last.lost_on_ports();
-        robot.fault(row("noise", "").example);
-        let until = robot.last.header.cycle + 200;
-        robot.until("a noisy flight", |robot| robot.last.header.cycle > until);
-        println!(
-            "noise: {} periods lost on the ports in two seconds, faults {:#x}",
-            robot.last.lost_on_ports() - lost,
-            robot.last.faults
-        );
-        assert_eq!(robot.last.faults & messages::faults::HARD, 0, "it continues");
-        assert!(robot.last.lost_on_ports() > lost, "the noise causes no fault");
+        noise(&mut robot);
 
         for (kind, repair) in
             [("silence", "silence 1 off"), ("late", "late 1 off"), ("mute", ""), ("unplug", "plug 1"), ("reboot", "")]
@@ -171,22 +189,7 @@ fn faults_of_ports_and_processes_are_detected_within_the_cycles_of_the_table() {
             robot.reset();
         }
 
-        // The button of a unit: an emergency stop that no reset ends while it is pressed; when it is released, nothing
-        // moves.
-        let pressed = row("estop", "");
-        robot.fly();
-        assert!(found_after(&mut robot, pressed, |robot| robot.fault(pressed.example)));
-        let refused = robot.reason("motor-io", &Request::Reset);
-        assert!(matches!(refused, Some(Reason::NotResetFaults { .. })), "{refused:?}");
-        robot.fault("estop 1 128 off");
-        let until = robot.last.header.cycle + 50;
-        robot.until("it stays stopped", |robot| robot.last.header.cycle > until);
-        assert_eq!(
-            robot.last.mode,
-            MotorAuthority::MODE_EMERGENCY_STOP,
-            "releasing the button does not reset the robot"
-        );
-        robot.reset();
+        pressed_button(&mut robot);
 
         for process in ["controller", "estimator"] {
             let row = row("stop", process);

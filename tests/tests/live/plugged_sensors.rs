@@ -94,6 +94,46 @@ fn lives(run: &Path, channel: &str) -> u64 {
     lives
 }
 
+/// Both appear under their names, with their fields, and no other process is restarted.
+fn both_appear(robot: &mut Robot, python: &str) {
+    robot.accepted(&["plug", "soil", "--", "my-sensor"]);
+    robot.accepted(&["plug", "leaf", "--", python, "sensor.py"]);
+    for name in ["soil", "leaf"] {
+        let channel = format!("sensor/{name}");
+        let mut subscriber = robot.bus.subscriber::<Example>(&channel).unwrap();
+        robot.until("a sample", |_| true);
+        let said = robot.accepted(&["channel", "echo", &channel, "-n", "3"]);
+        assert_eq!(said.lines().filter(|line| line.contains("\"value_v\":")).count(), 3, "{said}");
+        assert!(subscriber.latest().unwrap().is_some());
+        assert!(robot.accepted(&["channel", "list"]).contains(&format!("{channel}  ")));
+    }
+}
+
+/// No process of the control cycle has a sensor's channel open, so that no sensor can delay it.
+fn no_process_of_the_cycle_reads_a_sensor(robot: &Robot) {
+    for channel in robot.bus.channels().unwrap().iter().filter(|channel| channel.name.starts_with("sensor/")) {
+        let holders: Vec<&str> = channel.holders.iter().map(|node| node.name.as_str()).collect();
+        let own = channel.name.trim_start_matches("sensor/");
+        assert!(
+            holders.iter().all(|name| [own, "recorder", "observer"].contains(name)),
+            "{}: {holders:?}",
+            channel.name
+        );
+    }
+}
+
+/// Nothing is lost, and two types with one name in one file are distinguished.
+fn types_are_recorded_apart(run: &Path) {
+    let report = runlog::info(run).unwrap();
+    let lossy: Vec<_> = report.channels.iter().filter(|channel| channel.lost > 0).collect();
+    assert!(lossy.is_empty(), "{lossy:?}");
+    let schema = |name: &str| {
+        report.channels.iter().find(|channel| channel.name == format!("sensor/{name}")).unwrap().schema.clone()
+    };
+    assert_eq!((schema("soil"), schema("leaf")), ("nims_msgs/msg/Example".into(), "nims_msgs/msg/Example".into()));
+    assert!(schema("leaf-2").starts_with("nims_msgs/msg/ExampleX"), "{}", schema("leaf-2"));
+}
+
 #[test]
 fn sensors_are_replaced_in_flight_at_no_cost() {
     steadily(|| {
@@ -107,18 +147,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         robot.until("quiet flight", |robot| robot.last.header.cycle > begun + QUIET_CYCLES);
         let first = robot.last.header.cycle;
 
-        // Both appear under their names, with their fields, and no other process is restarted.
-        robot.accepted(&["plug", "soil", "--", "my-sensor"]);
-        robot.accepted(&["plug", "leaf", "--", &path(&python), "sensor.py"]);
-        for name in ["soil", "leaf"] {
-            let channel = format!("sensor/{name}");
-            let mut subscriber = robot.bus.subscriber::<Example>(&channel).unwrap();
-            robot.until("a sample", |_| true);
-            let said = robot.accepted(&["channel", "echo", &channel, "-n", "3"]);
-            assert_eq!(said.lines().filter(|line| line.contains("\"value_v\":")).count(), 3, "{said}");
-            assert!(subscriber.latest().unwrap().is_some());
-            assert!(robot.accepted(&["channel", "list"]).contains(&format!("{channel}  ")));
-        }
+        both_appear(&mut robot, &path(&python));
         let mut killed = 0;
         for round in 0..rounds {
             let mut samples = robot.bus.subscriber::<Example>("sensor/soil").unwrap();
@@ -151,16 +180,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
                 robot.ask("motor-io", Request::Resume);
             }
         }
-        // No process of the control cycle has a sensor's channel open, so that no sensor can delay it.
-        for channel in robot.bus.channels().unwrap().iter().filter(|channel| channel.name.starts_with("sensor/")) {
-            let holders: Vec<&str> = channel.holders.iter().map(|node| node.name.as_str()).collect();
-            let own = channel.name.trim_start_matches("sensor/");
-            assert!(
-                holders.iter().all(|name| [own, "recorder", "observer"].contains(name)),
-                "{}: {holders:?}",
-                channel.name
-            );
-        }
+        no_process_of_the_cycle_reads_a_sensor(&robot);
         // Other fields under the old name are rejected, with what to do; under a new name they are accepted.
         let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py"]);
         assert!(!output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -183,15 +203,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         assert!(disturbed == 0 || quiet > 0, "{disturbed} periods without an answer, and none in quiet flight");
         assert_eq!(lives(&run, "sensor/soil"), rounds + 1);
         assert_eq!(lives(&run, "sensor/leaf"), 1);
-        let report = runlog::info(&run).unwrap();
-        let lossy: Vec<_> = report.channels.iter().filter(|channel| channel.lost > 0).collect();
-        assert!(lossy.is_empty(), "{lossy:?}");
-        let schema = |name: &str| {
-            report.channels.iter().find(|channel| channel.name == format!("sensor/{name}")).unwrap().schema.clone()
-        };
-        assert_eq!((schema("soil"), schema("leaf")), ("nims_msgs/msg/Example".into(), "nims_msgs/msg/Example".into()));
-        // Two types with one name in one file are distinguished.
-        assert!(schema("leaf-2").starts_with("nims_msgs/msg/ExampleX"), "{}", schema("leaf-2"));
+        types_are_recorded_apart(&run);
         let states = runlog::read_channel::<MotorState>(&run, "motor/state").unwrap();
         println!("{rounds} replacements ({killed} by SIGKILL) in {} cycles", states.len());
     });

@@ -114,6 +114,25 @@ fn of_env(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
 }
 
+/// Compares every sample with its reading; returns the largest distance from where the sensor was, m, and their number.
+fn farthest_sample_m(run: &Path, sent: &[u64]) -> (f64, u64) {
+    let (mut worst_m, mut all) = (0.0_f64, 0);
+    for (number, sent) in sent.iter().enumerate() {
+        let samples = runlog::read_channel::<Sample>(run, &format!("sample/s{number}")).unwrap();
+        let readings = runlog::read_channel::<Reading>(run, &format!("sensor/s{number}")).unwrap();
+        assert_eq!((readings.len() as u64, samples.len() as u64), (*sent, *sent), "sensor s{number}");
+        for ((_, sample), (_, reading)) in samples.iter().zip(&readings) {
+            assert_eq!((sample.reading_seq, sample.value[0]), (reading.header.seq, reading.value[0]));
+            assert_eq!(sample.header.stamp_ns, reading.header.oldest_input_ns);
+            worst_m = worst_m.max((sample.position_m[0] - sample.value[0]).abs());
+            assert!((sample.position_m[2] - (FROM_M[2] - 0.1)).abs() < 1e-9, "the lever");
+            assert!((0.0009..0.0012).contains(&sample.position_std_m[0]), "{:?}", sample.position_std_m);
+        }
+        all += sent;
+    }
+    (worst_m, all)
+}
+
 #[test]
 fn every_reading_of_every_sensor_becomes_a_sample() {
     let (sensors, seconds) = (of_env("NIMS_SENSORS", 6), of_env("NIMS_SENSOR_S", 4));
@@ -165,20 +184,7 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
 
     let report = runlog::info(&run).unwrap();
     let lost: u64 = report.channels.iter().map(|channel| channel.lost).sum();
-    let (mut worst_m, mut all) = (0.0_f64, 0);
-    for (number, sent) in sent.iter().enumerate() {
-        let samples = runlog::read_channel::<Sample>(&run, &format!("sample/s{number}")).unwrap();
-        let readings = runlog::read_channel::<Reading>(&run, &format!("sensor/s{number}")).unwrap();
-        assert_eq!((readings.len() as u64, samples.len() as u64), (*sent, *sent), "sensor s{number}");
-        for ((_, sample), (_, reading)) in samples.iter().zip(&readings) {
-            assert_eq!((sample.reading_seq, sample.value[0]), (reading.header.seq, reading.value[0]));
-            assert_eq!(sample.header.stamp_ns, reading.header.oldest_input_ns);
-            worst_m = worst_m.max((sample.position_m[0] - sample.value[0]).abs());
-            assert!((sample.position_m[2] - (FROM_M[2] - 0.1)).abs() < 1e-9, "the lever");
-            assert!((0.0009..0.0012).contains(&sample.position_std_m[0]), "{:?}", sample.position_std_m);
-        }
-        all += sent;
-    }
+    let (worst_m, all) = farthest_sample_m(&run, &sent);
     println!(
         "{} sensors, {all} readings in {took_s:.1} s ({:.0} per second), {lost} lost; farthest sample {:.3} mm off; sensor-logger {:.1} % of a core, recorder {:.1} %",
         sent.len(),

@@ -310,7 +310,7 @@ mod tests {
         assert_eq!(output.value["verdict"], "not certified");
         assert!(output.failure.is_some());
         let page = std::fs::read_to_string(&path).unwrap();
-        for words in ["<p class=\"verdict not-certified\">not certified", "1000 wake-ups were measured", "lab.toml"] {
+        for words in ["<p class=\"verdict not-certified\">", "1000 wake-ups", "lab.toml"] {
             assert!(page.contains(words), "no {words:?} in {page}");
         }
         for words in [

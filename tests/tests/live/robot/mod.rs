@@ -164,8 +164,8 @@ impl Robot {
     /// to the rest.
     pub fn left_out_ms(&self) -> u64 {
         let said = std::fs::read_to_string(self.run().join("log/motor-box.txt")).unwrap_or_default();
-        let words = said.lines().filter_map(|line| line.split_once(" ms did not pass in the motor box"));
-        words.filter_map(|(before, _)| before.rsplit(' ').next()?.parse::<u64>().ok()).sum()
+        let words = said.lines().filter_map(|line| line.split_once(motor_box::LEFT_OUT));
+        words.filter_map(|(before, _)| before.trim_end().rsplit(' ').next()?.parse::<u64>().ok()).sum()
     }
 
     /// Output of the supervisors so far.

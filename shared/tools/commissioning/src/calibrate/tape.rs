@@ -116,8 +116,8 @@ mod tests {
         let refused = |tapes: &[(usize, f64, Option<f64>)]| scales(&entries(tapes), Some(&COUNTS), 3).unwrap_err();
         assert!(refused(&[(4, 5.0, Some(5.0))]).contains("cable 4"));
         assert!(refused(&[(2, 5.0, Some(3.0))]).contains("cable 2"));
-        assert!(refused(&[(2, 5.0, Some(0.5))]).contains("five metres"));
-        assert!(refused(&[(1, 5.0, Some(5.0)), (1, 5.0, Some(4.9))]).contains("repeat the moves"));
+        assert!(refused(&[(2, 5.0, Some(0.5))]).contains("cable 2"));
+        assert!(refused(&[(1, 5.0, Some(5.0)), (1, 5.0, Some(4.9))]).contains("cable 1"));
         assert!(scales(&entries(&[(1, 5.0, Some(5.0))]), None, 3).unwrap_err().contains("counts_per_m"));
     }
 }
