@@ -101,7 +101,7 @@ fn full() -> Snapshot {
     full
 }
 
-/// A flight with a second controller in this phase of its swap, and with an estimator in quarantine, which does not run.
+/// A flight with a second controller in this phase of its swap, and an estimator in quarantine, which does not run.
 fn swapping(phase: u8) -> Snapshot {
     let mut swapping = flying();
     let mut second = swapping.control[0].unwrap();
