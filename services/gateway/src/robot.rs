@@ -195,16 +195,7 @@ impl Robot {
     pub(crate) fn channels(&self) -> Result<Vec<ChannelRow>, Box<RequestAnswer>> {
         let joined = self.joined.as_ref().ok_or_else(|| self.absent())?;
         let channels = joined.guests.channels().map_err(|error| failed(&error))?;
-        let row = |channel: bus::ChannelInfo| ChannelRow {
-            name: channel.name,
-            type_name: channel.type_name,
-            size_bytes: channel.size,
-            buffer: channel.buffer,
-            history: channel.history,
-            has_schema: channel.schema.is_some(),
-            processes: channel.holders.into_iter().map(|node| node.name).filter(|name| name != NAME).collect(),
-        };
-        Ok(channels.into_iter().map(row).collect())
+        Ok(channels.into_iter().map(|channel| client::channel_row(channel, NAME)).collect())
     }
 
     /// The answer while no robot runs.

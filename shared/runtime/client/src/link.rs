@@ -25,6 +25,20 @@ pub enum RobotLink {
     Gateway(Gateway),
 }
 
+/// The facts of a channel, without this process among those that have it open.
+#[must_use]
+pub fn channel_row(channel: bus::ChannelInfo, process: &str) -> ChannelRow {
+    ChannelRow {
+        name: channel.name,
+        type_name: channel.type_name,
+        size_bytes: channel.size,
+        buffer: channel.buffer,
+        history: channel.history,
+        has_schema: channel.schema.is_some(),
+        processes: channel.holders.into_iter().map(|node| node.name).filter(|name| name != process).collect(),
+    }
+}
+
 /// A connection to the gateway of a robot.
 #[derive(Debug, Clone)]
 pub struct Gateway(pub(crate) Rc<Connection>);
@@ -153,16 +167,7 @@ impl RobotLink {
             Self::Bus(bus) => bus,
             Self::Gateway(gateway) => return gateway.channels(),
         };
-        let row = |channel: bus::ChannelInfo| ChannelRow {
-            name: channel.name,
-            type_name: channel.type_name,
-            size_bytes: channel.size,
-            buffer: channel.buffer,
-            history: channel.history,
-            has_schema: channel.schema.is_some(),
-            processes: channel.holders.into_iter().map(|node| node.name).filter(|name| name != bus.process()).collect(),
-        };
-        Ok(bus.channels()?.into_iter().map(row).collect())
+        Ok(bus.channels()?.into_iter().map(|channel| channel_row(channel, bus.process())).collect())
     }
 
     /// The system file that its run uses; `name`: which copy in the run folder.
