@@ -38,7 +38,7 @@ SHARED_MEMORY = "/dev/shm"
 # of the channel, after its hash, and continues in those of events that exist only for it.
 ATTRIBUTE_BYTES, ATTRIBUTES = 256, 8
 # The same as for every channel of a sensor (shared/runtime/messages/src/channels.rs).
-BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 48, 1, 64, 64
+BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, PROCESSES = 256, 128, 2, 12, 48, 1, 64, 1024
 # The buffer holds BUFFER samples or KEPT_BYTES, whichever is less, and at least LEAST samples. Unlike in Rust, a
 # publisher here needs memory for each sample of each subscriber, so a channel created here has fewer subscribers, and
 # still fewer from LARGE_BYTES on.
@@ -248,19 +248,20 @@ class Sensor:
         raise last
 
     def _event(self, channel):
+        places = PROCESSES if channel == "system/channels" else EVENT_PORTS
         service = (
             self._node.service_builder(iceoryx2.ServiceName.new(channel))
             .event()
-            .max_notifiers(EVENT_PORTS)
+            .max_notifiers(places)
             .max_listeners(EVENT_PORTS)
-            .max_nodes(EVENT_PORTS)
+            .max_nodes(places)
             .open_or_create()
         )
         return service.notifier_builder().create()
 
     def _sheet(self, name, text):
         """A continuation of the definition, held open while the sensor runs."""
-        builder = lambda: self._node.service_builder(iceoryx2.ServiceName.new(name)).event().max_notifiers(1).max_listeners(1).max_nodes(SHEET_NODES)
+        builder = lambda: self._node.service_builder(iceoryx2.ServiceName.new(name)).event().max_notifiers(1).max_listeners(1).max_nodes(PROCESSES)
         last = None
         for _ in range(200):
             for attempt in (lambda: builder().open(), lambda: builder().create_with_attributes(_attributes(text))):

@@ -17,6 +17,9 @@ use crate::settings::Settings;
 const POLL_NS: u64 = 10_000_000;
 /// Time between two searches for channels that were not announced, ns.
 const SEARCH_NS: u64 = SECOND_NS;
+/// Rows of `recorder/status` that are published at once: the recorder receives them too, before it publishes the next,
+/// so that their channel's buffer holds them for any number of channels.
+const STATUS_ROWS: usize = 64;
 /// Memory that a batch keeps for reuse, bytes.
 const KEEP_BYTES: usize = 256 * 1024;
 /// Stack of the recovery thread, bytes.
@@ -42,6 +45,8 @@ pub struct Recorder {
     next_poll_ns: u64,
     next_search_ns: u64,
     next_status_ns: u64,
+    /// Rows of the status that were already published.
+    published_rows: usize,
 }
 
 impl Recorder {
@@ -61,8 +66,16 @@ impl Recorder {
         listening.discover_first(bus, &mut session)?;
         let status = bus.publisher::<RecorderStatus>("recorder/status")?;
         listening.discover(bus, &mut session)?;
-        let (next_poll_ns, next_search_ns, next_status_ns) = (now, now + SEARCH_NS, now + SECOND_NS);
-        Ok(Self { session, listening, status, batch: Batch::default(), next_poll_ns, next_search_ns, next_status_ns })
+        Ok(Self {
+            session,
+            listening,
+            status,
+            batch: Batch::default(),
+            next_poll_ns: now,
+            next_search_ns: now + SEARCH_NS,
+            next_status_ns: now + SECOND_NS,
+            published_rows: 0,
+        })
     }
 
     /// Returns the time of the next poll, CLOCK_MONOTONIC, ns; an announced channel is a reason to poll earlier.
@@ -94,18 +107,24 @@ impl Recorder {
         self.session.tick(now, free);
         // Publish a start or stop of the recording at once.
         if recorded != self.session.is_recording() {
-            self.next_status_ns = now;
+            (self.next_status_ns, self.published_rows) = (now, 0);
         }
         if self.session.wants_recovery() {
             recover_leftovers(self.session.folder(), self.session.file());
         }
-        if now >= self.next_status_ns {
-            self.next_status_ns = now + SECOND_NS;
-            for mut row in self.session.status(now) {
-                self.status.send(&mut row)?;
-            }
+        if now >= self.next_status_ns && !self.publish_status(now)? {
+            (self.next_status_ns, self.published_rows) = (now + SECOND_NS, 0);
         }
         Ok(())
+    }
+
+    /// Publishes the next rows of the status; returns whether more are left.
+    fn publish_status(&mut self, now_ns: u64) -> Result<bool, BusError> {
+        for mut row in self.session.status(now_ns).skip(self.published_rows).take(STATUS_ROWS) {
+            self.status.send(&mut row)?;
+            self.published_rows += 1;
+        }
+        Ok(self.published_rows < self.session.rows().len())
     }
 
     fn record_received(&mut self) {
@@ -143,10 +162,9 @@ impl Recorder {
         self.listening.discover(bus, &mut self.session)?;
         self.record_received();
         // Publish the losses since the last status. The file is finished even if that fails.
-        for mut row in self.session.status(now_ns()) {
-            if self.status.send(&mut row).is_err() {
-                break;
-            }
+        self.published_rows = 0;
+        while let Ok(true) = self.publish_status(now_ns()) {
+            self.record_received();
         }
         Ok(self.session.close(reason)?)
     }

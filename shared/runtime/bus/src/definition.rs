@@ -13,6 +13,7 @@ use iceoryx2::service::port_factory::event;
 use messages::hash_of;
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
+use crate::node::PROCESSES;
 use crate::{BusError, Domain};
 
 /// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
@@ -28,8 +29,6 @@ const FIRST_BYTES: usize = (ATTRIBUTES - 1) * ATTRIBUTE_BYTES;
 const CONTINUATION_BYTES: usize = ATTRIBUTES * ATTRIBUTE_BYTES;
 /// Largest number of continuations: 32 kB of text, enough for more than a thousand fields.
 const CONTINUATIONS: usize = 15;
-/// Number of processes that may hold a continuation open; the same as for every event.
-const CONTINUATION_NODES: usize = 64;
 /// Time to wait while another process creates a continuation, ns; the same as for channels.
 const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 
@@ -74,8 +73,7 @@ fn continuation(
     let service = ServiceName::new(name).map_err(|error| BusError::failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
     let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
-    let builder =
-        || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(CONTINUATION_NODES);
+    let builder = || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(PROCESSES);
     let give_up = now_ns() + OPEN_TIMEOUT_NS;
     loop {
         let error = match builder().open() {
@@ -85,6 +83,9 @@ fn continuation(
                 Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
                 Err(error) => Some(format!("{error:?}")),
             },
+            Err(EventOpenError::ExceedsMaxNumberOfNodes) => {
+                return Err(BusError::failed(name, "be held by more processes", &PROCESSES));
+            }
             Err(error) => Some(format!("{error:?}")),
         };
         if now_ns() > give_up {

@@ -12,7 +12,7 @@ use iceoryx2::prelude::{
     PortName, Service, ServiceName, SignalHandlingMode, ipc, set_log_level,
 };
 use iceoryx2::service::ServiceDetails;
-use iceoryx2::service::builder::event::EventOpenOrCreateError;
+use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeCreateError, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::ros::Payload;
@@ -38,15 +38,18 @@ const JOIN_PAUSE: Duration = Duration::from_millis(20);
 /// removes a dead one in about a millisecond, plus the stalls of the machine.
 const IDLE_CLEANINGS: usize = 25;
 const CLEANING_PAUSE: Duration = Duration::from_millis(20);
-/// Largest number of notifiers and of listeners of an event: all processes use `system/channels`, and a channel may
-/// have one notifier more than publishers, that of a successor.
+/// Largest number of notifiers, of listeners and of processes of a channel's event, which may have one notifier more
+/// than publishers, that of a successor.
 const EVENT_PORTS: usize = 64;
+/// Largest number of processes of a robot: each announces its channels with [`CHANNELS_EVENT`] and holds the schema
+/// texts of its types. Every place is reserved in shared memory, in each of these events.
+pub(crate) const PROCESSES: usize = 1024;
 /// Samples that a publisher loans at once: it fills one and sends it.
 pub(crate) const LOANS: usize = 1;
 /// Samples that a subscriber borrows at once: it copies one and returns it.
 pub(crate) const BORROWS: usize = 1;
-/// Limit of open descriptors: 40 channels with 5 descriptors each, plus files and serial ports.
-const DESCRIPTORS: u64 = 4096;
+/// Limit of open descriptors: the recorder uses 5 for each channel, and 3 channels for each process of a robot.
+const DESCRIPTORS: u64 = 5 * 3 * PROCESSES as u64 + 1024;
 
 pub(crate) type PubSub<P> = publish_subscribe::PortFactory<ipc::Service, P, ()>;
 
@@ -58,7 +61,8 @@ pub struct Bus {
     process: String,
     pub(crate) party: Participant,
     pub(crate) port_name: PortName,
-    announcer: OnceCell<Notifier<ipc::Service>>,
+    /// Announces new channels; `None` if all places are taken, which stays so.
+    announcer: OnceCell<Option<Notifier<ipc::Service>>>,
     /// Continuations of long schema texts by type name, open as long as this value exists.
     continuations: RefCell<HashMap<&'static str, Vec<SchemaContinuation>>>,
 }
@@ -261,17 +265,26 @@ impl Bus {
         let name = service_name(channel)?;
         self.need(0, channel)?;
         let give_up = now_ns() + OPEN_TIMEOUT_NS;
+        let places = event_places(channel);
+        let mut cleaned = false;
         loop {
             let made = self
                 .node
                 .service_builder(&name)
                 .event()
-                .max_notifiers(EVENT_PORTS)
+                .max_notifiers(places)
                 .max_listeners(EVENT_PORTS)
-                .max_nodes(EVENT_PORTS)
+                .max_nodes(places)
                 .open_or_create();
             match made {
                 Ok(service) => return Ok(service),
+                Err(EventOpenOrCreateError::EventOpenError(EventOpenError::ExceedsMaxNumberOfNodes)) if !cleaned => {
+                    self.clean();
+                    cleaned = true;
+                }
+                Err(EventOpenOrCreateError::EventOpenError(EventOpenError::ExceedsMaxNumberOfNodes)) => {
+                    return Err(self.full(channel, MessagingPattern::Event, places, PlaceKind::Processes));
+                }
                 Err(error) if now_ns() > give_up => return Err(BusError::failed(channel, "open its event", &error)),
                 Err(EventOpenOrCreateError::EventOpenError(_) | EventOpenOrCreateError::SystemInFlux) => {
                     self.domain.remove_half_made();
@@ -284,6 +297,7 @@ impl Bus {
 
     pub(crate) fn notifier(&self, channel: &str) -> Result<Notifier<ipc::Service>, BusError> {
         let service = self.open_event(channel)?;
+        let places = event_places(channel);
         let make = || service.notifier_builder().name(&self.port_name).default_event_id(EventId::new(0)).create();
         let taken = || {
             collect_listed(|note| {
@@ -293,7 +307,7 @@ impl Bus {
                 });
             })
         };
-        self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
+        self.take_place(places, taken, make).map_err(|refused| match refused {
             Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, PlaceKind::Wakers),
             Refused::Error(error) => BusError::failed(channel, "make its event", &error),
         })
@@ -339,14 +353,17 @@ impl Bus {
         }
     }
 
-    /// Raises [`CHANNELS_EVENT`]. It is no error if no process waits for it.
+    /// Raises [`CHANNELS_EVENT`]. It is no error if no process waits for it, or if all its places are taken: who looks
+    /// for channels also looks without it, once a second.
     pub(crate) fn announce(&self) {
-        if self.announcer.get().is_none()
-            && let Ok(notifier) = self.notifier(CHANNELS_EVENT)
-        {
-            let _ = self.announcer.set(notifier);
+        if self.announcer.get().is_none() {
+            match self.notifier(CHANNELS_EVENT) {
+                Ok(notifier) => drop(self.announcer.set(Some(notifier))),
+                Err(BusError::Full { .. }) => drop(self.announcer.set(None)),
+                Err(_) => {}
+            }
         }
-        if let Some(announcer) = self.announcer.get() {
+        if let Some(Some(announcer)) = self.announcer.get() {
             let _ = announcer.notify();
         }
     }
@@ -356,6 +373,11 @@ impl Bus {
         self.domain.before_cleaning();
         self.node.try_cleanup_dead_nodes();
     }
+}
+
+/// Largest number of notifiers and of processes of an event.
+fn event_places(channel: &str) -> usize {
+    if channel == CHANNELS_EVENT { PROCESSES } else { EVENT_PORTS }
 }
 
 fn quality_mismatch(channel: String, why: &str, holders: String) -> BusError {

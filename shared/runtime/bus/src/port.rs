@@ -80,14 +80,14 @@ impl Bus {
         Ok(publisher)
     }
 
-    /// Creates a subscriber with a buffer of [`Quality::SHALLOW`] samples that receives the history for late
+    /// Creates a subscriber with a buffer of [`Quality::shallow`] samples that receives the history for late
     /// subscribers. Creates the channel if it does not exist, so a subscriber can be created before the publisher.
     ///
     /// # Errors
     /// [`BusError::Full`] if all subscribers of the channel are taken, [`BusError::TypeMismatch`] if it carries another
     /// type, and others.
     pub fn subscriber<T: Payload>(&self, channel: &str) -> Result<Subscriber<T>, BusError> {
-        self.subscriber_with(channel, Quality::SHALLOW)
+        self.subscriber_with(channel, messages::quality_of(channel).shallow())
     }
 
     /// Creates a subscriber with the channel's whole buffer, for processes that need every sample. A channel has
@@ -109,7 +109,7 @@ impl Bus {
         Ok(Subscriber { port, channel: channel.to_owned(), losses: Losses::default(), received: 0, broken: 0 })
     }
 
-    /// Creates a subscriber if there is a place for its kind and, with a buffer of more than [`Quality::SHALLOW`], a
+    /// Creates a subscriber if there is a place for its kind and, with a buffer of more than [`Quality::shallow`], a
     /// deep place.
     pub(crate) fn attach<P: IceoryxSend + Debug + ?Sized, H: ZeroCopySend + Debug>(
         &self,
@@ -130,7 +130,8 @@ impl Bus {
         };
         let limit = service.static_config().max_subscribers();
         let full = |limit, what| self.full(channel, MessagingPattern::PublishSubscribe, limit, what);
-        let is_deep = |buffer: usize| buffer > Quality::SHALLOW;
+        let shallow = messages::quality_of(channel).shallow();
+        let is_deep = |buffer: usize| buffer > shallow;
         let all_deep = || taken().iter().filter(|(_, buffer)| is_deep(*buffer)).count() >= Quality::DEEP_PLACES;
         if is_deep(buffer) && all_deep() {
             self.clean();

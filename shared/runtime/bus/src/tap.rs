@@ -1,8 +1,10 @@
 //! Lists channels, and subscribes to channels of any type as bytes.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
+use std::ffi::OsString;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 
 use iceoryx2::port::ReceiveError;
 use iceoryx2::prelude::{
@@ -10,8 +12,8 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
+use messages::Header;
 use messages::schema::Schema;
-use messages::{Header, Quality};
 
 use crate::domain::info_of;
 use crate::losses::Losses;
@@ -119,17 +121,18 @@ impl Bus {
         }))
     }
 
-    /// Subscribes to an existing channel of any type, with a buffer of [`Quality::SHALLOW`] samples and the history for
+    /// Subscribes to an existing channel of any type, with a buffer of [`messages::Quality::shallow`] samples and the history for
     /// late subscribers.
     ///
     /// # Errors
     /// [`BusError::NoChannel`] if it does not exist, [`BusError::Full`] if all its subscribers are taken, and others.
     pub fn tap(&self, name: &str) -> Result<Tap, BusError> {
-        self.tap_with(name, Quality::SHALLOW, messages::quality_of(name).late)
+        let quality = messages::quality_of(name);
+        self.tap_with(name, quality.shallow(), quality.late)
     }
 
     /// As [`Bus::tap`], with the channel's whole buffer and whole history, for processes that need every sample, also
-    /// those published before they subscribed. A channel has [`Quality::DEEP_PLACES`] of these.
+    /// those published before they subscribed. A channel has [`messages::Quality::DEEP_PLACES`] of these.
     ///
     /// # Errors
     /// As [`Bus::tap`].
@@ -244,12 +247,21 @@ impl Tap {
     }
 }
 
-/// Finds new channels at low cost: lists a folder, and reads the channels only if a file in it is new.
+/// Finds new channels at low cost: lists a folder, and reads only the channels whose files in it are new.
 #[derive(Debug, Default)]
 pub struct ChannelWatch {
-    /// Service files by name and inode: a channel that was removed and created again has another inode.
-    files: HashSet<(std::ffi::OsString, u64)>,
-    known: HashSet<(String, String)>,
+    /// Service files by name and inode, with the name and the type of the channel; `None` for services of other kinds.
+    /// A channel that was removed and created again has another inode.
+    known: HashMap<(OsString, u64), Option<(String, String)>>,
+}
+
+/// The service in a file of iceoryx2.
+enum ServiceFile {
+    Channel(String),
+    /// An event or requests.
+    Other,
+    /// The file is gone or of another format.
+    Unreadable,
 }
 
 impl ChannelWatch {
@@ -265,30 +277,52 @@ impl ChannelWatch {
     /// # Errors
     /// As [`Bus::channels`].
     pub fn new_channels(&mut self, bus: &Bus) -> Result<Vec<ChannelInfo>, BusError> {
-        let files: HashSet<_> = fs::read_dir(bus.domain().root().join("services"))
+        let folder = bus.domain().root().join("services");
+        let complete = |entry: &fs::DirEntry| entry.metadata().ok().filter(|found| found.mode() & 0o200 == 0);
+        // Incomplete files are writable and are skipped until they are complete.
+        let files: HashSet<(OsString, u64)> = fs::read_dir(&folder)
             .into_iter()
             .flatten()
             .flatten()
-            .filter_map(|entry| {
-                entry
-                    .metadata()
-                    .ok()
-                    .filter(|found| found.mode() & 0o200 == 0)
-                    .map(|found| (entry.file_name(), found.ino()))
-            })
-            .collect(); // Incomplete files are writable and are skipped until they are complete.
-        if files == self.files {
-            return Ok(Vec::new());
-        }
-        let channels = bus.channels()?;
-        let new = channels
-            .iter()
-            .filter(|channel| !self.known.contains(&(channel.name.clone(), channel.type_name.clone())))
-            .cloned()
+            .filter_map(|entry| complete(&entry).map(|found| (entry.file_name(), found.ino())))
             .collect();
-        self.known = channels.into_iter().map(|channel| (channel.name, channel.type_name)).collect();
-        self.files = files;
+        let added: Vec<_> = files.iter().filter(|file| !self.known.contains_key(*file)).cloned().collect();
+        let before: HashSet<_> = self.known.values().flatten().cloned().collect();
+        self.known.retain(|file, _| files.contains(file));
+        let mut new = Vec::new();
+        for file in added {
+            let name = match service_in(&folder.join(&file.0)) {
+                ServiceFile::Channel(name) => name,
+                ServiceFile::Other => {
+                    self.known.insert(file, None);
+                    continue;
+                }
+                ServiceFile::Unreadable => continue,
+            };
+            // It may be removed before it is read.
+            if let Some(info) = bus.channel(&name)? {
+                let channel = (info.name.clone(), info.type_name.clone());
+                if !before.contains(&channel) {
+                    new.push(info);
+                }
+                self.known.insert(file, Some(channel));
+            }
+        }
+        new.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(new)
+    }
+}
+
+/// Reads the name of a service and whether it is a channel from its file, a TOML table of iceoryx2.
+fn service_in(file: &Path) -> ServiceFile {
+    let Ok(text) = fs::read_to_string(file) else { return ServiceFile::Unreadable };
+    let name = text.lines().find_map(|line| line.strip_prefix("service_name = \"")?.strip_suffix('"'));
+    match name {
+        Some(name) if text.contains("\n[messaging_pattern.PublishSubscribe]\n") => {
+            ServiceFile::Channel(name.to_owned())
+        }
+        Some(_) => ServiceFile::Other,
+        None => ServiceFile::Unreadable,
     }
 }
 

@@ -231,6 +231,41 @@ fn a_new_channel_is_announced() {
     );
 }
 
+/// More processes than a channel has places, each with a channel of its own and a long schema text.
+#[test]
+fn every_process_of_a_crowd_announces_its_channel() {
+    let domain = Domain::for_test();
+    let recorder = Bus::join(&domain, "recorder").unwrap();
+    let mut waiter = recorder.waiter(&[CHANNELS_EVENT]).unwrap();
+    let mut watch = ChannelWatch::new();
+    let mut crowd = Vec::new();
+    for number in 0..100 {
+        let process = Bus::join(&domain, &format!("s{number}")).unwrap();
+        let name = format!("system/config/s{number}");
+        let publisher = process.publisher::<messages::SystemConfig>(&name).unwrap();
+        assert!(waiter.wait_until(soon()).unwrap().channel(0), "{name}");
+        let new = watch.new_channels(&recorder).unwrap();
+        assert!(new.len() == 1 && new[0].name == name && new[0].schema.is_some(), "{new:?}");
+        crowd.push((process, publisher));
+    }
+    drop(crowd);
+}
+
+#[test]
+fn a_late_subscriber_receives_every_row_of_a_table() {
+    const ROWS: u32 = 300;
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut table = bus.publisher::<messages::ProcessState>("system/process").unwrap();
+    for pid in 0..ROWS {
+        table.send(&mut messages::ProcessState { pid, ..Default::default() }).unwrap();
+    }
+    let mut subscriber = bus.subscriber::<messages::ProcessState>("system/process").unwrap();
+    table.update_connections();
+    let pids: Vec<u32> = std::iter::from_fn(|| subscriber.receive().unwrap()).map(|row| row.pid).collect();
+    assert_eq!(pids, (0..ROWS).collect::<Vec<_>>());
+}
+
 #[test]
 fn a_waiter_wakes_only_for_ready_channels_and_descriptors() {
     let domain = Domain::for_test();

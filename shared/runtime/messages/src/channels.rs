@@ -27,7 +27,7 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Samples that a subscriber that is not deep can lag behind: 0.3 s at 100 Hz, and every row of a table.
+    /// Samples that a subscriber that is not deep can lag behind, at least: 0.3 s at 100 Hz.
     pub const SHALLOW: usize = 32;
     /// Deep subscribers of a channel: recorder, sensor logger, the successor of one that has just died, and an
     /// observer.
@@ -73,6 +73,13 @@ impl Quality {
         self
     }
 
+    /// Samples that a subscriber that is not deep can lag behind: it has room for those that it receives when it is
+    /// late, e.g. every row of a table.
+    #[must_use]
+    pub const fn shallow(&self) -> usize {
+        if self.late > Self::SHALLOW { self.late } else { Self::SHALLOW }
+    }
+
     /// Number of samples in the memory of a publisher. A sample is stored once for all subscribers and the history;
     /// added are the samples that subscribers borrow and the publisher loans.
     #[must_use]
@@ -102,7 +109,9 @@ pub struct Channel {
 const CYCLE: Quality = Quality { buffer: 640, history: 256, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
 /// 10 Hz and below.
 const SLOW: Quality = Quality { buffer: 64, history: 32, late: 4, publishers: 1, subscribers: 24, nodes: 48 };
-/// Bursts: every line of a log at start-up, every row of a table at once; several publishers.
+/// Tables: every row at once, up to a row for each of some hundred processes or channels.
+const TABLE: Quality = Quality { buffer: 1024, history: 512, late: 512, publishers: 8, subscribers: 24, nodes: 48 };
+/// Bursts: every line of a log at start-up; several publishers.
 const BURST: Quality = Quality { buffer: 256, history: 128, late: 32, publishers: 8, subscribers: 24, nodes: 48 };
 /// Sensors up to 100 Hz; a replacement may overlap its predecessor.
 const SENSOR: Quality = Quality { buffer: 256, history: 128, late: 4, publishers: 2, subscribers: 24, nodes: 48 };
@@ -172,8 +181,8 @@ channels! {
     "system/heartbeat/*": Heartbeat, SLOW;
     "system/log/*": LogEvent, BURST;
     "system/config/*": SystemConfig, CONFIG;
-    "system/process": ProcessState, BURST, first "system/process";
-    "recorder/status": RecorderStatus, BURST;
+    "system/process": ProcessState, TABLE, first "system/process";
+    "recorder/status": RecorderStatus, TABLE;
     "truth/node": TruthNode, CYCLE, first "truth/node";
     "tf": TfMessage, VISUALIZATION;
     "visualization/pose": PoseStamped, VISUALIZATION;
