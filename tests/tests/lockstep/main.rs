@@ -29,6 +29,7 @@ mod replay;
 mod report;
 mod scale;
 mod takeover;
+mod touch_down;
 mod tuning;
 mod walk;
 mod worlds;

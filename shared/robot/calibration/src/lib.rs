@@ -12,6 +12,7 @@
 //! * [`holdout`]: prediction of points that a calibration did not use.
 //! * [`pattern`]: whether the residuals have a pattern that the model does not explain.
 //! * [`unmeasured_radius`]: what wheels that were not measured would change.
+//! * [`touch_down`]: when a node that is lowered touches the floor, and the lengths there.
 //! * [`placement`]: positions of the points, and the accuracy to expect before measuring.
 //! * [`motor_fit`]: the motor current over speed and tension, from recorded runs.
 //! * [`Measurements`] and [`calibrate`] combine them: from measurements to anchors with covariance, or an error.
@@ -89,6 +90,7 @@ pub mod placement;
 mod refine;
 mod straight;
 pub mod survey;
+pub mod touch_down;
 mod undetermined;
 mod unmeasured;
 mod wheels;
@@ -106,6 +108,7 @@ pub use measurements::{
 };
 pub use pattern::{Effect, Misfit, misfit};
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
+pub use touch_down::{Paying, TouchDown};
 pub use undetermined::{Ambiguity, Undetermined};
 pub use unmeasured::{LARGEST_RADIUS_M, UnmeasuredRadius, unmeasured_radius};
 pub use wheels::{calibrate_heights_with_pulleys, calibrate_joint_with_pulleys};
