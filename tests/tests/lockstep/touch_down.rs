@@ -110,7 +110,7 @@ fn lifted(drawn: &Drawn, flight: &mut Lockstep, place: [f64; 2]) -> Option<usize
     None
 }
 
-/// Worlds of the robots of 10 m. On each floor the lengths differ from the true ones by the zeros of the cables, the same
+/// Worlds of the robots of 10 m. The lengths differ from the true ones by the zeros of the cables, the same
 /// at every place; what is left is far below the 10 mm that a calibration assumes.
 #[test]
 fn the_lengths_of_a_touch_down_are_those_of_slack_cables_at_the_floor() {

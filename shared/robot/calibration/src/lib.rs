@@ -9,6 +9,7 @@
 //! * [`length_check`]: the scale of one cable from moves of a mark along a tape.
 //! * [`gps`]: the baseline of the paper, anchors from points with known positions.
 //! * [`undecided`]: whether the measurements determine a radius, a scale or a zero that was set free.
+//! * [`mod@loads`]: stiffness, routed length and weight of the node from a known weight.
 //! * [`holdout`]: prediction of points that a calibration did not use.
 //! * [`pattern`]: whether the residuals have a pattern that the model does not explain.
 //! * [`unmeasured_radius`]: what wheels that were not measured would change.
@@ -82,6 +83,7 @@ pub mod heights;
 pub mod holdout;
 pub mod joint;
 pub mod length_check;
+pub mod loads;
 mod measurements;
 mod model;
 pub mod motor_fit;
@@ -103,6 +105,7 @@ pub use gps::gps_anchor;
 pub use heights::{calibrate_heights, points_from_rows};
 pub use holdout::{Holdout, hold_out};
 pub use joint::{DirectHeight, Joint, JointInput, Loss, calibrate_joint};
+pub use loads::{Found, LoadMeasurements, Loads, Sinking, Weighing, loads};
 pub use measurements::{
     Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method, Outlier,
 };
