@@ -16,6 +16,7 @@ mod georeference;
 #[path = "../../../scripts/templates/law/src/law.rs"]
 mod law;
 mod laws;
+mod loads;
 mod map;
 /// The template for a custom estimation method.
 #[path = "../../../scripts/templates/estimator/src/method.rs"]
