@@ -16,6 +16,7 @@ mod georeference;
 #[path = "../../../scripts/templates/law/src/law.rs"]
 mod law;
 mod laws;
+mod loads;
 mod map;
 /// The template for a custom estimation method.
 #[path = "../../../scripts/templates/estimator/src/method.rs"]
@@ -29,6 +30,7 @@ mod replay;
 mod report;
 mod scale;
 mod takeover;
+mod touch_down;
 mod tuning;
 mod walk;
 mod worlds;

@@ -3,8 +3,8 @@
 //! As many cables as directions have one solution. Four cables in space have a line of solutions, T = Tp + λ N / |N|,
 //! with the null vector N_k = (-1)^k det(Λ without column k) and the least-norm solution Tp; the limits cut an interval
 //! out of it. This is equivalent to the paper's elimination of one cable, without its division by a determinant that
-//! may vanish. More cables, and planar robots with more than two, are solved through the dual problem, which has one
-//! unknown per direction for any number of cables.
+//! may vanish. More cables, and planar robots with more than two, are solved by an active set method, which takes
+//! finitely many steps for any number of cables.
 //!
 //! Λ is 3 x N; its columns are unit vectors from the node to the anchors. The wrench b = m (a + g) of (15) and tensions
 //! are in N. A [`TensionError`] gives the reason and, where limits are violated, the cable.
@@ -12,6 +12,7 @@
 mod distribution;
 pub mod general;
 mod hold;
+mod nearest;
 
 use nalgebra::Vector3;
 

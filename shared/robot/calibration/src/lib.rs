@@ -9,9 +9,11 @@
 //! * [`length_check`]: the scale of one cable from moves of a mark along a tape.
 //! * [`gps`]: the baseline of the paper, anchors from points with known positions.
 //! * [`undecided`]: whether the measurements determine a radius, a scale or a zero that was set free.
+//! * [`mod@loads`]: stiffness, routed length and weight of the node from a known weight.
 //! * [`holdout`]: prediction of points that a calibration did not use.
 //! * [`pattern`]: whether the residuals have a pattern that the model does not explain.
 //! * [`unmeasured_radius`]: what wheels that were not measured would change.
+//! * [`touch_down`]: when a node that is lowered touches the floor, and the lengths there.
 //! * [`placement`]: positions of the points, and the accuracy to expect before measuring.
 //! * [`motor_fit`]: the motor current over speed and tension, from recorded runs.
 //! * [`Measurements`] and [`calibrate`] combine them: from measurements to anchors with covariance, or an error.
@@ -81,6 +83,7 @@ pub mod heights;
 pub mod holdout;
 pub mod joint;
 pub mod length_check;
+pub mod loads;
 mod measurements;
 mod model;
 pub mod motor_fit;
@@ -89,6 +92,7 @@ pub mod placement;
 mod refine;
 mod straight;
 pub mod survey;
+pub mod touch_down;
 mod undetermined;
 mod unmeasured;
 mod wheels;
@@ -101,11 +105,13 @@ pub use gps::gps_anchor;
 pub use heights::{calibrate_heights, points_from_rows};
 pub use holdout::{Holdout, hold_out};
 pub use joint::{DirectHeight, Joint, JointInput, Loss, calibrate_joint};
+pub use loads::{Found, LoadMeasurements, Loads, Sinking, Weighing, loads};
 pub use measurements::{
     Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method, Outlier,
 };
 pub use pattern::{Effect, Misfit, misfit};
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
+pub use touch_down::{Paying, TouchDown};
 pub use undetermined::{Ambiguity, Undetermined};
 pub use unmeasured::{LARGEST_RADIUS_M, UnmeasuredRadius, unmeasured_radius};
 pub use wheels::{calibrate_heights_with_pulleys, calibrate_joint_with_pulleys};

@@ -5,7 +5,7 @@
 //! few rounds, each ten to a hundred times closer. At the fixed point the residuals are measured lengths minus
 //! [`cable_robot::pulley`] lengths.
 
-use super::error::{CalibrationError, invalid};
+use super::error::{CalibrationError, degenerate, invalid};
 use super::joint::DirectHeight;
 use cable_robot::CableVec;
 use cable_robot::anchors::RADII_M;
@@ -77,10 +77,28 @@ fn heights(heights: &[DirectHeight], radii_m: &[f64], scale: f64) -> Vec<DirectH
     heights.iter().map(straight).collect()
 }
 
+/// Refuses lengths that the wheel uses up: the measurements contradict each other, although each of them is a length.
+fn check_straight(straight_m: &[CableVec], lengths_m: &[CableVec], radii_m: &[f64]) -> Result<(), CalibrationError> {
+    for (point, (straight, measured)) in straight_m.iter().zip(lengths_m).enumerate() {
+        // Also true for NaN.
+        if let Some(cable) = straight.iter().position(|l| !(*l >= 0.0)) {
+            return degenerate(format!(
+                "the length of cable {} at point {} is {:.3} m, and its wheel of {:.0} mm takes up more than that; \
+                 measure the length and the radius again",
+                cable + 1,
+                point + 1,
+                measured[cable],
+                1000.0 * radii_m[cable]
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Alternates between `estimate` with straightened lengths and heights, and the straightening with its result.
 ///
 /// # Errors
-/// Radii that are not accepted, and the errors of `estimate`.
+/// `degenerate_geometry` for lengths that the wheels use up, and the errors of `estimate`.
 pub(crate) fn settle<T>(
     lengths_m: &[CableVec],
     direct: &[DirectHeight],
@@ -89,6 +107,7 @@ pub(crate) fn settle<T>(
     geometry: impl Fn(&T) -> Geometry,
 ) -> Result<T, CalibrationError> {
     let mut straight: Vec<_> = lengths_m.iter().map(|l| typical(l, radii_m)).collect();
+    check_straight(&straight, lengths_m, radii_m)?;
     let mut found = estimate(&straight, &heights(direct, radii_m, 1.0))?;
     for _ in 0..MAX_ROUNDS {
         let near = geometry(&found);
@@ -97,6 +116,7 @@ pub(crate) fn settle<T>(
             .collect();
         let change = next.iter().zip(&straight).map(|(a, b)| a.zip_map(b, |a, b| a - b).max_abs()).fold(0.0, f64::max);
         straight = next;
+        check_straight(&straight, lengths_m, radii_m)?;
         found = estimate(&straight, &heights(direct, radii_m, near.scale))?;
         if change < SETTLED_M {
             break;

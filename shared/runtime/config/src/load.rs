@@ -106,7 +106,11 @@ impl RobotFile {
         obstacles.map(|(i, section)| section.obstacle().map_err(|error| numbered(i, error))).collect()
     }
 
-    fn parts(&self) -> Result<RobotParts, RobotError> {
+    /// Returns the description of the robot model.
+    ///
+    /// # Errors
+    /// As [`RobotFile::robot`].
+    pub fn parts(&self) -> Result<RobotParts, RobotError> {
         let cables = self.robot.anchors_m.len();
         Ok(RobotParts {
             anchors_m: self.robot.anchors_m.to_vec(),

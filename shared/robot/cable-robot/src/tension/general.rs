@@ -1,8 +1,8 @@
 //! Tension distribution for any number of directions and cables, m ≥ n: a planar robot with four cables (2 x 4) and a
 //! spatial one with eight are the same problem.
 //!
-//! * Least norm (27): projection of the origin on the solutions within the limits, through its dual, which has one
-//!   unknown per direction, T = clamp(Λᵀy, min, max). The dual is concave and piecewise quadratic.
+//! * Least norm (27): projection of the origin on the solutions within the limits, by an active set method over the
+//!   redundant cables.
 //! * Least sum: the best vertex of the solutions; all are tried, as in the paper's reference \[37\] for one redundant
 //!   cable. If several are best, the least norm of everything with that sum.
 //! * Safest: the greatest distance to the nearest limit; the least norm if that distance is unbounded.
@@ -14,6 +14,8 @@ use nalgebra::Vector3;
 use super::distribution::{
     TOLERANCE, TensionError, Tensions, Violation, check_limits, check_wrench, margin, worst_violation,
 };
+use super::nearest::Solutions;
+use crate::linalg::{dot, norm};
 use crate::{CableVec, Distribution, MAX_CABLES, StructureMatrix};
 
 /// Largest number of directions: the largest number of cables.
@@ -21,9 +23,6 @@ pub const MAX_ROWS: usize = MAX_CABLES;
 
 /// A row whose part orthogonal to the others is below this share of it adds no direction.
 const RANK_TOLERANCE: f64 = 1e-9;
-
-/// Bound of the dual iteration, which needs about six steps.
-const MAX_ITERATIONS: usize = 200;
 
 /// Bisection steps for the margin of the safest distribution, down to rounding.
 const HALVINGS: usize = 60;
@@ -116,36 +115,61 @@ impl GeneralStructure {
 
     /// Λᵀ(ΛΛᵀ)⁻¹b (38), N: the least norm without limits. Fails if rows are linearly dependent.
     pub fn least_norm_unbounded(&self, wrench_n: &[f64]) -> Result<CableVec, TensionError> {
-        // Λᵀ = Q R by Gram-Schmidt with reorthogonalisation, then T = Q R⁻ᵀ b.
+        let rows = self.row_space(wrench_n);
+        if rows.rank < self.rows { Err(TensionError::Singular) } else { Ok(rows.shortest_n(self.cables)) }
+    }
+
+    /// Orthonormal directions of the rows, and the forces along them: Λᵀ = Q R by Gram-Schmidt with
+    /// reorthogonalisation, Rᵀ z = b. Rows that depend on earlier ones are left out.
+    fn row_space(&self, wrench_n: &[f64]) -> RowSpace {
         let (n, m) = (self.rows, self.cables);
-        let mut q = [[0.0; MAX_CABLES]; MAX_ROWS];
-        let mut z = [0.0; MAX_ROWS];
+        let mut result = RowSpace { q: [[0.0; MAX_CABLES]; MAX_ROWS], z: [0.0; MAX_ROWS], rank: 0, consistent: true };
         for j in 0..n {
             let mut v = [0.0; MAX_CABLES];
             for (vi, column) in v.iter_mut().zip(&self.columns).take(m) {
                 *vi = column[j];
             }
             let size = norm(&v[..m]);
-            let mut r = [0.0; MAX_ROWS];
-            for _ in 0..2 {
-                for i in 0..j {
-                    let d = dot(&q[i][..m], &v[..m]);
-                    r[i] += d;
-                    for (vk, qk) in v.iter_mut().zip(&q[i]) {
-                        *vk -= d * qk;
-                    }
-                }
-            }
+            let rank = result.rank;
+            let r = remove_components(&mut v, &result.q[..rank], m);
             let rest = norm(&v[..m]);
+            let missing = wrench_n[j] - dot(&r[..rank], &result.z[..rank]);
             if !(rest > RANK_TOLERANCE * size) {
-                return Err(TensionError::Singular);
+                let force = 1.0 + wrench_n[j].abs() + size * norm(&result.z[..rank]);
+                result.consistent &= missing.abs() <= RANK_TOLERANCE * force;
+                continue;
             }
-            for (qk, vk) in q[j].iter_mut().zip(&v) {
+            for (qk, vk) in result.q[rank].iter_mut().zip(&v) {
                 *qk = vk / rest;
             }
-            z[j] = (wrench_n[j] - dot(&r[..j], &z[..j])) / rest;
+            result.z[rank] = missing / rest;
+            result.rank += 1;
         }
-        Ok(CableVec::from_fn(m, |i| (0..n).map(|j| q[j][i] * z[j]).sum()))
+        result
+    }
+
+    /// All tensions with these forces; None if linearly dependent rows have forces that contradict each other.
+    fn solutions(&self, wrench_n: &[f64]) -> Option<Solutions> {
+        let m = self.cables;
+        let mut rows = self.row_space(wrench_n);
+        let particular_n = rows.consistent.then(|| rows.shortest_n(m))?;
+        let redundancy = m - rows.rank;
+        let mut null = [[0.0; MAX_CABLES]; MAX_CABLES];
+        for k in 0..redundancy {
+            // Of the axes, the one with the largest part outside of the directions so far.
+            let outside = |axis: usize| 1.0 - rows.q[..rows.rank].iter().map(|q| q[axis] * q[axis]).sum::<f64>();
+            let axis = (0..m).max_by(|a, b| outside(*a).total_cmp(&outside(*b)))?;
+            let mut v = [0.0; MAX_CABLES];
+            v[axis] = 1.0;
+            remove_components(&mut v, &rows.q[..rows.rank], m);
+            let size = norm(&v[..m]);
+            let unit = v.map(|vk| vk / size);
+            for (row, value) in null.iter_mut().zip(&unit) {
+                row[k] = *value;
+            }
+            (rows.q[rows.rank], rows.rank) = (unit, rows.rank + 1);
+        }
+        Some(Solutions { particular_n, null, redundancy })
     }
 
     /// The pseudo-inverse: a row per cable, a column per direction. Fails if rows are linearly dependent.
@@ -161,20 +185,6 @@ impl GeneralStructure {
         Ok(result)
     }
 
-    /// The same equations with rows of unit length, so that forces and moments have the same weight.
-    fn balanced(&self, wrench_n: &[f64]) -> (Self, Row) {
-        let (mut result, mut wrench) = (*self, [0.0; MAX_ROWS]);
-        for r in 0..self.rows {
-            let size = self.columns[..self.cables].iter().map(|c| c[r] * c[r]).sum::<f64>().sqrt();
-            let scale = if size > 0.0 { 1.0 / size } else { 1.0 };
-            for column in &mut result.columns {
-                column[r] *= scale;
-            }
-            wrench[r] = wrench_n[r] * scale;
-        }
-        (result, wrench)
-    }
-
     /// The matrix with a further row of ones, whose force is the sum of the tensions.
     fn with_sum_row(&self) -> Option<Self> {
         if self.rows == MAX_ROWS {
@@ -187,6 +197,38 @@ impl GeneralStructure {
         result.rows += 1;
         Some(result)
     }
+}
+
+/// The directions of linearly independent rows.
+struct RowSpace {
+    q: [[f64; MAX_CABLES]; MAX_ROWS],
+    /// Forces along them, N.
+    z: [f64; MAX_ROWS],
+    rank: usize,
+    /// The forces of the dependent rows follow from the others.
+    consistent: bool,
+}
+
+impl RowSpace {
+    /// The least norm without limits, N.
+    fn shortest_n(&self, cables: usize) -> CableVec {
+        CableVec::from_fn(cables, |i| (0..self.rank).map(|j| self.q[j][i] * self.z[j]).sum())
+    }
+}
+
+/// Removes the components along orthonormal directions, twice against rounding, and returns them.
+fn remove_components(v: &mut [f64; MAX_CABLES], directions: &[[f64; MAX_CABLES]], m: usize) -> Row {
+    let mut components = [0.0; MAX_ROWS];
+    for _ in 0..2 {
+        for (component, q) in components.iter_mut().zip(directions) {
+            let d = dot(&q[..m], &v[..m]);
+            *component += d;
+            for (vk, qk) in v.iter_mut().zip(q) {
+                *vk -= d * qk;
+            }
+        }
+    }
+    components
 }
 
 impl From<&StructureMatrix> for GeneralStructure {
@@ -242,8 +284,7 @@ pub(super) fn forces(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> [f
     if structure.is_planar() { [wrench_n.x, wrench_n.z, 0.0] } else { (*wrench_n).into() }
 }
 
-/// Computes the least norm within limits (27) through its dual: Newton steps with an exact line search, which reach the
-/// optimum after finitely many pieces. An unbounded ascent proves that the problem is infeasible (Farkas).
+/// Computes the least norm within limits (27) by an active set method, see [`super::nearest`].
 ///
 /// Linearly dependent rows are allowed if the forces are consistent.
 pub fn least_norm(
@@ -254,112 +295,24 @@ pub fn least_norm(
     least_norm_within(structure, wrench_n, limits_n, TOLERANCE)
 }
 
-/// Like [`least_norm`], with forces balanced to this share.
+/// Like [`least_norm`], with limits kept to this share.
 fn least_norm_within(
     structure: &GeneralStructure,
     wrench_n: &[f64],
     limits_n: [f64; 2],
     tolerance: f64,
 ) -> Result<CableVec, TensionError> {
-    let (balanced, wrench) = structure.balanced(wrench_n);
-    let (n, m) = (balanced.rows, balanced.cables);
-    let [low, high] = limits_n;
-    let scale = 1.0 + norm(&wrench[..n]) + low * m as f64;
-    let tension = |y: &Row, i: usize| dot(&balanced.columns[i][..n], &y[..n]).clamp(low, high);
-    let mut y = [0.0; MAX_ROWS];
-    // Keep the best point: near the optimum the iteration may wander within rounding.
-    let (mut best, mut least_missing, mut in_vain) = (y, f64::INFINITY, 0);
-    for _ in 0..MAX_ITERATIONS {
-        let mut residual = wrench;
-        let mut hessian = [[0.0; MAX_ROWS]; MAX_ROWS];
-        for (r, row) in hessian.iter_mut().enumerate() {
-            row[r] = 1e-9;
-        }
-        for i in 0..m {
-            let column = &balanced.columns[i];
-            let s = dot(&column[..n], &y[..n]);
-            let t = s.clamp(low, high);
-            for r in 0..n {
-                residual[r] -= column[r] * t;
-                if s > low && s < high {
-                    for c in 0..n {
-                        hessian[r][c] += column[r] * column[c];
-                    }
-                }
-            }
-        }
-        let missing = norm(&residual[..n]);
-        if missing < least_missing {
-            in_vain = if missing < 0.5 * least_missing { 0 } else { in_vain + 1 };
-            (best, least_missing) = (y, missing);
-        } else {
-            in_vain += 1;
-        }
-        // Stop at rounding, or without further progress near it.
-        if missing <= 1e-16 * scale || (least_missing <= 1e-13 * scale && in_vain > 2) {
-            break;
-        }
-        let direction = solve(&hessian, &residual, n).unwrap_or(residual);
-        match ascend(&balanced, &wrench, limits_n, &y, &direction) {
-            Some(step) => (0..n).for_each(|r| y[r] += direction[r] * step),
-            None => break,
-        }
+    let found = structure.solutions(wrench_n).and_then(|solutions| solutions.shortest(limits_n, tolerance));
+    if let Some(tensions_n) = found {
+        return Ok(tensions_n);
     }
-    if least_missing <= tolerance * scale {
-        return Ok(CableVec::from_fn(m, |i| tension(&best, i)));
-    }
-    // Report the worst cable without limits, or else the one that the best compromise leaves at a limit.
+    // Report the worst cable without limits, or else the first.
     let free = structure.least_norm_unbounded(wrench_n)?;
     Err(TensionError::Infeasible(worst_violation(&free, limits_n).unwrap_or(Violation {
         cable: 0,
         tension_n: free[0],
-        limit_n: low,
+        limit_n: limits_n[0],
     })))
-}
-
-/// Step along `d` that maximises the dual; None if it rises without bound.
-fn ascend(structure: &GeneralStructure, wrench: &Row, [low, high]: [f64; 2], y: &Row, d: &Row) -> Option<f64> {
-    let (n, m) = (structure.rows, structure.cables);
-    let b = dot(&wrench[..n], &d[..n]);
-    let (mut s, mut p) = ([0.0; MAX_CABLES], [0.0; MAX_CABLES]);
-    for i in 0..m {
-        let column = &structure.columns[i][..n];
-        (s[i], p[i]) = (dot(column, &y[..n]), dot(column, &d[..n]));
-    }
-    let derivative = |step: f64| {
-        let pulled: f64 = (0..m).map(|i| (s[i] + step * p[i]).clamp(low, high) * p[i]).sum();
-        b - pulled
-    };
-    // The derivative decreases and is linear between the steps at which a cable reaches a limit.
-    let mut breaks = [f64::INFINITY; 2 * MAX_CABLES];
-    let mut count = 0;
-    for i in 0..m {
-        for limit in [low, high] {
-            let at = (limit - s[i]) / p[i];
-            if at.is_finite() && at > 0.0 {
-                breaks[count] = at;
-                count += 1;
-            }
-        }
-    }
-    breaks[..count].sort_unstable_by(f64::total_cmp);
-    let (mut from, mut at_from) = (0.0, derivative(0.0));
-    for to in &breaks[..count] {
-        let at_to = derivative(*to);
-        if at_to <= 0.0 {
-            return Some(from + (to - from) * at_from / (at_from - at_to));
-        }
-        (from, at_from) = (*to, at_to);
-    }
-    // A force exactly at the edge of the feasible set leaves only rounding here: the last break is the optimum.
-    let magnitude = b.abs() + (0..m).map(|i| ((s[i] + from * p[i]).clamp(low, high) * p[i]).abs()).sum::<f64>();
-    if from > 0.0 && at_from <= 1e-13 * magnitude {
-        return Some(from);
-    }
-    // Beyond the last break it is linear too: constant if every cable is at a limit.
-    let unit = from.abs().max(1.0);
-    let fall = at_from - derivative(from + unit);
-    if fall > 1e-12 * at_from.abs() { Some(from + unit * at_from / fall) } else { None }
 }
 
 /// Computes the least sum: the best vertex of the solutions; if several are best, the least norm of their convex hull.
@@ -503,37 +456,4 @@ pub fn safest(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]
         }
     }
     Ok(best)
-}
-
-/// Solves a symmetric positive definite n x n system by Cholesky decomposition.
-fn solve(m: &[Row; MAX_ROWS], b: &Row, n: usize) -> Option<Row> {
-    let mut l = [[0.0; MAX_ROWS]; MAX_ROWS];
-    let mut x = [0.0; MAX_ROWS];
-    for i in 0..n {
-        for j in 0..=i {
-            let rest = m[i][j] - dot(&l[i][..j], &l[j][..j]);
-            if i == j {
-                if !(rest > 1e-290) {
-                    return None;
-                }
-                l[i][i] = rest.sqrt();
-            } else {
-                l[i][j] = rest / l[j][j];
-            }
-        }
-        x[i] = (b[i] - dot(&l[i][..i], &x[..i])) / l[i][i];
-    }
-    for i in (0..n).rev() {
-        let rest: f64 = (i + 1..n).map(|k| l[k][i] * x[k]).sum();
-        x[i] = (x[i] - rest) / l[i][i];
-    }
-    Some(x)
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    crate::linalg::dot(a, b)
-}
-
-fn norm(a: &[f64]) -> f64 {
-    dot(a, a).sqrt()
 }

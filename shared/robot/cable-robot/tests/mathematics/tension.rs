@@ -139,15 +139,15 @@ proptest! {
     }
 
     #[test]
-    fn the_dual_agrees_with_the_closed_form(p in pose(), b in wrench(), high in 12.0..60.0f64) {
+    fn active_sets_agree_with_the_closed_form(p in pose(), b in wrench(), high in 12.0..60.0f64) {
         let s = StructureMatrix::at(&square(), &p).unwrap();
         let limits = [1.0, high];
         let closed = FourCables::new(&s, &b, limits);
         if let Ok(line) = &closed {
             prop_assume!(line.high_n - line.low_n > 1e-6);
         }
-        let dual = least_norm(&s, &b, limits);
-        match (&closed, &dual) {
+        let found = least_norm(&s, &b, limits);
+        match (&closed, &found) {
             (Ok(line), Ok(t)) => {
                 for (a, e) in t.iter().zip(line.least_norm().iter()) {
                     prop_assert!((a - e).abs() < 1e-6, "{t:?} {:?}", line.least_norm());
@@ -157,7 +157,7 @@ proptest! {
             _ => {
                 // They may differ only for a feasible set thinner than rounding.
                 let paper = paper_form(&s, &b, limits);
-                prop_assert!((paper.low - paper.high).abs() < 1e-5, "{closed:?} {dual:?}");
+                prop_assert!((paper.low - paper.high).abs() < 1e-5, "{closed:?} {found:?}");
             }
         }
     }

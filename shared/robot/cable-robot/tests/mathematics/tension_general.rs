@@ -56,57 +56,71 @@ fn problem() -> impl Strategy<Value = (Vec<Vec<f64>>, Vec<f64>, [f64; 2])> {
     })
 }
 
+/// `NIMS_TENSIONS` sets how many problems are drawn.
+fn cases() -> ProptestConfig {
+    let cases = std::env::var("NIMS_TENSIONS").ok().and_then(|n| n.parse().ok());
+    ProptestConfig::with_cases(cases.unwrap_or(1500))
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1500))]
+    #![proptest_config(cases())]
 
     #[test]
     fn agrees_with_exhaustive_search((rows, b, limits) in problem()) {
-        let (n, m) = (rows.len(), rows[0].len());
-        let a = DMatrix::from_fn(n, m, |r, c| rows[r][c]);
-        let structure = GeneralStructure::new(&rows).unwrap();
-        let solve = |method| general::distribute(&structure, &b, limits, method);
-        let smallest = a.singular_values().min();
-        if smallest < 1e-9 {
-            prop_assert_eq!(solve(Distribution::LeastNorm), Err(TensionError::Singular));
-            return Ok(());
-        }
-        prop_assume!(smallest > 1e-3);
-        let force = DVector::from_column_slice(&b);
-        let all = candidates(&a, &force, limits, 1e-11);
-        let loose = !candidates(&a, &force, limits, 1e-7).is_empty();
-        if all.is_empty() {
-            // Only the edge of the feasible set is undecided.
-            if !loose {
-                for method in [Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
-                    prop_assert_eq!(solve(method).unwrap_err().kind(), "infeasible");
-                }
-            }
-            return Ok(());
-        }
-        let least = all.iter().min_by(|x, y| x.norm().total_cmp(&y.norm())).unwrap();
-        let sum = all.iter().map(|t| t.sum()).fold(f64::INFINITY, f64::min);
-        let scale = 1.0 + least.amax();
-        let check = |t: &CableVec| (&a * DVector::from_column_slice(t) - &force).amax() < 1e-9 * scale && margin(t, limits) > -1e-9 * scale;
-
-        let found = solve(Distribution::LeastNorm).unwrap().tensions_n;
-        prop_assert!(check(&found), "{found:?}");
-        for (x, y) in found.iter().zip(least.iter()) {
-            prop_assert!((x - y).abs() < 1e-8 * scale, "{found:?} {least:?}");
-        }
-        let found = solve(Distribution::MinSum).unwrap().tensions_n;
-        prop_assert!(check(&found), "{found:?}");
-        prop_assert!((found.sum() - sum).abs() < 1e-8 * scale, "{found:?} {sum}");
-
-        let safe = solve(Distribution::Safest).unwrap();
-        prop_assert!(check(&safe.tensions_n), "{safe:?}");
-        let [low, high] = limits;
-        let safer = [low + safe.margin_n + 1e-6 * scale, high - safe.margin_n - 1e-6 * scale];
-        // Without an upper limit the margin may be unbounded; then the result is the least norm.
-        let unbounded = high.is_infinite() && safe.tensions_n == solve(Distribution::LeastNorm).unwrap().tensions_n;
-        if !unbounded && safer[1] >= safer[0] {
-            prop_assert!(candidates(&a, &force, safer, 0.0).is_empty(), "{safe:?}");
-        }
+        agrees(&rows, &b, limits)?;
     }
+}
+
+/// Compares all three distributions of a problem with the candidates.
+fn agrees(rows: &[Vec<f64>], b: &[f64], limits: [f64; 2]) -> Result<(), TestCaseError> {
+    let (n, m) = (rows.len(), rows[0].len());
+    let a = DMatrix::from_fn(n, m, |r, c| rows[r][c]);
+    let structure = GeneralStructure::new(rows).unwrap();
+    let solve = |method| general::distribute(&structure, b, limits, method);
+    let smallest = a.singular_values().min();
+    if smallest < 1e-9 {
+        prop_assert_eq!(solve(Distribution::LeastNorm), Err(TensionError::Singular));
+        return Ok(());
+    }
+    prop_assume!(smallest > 1e-3);
+    let force = DVector::from_column_slice(b);
+    let all = candidates(&a, &force, limits, 1e-11);
+    let loose = !candidates(&a, &force, limits, 1e-7).is_empty();
+    if all.is_empty() {
+        // Only the edge of the feasible set is undecided.
+        if !loose {
+            for method in [Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
+                prop_assert_eq!(solve(method).unwrap_err().kind(), "infeasible");
+            }
+        }
+        return Ok(());
+    }
+    let least = all.iter().min_by(|x, y| x.norm().total_cmp(&y.norm())).unwrap();
+    let sum = all.iter().map(|t| t.sum()).fold(f64::INFINITY, f64::min);
+    let scale = 1.0 + least.amax();
+    let check = |t: &CableVec| {
+        (&a * DVector::from_column_slice(t) - &force).amax() < 1e-9 * scale && margin(t, limits) > -1e-9 * scale
+    };
+
+    let found = solve(Distribution::LeastNorm).unwrap().tensions_n;
+    prop_assert!(check(&found), "{found:?}");
+    for (x, y) in found.iter().zip(least.iter()) {
+        prop_assert!((x - y).abs() < 1e-8 * scale, "{found:?} {least:?}");
+    }
+    let found = solve(Distribution::MinSum).unwrap().tensions_n;
+    prop_assert!(check(&found), "{found:?}");
+    prop_assert!((found.sum() - sum).abs() < 1e-8 * scale, "{found:?} {sum}");
+
+    let safe = solve(Distribution::Safest).unwrap();
+    prop_assert!(check(&safe.tensions_n), "{safe:?}");
+    let [low, high] = limits;
+    let safer = [low + safe.margin_n + 1e-6 * scale, high - safe.margin_n - 1e-6 * scale];
+    // Without an upper limit the margin may be unbounded; then the result is the least norm.
+    let unbounded = high.is_infinite() && safe.tensions_n == solve(Distribution::LeastNorm).unwrap().tensions_n;
+    if !unbounded && safer[1] >= safer[0] {
+        prop_assert!(candidates(&a, &force, safer, 0.0).is_empty(), "{safe:?}");
+    }
+    Ok(())
 }
 
 #[test]
@@ -152,5 +166,39 @@ fn shapes_that_do_not_fit_are_refused() {
         (vec![1.0], [0.0, 1.0], Distribution::Unique),
     ] {
         assert_eq!(general::distribute(&structure, &wrench, limits, method).unwrap_err().kind(), "invalid_argument");
+    }
+}
+
+#[test]
+fn nearly_parallel_cables_hold_a_force_with_large_tensions() {
+    // Found by the search above: the only tensions are a thousand times the force.
+    let rows = [
+        vec![
+            -0.3206272210633288,
+            0.0,
+            0.35817711026309024,
+            0.9151775392213805,
+            -0.8991640629815376,
+            0.23997417558184045,
+        ],
+        vec![0.7119023391349812, 0.0, -0.1669537065510794, 0.0, -0.5211602256283485, 0.0035310880060272568],
+        vec![
+            -0.4652647617513043,
+            -0.8951506438053969,
+            0.5647637396876093,
+            0.0,
+            -0.7863330692662601,
+            0.12624543327280152,
+        ],
+        vec![-0.917710473397273, 0.0, 0.009694327833678964, 0.8460442054904236, -0.8590818973104074, 0.698466692810645],
+    ];
+    let force = [-1.6625855380169734, 0.0, 0.0, 0.0];
+    agrees(&rows, &force, [0.0, f64::INFINITY]).unwrap();
+    let structure = GeneralStructure::new(&rows).unwrap();
+    let held = general::distribute(&structure, &force, [0.0, f64::INFINITY], Distribution::LeastNorm).unwrap();
+    for (t, expected) in
+        held.tensions_n.iter().zip([2981.21690859, 0.0, 4564.83676621, 0.0, 2658.24465023, 7123.16115459])
+    {
+        assert!((t - expected).abs() < 1e-6, "{held:?}");
     }
 }

@@ -1,6 +1,8 @@
 //! Lengths of a running robot, in place of typed ones.
 
-use client::{Place, link, newest, system_of};
+use cable_robot::CableVec;
+use calibration::{Paying, TouchDown};
+use client::{Place, RobotLink, Samples, link, newest, system_of};
 use command::{Answer, Failure};
 use messages::MotorState;
 use std::time::Duration;
@@ -30,6 +32,68 @@ pub fn capture(domain: Option<&str>) -> Answer<CapturedLengths> {
     let state = newest::<MotorState>(&link, "motor/state", PATIENCE)?
         .ok_or_else(|| Failure::NotNow("the robot publishes no lengths; `nims status` says why".to_owned()))?;
     lengths(&state, counts_per_m).map_err(Failure::NotNow)
+}
+
+/// What a [`TouchDownWatch`] has seen.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Seen {
+    /// No touch-down so far.
+    Nothing,
+    /// The node touched the floor with these lengths.
+    Touched(CapturedLengths),
+}
+
+/// Watches a running robot that lowers its node onto the floor.
+pub struct TouchDownWatch {
+    link: RobotLink,
+    states: Samples<MotorState>,
+    counts_per_m: Vec<f64>,
+    detector: TouchDown,
+}
+
+impl TouchDownWatch {
+    /// Begins to watch the robot in this domain, or the only running one.
+    ///
+    /// # Errors
+    /// No robot runs, or its lengths cannot be used now.
+    pub fn begin(domain: Option<&str>) -> Answer<Self> {
+        // What prevents a capture at rest prevents this one, except a motion.
+        let link = link(Place { domain, ..Place::default() })?;
+        let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
+        let mut states = link.subscriber::<MotorState>("motor/state")?;
+        // Samples of before are of no use.
+        states.latest()?;
+        Ok(Self { link, states, counts_per_m, detector: TouchDown::default() })
+    }
+
+    /// Takes the samples since the last call.
+    ///
+    /// # Errors
+    /// The channel cannot be read, or the lengths cannot be used.
+    pub fn poll(&mut self) -> Answer<Seen> {
+        while let Some(state) = self.states.receive()? {
+            let Some(lengths_m) = touched(&mut self.detector, &state) else { continue };
+            // A winch that goes on would let out loose cable. The robot stops for that by itself, a moment later.
+            let _ = self.link.ask("motor-io", &messages::Request::Stop);
+            let at_rest = MotorState { velocity_m_s: [0.0; messages::CABLES], ..state };
+            let taken = lengths(&at_rest, self.counts_per_m.clone()).map_err(Failure::NotNow)?;
+            return Ok(Seen::Touched(CapturedLengths { lengths_m: lengths_m.to_vec(), ..taken }));
+        }
+        Ok(Seen::Nothing)
+    }
+}
+
+/// Takes one sample; returns the lengths if the node has touched the floor.
+fn touched(detector: &mut TouchDown, state: &MotorState) -> Option<CableVec> {
+    let cables = usize::from(state.cable_count);
+    if state.fresh.iter().take(cables).any(|fresh| *fresh == 0) {
+        return None;
+    }
+    detector.step(&Paying {
+        time_s: state.header.stamp_ns as f64 * 1e-9,
+        command_m_s: CableVec::from_array8(&state.command_m_s, cables),
+        lengths_m: CableVec::from_array8(&state.length_m, cables),
+    })
 }
 
 /// Takes the lengths of a sample.

@@ -201,6 +201,12 @@ impl Guide {
             && matches!(self.question, Question::Lengths { .. } | Question::Confirmation { .. })
     }
 
+    /// Returns whether this line asks for the lengths at which the running robot touches the floor with the node.
+    pub fn takes_touch_down(&self, line: &str) -> bool {
+        line.trim().eq_ignore_ascii_case("touch")
+            && matches!(self.question, Question::Lengths { .. } | Question::Confirmation { .. })
+    }
+
     /// Applies lengths of the running robot to the open point.
     pub fn capture(&mut self, captured: &CapturedLengths) -> Reply {
         let count = pulleys(&self.file);
@@ -244,7 +250,7 @@ impl Guide {
 
 /// Text for `help`.
 const HELP: &str = "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
-                    points, quit stops. capture takes the lengths of the running robot. All answers are saved, and the same command continues.";
+                    points, quit stops. capture takes the lengths of the running robot, and touch those at which it sets the node down. All answers are saved, and the same command continues.";
 
 fn refused(message: String) -> Reply {
     Reply { message, changed: false, next_step: NextStep::Ask }

@@ -7,6 +7,9 @@ use rustix::io::Errno;
 /// Poll interval: maximum delay until a signal that arrives just before the wait takes effect.
 const POLL_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 
+/// Poll interval while something in addition to the input is watched: a few cycles of the robot.
+const WATCH_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
+
 /// Input event.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum InputEvent {
@@ -38,6 +41,22 @@ impl<'a> LineReader<'a> {
     /// # Errors
     /// The file cannot be read.
     pub fn next(&mut self, stopped: &dyn Fn() -> bool) -> Result<InputEvent, std::io::Error> {
+        self.next_within(&POLL_INTERVAL, &mut || stopped())
+    }
+
+    /// Like [`LineReader::next`]; `stopped` is called every few cycles of the robot.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn next_while_watching(&mut self, stopped: &mut dyn FnMut() -> bool) -> Result<InputEvent, std::io::Error> {
+        self.next_within(&WATCH_INTERVAL, stopped)
+    }
+
+    fn next_within(
+        &mut self,
+        interval: &Timespec,
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Result<InputEvent, std::io::Error> {
         let text = |bytes: &[u8]| InputEvent::Line(String::from_utf8_lossy(bytes).into_owned());
         loop {
             if stopped() {
@@ -51,7 +70,7 @@ impl<'a> LineReader<'a> {
                 let rest = std::mem::take(&mut self.read);
                 return Ok(if rest.is_empty() { InputEvent::End } else { text(&rest) });
             }
-            match poll(&mut [PollFd::from_borrowed_fd(self.from, PollFlags::IN)], Some(&POLL_INTERVAL)) {
+            match poll(&mut [PollFd::from_borrowed_fd(self.from, PollFlags::IN)], Some(interval)) {
                 Ok(0) | Err(Errno::INTR) => continue,
                 Ok(_) => {}
                 Err(error) => return Err(error.into()),

@@ -3,7 +3,8 @@
 //! Invariants:
 //! * The measurements file is the whole state: it is on the disk before the next question, and the same command
 //!   continues from it.
-//! * It causes no motion, and needs a running robot only for `capture`, which takes the lengths that it shows.
+//! * It causes no motion, and needs a running robot only for `capture`, which takes the lengths that it shows, and for
+//!   `touch`, which takes those of a touch-down and stops the motion there.
 
 mod capture;
 mod doubt;
@@ -22,6 +23,7 @@ mod undo;
 use crate::calibrate::{self, MeasurementsFile};
 use command::{Answer, Failure, Output};
 
+use capture::{CapturedLengths, Seen, TouchDownWatch};
 use config::file;
 use guide::{Guide, NextStep};
 use input::{InputEvent, LineReader};
@@ -80,16 +82,21 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
                 return Err(left());
             }
         };
-        let reply = if guide.takes_capture(&line) {
-            match capture::capture(domain) {
-                Ok(captured) => guide.capture(&captured),
-                Err(failure) => {
-                    print_message(&format!("{}.", failure.to_string().trim_end_matches('.')));
-                    continue;
-                }
-            }
+        let captured = if guide.takes_capture(&line) {
+            Some(capture::capture(domain).map(Some))
+        } else if guide.takes_touch_down(&line) {
+            Some(touch_down(domain, &mut lines, &|| stop.load(Ordering::Relaxed)))
         } else {
-            guide.answer(&line)
+            None
+        };
+        let reply = match captured {
+            None => guide.answer(&line),
+            Some(Ok(Some(captured))) => guide.capture(&captured),
+            Some(Ok(None)) => continue,
+            Some(Err(failure)) => {
+                print_message(&format!("{}.", failure.to_string().trim_end_matches('.')));
+                continue;
+            }
         };
         if reply.changed {
             stored.save(guide.file())?;
@@ -101,6 +108,32 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
             NextStep::Ask => {}
             NextStep::Leave => return Err(left()),
             NextStep::Finish => return finish(path, args.out.as_deref()),
+        }
+    }
+}
+
+/// Waits until the running robot has set the node down on the floor; `None` if a line was typed, or at the end of the
+/// input.
+fn touch_down(
+    domain: Option<&str>,
+    lines: &mut LineReader<'_>,
+    stopped: &dyn Fn() -> bool,
+) -> Answer<Option<CapturedLengths>> {
+    let mut watch = TouchDownWatch::begin(domain)?;
+    print_message(
+        "Lower the node slowly, straight down onto the floor and on (nims goto to a place below the floor, at 0.05 m/s); the lengths are \
+         taken when all cables are slack, and the motion is stopped. Enter ends the wait.",
+    );
+    let mut seen = Ok(Seen::Nothing);
+    let event = lines.next_while_watching(&mut || {
+        seen = watch.poll();
+        stopped() || !matches!(seen, Ok(Seen::Nothing))
+    });
+    match (seen?, event.map_err(Failure::not_now)?) {
+        (Seen::Touched(captured), _) => Ok(Some(captured)),
+        (Seen::Nothing, _) => {
+            print_message("No touch-down was seen.");
+            Ok(None)
         }
     }
 }

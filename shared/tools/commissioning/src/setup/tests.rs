@@ -533,8 +533,28 @@ fn foreign_files_are_not_continued() {
     }
 }
 
+/// Found by the dialogues below: wheels of 72 mm take up more than a cable of 0.1 m.
+#[test]
+fn a_length_that_the_wheel_uses_up_leaves_a_file_that_can_be_continued() {
+    let mut guide = Guide::default();
+    for line in [
+        "3", "9.8", "9.1", "9.4", "l", "30", "1", "30", "7,2cm", "3", "10cm", "10", "10", "", "10 10 10", "", "9 9 9",
+        "",
+    ] {
+        guide.answer(line);
+        assert_eq!(again(&guide), guide);
+    }
+    assert!(guide.file().point.len() == 3 && guide.question().contains("72 mm"), "{}", guide.question());
+}
+
+/// `NIMS_DIALOGUES` sets how many dialogues are drawn.
+fn dialogues() -> ProptestConfig {
+    let cases = std::env::var("NIMS_DIALOGUES").map_or(48, |count| count.parse().unwrap());
+    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(dialogues())]
 
     #[test]
     fn any_input_leaves_a_file_that_can_be_continued(
