@@ -196,7 +196,8 @@ struct Connection {
     decoder: Decoder,
     /// `None` before `hello`.
     holder: Option<Holder>,
-    subscriptions: Vec<u64>,
+    /// Numbers and channels.
+    subscriptions: Vec<(u64, String)>,
     /// Unanswered calls.
     unanswered: usize,
     budget: Budget,
@@ -400,7 +401,7 @@ impl Core {
             Call::Subscribe { channel, rate_hz, .. } => return self.subscribe(client, id, channel, rate_hz),
             Call::Unsubscribe { subscription, .. } => {
                 let Some(connection) = self.connections.get_mut(&client) else { return };
-                connection.subscriptions.retain(|one| *one != subscription);
+                connection.subscriptions.retain(|(one, _)| *one != subscription);
                 self.actions.push(Action::Unsubscribe { client, id: subscription });
                 return self.send(client, Reply::Done { id });
             }
@@ -439,11 +440,19 @@ impl Core {
             let why = detail(format_args!("`{channel}` is no name of a channel; `channels` lists them"));
             return self.refuse(client, id, Reason::NotAsked { why });
         }
-        if connection.subscriptions.contains(&id) {
+        if connection.subscriptions.iter().any(|(one, _)| *one == id) {
             let why = detail(format_args!("a subscription has the number {id} already; give another one"));
             return self.refuse(client, id, Reason::NotAsked { why });
         }
-        connection.subscriptions.push(id);
+        // A second one would send every sample twice through the same socket.
+        if let Some((one, _)) = connection.subscriptions.iter().find(|(_, of)| *of == channel) {
+            let why = format_args!(
+                "subscription {one} has the channel `{channel}` already; use its samples, or end it first"
+            );
+            let why = detail(why);
+            return self.refuse(client, id, Reason::NotAsked { why });
+        }
+        connection.subscriptions.push((id, channel.clone()));
         // First, so that no sample comes before it.
         self.send(client, Reply::Done { id });
         self.actions.push(Action::Subscribe { client, id, channel, rate_hz });

@@ -79,9 +79,9 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
         let refused = |reason: Reason| Done::Answer(Box::new(reason.answer()));
         let no_run = |run: &str| refused(Reason::NoFinishedRun { run: detail(run) });
         let outcome = match job {
-            Job::Mission(run, text) => match config::store_mission(&run, &text) {
-                Ok(_) => Outcome::Stored(ticket),
-                Err(error) => Outcome::Done(ticket, refused(Reason::DiskRefused { why: detail(error) })),
+            Job::Mission(run, text) => match store(&run, &text) {
+                Ok(()) => Outcome::Stored(ticket),
+                Err(reason) => Outcome::Done(ticket, refused(reason)),
             },
             Job::Runs(present) => {
                 Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs: runs::list(folder, present.as_deref()) }))
@@ -120,6 +120,34 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
     }
 }
 
+/// Stores the text of a mission; the rest of what a client may send is not a mission, and is not stored.
+fn store(run: &std::path::Path, text: &str) -> Result<(), Reason> {
+    mission::Mission::parse(text).map_err(|error| error.reason())?;
+    config::store_mission(run, text).map(|_| ()).map_err(|error| Reason::DiskRefused { why: detail(error) })
+}
+
 fn find(files: Vec<FileRow>, name: &str) -> Option<FileRow> {
     files.into_iter().find(|file| file.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_mission_is_stored() {
+        let run = tempfile::tempdir().unwrap();
+        let good = "name = \"up\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 0.5] }\n";
+        for (text, reason) in [
+            ("#!/bin/sh\nrm -r .", 221),
+            ("", 221),
+            (&good.replace("4.8", "nan"), 224),
+            (&good.replace("to_m", "too_m"), 221),
+        ] {
+            assert_eq!(store(run.path(), text).unwrap_err().code(), reason, "{text}");
+        }
+        assert!(!run.path().join(config::INBOX).exists());
+        store(run.path(), good).unwrap();
+        assert_eq!(config::read_mission(run.path(), &config::mission_hash(good)).unwrap(), good);
+    }
 }

@@ -19,6 +19,7 @@ mod budget;
 pub mod core;
 mod disk;
 mod hub;
+mod lane;
 mod outbox;
 mod robot;
 pub mod roles;

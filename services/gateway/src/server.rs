@@ -3,8 +3,9 @@
 use crate::core::{Action, ClientId, Core, Done, Event, Question, Ticket};
 use crate::disk::{Disk, Job, Outcome};
 use crate::hub::{Delivery, count};
+use crate::lane::stops;
 use crate::outbox::{DESCRIPTORS, Outbox, PAUSED};
-use crate::robot::{Robot, stops};
+use crate::robot::Robot;
 use crate::roles::Roles;
 use crate::settings::Settings;
 use crate::tokens::Tokens;

@@ -283,6 +283,31 @@ fn a_client_opens_ten_files_at_once_and_makes_one_list() {
 }
 
 #[test]
+fn a_connection_has_one_subscription_of_a_channel() {
+    let mut core = core();
+    connected(&mut core, 1, "eve");
+    connected(&mut core, 2, "eve");
+    let mut go = |client, call: Call| core.step(0, Event::Received { client, bytes: &framed(&call, &[]) });
+    let subscribe = |id, name: &str| Call::Subscribe { id, channel: name.to_owned(), rate_hz: None };
+    let subscribed = |actions: &[Action]| matches!(actions, [Action::Send { .. }, Action::Subscribe { .. }]);
+    assert!(subscribed(&go(1, subscribe(1, "motor/state"))));
+    let second = go(1, subscribe(2, "motor/state"));
+    assert_eq!(reason(&second), 456);
+    let [Action::Send { reply: Reply::Answer { sentence, .. }, .. }] = &second[..] else { panic!("{second:?}") };
+    assert!(sentence.contains("subscription 1") && sentence.contains("motor/state"), "{sentence}");
+    assert_eq!(reason(&go(1, subscribe(1, "motor/input"))), 456);
+    // Another connection, another channel, and the same one after its end.
+    assert!(subscribed(&go(2, subscribe(2, "motor/state"))));
+    assert!(subscribed(&go(1, subscribe(3, "motor/input"))));
+    go(1, Call::Unsubscribe { id: 4, subscription: 1 });
+    assert!(subscribed(&go(1, subscribe(5, "motor/state"))));
+    for id in 10..10 + SUBSCRIPTIONS as u64 - 2 {
+        assert!(subscribed(&go(1, subscribe(id, &format!("sensor/{id}")))));
+    }
+    assert_eq!(reason(&go(1, subscribe(999, "sensor/more"))), 464);
+}
+
+#[test]
 fn the_calls_of_a_client_that_is_gone_are_not_wanted() {
     let mut core = core();
     connected(&mut core, 1, "ada");

@@ -52,7 +52,9 @@ pub use file_kind::FileKind;
 pub use gateway::GatewaySection;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
-pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
+pub use mission_copy::{
+    INBOX, INBOX_BYTES, INBOX_FILES, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission,
+};
 pub use motor_box::MotorBoxTable;
 pub use motor_io::MotorIoSection;
 pub use number::{Given, number};

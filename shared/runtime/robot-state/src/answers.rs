@@ -271,7 +271,7 @@ answers! {
     213 MissionNotBegun { mission: Detail } REFUSED, "mission \"{mission}\" was not begun; run it without --continue";
     214 MissionChanged { mission: Detail } REFUSED, "mission \"{mission}\" was changed since it was begun; run it from its beginning, without --continue";
     215 MissionDone { mission: Detail } REFUSED, "mission \"{mission}\" is done; nothing is left of it, run it without --continue";
-    216 RequesterTimedOut REFUSED, "not started: the request timed out while the motion was being planned; request it again, or fly a shorter mission";
+    216 RequesterTimedOut REFUSED, "not started: the request timed out, or a stop withdrew it, while the motion was being planned; request it again, or fly a shorter mission";
     221 MissionInvalid { why: Detail } BAD_INPUT, "{why}";
     222 CopyUnreadable { copy: Detail, why: Detail } BAD_INPUT, "the copy {copy} of the mission cannot be read: {why}; request the mission again";
     223 CopyChanged { copy: Detail } BAD_INPUT, "{copy} is not the mission that was requested: its SHA-256 differs; request the mission again";
