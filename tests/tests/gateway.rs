@@ -620,13 +620,68 @@ fn a_finished_run_is_fetched_whole_and_only_a_finished_one() {
         std::fs::read(robot.run().join(name)).unwrap() == std::fs::read(home.path().join("copy").join(name)).unwrap()
     };
     assert!(same("run.mcap") && same("manifest.json") && same("log/motor-io.txt"));
-    // A report from the copy needs no robot.
-    told(&gateway, home.path(), &["info", "copy"]);
+    // A report from the copy needs no robot; one of a closed folder is made through the gateway, and is the same.
+    let from_copy = told(&gateway, home.path(), &["info", "copy"]);
+    assert!(from_copy.contains("motor/input"), "{from_copy}");
+    assert_eq!(told(&gateway, home.path(), &["info", &run]).replace(&run, "copy"), from_copy.replace(&run, "copy"));
+    told(&gateway, home.path(), &["report", &run]);
+    let page = std::fs::read_to_string(home.path().join(format!("{run}.html"))).unwrap();
+    assert!(page.contains("<html") && !robot.run().join("report.html").exists());
+    let refused = nims(&gateway, home.path(), &["info", "no-such-run"]);
+    assert_eq!(refused.status.code(), Some(2), "{}", String::from_utf8_lossy(&refused.stderr));
     for name in ["../state", "..", "/etc", "no-such-run"] {
         let refused = nims(&gateway, home.path(), &["fetch", name, "other"]);
         assert_eq!(refused.status.code(), Some(2), "{name}");
     }
     assert!(!home.path().join("other").exists());
+}
+
+/// A plug-in in Python, which knows nothing but the socket: its readings are a channel as that of any sensor.
+#[test]
+fn a_plug_in_publishes_through_the_gateway() {
+    let mut robot = Robot::up("");
+    robot.arm();
+    let declared = "[[plugin]]\nname = \"soil\"\nquantity = [\"moisture\", \"temperature\"]\nunit = [\"%\", \"°C\"]\nrate_hz = 50.0\nlever_m = [0.0, 0.0, -0.5]\n";
+    let gateway = Gateway::joined(&robot, declared);
+    let script = "import nims_gateway\nwith nims_gateway.Sensor() as sensor:\n    sent = 0\n    while sent < 20:\n        sent += \
+                  sensor.send([sent, None], age_s=0.25)\n        nims_gateway.time.sleep(0.05)\n    try:\n        \
+                  sensor.send([1.0])\n    except nims_gateway.Refused as refused:\n        print(refused.reason, refused)\n";
+    let mut readings = robot.bus.subscriber::<messages::Reading>("sensor/soil").unwrap();
+    let python = std::env::var("NIMS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let output = Command::new(python)
+        .args(["-c", script])
+        .env("PYTHONPATH", robot::root().join("scripts/python"))
+        .env("NIMS_GATEWAY", &gateway.socket)
+        .env("NIMS_NAME", "soil")
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(String::from_utf8_lossy(&output.stdout).starts_with("456 "), "{}", String::from_utf8_lossy(&output.stdout));
+    let mut values = Vec::new();
+    while let Some(reading) = readings.receive().unwrap() {
+        assert!(reading.count == 2 && reading.value[1].is_nan() && reading.lever_m == [0.0, 0.0, -0.5]);
+        assert_eq!(reading.header.stamp_ns - reading.header.oldest_input_ns, 250_000_000);
+        assert_eq!(
+            (text_of(&reading.quantity), text_of(&reading.unit)),
+            ("moisture,temperature".into(), "%,°C".into())
+        );
+        values.push(reading.value[0]);
+    }
+    assert_eq!(values, (0..20).map(f64::from).collect::<Vec<_>>());
+    // The channel ends with the connection, and is in the run.
+    gateway.until("the channel is closed", |gateway| {
+        let Reply::Channels { channels, .. } = gateway.client().call(&Call::Channels { id: 1 }) else { panic!() };
+        channels.iter().all(|row| row.name != "sensor/soil" || row.processes.iter().all(|name| name != "gateway"))
+    });
+    // Without systemd it says so; nothing is started as the robot's user instead.
+    if !Path::new("/run/systemd/system").exists() {
+        let start = Request::StartProcess { name: "soil".to_owned(), slot: None, law: None };
+        assert_eq!(gateway.client().ask(start).0, 471);
+    }
+    robot.down(Signal::INT);
+    let listed = Command::new(program()).args(["info", robot.run().to_str().unwrap()]).output().unwrap();
+    let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+    assert!(listed.contains("sensor/soil"), "{listed}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What touches the disk, on a thread of its own: a disk can block for seconds, and a stop must not wait for it.
 
-use crate::core::{Done, Ticket};
+use crate::events::{Done, Ticket};
+use crate::plugin::{self, Verb};
 use crate::runs;
 use gateway_protocol::{FileRow, Reply};
 use robot_state::Reason;
@@ -24,6 +25,8 @@ pub(crate) enum Job {
     Open(Option<PathBuf>, String, String),
     /// Reads the configuration of a run.
     Configuration(PathBuf),
+    /// Starts or stops a plug-in of a robot.
+    Plugin(String, String, Verb),
     /// Stores the text of a mission in a run.
     Mission(PathBuf, String),
 }
@@ -76,13 +79,18 @@ impl Disk {
 fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<Outcome>) {
     while let Ok((ticket, job)) = jobs.recv() {
         let reply = |reply| Done::Reply(Box::new(reply), Vec::new(), None);
-        let refused = |reason: Reason| Done::Answer(Box::new(reason.answer()));
-        let no_run = |run: &str| refused(Reason::NoFinishedRun { run: detail(run) });
+        let answered = |reason: Reason| Done::Answer(Box::new(reason.answer()));
+        let no_run = |run: &str| answered(Reason::NoFinishedRun { run: detail(run) });
         let outcome = match job {
             Job::Mission(run, text) => match store(&run, &text) {
                 Ok(()) => Outcome::Stored(ticket),
-                Err(reason) => Outcome::Done(ticket, refused(reason)),
+                Err(reason) => Outcome::Done(ticket, answered(reason)),
             },
+            Job::Plugin(robot, plugin, verb) => {
+                let reason = plugin::carry_out(&robot, &plugin, verb);
+                eprintln!("gateway: {reason}");
+                Outcome::Done(ticket, answered(reason))
+            }
             Job::Runs(present) => {
                 Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs: runs::list(folder, present.as_deref()) }))
             }
@@ -96,12 +104,14 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                     ticket,
                     match file {
                         None => no_run(&run),
-                        Some(None) => refused(Reason::NoRunFile { run: detail(&run), file: detail(&name) }),
+                        Some(None) => answered(Reason::NoRunFile { run: detail(&run), file: detail(&name) }),
                         Some(Some(file)) => match runs::open(folder, &run, &file) {
                             Ok((descriptor, bytes)) => {
                                 Done::Reply(Box::new(Reply::Opened { id: 0, bytes }), Vec::new(), Some(descriptor))
                             }
-                            Err(error) => refused(Reason::DiskRefused { why: detail(format_args!("{name}: {error}")) }),
+                            Err(error) => {
+                                answered(Reason::DiskRefused { why: detail(format_args!("{name}: {error}")) })
+                            }
                         },
                     },
                 )
@@ -110,7 +120,7 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                 ticket,
                 match runs::configuration(&run, CONFIGURATION) {
                     Ok((files, body)) => Done::Reply(Box::new(Reply::Configuration { id: 0, files }), body, None),
-                    Err(why) => refused(Reason::DiskRefused { why: detail(why) }),
+                    Err(why) => answered(Reason::DiskRefused { why: detail(why) }),
                 },
             ),
         };

@@ -1,6 +1,6 @@
 //! Requests to one process of the robot: those that wait, those that were sent, and their answers.
 
-use crate::core::Ticket;
+use crate::events::Ticket;
 use bus::{BusError, Client, Pending};
 use client::ANSWER;
 use messages::{OperatorRequest, RequestAnswer};

@@ -1,13 +1,13 @@
 //! The robot, while one runs: its place on the bus, requests to its processes, and its subscriptions.
 
-use crate::core::Ticket;
+use crate::events::Ticket;
 use crate::hub::{Delivery, Hub};
 use crate::lane::{Lane, Waiting, failed, stops};
 use bus::estop::Attempt;
-use bus::{Bus, BusError, Domain, Participant};
+use bus::{Bus, BusError, Domain, Participant, Publisher};
 use client::{ANSWER, MOTOR_IO, PLANNER, Running, SUPERVISOR};
 use gateway_protocol::{ChannelRow, MemoryFigures, RobotFacts};
-use messages::{OperatorRequest, RequestAnswer, put_sentence};
+use messages::{OperatorRequest, Reading, RequestAnswer, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use rustix::process::{Pid, test_kill_process};
@@ -19,6 +19,8 @@ const NAME: &str = "gateway";
 const LOOK_NS: u64 = 250_000_000;
 /// Time after an attempt to join that has failed, ns: the attempt itself takes a second.
 const REJOIN_NS: u64 = 5_000_000_000;
+/// Time between two attempts to create the channel of a plug-in, ns.
+const AGAIN_NS: u64 = 1_000_000_000;
 /// Largest number of emergency stops under way: further ones are answered with the last of them.
 const STOPS: usize = 64;
 
@@ -26,6 +28,8 @@ const STOPS: usize = 64;
 struct Joined {
     /// Process id of its supervisor; another one is another life of the robot.
     supervisor: Option<u32>,
+    /// Channels of plug-ins; or until when one cannot be created, with the reason, ns.
+    sensors: BTreeMap<String, Result<Publisher<Reading>, (u64, Box<RequestAnswer>)>>,
     /// Created first and dropped last of the two: the places reserved for a stop.
     lanes: BTreeMap<String, Lane>,
     members: Bus,
@@ -210,6 +214,39 @@ impl Robot {
         }
     }
 
+    /// Publishes a reading of a plug-in; its channel is created with the first one.
+    ///
+    /// # Errors
+    /// No robot runs, or the channel cannot be created: the answer.
+    pub(crate) fn publish(
+        &mut self,
+        sensor: &str,
+        mut reading: Reading,
+        now_ns: u64,
+    ) -> Result<(), Box<RequestAnswer>> {
+        let absent = self.absent();
+        let joined = self.joined.as_mut().ok_or(absent)?;
+        let created = joined.sensors.get(sensor);
+        if created.is_none_or(|created| created.as_ref().is_err_and(|(again_ns, _)| now_ns >= *again_ns)) {
+            // As a guest: it leaves the places and the memory that the robot's own processes need.
+            let publisher = joined.guests.publisher::<Reading>(&format!("sensor/{sensor}"));
+            let publisher = publisher.map_err(|error| (now_ns + AGAIN_NS, failed(&error)));
+            joined.sensors.insert(sensor.to_owned(), publisher);
+        }
+        match joined.sensors.get_mut(sensor) {
+            Some(Ok(publisher)) => publisher.send(&mut reading).map(|_| ()).map_err(|error| failed(&error)),
+            Some(Err((_, answer))) => Err(answer.clone()),
+            None => Ok(()),
+        }
+    }
+
+    /// Closes the channel of a plug-in.
+    pub(crate) fn unpublish(&mut self, sensor: &str) {
+        if let Some(joined) = &mut self.joined {
+            joined.sensors.remove(sensor);
+        }
+    }
+
     /// Sends an emergency stop. It needs no place on the bus, so it is sent even if the robot could not be joined.
     ///
     /// # Errors
@@ -296,7 +333,7 @@ impl Joined {
             lanes.insert(name.to_owned(), Lane::new(members.client(process)?));
         }
         let guests = Bus::join_as(domain, NAME, Participant::Guest)?;
-        Ok(Self { supervisor, lanes, members, guests })
+        Ok(Self { supervisor, sensors: BTreeMap::new(), lanes, members, guests })
     }
 }
 
