@@ -1,5 +1,5 @@
-//! `nims report` and `nims info` of finished runs whose folder is closed to this user: read through the descriptors that
-//! the gateway hands out, into a folder that exists as long as the command.
+//! `nims report` and `nims info` of finished runs whose folder is closed to this user: read through the descriptors
+//! that the gateway hands out, into a folder that exists as long as the command.
 
 use crate::fetch::copy_run;
 use analysis::Command;

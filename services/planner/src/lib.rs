@@ -1,6 +1,6 @@
 //! Turns missions and requests into checked motion segments.
 //!
-//! [`mission`](::mission) reads a mission file, [`plan`] makes segments of it and checks each against the robot's limits,
+//! The crate `mission` reads a mission file, [`plan`] makes segments of it and checks each against the robot's limits,
 //! [`Planner`] tracks the one mission that is flown, [`progress`] stores on disk how far it came, [`dry_run()`]
 //! predicts a mission without flying it. [`scan`] makes way points of patterns over an area.
 //!

@@ -48,8 +48,8 @@ pub fn follow(link: &RobotLink, asked: &Request, mut seen: impl FnMut(&ProcessSt
     }
 }
 
-/// The row of a plug-in, which the service manager runs: the gateway's answer comes when it has done so, and the process
-/// table does not have it. Its `reason` is that answer.
+/// The row of a plug-in, which the service manager runs: the gateway's answer comes when it has done so, and the
+/// process table does not have it. Its `reason` is that answer.
 fn plugin_row(answer: &OperatorRequest, asked: &Request, sentence: &str) -> Option<ProcessState> {
     let state = match Reason::from_request(answer)? {
         Reason::PluginStarted { .. } => ProcessState::STATE_RUNNING,

@@ -13,12 +13,13 @@ use crate::file::{self, ReadError};
 /// Folder of the run in which requested missions lie for the planner.
 pub const INBOX: &str = "inbox";
 
-/// Most missions in that folder, and their bytes in all: a mission with the largest accepted number of points fits once.
+/// Most missions in that folder, and their bytes in all: a mission with the largest accepted number of points fits
+/// once.
 pub const INBOX_FILES: usize = 64;
 /// See [`INBOX_FILES`].
 pub const INBOX_BYTES: u64 = file::LARGEST_BYTES;
-/// Age from which a copy makes room for another one: by then the planner has read it and the supervisor has archived it,
-/// or its request has had no answer for ten times as long as a requester waits.
+/// Age from which a copy makes room for another one: by then the planner has read it and the supervisor has archived
+/// it, or its requester has long given up.
 const UNUSED: Duration = Duration::from_secs(60);
 
 /// A copy of a mission that cannot be stored or used.
