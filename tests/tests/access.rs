@@ -14,9 +14,11 @@ use std::process::{Child, Command, Output};
 
 /// A user other than the present one.
 const STRANGER: u32 = 65533;
-/// Another one, in the group of the gateway's socket.
+/// Others, in the group of the gateway's socket: one who flies, one who only looks, and the user of the plug-ins.
 const OPERATOR: u32 = 65532;
 const OPERATORS: u32 = 65531;
+const LOOKER: u32 = 65530;
+const PLUGIN: u32 = 65529;
 
 /// The folder and everything in it; a link counts as the target that it leads to.
 fn all_below(folder: &Path, into: &mut Vec<PathBuf>) {
@@ -64,61 +66,220 @@ impl Drop for Ended {
     }
 }
 
-/// What an operator can do through the gateway, whose socket only the operators' group can open, and nothing more.
-fn operator_uses_the_gateway(robot: &mut Robot, nims: &Path, memory: &Path) {
-    let folder = open_folder();
-    let (socket, system) = (folder.path().join("robot.sock"), robot.folder().join("configs/systems/gateway.toml"));
-    let text = fs::read_to_string(robot.folder().join("configs/systems/demo3.toml")).unwrap();
-    fs::write(&system, format!("runs = \"../..\"\n{text}\n[gateway]\nfly = [\"@{OPERATORS}\"]\n")).unwrap();
-    let mut gateway = command_as(0, OPERATORS, &program().with_file_name("gateway"));
-    gateway.arg("--system").arg(&system).arg("--socket").arg(&socket).args(["--domain", robot.domain.name()]);
-    let _gateway = Ended(gateway.stderr(std::process::Stdio::null()).spawn().unwrap());
-    robot.until_reported("the gateway listens", |_| socket.exists());
-    // The operator's mission is in a home that the robot's user could enter only as root.
-    let home = open_folder();
-    fs::write(home.path().join("own.toml"), "name = \"own\"\n[[leg]]\nline = { to_m = [4.9, 3.1, 0.4] }\n").unwrap();
-    fs::set_permissions(home.path().join("own.toml"), PermissionsExt::from_mode(0o600)).unwrap();
-    std::os::unix::fs::chown(home.path().join("own.toml"), Some(OPERATOR), None).unwrap();
-    std::os::unix::fs::chown(home.path(), Some(OPERATOR), None).unwrap();
-    fs::set_permissions(home.path(), PermissionsExt::from_mode(0o700)).unwrap();
-    let run = |user, group, args: &[&str]| {
-        let mut command = command_as(user, group, nims);
-        command.arg("--gateway").arg(&socket).args(args).current_dir(if user == OPERATOR {
-            home.path()
-        } else {
-            "/".as_ref()
+/// Users of the table in docs/access.md: one who flies, one who only looks, and one outside the group of the socket.
+const USERS: [(&str, u32, u32); 3] =
+    [("operator", OPERATOR, OPERATORS), ("look-only", LOOKER, OPERATORS), ("stranger", STRANGER, STRANGER)];
+
+/// The gateway of a robot for other users, and what they need: homes that nobody else may enter, programs.
+struct Others<'a> {
+    nims: &'a Path,
+    memory: &'a Path,
+    port: PathBuf,
+    socket: PathBuf,
+    folder: tempfile::TempDir,
+    homes: Vec<tempfile::TempDir>,
+    _gateway: Ended,
+}
+
+impl<'a> Others<'a> {
+    fn with(robot: &mut Robot, nims: &'a Path, memory: &'a Path) -> Self {
+        let folder = open_folder();
+        let (socket, system) = (folder.path().join("robot.sock"), robot.folder().join("configs/systems/gateway.toml"));
+        let text = fs::read_to_string(robot.folder().join("configs/systems/demo3.toml")).unwrap();
+        let more = format!(
+            "[gateway]\nfly = [\"@{OPERATORS}\"]\nlook = [\"{LOOKER}\"]\npublish = [\"{PLUGIN}\"]\n[[plugin]]\nname = \
+             \"soil\"\nquantity = [\"moisture\"]\nunit = [\"%\"]\n"
+        );
+        fs::write(&system, format!("runs = \"../..\"\n{text}\n{more}")).unwrap();
+        let mut gateway = command_as(0, OPERATORS, &program().with_file_name("gateway"));
+        gateway.arg("--system").arg(&system).arg("--socket").arg(&socket).args(["--domain", robot.domain.name()]);
+        let gateway = Ended(gateway.stderr(std::process::Stdio::null()).spawn().unwrap());
+        robot.until_reported("the gateway listens", |_| socket.exists());
+        let homes = USERS.map(|(_, user, _)| {
+            // A mission in a home that the robot's user could enter only as root.
+            let home = open_folder();
+            let mission = home.path().join("own.toml");
+            fs::write(&mission, "name = \"own\"\n[[leg]]\nline = { to_m = [4.9, 3.1, 0.4] }\n").unwrap();
+            for (path, mode) in [(mission.as_path(), 0o600), (home.path(), 0o700)] {
+                fs::set_permissions(path, PermissionsExt::from_mode(mode)).unwrap();
+                std::os::unix::fs::chown(path, Some(user), None).unwrap();
+            }
+            home
         });
-        command.output().unwrap()
+        let port = fs::read_link(robot.domain.root().join("drive0")).unwrap();
+        let others = Self { nims, memory, port, socket, folder, homes: homes.into(), _gateway: gateway };
+        robot.until_reported("the gateway has joined the robot", |_| others.run(0, &["status"]).status.success());
+        others
+    }
+
+    /// `nims` as one of the users.
+    fn run(&self, user: usize, args: &[&str]) -> Output {
+        let (_, uid, gid) = USERS[user];
+        let mut command = command_as(uid, gid, self.nims);
+        command.arg("--gateway").arg(&self.socket).args(args).current_dir(self.homes[user].path()).output().unwrap()
+    }
+
+    /// A line of the shell as one of the users.
+    fn sh(&self, user: usize, line: &str) -> Output {
+        let (_, uid, gid) = USERS[user];
+        command_as(uid, gid, Path::new("/bin/sh")).args(["-c", line]).current_dir("/").output().unwrap()
+    }
+
+    /// Thirty actions and more: what it is called in docs/access.md, and how it is tried. What is allowed may fail for
+    /// another reason, e.g. because the robot moves; no command refuses one of them by itself.
+    fn actions(&self, robot: &Robot) -> Vec<(&'static str, Attempt)> {
+        let nims = |words: &[&str]| Attempt::Nims(words.iter().map(|&word| word.to_owned()).collect());
+        let present = robot.run().file_name().unwrap().to_str().unwrap().to_owned();
+        let (run, memory, domain) = (robot.run(), self.memory.display(), robot.domain.root().display().to_string());
+        let pid = robot.domain.alive().iter().find(|node| node.name == "motor-io").unwrap().pid;
+        let folder = self.folder.path().display();
+        vec![
+            ("see the state", nims(&["status"])),
+            ("list the channels", nims(&["channel", "list"])),
+            ("read a channel", nims(&["channel", "hz", "motor/state", "--for", "0.2"])),
+            ("list the finished runs", nims(&["runs"])),
+            ("hold", nims(&["hold"])),
+            ("pause", nims(&["pause"])),
+            ("resume", nims(&["resume"])),
+            ("stop", nims(&["stop"])),
+            ("arm", nims(&["arm"])),
+            ("zero the position", nims(&["zero", "--at", "4.8,3.0,0.3"])),
+            ("confirm the position", nims(&["confirm-position"])),
+            ("jog a cable", nims(&["jog", "1", "0.02"])),
+            ("fly to a point", nims(&["goto", "4.9,3.1,0.5"])),
+            ("fly an own mission", nims(&["run", "own.toml"])),
+            ("change the speed", nims(&["speed", "50"])),
+            ("change a parameter", nims(&["set", "controller.horizon_cycles", "3"])),
+            ("swap the controller", nims(&["swap", "controller", "default"])),
+            ("restart a process", nims(&["restart", "nothing"])),
+            ("cause a fault", nims(&["fault", "noise", "1", "0.001", "--for", "1"])),
+            ("unplug a sensor", nims(&["unplug", "nothing"])),
+            ("plug in a program", nims(&["plug", "shell", "--", "/bin/sh"])),
+            ("manage tokens", nims(&["token", "list"])),
+            ("copy the run that is recorded", nims(&["fetch", &present, "copy"])),
+            ("copy a folder that is no run", nims(&["fetch", "../state", "copy"])),
+            ("read the robot's memory", Attempt::Shell(format!("head -c 1 < {memory}"))),
+            ("write the robot's memory", Attempt::Shell(format!(": >> {memory}"))),
+            ("enter the robot's domain", Attempt::Shell(format!("ls {domain}/"))),
+            ("read the folder of the run", Attempt::Shell(format!("ls {}/", run.display()))),
+            ("open a port of the drives", Attempt::Shell(format!("head -c 1 < {}", self.port.display()))),
+            ("signal a process", Attempt::Shell(format!("kill -STOP {pid}"))),
+            ("read the memory of a process", Attempt::Shell(format!("head -c 1 /proc/{pid}/mem"))),
+            ("take the place of the gateway's socket", Attempt::Shell(format!("mv {0}/robot.sock {0}/old", folder))),
+            ("emergency stop", nims(&["estop"])),
+            ("reset", nims(&["reset"])),
+            ("disarm", nims(&["disarm"])),
+        ]
+    }
+
+    /// Returns whether the attempt was let through.
+    fn passes(&self, user: usize, attempt: &Attempt) -> bool {
+        let output = match attempt {
+            Attempt::Nims(words) => self.run(user, &words.iter().map(String::as_str).collect::<Vec<_>>()),
+            Attempt::Shell(line) => return self.sh(user, line).status.success(),
+        };
+        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+        let refused = ["closed to this user", " may not ", "no finished run"].iter().any(|why| sentence.contains(why));
+        assert!(output.status.success() || !sentence.is_empty());
+        !refused
+    }
+}
+
+/// How an action is tried.
+enum Attempt {
+    Nims(Vec<String>),
+    Shell(String),
+}
+
+/// The table of docs/access.md is what each user can do: every action is tried as each of them.
+fn every_action_is_tried_as_each_user(robot: &mut Robot, others: &Others<'_>) {
+    let actions = others.actions(robot);
+    assert!(actions.len() >= 30);
+    let mut table = String::from("| action | operator | look-only | stranger |\n|---|---|---|---|\n");
+    // The stranger first, so that the others cannot have left a way open.
+    let mut passed = vec![[false; USERS.len()]; actions.len()];
+    for user in (0..USERS.len()).rev() {
+        for ((_, attempt), passed) in actions.iter().zip(&mut passed) {
+            passed[user] = others.passes(user, attempt);
+        }
+    }
+    for ((name, _), passed) in actions.iter().zip(&passed) {
+        let words = passed.map(|passed| if passed { "allowed" } else { "refused" });
+        table.push_str(&format!("| {name} | {} |\n", words.join(" | ")));
+    }
+    println!("{table}");
+    let page = fs::read_to_string(robot::root().join("docs/access.md")).unwrap();
+    assert!(page.contains(&table), "docs/access.md has another table than\n{table}");
+}
+
+/// A plug-in runs as a user of its own: it delivers its readings, and can do nothing else.
+fn a_plug_in_delivers_readings_and_nothing_else(robot: &mut Robot, others: &Others<'_>) {
+    let module = others.folder.path().join("nims_gateway.py");
+    fs::copy(robot::root().join("scripts/python/nims_gateway.py"), &module).unwrap();
+    fs::set_permissions(&module, PermissionsExt::from_mode(0o644)).unwrap();
+    let script = "import nims_gateway, time\nwith nims_gateway.Sensor() as sensor:\n    for value in range(5):\n        \
+                  assert sensor.send([value])\n        time.sleep(0.2)\n    for name in 'other', '../soil':\n        \
+                  sensor.name = name\n        try:\n            sensor.send([0.0])\n        except \
+                  nims_gateway.Refused as refused:\n            print(refused.reason)\n";
+    let mut readings = robot.bus.subscriber::<messages::Reading>("sensor/soil").unwrap();
+    let run_as = |user: u32, program: &Path, args: &[&str]| {
+        let mut command = command_as(user, OPERATORS, program);
+        command.args(args).current_dir("/").env("NIMS_GATEWAY", &others.socket).env("NIMS_NAME", "soil");
+        command.env("PYTHONPATH", others.folder.path()).env("PYTHONDONTWRITEBYTECODE", "1").output().unwrap()
     };
-    let operator = |args: &[&str]| run(OPERATOR, OPERATORS, args);
-    robot.until_reported("the gateway has joined the robot", |_| operator(&["status"]).status.success());
+    let python = Path::new("/usr/bin/python3");
+    let plugin = |program: &Path, args: &[&str]| run_as(PLUGIN, program, args);
+    let running = std::thread::scope(|scope| {
+        let running = scope.spawn(|| plugin(python, &["-c", script]));
+        let mut values = Vec::new();
+        while !running.is_finished() {
+            values.extend(std::iter::from_fn(|| readings.receive().unwrap()).map(|reading| reading.value[0]));
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        assert_eq!(values, [0.0, 1.0, 2.0, 3.0, 4.0]);
+        running.join().unwrap()
+    });
+    assert!(running.status.success(), "{}", String::from_utf8_lossy(&running.stderr));
+    assert_eq!(String::from_utf8_lossy(&running.stdout), "465\n465\n");
+    let socket = others.socket.to_str().unwrap();
+    for args in [&["hold"][..], &["arm"], &["goto", "4.9,3.1,0.4"], &["plug", "x", "--", "/bin/sh"], &["token", "list"]]
+    {
+        let output = plugin(others.nims, &[&["--gateway", socket], args].concat());
+        assert!(String::from_utf8_lossy(&output.stderr).contains(" may not "), "{args:?}");
+    }
+    let line = format!("head -c 1 < {}", others.memory.display());
+    assert!(!plugin(Path::new("/bin/sh"), &["-c", &line]).status.success());
+    // And nobody else can pretend to be one.
+    let output = run_as(OPERATOR, python, &["-c", script]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && said.contains("may not publish"), "{said}");
+}
+
+/// What an operator can do through the gateway, whose socket only the operators' group can open, and nothing more.
+fn operator_uses_the_gateway(robot: &mut Robot, others: &Others<'_>) {
     for args in [&["hold"][..], &["stop"], &["channel", "list"], &["runs"]] {
-        let output = operator(args);
+        let output = others.run(0, args);
         assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     }
     // Once the robot has come to rest.
-    robot.until_reported("the mission is flown", |_| operator(&["run", "own.toml", "--wait"]).status.success());
-    // No shell as the robot's user, no token, no run that is being recorded, no path of its own.
-    let present = robot.run().file_name().unwrap().to_str().unwrap().to_owned();
-    for args in [
-        &["plug", "shell", "--", "/bin/sh"][..],
-        &["token", "add", "own", "fly"],
-        &["fetch", &present],
-        &["fetch", "../state"],
-    ] {
-        let output = operator(args);
-        assert!(!output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stdout));
-    }
-    let sh = Path::new("/bin/sh");
-    for what in [memory, robot.domain.root(), &robot.run()] {
-        let script = format!("exec ls {0}/ || exec head -c 1 < {0}", what.display());
-        assert!(!command_as(OPERATOR, OPERATORS, sh).args(["-c", &script]).output().unwrap().status.success());
-    }
-    // A stranger is not let in.
-    for args in [&["status"][..], &["estop"]] {
-        let output = run(STRANGER, STRANGER, args);
-        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!output.status.success() && sentence.contains("closed to this user"), "{sentence}");
+    robot.until_reported("the mission is flown", |_| others.run(0, &["run", "own.toml", "--wait"]).status.success());
+}
+
+/// After the end of a run, whoever may look reads it without being able to enter its folder.
+fn a_finished_run_is_reported_to_whoever_may_look(robot: &mut Robot, others: &Others<'_>) {
+    robot.down(rustix::process::Signal::INT);
+    let run = robot.run();
+    let name = run.file_name().unwrap().to_str().unwrap().to_owned();
+    robot.until_reported("the run is finished", |_| {
+        String::from_utf8_lossy(&others.run(0, &["runs"]).stdout).contains(&name)
+    });
+    for user in 0..USERS.len() {
+        let (info, report) = (others.run(user, &["info", &name]), others.run(user, &["report", &name]));
+        let may = user != 2;
+        assert_eq!(info.status.success(), may, "{}", String::from_utf8_lossy(&info.stderr));
+        assert_eq!(report.status.success(), may, "{}", String::from_utf8_lossy(&report.stderr));
+        assert_eq!(others.homes[user].path().join(format!("{name}.html")).exists(), may);
+        assert!(!others.sh(user, &format!("ls {}/", run.display())).status.success());
     }
 }
 
@@ -189,9 +350,63 @@ fn only_its_user_can_access_the_files_of_a_robot_and_move_it() {
     }
     assert!(!stranger(sh, &["-c", &format!("kill -STOP {pid}")]).status.success());
     assert!(!stranger(sh, &["-c", &format!("head -c 1 /proc/{pid}/mem")]).status.success());
-    operator_uses_the_gateway(&mut robot, &nims, &memory[0]);
+    let others = Others::with(&mut robot, &nims, &memory[0]);
+    operator_uses_the_gateway(&mut robot, &others);
+    a_plug_in_delivers_readings_and_nothing_else(&mut robot, &others);
     robot.fly();
     robot.until("the motion continues", |robot| robot.last.header.cycle > 300);
     assert!(matches!(robot.last.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_HOLDING));
     assert_eq!(robot.last.faults, 0);
+    every_action_is_tried_as_each_user(&mut robot, &others);
+    a_finished_run_is_reported_to_whoever_may_look(&mut robot, &others);
+}
+
+/// Another user has made a folder with the name of the robot's domain before it starts: it does not start there, and
+/// puts nothing into it.
+#[test]
+fn a_domain_that_another_user_has_prepared_is_refused() {
+    if !rustix::process::geteuid().is_root() {
+        return notes::left_out("names that another user has taken", "only root can act as another user");
+    }
+    let name = format!("squat{}", std::process::id() % 100_000);
+    let folder = PathBuf::from(format!("/dev/shm/nims-0-{name}"));
+    let made = stranger(Path::new("/bin/mkdir"), &["--mode=777", folder.to_str().unwrap()]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let configs = tempfile::tempdir().unwrap();
+    let system = robot::copy_configs(configs.path()).join("systems/demo3.toml");
+    let output = Command::new(program()).arg("up").arg(&system).args(["--domain", &name]).output().unwrap();
+    let (sentence, left) =
+        (String::from_utf8_lossy(&output.stderr).into_owned(), fs::read_dir(&folder).unwrap().count());
+    fs::remove_dir(&folder).unwrap();
+    assert!(!output.status.success() && sentence.contains(&name), "{sentence}");
+    assert_eq!(left, 0, "{sentence}");
+}
+
+/// On a control box the robots' `/dev/shm` is a file system in a folder that other users cannot enter
+/// (`run-nims-shm.mount`): nobody fills it, takes names in it or reads it, before the start and while the robot runs.
+#[test]
+fn nobody_else_fills_or_enters_the_memory_of_the_services() {
+    if !rustix::process::geteuid().is_root() {
+        return notes::left_out(
+            "the memory of the services as another user",
+            "only root can mount and act as another user",
+        );
+    }
+    let copy = open_folder();
+    let nims = copy.path().join("nims");
+    fs::copy(program(), &nims).unwrap();
+    fs::set_permissions(&nims, PermissionsExt::from_mode(0o755)).unwrap();
+    let configs = tempfile::tempdir().unwrap();
+    let system = robot::copy_configs(configs.path()).join("systems/demo3.toml");
+    let script = robot::root().join("tests/scripts/private-memory");
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "--propagation", "private", "--"]).arg(script);
+    let output = command.arg(program()).arg(&system).arg(configs.path()).arg(STRANGER.to_string()).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    if said.contains("unshare failed") || said.contains("mount: ") {
+        return notes::left_out("the memory of the services as another user", "no file system can be mounted here");
+    }
+    assert!(output.status.success(), "{said}");
+    assert_eq!(said.matches("refused: ").count(), 10, "{said}");
+    assert!(said.contains("filled: public memory") && said.contains("robot: still runs"), "{said}");
 }

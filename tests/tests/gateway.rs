@@ -15,7 +15,7 @@ use rustix::process::{Signal, geteuid};
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
 /// Longest wait for a reply or an event.
@@ -431,8 +431,9 @@ fn a_slow_reader_loses_samples_and_is_told_how_many() {
     let gateway = Gateway::joined(&robot, OWNER);
     robot.fly();
     let mut slow = gateway.client();
-    for id in 1..=32 {
-        slow.send(&Call::Subscribe { id, channel: "motor/input".to_owned(), rate_hz: None }, &[]);
+    let Reply::Channels { channels, .. } = gateway.client().call(&Call::Channels { id: 1 }) else { panic!() };
+    for (id, channel) in channels.into_iter().enumerate().take(60) {
+        slow.send(&Call::Subscribe { id: id as u64, channel: channel.name, rate_hz: None }, &[]);
     }
     // More than the socket and the queue hold.
     std::thread::sleep(Duration::from_secs(5));
@@ -449,6 +450,93 @@ fn a_slow_reader_loses_samples_and_is_told_how_many() {
         }
         assert!(samples < 1_000_000);
     }
+}
+
+/// Processor time of a process, s.
+fn busy_s(pid: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+}
+
+/// Without a free descriptor the gateway serves those that are connected, keeps the robot, and waits without turning.
+#[test]
+fn three_hundred_connections_without_descriptors_change_nothing_for_those_who_are_there() {
+    let mut robot = Robot::up("");
+    robot.arm();
+    let mut gateway = Gateway::joined(&robot, OWNER);
+    let mut honest = gateway.client();
+    let pid = gateway.child.id();
+    let open = std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap().count() as u64;
+    let limit = rustix::process::Rlimit { current: Some(open + 3), maximum: Some(open + 3) };
+    let process = rustix::process::Pid::from_child(&gateway.child);
+    rustix::process::prlimit(Some(process), rustix::process::Resource::Nofile, limit).unwrap();
+    let crowd: Vec<UnixStream> = (0..300).filter_map(|_| UnixStream::connect(&gateway.socket).ok()).collect();
+    assert_eq!(crowd.len(), 300);
+    let (before_s, begun_ns) = (busy_s(pid), clock::now_ns());
+    for _ in 0..40 {
+        assert!(matches!(honest.call(&Call::Robot { id: 1 }), Reply::Robot { robot: Some(_), .. }));
+        assert_eq!(honest.ask(Request::Hold).1, Accepted::Accepted);
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    // A process that turns takes whole seconds of these.
+    let share = (busy_s(pid) - before_s) / ((clock::now_ns() - begun_ns) as f64 * 1e-9);
+    assert!(share < 0.25, "{share} of a processor for forty answers");
+    assert!(gateway.lives());
+    drop(crowd);
+    gateway.until("a newcomer is served", |gateway| {
+        let mut client = Client::raw(&gateway.socket);
+        let hello = Call::Hello { version: VERSION, origin: Origin::Python, token: None };
+        // It may still be closed.
+        let _ = client.stream.write_all(&encode(&hello.header().unwrap(), &[]));
+        matches!(client.next(), Some((Reply::Welcome { .. }, _)))
+    });
+    assert_eq!(honest.ask(Request::Stop).1, Accepted::Accepted);
+}
+
+/// Whatever was requested before a stop, the robot does not move after it.
+#[test]
+fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
+    steadily(|| {
+        let mut robot = Robot::up("");
+        robot.arm();
+        robot.ask("motor-io", Request::ZeroAt { position_m: START });
+        let gateway = Gateway::joined(&robot, OWNER);
+        let mut client = gateway.client();
+        let stops = [Request::Stop, Request::Hold, Request::Pause];
+        for round in 0..30_usize {
+            let frame = |id, request| encode(&Call::Ask { id, request, process: None }.header().unwrap(), &[]);
+            let mut bytes = Vec::new();
+            let motions = 1 + round % 4;
+            for id in 0..motions {
+                let target = [START[0] + 0.3, START[1], START[2] + 0.1 * (1 + id) as f64];
+                let motion = match round % 5 {
+                    4 => Request::Jog { cable: 1, distance_m: 0.02 },
+                    _ => Request::Goto { to_m: target, path: GotoPath::Line, speed_m_s: Some(0.1) },
+                };
+                bytes.extend(frame(id as u64, motion));
+            }
+            client.stream.write_all(&bytes).unwrap();
+            // While they wait, while they are planned, or when they have begun.
+            std::thread::sleep(Duration::from_millis(round as u64));
+            client.stream.write_all(&frame(50, stops[round % 3].clone())).unwrap();
+            let mut answers = 0;
+            while answers <= motions {
+                let Some((Reply::Answer { id, accepted, sentence, .. }, _)) = client.next() else { panic!() };
+                assert!(id != 50 || accepted == Accepted::Accepted, "{sentence}");
+                answers += 1;
+            }
+            // A motion that began before the stop comes to rest; then none begins.
+            robot.for_cycles(3);
+            robot.until("at rest", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+            for _ in 0..10 {
+                robot.for_cycles(5);
+                assert_eq!(robot.last.mode, MotorAuthority::MODE_HOLDING, "round {round}");
+            }
+            // Drops one that was paused.
+            assert_eq!(client.ask(Request::Stop).1, Accepted::Accepted);
+        }
+    });
 }
 
 #[test]
@@ -538,13 +626,68 @@ fn a_finished_run_is_fetched_whole_and_only_a_finished_one() {
         std::fs::read(robot.run().join(name)).unwrap() == std::fs::read(home.path().join("copy").join(name)).unwrap()
     };
     assert!(same("run.mcap") && same("manifest.json") && same("log/motor-io.txt"));
-    // A report from the copy needs no robot.
-    told(&gateway, home.path(), &["info", "copy"]);
+    // A report from the copy needs no robot; one of a closed folder is made through the gateway, and is the same.
+    let from_copy = told(&gateway, home.path(), &["info", "copy"]);
+    assert!(from_copy.contains("motor/input"), "{from_copy}");
+    let contents = |text: &str| text.lines().filter(|line| !line.starts_with("file ")).collect::<Vec<_>>().join("\n");
+    assert_eq!(contents(&told(&gateway, home.path(), &["info", &run])), contents(&from_copy));
+    told(&gateway, home.path(), &["report", &run]);
+    let page = std::fs::read_to_string(home.path().join(format!("{run}.html"))).unwrap();
+    assert!(page.contains("<html") && !robot.run().join("report.html").exists());
+    let refused = nims(&gateway, home.path(), &["info", "no-such-run"]);
+    assert_eq!(refused.status.code(), Some(2), "{}", String::from_utf8_lossy(&refused.stderr));
     for name in ["../state", "..", "/etc", "no-such-run"] {
         let refused = nims(&gateway, home.path(), &["fetch", name, "other"]);
         assert_eq!(refused.status.code(), Some(2), "{name}");
     }
     assert!(!home.path().join("other").exists());
+}
+
+/// A plug-in in Python, which knows nothing but the socket: its readings are a channel as that of any sensor.
+#[test]
+fn a_plug_in_publishes_through_the_gateway() {
+    let mut robot = Robot::up("");
+    robot.arm();
+    let declared = "[[plugin]]\nname = \"soil\"\nquantity = [\"moisture\", \"temperature\"]\nunit = [\"%\", \"°C\"]\nrate_hz = 50.0\nlever_m = [0.0, 0.0, -0.5]\n";
+    let gateway = Gateway::joined(&robot, declared);
+    let script = "import nims_gateway\nwith nims_gateway.Sensor() as sensor:\n    sent = 0\n    while sent < 20:\n        sent += \
+                  sensor.send([sent, None], age_s=0.25)\n        nims_gateway.time.sleep(0.05)\n    try:\n        \
+                  sensor.send([1.0])\n    except nims_gateway.Refused as refused:\n        print(refused.reason, refused)\n";
+    let mut readings = robot.bus.subscriber::<messages::Reading>("sensor/soil").unwrap();
+    let python = std::env::var("NIMS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let mut plugin = Command::new(python);
+    plugin.args(["-c", script]).env("PYTHONPATH", robot::root().join("scripts/python")).env("NIMS_NAME", "soil");
+    plugin.env("NIMS_GATEWAY", &gateway.socket).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut plugin = plugin.spawn().unwrap();
+    let mut values = Vec::new();
+    while plugin.try_wait().unwrap().is_none() {
+        while let Some(reading) = readings.receive().unwrap() {
+            assert!(reading.count == 2 && reading.value[1].is_nan() && reading.lever_m == [0.0, 0.0, -0.5]);
+            assert_eq!(reading.header.stamp_ns - reading.header.oldest_input_ns, 250_000_000);
+            let words = (text_of(&reading.quantity), text_of(&reading.unit));
+            assert_eq!(words, ("moisture,temperature".to_owned(), "%,°C".to_owned()));
+            values.push(reading.value[0]);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let output = plugin.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success() && said.starts_with("456 "), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(values, (0..20).map(f64::from).collect::<Vec<_>>());
+    // The channel ends with the connection, and is in the run.
+    gateway.until("the channel is closed", |gateway| {
+        let Reply::Channels { channels, .. } = gateway.client().call(&Call::Channels { id: 1 }) else { panic!() };
+        channels.iter().all(|row| row.name != "sensor/soil" || row.processes.iter().all(|name| name != "gateway"))
+    });
+    // Without systemd it says so; nothing is started as the robot's user instead.
+    if !Path::new("/run/systemd/system").exists() {
+        let start = Request::StartProcess { name: "soil".to_owned(), slot: None, law: None };
+        assert_eq!(gateway.client().ask(start).0, 471);
+    }
+    robot.down(Signal::INT);
+    let listed = Command::new(program()).args(["info", robot.run().to_str().unwrap()]).output().unwrap();
+    let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+    assert!(listed.contains("sensor/soil"), "{listed}");
 }
 
 #[test]

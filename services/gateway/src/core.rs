@@ -1,10 +1,14 @@
 //! The decisions of the gateway: bytes, peers and answers in, actions out. No clock, no I/O.
 
 use crate::budget::Budget;
+pub use crate::events::{Action, ClientId, Done, Event, Question, Ticket, TokenChange};
+use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed};
+use crate::sensors::Sensors;
 use crate::tokens::Tokens;
-use gateway_protocol::{CALL_LIMITS, Call, Decoder, Frame, Origin, Reply, VERSION};
-use messages::{OperatorRequest, Request, RequestAnswer, put_text};
+use config::PluginSection;
+use gateway_protocol::{CALL_LIMITS, Call, Decoder, Frame, Origin, Published, Reply, VERSION};
+use messages::{Request, put_text};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::BTreeMap;
@@ -26,161 +30,6 @@ const OPENS_PER_S: f64 = 10.0;
 /// Time in which a connection has to send `hello`, ns.
 const HELLO_NS: u64 = 10_000_000_000;
 
-/// Number of a connection, never used twice.
-pub type ClientId = u64;
-/// Number of a call that the process carries out, never used twice.
-pub type Ticket = u64;
-
-/// What happened.
-#[derive(Debug)]
-pub enum Event<'a> {
-    /// A client has connected.
-    Connected {
-        /// Its number.
-        client: ClientId,
-        /// Its process.
-        peer: Peer,
-    },
-    /// Bytes have arrived.
-    Received {
-        /// From this client.
-        client: ClientId,
-        /// The bytes.
-        bytes: &'a [u8],
-    },
-    /// A connection was closed.
-    Gone {
-        /// The client.
-        client: ClientId,
-    },
-    /// A call was carried out.
-    Answered {
-        /// Its number.
-        ticket: Ticket,
-        /// The reply, whose `id` is filled in here.
-        reply: Done,
-    },
-    /// A change of the tokens was stored, or could not be.
-    Stored {
-        /// The change.
-        change: Box<TokenChange>,
-        /// One sentence: why it could not be stored.
-        stored: Result<(), String>,
-    },
-    /// Some time has passed.
-    Tick,
-}
-
-/// Result of a call.
-#[derive(Debug)]
-pub enum Done {
-    /// The robot's or the gateway's answer.
-    Answer(Box<RequestAnswer>),
-    /// Another reply, with its body and perhaps a descriptor.
-    Reply(Box<Reply>, Vec<u8>, Option<std::os::fd::OwnedFd>),
-}
-
-/// What the process has to do.
-#[derive(Debug)]
-pub enum Action {
-    /// Send a reply.
-    Send {
-        /// To this client.
-        client: ClientId,
-        /// The reply.
-        reply: Reply,
-        /// The body of its frame.
-        body: Vec<u8>,
-        /// A descriptor that goes with it.
-        descriptor: Option<std::os::fd::OwnedFd>,
-    },
-    /// Close a connection after what was sent to it.
-    Close {
-        /// The client.
-        client: ClientId,
-    },
-    /// Send a request to a process of the robot.
-    Ask {
-        /// Its number.
-        ticket: Ticket,
-        /// Name of the process.
-        process: String,
-        /// The request with its sender.
-        request: Box<OperatorRequest>,
-        /// The text of a mission, to be stored before.
-        mission: Option<String>,
-    },
-    /// Send an emergency stop.
-    Estop {
-        /// Its number.
-        ticket: Ticket,
-        /// The request with its sender.
-        request: Box<OperatorRequest>,
-    },
-    /// Find something out.
-    Look {
-        /// Its number.
-        ticket: Ticket,
-        /// What.
-        what: Question,
-    },
-    /// Subscribe a client to a channel.
-    Subscribe {
-        /// The client.
-        client: ClientId,
-        /// Number of the subscription.
-        id: u64,
-        /// Name of the channel.
-        channel: String,
-        /// Largest number of samples per second.
-        rate_hz: Option<f64>,
-    },
-    /// End a subscription.
-    Unsubscribe {
-        /// The client.
-        client: ClientId,
-        /// Number of the subscription.
-        id: u64,
-    },
-    /// Store the tokens; they are valid, and the client gets its reply, when that is done.
-    StoreTokens(Box<TokenChange>),
-}
-
-/// A change of the tokens that is being stored.
-#[derive(Debug)]
-pub struct TokenChange {
-    client: ClientId,
-    id: u64,
-    tokens: Tokens,
-    reply: Reply,
-    revoked: Option<String>,
-}
-
-impl TokenChange {
-    /// Returns the tokens after the change.
-    #[must_use]
-    pub fn tokens(&self) -> &Tokens {
-        &self.tokens
-    }
-}
-
-/// Something to find out.
-#[derive(Debug, PartialEq, Eq)]
-pub enum Question {
-    /// Which robot runs.
-    Robot,
-    /// The files of its configuration.
-    Configuration,
-    /// Its channels.
-    Channels,
-    /// The finished runs.
-    Runs,
-    /// The files of a run.
-    Files(String),
-    /// A file of a run.
-    Open(String, String),
-}
-
 /// Who acts through a connection.
 #[derive(Debug, Clone)]
 struct Holder {
@@ -196,7 +45,8 @@ struct Connection {
     decoder: Decoder,
     /// `None` before `hello`.
     holder: Option<Holder>,
-    subscriptions: Vec<u64>,
+    /// Numbers and channels.
+    subscriptions: Vec<(u64, String)>,
     /// Unanswered calls.
     unanswered: usize,
     budget: Budget,
@@ -215,6 +65,7 @@ pub struct Core {
     robot: String,
     roles: Roles,
     tokens: Tokens,
+    sensors: Sensors,
     connections: BTreeMap<ClientId, Connection>,
     /// The client and the `id` of each call that is being carried out; whether it counts as unanswered.
     tickets: BTreeMap<Ticket, (ClientId, u64, bool)>,
@@ -229,7 +80,14 @@ impl Core {
     #[must_use]
     pub fn new(robot: String, roles: Roles, tokens: Tokens) -> Self {
         let (connections, tickets) = (BTreeMap::new(), BTreeMap::new());
-        Self { robot, roles, tokens, connections, tickets, last_ticket: 0, changing: false, actions: Vec::new() }
+        let (sensors, actions) = (Sensors::default(), Vec::new());
+        Self { robot, roles, tokens, sensors, connections, tickets, last_ticket: 0, changing: false, actions }
+    }
+
+    /// Adds the sensors that the system file declares.
+    #[must_use]
+    pub fn with_plugins(self, declared: &[PluginSection]) -> Self {
+        Self { sensors: Sensors::new(declared), ..self }
     }
 
     /// Evaluates an event; returns what has to be done, in this order.
@@ -241,6 +99,8 @@ impl Core {
                 self.connections.remove(&client);
                 // What still waits of its calls is not carried out any more.
                 self.tickets.retain(|_, (of, ..)| *of != client);
+                let freed = self.sensors.free(client);
+                self.actions.extend(freed.into_iter().map(|sensor| Action::Unpublish { sensor }));
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
             Event::Stored { change, stored } => self.stored(*change, stored),
@@ -358,6 +218,14 @@ impl Core {
                 },
             );
         }
+        if let Some((verb, name)) = of_plugin(&request).filter(|(_, name)| self.sensors.declares(name)) {
+            let name = name.to_owned();
+            if let Some(connection) = self.connections.get_mut(&client) {
+                connection.unanswered += 1;
+            }
+            let ticket = self.ticket(client, id, true);
+            return self.actions.push(Action::Plugin { ticket, verb, name });
+        }
         let Some(process) = process_of(&request, process.as_deref()) else {
             let why = detail("no process has this name and takes this request; leave the process out");
             return self.refuse(client, id, Reason::NotAsked { why });
@@ -398,9 +266,10 @@ impl Core {
             Call::Files { run, .. } => Question::Files(run),
             Call::Open { run, file, .. } => Question::Open(run, file),
             Call::Subscribe { channel, rate_hz, .. } => return self.subscribe(client, id, channel, rate_hz),
+            Call::Publish { reading, .. } => return self.publish(now_ns, client, id, &reading),
             Call::Unsubscribe { subscription, .. } => {
                 let Some(connection) = self.connections.get_mut(&client) else { return };
-                connection.subscriptions.retain(|one| *one != subscription);
+                connection.subscriptions.retain(|(one, _)| *one != subscription);
                 self.actions.push(Action::Unsubscribe { client, id: subscription });
                 return self.send(client, Reply::Done { id });
             }
@@ -426,6 +295,25 @@ impl Core {
         self.actions.push(Action::Look { ticket, what });
     }
 
+    fn publish(&mut self, now_ns: u64, client: ClientId, id: u64, given: &Published) {
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        let Some(holder) = &connection.holder else { return };
+        // A token stands for a person, not for the program that acts for it.
+        if holder.by_token || !self.roles.may_publish(&connection.peer) {
+            let user = detail(&holder.user);
+            return self.refuse(client, id, Reason::NotPublisher { user });
+        }
+        match self.sensors.reading(now_ns, client, given) {
+            Ok(reading) => {
+                connection.unanswered += 1;
+                let ticket = self.ticket(client, id, true);
+                let sensor = given.sensor.clone();
+                self.actions.push(Action::Publish { ticket, sensor, reading: Box::new(reading) });
+            }
+            Err(reason) => self.refuse(client, id, reason),
+        }
+    }
+
     fn subscribe(&mut self, client: ClientId, id: u64, channel: String, rate_hz: Option<f64>) {
         let Some(connection) = self.connections.get_mut(&client) else { return };
         if connection.subscriptions.len() >= SUBSCRIPTIONS {
@@ -439,11 +327,19 @@ impl Core {
             let why = detail(format_args!("`{channel}` is no name of a channel; `channels` lists them"));
             return self.refuse(client, id, Reason::NotAsked { why });
         }
-        if connection.subscriptions.contains(&id) {
+        if connection.subscriptions.iter().any(|(one, _)| *one == id) {
             let why = detail(format_args!("a subscription has the number {id} already; give another one"));
             return self.refuse(client, id, Reason::NotAsked { why });
         }
-        connection.subscriptions.push(id);
+        // A second one would send every sample twice through the same socket.
+        if let Some((one, _)) = connection.subscriptions.iter().find(|(_, of)| *of == channel) {
+            let why = format_args!(
+                "subscription {one} has the channel `{channel}` already; use its samples, or end it first"
+            );
+            let why = detail(why);
+            return self.refuse(client, id, Reason::NotAsked { why });
+        }
+        connection.subscriptions.push((id, channel.clone()));
         // First, so that no sample comes before it.
         self.send(client, Reply::Done { id });
         self.actions.push(Action::Subscribe { client, id, channel, rate_hz });
@@ -553,6 +449,16 @@ impl Core {
         let (client, ..) = self.tickets.get(&ticket)?;
         let holder = self.connections.get(client)?.holder.as_ref()?;
         Some((&holder.user, holder.role))
+    }
+}
+
+/// What a request asks of a process that may be a plug-in, with its name.
+fn of_plugin(request: &Request) -> Option<(Verb, &str)> {
+    match request {
+        Request::StartProcess { name, .. } => Some((Verb::Start, name)),
+        Request::StopProcess { name } => Some((Verb::Stop, name)),
+        Request::RestartProcess { name } => Some((Verb::Restart, name)),
+        _ => None,
     }
 }
 

@@ -1,6 +1,7 @@
 //! What touches the disk, on a thread of its own: a disk can block for seconds, and a stop must not wait for it.
 
-use crate::core::{Done, Ticket};
+use crate::events::{Done, Ticket};
+use crate::plugin::{self, Verb};
 use crate::runs;
 use gateway_protocol::{FileRow, Reply};
 use robot_state::Reason;
@@ -24,6 +25,8 @@ pub(crate) enum Job {
     Open(Option<PathBuf>, String, String),
     /// Reads the configuration of a run.
     Configuration(PathBuf),
+    /// Starts or stops a plug-in of a robot.
+    Plugin(String, String, Verb),
     /// Stores the text of a mission in a run.
     Mission(PathBuf, String),
 }
@@ -76,13 +79,18 @@ impl Disk {
 fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<Outcome>) {
     while let Ok((ticket, job)) = jobs.recv() {
         let reply = |reply| Done::Reply(Box::new(reply), Vec::new(), None);
-        let refused = |reason: Reason| Done::Answer(Box::new(reason.answer()));
-        let no_run = |run: &str| refused(Reason::NoFinishedRun { run: detail(run) });
+        let answered = |reason: Reason| Done::Answer(Box::new(reason.answer()));
+        let no_run = |run: &str| answered(Reason::NoFinishedRun { run: detail(run) });
         let outcome = match job {
-            Job::Mission(run, text) => match config::store_mission(&run, &text) {
-                Ok(_) => Outcome::Stored(ticket),
-                Err(error) => Outcome::Done(ticket, refused(Reason::DiskRefused { why: detail(error) })),
+            Job::Mission(run, text) => match store(&run, &text) {
+                Ok(()) => Outcome::Stored(ticket),
+                Err(reason) => Outcome::Done(ticket, answered(reason)),
             },
+            Job::Plugin(robot, plugin, verb) => {
+                let reason = plugin::carry_out(&robot, &plugin, verb);
+                eprintln!("gateway: {reason}");
+                Outcome::Done(ticket, answered(reason))
+            }
             Job::Runs(present) => {
                 Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs: runs::list(folder, present.as_deref()) }))
             }
@@ -96,12 +104,14 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                     ticket,
                     match file {
                         None => no_run(&run),
-                        Some(None) => refused(Reason::NoRunFile { run: detail(&run), file: detail(&name) }),
+                        Some(None) => answered(Reason::NoRunFile { run: detail(&run), file: detail(&name) }),
                         Some(Some(file)) => match runs::open(folder, &run, &file) {
                             Ok((descriptor, bytes)) => {
                                 Done::Reply(Box::new(Reply::Opened { id: 0, bytes }), Vec::new(), Some(descriptor))
                             }
-                            Err(error) => refused(Reason::DiskRefused { why: detail(format_args!("{name}: {error}")) }),
+                            Err(error) => {
+                                answered(Reason::DiskRefused { why: detail(format_args!("{name}: {error}")) })
+                            }
                         },
                     },
                 )
@@ -110,7 +120,7 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                 ticket,
                 match runs::configuration(&run, CONFIGURATION) {
                     Ok((files, body)) => Done::Reply(Box::new(Reply::Configuration { id: 0, files }), body, None),
-                    Err(why) => refused(Reason::DiskRefused { why: detail(why) }),
+                    Err(why) => answered(Reason::DiskRefused { why: detail(why) }),
                 },
             ),
         };
@@ -120,6 +130,34 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
     }
 }
 
+/// Stores the text of a mission; the rest of what a client may send is not a mission, and is not stored.
+fn store(run: &std::path::Path, text: &str) -> Result<(), Reason> {
+    mission::Mission::parse(text).map_err(|error| error.reason())?;
+    config::store_mission(run, text).map(|_| ()).map_err(|error| Reason::DiskRefused { why: detail(error) })
+}
+
 fn find(files: Vec<FileRow>, name: &str) -> Option<FileRow> {
     files.into_iter().find(|file| file.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_mission_is_stored() {
+        let run = tempfile::tempdir().unwrap();
+        let good = "name = \"up\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 0.5] }\n";
+        for (text, reason) in [
+            ("#!/bin/sh\nrm -r .", 221),
+            ("", 221),
+            (&good.replace("4.8", "nan"), 224),
+            (&good.replace("to_m", "too_m"), 221),
+        ] {
+            assert_eq!(store(run.path(), text).unwrap_err().code(), reason, "{text}");
+        }
+        assert!(!run.path().join(config::INBOX).exists());
+        store(run.path(), good).unwrap();
+        assert_eq!(config::read_mission(run.path(), &config::mission_hash(good)).unwrap(), good);
+    }
 }

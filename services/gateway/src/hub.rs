@@ -1,6 +1,6 @@
 //! Subscriptions: one tap of each channel for all clients, and the newest samples for clients that come later.
 
-use crate::core::ClientId;
+use crate::events::ClientId;
 use bus::{Bus, BusError, ChannelInfo, ChannelWatch, Tap};
 use gateway_protocol::Reply;
 use std::cell::Cell;

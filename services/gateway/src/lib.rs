@@ -11,22 +11,28 @@
 //! * Requests that stop the robot have their own places on the bus, taken when the robot is joined. An emergency stop
 //!   needs none.
 //! * A client is no process of the robot's user: it starts no program of its own choice, and no name from it is opened
-//!   as a path.
+//!   as a path. A plug-in that the system file declares is started by the service manager, as another user.
+//! * A plug-in delivers readings of its declared sensor, at its declared rate, and nothing else.
 //! * The recorded request names the user at the other end of the connection, not the gateway.
 #![forbid(unsafe_code)]
 
 mod budget;
 pub mod core;
 mod disk;
+mod events;
 mod hub;
+mod lane;
 mod outbox;
+pub mod plugin;
 mod robot;
 pub mod roles;
 mod runs;
+mod sensors;
 mod server;
 pub mod settings;
 mod socket;
 pub mod tokens;
 mod users;
 
+pub use plugin::exec;
 pub use server::Server;

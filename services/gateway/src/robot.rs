@@ -1,74 +1,35 @@
 //! The robot, while one runs: its place on the bus, requests to its processes, and its subscriptions.
 
-use crate::core::Ticket;
+use crate::events::Ticket;
 use crate::hub::{Delivery, Hub};
+use crate::lane::{Lane, Waiting, failed, stops};
 use bus::estop::Attempt;
-use bus::{Bus, BusError, Client, Domain, Participant, Pending};
+use bus::{Bus, BusError, Domain, Participant, Publisher};
 use client::{ANSWER, MOTOR_IO, PLANNER, Running, SUPERVISOR};
 use gateway_protocol::{ChannelRow, MemoryFigures, RobotFacts};
-use messages::{OperatorRequest, RequestAnswer, put_sentence};
+use messages::{OperatorRequest, Reading, RequestAnswer, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use rustix::process::{Pid, test_kill_process};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 /// Name under which the gateway joins the domain.
 const NAME: &str = "gateway";
 /// Time between two looks for the robot, ns.
 const LOOK_NS: u64 = 250_000_000;
-/// Largest number of requests to one process that wait for the answers to earlier ones.
-const WAITING: usize = 16;
 /// Time after an attempt to join that has failed, ns: the attempt itself takes a second.
 const REJOIN_NS: u64 = 5_000_000_000;
+/// Time between two attempts to create the channel of a plug-in, ns.
+const AGAIN_NS: u64 = 1_000_000_000;
 /// Largest number of emergency stops under way: further ones are answered with the last of them.
 const STOPS: usize = 64;
-
-/// Requests to one process. Those that stop the robot have a client of their own, which no other request can fill.
-struct Lane {
-    client: Client,
-    pending: Vec<(Vec<Ticket>, Pending)>,
-    waiting: VecDeque<Waiting>,
-}
-
-/// A request that waits for its turn. Equal stops wait as one.
-#[derive(Debug)]
-struct Waiting {
-    tickets: Vec<Ticket>,
-    request: Box<OperatorRequest>,
-    asked_ns: u64,
-}
-
-impl Waiting {
-    /// Why it is not sent any more: it would begin a motion that its client does not expect any longer. `stopped` is
-    /// the last call that stops the robot.
-    fn refusal(&self, now_ns: u64, stopped: Ticket, is_wanted: impl Fn(Ticket) -> bool) -> Option<Reason> {
-        if stops(&self.request) {
-            return None;
-        }
-        let unsent = |why: &str| Some(Reason::RobotUnreached { why: detail(why) });
-        if self.tickets.iter().any(|ticket| *ticket < stopped) {
-            return unsent("the robot was told to stop after this request, so it was not sent; ask again");
-        }
-        if now_ns >= self.asked_ns + ANSWER.as_nanos() as u64 {
-            return unsent("the request has waited for too long and was not sent; look at the robot, then ask again");
-        }
-        if !self.tickets.iter().any(|ticket| is_wanted(*ticket)) {
-            return unsent("its client is gone, so the request was not sent");
-        }
-        None
-    }
-}
-
-/// Returns whether a request only ever stops the robot.
-pub(crate) fn stops(request: &OperatorRequest) -> bool {
-    use messages::RequestBody as Body;
-    [Body::VERB_HOLD, Body::VERB_STOP, Body::VERB_PAUSE, Body::VERB_ESTOP].contains(&request.body.verb)
-}
 
 /// The gateway's places on the bus of a running robot.
 struct Joined {
     /// Process id of its supervisor; another one is another life of the robot.
     supervisor: Option<u32>,
+    /// Channels of plug-ins; or until when one cannot be created, with the reason, ns.
+    sensors: BTreeMap<String, Result<Publisher<Reading>, (u64, Box<RequestAnswer>)>>,
     /// Created first and dropped last of the two: the places reserved for a stop.
     lanes: BTreeMap<String, Lane>,
     members: Bus,
@@ -84,6 +45,8 @@ pub(crate) struct Robot {
     stops: Vec<(Vec<Ticket>, Attempt)>,
     /// The last call that stops the robot.
     stopped: Ticket,
+    /// The last stop, to be repeated when motor-io has answered what was sent to it before.
+    again: Option<Waiting>,
     /// Requests whose robot has ended before it answered.
     orphans: Vec<Ticket>,
     look_ns: u64,
@@ -98,7 +61,7 @@ impl Robot {
     /// The robot of that name in that domain.
     pub(crate) fn new(name: String, domain: String) -> Self {
         let (hub, stops, orphans) = (Hub::default(), Vec::new(), Vec::new());
-        Self { name, domain, joined: None, hub, stops, stopped: 0, orphans, look_ns: 0, unjoined: None }
+        Self { name, domain, joined: None, hub, stops, stopped: 0, again: None, orphans, look_ns: 0, unjoined: None }
     }
 
     /// The subscriptions.
@@ -139,9 +102,9 @@ impl Robot {
     /// Leaves the robot. The last one to leave a domain removes its objects.
     pub(crate) fn leave(&mut self) {
         let Some(joined) = self.joined.take() else { return };
+        self.again = None;
         for lane in joined.lanes.values() {
-            self.orphans.extend(lane.pending.iter().flat_map(|(tickets, _)| tickets));
-            self.orphans.extend(lane.waiting.iter().flat_map(|waiting| &waiting.tickets));
+            self.orphans.extend(lane.unanswered());
         }
         self.hub.detach();
         drop(joined);
@@ -157,8 +120,7 @@ impl Robot {
 
     /// Returns whether something is under way that needs a look every few milliseconds.
     pub(crate) fn is_busy(&self) -> bool {
-        let asked =
-            |joined: &Joined| joined.lanes.values().any(|lane| !lane.pending.is_empty() || !lane.waiting.is_empty());
+        let asked = |joined: &Joined| joined.lanes.values().any(Lane::is_busy);
         !self.stops.is_empty() || !self.orphans.is_empty() || self.joined.as_ref().is_some_and(asked)
     }
 
@@ -216,7 +178,7 @@ impl Robot {
     ) -> Result<(), Box<RequestAnswer>> {
         let stops = stops(&request);
         if stops {
-            self.stopped = self.stopped.max(ticket);
+            self.overtake(ticket);
         }
         let absent = self.absent();
         let joined = self.joined.as_mut().ok_or(absent)?;
@@ -225,8 +187,55 @@ impl Robot {
             let client = joined.members.client(process).map_err(|error| failed(&error))?;
             joined.lanes.insert(name.to_owned(), Lane::new(client));
         }
+        // motor-io may take up what was sent to it before on another lane after the stop: then it is told again.
+        if stops && joined.lanes.get(MOTOR_IO).is_some_and(Lane::has_sent) {
+            self.again = Some(Waiting { tickets: Vec::new(), request: request.clone(), asked_ns });
+        }
         let Some(lane) = joined.lanes.get_mut(name) else { return Ok(()) };
         lane.add(Waiting { tickets: vec![ticket], request, asked_ns })
+    }
+
+    /// Lets a stop overtake every motion that was requested before it.
+    fn overtake(&mut self, stop: Ticket) {
+        self.stopped = self.stopped.max(stop);
+        // The planner takes back a motion whose requester no longer waits. One that it has answered already belongs to
+        // an epoch that the stop ends.
+        if let Some(lane) = self.joined.as_mut().and_then(|joined| joined.lanes.get_mut(PLANNER)) {
+            lane.withdraw();
+        }
+    }
+
+    /// Publishes a reading of a plug-in; its channel is created with the first one.
+    ///
+    /// # Errors
+    /// No robot runs, or the channel cannot be created: the answer.
+    pub(crate) fn publish(
+        &mut self,
+        sensor: &str,
+        mut reading: Reading,
+        now_ns: u64,
+    ) -> Result<(), Box<RequestAnswer>> {
+        let absent = self.absent();
+        let joined = self.joined.as_mut().ok_or(absent)?;
+        let created = joined.sensors.get(sensor);
+        if created.is_none_or(|created| created.as_ref().is_err_and(|(again_ns, _)| now_ns >= *again_ns)) {
+            // As a guest: it leaves the places and the memory that the robot's own processes need.
+            let publisher = joined.guests.publisher::<Reading>(&format!("sensor/{sensor}"));
+            let publisher = publisher.map_err(|error| (now_ns + AGAIN_NS, failed(&error)));
+            joined.sensors.insert(sensor.to_owned(), publisher);
+        }
+        match joined.sensors.get_mut(sensor) {
+            Some(Ok(publisher)) => publisher.send(&mut reading).map(|_| ()).map_err(|error| failed(&error)),
+            Some(Err((_, answer))) => Err(answer.clone()),
+            None => Ok(()),
+        }
+    }
+
+    /// Closes the channel of a plug-in.
+    pub(crate) fn unpublish(&mut self, sensor: &str) {
+        if let Some(joined) = &mut self.joined {
+            joined.sensors.remove(sensor);
+        }
     }
 
     /// Sends an emergency stop. It needs no place on the bus, so it is sent even if the robot could not be joined.
@@ -238,7 +247,7 @@ impl Robot {
         ticket: Ticket,
         request: &OperatorRequest,
     ) -> Result<(), Box<RequestAnswer>> {
-        self.stopped = self.stopped.max(ticket);
+        self.overtake(ticket);
         let domain = Domain::existing(&self.domain).map_err(|error| failed(&error))?;
         let Some(domain) = domain.filter(bus::estop::is_heard) else { return Err(self.absent()) };
         if self.stops.len() >= STOPS
@@ -269,6 +278,13 @@ impl Robot {
             answers.extend(tickets.iter().map(|ticket| (*ticket, answer.clone())));
             false
         });
+        if let Some(joined) = &mut self.joined
+            && !joined.lanes.get(MOTOR_IO).is_some_and(Lane::has_sent)
+            && let Some((again, lane)) = self.again.take().zip(joined.lanes.get_mut(STOP_LANE))
+        {
+            // A stop is always taken.
+            let _ = lane.add(again);
+        }
         let stopped = self.stopped;
         for lane in self.joined.iter_mut().flat_map(|joined| joined.lanes.values_mut()) {
             lane.poll(|waiting| waiting.refusal(now_ns, stopped, &is_wanted), now_ns, &mut answers);
@@ -308,67 +324,7 @@ impl Joined {
             lanes.insert(name.to_owned(), Lane::new(members.client(process)?));
         }
         let guests = Bus::join_as(domain, NAME, Participant::Guest)?;
-        Ok(Self { supervisor, lanes, members, guests })
-    }
-}
-
-impl Lane {
-    fn new(client: Client) -> Self {
-        Self { client, pending: Vec::new(), waiting: VecDeque::new() }
-    }
-
-    /// Adds a request. A stop is never refused: it waits together with an equal one.
-    fn add(&mut self, added: Waiting) -> Result<(), Box<RequestAnswer>> {
-        let verb = added.request.body.verb;
-        if stops(&added.request) {
-            match self.waiting.iter_mut().find(|one| one.request.body.verb == verb) {
-                Some(equal) => equal.tickets.extend(added.tickets),
-                None => self.waiting.push_back(added),
-            }
-        } else if self.waiting.len() >= WAITING {
-            return Err(Box::new(Reason::GatewayBusy { most: WAITING }.answer()));
-        } else {
-            self.waiting.push_back(added);
-        }
-        Ok(())
-    }
-
-    fn poll(
-        &mut self,
-        refusal: impl Fn(&Waiting) -> Option<Reason>,
-        now_ns: u64,
-        answers: &mut Vec<(Ticket, Box<RequestAnswer>)>,
-    ) {
-        let client = &self.client;
-        self.pending.retain_mut(|(tickets, pending)| {
-            let answer = match client.poll(pending) {
-                Ok(None) => return true,
-                Ok(Some(answered)) => Box::new(answered.recorded_answer().unwrap_or_default()),
-                Err(error) => failed(&error),
-            };
-            answers.extend(tickets.iter().map(|ticket| (*ticket, answer.clone())));
-            false
-        });
-        while self.pending.len() < Client::AT_ONCE
-            && let Some(waiting) = self.waiting.pop_front()
-        {
-            let answer = match refusal(&waiting) {
-                Some(reason) => Box::new(reason.answer()),
-                None => {
-                    // A stop always gets the whole time.
-                    let waited = std::time::Duration::from_nanos(now_ns.saturating_sub(waiting.asked_ns));
-                    let rest = if stops(&waiting.request) { ANSWER } else { ANSWER.saturating_sub(waited) };
-                    match self.client.begin(&waiting.request, rest) {
-                        Ok(pending) => {
-                            self.pending.push((waiting.tickets, pending));
-                            continue;
-                        }
-                        Err(error) => failed(&error),
-                    }
-                }
-            };
-            answers.extend(waiting.tickets.iter().map(|ticket| (*ticket, answer.clone())));
-        }
+        Ok(Self { supervisor, sensors: BTreeMap::new(), lanes, members, guests })
     }
 }
 
@@ -406,62 +362,4 @@ fn stopped(answered: &OperatorRequest) -> Box<RequestAnswer> {
     let sentence = client::sentence_of_stop(answered);
     put_sentence(&mut answer.text, &sentence);
     Box::new(answer)
-}
-
-/// The answer for a request that did not reach its process.
-fn failed(error: &BusError) -> Box<RequestAnswer> {
-    let why = detail(error);
-    let reason = if error.is_bad_input() { Reason::NotAsked { why } } else { Reason::RobotUnreached { why } };
-    Box::new(reason.answer())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use bus::Domain;
-    use messages::Request;
-
-    fn waiting(ticket: Ticket, request: Request) -> Waiting {
-        Waiting { tickets: vec![ticket], request: Box::new(request.encode().unwrap()), asked_ns: 1000 }
-    }
-
-    #[test]
-    fn a_motion_does_not_start_after_a_stop_or_without_its_client() {
-        let late_ns = 1000 + ANSWER.as_nanos() as u64;
-        let why = |request: Request, now_ns, stopped, wanted| {
-            let refusal = waiting(7, request).refusal(now_ns, stopped, |_| wanted);
-            refusal.map(|reason| reason.to_string())
-        };
-        assert_eq!(why(Request::Resume, 2000, 6, true), None);
-        assert!(why(Request::Resume, 2000, 8, true).unwrap().contains("told to stop"));
-        assert!(why(Request::Resume, late_ns, 6, true).unwrap().contains("too long"));
-        assert!(why(Request::Resume, 2000, 6, false).unwrap().contains("gone"));
-        // A stop is sent in any case.
-        for stop in [Request::Stop, Request::Hold, Request::Pause] {
-            assert_eq!(why(stop, late_ns, 8, false), None);
-        }
-    }
-
-    #[test]
-    fn stops_are_never_refused_and_equal_ones_wait_as_one() {
-        let domain = Domain::for_test();
-        let bus = Bus::join(&domain, NAME).unwrap();
-        let mut lane = Lane::new(bus.client(MOTOR_IO).unwrap());
-        for ticket in 0..1000 {
-            let request = if ticket % 2 == 0 { Request::Stop } else { Request::Hold };
-            lane.add(waiting(ticket, request)).unwrap();
-        }
-        assert_eq!(lane.waiting.iter().map(|one| one.tickets.len()).collect::<Vec<_>>(), [500, 500]);
-        let refused = (0..1000).filter(|ticket| lane.add(waiting(*ticket, Request::Reset)).is_err()).count();
-        assert_eq!(lane.waiting.len() + refused, 1002);
-        // Without a motor-io, each of them gets an answer.
-        let mut answers = Vec::new();
-        let give_up = bus::clock::now_ns() + 2 * ANSWER.as_nanos() as u64;
-        while !lane.pending.is_empty() || !lane.waiting.is_empty() {
-            lane.poll(|_| None, 1000, &mut answers);
-            assert!(bus::clock::now_ns() < give_up);
-            std::thread::sleep(std::time::Duration::from_millis(1));
-        }
-        assert_eq!(answers.len() + refused, 2000);
-    }
 }

@@ -93,8 +93,20 @@ impl Roles {
         if peer.uid == self.owner_uid || peer.uid == 0 {
             return Role::Owner;
         }
+        // A plug-in reaches the socket by its group, and gets no role by it.
+        if self.section.publish.iter().any(|entry| is_user(peer, entry)) {
+            return Role::Look;
+        }
         let of_group = lists.iter().rev().find(|(_, entries)| entries.iter().any(|entry| is_group(peer, entry)));
         of_group.map_or(Role::Look, |(role, _)| *role)
+    }
+}
+
+impl Roles {
+    /// Returns whether a peer may publish readings of declared sensors: a listed user, the robot's user and root.
+    #[must_use]
+    pub fn may_publish(&self, peer: &Peer) -> bool {
+        self.section.publish.iter().any(|entry| is_user(peer, entry)) || self.of(peer) == Role::Owner
     }
 }
 
@@ -174,7 +186,10 @@ mod tests {
 
     fn roles(fly: &[&str], stop: &[&str], look: &[&str]) -> Roles {
         let list = |entries: &[&str]| entries.iter().map(|&entry| entry.to_owned()).collect();
-        Roles::new(900, GatewaySection { fly: list(fly), stop: list(stop), look: list(look) })
+        Roles::new(
+            900,
+            GatewaySection { fly: list(fly), stop: list(stop), look: list(look), ..GatewaySection::default() },
+        )
     }
 
     #[test]
@@ -208,6 +223,19 @@ mod tests {
         ] {
             assert_eq!(roles.of(&peer), role, "{peer:?}");
         }
+    }
+
+    #[test]
+    fn only_the_user_of_the_plug_ins_and_the_owner_publish() {
+        let roles = Roles::new(900, GatewaySection { look: vec!["901".to_owned()], ..GatewaySection::default() });
+        let plugin = peer(800, "nims-plugin", &["nims-operators"], &[]);
+        assert!(roles.may_publish(&plugin));
+        assert!(roles.may_publish(&peer(900, "nims", &[], &[])) && roles.may_publish(&peer(0, "root", &[], &[])));
+        for (uid, user) in [(1000, "ada"), (901, "eve"), (1001, "nims-plugin2")] {
+            assert!(!roles.may_publish(&peer(uid, user, &["nims-operators", "nims-plugin"], &[])), "{user}");
+        }
+        // It moves nothing, also where the group of the socket would let it.
+        assert_eq!(roles.of(&plugin), Role::Look);
     }
 
     #[test]

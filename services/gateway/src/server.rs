@@ -3,8 +3,10 @@
 use crate::core::{Action, ClientId, Core, Done, Event, Question, Ticket};
 use crate::disk::{Disk, Job, Outcome};
 use crate::hub::{Delivery, count};
+use crate::lane::stops;
 use crate::outbox::{DESCRIPTORS, Outbox, PAUSED};
-use crate::robot::{Robot, stops};
+use crate::plugin::Verb;
+use crate::robot::Robot;
 use crate::roles::Roles;
 use crate::settings::Settings;
 use crate::tokens::Tokens;
@@ -51,6 +53,12 @@ pub struct Server {
     disk: Disk,
     /// Missions have a disk of their own, so that no list delays a motion.
     inbox: Disk,
+    /// What the service manager is asked for: it can take seconds.
+    units: Disk,
+    /// Plug-ins that are started with the gateway.
+    started: Vec<String>,
+    /// Name of the robot, for the units of its plug-ins.
+    name: String,
     spare: socket::Spare,
     /// Device and inode of the socket.
     bound: Option<(u64, u64)>,
@@ -78,10 +86,13 @@ impl Server {
             bound: socket::identity(&settings.socket),
             spare: socket::Spare::new(),
             path: settings.socket.clone(),
-            core: Core::new(settings.name.clone(), roles, tokens),
+            core: Core::new(settings.name.clone(), roles, tokens).with_plugins(&settings.plugins),
             robot: Robot::new(settings.name.clone(), settings.domain.clone()),
             disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             inbox: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            units: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            started: settings.started(),
+            name: settings.name.clone(),
             facts: None,
             rows: None,
             clients: BTreeMap::new(),
@@ -97,6 +108,9 @@ impl Server {
     /// The sockets cannot be waited for.
     pub fn run(&mut self, stop: &StopFlag) -> Answer {
         eprintln!("gateway: listening on {}", self.path.display());
+        for name in std::mem::take(&mut self.started) {
+            self.begin(0, Job::Plugin(self.name.clone(), name, Verb::Start));
+        }
         while !stop.load(Ordering::Relaxed) {
             self.wait()?;
             if let Some(sentence) = self.robot.look(now_ns()) {
@@ -120,7 +134,9 @@ impl Server {
     /// Waits for a client or for the next look at the robot; accepts and reads.
     fn wait(&mut self) -> Answer {
         let wait_ns = match () {
-            () if self.robot.is_busy() || self.disk.is_busy() || self.inbox.is_busy() => BUSY_NS,
+            () if self.robot.is_busy() || self.disk.is_busy() || self.inbox.is_busy() || self.units.is_busy() => {
+                BUSY_NS
+            }
             () if self.robot.hub().is_used() => SAMPLES_NS,
             () => IDLE_NS,
         };
@@ -215,6 +231,17 @@ impl Server {
                         self.answer(ticket, answer);
                     }
                 }
+                Action::Plugin { ticket, verb, name } => {
+                    self.begin(ticket, Job::Plugin(self.name.clone(), name, verb));
+                }
+                Action::Publish { ticket, sensor, reading } => {
+                    let done = match self.robot.publish(&sensor, *reading, now_ns()) {
+                        Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
+                        Err(answer) => Done::Answer(answer),
+                    };
+                    self.done(ticket, done);
+                }
+                Action::Unpublish { sensor } => self.robot.unpublish(&sensor),
                 Action::Look { ticket, what } => self.look(ticket, what),
                 Action::Subscribe { client, id, channel, rate_hz } => {
                     self.robot.hub().subscribe(client, id, channel, rate_hz);
@@ -294,7 +321,11 @@ impl Server {
     }
 
     fn begin(&mut self, ticket: Ticket, job: Job) {
-        let disk = if matches!(job, Job::Mission(..)) { &mut self.inbox } else { &mut self.disk };
+        let disk = match job {
+            Job::Mission(..) => &mut self.inbox,
+            Job::Plugin(..) => &mut self.units,
+            _ => &mut self.disk,
+        };
         if !disk.begin(ticket, job) {
             self.missions.remove(&ticket);
             let reason = Reason::GatewayBusy { most: crate::core::UNANSWERED };
@@ -313,7 +344,7 @@ impl Server {
     }
 
     fn disk_outcomes(&mut self) {
-        while let Some(outcome) = self.inbox.poll().or_else(|| self.disk.poll()) {
+        while let Some(outcome) = self.inbox.poll().or_else(|| self.units.poll()).or_else(|| self.disk.poll()) {
             match outcome {
                 // Several may have been opened at once.
                 Outcome::Done(ticket, Done::Reply(_, _, Some(_))) if !self.takes_a_descriptor(ticket) => {
@@ -376,7 +407,8 @@ impl Server {
         for client in gone {
             self.clients.remove(&client);
             self.robot.hub().remove(client);
-            self.core.step(now, Event::Gone { client });
+            let actions = self.core.step(now, Event::Gone { client });
+            self.carry_out(actions);
         }
     }
 }

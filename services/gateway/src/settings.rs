@@ -1,7 +1,7 @@
 //! The arguments of the gateway, and what follows from them.
 
 use command::{Answer, Failure};
-use config::{GatewaySection, SystemFile};
+use config::{GatewaySection, PluginSection, SystemFile};
 use gateway_protocol::SOCKET_ENDING;
 use std::path::PathBuf;
 
@@ -24,6 +24,9 @@ pub struct Args {
     /// Folder in which the tokens are stored; default: the folder `state` beside the runs.
     #[arg(long, value_name = "FOLDER")]
     pub state: Option<PathBuf>,
+    /// Becomes the program of this plug-in of the system file instead, as the user of the plug-ins.
+    #[arg(long, value_name = "NAME")]
+    pub plugin: Option<String>,
 }
 
 /// What the gateway needs to know.
@@ -41,6 +44,8 @@ pub struct Settings {
     pub tokens: PathBuf,
     /// The roles.
     pub section: GatewaySection,
+    /// The declared plug-ins.
+    pub plugins: Vec<PluginSection>,
 }
 
 impl Settings {
@@ -61,7 +66,17 @@ impl Settings {
             runs: file.runs,
             name: file.name,
             section: file.gateway,
+            plugins: file.plugin,
         })
+    }
+}
+
+impl Settings {
+    /// The plug-ins that the service manager starts with the gateway.
+    #[must_use]
+    pub(crate) fn started(&self) -> Vec<String> {
+        let started = self.plugins.iter().filter(|plugin| plugin.start && !plugin.command.is_empty());
+        started.map(|plugin| plugin.name.clone()).collect()
     }
 }
 

@@ -2,11 +2,12 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use config::GatewaySection;
+use config::{GatewaySection, PluginSection};
 use gateway::core::*;
+use gateway::plugin::Verb;
 use gateway::roles::{Peer, Roles};
 use gateway::tokens::Tokens;
-use gateway_protocol::{Accepted, CALL_LIMITS, Call, Origin, Reply, VERSION, encode};
+use gateway_protocol::{Accepted, CALL_LIMITS, Call, Origin, Published, ReadingQuality, Reply, VERSION, encode};
 use messages::{OperatorRequest, Request, RequestAnswer, RequestBody, Slot, SlotRole, text_of};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -17,7 +18,7 @@ const SECOND: u64 = 1_000_000_000;
 
 fn core() -> Core {
     let list = |name: &str| vec![name.to_owned()];
-    let section = GatewaySection { fly: list("ada"), stop: list("bob"), look: list("eve") };
+    let section = GatewaySection { fly: list("ada"), stop: list("bob"), look: list("eve"), publish: list("plugin") };
     Core::new("lab".to_owned(), Roles::new(OWNER, section), Tokens::default())
 }
 
@@ -161,6 +162,69 @@ fn every_request_goes_to_the_process_that_carries_it_out() {
     assert_eq!(reason(&go(&arm)), 456);
 }
 
+/// The declared plug-in `soil`.
+fn with_soil() -> Core {
+    let word = |word: &str| vec![word.to_owned()];
+    let declared =
+        PluginSection { name: "soil".to_owned(), quantity: word("moisture"), unit: word("%"), ..Default::default() };
+    core().with_plugins(&[declared])
+}
+
+#[test]
+fn a_plug_in_publishes_its_readings_and_does_nothing_else() {
+    let publish = |sensor: &str| {
+        let reading = Published {
+            sensor: sensor.to_owned(),
+            values: vec![Some(41.5)],
+            quality: ReadingQuality::Doubtful,
+            age_s: None,
+        };
+        framed(&Call::Publish { id: 3, reading }, &[])
+    };
+    for (user, expected) in [("plugin", 0), ("nims", 0), ("ada", 468), ("bob", 468), ("eve", 468)] {
+        let mut core = with_soil();
+        connected(&mut core, 1, user);
+        let actions = core.step(SECOND, Event::Received { client: 1, bytes: &publish("soil") });
+        match &actions[..] {
+            [Action::Publish { sensor, reading, .. }] => {
+                assert_eq!((expected, sensor.as_str(), reading.value[0], reading.quality), (0, "soil", 41.5, 1));
+            }
+            refused => assert_eq!(reason(refused), expected, "{user}"),
+        }
+    }
+    let mut core = with_soil();
+    connected(&mut core, 1, "plugin");
+    assert_eq!(reason(&core.step(0, Event::Received { client: 1, bytes: &publish("node") })), 465);
+    core.step(SECOND, Event::Received { client: 1, bytes: &publish("soil") });
+    for request in requests() {
+        let refused = core.step(60 * SECOND, Event::Received { client: 1, bytes: &ask(9, request) });
+        assert!(matches!(reason(&refused), 450 | 451));
+    }
+    // Its channel ends with its connection.
+    let left = core.step(SECOND, Event::Gone { client: 1 });
+    assert!(matches!(&left[..], [Action::Unpublish { sensor }] if sensor == "soil"), "{left:?}");
+}
+
+#[test]
+fn who_flies_starts_and_stops_a_declared_plug_in_through_the_service_manager() {
+    let verb = |user: &str, request: Request| {
+        let mut core = with_soil();
+        connected(&mut core, 1, user);
+        match &core.step(0, Event::Received { client: 1, bytes: &ask(1, request) })[..] {
+            [Action::Plugin { verb, name, .. }] => Ok((*verb, name.clone())),
+            [Action::Ask { process, .. }] => Err(process.clone()),
+            other => Err(reason(other).to_string()),
+        }
+    };
+    let (soil, name) = (|| "soil".to_owned(), "soil".to_owned());
+    let start = || Request::StartProcess { name: soil(), slot: None, law: None };
+    assert_eq!(verb("ada", start()), Ok((Verb::Start, name.clone())));
+    assert_eq!(verb("ada", Request::StopProcess { name: soil() }), Ok((Verb::Stop, name.clone())));
+    assert_eq!(verb("nims", Request::RestartProcess { name: soil() }), Ok((Verb::Restart, name)));
+    assert_eq!(verb("bob", start()), Err("450".to_owned()));
+    assert_eq!(verb("ada", Request::StopProcess { name: "recorder".to_owned() }), Err("nims".to_owned()));
+}
+
 #[test]
 fn a_mission_is_flown_only_with_its_text() {
     let mut core = core();
@@ -280,6 +344,31 @@ fn a_client_opens_ten_files_at_once_and_makes_one_list() {
     assert_eq!(opened, 10);
     let again = core.step(0, Event::Received { client: 1, bytes: &framed(&Call::Runs { id: 3 }, &[]) });
     assert!(matches!(again[..], [Action::Look { .. }]), "{again:?}");
+}
+
+#[test]
+fn a_connection_has_one_subscription_of_a_channel() {
+    let mut core = core();
+    connected(&mut core, 1, "eve");
+    connected(&mut core, 2, "eve");
+    let mut go = |client, call: Call| core.step(0, Event::Received { client, bytes: &framed(&call, &[]) });
+    let subscribe = |id, name: &str| Call::Subscribe { id, channel: name.to_owned(), rate_hz: None };
+    let subscribed = |actions: &[Action]| matches!(actions, [Action::Send { .. }, Action::Subscribe { .. }]);
+    assert!(subscribed(&go(1, subscribe(1, "motor/state"))));
+    let second = go(1, subscribe(2, "motor/state"));
+    assert_eq!(reason(&second), 456);
+    let [Action::Send { reply: Reply::Answer { sentence, .. }, .. }] = &second[..] else { panic!("{second:?}") };
+    assert!(sentence.contains("subscription 1") && sentence.contains("motor/state"), "{sentence}");
+    assert_eq!(reason(&go(1, subscribe(1, "motor/input"))), 456);
+    // Another connection, another channel, and the same one after its end.
+    assert!(subscribed(&go(2, subscribe(2, "motor/state"))));
+    assert!(subscribed(&go(1, subscribe(3, "motor/input"))));
+    go(1, Call::Unsubscribe { id: 4, subscription: 1 });
+    assert!(subscribed(&go(1, subscribe(5, "motor/state"))));
+    for id in 10..10 + SUBSCRIPTIONS as u64 - 2 {
+        assert!(subscribed(&go(1, subscribe(id, &format!("sensor/{id}")))));
+    }
+    assert_eq!(reason(&go(1, subscribe(999, "sensor/more"))), 464);
 }
 
 #[test]

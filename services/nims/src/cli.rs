@@ -1,7 +1,8 @@
 //! The command line: the commands with their arguments, and their dispatch.
 
 use crate::{
-    channels, demo, fault, fetch, groups, operate, processes, programs, set, status, swap, top, visualization_export,
+    channels, closed_runs, demo, fault, fetch, groups, operate, processes, programs, set, status, swap, top,
+    visualization_export,
 };
 use clap::{Parser, Subcommand};
 use client::Place;
@@ -148,7 +149,7 @@ impl Cli {
             Command::Fault { words, seconds } => fault::fault(place, words, *seconds),
             Command::NewSensor(args) => commissioning::new_sensor::new_sensor(args),
             Command::Commissioning(command) => command.run(domain),
-            Command::Analysis(command) => command.run(),
+            Command::Analysis(command) => closed_runs::run(place, command),
             Command::Runs => fetch::runs(place),
             Command::Fetch(args) => fetch::fetch(place, args),
             Command::Token(command) => command.run(place),

@@ -48,17 +48,26 @@ pub fn fetch(place: Place<'_>, args: &Args) -> Answer<Output> {
     if dest.exists() {
         return Err(Failure::BadInput(format!("{} exists already; give another folder", dest.display())));
     }
-    let gateway = client::gateway(place)?;
-    let files = gateway.files(&args.run)?;
+    let (files, all) = copy_run(&client::gateway(place)?, &args.run, &dest)?;
+    let sentence = format!("{}: {files} files, {:.1} MB", dest.display(), all as f64 * 1e-6);
+    Ok(Output::new(json!({ "run": dest, "files": files, "bytes": all }), sentence))
+}
+
+/// Copies a finished run to a new folder through its gateway; returns the number of files and their bytes.
+///
+/// # Errors
+/// There is no such run, or a file cannot be copied whole.
+pub(crate) fn copy_run(gateway: &Gateway, run: &str, dest: &Path) -> Answer<(usize, u64)> {
+    let files = gateway.files(run)?;
     let all: u64 = files.iter().map(|file| file.bytes).sum();
     // Under another name until it is whole.
-    let part = with_ending(&dest, ".part");
+    let part = with_ending(dest, ".part");
     let failed = |what: &Path, error: io::Error| Failure::NotNow(format!("{}: {error}", what.display()));
     begin(&part).map_err(|error| failed(&part, error))?;
     let mut progress = Progress { done: 0, all, shown: 0, terminal: io::stderr().is_terminal() };
     for file in &files {
         let to = part.join(safe(&file.name)?);
-        let from = gateway.open(&args.run, &file.name)?;
+        let from = gateway.open(run, &file.name)?;
         if let Some(folder) = to.parent() {
             fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
         }
@@ -71,9 +80,8 @@ pub fn fetch(place: Place<'_>, args: &Args) -> Answer<Output> {
             )));
         }
     }
-    fs::rename(&part, &dest).map_err(|error| failed(&dest, error))?;
-    let sentence = format!("{}: {} files, {:.1} MB", dest.display(), files.len(), all as f64 * 1e-6);
-    Ok(Output::new(json!({ "run": dest, "files": files.len(), "bytes": all }), sentence))
+    fs::rename(&part, dest).map_err(|error| failed(dest, error))?;
+    Ok((files.len(), all))
 }
 
 /// Creates the folder of a copy, without what an earlier attempt has left there.

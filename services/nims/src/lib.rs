@@ -13,6 +13,7 @@
 
 mod channels;
 pub mod cli;
+mod closed_runs;
 mod demo;
 pub mod fault;
 mod fetch;

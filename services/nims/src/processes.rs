@@ -52,7 +52,14 @@ impl Command {
             },
             Self::Unplug { process } => Request::Unplug { name: process.clone() },
         };
-        send_and_follow(&client::link(place)?, &command)
+        let output = send_and_follow(&client::link(place)?, &command)?;
+        if let Request::Plug { name, .. } = &command {
+            eprintln!(
+                "warning: {name} has the same rights as the robot: it can read and write its shared memory; as a [[plugin]] of \
+                 the system file, a service runs it as another user (docs/access.md)"
+            );
+        }
+        Ok(output)
     }
 }
 
@@ -102,6 +109,8 @@ pub(crate) fn send_and_follow(link: &RobotLink, command: &Request) -> Answer<Out
     let row = follow(link, command, |_| ())?;
     let name = text_of(&row.name);
     let sentence = match row.state {
+        // A plug-in, which the service manager runs.
+        ProcessState::STATE_RUNNING if row.pid == 0 => text_of(&row.reason),
         ProcessState::STATE_READY => format!("{name} is ready (process {})", row.pid),
         ProcessState::STATE_RUNNING => format!("{name} runs (process {})", row.pid),
         ProcessState::STATE_GONE => format!("{name} is unplugged"),

@@ -81,7 +81,7 @@ fn swap(link: &RobotLink, asked: &Args) -> Answer<Output> {
             slot: Some(name_of(slot)),
             law: (law != DEFAULT).then(|| law.clone()),
         };
-        robot.print_progress(&processes::send_and_follow(link, &start)?.words);
+        robot.change(&start)?;
     }
     let outcome = robot.qualify(slot, &new).and_then(|()| robot.take_over(slot));
     if let Err(failure) = outcome {
@@ -113,7 +113,8 @@ struct Robot<'a> {
     index: usize,
     role: Role,
     slots: Samples<MotorSlots>,
-    processes: Samples<ProcessState>,
+    /// The rows of the process table, except while a change is followed.
+    processes: Option<Samples<ProcessState>>,
     table: BTreeMap<String, ProcessState>,
     waiter: LinkWaiter,
     newest: Option<MotorSlots>,
@@ -128,7 +129,7 @@ impl<'a> Robot<'a> {
             index: asked.role.index(),
             role: asked.role.into(),
             slots: link.subscriber("motor/slots")?,
-            processes: link.subscriber("system/process")?,
+            processes: Some(link.subscriber("system/process")?),
             table: BTreeMap::new(),
             waiter: link.waiter(&["motor/slots"])?,
             newest: None,
@@ -152,8 +153,10 @@ impl<'a> Robot<'a> {
     /// Waits for the next samples, and returns the newest of motor-io.
     fn poll(&mut self) -> Answer<Option<MotorSlots>> {
         self.waiter.wait_until(Some(clock::now_ns() + clock::SECOND_NS / 10))?;
-        while let Some(row) = self.processes.receive()? {
-            self.table.insert(text_of(&row.name), row);
+        if let Some(processes) = &mut self.processes {
+            while let Some(row) = processes.receive()? {
+                self.table.insert(text_of(&row.name), row);
+            }
         }
         self.newest = self.slots.latest()?.or(self.newest);
         Ok(self.newest)
@@ -200,7 +203,16 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        self.print_progress(&processes::send_and_follow(self.link, &Request::StopProcess { name })?.words);
+        self.change(&Request::StopProcess { name })
+    }
+
+    /// Requests a change of the processes, and follows it to its end.
+    fn change(&mut self, command: &Request) -> Answer {
+        // Through a gateway, a connection has one subscription of a channel.
+        self.processes = None;
+        let followed = processes::send_and_follow(self.link, command);
+        self.processes = Some(self.link.subscriber("system/process")?);
+        self.print_progress(&followed?.words);
         Ok(())
     }
 

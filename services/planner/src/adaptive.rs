@@ -5,9 +5,9 @@ use messages::FieldMap;
 use survey::adaptive::{KnownCell, KnownField, PatchOptions, patches};
 use survey::grid::GridSpec;
 
-use crate::mission::{Dwell, Leg, MAX_POINTS, Mission, Polyline};
 use crate::plan::Plan;
-use crate::scan::{Adaptive, ScanError, over_patches};
+use crate::scan::{Adaptive, ScanError, merit, over_patches};
+use mission::{Dwell, Leg, MAX_POINTS, Mission, Polyline};
 
 /// Splits a mission before its first adaptive leg; the second part is `None` without such a leg.
 pub fn split(mission: &Mission) -> (Mission, Option<Mission>) {
@@ -68,7 +68,7 @@ fn way(leg: &Adaptive, known: &KnownField, from: Vector3<f64>) -> Result<Vec<Vec
     let low_m = [a[0].min(b[0]), a[1].min(b[1])];
     let high_m = [a[0].max(b[0]), a[1].max(b[1])];
     let options = PatchOptions {
-        merit: leg.by.into(),
+        merit: merit(leg.by),
         tile_m: leg.tile_m.unwrap_or(3.0 * leg.pitch_m),
         share: leg.share,
         least: leg.least,

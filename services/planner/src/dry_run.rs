@@ -2,8 +2,8 @@
 
 use cable_robot::Vector3;
 
-use crate::mission::Mission;
 use crate::plan::{Plan, PlanError, PlannerConfig};
+use mission::Mission;
 
 /// Figures of a mission that may be flown.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,8 +5,8 @@ use robot_state::Reason;
 use robot_state::answers::detail;
 
 use crate::inputs::Inputs;
-use crate::mission::{Leg, Mission};
 use crate::plan::{Plan, PlannerConfig};
+use mission::{Leg, Mission};
 
 /// Upper bound of the legs from the next adaptive one on: its whole area.
 #[derive(Debug, Clone, Copy, Default)]

@@ -1,6 +1,6 @@
 //! Turns missions and requests into checked motion segments.
 //!
-//! [`mission`] reads a mission file, [`plan`] makes segments of it and checks each against the robot's limits,
+//! The crate `mission` reads a mission file, [`plan`] makes segments of it and checks each against the robot's limits,
 //! [`Planner`] tracks the one mission that is flown, [`progress`] stores on disk how far it came, [`dry_run()`]
 //! predicts a mission without flying it. [`scan`] makes way points of patterns over an area.
 //!
@@ -14,7 +14,6 @@ pub mod adaptive;
 mod dry_run;
 mod flight;
 mod inputs;
-pub mod mission;
 pub mod plan;
 mod planner;
 pub mod process;
@@ -24,9 +23,9 @@ pub mod requests;
 pub mod scan;
 mod stopped;
 
+pub use ::mission::{self, Mission};
 pub use dry_run::{Summary, dry_run};
 pub use inputs::Inputs;
-pub use mission::Mission;
 pub use plan::{Plan, PlanError, PlannerConfig};
 pub use planner::{Planner, state_text};
 pub use progress::Progress;

@@ -11,11 +11,11 @@ use segments::segment_message;
 use crate::adaptive;
 use crate::flight::{Flight, LaterCost};
 use crate::inputs::Inputs;
-use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
 use crate::refusal::Refusal;
 use crate::stopped::{not_taken_up, stopped_by};
+use mission::{Leg, Mission, PathShape};
 
 /// An estimate this many cycles behind motor-io is stale.
 const STALE_CYCLES: u64 = 20;

@@ -13,8 +13,8 @@ use config::file;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::mission::Mission;
 use crate::plan::Mark;
+use mission::Mission;
 
 /// Shortest time between two writes, ns: a tenth of a metre at 0.4 m/s.
 const PAUSE_NS: u64 = 250_000_000;

@@ -1,11 +1,11 @@
 //! Refusals of the planner, each with its reason in the catalogue of answers.
 
 use config::MissionCopyError;
+use mission::MissionError;
 use robot_state::Reason;
 use robot_state::answers::detail;
 use thiserror::Error;
 
-use crate::mission::MissionError;
 use crate::plan::PlanError;
 
 /// Reason for which a request is refused.
@@ -28,7 +28,7 @@ impl Refusal {
     pub fn reason(&self) -> Reason {
         match self {
             Self::NotReady(reason) => **reason,
-            Self::Mission(error) => reason_of_mission_error(error),
+            Self::Mission(error) => error.reason(),
             Self::Plan(error) => error.reason(),
         }
     }
@@ -40,15 +40,6 @@ impl Refusal {
     }
 }
 
-/// Returns the reason for which a mission is invalid.
-pub(crate) fn reason_of_mission_error(error: &MissionError) -> Reason {
-    let why = detail(error);
-    match *error {
-        MissionError::Value { leg, key, .. } => Reason::MissionValue { leg, key: detail(key), why },
-        MissionError::Malformed(_) | MissionError::Unreadable { .. } => Reason::MissionInvalid { why },
-    }
-}
-
 /// Returns the reason for which the copy of a mission cannot be used.
 pub(crate) fn reason_of_copy_error(error: &MissionCopyError) -> Reason {
     match error {
@@ -56,8 +47,8 @@ pub(crate) fn reason_of_copy_error(error: &MissionCopyError) -> Reason {
         MissionCopyError::Unreadable { path, why } => {
             Reason::CopyUnreadable { copy: detail(path.display()), why: detail(why) }
         }
-        MissionCopyError::NotStored { path, why } => {
-            Reason::CopyUnreadable { copy: detail(path.display()), why: detail(why) }
+        MissionCopyError::NotStored { path, .. } | MissionCopyError::Full { path } => {
+            Reason::CopyUnreadable { copy: detail(path.display()), why: detail(error) }
         }
     }
 }

@@ -7,9 +7,9 @@ use robot_state::Reason;
 use robot_state::answers::detail;
 
 use crate::inputs::Inputs;
-use crate::mission::{Mission, PathShape};
 use crate::planner::Planner;
-use crate::refusal::{Refusal, reason_of_copy_error, reason_of_mission_error};
+use crate::refusal::{Refusal, reason_of_copy_error};
+use mission::{Mission, PathShape};
 
 /// Carries out one request and returns the answer. A mission is read from its copy in the folder `run`.
 ///
@@ -48,7 +48,7 @@ fn carry_out(
         Request::Run { hash, continues, .. } => {
             let text = config::read_mission(run, &hash);
             let text = text.map_err(|error| reason_of_copy_error(&error))?;
-            let mission = Mission::parse(&text).map_err(|error| reason_of_mission_error(&error))?;
+            let mission = Mission::parse(&text).map_err(|error| error.reason())?;
             let result = if continues { planner.go_on(&mission, seen) } else { planner.run(&mission, seen) };
             result.map_err(refused)
         }

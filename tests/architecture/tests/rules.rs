@@ -65,6 +65,8 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("gateway-protocol", &["messages"]),
     // configuration types use the mathematics
     ("config", &["messages", "cable-robot"]),
+    // a refused mission is an answer to a request
+    ("mission", &["config", "robot-state"]),
     ("segments", &["messages", "cable-robot"]),
     // the runtime of a process fills in samples
     ("runtime", &["bus", "messages", "config", "robot-state"]),

@@ -7,8 +7,8 @@ use cable_robot::{Path, Profile, Segment, Vector3, path, swing};
 use config::Point;
 
 use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THERE_M};
-use crate::mission::{Leg, Mission, PathShape};
 use crate::scan::{self, Stop};
+use mission::{Leg, Mission, PathShape};
 
 /// From this length on the acceleration at both ends of a move is negligible, m.
 const LONG_M: f64 = 2.0;

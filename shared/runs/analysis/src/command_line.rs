@@ -9,11 +9,11 @@ use std::path::PathBuf;
 pub enum Command {
     /// A run as one page: motions, accuracy, events; several runs side by side.
     Report {
-        /// Run folders or files.
+        /// Run folders or files, or the names of finished runs that `nims runs` lists.
         #[arg(required = true, value_name = "RUN")]
         runs: Vec<PathBuf>,
         /// The page; default: report.html in the run folder (for several runs: comparison.html in the folder of the
-        /// first).
+        /// first). Of a run from the gateway: RUN.html or comparison.html in the current folder.
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
@@ -21,7 +21,7 @@ pub enum Command {
     Map(map::Args),
     /// Contents of a run: length, channels, rates, gaps, health.
     Info {
-        /// Run folder or file.
+        /// Run folder or file, or the name of a finished run that `nims runs` lists.
         run: PathBuf,
     },
     /// Restore run files that were not closed or are damaged.

@@ -4,7 +4,8 @@ use crate::link::RobotLink;
 use crate::robot::SUPERVISOR;
 use bus::clock;
 use command::{Answer, Failure};
-use messages::{ProcessState, Request, text_of};
+use messages::{OperatorRequest, ProcessState, Request, put_text, text_of};
+use robot_state::Reason;
 
 /// Longest wait for a process to become ready or to end, ns: longer than the timeouts of the supervisor.
 const PATIENCE_NS: u64 = 25_000_000_000;
@@ -22,6 +23,9 @@ pub fn follow(link: &RobotLink, asked: &Request, mut seen: impl FnMut(&ProcessSt
     let asked_ns = clock::now_ns();
     let answer = link.ask(SUPERVISOR, asked)?;
     let sentence = Failure::unless_accepted(&answer)?;
+    if let Some(row) = plugin_row(&answer, asked, &sentence) {
+        return Ok(row);
+    }
     let give_up = clock::now_ns() + PATIENCE_NS;
     loop {
         while let Some(row) = table.receive()? {
@@ -42,6 +46,23 @@ pub fn follow(link: &RobotLink, asked: &Request, mut seen: impl FnMut(&ProcessSt
         }
         waiter.wait_until(Some(give_up))?;
     }
+}
+
+/// The row of a plug-in, which the service manager runs: the gateway's answer comes when it has done so, and the
+/// process table does not have it. Its `reason` is that answer.
+fn plugin_row(answer: &OperatorRequest, asked: &Request, sentence: &str) -> Option<ProcessState> {
+    let state = match Reason::from_request(answer)? {
+        Reason::PluginStarted { .. } => ProcessState::STATE_RUNNING,
+        Reason::PluginStopped { .. } => ProcessState::STATE_STOPPED,
+        _ => return None,
+    };
+    let mut row = ProcessState { state, ..ProcessState::default() };
+    if let Request::StartProcess { name, .. } | Request::StopProcess { name } | Request::RestartProcess { name } = asked
+    {
+        put_text(&mut row.name, name);
+    }
+    put_text(&mut row.reason, sentence);
+    Some(row)
 }
 
 /// Returns whether a row belongs to the requested process, by any of its names.

@@ -1,6 +1,6 @@
 //! Checks of whole files: of values that depend on each other. The sections state what else each key accepts.
 
-use super::{RobotFile, SystemFile, TablePaths, gateway, logger, motor_io, names, process};
+use super::{RobotFile, SystemFile, TablePaths, gateway, logger, motor_io, names, plugin, process};
 use crate::Problem;
 use crate::number::number;
 
@@ -64,5 +64,6 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     gateway::check(&file.gateway)?;
     logger::check(&file.sensor_logger)?;
     file.realtime.check_ranges("realtime")?;
-    process::check(&file.process)
+    process::check(&file.process)?;
+    plugin::check(file)
 }

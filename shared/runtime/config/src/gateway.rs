@@ -14,6 +14,8 @@ crate::section! {
         pub stop: Vec<String> = Vec::new(),
         /// Users that may only look, although one of their groups may do more.
         pub look: Vec<String> = Vec::new(),
+        /// Users that may also publish readings of the declared plug-ins; it gives them no other role.
+        pub publish: Vec<String> = vec!["nims-plugin".to_owned()],
     }
 }
 
@@ -23,13 +25,19 @@ crate::section! {
 /// An entry that is no name of a user or a group.
 pub(super) fn check(section: &GatewaySection) -> Result<(), Problem> {
     let usable = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.' | b'$');
-    for (key, entries) in [("fly", &section.fly), ("stop", &section.stop), ("look", &section.look)] {
+    for (key, entries) in
+        [("fly", &section.fly), ("stop", &section.stop), ("look", &section.look), ("publish", &section.publish)]
+    {
         for entry in entries {
             let name = entry.strip_prefix('@').unwrap_or(entry);
             if name.is_empty() || !name.bytes().all(usable) {
                 let clause =
                     format!("contains \"{entry}\"; accepted: the name or number of a user, or `@` and that of a group");
                 return Err(Problem::with_clause(format!("gateway.{key}"), clause));
+            }
+            if key == "publish" && entry.starts_with('@') {
+                let clause = format!("contains \"{entry}\"; accepted: users, no groups");
+                return Err(Problem::with_clause("gateway.publish", clause));
             }
         }
     }

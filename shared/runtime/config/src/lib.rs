@@ -26,6 +26,7 @@ mod names;
 mod number;
 mod obstacle;
 mod planner;
+mod plugin;
 mod point;
 mod ports;
 mod problem;
@@ -52,12 +53,15 @@ pub use file_kind::FileKind;
 pub use gateway::GatewaySection;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
-pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
+pub use mission_copy::{
+    INBOX, INBOX_BYTES, INBOX_FILES, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission,
+};
 pub use motor_box::MotorBoxTable;
 pub use motor_io::MotorIoSection;
 pub use number::{Given, number};
 pub use obstacle::ObstacleSection;
 pub use planner::PlannerSection;
+pub use plugin::PluginSection;
 pub use point::{Point, Points};
 pub use ports::{PortSection, StopPin, UnitSection};
 pub use problem::Problem;

@@ -2,7 +2,7 @@
 
 use super::{
     ArbiterSection, ControllerSection, EstimatorSection, GatewaySection, MotorBoxTable, MotorIoSection, PlannerSection,
-    ProcessSection, RealtimeSection, RecorderSection, SensorLoggerSection, ViewerSection,
+    PluginSection, ProcessSection, RealtimeSection, RecorderSection, SensorLoggerSection, ViewerSection,
 };
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -55,6 +55,9 @@ pub struct SystemFile {
     /// Processes in addition to the standard ones, or replacements of them.
     #[serde(default)]
     pub process: Vec<ProcessSection>,
+    /// Sensors that run as another user and publish through the gateway.
+    #[serde(default)]
+    pub plugin: Vec<PluginSection>,
 }
 
 fn default_rate() -> f64 {

@@ -1,6 +1,6 @@
 //! What a client sends.
 
-use messages::{OperatorRequest, Request};
+use messages::{OperatorRequest, Reading, Request};
 use serde::{Deserialize, Serialize};
 
 /// Kind of a client's program. The gateway records it with each request.
@@ -25,6 +25,47 @@ impl Origin {
             Self::Python => OperatorRequest::ORIGIN_PYTHON,
         }
     }
+}
+
+/// Quality of a reading, as the device reports it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReadingQuality {
+    /// No doubt.
+    #[default]
+    Good,
+    /// E.g. a weak signal.
+    Doubtful,
+    /// The device has no value.
+    Invalid,
+}
+
+impl ReadingQuality {
+    /// Returns `quality` of [`Reading`].
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Good => Reading::QUALITY_GOOD,
+            Self::Doubtful => Reading::QUALITY_DOUBTFUL,
+            Self::Invalid => Reading::QUALITY_INVALID,
+        }
+    }
+}
+
+/// A reading of a plug-in, whose names and units the system file declares.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Published {
+    /// Name of the plug-in.
+    pub sensor: String,
+    /// Its values, in the declared order; null where the device reports none.
+    pub values: Vec<Option<f64>>,
+    /// Its quality; default good.
+    #[serde(default)]
+    pub quality: ReadingQuality,
+    /// Time since the measurement, s; default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub age_s: Option<f64>,
 }
 
 /// A call of a client. The first one is [`Call::Hello`]; the reply to every other one has the same `id`.
@@ -83,6 +124,13 @@ pub enum Call {
         /// Number of the subscription.
         subscription: u64,
     },
+    /// Publishes a reading of a plug-in.
+    Publish {
+        /// Number that the reply repeats.
+        id: u64,
+        /// The reading.
+        reading: Published,
+    },
     /// Asks for the list of finished runs.
     Runs {
         /// Number that the reply repeats.
@@ -139,6 +187,7 @@ impl Call {
             | Self::Channels { id }
             | Self::Subscribe { id, .. }
             | Self::Unsubscribe { id, .. }
+            | Self::Publish { id, .. }
             | Self::Runs { id }
             | Self::Files { id, .. }
             | Self::Open { id, .. }

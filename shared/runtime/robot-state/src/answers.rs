@@ -271,7 +271,7 @@ answers! {
     213 MissionNotBegun { mission: Detail } REFUSED, "mission \"{mission}\" was not begun; run it without --continue";
     214 MissionChanged { mission: Detail } REFUSED, "mission \"{mission}\" was changed since it was begun; run it from its beginning, without --continue";
     215 MissionDone { mission: Detail } REFUSED, "mission \"{mission}\" is done; nothing is left of it, run it without --continue";
-    216 RequesterTimedOut REFUSED, "not started: the request timed out while the motion was being planned; request it again, or fly a shorter mission";
+    216 RequesterTimedOut REFUSED, "not started: the request timed out, or a stop withdrew it, while the motion was being planned; request it again, or fly a shorter mission";
     221 MissionInvalid { why: Detail } BAD_INPUT, "{why}";
     222 CopyUnreadable { copy: Detail, why: Detail } BAD_INPUT, "the copy {copy} of the mission cannot be read: {why}; request the mission again";
     223 CopyChanged { copy: Detail } BAD_INPUT, "{copy} is not the mission that was requested: its SHA-256 differs; request the mission again";
@@ -351,6 +351,13 @@ answers! {
     462 NoRunFile { run: Detail, file: Detail } BAD_INPUT, "the run \"{run}\" has no file \"{file}\"; the list of its files has their names";
     463 DiskRefused { why: Detail } REFUSED, "{why}";
     464 TooManySubscriptions { most: usize } REFUSED, "a connection has at most {most} subscriptions; end one, then try again";
+    465 SensorNotDeclared { sensor: Detail } BAD_INPUT, "the system file declares no [[plugin]] \"{sensor}\"; it is added there, then the gateway is started again";
+    466 SensorTaken { sensor: Detail } REFUSED, "another connection publishes sensor/{sensor}; end it first";
+    467 ReadingsTooOften { rate_hz: f64 } REFUSED, "readings come too often; accepted: {rate_hz} per second, the rate_hz of the plug-in in the system file";
+    468 NotPublisher { user: Detail } REFUSED, "{user} may not publish readings: only the users of publish in [gateway] may, and the robot's user; ask the person who runs this robot";
+    469 PluginStarted { plugin: Detail, unit: Detail } ACCEPTED, "{plugin} runs, in {unit}";
+    470 PluginStopped { plugin: Detail } ACCEPTED, "{plugin} is stopped";
+    471 PluginFailed { plugin: Detail, verb: Detail, why: Detail } REFUSED, "{plugin}: no {verb}: {why}";
 
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.

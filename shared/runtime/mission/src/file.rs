@@ -4,10 +4,12 @@ use std::path::Path;
 
 use config::Point;
 use config::{file, toml_file};
+use robot_state::Reason;
+use robot_state::answers::detail;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::scan::{Adaptive, DwellPoints, Profile, Raster, Transect};
+use crate::pattern::{Adaptive, DwellPoints, Profile, Raster, Transect};
 
 /// Most legs of a mission; a longer one is a scan pattern that belongs in one polyline.
 pub const MAX_LEGS: usize = 200;
@@ -21,7 +23,7 @@ pub const MAX_POINTS: usize = 1000;
 /// A mission file as written; lengths in metres, z up. Points are `[x, y, z]`, or `[x, z]` for a planar robot.
 ///
 /// ```
-/// let mission = planner::mission::Mission::parse(r#"
+/// let mission = mission::Mission::parse(r#"
 /// name = "up and round"
 /// speed_m_s = 0.2
 /// [[leg]]
@@ -32,7 +34,7 @@ pub const MAX_POINTS: usize = 1000;
 /// dwell = { duration_s = 2.0 }
 /// "#)?;
 /// assert_eq!(mission.leg.len(), 3);
-/// # Ok::<(), planner::mission::MissionError>(())
+/// # Ok::<(), mission::MissionError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -180,6 +182,18 @@ pub enum MissionError {
         /// Accepted values.
         accepted: &'static str,
     },
+}
+
+impl MissionError {
+    /// Returns the answer to a request for this mission: the same one from every process that reads missions.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        let why = detail(self);
+        match *self {
+            Self::Value { leg, key, .. } => Reason::MissionValue { leg, key: detail(key), why },
+            Self::Malformed(_) | Self::Unreadable { .. } => Reason::MissionInvalid { why },
+        }
+    }
 }
 
 /// A leg as part of a sentence.

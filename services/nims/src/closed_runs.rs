@@ -1,0 +1,87 @@
+//! `nims report` and `nims info` of finished runs whose folder is closed to this user: read through the descriptors
+//! that the gateway hands out, into a folder that exists as long as the command.
+
+use crate::fetch::copy_run;
+use analysis::Command;
+use client::{Gateway, Place};
+use command::{Answer, Failure, Output};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// Runs a command for recorded runs.
+///
+/// # Errors
+/// Those of the command; of a run that is not here and not at the gateway, those of its path.
+pub fn run(place: Place<'_>, command: &Command) -> Answer<Output> {
+    match command {
+        Command::Report { runs, out } => {
+            let Some(copies) = Copies::of(place, runs)? else { return command.run() };
+            // The folder of the run is closed to the page too.
+            let name = match &runs[..] {
+                [one] => format!("{}.html", name_of(one)),
+                _ => "comparison.html".to_owned(),
+            };
+            let out = out.clone().unwrap_or_else(|| PathBuf::from(name));
+            Command::Report { runs: copies.paths, out: Some(out) }.run()
+        }
+        Command::Info { run } => {
+            let Some(mut copies) = Copies::of(place, std::slice::from_ref(run))? else { return command.run() };
+            Command::Info { run: copies.paths.remove(0) }.run()
+        }
+        other => other.run(),
+    }
+}
+
+/// Runs as they can be read here.
+struct Copies {
+    paths: Vec<PathBuf>,
+    /// Removed at the end.
+    _folder: tempfile::TempDir,
+}
+
+impl Copies {
+    /// Copies the runs that cannot be read here; `None` if there are none, or no gateway has them.
+    fn of(place: Place<'_>, runs: &[PathBuf]) -> Answer<Option<Self>> {
+        let closed: Vec<&PathBuf> = runs.iter().filter(|run| is_closed(run)).collect();
+        if closed.is_empty() {
+            return Ok(None);
+        }
+        // Without a gateway the command names the path that it cannot read.
+        let Ok(gateway) = client::gateway(place) else { return Ok(None) };
+        let known = known(&gateway)?;
+        if !closed.iter().all(|run| known.iter().any(|name| *name == name_of(run))) {
+            return Ok(None);
+        }
+        let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+        let mut paths = Vec::new();
+        for run in runs {
+            if is_closed(run) {
+                let copy = folder.path().join(name_of(run));
+                copy_run(&gateway, &name_of(run), &copy)?;
+                paths.push(copy);
+            } else {
+                paths.push(run.clone());
+            }
+        }
+        Ok(Some(Self { paths, _folder: folder }))
+    }
+}
+
+fn known(gateway: &Gateway) -> Answer<Vec<String>> {
+    Ok(gateway.runs()?.into_iter().map(|run| run.name).collect())
+}
+
+/// The last part of a path, which is the name of a run at its gateway.
+fn name_of(run: &Path) -> String {
+    run.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Returns whether a path leads nowhere for this user: there is nothing, or its folder is closed.
+fn is_closed(run: &Path) -> bool {
+    let kind = match std::fs::metadata(run) {
+        Ok(found) if found.is_dir() => std::fs::read_dir(run).err(),
+        Ok(_) => std::fs::File::open(run).err(),
+        Err(error) => Some(error),
+    };
+    kind.is_some_and(|error| matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied))
+}
