@@ -123,6 +123,8 @@ struct Unit {
     name: Arc<str>,
     phase: Phase,
     report: UnitReport,
+    /// Number of the unit's last question, which is the order of its registers.
+    tag: u32,
     firmware: Option<ArrayString<48>>,
     /// The unit's own count at the last accepted sample.
     last_raw: Option<i32>,
@@ -159,8 +161,8 @@ pub struct Bus<T> {
     units: Vec<Unit>,
     inbox: Inbox,
     connection: u32,
-    /// Order of the registers of the next question.
-    tag: u32,
+    /// Number of the last question.
+    asked: u32,
     instead: Instead,
     /// Start of the present run of bytes that answer nothing, ns.
     noisy_from_ns: Option<u64>,
@@ -170,8 +172,9 @@ pub struct Bus<T> {
 }
 
 impl Unit {
-    fn new(config: &UnitConfig) -> Unit {
+    fn new(config: &UnitConfig, tag: u32) -> Unit {
         Unit {
+            tag,
             config: *config,
             name: format!("unit {}", config.address).into(),
             phase: Phase::Recognise,
@@ -218,16 +221,17 @@ impl<T: Transport> Bus<T> {
             }
             watchdog_ms(f64::from(unit.watchdog_ms) * 1e-3).map_err(invalid)?;
         }
+        // Another first tag for each start: answers to the program's last run are old too.
+        let tag = (transport.now_ns() / 1000) as u32;
         Ok(Bus {
-            // Another first tag for each start: answers to the program's last run are old too.
-            tag: (transport.now_ns() / 1000) as u32,
             transport,
             byte_ns: byte_time_ns(config.baud),
             margin_ns: config.margin_ns,
             checksums: config.checksums,
-            units: config.units.iter().map(Unit::new).collect(),
+            units: config.units.iter().map(|unit| Unit::new(unit, tag)).collect(),
             inbox: Inbox::new(),
             connection: 0,
+            asked: 0,
             instead: Instead::default(),
             noisy_from_ns: None,
             counters: Counters::default(),

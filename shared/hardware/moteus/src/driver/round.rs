@@ -21,6 +21,10 @@ const TURNAROUND_NS: u64 = 500_000;
 /// The same in a cycle whose time is over: an answer that is about to arrive is worth it, ns.
 const LAST_NS: u64 = 1_000_000;
 
+/// Waking up this long after a deadline means that the whole machine was stopped, ns: the answer may wait in the
+/// kernel, or the device, which was stopped as well, is about to send it.
+const STOOD_STILL_NS: u64 = 5_000_000;
+
 /// A command to a unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Order {
@@ -55,6 +59,9 @@ pub(super) type Results = [Option<Result<Reading, Error>>; MAX_UNITS];
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     plan: Plan,
+    /// Number among all questions.
+    number: u32,
+    /// Number among the unit's questions.
     tag: u32,
     attempt: u8,
     sent_ns: u64,
@@ -155,16 +162,17 @@ impl<T: Transport> Bus<T> {
         let now_ns = self.transport.now_ns();
         let stamp_ns = self.transport.stamp_ns();
         for (unit, plan) in plans.into_iter().enumerate() {
-            let (Some((plan, attempt)), Some(config)) = (plan, self.units.get(unit).map(|unit| unit.config)) else {
-                continue;
-            };
-            self.tag = self.tag.wrapping_add(1);
+            let (Some((plan, attempt)), Some(state)) = (plan, self.units.get_mut(unit)) else { continue };
+            state.tag = state.tag.wrapping_add(1);
+            let (config, tag) = (state.config, state.tag);
+            self.asked = self.asked.wrapping_add(1);
             self.counters.exchanges += 1;
-            let line = self.line(config.address, plan.frame(self.tag, config.watchdog_ms));
+            let line = self.line(config.address, plan.frame(tag, config.watchdog_ms));
             // Room for the longest lines of all units.
             let _ = bytes.try_extend_from_slice(&line);
             let _ = bytes.try_push(b'\n');
-            asked[unit] = Some(Asked { plan, tag: self.tag, attempt, sent_ns: now_ns, stamp_ns, until_ns: 0 });
+            let number = self.asked;
+            asked[unit] = Some(Asked { plan, number, tag, attempt, sent_ns: now_ns, stamp_ns, until_ns: 0 });
         }
         let on_wire_ns = now_ns + self.wire_ns(bytes.len() + count * ANSWER_BYTES);
         let until_ns = match in_cycle {
@@ -191,8 +199,14 @@ impl<T: Transport> Bus<T> {
         in_cycle: bool,
     ) -> Result<(), Error> {
         let mut garbled = false;
+        let mut patient = true;
         while let Some(until_ns) = asked.iter().flatten().map(|asked| asked.until_ns).max() {
             match self.hear(until_ns)? {
+                None if patient && self.transport.now_ns() > until_ns + STOOD_STILL_NS => {
+                    patient = false;
+                    let until_ns = self.transport.now_ns() + self.margin_ns;
+                    asked.iter_mut().flatten().for_each(|asked| asked.until_ns = until_ns);
+                }
                 None => {
                     self.counters.timeouts += asked.iter().flatten().count() as u64;
                     self.counters.resyncs += 1;
@@ -231,7 +245,7 @@ impl<T: Transport> Bus<T> {
         }
         let mut open: ArrayVec<(usize, Asked), MAX_UNITS> =
             asked.iter().enumerate().filter_map(|(unit, asked)| Some((unit, (*asked)?))).collect();
-        open.sort_unstable_by_key(|(_, asked)| self.tag.wrapping_sub(asked.tag));
+        open.sort_unstable_by_key(|(_, asked)| self.asked.wrapping_sub(asked.number));
         let mut plans = [None; MAX_UNITS];
         // The oldest question last in this order, so from the end.
         for &(unit, asked) in open.iter().rev() {
@@ -310,7 +324,12 @@ impl<T: Transport> Bus<T> {
             return Ok(());
         }
         if unit.suspect.is_some_and(|suspect| suspect.explains(&now)) {
+            let restarted = unit.clock.is_some_and(|before| before.allows_restart(&now));
             (unit.clock, unit.suspect) = (Some(now), None);
+            if !restarted {
+                // One of the clocks has slipped.
+                return Ok(());
+            }
             self.has_restarted(index);
             return Err(self.error(index, |port, unit| Error::Preparing { port, unit }));
         }
