@@ -133,8 +133,8 @@ async def talk(unit, cycles):
 
 async def main():
     port, address, cycles = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    # A pseudo-terminal counts as a UART: the client sends checksums and requires them. The time limits are longer than a
-    # virtual machine stands still.
+    # A pseudo-terminal counts as a UART: the client sends checksums and requires them. The time limits are longer than
+    # a virtual machine stands still.
     transport = moteus.Fdcanusb(port, command_timeout=2.0, response_timeout=2.0)
     unit = moteus.Controller(id=address, transport=transport, query_resolution=RESOLUTION)
     await identify(unit)

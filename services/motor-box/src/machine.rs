@@ -87,7 +87,7 @@ impl Machine {
 
     /// Units on a port, if they are RoboClaws.
     pub fn units(&self, port: usize) -> &[roboclaw::unit::Unit] {
-        self.banks.get(port).and_then(|bank| bank.units.roboclaw()).map_or(&[], |twin| twin.units())
+        self.banks.get(port).map_or(&[], |bank| bank.units.roboclaws())
     }
 
     /// Time that the machine has reached, ns.

@@ -6,7 +6,7 @@ use moteus::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
 use plant::{MotorInput, Plant};
 use serial::Device;
 
-use super::{MOTORS, Readings, Twin, Winch};
+use super::interface::{MOTORS, Readings, Twin, Winch};
 use crate::BoxError;
 use crate::settings::PortConfig;
 

@@ -6,7 +6,7 @@ use roboclaw::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Packet, Status};
 use serial::{Device, WireQueue};
 
-use super::{Readings, Twin, Winch};
+use super::interface::{self, Readings, Twin, Winch};
 use crate::BoxError;
 use crate::settings::{PortConfig, UnitConfig};
 
@@ -19,7 +19,7 @@ const WARN_AT: f64 = 0.95;
 /// Least current limit, A, the resolution of the setting: with 0 a motor could not move.
 const MIN_CURRENT_A: f64 = 0.01;
 
-const MOTORS: [Motor; super::MOTORS] = [Motor::One, Motor::Two];
+const MOTORS: [Motor; interface::MOTORS] = [Motor::One, Motor::Two];
 
 /// The units of one port.
 #[derive(Debug, Clone)]
@@ -34,11 +34,6 @@ impl RoboclawTwin {
         let units = port.units.iter().map(|unit| unit_of(unit, turnaround_ns)).collect();
         Self { bus: UnitBus::new(units), applied: Vec::new() }
     }
-
-    /// The units.
-    pub(crate) fn units(&self) -> &[Unit] {
-        self.bus.units()
-    }
 }
 
 impl Twin for RoboclawTwin {
@@ -51,7 +46,7 @@ impl Twin for RoboclawTwin {
     }
 
     /// Tunes the units over the bus, and stores the settings in them.
-    fn commission(&mut self, plant: &Plant, winches: &[[Option<Winch>; super::MOTORS]], current_limit_a: f64) {
+    fn commission(&mut self, plant: &Plant, winches: &[[Option<Winch>; interface::MOTORS]], current_limit_a: f64) {
         let mut nobody = WireQueue::new(0);
         let mut tell = |bus: &mut UnitBus, packet: Packet| {
             for &byte in packet.iter() {
@@ -104,7 +99,7 @@ impl Twin for RoboclawTwin {
     fn apply_settings(
         &mut self,
         plant: &mut Plant,
-        winches: &[[Option<Winch>; super::MOTORS]],
+        winches: &[[Option<Winch>; interface::MOTORS]],
     ) -> Result<(), BoxError> {
         for ((unit, winches), applied) in self.bus.units().iter().zip(winches).zip(&mut self.applied) {
             for (winch, motor) in winches.iter().zip(MOTORS) {
@@ -132,8 +127,8 @@ impl Twin for RoboclawTwin {
         }
     }
 
-    fn roboclaw(&self) -> Option<&RoboclawTwin> {
-        Some(self)
+    fn roboclaws(&self) -> &[Unit] {
+        self.bus.units()
     }
 }
 

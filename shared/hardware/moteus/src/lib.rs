@@ -1,5 +1,5 @@
-//! moteus controllers of brushless motors over fdcanusb text lines: a [drive family](drives::DriveBus) whose driver never
-//! uses a late or broken answer, and the unit's side of the protocol for simulation.
+//! moteus controllers of brushless motors over fdcanusb text lines: a [drive family](drives::DriveBus) whose driver
+//! never uses a late or broken answer, and the unit's side of the protocol for simulation.
 //!
 //! A unit drives one motor. It is on a UART of its own, or with others on a CAN-FD bus behind a USB adapter; both speak
 //! the same text lines. From the bottom up:
@@ -7,8 +7,8 @@
 //! * [`Bus`]: the units of one port; see [`driver`] for the rules and why.
 //! * [`mod@unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
 //!
-//! A count is 1/100 000 of a turn, the resolution of the position as a 32-bit integer. The unit's position ends at 21 474
-//! turns, and the driver then reports it instead of counting on.
+//! A count is 1/100 000 of a turn, the resolution of the position as a 32-bit integer. The unit's position ends at
+//! 21 474 turns, and the driver then reports it instead of counting on.
 //!
 //! Architecture invariants: one thread owns a port. The driver moves a motor only by command, and after a unit was lost
 //! or restarted only once it was commanded to stand still. A sample carries the time of its request. A control cycle

@@ -26,8 +26,8 @@ crate::section! {
         pub protocol: DriveProtocol = DriveProtocol::default(),
         /// Baud rate.
         pub baud: u32 = 230_400,
-        /// How the units are connected: `serial`, or `usb` for a USB adapter with a bus behind it, which not every family
-        /// has.
+        /// How the units are connected: `serial`, or `usb` for a USB adapter with a bus behind it, which not every
+        /// family has.
         pub wire: Wire = Wire::Serial,
         /// Drive units on this port.
         pub units: Vec<UnitSection> = Vec::new(),

@@ -1,7 +1,7 @@
 //! The bytes of the protocol, without state and without allocation.
 //!
-//! A frame of CAN-FD holds subframes ([`Subframe`]) that write registers, ask for them, or answer. A serial port carries
-//! frames as text lines ([`Line`]): `can send ID HEX FLAGS` to the adapter, which answers `OK` or `ERR ..`, and
+//! A frame of CAN-FD holds subframes ([`Subframe`]) that write registers, ask for them, or answer. A serial port
+//! carries frames as text lines ([`Line`]): `can send ID HEX FLAGS` to the adapter, which answers `OK` or `ERR ..`, and
 //! `rcv ID HEX FLAGS` for each frame that it receives. A unit on a UART speaks the same lines and ends each with a
 //! checksum, ` *XX`; after the first line with one it accepts no line without.
 

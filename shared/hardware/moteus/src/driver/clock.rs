@@ -3,9 +3,9 @@
 /// Largest difference of the two clocks' rates: a controller's own oscillator is within 1 %, and the maker trims it in
 /// steps of 0.25 %.
 const DRIFT: f64 = 0.02;
-/// Milliseconds by which the two clocks may disagree besides: a simulated port's clock leaves out stalls of the machine a
-/// little before or after its units do. Younger answers are told by their order: a unit is asked at most a dozen times in
-/// this time, and its questions have 120 orders.
+/// Milliseconds by which the two clocks may disagree besides: a simulated port's clock leaves out stalls of the machine
+/// a little before or after its units do. Younger answers are told by their order: a unit is asked at most a dozen
+/// times in this time, and its questions have 120 orders.
 const SLACK_MS: i64 = 40;
 
 /// A reading of the unit's millisecond counter between the question and the answer.
@@ -17,8 +17,8 @@ pub(super) struct ClockReading {
 }
 
 impl ClockReading {
-    /// True where a unit that did not restart since can show `later`: not much less, which is an old answer or a restart,
-    /// and not much more.
+    /// True where a unit that did not restart since can show `later`: not much less, which is an old answer or a
+    /// restart, and not much more.
     pub(super) fn explains(&self, later: &ClockReading) -> bool {
         let passed_ms = i64::from(later.ms.wrapping_sub(self.ms));
         let least_ns = later.sent_ns.saturating_sub(self.received_ns) as f64;

@@ -195,7 +195,8 @@ impl<T: Transport> Bus<T> {
             if !std::mem::replace(&mut unit.held_back, true) {
                 return Err(self.error(index, |port, unit| Error::EncoderJump { port, unit, axis: 0, counts: moved }));
             }
-            // The clock shows that the unit has not restarted; whether the count is credible is for the caller to judge.
+            // The clock shows that the unit has not restarted; whether the count is credible is for the caller to
+            // judge.
             report.jumps += 1;
         }
         report.counts = Timed { value: [report.counts.value[0] + moved, 0], at_ns };

@@ -4,11 +4,11 @@
 //! * A cycle sends one frame to each unit, all at once: the command, and questions about clock, mode, position and the
 //!   command itself. A unit writes before it reads, so the answer shows what it will do.
 //! * An answer is used only if its checksum, its unit, the order of its registers and the unit's clock say that it
-//!   answers this question (`question.rs`, `clock.rs`). Any other answer is dropped, so nothing has to be waited out after
-//!   an error: the next question, with another tag, is the resynchronisation.
+//!   answers this question (`question.rs`, `clock.rs`). Any other answer is dropped, so nothing has to be waited out
+//!   after an error: the next question, with another tag, is the resynchronisation.
 //! * A command counts as accepted only if the unit reads back its velocity and its time limit. The time limit of a
-//!   command is the watchdog of this family: a unit that receives nothing for so long brakes, and moves again only after
-//!   a stop.
+//!   command is the watchdog of this family: a unit that receives nothing for so long brakes, and moves again only
+//!   after a stop.
 //! * A clock that went back is a restart; the driver asks once more before it concludes that.
 //! * A unit in fault or timeout does not move before it was commanded to hold or to release: that sends the stop which
 //!   clears both.
@@ -18,6 +18,7 @@
 mod clock;
 mod cycle;
 mod family;
+mod inbox;
 mod question;
 mod receive;
 mod round;
@@ -31,7 +32,7 @@ use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Checksums, Mode};
 use clock::ClockReading;
-use receive::Inbox;
+use inbox::Inbox;
 
 /// Most units on one port: one for each of the most cables of a robot.
 pub const MAX_UNITS: usize = 8;

@@ -4,32 +4,7 @@ use drives::Error;
 use serial::Transport;
 
 use super::{Bus, Instead};
-use crate::codec::{Line, Text};
-
-/// Bytes that were received and not used yet.
-#[derive(Debug)]
-pub(super) struct Inbox {
-    bytes: [u8; 256],
-    from: usize,
-    to: usize,
-    /// The text line that is not complete yet.
-    line: Text,
-}
-
-impl Inbox {
-    pub(super) fn new() -> Inbox {
-        Inbox { bytes: [0; 256], from: 0, to: 0, line: Text::new() }
-    }
-
-    pub(super) fn clear(&mut self) {
-        (self.from, self.to) = (0, 0);
-        self.line.clear();
-    }
-
-    fn waiting(&self) -> usize {
-        self.to - self.from + self.line.len()
-    }
-}
+use crate::codec::Line;
 
 /// A text line that arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

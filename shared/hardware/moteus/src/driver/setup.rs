@@ -12,8 +12,8 @@ use super::{Bus, Instead, MAX_UNITS, Phase, Unit};
 use crate::codec::Mode;
 use crate::status::{native, neutral};
 
-/// Rounds without an answer, and the time in which there were none, ns, after which a unit is silent: with less, a short
-/// stop of the computer or an adapter that is slow for a while would count as silence.
+/// Rounds without an answer, and the time in which there were none, ns, after which a unit is silent: with less, a
+/// short stop of the computer or an adapter that is slow for a while would count as silence.
 const SILENT_AFTER: u32 = 6;
 const SILENT_NS: u64 = 250_000_000;
 /// Time between two questions to a silent unit, ns.

@@ -5,16 +5,19 @@
 //! pseudo-terminal and in a test with a virtual clock. A [`UnitBus`] puts several of them on one bus and can be the far
 //! end of a [`serial::Pipe`].
 //!
-//! Habits of the firmware that a driver meets: writing the mode resets every other setting of the command; the mode that
-//! is read in the frame that writes it is that of before; values are floats of 24 bits that are cut off to whole steps; a
-//! position ends instead of wrapping; after a timeout or a fault only a stop helps; a stopped unit has no watchdog.
+//! Habits of the firmware that a driver meets: writing the mode resets every other setting of the command; the mode
+//! that is read in the frame that writes it is that of before; values are floats of 24 bits that are cut off to whole
+//! steps; a position ends instead of wrapping; after a timeout or a fault only a stop helps; a stopped unit has no
+//! watchdog.
 
 mod bus;
+mod command;
 mod registers;
 
 pub use bus::UnitBus;
 
 use crate::codec::{COUNTS_PER_TURN, Frame, Mode, REPLY_WANTED, Subframe};
+use command::Command;
 
 /// Time limit of a command that states none, s: the firmware's default.
 const DEFAULT_TIMEOUT_S: f32 = 0.1;
@@ -91,20 +94,6 @@ impl Default for Measured {
     }
 }
 
-/// The command that a unit has.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Command {
-    mode: Mode,
-    /// Turns; NaN: where the motor is.
-    position: f32,
-    /// Turns per second.
-    velocity: f32,
-    /// s; 0: the default, NaN: none.
-    timeout_s: f32,
-    /// The other settings, by register.
-    others: [f32; registers::OTHERS],
-}
-
 /// A virtual moteus.
 #[derive(Debug, Clone)]
 pub struct Unit {
@@ -124,16 +113,6 @@ pub struct Unit {
     mute_until_ns: u64,
     kept_timeout_s: Option<f32>,
     watchdog_trips: u64,
-}
-
-impl Command {
-    const NONE: Command = Command {
-        mode: Mode::STOPPED,
-        position: 0.0,
-        velocity: 0.0,
-        timeout_s: 0.0,
-        others: registers::OTHER_DEFAULTS,
-    };
 }
 
 impl Unit {

@@ -1,15 +1,8 @@
 //! Registers of a unit.
 
-use super::{Command, Unit};
+use super::Unit;
+use super::command::Command;
 use crate::codec::{COUNTS_PER_TURN, Mode, Register, Resolution, Scale, Value};
-
-/// Settings of a command besides those that the unit acts on.
-pub(super) const OTHERS: usize = (Register::COMMAND_LAST - Register::COMMAND_FIRST + 1) as usize;
-
-/// Their values after the mode was written, from the maker's reference: feedforward torque, gain scales, largest torque,
-/// stop position, (time limit), velocity and acceleration limits, overrides, integral scale, bounds.
-pub(super) const OTHER_DEFAULTS: [f32; OTHERS] =
-    [0.0, 1.0, 1.0, f32::NAN, f32::NAN, 0.0, f32::NAN, f32::NAN, f32::NAN, 1.0, f32::NAN, 0.0];
 
 /// Codes of errors: unknown register, and one that cannot be written.
 const UNKNOWN: u16 = 1;
