@@ -108,14 +108,17 @@ impl<T: Transport> Bus<T> {
         }
         let [command, second] = commands;
         let pressed = self.units.get(index).is_some_and(|unit| unit.pins & STOP_PIN != 0);
+        let moves = command.is_some_and(Command::moves);
+        let unit = self.units.get_mut(index)?;
         let Some(order) = plan.order else {
+            unit.interlocked |= moves && unit.mode.is_latched();
             return Some(if command.is_some() { Err(self.interlocked(index)) } else { Ok(()) });
         };
         if !self.has_watchdog(index, reading) {
             return Some(Err(self.lost_watchdog(index, reading)));
         }
-        let moves = command.is_some_and(Command::moves);
         let unit = self.units.get_mut(index)?;
+        unit.doubtful = false;
         match order {
             Order::Stop => {
                 // The mode in the answer is that of before the stop.
@@ -125,7 +128,7 @@ impl<T: Transport> Bus<T> {
                 }
             }
             Order::Velocity(_) if unit.mode.is_latched() => {
-                unit.interlocked |= moves;
+                // The next cycle asks once more before it concludes that the unit needs a stop.
                 return if moves { Some(Err(self.interlocked(index))) } else { None };
             }
             Order::Velocity(_) => {}
@@ -142,15 +145,20 @@ impl<T: Transport> Bus<T> {
         })
     }
 
-    /// The unit executes commands without the watchdog's time: it is recognised again before it is used.
+    /// The unit did not read the watchdog's time back. If it does so twice, it is stopped and set up again.
     fn lost_watchdog(&mut self, index: usize, reading: &Reading) -> Error {
         self.counters.wrong_acks += 1;
+        let got_ms = reading.values[cycle::TIMEOUT].unwrap_or(0).max(0).cast_unsigned();
         if let Some(unit) = self.units.get_mut(index) {
+            if !std::mem::replace(&mut unit.doubtful, true) {
+                let asked = drives::CommandName { words: "set time limit", code: None };
+                let said = reply_text(format_args!("{got_ms} ms"));
+                return self.error(index, |port, unit| Error::Unexpected { port, unit, asked, said });
+            }
             unit.phase = Phase::SetWatchdog;
             unit.interlocked = true;
         }
         let wanted_ms = self.units.get(index).map_or(0, |unit| u32::from(unit.config.watchdog_ms));
-        let got_ms = reading.values[cycle::TIMEOUT].unwrap_or(0).max(0).cast_unsigned();
         self.error(index, |port, unit| Error::WatchdogRefused { port, unit, wanted_ms, got_ms })
     }
 

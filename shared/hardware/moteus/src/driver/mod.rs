@@ -131,6 +131,8 @@ struct Unit {
     last_raw: Option<i32>,
     /// The last sample was beyond the bound and was held back.
     held_back: bool,
+    /// The last command was read back with another time limit.
+    doubtful: bool,
     /// Since the unit's last restart its watchdog was read back.
     watchdog_set: bool,
     /// It does not move until it was commanded to stand still.
@@ -183,6 +185,7 @@ impl Unit {
             firmware: None,
             last_raw: None,
             held_back: false,
+            doubtful: false,
             watchdog_set: false,
             interlocked: true,
             mode: Mode::STOPPED,
