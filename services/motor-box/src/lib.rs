@@ -22,6 +22,7 @@ mod serve;
 pub mod settings;
 mod socket;
 mod time;
+mod twin;
 mod wire;
 mod world;
 

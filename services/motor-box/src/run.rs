@@ -48,7 +48,11 @@ impl MotorBox {
             .ports
             .iter()
             .zip(0..)
-            .map(|(port, i)| Wire::new(&port.link, port.baud, config.plant.seed.wrapping_add(i)))
+            .map(|(port, i)| {
+                // Bytes over USB take no time.
+                let baud = if port.wire == config::Wire::Usb { 0 } else { port.baud };
+                Wire::new(&port.link, baud, config.plant.seed.wrapping_add(i))
+            })
             .collect::<Result<_, _>>()?;
         let seed = |i: usize| config.plant.seed.wrapping_add(i as u64);
         let devices = config.devices.iter().enumerate().map(|(i, device)| Device::new(device.clone(), seed(100 + i)));

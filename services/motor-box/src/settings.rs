@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use config::{DriveProtocol, RobotFile, SystemFile};
+use config::{DriveProtocol, RobotFile, SystemFile, Wire};
 use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
@@ -33,6 +33,10 @@ pub struct UnitConfig {
 pub struct PortConfig {
     /// Name under which programs open it.
     pub link: PathBuf,
+    /// Family of the units.
+    pub family: DriveProtocol,
+    /// How they are connected.
+    pub wire: Wire,
     /// Baud rate of the wire.
     pub baud: u32,
     /// Units on the wire.
@@ -183,10 +187,6 @@ fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfi
             .map(|rest| rest.trim_start_matches('/'))
             .filter(|rest| !rest.is_empty() && !rest.contains(".."))
             .ok_or_else(|| ConfigError::NotOurPort(port.path.clone()))?;
-        match port.protocol {
-            // The only family that `machine` simulates.
-            DriveProtocol::Roboclaw => {}
-        }
         let units = port
             .units
             .iter()
@@ -195,7 +195,13 @@ fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfi
                 UnitConfig { address: unit.address, cables: [on_motor(0), on_motor(1)] }
             })
             .collect();
-        ports.push(PortConfig { link: folder.join(name), baud: port.baud, units });
+        ports.push(PortConfig {
+            link: folder.join(name),
+            family: port.protocol,
+            wire: port.wire,
+            baud: port.baud,
+            units,
+        });
     }
     Ok(ports)
 }

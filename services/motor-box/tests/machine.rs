@@ -27,6 +27,8 @@ fn config() -> BoxConfig {
         reversed: vec![false, false, true],
         ports: vec![PortConfig {
             link: "unused".into(),
+            family: config::DriveProtocol::Roboclaw,
+            wire: config::Wire::Serial,
             baud: BAUD,
             units: vec![
                 UnitConfig { address: 0x80, cables: [Some(0), Some(1)] },

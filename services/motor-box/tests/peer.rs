@@ -37,7 +37,13 @@ fn motor_box(link: &Path) -> MotorBox {
     let config = BoxConfig {
         plant,
         reversed: vec![false; 3],
-        ports: vec![PortConfig { link: link.to_owned(), baud: BAUD, units }],
+        ports: vec![PortConfig {
+            link: link.to_owned(),
+            family: config::DriveProtocol::Roboclaw,
+            wire: config::Wire::Serial,
+            baud: BAUD,
+            units,
+        }],
         turnaround_ns: 150_000,
         devices: Vec::new(),
         ground: plant::ground::Ground::default(),

@@ -2,7 +2,7 @@
 
 use crate::odometry;
 use crate::settings::CoreConfig;
-use config::{DriveProtocol, PortSection, UnitSection};
+use config::{DriveProtocol, PortSection, UnitSection, Wire};
 use drives::{DriveBus, Error};
 use serial::{ReopeningPort, StatusPin};
 
@@ -12,9 +12,9 @@ use serial::{ReopeningPort, StatusPin};
 /// # Errors
 /// A setting that the family does not have.
 pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<dyn DriveBus>, Error> {
+    let wrong = |what| Error::Configuration { port: path.into(), what };
     match port.protocol {
         DriveProtocol::Roboclaw => {
-            let wrong = |what| Error::Configuration { port: path.into(), what };
             let watchdog_tenths = roboclaw::watchdog_tenths(config.watchdog_s).map_err(wrong)?;
             let unit = |section: &UnitSection| roboclaw::UnitConfig {
                 address: section.address,
@@ -28,6 +28,23 @@ pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Resul
                 stop_pin: stop_pin(port),
             };
             Ok(Box::new(roboclaw::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
+        }
+        DriveProtocol::Moteus => {
+            use moteus::codec::Checksums;
+            let watchdog_ms = moteus::watchdog_ms(config.watchdog_s).map_err(wrong)?;
+            let unit = |section: &UnitSection| moteus::UnitConfig {
+                address: section.address,
+                watchdog_ms,
+                bound: odometry::count_bound(config, &section.cables),
+            };
+            let bus = moteus::BusConfig {
+                baud: if port.wire == Wire::Usb { 0 } else { port.baud },
+                margin_ns: moteus::driver::USB_MARGIN_NS,
+                checksums: if port.wire == Wire::Usb { Checksums::Absent } else { Checksums::Required },
+                units: port.units.iter().map(unit).collect(),
+                stop_pin: stop_pin(port),
+            };
+            Ok(Box::new(moteus::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
         }
     }
 }
@@ -47,19 +64,22 @@ mod tests {
             let family = protocol.family();
             let ([shortest_s, longest_s], step_s) = (family.watchdog_s, family.watchdog_step_s);
             match protocol {
-                DriveProtocol::Roboclaw => {
-                    assert_eq!(family.addresses, roboclaw::codec::ADDRESSES);
-                    for (seconds, accepted) in [
-                        (shortest_s, true),
-                        (longest_s, true),
-                        (shortest_s + step_s, true),
-                        (shortest_s - step_s, false),
-                        (longest_s + step_s, false),
-                        (shortest_s + 0.5 * step_s, false),
-                    ] {
-                        assert_eq!(roboclaw::watchdog_tenths(seconds).is_ok(), accepted, "{seconds} s");
-                    }
-                }
+                DriveProtocol::Roboclaw => assert_eq!(family.addresses, roboclaw::codec::ADDRESSES),
+                DriveProtocol::Moteus => assert_eq!(family.addresses, moteus::codec::ADDRESSES),
+            }
+            let accepts = |seconds| match protocol {
+                DriveProtocol::Roboclaw => roboclaw::watchdog_tenths(seconds).is_ok(),
+                DriveProtocol::Moteus => moteus::watchdog_ms(seconds).is_ok(),
+            };
+            for (seconds, accepted) in [
+                (shortest_s, true),
+                (longest_s, true),
+                (shortest_s + step_s, true),
+                (shortest_s - step_s, false),
+                (longest_s + step_s, false),
+                (shortest_s + 0.5 * step_s, false),
+            ] {
+                assert_eq!(accepts(seconds), accepted, "{}: {seconds} s", protocol.name());
             }
         }
     }

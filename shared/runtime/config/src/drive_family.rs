@@ -7,6 +7,18 @@ crate::choice! {
     pub enum DriveProtocol {
         /// RoboClaw packet serial.
         Roboclaw = "roboclaw",
+        /// moteus over fdcanusb text lines.
+        Moteus = "moteus",
+    }
+}
+
+crate::choice! {
+    /// How the units of a port are connected to it.
+    pub enum Wire {
+        /// A serial wire: bytes take their time by the baud rate.
+        Serial = "serial",
+        /// A USB adapter with a bus of its own behind it.
+        Usb = "usb",
     }
 }
 
@@ -23,6 +35,13 @@ pub struct DriveFamily {
     pub watchdog_s: [f64; 2],
     /// Step of watchdog times, s.
     pub watchdog_step_s: f64,
+    /// Motors of a unit.
+    pub motors: usize,
+    /// Most units on a serial wire.
+    pub serial_units: usize,
+    /// Time of one cycle over a USB adapter besides the units', and for each unit, s; `None`: the family has no such
+    /// adapter.
+    pub usb_s: Option<[f64; 2]>,
     /// Bytes of one cycle on the wire for a unit, with answers.
     pub unit_bytes: f64,
     /// Exchanges of one cycle for a unit.
@@ -35,10 +54,13 @@ pub struct DriveFamily {
 const TURNAROUND_S: f64 = 0.000_3;
 
 impl DriveFamily {
-    /// Time of one cycle on a native serial port with so many units, s.
+    /// Time of one cycle with so many units, on a native serial port of this baud rate or over a USB adapter, s.
     #[must_use]
-    pub fn cycle_s(&self, units: usize, baud: u32) -> f64 {
+    pub fn cycle_s(&self, units: usize, baud: u32, wire: Wire) -> f64 {
         let units = units as f64;
+        if let (Wire::Usb, Some([fixed_s, unit_s])) = (wire, self.usb_s) {
+            return fixed_s + units * unit_s;
+        }
         (units * self.unit_bytes + self.slow_bytes) * 10.0 / f64::from(baud)
             + (units * self.unit_exchanges + 1.0) * TURNAROUND_S
     }
@@ -64,10 +86,31 @@ impl DriveProtocol {
                 // A byte of tenths; 0 switches the watchdog off.
                 watchdog_s: [0.1, 25.5],
                 watchdog_step_s: 0.1,
+                motors: 2,
+                serial_units: 8,
+                usb_s: None,
                 // Speeds, encoders, currents.
                 unit_bytes: 13.0 + 12.0 + 8.0,
                 unit_exchanges: 3.0,
                 slow_bytes: 8.0,
+            },
+            DriveProtocol::Moteus => DriveFamily {
+                bauds: &[115_200, 230_400, 460_800, 921_600],
+                addresses: 1..=126,
+                addresses_in_words: "1 to 126",
+                // The time limit of a command: 16 bits of milliseconds.
+                watchdog_s: [0.02, 30.0],
+                watchdog_step_s: 0.001,
+                motors: 1,
+                // A UART has no addresses on the wire.
+                serial_units: 1,
+                // Two round trips of a USB frame each. For each unit four frames of at most 64 bytes at 1 and 5 Mbit/s,
+                // and their text lines at 12 Mbit/s; estimated, not measured.
+                usb_s: Some([0.002, 0.001]),
+                // Command and position: 75 and 81 bytes; supply, current and status: 50 and 93, in hexadecimal.
+                unit_bytes: 75.0 + 81.0 + 50.0 + 93.0,
+                unit_exchanges: 1.0,
+                slow_bytes: 0.0,
             },
         }
     }

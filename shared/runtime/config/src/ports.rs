@@ -1,6 +1,6 @@
 //! `[[motor_io.ports]]`: serial ports with their drive units.
 
-use crate::drive_family::{DriveFamily, DriveProtocol};
+use crate::drive_family::{DriveFamily, DriveProtocol, Wire};
 use crate::problem::Problem;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +26,9 @@ crate::section! {
         pub protocol: DriveProtocol = DriveProtocol::default(),
         /// Baud rate.
         pub baud: u32 = 230_400,
+        /// How the units are connected: `serial`, or `usb` for a USB adapter with a bus behind it, which not every
+        /// family has.
+        pub wire: Wire = Wire::Serial,
         /// Drive units on this port.
         pub units: Vec<UnitSection> = Vec::new(),
         /// Status input of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button keeps active;
@@ -87,13 +90,27 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
     if port.path.is_empty() {
         return Err(Problem::with_clause("path", "is empty; accepted: a device, e.g. /dev/serial/by-id/..."));
     }
-    let bauds = port.protocol.family().bauds;
+    let family = port.protocol.family();
+    if port.wire == Wire::Usb && family.usb_s.is_none() {
+        let clause = format!("is usb; accepted: serial, because {} has no USB adapter", port.protocol.name());
+        return Err(Problem::with_clause("wire", clause));
+    }
+    let bauds = family.bauds;
     if !bauds.contains(&port.baud) {
         let accepted: Vec<String> = bauds.iter().map(u32::to_string).collect();
         return Err(Problem::with_clause("baud", format!("is {}; accepted: {}", port.baud, accepted.join(", "))));
     }
     if port.units.is_empty() {
         return Err(Problem::with_clause("units", "is empty; accepted: at least one drive unit"));
+    }
+    if port.wire == Wire::Serial && port.units.len() > family.serial_units {
+        let clause = format!(
+            "has {} drive units; accepted: at most {} on a serial wire of {}",
+            port.units.len(),
+            family.serial_units,
+            port.protocol.name()
+        );
+        return Err(Problem::with_clause("units", clause));
     }
     Ok(())
 }
@@ -113,9 +130,10 @@ fn drive_unit(
         return Err(Problem::with_sentence("address", sentence));
     }
     let at_cables = |sentence: String| Err(Problem::with_sentence("cables", sentence));
-    if !(1..=2).contains(&unit.cables.len()) {
+    if !(1..=family.motors).contains(&unit.cables.len()) {
+        let accepted = if family.motors == 1 { "one, on its motor" } else { "one or two, on motor 1 and motor 2" };
         return at_cables(format!(
-            "unit {address} on port {number} has {} cables; accepted: one or two, on motor 1 and motor 2",
+            "unit {address} on port {number} has {} cables; accepted: {accepted}",
             unit.cables.len()
         ));
     }

@@ -31,6 +31,8 @@ pub trait Family {
     const SPEED_STEP_COUNTS_S: f64 = 1.0;
     /// Width of the unit's counter, bits.
     const COUNTER_BITS: u32 = 32;
+    /// The counter continues at its smallest number after its largest; false: it stays at its largest.
+    const COUNTER_WRAPS: bool = true;
 
     /// So many units with their defaults, just switched on.
     fn units(count: usize) -> Self::Units;

@@ -148,11 +148,14 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
         1000.0 * watchdog * cable
     )));
     for (index, port) in file.motor_io.ports.iter().enumerate() {
-        let seconds = port.protocol.family().cycle_s(port.units.len(), port.baud);
+        let seconds = port.protocol.family().cycle_s(port.units.len(), port.baud, port.wire);
         let sentence =
             format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
-        let cure = "lower rate_hz, raise baud (on the drives too), or connect each drive unit to a separate port";
-        findings.push(if seconds > BUS_SHARE * period { error(sentence, cure) } else { note(sentence) });
+        let cure = format!(
+            "lower rate_hz to at most {:.0}, raise baud (on the drives too), or connect each drive unit to a separate port",
+            (BUS_SHARE / seconds).floor()
+        );
+        findings.push(if seconds > BUS_SHARE * period { error(sentence, &cure) } else { note(sentence) });
         if port.path.contains("{domain}") {
             if file.motor_box.is_none() {
                 findings.push(error(

@@ -117,8 +117,11 @@ pub fn a_restart_is_counted_and_interlocked<F: Family>() {
     }
 }
 
-/// Counts continue where the counter of the unit wraps, in both directions.
+/// Counts continue where the counter of the unit wraps, in both directions; one that ends is reported at its end.
 pub fn counts_continue_when_the_counter_wraps<F: Family>() {
+    if !F::COUNTER_WRAPS {
+        return counts_end_where_the_counter_ends::<F>();
+    }
     for wrap in [1_i64 << (F::COUNTER_BITS - 1), 1 << F::COUNTER_BITS] {
         let mut clockwork = Clockwork::new(F::units(1), 1);
         clockwork.offset = wrap - 1_500_000;
@@ -143,6 +146,30 @@ pub fn counts_continue_when_the_counter_wraps<F: Family>() {
         let report = robot.answers[0].report;
         assert_eq!((report.reboots, report.jumps), (0, 0));
     }
+}
+
+/// A counter that stays at its largest number is no motor at rest: the unit is not used beyond it.
+fn counts_end_where_the_counter_ends<F: Family>() {
+    let end = (1_i64 << (F::COUNTER_BITS - 1)) - 1;
+    let mut clockwork = Clockwork::new(F::units(1), 1);
+    clockwork.offset = end - 1_500_000;
+    let offset = clockwork.offset;
+    let mut robot = Robot::<F>::at(clockwork, 1);
+    robot.connect();
+    robot.cycle(Command::HOLD);
+    let mut good = 0;
+    for _ in 0..250 {
+        let start_ns = robot.exchange(Some(Command::HOLD));
+        if robot.answers[0].outcome.is_ok() {
+            robot.assert_fresh(0, start_ns, offset, "before the end of the counter");
+            good += 1;
+        }
+        robot.spend(start_ns);
+    }
+    assert!((100..200).contains(&good), "{good} of 250 answers around the end of the counter");
+    let outcome = robot.outcomes().remove(0);
+    assert!(outcome.is_err(), "the unit is used beyond the end of its counter");
+    assert!(robot.answers[0].report.counts.value[0] < end && robot.answers[0].report.reboots == 0);
 }
 
 /// A program that starts while units move continues their counts and moves nothing before a stop.

@@ -1,0 +1,140 @@
+//! Questions, and how an answer shows which one it answers.
+//!
+//! A unit answers registers in the order in which it was asked. The driver asks in another order each time, so the
+//! order of the answer is a tag that costs no byte: 120 for the question of a cycle. An older answer with the same
+//! order is told by the millisecond counter, which is part of every question.
+
+use arrayvec::ArrayVec;
+
+use crate::codec::{Frame, Register, Resolution, Subframe};
+
+/// Most registers of a question.
+pub(super) const MAX_READS: usize = 7;
+
+/// Answer to a question, in the order of [`Question::reads`]; `None` for a register without a number.
+pub(super) type Values = [Option<i32>; MAX_READS];
+
+/// What a unit is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Question {
+    /// What the control cycle needs: clock, mode, position, and the command as the unit has it.
+    Cycle,
+    /// What changes slowly.
+    Slow,
+    /// What a unit is.
+    Identity,
+}
+
+/// Reason why an answer is not used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unfit {
+    /// It answers another question.
+    Other,
+    /// The unit does not have a register.
+    Refused { register: u16 },
+}
+
+/// Place of the clock in every answer.
+pub(super) const CLOCK: usize = 0;
+/// Places in the answer to [`Question::Cycle`].
+pub(super) mod cycle {
+    pub(in crate::driver) const MODE: usize = 1;
+    pub(in crate::driver) const POSITION: usize = 2;
+    pub(in crate::driver) const VELOCITY: usize = 3;
+    pub(in crate::driver) const TIMEOUT: usize = 4;
+}
+/// Places in the answer to [`Question::Slow`].
+pub(super) mod slow {
+    pub(in crate::driver) const FAULT: usize = 1;
+    pub(in crate::driver) const PINS: usize = 2;
+    pub(in crate::driver) const CURRENT: usize = 3;
+    pub(in crate::driver) const POWER: usize = 4;
+    pub(in crate::driver) const VOLTAGE: usize = 5;
+    pub(in crate::driver) const TEMPERATURE: usize = 6;
+}
+/// Place in the answer to [`Question::Identity`].
+pub(super) const FIRMWARE: usize = 1;
+
+impl Question {
+    /// Registers, the clock first.
+    fn reads(self) -> &'static [(u16, Resolution)] {
+        use Resolution::{I8, I16, I32};
+        match self {
+            Question::Cycle => &[
+                (Register::MILLISECONDS, I32),
+                (Register::MODE, I8),
+                (Register::POSITION, I32),
+                (Register::COMMAND_VELOCITY, I32),
+                (Register::COMMAND_TIMEOUT, I16),
+            ],
+            Question::Slow => &[
+                (Register::MILLISECONDS, I32),
+                (Register::FAULT, I8),
+                (Register::AUX2_GPIO, I8),
+                (Register::Q_CURRENT, I32),
+                (Register::POWER, I32),
+                (Register::VOLTAGE, I16),
+                (Register::TEMPERATURE, I16),
+            ],
+            Question::Identity => {
+                &[(Register::MILLISECONDS, I32), (Register::FIRMWARE, I32), (Register::REGISTER_MAP, I32)]
+            }
+        }
+    }
+
+    /// Order in which the registers are asked for: a permutation, another one for each of n! tags in a row.
+    fn order(self, tag: u32) -> ArrayVec<usize, MAX_READS> {
+        let mut left: ArrayVec<usize, MAX_READS> = (0..self.reads().len()).collect();
+        let mut order = ArrayVec::new();
+        let mut rest = tag as usize;
+        while !left.is_empty() {
+            let place = rest % left.len();
+            rest /= left.len();
+            order.push(left.remove(place));
+        }
+        order
+    }
+
+    /// Appends the question to a frame.
+    pub(super) fn ask(self, tag: u32, frame: &mut Frame) {
+        for place in self.order(tag) {
+            let (register, resolution) = self.reads()[place];
+            frame.read(register, resolution);
+        }
+    }
+
+    /// Reads the answer to the question with this tag.
+    pub(super) fn answer(self, tag: u32, frame: &Frame) -> Result<Values, Unfit> {
+        let mut values = [None; MAX_READS];
+        let mut subframes = frame.subframes();
+        for place in self.order(tag) {
+            let (register, resolution) = self.reads()[place];
+            match subframes.next() {
+                Some(Ok(Subframe::Reply { register: answered, value }))
+                    if answered == register && value.resolution() == resolution =>
+                {
+                    values[place] = value.integer();
+                }
+                Some(Ok(Subframe::Error { register: refused, .. })) if refused == register => {
+                    return Err(Unfit::Refused { register });
+                }
+                _ => return Err(Unfit::Other),
+            }
+        }
+        if subframes.next().is_some() { Err(Unfit::Other) } else { Ok(values) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn consecutive_questions_are_asked_in_different_orders() {
+        for (question, orders) in [(Question::Cycle, 120), (Question::Slow, 5040), (Question::Identity, 6)] {
+            let seen: BTreeSet<Vec<usize>> = (0..orders).map(|tag| question.order(tag).to_vec()).collect();
+            assert_eq!(seen.len(), orders as usize, "{question:?}");
+        }
+    }
+}

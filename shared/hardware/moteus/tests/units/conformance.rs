@@ -1,0 +1,95 @@
+//! The suite of every drive family, run for this one.
+
+use drive_conformance::{BOUND, Clockwork, Family, VirtualUnits, WATCHDOG_MS};
+use drives::{AXES, Command};
+use moteus::codec::Checksums;
+use moteus::driver::UART_MARGIN_NS;
+use moteus::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
+use moteus::{Bus, BusConfig, UnitConfig};
+use serial::{Device, Pipe, WireQueue};
+
+struct Moteus;
+
+/// The units of one bus. A type of this test, because neither trait nor units are its own.
+struct Units(UnitBus);
+
+fn address(unit: usize) -> u8 {
+    1 + unit as u8
+}
+
+impl Device for Units {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
+        self.0.receive(now_ns, byte, reply);
+    }
+    fn advance(&mut self, now_ns: u64) {
+        self.0.advance(now_ns);
+    }
+}
+
+impl Units {
+    fn change(&mut self, unit: usize, change: impl FnOnce(&mut Measured)) {
+        let unit = &mut self.0.units_mut()[unit];
+        let mut measured = *unit.measured();
+        change(&mut measured);
+        unit.measure(&measured);
+    }
+}
+
+impl VirtualUnits for Units {
+    fn measure(&mut self, unit: usize, counts: [i64; AXES], currents_a: [f64; AXES]) {
+        self.change(unit, |measured| (measured.counts, measured.current_a) = (counts[0], currents_a[0]));
+    }
+    fn drive(&self, unit: usize, _: usize) -> Command {
+        match self.0.units()[unit].target() {
+            Target::Velocity(counts_s) => Command::Velocity(counts_s),
+            Target::Released => Command::Release,
+        }
+    }
+    fn restart(&mut self, unit: usize, down_ns: u64) {
+        self.0.units_mut()[unit].reboot(down_ns);
+    }
+    fn mute(&mut self, unit: usize, muted: bool) {
+        self.0.units_mut()[unit].mute_until(if muted { u64::MAX } else { 0 });
+    }
+    fn press_stop(&mut self, unit: usize, pressed: bool) {
+        self.change(unit, |measured| measured.pins = i8::from(pressed));
+    }
+    fn keep_watchdog(&mut self, unit: usize, kept_ms: u32) {
+        self.0.units_mut()[unit].keep_watchdog(kept_ms);
+    }
+}
+
+impl Family for Moteus {
+    type Units = Units;
+    type Bus = Bus<Pipe<Clockwork<Units>>>;
+    // Two units on one UART exist only here: the suite has two, and only a UART's lines have checksums.
+    const BAUD: u32 = 921_600;
+    const MOTORS: usize = 1;
+    // Frames and answers of two units have 340 bytes.
+    const ANSWER_NS: u64 = UART_MARGIN_NS + 4_000_000;
+    // A unit in fault is commanded, stopped and commanded again.
+    const EXCHANGES: u32 = 3;
+    const COUNTER_WRAPS: bool = false;
+
+    fn units(count: usize) -> Units {
+        let options = |unit| UnitOptions { rounds_position: false, ..UnitOptions::new(address(unit)) };
+        let units = (0..count).map(|unit| Unit::new(options(unit))).collect();
+        Units(UnitBus::new(units, Checksums::Required))
+    }
+    fn bus(pipe: Pipe<Clockwork<Units>>, count: usize) -> Self::Bus {
+        let unit = |unit| UnitConfig { address: address(unit), watchdog_ms: WATCHDOG_MS as u16, bound: BOUND };
+        let config = BusConfig {
+            baud: Self::BAUD,
+            margin_ns: UART_MARGIN_NS,
+            checksums: Checksums::Required,
+            units: (0..count).map(unit).collect(),
+            stop_pin: None,
+        };
+        Bus::new(pipe, &config).unwrap()
+    }
+    fn pipe(bus: &mut Self::Bus) -> &mut Pipe<Clockwork<Units>> {
+        bus.transport_mut()
+    }
+}
+
+drive_conformance::conformance!(Moteus);
