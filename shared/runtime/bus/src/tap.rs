@@ -121,8 +121,8 @@ impl Bus {
         }))
     }
 
-    /// Subscribes to an existing channel of any type, with a buffer of [`messages::Quality::shallow`] samples and the history for
-    /// late subscribers.
+    /// Subscribes to an existing channel of any type, with a buffer of [`messages::Quality::shallow`] samples and the
+    /// history for late subscribers.
     ///
     /// # Errors
     /// [`BusError::NoChannel`] if it does not exist, [`BusError::Full`] if all its subscribers are taken, and others.
