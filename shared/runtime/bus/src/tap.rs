@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 use std::ffi::OsString;
 use std::fs;
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{DirEntryExt, MetadataExt};
 use std::path::Path;
 
 use iceoryx2::port::ReceiveError;
@@ -278,17 +278,17 @@ impl ChannelWatch {
     /// As [`Bus::channels`].
     pub fn new_channels(&mut self, bus: &Bus) -> Result<Vec<ChannelInfo>, BusError> {
         let folder = bus.domain().root().join("services");
-        let complete = |entry: &fs::DirEntry| entry.metadata().ok().filter(|found| found.mode() & 0o200 == 0);
-        // Incomplete files are writable and are skipped until they are complete.
-        let files: HashSet<(OsString, u64)> = fs::read_dir(&folder)
-            .into_iter()
-            .flatten()
-            .flatten()
-            .filter_map(|entry| complete(&entry).map(|found| (entry.file_name(), found.ino())))
-            .collect();
-        let added: Vec<_> = files.iter().filter(|file| !self.known.contains_key(*file)).cloned().collect();
-        let before: HashSet<_> = self.known.values().flatten().cloned().collect();
-        self.known.retain(|file, _| files.contains(file));
+        let mut files = HashSet::with_capacity(self.known.len());
+        let mut added = Vec::new();
+        for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let file = (entry.file_name(), entry.ino());
+            // Incomplete files are writable and are skipped until they are complete.
+            let complete = || entry.metadata().is_ok_and(|found| found.mode() & 0o200 == 0);
+            if !self.known.contains_key(&file) && complete() {
+                added.push(file.clone());
+            }
+            files.insert(file);
+        }
         let mut new = Vec::new();
         for file in added {
             let name = match service_in(&folder.join(&file.0)) {
@@ -301,13 +301,14 @@ impl ChannelWatch {
             };
             // It may be removed before it is read.
             if let Some(info) = bus.channel(&name)? {
-                let channel = (info.name.clone(), info.type_name.clone());
-                if !before.contains(&channel) {
+                let channel = Some((info.name.clone(), info.type_name.clone()));
+                if !self.known.values().any(|known| *known == channel) {
                     new.push(info);
                 }
-                self.known.insert(file, Some(channel));
+                self.known.insert(file, channel);
             }
         }
+        self.known.retain(|file, _| files.contains(file));
         new.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(new)
     }
