@@ -13,7 +13,7 @@ use iceoryx2::service::port_factory::event;
 use messages::hash_of;
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
-use crate::node::PROCESSES;
+use crate::places::PROCESSES;
 use crate::{BusError, Domain};
 
 /// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).

@@ -23,7 +23,7 @@ use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, SchemaContinuation};
 use crate::domain::info_of;
 use crate::error::{PlaceKind, THIS_PROCESS};
-use crate::places::{Participant, Refused, collect_listed};
+use crate::places::{PROCESSES, Participant, Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
@@ -41,9 +41,6 @@ const CLEANING_PAUSE: Duration = Duration::from_millis(20);
 /// Largest number of notifiers, of listeners and of processes of a channel's event, which may have one notifier more
 /// than publishers, that of a successor.
 const EVENT_PORTS: usize = 64;
-/// Largest number of processes of a robot: each announces its channels with [`CHANNELS_EVENT`] and holds the schema
-/// texts of its types. Every place is reserved in shared memory, in each of these events.
-pub(crate) const PROCESSES: usize = 1024;
 /// Samples that a publisher loans at once: it fills one and sends it.
 pub(crate) const LOANS: usize = 1;
 /// Samples that a subscriber borrows at once: it copies one and returns it.
