@@ -504,6 +504,29 @@ fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
         let gateway = Gateway::joined(&robot, OWNER);
         let mut client = gateway.client();
         let stops = [Request::Stop, Request::Hold, Request::Pause];
+        // The planner takes them up only after the stop.
+        for stop in &stops {
+            robot.signal("planner", Signal::STOP);
+            let late = Request::Goto { to_m: robot::GOAL, path: GotoPath::Line, speed_m_s: Some(0.1) };
+            client.send(&Call::Ask { id: 1, request: late, process: None }, &[]);
+            // Sent to the planner, which does not answer.
+            std::thread::sleep(Duration::from_millis(200));
+            client.send(&Call::Ask { id: 2, request: stop.clone(), process: None }, &[]);
+            let mut answers = Vec::new();
+            while answers.len() < 2 {
+                let Some((Reply::Answer { id, reason, accepted, .. }, _)) = client.next() else { panic!() };
+                answers.push((id, reason, accepted));
+                if id == 2 {
+                    robot.signal("planner", Signal::CONT);
+                }
+            }
+            answers.sort_by_key(|(id, ..)| *id);
+            assert_eq!((answers[0].1, answers[1].2), (455, Accepted::Accepted), "{answers:?}");
+            for _ in 0..20 {
+                robot.for_cycles(5);
+                assert_eq!(robot.last.mode, MotorAuthority::MODE_HOLDING, "{stop:?}");
+            }
+        }
         for round in 0..30_usize {
             let frame = |id, request| encode(&Call::Ask { id, request, process: None }.header().unwrap(), &[]);
             let mut bytes = Vec::new();

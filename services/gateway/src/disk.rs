@@ -131,6 +131,7 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
 }
 
 /// Stores the text of a mission; the rest of what a client may send is not a mission, and is not stored.
+#[allow(clippy::result_large_err)] // it is the answer
 fn store(run: &std::path::Path, text: &str) -> Result<(), Reason> {
     mission::Mission::parse(text).map_err(|error| error.reason())?;
     config::store_mission(run, text).map(|_| ()).map_err(|error| Reason::DiskRefused { why: detail(error) })

@@ -28,13 +28,16 @@ const STOPS: usize = 64;
 struct Joined {
     /// Process id of its supervisor; another one is another life of the robot.
     supervisor: Option<u32>,
-    /// Channels of plug-ins; or until when one cannot be created, with the reason, ns.
-    sensors: BTreeMap<String, Result<Publisher<Reading>, (u64, Box<RequestAnswer>)>>,
+    /// Channels of plug-ins.
+    sensors: BTreeMap<String, SensorChannel>,
     /// Created first and dropped last of the two: the places reserved for a stop.
     lanes: BTreeMap<String, Lane>,
     members: Bus,
     guests: Bus,
 }
+
+/// The channel of a plug-in; or until when it is not tried to create it again, ns, with the reason.
+type SensorChannel = Result<Publisher<Reading>, (u64, Box<RequestAnswer>)>;
 
 /// The robot of a domain, whether it runs or not.
 pub(crate) struct Robot {

@@ -51,6 +51,7 @@ impl Sensors {
     ///
     /// # Errors
     /// The sensor is not declared, another connection has it, it comes too often, or its values are not those declared.
+    #[allow(clippy::result_large_err)] // it is the answer
     pub(crate) fn reading(&mut self, now_ns: u64, client: ClientId, given: &Published) -> Result<Reading, Reason> {
         let unknown = || Reason::SensorNotDeclared { sensor: detail(&given.sensor) };
         let sensor = self.0.get_mut(&given.sensor).ok_or_else(unknown)?;
@@ -74,6 +75,7 @@ impl Sensors {
 }
 
 impl Sensor {
+    #[allow(clippy::result_large_err)] // it is the answer
     fn make(&mut self, now_ns: u64, given: &Published) -> Result<Reading, Reason> {
         let declared = self.section.quantity.len();
         if given.values.len() != declared {

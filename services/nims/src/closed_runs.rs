@@ -5,7 +5,8 @@ use crate::fetch::copy_run;
 use analysis::Command;
 use client::{Gateway, Place};
 use command::{Answer, Failure, Output};
-use std::io::ErrorKind;
+use rustix::fs::{Access, access};
+use rustix::io::Errno;
 use std::path::{Path, PathBuf};
 
 /// Runs a command for recorded runs.
@@ -76,12 +77,24 @@ fn name_of(run: &Path) -> String {
     run.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Returns whether a path leads nowhere for this user: there is nothing, or its folder is closed.
+/// Returns whether a path leads nowhere for this user: there is nothing, or its folder is closed. Nothing is opened: it
+/// may be a pipe.
 fn is_closed(run: &Path) -> bool {
-    let kind = match std::fs::metadata(run) {
-        Ok(found) if found.is_dir() => std::fs::read_dir(run).err(),
-        Ok(_) => std::fs::File::open(run).err(),
-        Err(error) => Some(error),
-    };
-    kind.is_some_and(|error| matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied))
+    let mode = if run.is_dir() { Access::READ_OK | Access::EXEC_OK } else { Access::READ_OK };
+    matches!(access(run, mode), Err(Errno::NOENT | Errno::ACCESS))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_this_user_cannot_read_is_asked_of_a_gateway() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.mcap");
+        assert!(is_closed(&file));
+        std::fs::write(&file, "x").unwrap();
+        assert!(!is_closed(&file) && !is_closed(folder.path()));
+        assert_eq!(name_of(Path::new("runs/2026-01-01")), "2026-01-01");
+    }
 }

@@ -141,6 +141,14 @@ fn a_machine_keeps_the_current_version_and_the_one_before() {
     assert!(!output.status.success() && printed(&output).contains("bin/nims"), "{}", printed(&output));
 }
 
+/// The script reads `nims status --json`: its word for a robot that is not armed is that of the command.
+#[test]
+fn the_script_recognizes_a_robot_that_is_not_armed() {
+    let word = robot_state::sentences::mode_name(messages::MotorAuthority::MODE_DISARMED);
+    let script = fs::read_to_string(project().join("configs/host/nims-version")).unwrap();
+    assert!(script.contains(&format!("*'\"mode\":\"{word}\"'*)")), "nims-version does not look for \"{word}\"");
+}
+
 #[test]
 fn the_list_of_files_names_every_program_of_the_robot() {
     let list = fs::read_to_string(project().join("configs/host/files")).unwrap();
