@@ -1,9 +1,9 @@
 //! The text lines of the protocol, without state and without allocation.
 //!
-//! A line with a checksum ends in `*` and the exclusive or of the bytes before it, as a decimal number. A board executes
-//! no line whose checksum is wrong, says nothing about it, and ends its answer to a line with a checksum in the same
-//! way. It does not answer a command that changes something. `f N` with a number that no axis has is answered by
-//! `invalid motor N`: a numbered mark between other answers.
+//! A line with a checksum ends in `*` and the exclusive or of the bytes before it, as a decimal number. A board
+//! executes no line whose checksum is wrong, says nothing about it, and ends its answer to a line with a checksum in
+//! the same way. It does not answer a command that changes something. `f N` with a number that no axis has is answered
+//! by `invalid motor N`: a numbered mark between other answers.
 
 use std::fmt::{self, Write as _};
 

@@ -21,8 +21,8 @@
 //!
 //! let port = Pipe::new("simulated", 921_600, Board::new(BoardOptions::new(0)));
 //! let bound = CountBound { counts_s: 3_000_000.0, margin: 0.0 };
-//! let config =
-//!     BusConfig { baud: 921_600, margin_ns: UART_MARGIN_NS, address: 0, axes: 2, watchdog_ms: 300, bound, stop_pin: None };
+//! let (baud, margin_ns, watchdog_ms) = (921_600, UART_MARGIN_NS, 300);
+//! let config = BusConfig { baud, margin_ns, address: 0, axes: 2, watchdog_ms, bound, stop_pin: None };
 //! let mut bus = Bus::new(port, &config)?;
 //! while bus.settle(bus.now_ns() + 10_000_000).is_err() {}
 //!

@@ -106,8 +106,8 @@ impl<T: Transport> Bus<T> {
         }))
     }
 
-    /// Asks a board that has lately been quiet for a single mark: what it still owes would only be delayed further by more
-    /// questions.
+    /// Asks a board that has lately been quiet for a single mark: what it still owes would only be delayed further by
+    /// more questions.
     fn probe(&mut self, deadline_ns: u64, in_cycle: bool) -> Result<(), Error> {
         match self.attempt(&Batch::default(), deadline_ns, in_cycle)? {
             Ended::Whole(_) => {

@@ -4,8 +4,8 @@
 //! ([`Board::target`]). Motors, supply and time are the caller's. A board can be the far end of a [`serial::Pipe`].
 //!
 //! Habits of the firmware that a driver meets: a line ends at line feed, carriage return or `!`, and an empty line is
-//! answered; a wrong checksum is silence; commands are silent; a property has nine characters; questions do not feed the
-//! watchdog, and after it the motor turns freely until the errors are cleared and the state is requested again.
+//! answered; a wrong checksum is silence; commands are silent; a property has nine characters; questions do not feed
+//! the watchdog, and after it the motor turns freely until the errors are cleared and the state is requested again.
 
 mod properties;
 
