@@ -15,8 +15,6 @@ const MARK_BYTES: usize = 26;
 const ANSWER_BYTES: usize = 28;
 /// Time of board, adapter and computer for a batch, besides its bytes, ns.
 const TURNAROUND_NS: u64 = 500_000;
-/// The same in a cycle whose time is over: an answer that is about to arrive is worth it, ns.
-const LAST_NS: u64 = 1_000_000;
 /// Waking up this long after a deadline means that the whole machine was stopped, ns: the answer may wait in the
 /// kernel, or the device, which was stopped as well, is about to send it.
 const STOOD_STILL_NS: u64 = 5_000_000;
@@ -66,17 +64,10 @@ impl<T: Transport> Bus<T> {
         self.wire_ns((lines + 2) * ANSWER_BYTES + MARK_BYTES) + TURNAROUND_NS
     }
 
-    /// Sends a batch and returns its answers; repeats it as long as `deadline_ns` allows. `in_cycle`: the caller waits,
-    /// and no answer is waited for beyond the deadline.
-    pub(super) fn transact(
-        &mut self,
-        batch: &Batch,
-        words: &'static str,
-        deadline_ns: u64,
-        in_cycle: bool,
-    ) -> Result<Answers, Error> {
+    /// Sends a batch and returns its answers; repeats it as long as `deadline_ns` allows.
+    pub(super) fn transact(&mut self, batch: &Batch, words: &'static str, deadline_ns: u64) -> Result<Answers, Error> {
         if self.quiet {
-            self.probe(deadline_ns, in_cycle)?;
+            self.probe()?;
         }
         let asked = CommandName { words, code: None };
         let lines = batch.orders.len() + batch.asks.len();
@@ -87,7 +78,7 @@ impl<T: Transport> Bus<T> {
                 break;
             }
             let at_ns = self.transport.stamp_ns();
-            match self.attempt(batch, deadline_ns, in_cycle)? {
+            match self.attempt(batch)? {
                 Ended::Whole(values) => {
                     (self.failed, self.due_ns, self.quiet, self.silent) = (0, 0, false, false);
                     (self.noisy_from_ns, self.instead) = (None, Instead::Nothing);
@@ -108,8 +99,8 @@ impl<T: Transport> Bus<T> {
 
     /// Asks a board that has lately been quiet for a single mark: what it still owes would only be delayed further by
     /// more questions.
-    fn probe(&mut self, deadline_ns: u64, in_cycle: bool) -> Result<(), Error> {
-        match self.attempt(&Batch::default(), deadline_ns, in_cycle)? {
+    fn probe(&mut self) -> Result<(), Error> {
+        match self.attempt(&Batch::default())? {
             Ended::Whole(_) => {
                 self.quiet = false;
                 Ok(())
@@ -130,7 +121,7 @@ impl<T: Transport> Bus<T> {
         mark
     }
 
-    fn attempt(&mut self, batch: &Batch, deadline_ns: u64, in_cycle: bool) -> Result<Ended, Error> {
+    fn attempt(&mut self, batch: &Batch) -> Result<Ended, Error> {
         let last = self.mark();
         // A batch without questions is one mark.
         let first = (!batch.asks.is_empty()).then(|| self.mark());
@@ -147,10 +138,8 @@ impl<T: Transport> Bus<T> {
         let now_ns = self.transport.now_ns();
         let answers = 2 * MARK_BYTES + batch.asks.len() * ANSWER_BYTES;
         let on_wire_ns = now_ns + self.wire_ns(bytes.len() + answers);
-        let until_ns = match in_cycle {
-            true => (on_wire_ns + self.config.margin_ns).min(deadline_ns.max(on_wire_ns + LAST_NS)),
-            false => on_wire_ns + self.config.margin_ns,
-        };
+        // The port has no other unit that would wait meanwhile.
+        let until_ns = on_wire_ns + self.config.margin_ns;
         let written = self.transport.write_all(&bytes, on_wire_ns + self.config.margin_ns);
         written.map_err(|error| self.port_failed(error))?;
         self.collect(&batch.asks, marks, until_ns)

@@ -47,7 +47,7 @@ impl<T: Transport> Bus<T> {
             if round > 0 && self.transport.now_ns() + self.likely_ns(lines) > deadline_ns {
                 break;
             }
-            let answers = match self.transact(&batch, "set velocity and read", deadline_ns, true) {
+            let answers = match self.transact(&batch, "set velocity and read", deadline_ns) {
                 Ok(answers) => answers,
                 Err(error) => {
                     self.unanswered(&error);
@@ -227,7 +227,7 @@ impl<T: Transport> Bus<T> {
             return;
         }
         if self.discard().is_ok()
-            && let Ok(answers) = self.transact(&batch, "read supply and errors", deadline_ns, true)
+            && let Ok(answers) = self.transact(&batch, "read supply and errors", deadline_ns)
         {
             self.use_slow(&answers);
             if answers.whole(Ask::WatchdogOn(0)) != Some(1) {

@@ -61,7 +61,7 @@ impl<T: Transport> Bus<T> {
             }
             let batch = self.next_step();
             // A silent board is asked once, and not repeatedly.
-            match self.transact(&batch, "set up", now_ns, false) {
+            match self.transact(&batch, "set up", now_ns) {
                 Ok(answers) => self.step(&answers),
                 Err(error) => return self.unanswered(&error),
             }
