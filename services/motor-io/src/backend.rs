@@ -3,7 +3,7 @@
 use crate::odometry;
 use crate::settings::CoreConfig;
 use config::{DriveProtocol, PortSection, UnitSection, Wire};
-use drives::{DriveBus, Error};
+use drives::{DriveBus, Error, InvalidConfig};
 use serial::{ReopeningPort, StatusPin};
 
 /// Opens the bus of one configured port with the family that its `protocol` names. The device at `path` need not be
@@ -46,6 +46,20 @@ pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Resul
             };
             Ok(Box::new(moteus::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
         }
+        DriveProtocol::Odrive => {
+            let watchdog_ms = odrive::watchdog_ms(config.watchdog_s).map_err(wrong)?;
+            let board = port.units.first().ok_or_else(|| wrong(InvalidConfig::NoUnits))?;
+            let bus = odrive::BusConfig {
+                baud: if port.wire == Wire::Usb { 0 } else { port.baud },
+                margin_ns: odrive::driver::USB_MARGIN_NS,
+                address: board.address,
+                axes: board.cables.len(),
+                watchdog_ms,
+                bound: odometry::count_bound(config, &board.cables),
+                stop_pin: stop_pin(port),
+            };
+            Ok(Box::new(odrive::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
+        }
     }
 }
 
@@ -66,10 +80,13 @@ mod tests {
             match protocol {
                 DriveProtocol::Roboclaw => assert_eq!(family.addresses, roboclaw::codec::ADDRESSES),
                 DriveProtocol::Moteus => assert_eq!(family.addresses, moteus::codec::ADDRESSES),
+                // A name for messages.
+                DriveProtocol::Odrive => {}
             }
             let accepts = |seconds| match protocol {
                 DriveProtocol::Roboclaw => roboclaw::watchdog_tenths(seconds).is_ok(),
                 DriveProtocol::Moteus => moteus::watchdog_ms(seconds).is_ok(),
+                DriveProtocol::Odrive => odrive::watchdog_ms(seconds).is_ok(),
             };
             for (seconds, accepted) in [
                 (shortest_s, true),

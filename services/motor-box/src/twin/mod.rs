@@ -4,6 +4,7 @@
 
 mod interface;
 mod moteus;
+mod odrive;
 mod roboclaw;
 
 use config::DriveProtocol;
@@ -16,6 +17,7 @@ pub(crate) use interface::{MOTORS, Readings, Twin, Winch};
 pub(crate) fn new(port: &PortConfig, turnaround_ns: u64) -> Box<dyn Twin> {
     match port.family {
         DriveProtocol::Roboclaw => Box::new(roboclaw::RoboclawTwin::new(port, turnaround_ns)),
+        DriveProtocol::Odrive => Box::new(odrive::OdriveTwin::new(port, turnaround_ns)),
         DriveProtocol::Moteus => Box::new(moteus::MoteusTwin::new(port, turnaround_ns)),
     }
 }

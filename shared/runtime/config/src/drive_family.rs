@@ -9,6 +9,8 @@ crate::choice! {
         Roboclaw = "roboclaw",
         /// moteus over fdcanusb text lines.
         Moteus = "moteus",
+        /// ODrive ASCII protocol, firmware 0.5.
+        Odrive = "odrive",
     }
 }
 
@@ -37,8 +39,8 @@ pub struct DriveFamily {
     pub watchdog_step_s: f64,
     /// Motors of a unit.
     pub motors: usize,
-    /// Most units on a serial wire.
-    pub serial_units: usize,
+    /// Most units on a serial wire, and on a USB adapter.
+    pub units: [usize; 2],
     /// Time of one cycle over a USB adapter besides the units', and for each unit, s; `None`: the family has no such
     /// adapter.
     pub usb_s: Option<[f64; 2]>,
@@ -87,7 +89,7 @@ impl DriveProtocol {
                 watchdog_s: [0.1, 25.5],
                 watchdog_step_s: 0.1,
                 motors: 2,
-                serial_units: 8,
+                units: [8, 0],
                 usb_s: None,
                 // Speeds, encoders, currents.
                 unit_bytes: 13.0 + 12.0 + 8.0,
@@ -103,12 +105,28 @@ impl DriveProtocol {
                 watchdog_step_s: 0.001,
                 motors: 1,
                 // A UART has no addresses on the wire.
-                serial_units: 1,
+                units: [1, 8],
                 // Two round trips of a USB frame each. For each unit four frames of at most 64 bytes at 1 and 5 Mbit/s,
                 // and their text lines at 12 Mbit/s; estimated, not measured.
                 usb_s: Some([0.002, 0.001]),
                 // Command and position: 75 and 81 bytes; supply, current and status: 50 and 93, in hexadecimal.
                 unit_bytes: 75.0 + 81.0 + 50.0 + 93.0,
+                unit_exchanges: 1.0,
+                slow_bytes: 0.0,
+            },
+            DriveProtocol::Odrive => DriveFamily {
+                bauds: &[115_200, 230_400, 460_800, 921_600],
+                addresses: 0..=127,
+                addresses_in_words: "0 to 127, a name for messages: the protocol has none",
+                watchdog_s: [0.02, 30.0],
+                watchdog_step_s: 0.001,
+                motors: 2,
+                units: [1, 1],
+                // Two round trips of a USB frame each, and the board's own time; estimated, not measured.
+                usb_s: Some([0.002, 0.001]),
+                // Two axes: velocities, their read-backs, states and positions: 196 bytes; errors, currents and supply:
+                // 216. Answers arrive meanwhile, but for the last one of each batch.
+                unit_bytes: 196.0 + 26.0 + 216.0 + 26.0,
                 unit_exchanges: 1.0,
                 slow_bytes: 0.0,
             },

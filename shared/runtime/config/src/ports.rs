@@ -103,12 +103,14 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
     if port.units.is_empty() {
         return Err(Problem::with_clause("units", "is empty; accepted: at least one drive unit"));
     }
-    if port.wire == Wire::Serial && port.units.len() > family.serial_units {
+    let [on_serial, on_usb] = family.units;
+    let most = if port.wire == Wire::Usb { on_usb } else { on_serial };
+    if port.units.len() > most {
         let clause = format!(
-            "has {} drive units; accepted: at most {} on a serial wire of {}",
+            "has {} drive units; accepted: at most {most} on a port of {} with wire = \"{}\"",
             port.units.len(),
-            family.serial_units,
-            port.protocol.name()
+            port.protocol.name(),
+            port.wire.name()
         );
         return Err(Problem::with_clause("units", clause));
     }

@@ -23,6 +23,9 @@ pub trait Family {
     const BAUD: u32;
     /// Connected motors of a unit, 1 or 2.
     const MOTORS: usize;
+    /// Units on one port, 2; 1 for a protocol without addresses. Cases about another unit of the port are then left
+    /// out.
+    const UNITS: usize = 2;
     /// Longest time from a question to the end of waiting for its answer, ns.
     const ANSWER_NS: u64;
     /// Questions and answers that the command and the counts of one unit take.

@@ -150,6 +150,8 @@ struct Unit {
     failing_from_ns: u64,
     /// Nothing at all arrived in the last of them.
     quiet: bool,
+    /// It has not answered for so long that it is asked rarely.
+    silent: bool,
     /// Time at which a silent unit is asked again, ns.
     due_ns: u64,
 }
@@ -196,6 +198,7 @@ impl Unit {
             failed: 0,
             failing_from_ns: 0,
             quiet: false,
+            silent: false,
             due_ns: 0,
         }
     }
@@ -306,7 +309,7 @@ impl<T: Transport> Bus<T> {
         self.inbox.clear();
         for unit in &mut self.units {
             (unit.phase, unit.interlocked) = (Phase::Recognise, true);
-            (unit.failed, unit.due_ns) = (0, 0);
+            (unit.failed, unit.due_ns, unit.silent) = (0, 0, false);
         }
     }
 }

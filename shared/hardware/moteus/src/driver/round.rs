@@ -68,6 +68,8 @@ struct Asked {
     stamp_ns: u64,
     /// Waiting for its answer ends at this time, ns.
     until_ns: u64,
+    /// The same where another unit of the port has answered, which then waits for this one, ns.
+    soon_ns: u64,
 }
 
 impl Plan {
@@ -130,7 +132,7 @@ impl<T: Transport> Bus<T> {
     }
 
     /// Sends a frame to each unit with a plan and collects the answers; repeats what was lost as long as `deadline_ns`
-    /// allows. `in_cycle`: the caller waits, and no answer is waited for beyond the deadline.
+    /// allows. `in_cycle`: the caller waits, and no unit that has answered waits for another one beyond the deadline.
     pub(super) fn round(&mut self, plans: &Plans, deadline_ns: u64, in_cycle: bool) -> Results {
         let mut results: Results = [const { None }; MAX_UNITS];
         let mut asked = [None; MAX_UNITS];
@@ -172,15 +174,14 @@ impl<T: Transport> Bus<T> {
             let _ = bytes.try_extend_from_slice(&line);
             let _ = bytes.try_push(b'\n');
             let number = self.asked;
-            asked[unit] = Some(Asked { plan, number, tag, attempt, sent_ns: now_ns, stamp_ns, until_ns: 0 });
+            asked[unit] =
+                Some(Asked { plan, number, tag, attempt, sent_ns: now_ns, stamp_ns, until_ns: 0, soon_ns: 0 });
         }
         let on_wire_ns = now_ns + self.wire_ns(bytes.len() + count * ANSWER_BYTES);
-        let until_ns = match in_cycle {
-            true => (on_wire_ns + self.margin_ns).min(deadline_ns.max(on_wire_ns + LAST_NS)),
-            false => on_wire_ns + self.margin_ns,
-        };
+        let until_ns = on_wire_ns + self.margin_ns;
+        let soon_ns = if in_cycle { until_ns.min(deadline_ns.max(on_wire_ns + LAST_NS)) } else { until_ns };
         for (asked, _) in asked.iter_mut().zip(plans).filter(|(_, plan)| plan.is_some()) {
-            asked.iter_mut().for_each(|asked| asked.until_ns = until_ns);
+            asked.iter_mut().for_each(|asked| (asked.until_ns, asked.soon_ns) = (until_ns, soon_ns));
         }
         self.transport.write_all(&bytes, on_wire_ns + self.margin_ns).map_err(|error| self.port_failed(error))
     }
@@ -200,12 +201,15 @@ impl<T: Transport> Bus<T> {
     ) -> Result<(), Error> {
         let mut garbled = false;
         let mut patient = true;
-        while let Some(until_ns) = asked.iter().flatten().map(|asked| asked.until_ns).max() {
+        loop {
+            let answered = results.iter().any(Option::is_some);
+            let limit = |asked: &Asked| if answered { asked.soon_ns } else { asked.until_ns };
+            let Some(until_ns) = asked.iter().flatten().map(limit).max() else { return Ok(()) };
             match self.hear(until_ns)? {
                 None if patient && self.transport.now_ns() > until_ns + STOOD_STILL_NS => {
                     patient = false;
                     let until_ns = self.transport.now_ns() + self.margin_ns;
-                    asked.iter_mut().flatten().for_each(|asked| asked.until_ns = until_ns);
+                    asked.iter_mut().flatten().for_each(|asked| (asked.until_ns, asked.soon_ns) = (until_ns, until_ns));
                 }
                 None => {
                     self.counters.timeouts += asked.iter().flatten().count() as u64;
@@ -233,7 +237,6 @@ impl<T: Transport> Bus<T> {
                 Some(Heard::Garbled { short: true }) => {}
             }
         }
-        Ok(())
     }
 
     /// Asks the first `most` units again, if the time allows; false where nothing was asked.

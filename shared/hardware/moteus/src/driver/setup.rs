@@ -8,7 +8,7 @@ use serial::Transport;
 
 use super::question::{FIRMWARE, Question, cycle, slow};
 use super::round::{Order, Plan, Plans, Reading};
-use super::{Bus, Instead, MAX_UNITS, Phase, Unit};
+use super::{Bus, Instead, MAX_UNITS, Phase};
 use crate::codec::Mode;
 use crate::status::{native, neutral};
 
@@ -192,7 +192,7 @@ impl<T: Transport> Bus<T> {
             unit.last_raw = None;
             // It may have executed a command before its clock showed the restart.
             unit.phase = Phase::SetWatchdog;
-            (unit.failed, unit.due_ns) = (0, 0);
+            (unit.failed, unit.due_ns, unit.silent) = (0, 0, false);
             // Counted once, however many attempts the setup takes.
             if std::mem::take(&mut unit.watchdog_set) {
                 unit.report.reboots += 1;
@@ -202,7 +202,7 @@ impl<T: Transport> Bus<T> {
 
     pub(super) fn answered(&mut self, index: usize) {
         if let Some(unit) = self.units.get_mut(index) {
-            (unit.failed, unit.due_ns, unit.quiet) = (0, 0, false);
+            (unit.failed, unit.due_ns, unit.quiet, unit.silent) = (0, 0, false, false);
         }
     }
 
@@ -219,7 +219,8 @@ impl<T: Transport> Bus<T> {
         }
         unit.failed += 1;
         unit.quiet = matches!(error, Error::NoAnswer { .. });
-        if unit.is_silent(now_ns) {
+        if unit.failed >= SILENT_AFTER && now_ns.saturating_sub(unit.failing_from_ns) >= SILENT_NS {
+            unit.silent = true;
             (unit.phase, unit.interlocked) = (Phase::Recognise, true);
             unit.due_ns = now_ns + ASK_SILENT_EVERY_NS;
         }
@@ -229,7 +230,7 @@ impl<T: Transport> Bus<T> {
     pub(super) fn not_ready(&self, index: usize) -> Option<Error> {
         let unit = self.units.get(index)?;
         let now_ns = self.transport.now_ns();
-        if unit.is_silent(now_ns) {
+        if unit.silent {
             let noisy = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
             return Some(self.error(index, |port, unit| match self.instead {
                 Instead::Nothing => Error::Silent { port, unit },
@@ -246,12 +247,6 @@ impl<T: Transport> Bus<T> {
             }
             _ => Some(self.error(index, |port, unit| Error::Preparing { port, unit })),
         }
-    }
-}
-
-impl Unit {
-    fn is_silent(&self, now_ns: u64) -> bool {
-        self.failed >= SILENT_AFTER && now_ns.saturating_sub(self.failing_from_ns) >= SILENT_NS
     }
 }
 

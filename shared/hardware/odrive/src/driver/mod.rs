@@ -1,0 +1,251 @@
+//! Driver of the board on one port.
+//!
+//! The rules, and why:
+//! * Each exchange is one batch of lines: a mark, commands, questions, another mark. Answers are used only if all of
+//!   them arrived between the answers to the two marks, each with its checksum and of the form of its question. A mark
+//!   is a number that no axis has, another one each time, so an answer to an older batch is never used, and nothing has
+//!   to be waited out after an error: the next batch is the resynchronisation.
+//! * Commands are silent. A command counts as accepted only if the board reads back its velocity and the state of the
+//!   axis.
+//! * The watchdog is a setting of each axis that is not saved in the board: where it is gone, the board has restarted.
+//!   Its expiry disarms the axis, which turns freely.
+//! * A disarmed axis does not move before it was commanded to hold or to release: that clears the errors.
+
+mod batch;
+mod cycle;
+mod family;
+mod setup;
+
+mod ask;
+
+use std::sync::Arc;
+
+use arrayvec::{ArrayString, ArrayVec};
+use drives::{CountBound, Counters, Error, InvalidConfig, StopInput, UnitReport};
+use serial::{StatusPin, Transport, byte_time_ns};
+
+use crate::codec::{AXES, MARKS, MAX_LINE};
+
+/// Time that a board on a UART has to begin its answer, besides the time of the bytes, ns.
+pub const UART_MARGIN_NS: u64 = 3_000_000;
+
+/// The same over USB, where frames, adapters and kernel threads add delays.
+pub const USB_MARGIN_NS: u64 = 25_000_000;
+
+/// Watchdog times in messages.
+const ACCEPTED_WATCHDOGS: &str = "20 to 30000 ms";
+
+/// Watchdog of this many seconds, ms.
+///
+/// # Errors
+/// The boards cannot be set to this time.
+pub fn watchdog_ms(seconds: f64) -> Result<u16, InvalidConfig> {
+    let ms = (seconds * 1e3).round();
+    if (20.0..=30_000.0).contains(&ms) && (seconds * 1e3 - ms).abs() < 1e-6 {
+        return Ok(ms as u16);
+    }
+    // `as` saturates, and turns a NaN into 0.
+    Err(InvalidConfig::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
+}
+
+/// Settings of a port and its board.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BusConfig {
+    /// Bits per second, for the time that bytes take; 0 where it is negligible (USB).
+    pub baud: u32,
+    /// Time to the beginning of an answer, ns; see [`UART_MARGIN_NS`].
+    pub margin_ns: u64,
+    /// Name of the board in messages; the protocol has no address.
+    pub address: u8,
+    /// Axes with a motor, 1 or 2, from axis 0.
+    pub axes: usize,
+    /// Time without a command after which an axis is disarmed, ms.
+    pub watchdog_ms: u16,
+    /// Motion of the counts that needs no explanation; a sample beyond it is held back once.
+    pub bound: CountBound,
+    /// Pin that the closed contact of a stop button holds on; an open contact or a broken wire is a stop.
+    pub stop_pin: Option<StatusPin>,
+}
+
+/// What arrived in place of a missing answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Instead {
+    #[default]
+    Nothing,
+    /// The driver's own lines.
+    Echo,
+    /// Something else.
+    Foreign,
+}
+
+/// Progress of bringing the board into use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// Asked for its watchdogs: whether it has restarted.
+    Recognise,
+    /// Asked for its firmware. `same`: it has the watchdogs already.
+    Identify { same: bool },
+    /// Disarmed, with the watchdogs set and read back.
+    SetWatchdog,
+    /// Asked for supply and errors.
+    Readings,
+    /// In use.
+    Ready,
+    /// It does not keep its watchdog; tried again at `due_ns`.
+    Unusable { got_ms: u32, due_ns: u64 },
+}
+
+/// Driver of the board on one port. One thread owns it.
+#[derive(Debug)]
+pub struct Bus<T> {
+    transport: T,
+    config: BusConfig,
+    byte_ns: u64,
+    /// Name in messages.
+    name: Arc<str>,
+    phase: Phase,
+    report: UnitReport,
+    firmware: Option<ArrayString<48>>,
+    /// Counts at the last accepted sample, as the board has them.
+    last_raw: Option<[i64; AXES]>,
+    /// The last sample was beyond the bound and was held back.
+    held_back: bool,
+    /// Since the board's last restart its watchdogs were read back.
+    watchdog_set: bool,
+    /// It does not move until it was commanded to stand still.
+    interlocked: bool,
+    /// States of the axes, as last read.
+    states: [u32; AXES],
+    errors: [u32; AXES],
+    /// Batches without an answer since the last answer, and the time of the first, ns.
+    failed: u32,
+    failing_from_ns: u64,
+    /// Nothing at all arrived in the last of them.
+    quiet: bool,
+    /// It has not answered for so long that it is asked rarely.
+    silent: bool,
+    /// Time at which a silent board is asked again, ns.
+    due_ns: u64,
+    /// Bytes of the text line that is not complete yet.
+    line: ArrayVec<u8, MAX_LINE>,
+    inbox: [u8; 256],
+    inbox_from: usize,
+    inbox_to: usize,
+    connection: u32,
+    next_mark: u32,
+    instead: Instead,
+    /// Start of the present run of bytes that answer nothing, ns.
+    noisy_from_ns: Option<u64>,
+    counters: Counters,
+    stop: StopInput,
+}
+
+impl<T: Transport> Bus<T> {
+    /// A bus on which nothing was sent yet. The device need not be there.
+    ///
+    /// # Errors
+    /// A setting that the family does not have.
+    pub fn new(transport: T, config: &BusConfig) -> Result<Bus<T>, Error> {
+        let port = Arc::clone(transport.name());
+        let invalid = |what| Error::Configuration { port: Arc::clone(&port), what };
+        if !(1..=AXES).contains(&config.axes) {
+            return Err(invalid(InvalidConfig::NoUnits));
+        }
+        watchdog_ms(f64::from(config.watchdog_ms) * 1e-3).map_err(invalid)?;
+        // Other first marks for each start: answers to the program's last run are old too.
+        let next_mark = MARKS.start + (transport.now_ns() / 1000 % u64::from(MARKS.end - MARKS.start)) as u32;
+        Ok(Bus {
+            transport,
+            byte_ns: byte_time_ns(config.baud),
+            name: format!("board {}", config.address).into(),
+            config: config.clone(),
+            phase: Phase::Recognise,
+            report: UnitReport::default(),
+            firmware: None,
+            last_raw: None,
+            held_back: false,
+            watchdog_set: false,
+            interlocked: true,
+            states: [0; AXES],
+            errors: [0; AXES],
+            failed: 0,
+            failing_from_ns: 0,
+            quiet: false,
+            silent: false,
+            due_ns: 0,
+            line: ArrayVec::new(),
+            inbox: [0; 256],
+            inbox_from: 0,
+            inbox_to: 0,
+            connection: 0,
+            next_mark,
+            instead: Instead::default(),
+            noisy_from_ns: None,
+            counters: Counters::default(),
+            stop: StopInput::default(),
+        })
+    }
+
+    /// The port.
+    pub fn transport(&self) -> &T {
+        &self.transport
+    }
+
+    /// The port.
+    pub fn transport_mut(&mut self) -> &mut T {
+        &mut self.transport
+    }
+
+    fn port(&self) -> Arc<str> {
+        Arc::clone(self.transport.name())
+    }
+
+    fn error(&self, error: impl FnOnce(Arc<str>, Arc<str>) -> Error) -> Error {
+        error(self.port(), Arc::clone(&self.name))
+    }
+
+    fn wire_ns(&self, bytes: usize) -> u64 {
+        bytes as u64 * self.byte_ns
+    }
+
+    /// Reads the stop input. One that cannot be read is a stop.
+    fn read_stop(&mut self) {
+        if let Some(pin) = self.config.stop_pin {
+            self.stop = match self.transport.is_on(pin) {
+                Ok(true) => StopInput::Released,
+                Ok(false) => StopInput::Pressed,
+                Err(error) => StopInput::Unreadable(Error::Serial(error)),
+            };
+        }
+    }
+
+    /// Connects if necessary. After a new connection the board may have restarted.
+    fn connect(&mut self) -> Result<(), Error> {
+        match self.transport.connection() {
+            Err(error) => Err(self.port_failed(error)),
+            Ok(connection) => {
+                if connection != self.connection {
+                    self.connection = connection;
+                    self.counters.connections += 1;
+                    self.lose();
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn port_failed(&mut self, error: serial::Error) -> Error {
+        if error.is_lost() {
+            self.lose();
+        }
+        Error::Serial(error)
+    }
+
+    /// Marks the board as unknown, after the connection was lost.
+    fn lose(&mut self) {
+        (self.inbox_from, self.inbox_to) = (0, 0);
+        self.line.clear();
+        (self.phase, self.interlocked) = (Phase::Recognise, true);
+        (self.failed, self.due_ns, self.quiet, self.silent) = (0, 0, false, false);
+    }
+}
