@@ -415,7 +415,7 @@ fn check_place(
         return Err(Cause::KeepOut { number });
     }
     if let Some(contact) = robot.contact(previous, position, distribution) {
-        return Err(Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(position) });
+        return Err(Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(position, distribution) });
     }
     Ok(())
 }
