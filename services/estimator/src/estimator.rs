@@ -1,6 +1,6 @@
 //! The estimator: one step per cycle, from measured lengths to predicted lengths, position and tensions.
 
-use cable_robot::model_error::LengthErrors;
+use cable_robot::LengthErrors;
 use cable_robot::{CableVec, Matrix3, Robot, Vector3, elastic};
 use config::EstimatorSection;
 use messages::{CABLES, Header, MotorAuthority, MotorState, NodeEstimate, same_life};

@@ -233,8 +233,11 @@ impl Core {
         }
     }
 
-    fn zero(&mut self, lengths_m: &[f64]) {
+    /// Sets the lengths, with the node at that position, m; `None`: they fit no position.
+    fn zero(&mut self, lengths_m: &[f64], at: Option<Vector3<f64>>) {
         self.abandon();
+        // The margins of obstacles count the errors of the lengths from here.
+        self.config.robot = self.config.robot.with_lengths_set_at(at.as_ref());
         self.odometry.set(lengths_m);
         self.safety.start_epoch();
     }
@@ -255,7 +258,7 @@ impl Core {
         let straight = kinematics::inverse_kinematics(robot.anchors(), &at);
         let lengths = elastic::unstretched(robot, &at, &straight, &held.tensions_n);
         self.check_lengths(&lengths)?;
-        self.zero(&lengths);
+        self.zero(&lengths, Some(at));
         Ok(Reason::ZeroedAt { position_m: at.into() })
     }
 
@@ -266,7 +269,8 @@ impl Core {
             return Err(Reason::LengthCount { given: lengths_m.len(), cables });
         }
         self.check_lengths(lengths_m)?;
-        self.zero(lengths_m);
+        let at = elastic::equilibrium(&self.config.robot, lengths_m, &Vector3::zeros(), None).ok();
+        self.zero(lengths_m, at.map(|at| at.position));
         Ok(Reason::ZeroedLengths { cables })
     }
 

@@ -39,6 +39,9 @@ pub struct Summary {
 /// # Errors
 /// The error with which the planner refuses it.
 pub fn dry_run(mission: &Mission, config: &PlannerConfig, start_m: [f64; 3]) -> Result<Summary, PlanError> {
+    // As if the lengths were set there.
+    let robot = config.robot.with_lengths_set_at(Some(&Vector3::from(start_m)));
+    let config = &PlannerConfig { robot, ..*config };
     let plan = Plan::new(mission, config, Vector3::from(start_m), 0.0, 1)?;
     let highest = |f: fn(&cable_robot::motion::Report) -> f64| plan.reports.iter().map(f).fold(0.0, f64::max);
     Ok(Summary {

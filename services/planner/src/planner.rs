@@ -1,8 +1,9 @@
 //! State of the planner: one mission at a time, from its request to the end of its last segment.
 
-use cable_robot::Vector3;
+use cable_robot::{CableVec, Vector3, elastic};
 use messages::{
-    Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, same_life, text_of,
+    CABLES, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, same_life,
+    text_of,
 };
 use robot_state::Reason;
 use robot_state::answers::detail;
@@ -51,6 +52,8 @@ pub struct Planner {
     /// The newest valid estimate, and the epoch in which it arrived.
     valid: Option<(NodeEstimate, u32)>,
     progress: Option<Progress>,
+    /// The lengths as they were set, m, as bits.
+    zeroed: [u64; CABLES],
 }
 
 impl Planner {
@@ -67,7 +70,23 @@ impl Planner {
             status: PlanStatus::default(),
             valid: None,
             progress: None,
+            zeroed: [f64::NAN.to_bits(); CABLES],
         }
+    }
+
+    /// Follows where the lengths were set: from there the margins of obstacles count what the robot file may have wrong.
+    pub fn follow_zero(&mut self, state: &MotorState) {
+        let zeroed = state.zeroed_m.map(f64::to_bits);
+        if zeroed == self.zeroed {
+            return;
+        }
+        self.zeroed = zeroed;
+        let robot = &self.config.robot;
+        let lengths_m = CableVec::from_array8(&state.zeroed_m, robot.cable_count());
+        let known =
+            lengths_m.is_finite().then(|| elastic::equilibrium(robot, &lengths_m, &Vector3::zeros(), None).ok());
+        let position = known.flatten().map(|found| found.position);
+        self.config.robot = robot.with_lengths_set_at(position.as_ref());
     }
 
     /// Stores the progress of a mission of an earlier planner.

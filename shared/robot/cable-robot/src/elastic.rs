@@ -32,10 +32,11 @@ const MAX_ITERATIONS: usize = 100;
 pub fn unstretched(robot: &Robot, position: &Vector3<f64>, lengths_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
     CableVec::from_fn(routed.len().min(lengths_m.len()).min(tensions_n.len()), |i| {
-        let length_m = lengths_m[i] + bow_m(robot, i, position, tensions_n[i]);
+        let load = robot.cable_load(i, position);
+        let length_m = lengths_m[i] + load.bow_m(tensions_n[i]);
         match robot.stiffness_n() {
             None => length_m,
-            Some(ea) => (length_m + routed[i]) / (1.0 + tensions_n[i] / ea) - routed[i],
+            Some(ea) => (length_m - load.rise_n * routed[i] / ea + routed[i]) / (1.0 + tensions_n[i] / ea) - routed[i],
         }
     })
 }
@@ -45,16 +46,16 @@ pub fn unstretched(robot: &Robot, position: &Vector3<f64>, lengths_m: &[f64], te
 pub fn stretched(robot: &Robot, position: &Vector3<f64>, unstretched_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
     CableVec::from_fn(routed.len().min(unstretched_m.len()).min(tensions_n.len()), |i| {
-        let bow_m = bow_m(robot, i, position, tensions_n[i]);
+        let load = robot.cable_load(i, position);
+        let bow_m = load.bow_m(tensions_n[i]);
         match robot.stiffness_n() {
             None => unstretched_m[i] - bow_m,
-            Some(ea) => (unstretched_m[i] + routed[i]) * (1.0 + tensions_n[i] / ea) - routed[i] - bow_m,
+            Some(ea) => {
+                let carried_m = load.rise_n * routed[i] / ea;
+                (unstretched_m[i] + routed[i]) * (1.0 + tensions_n[i] / ea) - routed[i] - bow_m + carried_m
+            }
         }
     })
-}
-
-fn bow_m(robot: &Robot, cable: usize, position: &Vector3<f64>, tension_n: f64) -> f64 {
-    robot.cable_load(cable, position).bow_m(tension_n)
 }
 
 /// Cable lengths and tensions that hold the node at a position with a chosen tension distribution.
@@ -305,6 +306,11 @@ impl ElasticCables<'_> {
         self.unstretched_m[i] + self.robot.routed_length_m()[i]
     }
 
+    /// Stretch of the routed part by the weight of the free cable, m.
+    fn carried_m(&self, i: usize, load: &Load) -> f64 {
+        load.rise_n * self.robot.routed_length_m()[i] / self.stiffness
+    }
+
     /// Geometry of a cable at a position.
     fn geometry(&self, i: usize, x: &Vector3<f64>) -> Stretched {
         let pulley = self.robot.anchors().pulley(i);
@@ -337,7 +343,7 @@ impl ElasticCables<'_> {
             let tension;
             if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
                 let softness = total / self.stiffness;
-                tension = load.tension_n(stretch, softness);
+                tension = load.tension_n(stretch - self.carried_m(i, load), softness);
                 k = 1.0 / load.softness_m_n(tension, softness);
                 balance.potential += load.energy_j(tension, softness) + load.half_n * x.z;
                 balance.gradient.z += load.half_n;
@@ -430,7 +436,7 @@ impl ElasticCables<'_> {
             lengths_m[i] = length;
             if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
                 let softness = total / self.stiffness;
-                tensions_n[i] = load.tension_n(stretch, softness);
+                tensions_n[i] = load.tension_n(stretch - self.carried_m(i, load), softness);
                 slack[i] = tensions_n[i] < load.half_n;
                 // H dX = u (-dT/dl) dl, with softness T = L + bow(T) - l and the softness (l + Lx) / EA.
                 let pull = (1.0 + tensions_n[i] / self.stiffness) / load.softness_m_n(tensions_n[i], softness);

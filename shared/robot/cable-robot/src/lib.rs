@@ -83,7 +83,7 @@ pub use robot::Robot;
 pub use robot_error::RobotError;
 pub use robot_parts::{DEFAULT_LENGTH_LIMITS_M, PulleyKind, RobotParts};
 pub use tension::Distribution;
-pub use uncertainty::Uncertainty;
+pub use uncertainty::{LengthErrors, Uncertainty};
 
 /// Standard acceleration of gravity, m/s² (CODATA, exact by convention).
 pub const STANDARD_GRAVITY: f64 = 9.80665;

@@ -12,43 +12,31 @@ use nalgebra::{Matrix3, Vector3};
 use crate::elastic::Equilibrium;
 use crate::modes::stiffness_n_m;
 use crate::pulley::Pulley;
-use crate::{MAX_CABLES, Robot, Uncertainty, linalg};
+use crate::uncertainty::{COMMON, LengthErrors};
+use crate::{CableVec, NodeJacobian, Robot, Uncertainty, linalg, tension};
 
 /// Change of a pulley's radius with which the effect of its error is computed, m.
 const RADIUS_STEP_M: f64 = 1e-4;
 
-/// Sources with the same error for all cables.
-const COMMON: usize = 4;
-
-/// Errors of the cables' lengths at one pose, each by one standard deviation of its source.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LengthErrors {
-    count: usize,
-    /// Unit vector of each cable, for the errors of its anchor.
-    directions: [Vector3<f64>; MAX_CABLES],
-    /// Common to all cables, m: radius, stiffness, weight of the node, expansion.
-    common_m: [[f64; MAX_CABLES]; COMMON],
-    /// Independent for each cable, m: scale, pole.
-    scale_m: [f64; MAX_CABLES],
-    pole_m: [f64; MAX_CABLES],
-    /// Independent, with a sign that changes with the motion, m.
-    friction_m: [f64; MAX_CABLES],
-}
-
 impl Uncertainty {
     /// Computes the errors of the lengths at an equilibrium; zero for a cable without a direction there.
     pub fn length_errors(&self, robot: &Robot, at: &Equilibrium) -> LengthErrors {
+        self.length_errors_at(robot, &at.position, &at.tensions_n)
+    }
+
+    /// The same with the node at a position, m, under these tensions, N.
+    pub fn length_errors_at(&self, robot: &Robot, position: &Vector3<f64>, tensions_n: &CableVec) -> LengthErrors {
         let count = robot.cable_count();
         let mut errors = LengthErrors::none(count);
-        let yields_m = self.weight_shift_m(robot, at);
+        let yields_m = self.weight_shift_m(robot, position, tensions_n);
         for i in 0..count {
             let pulley = robot.anchors().pulley(i);
-            let Ok(cable) = pulley.cable_to(&at.position) else { continue };
-            let (tension_n, total_m) = (at.tensions_n[i], cable.length_m + robot.routed_length_m()[i]);
+            let Ok(cable) = pulley.cable_to(position) else { continue };
+            let (tension_n, total_m) = (tensions_n[i], cable.length_m + robot.routed_length_m()[i]);
             let strain = robot.stiffness_n().map_or(0.0, |ea| tension_n / ea);
             let level_sq = cable.direction.x * cable.direction.x + cable.direction.y * cable.direction.y;
             errors.directions[i] = cable.direction;
-            errors.common_m[0][i] = self.pulley_radius_m * length_by_radius(&pulley, &at.position);
+            errors.common_m[0][i] = self.pulley_radius_m * length_by_radius(&pulley, position);
             errors.common_m[1][i] = self.stiffness * strain * total_m;
             errors.common_m[2][i] = self.node_weight * cable.direction.dot(&yields_m);
             errors.common_m[3][i] = self.expansion * total_m;
@@ -60,20 +48,31 @@ impl Uncertainty {
     }
 
     /// Displacement of the node by its own weight while the drums stand still, m.
-    fn weight_shift_m(&self, robot: &Robot, at: &Equilibrium) -> Vector3<f64> {
-        let softness = stiffness_n_m(robot, &at.position, &at.tensions_n).and_then(|stiffness| stiffness.try_inverse());
+    fn weight_shift_m(&self, robot: &Robot, position: &Vector3<f64>, tensions_n: &CableVec) -> Vector3<f64> {
+        let softness = stiffness_n_m(robot, position, tensions_n).and_then(|stiffness| stiffness.try_inverse());
         softness.map_or_else(Vector3::zeros, |softness| softness * Vector3::new(0.0, 0.0, robot.net_weight_n()))
     }
 
     /// Covariance of the position of an equilibrium, m². `zero`: the errors where the lengths were set; `None` if that
     /// is unknown, so that every error counts whole.
     pub fn covariance_m2(&self, robot: &Robot, at: &Equilibrium, zero: Option<&LengthErrors>) -> Matrix3<f64> {
-        let (errors, unknown) = (self.length_errors(robot, at), LengthErrors::none(robot.cable_count()));
+        self.covariance_of(robot, &self.length_errors(robot, at), &at.sensitivity, zero)
+    }
+
+    /// The same for errors at a position with this sensitivity to the lengths.
+    pub fn covariance_of(
+        &self,
+        robot: &Robot,
+        errors: &LengthErrors,
+        sensitivity: &NodeJacobian,
+        zero: Option<&LengthErrors>,
+    ) -> Matrix3<f64> {
+        let unknown = LengthErrors::none(robot.cable_count());
         let zero = zero.filter(|zero| zero.count == errors.count).unwrap_or(&unknown);
         let mut sum = Matrix3::zeros();
         for (source, (here_m, there_m)) in errors.common_m.iter().zip(&zero.common_m).enumerate() {
             let mut shift_m = Vector3::zeros();
-            for (i, column) in at.sensitivity.iter().enumerate() {
+            for (i, column) in sensitivity.iter().enumerate() {
                 // What happened since the lengths were set was not there.
                 let there_m = if source == COMMON - 1 { 0.0 } else { there_m[i] };
                 shift_m += column * (here_m[i] - there_m);
@@ -82,7 +81,7 @@ impl Uncertainty {
         }
         let anchors_m2 = if robot.anchor_covariance_m2(0, 0).is_some() { 0.0 } else { self.anchors_m * self.anchors_m };
         let square = |x: f64| x * x;
-        for (i, column) in at.sensitivity.iter().enumerate() {
+        for (i, column) in sensitivity.iter().enumerate() {
             let variance_m2 = anchors_m2 * (errors.directions[i] - zero.directions[i]).norm_squared()
                 + square(errors.scale_m[i] - zero.scale_m[i])
                 + square(errors.pole_m[i] - zero.pole_m[i])
@@ -94,16 +93,16 @@ impl Uncertainty {
     }
 }
 
-impl LengthErrors {
-    fn none(count: usize) -> Self {
-        Self {
-            count,
-            directions: [Vector3::zeros(); MAX_CABLES],
-            common_m: [[0.0; MAX_CABLES]; COMMON],
-            scale_m: [0.0; MAX_CABLES],
-            pole_m: [0.0; MAX_CABLES],
-            friction_m: [0.0; MAX_CABLES],
-        }
+impl Robot {
+    /// The same robot, whose lengths were set with the node at rest at this position, m; `None`: it is unknown where, so
+    /// that every error counts whole in the margins of obstacles. It stays unknown where the node cannot hang.
+    #[must_use]
+    pub fn with_lengths_set_at(&self, position: Option<&Vector3<f64>>) -> Self {
+        let errors = position.and_then(|position| {
+            let held = tension::at(self, position, &Vector3::zeros(), self.default_distribution()).ok()?;
+            Some(self.uncertainty().length_errors_at(self, position, &held.tensions_n))
+        });
+        self.with_errors_at_zero(errors)
     }
 }
 

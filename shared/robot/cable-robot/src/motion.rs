@@ -415,7 +415,7 @@ fn check_place(
         return Err(Cause::KeepOut { number });
     }
     if let Some(contact) = robot.contact(previous, position, distribution) {
-        return Err(Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(position) });
+        return Err(Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(position, distribution) });
     }
     Ok(())
 }
@@ -467,8 +467,9 @@ fn check_pose(
         if !(*length_m >= min_m && *length_m <= max_m) {
             return Err(Cause::Length { cable, length_m: *length_m, min_m, max_m });
         }
-        check_drive(robot, cable, robot.drive_load(cable, resting[cable], 0.0), report)?;
-        check_drive(robot, cable, robot.drive_load(cable, tensions[cable], -speed), report)?;
+        let rise_n = robot.cable_load(cable, position).rise_n;
+        check_drive(robot, cable, robot.drive_load(cable, resting[cable] + rise_n, 0.0), report)?;
+        check_drive(robot, cable, robot.drive_load(cable, tensions[cable] + rise_n, -speed), report)?;
         report.shortest_m[cable] = report.shortest_m[cable].min(*length_m);
         report.longest_m[cable] = report.longest_m[cable].max(*length_m);
         report.peak_cable_speed_m_s = report.peak_cable_speed_m_s.max(speed.abs());

@@ -12,6 +12,7 @@ use crate::robot_parts::{
     stretched_counts, with_pulleys,
 };
 use crate::sag::{self, Load};
+use crate::uncertainty::LengthErrors;
 use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY, Uncertainty};
 
 /// A checked robot. It is `Copy`, so that every process and every test has its own.
@@ -42,6 +43,8 @@ pub struct Robot {
     drive_limits: DriveLimits,
     anchor_covariance: Option<AnchorBlocks>,
     uncertainty: Uncertainty,
+    /// Errors of the lengths where they were set; `None`: unknown.
+    errors_at_zero: Option<LengthErrors>,
 }
 
 impl Robot {
@@ -107,6 +110,7 @@ impl Robot {
             drive_limits: parts.drive_limits,
             anchor_covariance,
             uncertainty: parts.uncertainty,
+            errors_at_zero: None,
         })
     }
 
@@ -275,6 +279,16 @@ impl Robot {
     /// Standard deviations of what the robot file states.
     pub fn uncertainty(&self) -> &Uncertainty {
         &self.uncertainty
+    }
+
+    /// Errors of the lengths where they were set, as [`Robot::with_lengths_set_at`] states it; `None`: unknown.
+    pub(crate) fn errors_at_zero(&self) -> Option<&LengthErrors> {
+        self.errors_at_zero.as_ref()
+    }
+
+    /// The same robot with these errors of the lengths where they were set.
+    pub(crate) fn with_errors_at_zero(&self, errors_at_zero: Option<LengthErrors>) -> Self {
+        Self { errors_at_zero, ..*self }
     }
 
     /// The same robot with its anchors at other positions, to try out a calibration or inject an error. The number of

@@ -9,8 +9,8 @@
 //!
 //! (Irvine, *Cable Structures*, 1981, sections 1.2 and 2.4; Ernst, *Der Bauingenieur* 40, 1965, who has the softness of
 //! such a cable.) [`crate::catenary`] is exact and states what is neglected. The tension varies along the cable by w
-//! times its height, ± w h / 2 about T, which changes the stretch of the free cable in second order only. The routed
-//! part, under T + w h / 2, is treated as under T: 0.1 N on 20 m in height, 0.1 mm on 20 m of cable of 20 kN.
+//! times its height h, ± w h / 2 about T, which changes the stretch of the free cable in second order only. Routed part
+//! and winch are at the upper end, under T + w h / 2.
 //!
 //! A cable with weight is never quite slack: with a chord shorter than its length it hangs through.
 //!
@@ -37,6 +37,8 @@ const MAX_STEPS: usize = 60;
 pub struct Load {
     /// Half of the cable's weight, which the node carries, N.
     pub half_n: f64,
+    /// Tension at the anchor beyond that in the middle, w h / 2, N.
+    pub rise_n: f64,
     /// The bow times the squared tension, w² ρ² L / 24, N² m.
     pub bow_n2_m: f64,
 }
@@ -47,7 +49,8 @@ impl Load {
         let Ok((direction, chord_m)) = pulley.free_cable(position) else { return Self::default() };
         let level_share = (1.0 - direction.z * direction.z).max(0.0);
         let weight_n = weight_n_m * chord_m;
-        Self { half_n: 0.5 * weight_n, bow_n2_m: weight_n * weight_n * level_share * chord_m / 24.0 }
+        let half_n = 0.5 * weight_n;
+        Self { half_n, rise_n: -direction.z * half_n, bow_n2_m: weight_n * weight_n * level_share * chord_m / 24.0 }
     }
 
     /// Length by which the cable exceeds its chord at a tension, m; 0 for a cable without weight.

@@ -1,5 +1,8 @@
 //! How well what a robot file states is known; [`crate::model_error`] has what follows for the position.
 
+use nalgebra::Vector3;
+
+use crate::MAX_CABLES;
 use crate::robot_error::{RobotError, not_negative};
 
 /// Standard deviations of what a robot file states.
@@ -34,5 +37,36 @@ impl Uncertainty {
             .iter()
             .chain(&shares)
             .try_for_each(|value| not_negative("uncertainty", *value, "finite standard deviations of 0 or more"))
+    }
+}
+
+/// Sources with the same error for all cables.
+pub(crate) const COMMON: usize = 4;
+
+/// Errors of the cables' lengths at one pose, each by one standard deviation of its source.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LengthErrors {
+    pub(crate) count: usize,
+    /// Unit vector of each cable, for the errors of its anchor.
+    pub(crate) directions: [Vector3<f64>; MAX_CABLES],
+    /// Common to all cables, m: radius, stiffness, weight of the node, expansion.
+    pub(crate) common_m: [[f64; MAX_CABLES]; COMMON],
+    /// Independent for each cable, m: scale, pole.
+    pub(crate) scale_m: [f64; MAX_CABLES],
+    pub(crate) pole_m: [f64; MAX_CABLES],
+    /// Independent, with a sign that changes with the motion, m.
+    pub(crate) friction_m: [f64; MAX_CABLES],
+}
+
+impl LengthErrors {
+    pub(crate) fn none(count: usize) -> Self {
+        Self {
+            count,
+            directions: [Vector3::zeros(); MAX_CABLES],
+            common_m: [[0.0; MAX_CABLES]; COMMON],
+            scale_m: [0.0; MAX_CABLES],
+            pole_m: [0.0; MAX_CABLES],
+            friction_m: [0.0; MAX_CABLES],
+        }
     }
 }

@@ -263,6 +263,7 @@ impl Lockstep {
         let observed = self.core.observe(&input);
         let (state, authority, energy) = (observed.state, observed.authority, observed.energy);
         self.slots.estimate(&state, &authority);
+        self.planner.follow_zero(&state);
         self.estimate = self.slots.blended(&authority);
         self.authority = Some(authority);
         if cycle.is_multiple_of(PLANNER_CYCLES) {

@@ -243,7 +243,8 @@ fn plan(
     distribution: Distribution,
     from: &[f64; 3],
 ) -> Answer<Flight> {
-    let robot = robot.robot().map_err(Failure::bad)?;
+    // As if the lengths were set at the start.
+    let robot = robot.robot().map_err(Failure::bad)?.with_lengths_set_at(Some(&Vector3::from(*from)));
     let config = PlannerConfig {
         robot,
         distribution,

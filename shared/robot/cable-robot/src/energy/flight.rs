@@ -183,7 +183,7 @@ fn check_obstacles(
         for k in 1..=steps as usize {
             let position = at((i as f64 + k as f64 / steps) / pieces as f64);
             if let Some(contact) = robot.contact(&before, &position, method) {
-                let cause = Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(&position) };
+                let cause = Cause::Obstacle { contact, clearance_m: robot.obstacle_margin_m(&position, method) };
                 return Err(Refusal { position, path_s_m: (position - from).norm(), cause }.into());
             }
             before = position;

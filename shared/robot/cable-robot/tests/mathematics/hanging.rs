@@ -289,3 +289,26 @@ fn sag_matters_on_long_cables_and_the_first_order_removes_it() {
         assert!(all.len() > 10 && rms(0) < 0.1 * rms(1), "robot {which}");
     }
 }
+
+/// On high masts the routed parts carry the weight of the free cables too: without that the node hangs lower.
+#[test]
+fn the_routed_part_carries_the_free_cable() {
+    let masts = [[0.0, 0.0, 40.0], [40.0, 0.0, 41.0], [20.0, 35.0, 40.5]];
+    let hanging = hanging_robot(&masts, 3.0, [2.0, 200.0], 0.002, &[45.0; 3]);
+    let robot = &hanging.robot;
+    let (mut with_m, mut without_m) = (0.0f64, 0.0f64);
+    for share in [[0.3, 0.3, 0.0], [0.5, 0.4, 0.3], [0.6, 0.2, 0.6]] {
+        let p = hanging.place(share);
+        let held = realise(robot, &p, &Vector3::zeros(), robot.default_distribution()).unwrap();
+        let error_m = |lengths_m: &CableVec| (hangs_exactly(&hanging, lengths_m, p, &held.tensions_n) - p).norm();
+        with_m = with_m.max(error_m(&held.unstretched_m));
+        let uncarried_m = CableVec::from_fn(3, |i| {
+            let rise_n = robot.cable_load(i, &p).rise_n;
+            assert!(rise_n > 0.2 && rise_n < 1.0, "{rise_n}");
+            held.unstretched_m[i] + rise_n * robot.routed_length_m()[i] / robot.stiffness_n().unwrap()
+        });
+        without_m = without_m.max(error_m(&uncarried_m));
+    }
+    println!("{:.3} mm, and {:.3} mm without what the routed part carries", 1e3 * with_m, 1e3 * without_m);
+    assert!(with_m < 0.5 * without_m, "{with_m} {without_m}");
+}

@@ -127,3 +127,29 @@ fn drawn_robots_deviate_as_stated() {
         assert!(uncertainty.covariance_m2(&robot, &at(&zero), None).trace() > 0.0, "{source:?}");
     }
 }
+
+/// The margin of obstacles contains the deviation of drawn robots, from where their lengths were set or from anywhere.
+#[test]
+fn the_margin_of_obstacles_contains_the_deviation() {
+    let mut random = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
+    let (zero, place) = (Vector3::new(14.0, 5.0, 1.0), Vector3::new(19.0, 9.0, 2.2));
+    let certain = Robot::new(parts()).unwrap();
+    let margin_m = |robot: &Robot| robot.obstacle_margin_m(&place, robot.default_distribution()) - robot.clearance_m();
+    assert_eq!(margin_m(&certain), 0.0);
+    for (source, size) in
+        [(Source::Anchors, 0.005), (Source::Radius, 0.005), (Source::Scale, 0.001), (Source::Weight, 0.03)]
+    {
+        let robot = Robot::new(RobotParts { uncertainty: stated(source, size), ..parts() }).unwrap();
+        let (known_m, unknown_m) = (margin_m(&robot.with_lengths_set_at(Some(&zero))), margin_m(&robot));
+        let draws = (0..400).map(|_| displacement_m(source, size, &zero, &place, &mut random).norm());
+        let mut draws: Vec<f64> = draws.collect();
+        draws.sort_by(f64::total_cmp);
+        // An upper bound that is not wide: it uses the largest axis for all three.
+        assert!(draws[380] < known_m && known_m < 3.0 * draws[380], "{source:?}: {known_m} {}", draws[380]);
+        assert!(known_m < unknown_m, "{source:?}: {known_m} {unknown_m}");
+        assert_eq!(margin_m(&robot.with_lengths_set_at(None)), unknown_m);
+        // Where the node cannot hang, nothing is known.
+        let outside = Vector3::new(-50.0, 0.0, 1.0);
+        assert_eq!(margin_m(&robot.with_lengths_set_at(Some(&outside))), unknown_m);
+    }
+}
