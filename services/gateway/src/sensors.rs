@@ -55,11 +55,14 @@ impl Sensors {
     pub(crate) fn reading(&mut self, now_ns: u64, client: ClientId, given: &Published) -> Result<Reading, Reason> {
         let unknown = || Reason::SensorNotDeclared { sensor: detail(&given.sensor) };
         let sensor = self.0.get_mut(&given.sensor).ok_or_else(unknown)?;
-        if *sensor.holder.get_or_insert(client) != client {
+        if sensor.holder.is_some_and(|holder| holder != client) {
             return Err(Reason::SensorTaken { sensor: detail(&given.sensor) });
         }
         let made = sensor.make(now_ns, given);
-        sensor.refused += u64::from(made.is_err());
+        match made {
+            Ok(_) => sensor.holder = Some(client),
+            Err(_) => sensor.refused += 1,
+        }
         made
     }
 

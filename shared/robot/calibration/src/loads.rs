@@ -263,6 +263,11 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
                    and down without and with a known weight";
         return Ok(Found::Undetermined(why.to_owned()));
     }
+    if robot.cable_weight_n_m() > 0.0 {
+        let why =
+            "the motors also carry a part of the cables, which differs from place to place; put the node on a scale";
+        return Ok(Found::Undetermined(why.to_owned()));
+    }
     let stated_n = robot.net_weight_n();
     let priors = [FORCE_CONSTANT, robot.uncertainty().node_weight.max(1e-6)];
     // Unknowns in standard deviations: c - 1, and the relative deviation of the weight.

@@ -23,7 +23,8 @@ const FOLLOWING_M: f64 = 0.01;
 /// Longest time over which a length is compared with its winch, s: at 2 mm/s.
 const LONGEST_S: f64 = 6.0;
 
-/// Pause of all winches after which the next motion counts as another one, s.
+/// Pause of all winches after which a cable that stood still is judged again, s: a robot that holds because some cables
+/// are slack goes on within it.
 const PAUSE_S: f64 = 2.0;
 
 /// The cables in one cycle.
@@ -57,8 +58,12 @@ impl TouchDown {
         if now.command_m_s.iter().all(|v| *v == 0.0) {
             let since_s = *self.paused_since_s.get_or_insert(now.time_s);
             if now.time_s - since_s > PAUSE_S {
-                self.followed.fill(false);
                 self.standing.fill(false);
+            }
+            // Drives lag behind their commands, so a length stands still for a moment at every start.
+            if !self.standing.contains(&true) {
+                self.followed.fill(false);
+                self.past.clear();
             }
         } else {
             self.paused_since_s = None;
@@ -111,6 +116,29 @@ impl TouchDown {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn a_start_after_a_pause_in_the_air_is_no_touch_down() {
+        const DELAY_S: f64 = 0.1;
+        for pause_s in [0.05, 0.5, 1.9, 3.0] {
+            let speed_m_s = |time_s: f64| {
+                let paused = (2.0..2.0 + pause_s).contains(&time_s);
+                if paused || time_s < 0.0 { 0.0 } else { 0.1 }
+            };
+            let mut detector = TouchDown::default();
+            let mut length_m = 3.0;
+            for cycle in 0..600 {
+                let time_s = f64::from(cycle) * 0.01;
+                length_m += 0.01 * speed_m_s(time_s - DELAY_S);
+                let now = Paying {
+                    time_s,
+                    command_m_s: CableVec::repeat(3, speed_m_s(time_s)),
+                    lengths_m: CableVec::repeat(3, length_m),
+                };
+                assert_eq!(detector.step(&now), None, "{time_s} s, pause of {pause_s} s");
+            }
+        }
+    }
 
     /// Winches that pay out with a delay; cable i stands from `stands_m[i]` on.
     fn run(

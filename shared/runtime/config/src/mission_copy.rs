@@ -107,7 +107,11 @@ fn make_room(folder: &Path, at: &Path, bytes: u64) -> io::Result<bool> {
         if now.duration_since(modified).unwrap_or_default() < UNUSED {
             break;
         }
-        fs::remove_file(&path)?;
+        match fs::remove_file(&path) {
+            // The supervisor or another gateway has removed it.
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+            removed => removed?,
+        }
         (files, held) = (files - 1, held - length);
     }
     Ok(files < INBOX_FILES && held + bytes <= INBOX_BYTES)

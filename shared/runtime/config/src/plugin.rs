@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use crate::SystemFile;
 use crate::problem::Problem;
-use crate::{SystemFile, names};
+use crate::process::{Role, process_name};
+use messages::Slot;
 
 /// Most values of a reading.
 const VALUES: usize = 8;
@@ -54,7 +56,7 @@ pub(crate) fn check(file: &SystemFile) -> Result<(), Problem> {
 
 impl PluginSection {
     fn check(&self) -> Result<(), Problem> {
-        names::check("name", &self.name)?;
+        process_name(&self.name, Role::Other, Slot::A)?;
         self.check_ranges("")?;
         if self.command.first().is_some_and(|program| !Path::new(program).is_absolute()) {
             let clause = "begins with a relative path; accepted: the absolute path of a program, then its arguments";

@@ -196,7 +196,7 @@ fn place_of_process(process: &ProcessSection, others: &[ProcessSection]) -> Resu
 }
 
 /// Rejects reserved names: each standard name belongs to its role and slot.
-fn process_name(given: &str, role: Role, slot: Slot) -> Result<(), Problem> {
+pub(crate) fn process_name(given: &str, role: Role, slot: Slot) -> Result<(), Problem> {
     let refuse = |sentence: String| Err(Problem::with_sentence("name", sentence));
     names::check("name", given)?;
     if given == "nims" {

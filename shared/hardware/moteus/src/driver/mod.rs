@@ -135,6 +135,8 @@ struct Unit {
     doubtful: bool,
     /// Since the unit's last restart its watchdog was read back.
     watchdog_set: bool,
+    /// The restart of the present setup was counted.
+    restart_counted: bool,
     /// It does not move until it was commanded to stand still.
     interlocked: bool,
     mode: Mode,
@@ -189,6 +191,7 @@ impl Unit {
             held_back: false,
             doubtful: false,
             watchdog_set: false,
+            restart_counted: false,
             interlocked: true,
             mode: Mode::STOPPED,
             fault: 0,

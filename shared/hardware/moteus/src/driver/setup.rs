@@ -111,6 +111,7 @@ impl<T: Transport> Bus<T> {
                 if !same && unit.watchdog_set {
                     self.has_restarted(index);
                 } else if same && !whole {
+                    unit.restart_counted = false;
                     self.set_phase(index, Phase::Ready);
                 } else {
                     unit.watchdog_set |= same;
@@ -140,6 +141,7 @@ impl<T: Transport> Bus<T> {
                 self.use_slow(index, reading);
                 if let Some(unit) = self.units.get_mut(index) {
                     unit.report.setups += 1;
+                    unit.restart_counted = false;
                     unit.phase = Phase::Ready;
                 }
             }
@@ -194,7 +196,8 @@ impl<T: Transport> Bus<T> {
             unit.phase = Phase::SetWatchdog;
             (unit.failed, unit.due_ns, unit.silent) = (0, 0, false);
             // Counted once, however many attempts the setup takes.
-            if std::mem::take(&mut unit.watchdog_set) {
+            let was_set = std::mem::take(&mut unit.watchdog_set) || unit.report.setups > 0;
+            if was_set && !std::mem::replace(&mut unit.restart_counted, true) {
                 unit.report.reboots += 1;
             }
         }

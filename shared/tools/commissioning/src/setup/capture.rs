@@ -61,8 +61,11 @@ impl TouchDownWatch {
         let link = link(Place { domain, ..Place::default() })?;
         let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
         let mut states = link.subscriber::<MotorState>("motor/state")?;
-        // Samples of before are of no use.
-        states.latest()?;
+        // Of the samples of before, only whether lengths can be taken at all is of use.
+        if let Some(state) = states.latest()? {
+            let at_rest = MotorState { velocity_m_s: [0.0; messages::CABLES], ..state };
+            lengths(&at_rest, counts_per_m.clone()).map_err(Failure::NotNow)?;
+        }
         Ok(Self { link, states, counts_per_m, detector: TouchDown::default() })
     }
 
@@ -74,7 +77,7 @@ impl TouchDownWatch {
         while let Some(state) = self.states.receive()? {
             let Some(lengths_m) = touched(&mut self.detector, &state) else { continue };
             // A winch that goes on would let out loose cable. The robot stops for that by itself, a moment later.
-            let _ = self.link.ask("motor-io", &messages::Request::Stop);
+            self.link.ask("motor-io", &messages::Request::Stop)?;
             let at_rest = MotorState { velocity_m_s: [0.0; messages::CABLES], ..state };
             let taken = lengths(&at_rest, self.counts_per_m.clone()).map_err(Failure::NotNow)?;
             return Ok(Seen::Touched(CapturedLengths { lengths_m: lengths_m.to_vec(), ..taken }));
