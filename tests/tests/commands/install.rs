@@ -194,6 +194,8 @@ fn the_service_manager_accepts_the_units() {
     for (unit, name) in [
         ("nims@.service", "nims@lab.service"),
         ("nims-gateway@.service", "nims-gateway@lab.service"),
+        // `lab:soil` is an instance, but a colon has another meaning to the command.
+        ("nims-plugin@.service", "nims-plugin@soil.service"),
         ("run-nims-shm.mount", "run-nims-shm.mount"),
         ("nims-runs.service", "nims-runs.service"),
         ("nims-runs.timer", "nims-runs.timer"),
@@ -211,14 +213,19 @@ fn the_service_manager_accepts_the_units() {
             .env("SYSTEMD_UNIT_PATH", format!("{}:", units.display()));
         printed(&command.output().unwrap())
     };
-    for name in
-        ["nims@lab.service", "nims-gateway@lab.service", "run-nims-shm.mount", "nims-runs.service", "nims-runs.timer"]
-    {
+    for name in [
+        "nims@lab.service",
+        "nims-gateway@lab.service",
+        "nims-plugin@soil.service",
+        "run-nims-shm.mount",
+        "nims-runs.service",
+        "nims-runs.timer",
+    ] {
         let complaints = verify(name);
         let ours: Vec<&str> = complaints.lines().filter(|line| line.contains("nims")).collect();
         assert!(ours.is_empty(), "{ours:?}");
     }
-    for unit in ["nims@.service", "nims-gateway@.service", "nims-runs.service"] {
+    for unit in ["nims@.service", "nims-gateway@.service", "nims-plugin@.service", "nims-runs.service"] {
         let judged = exposure(&root.join("usr/lib/systemd/system").join(unit));
         assert!(judged.status.success(), "{unit}: {}", String::from_utf8_lossy(&judged.stdout));
     }
