@@ -4,9 +4,9 @@
 /// steps of 0.25 %.
 const DRIFT: f64 = 0.02;
 /// Milliseconds by which the two clocks may disagree besides: a simulated port's clock leaves out stalls of the machine
-/// a little before or after its units do. Younger answers are told by their order: a unit is asked at most a dozen
-/// times in this time, and its questions have 120 orders.
-const SLACK_MS: i64 = 40;
+/// a little before or after its units do. A unit that is quiet gets one question in a cycle, and its questions have 120
+/// orders, so within this time the order tells which one an answer is for.
+const SLACK_MS: i64 = 1000;
 
 /// A reading of the unit's millisecond counter between the question and the answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,15 +17,15 @@ pub(super) struct ClockReading {
 }
 
 impl ClockReading {
-    /// True where a unit that did not restart since can show `later`: not much less, which is an old answer or a
-    /// restart, and not much more.
+    /// True where a unit that did not restart since can show `later`: no earlier time, which is an older answer or a
+    /// restart, and about as much later as the port's clock.
     pub(super) fn explains(&self, later: &ClockReading) -> bool {
         let passed_ms = i64::from(later.ms.wrapping_sub(self.ms));
         let least_ns = later.sent_ns.saturating_sub(self.received_ns) as f64;
         let most_ns = later.received_ns.saturating_sub(self.sent_ns) as f64;
         let least_ms = (least_ns * 1e-6 * (1.0 - DRIFT)) as i64 - SLACK_MS;
         let most_ms = (most_ns * 1e-6 * (1.0 + DRIFT)) as i64 + SLACK_MS;
-        (least_ms..=most_ms).contains(&passed_ms)
+        (least_ms.max(0)..=most_ms).contains(&passed_ms)
     }
 
     /// True where a unit that was switched on since, and so counts from zero, can show `later`.
@@ -51,7 +51,8 @@ mod tests {
         assert!(!before.explains(&reading(49_960, 1010)), "an answer of some cycles before");
         assert!(!before.allows_restart(&reading(49_960, 1010)), "an old answer is no restart");
         assert!(!before.explains(&reading(3, 1010)) && before.allows_restart(&reading(3, 1010)), "a restart");
-        assert!(!before.explains(&reading(50_070, 1010)) && !before.allows_restart(&reading(50_070, 1010)));
+        assert!(!before.explains(&reading(51_070, 1010)) && !before.allows_restart(&reading(51_070, 1010)));
+        assert!(!before.explains(&reading(50_100, 3000)), "an answer of two seconds before");
         // Ten seconds later, with a clock that is 1 % slow or fast.
         assert!(before.explains(&reading(59_900, 11_000)) && before.explains(&reading(60_100, 11_000)));
         assert!(!before.explains(&reading(10_000, 11_000)));

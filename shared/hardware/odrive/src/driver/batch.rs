@@ -67,7 +67,7 @@ impl<T: Transport> Bus<T> {
     /// Sends a batch and returns its answers; repeats it as long as `deadline_ns` allows.
     pub(super) fn transact(&mut self, batch: &Batch, words: &'static str, deadline_ns: u64) -> Result<Answers, Error> {
         if self.quiet {
-            self.probe()?;
+            self.probe(batch)?;
         }
         let asked = CommandName { words, code: None };
         let lines = batch.orders.len() + batch.asks.len();
@@ -99,8 +99,11 @@ impl<T: Transport> Bus<T> {
 
     /// Asks a board that has lately been quiet for a single mark: what it still owes would only be delayed further by
     /// more questions.
-    fn probe(&mut self) -> Result<(), Error> {
-        match self.attempt(&Batch::default())? {
+    fn probe(&mut self, batch: &Batch) -> Result<(), Error> {
+        // Velocities feed the watchdog meanwhile; nothing is armed blindly.
+        let feeds = |line: &Line<'_>| matches!(line, Line::Velocity(..) | Line::Feed(_));
+        let orders = batch.orders.iter().copied().filter(feeds).collect();
+        match self.attempt(&Batch { orders, ..Batch::default() })? {
             Ended::Whole(_) => {
                 self.quiet = false;
                 Ok(())

@@ -1,5 +1,5 @@
-//! The virtual board, as a client that others wrote sees it: the crate `odrive-rs`. It sends lines without checksums, adds
-//! a feedforward to a velocity, and never asks for the position.
+//! The virtual board, as a client that others wrote sees it: the crate `odrive-rs`. It sends lines without checksums,
+//! adds a feedforward to a velocity, and never asks for the position.
 
 use std::io::{Read, Result, Write};
 
