@@ -120,13 +120,13 @@ impl Solutions {
     /// Distance of a tension to a limit, N; negative beyond it.
     fn distance(&self, limit: usize, tensions_n: &CableVec, [low, high]: [f64; 2]) -> f64 {
         let t = tensions_n[limit / 2];
-        if limit % 2 == 0 { t - low } else { high - t }
+        if limit.is_multiple_of(2) { t - low } else { high - t }
     }
 
     /// Derivatives of that distance with respect to λ.
     fn normal(&self, limit: usize) -> Direction {
         let row = self.null[limit / 2];
-        if limit % 2 == 0 { row } else { row.map(|v| -v) }
+        if limit.is_multiple_of(2) { row } else { row.map(|v| -v) }
     }
 
     /// Removes an active limit and factorises the others again.
@@ -143,7 +143,7 @@ impl Solutions {
         let mut y = [0.0; MAX_CABLES];
         for j in 0..active.count {
             let cable = active.limits[j] / 2;
-            let target = if active.limits[j] % 2 == 0 {
+            let target = if active.limits[j].is_multiple_of(2) {
                 low - self.particular_n[cable]
             } else {
                 self.particular_n[cable] - high
