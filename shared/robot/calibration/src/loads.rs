@@ -1,8 +1,8 @@
 //! Stiffness of the cables, routed length and weight of the node from a known weight that is hung on the node.
 //!
-//! * **Sinkings**: with all drums at rest, a weight is hung on the node, and a ruler shows by how much it sinks.
-//!   The cables stretch by their tension times (free + routed length) / EA, so sinkings where the cables are short and where
-//!   they are long tell EA and routed length apart, if the ruler is good enough for that. Poles yield too: their
+//! * **Sinkings**: with all drums at rest, a weight is hung on the node, and a ruler shows by how much it sinks. The
+//!   cables stretch by their tension times (free + routed length) / EA, so sinkings where the cables are short and
+//!   where they are long tell EA and routed length apart, if the ruler is good enough for that. Poles yield too: their
 //!   compliance is a further unknown.
 //! * **Weighings**: the node moves up and down at one speed, without and with the weight. A gear adds friction upwards
 //!   and takes it away downwards, so the mean of both currents is that of the tension. By how much it grows with the
