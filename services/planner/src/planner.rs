@@ -74,7 +74,7 @@ impl Planner {
         }
     }
 
-    /// Follows where the lengths were set: from there the margins of obstacles count what the robot file may have wrong.
+    /// Follows where the lengths were set, from which the errors of the robot file count in the margins of obstacles.
     pub fn follow_zero(&mut self, state: &MotorState) {
         let zeroed = state.zeroed_m.map(f64::to_bits);
         if zeroed == self.zeroed {

@@ -95,3 +95,35 @@ fn an_accepted_mission_touches_no_trunk_with_node_or_cables() {
     result.unwrap();
     assert!(flown.get() >= flights / 8 && rejected.get() >= flights / 8, "the trunks are too many or too few");
 }
+
+/// A flat body below the path leaves the clearance and 3 cm, of which a step of the check takes 2: enough only for a
+/// robot file that is exact.
+#[test]
+fn the_margin_of_a_trunk_contains_what_the_robot_file_may_have_wrong() {
+    let path = format!("{}/../configs/robots/lab3.toml", env!("CARGO_MANIFEST_DIR"));
+    let mut file = RobotFile::load(Path::new(&path)).unwrap();
+    let accepted = |file: &RobotFile| {
+        let mut scenario = CASE.scenario(true).unwrap();
+        scenario.robot = file.robot().unwrap();
+        let mut lockstep = Lockstep::new(scenario).unwrap();
+        lockstep.zero_and_arm().unwrap();
+        let to_m = [START_M[0] + 1.6, START_M[1], START_M[2]];
+        let text = format!("name = \"over\"\n[[leg]]\nline = {{ to_m = {to_m:?} }}\n");
+        lockstep.run(&Mission::parse(&text).unwrap()).is_ok()
+    };
+    assert!(accepted(&file), "without the body");
+    let top_m = START_M[2] - file.robot.clearance_m - 0.03;
+    file.obstacle = vec![ObstacleSection::cylinder([START_M[0] + 1.4, START_M[1]], 0.05, [-1.0, top_m])];
+    assert!(!accepted(&file), "as uncertain as stated");
+    file.uncertainty = config::UncertaintySection {
+        anchors_m: 0.0,
+        pulley_radius_m: Some(0.0),
+        cable_scale: 0.0,
+        stiffness: 0.0,
+        node_weight: 0.0,
+        pole_m_n: 0.0,
+        pulley_friction: 0.0,
+        expansion: 0.0,
+    };
+    assert!(accepted(&file), "exact");
+}

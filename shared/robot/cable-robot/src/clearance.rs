@@ -49,8 +49,8 @@ struct Margins {
 
 impl Robot {
     /// Half-width of the 95 % interval of a position that the lengths determine, m, under these tensions of the cables,
-    /// N, by the covariance of the anchors in the calibration and by what the robot file states of its uncertainty. It is
-    /// an upper bound: the larger of the variances is bounded by the sum of a row.
+    /// N, by the covariance of the anchors in the calibration and by what the robot file states of its uncertainty. It
+    /// is an upper bound: the larger of the variances is bounded by the sum of a row.
     pub fn position_bound_m(&self, position: &Vector3<f64>, tensions_n: &CableVec) -> f64 {
         let calibrated = self.anchor_covariance_m2(0, 0).is_some();
         let uncertainty = self.uncertainty();

@@ -94,8 +94,8 @@ impl Uncertainty {
 }
 
 impl Robot {
-    /// The same robot, whose lengths were set with the node at rest at this position, m; `None`: it is unknown where, so
-    /// that every error counts whole in the margins of obstacles. It stays unknown where the node cannot hang.
+    /// The same robot, whose lengths were set with the node at rest at this position, m; `None`: it is unknown where,
+    /// so that every error counts whole in the margins of obstacles. It stays unknown where the node cannot hang.
     #[must_use]
     pub fn with_lengths_set_at(&self, position: Option<&Vector3<f64>>) -> Self {
         let errors = position.and_then(|position| {

@@ -25,7 +25,8 @@ const PULLEY_FRICTION: f64 = 0.03;
 const EXPANSION: f64 = 1e-4;
 
 crate::section! {
-    /// `[uncertainty]`: standard deviations of what the file states. They are part of the covariance of every estimate.
+    /// `[uncertainty]`: standard deviations of what the file states. They are part of the covariance of every estimate,
+    /// and of the margins of obstacles.
     /// The defaults are those of careful work; 0 states that a value is exact.
     pub struct UncertaintySection {
         /// Of the anchors and of the points where the cables are tied to the node, m per axis. A `calibration` states
