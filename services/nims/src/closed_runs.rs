@@ -1,7 +1,7 @@
 //! `nims report` and `nims info` of finished runs whose folder is closed to this user: read through the descriptors
 //! that the gateway hands out, into a folder that exists as long as the command.
 
-use crate::fetch::copy_run;
+use crate::fetch::show_progress;
 use analysis::Command;
 use client::{Gateway, Place};
 use command::{Answer, Failure, Output};
@@ -58,7 +58,7 @@ impl Copies {
         for run in runs {
             if is_closed(run) {
                 let copy = folder.path().join(name_of(run));
-                copy_run(&gateway, &name_of(run), &copy)?;
+                client::copy_run(&gateway, &name_of(run), &copy, show_progress())?;
                 paths.push(copy);
             } else {
                 paths.push(run.clone());

@@ -3,12 +3,8 @@
 use client::{Gateway, Place};
 use command::{Answer, Failure, Output};
 use serde_json::json;
-use std::fs::{self, File};
-use std::io::{self, IsTerminal, Read, Write};
-use std::path::{Path, PathBuf};
-
-/// Bytes that are copied at once.
-const PIECE: usize = 1 << 20;
+use std::io::{self, IsTerminal};
+use std::path::PathBuf;
 
 /// `nims fetch`.
 #[derive(Debug, clap::Args)]
@@ -48,99 +44,20 @@ pub fn fetch(place: Place<'_>, args: &Args) -> Answer<Output> {
     if dest.exists() {
         return Err(Failure::BadInput(format!("{} exists already; give another folder", dest.display())));
     }
-    let (files, all) = copy_run(&client::gateway(place)?, &args.run, &dest)?;
+    let (files, all) = client::copy_run(&client::gateway(place)?, &args.run, &dest, show_progress())?;
     let sentence = format!("{}: {files} files, {:.1} MB", dest.display(), all as f64 * 1e-6);
     Ok(Output::new(json!({ "run": dest, "files": files, "bytes": all }), sentence))
 }
 
-/// Copies a finished run to a new folder through its gateway; returns the number of files and their bytes.
-///
-/// # Errors
-/// There is no such run, or a file cannot be copied whole.
-pub(crate) fn copy_run(gateway: &Gateway, run: &str, dest: &Path) -> Answer<(usize, u64)> {
-    let files = gateway.files(run)?;
-    let all: u64 = files.iter().map(|file| file.bytes).sum();
-    // Under another name until it is whole.
-    let part = with_ending(dest, ".part");
-    let failed = |what: &Path, error: io::Error| Failure::NotNow(format!("{}: {error}", what.display()));
-    begin(&part).map_err(|error| failed(&part, error))?;
-    let mut progress = Progress { done: 0, all, shown: 0, terminal: io::stderr().is_terminal() };
-    for file in &files {
-        let to = part.join(safe(&file.name)?);
-        let from = gateway.open(run, &file.name)?;
-        if let Some(folder) = to.parent() {
-            fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
-        }
-        let copied = copy(from, &to, &mut progress).map_err(|error| failed(&to, error))?;
-        if copied != file.bytes {
-            return Err(Failure::NotNow(format!(
-                "{} has {copied} bytes instead of {}; fetch the run again",
-                to.display(),
-                file.bytes
-            )));
-        }
-    }
-    fs::rename(&part, dest).map_err(|error| failed(dest, error))?;
-    Ok((files.len(), all))
-}
-
-/// Creates the folder of a copy, without what an earlier attempt has left there.
-fn begin(part: &Path) -> io::Result<()> {
-    match fs::remove_dir_all(part) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-        _ => {}
-    }
-    fs::create_dir_all(part)
-}
-
-/// Returns the path of a file below the destination.
-fn safe(name: &str) -> Answer<&Path> {
-    let path = Path::new(name);
-    let plain = path.components().all(|part| matches!(part, std::path::Component::Normal(_)));
-    if plain && !name.is_empty() {
-        Ok(path)
-    } else {
-        Err(Failure::NotNow(format!("the gateway names a file {name:?}, which lies outside of the run")))
-    }
-}
-
-fn copy(mut from: File, to: &Path, progress: &mut Progress) -> io::Result<u64> {
-    let mut into = File::create_new(to)?;
-    let (mut piece, mut copied) = (vec![0; PIECE], 0);
-    loop {
-        let length = from.read(&mut piece)?;
-        if length == 0 {
-            into.sync_all()?;
-            return Ok(copied);
-        }
-        into.write_all(&piece[..length])?;
-        copied += length as u64;
-        progress.add(length as u64);
-    }
-}
-
-fn with_ending(path: &Path, ending: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(ending);
-    PathBuf::from(name)
-}
-
-/// The progress on stderr, in a terminal only, in steps of a percent.
-struct Progress {
-    done: u64,
-    all: u64,
-    shown: u64,
-    terminal: bool,
-}
-
-impl Progress {
-    fn add(&mut self, bytes: u64) {
-        self.done += bytes;
-        let percent = 100 * self.done / self.all.max(1);
-        if self.terminal && percent > self.shown {
-            self.shown = percent;
-            let end = if self.done == self.all { "\n" } else { "" };
-            eprint!("\rnims: {percent:3} % of {:.1} MB{end}", self.all as f64 * 1e-6);
+/// Shows the progress of a copy on a terminal, in steps of a percent.
+pub(crate) fn show_progress() -> impl FnMut(u64, u64) {
+    let (terminal, mut shown) = (io::stderr().is_terminal(), 0);
+    move |done, all| {
+        let percent = 100 * done / all.max(1);
+        if terminal && percent > shown {
+            shown = percent;
+            let end = if done == all { "\n" } else { "" };
+            eprint!("\rnims: {percent:3} % of {:.1} MB{end}", all as f64 * 1e-6);
         }
     }
 }
@@ -195,42 +112,5 @@ impl TokenCommand {
                 Ok(Output::accepted(format!("the token {name} is revoked")))
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_file_lands_in_the_folder_of_the_run_only() {
-        assert_eq!(safe("log/motor-io.txt"), Ok(Path::new("log/motor-io.txt")));
-        for name in ["", "/etc/passwd", "../x", "log/../../x"] {
-            assert!(safe(name).is_err(), "{name}");
-        }
-    }
-
-    #[test]
-    fn a_copy_begins_without_the_remains_of_an_earlier_attempt() {
-        let folder = tempfile::tempdir().unwrap();
-        let part = folder.path().join("run.part");
-        for _ in 0..2 {
-            begin(&part).unwrap();
-            assert_eq!(fs::read_dir(&part).unwrap().count(), 0);
-            fs::create_dir(part.join("log")).unwrap();
-            fs::write(part.join("log/motor-io.txt"), "half").unwrap();
-        }
-    }
-
-    #[test]
-    fn a_copy_is_the_same_and_never_replaces_a_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let (from, to) = (folder.path().join("from"), folder.path().join("to"));
-        let bytes: Vec<u8> = (0..3_000_000_u32).map(|i| (i % 251) as u8).collect();
-        fs::write(&from, &bytes).unwrap();
-        let mut progress = Progress { done: 0, all: bytes.len() as u64, shown: 0, terminal: false };
-        let copied = copy(File::open(&from).unwrap(), &to, &mut progress).unwrap();
-        assert_eq!((copied, fs::read(&to).unwrap()), (bytes.len() as u64, bytes));
-        assert!(copy(File::open(&from).unwrap(), &to, &mut progress).is_err());
     }
 }

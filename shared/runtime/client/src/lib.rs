@@ -9,6 +9,7 @@
 #![forbid(unsafe_code)]
 
 mod connection;
+mod copy;
 mod finding;
 mod link;
 mod process_table;
@@ -18,6 +19,7 @@ mod samples;
 mod tap;
 
 pub use connection::TOKEN_VARIABLE;
+pub use copy::copy_run;
 pub use finding::{GATEWAY_VARIABLE, Place, emergency_stop, gateway, link, link_as};
 pub use gateway_protocol::{FileRow, RunRow, TokenRow};
 pub use link::{Gateway, LinkWaiter, RobotLink, Samples, Subscription, channel_row};
