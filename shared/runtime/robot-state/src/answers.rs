@@ -351,10 +351,10 @@ answers! {
     462 NoRunFile { run: Detail, file: Detail } BAD_INPUT, "the run \"{run}\" has no file \"{file}\"; the list of its files has their names";
     463 DiskRefused { why: Detail } REFUSED, "{why}";
     464 TooManySubscriptions { most: usize } REFUSED, "a connection has at most {most} subscriptions; end one, then try again";
-    465 SensorNotDeclared { sensor: Detail } BAD_INPUT, "the system file declares no [[plugin]] \"{sensor}\"; it is added there, then the gateway is started again";
+    465 SensorNotDeclared { sensor: Detail } BAD_INPUT, "the system file declares no plug-in \"{sensor}\"; add it there, and start the gateway again";
     466 SensorTaken { sensor: Detail } REFUSED, "another connection publishes sensor/{sensor}; end it first";
     467 ReadingsTooOften { rate_hz: f64 } REFUSED, "readings come too often; accepted: {rate_hz} per second, the rate_hz of the plug-in in the system file";
-    468 NotPublisher { user: Detail } REFUSED, "{user} may not publish readings: only the users of publish in [gateway] may, and the robot's user; ask the person who runs this robot";
+    468 NotPublisher { user: Detail } REFUSED, "{user} may not publish readings: only the users that publish of the gateway names may, and the robot's user; ask the person who runs this robot";
     469 PluginStarted { plugin: Detail, unit: Detail } ACCEPTED, "{plugin} runs, in {unit}";
     470 PluginStopped { plugin: Detail } ACCEPTED, "{plugin} is stopped";
     471 PluginFailed { plugin: Detail, verb: Detail, why: Detail } REFUSED, "{plugin}: no {verb}: {why}";

@@ -284,7 +284,7 @@ pub(super) fn forces(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> [f
     if structure.is_planar() { [wrench_n.x, wrench_n.z, 0.0] } else { (*wrench_n).into() }
 }
 
-/// Computes the least norm within limits (27) by an active set method, see [`super::nearest`].
+/// Computes the least norm within limits (27) by an active set method, that of `nearest.rs`.
 ///
 /// Linearly dependent rows are allowed if the forces are consistent.
 pub fn least_norm(
