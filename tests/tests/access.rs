@@ -70,7 +70,7 @@ impl Drop for Ended {
 const USERS: [(&str, u32, u32); 3] =
     [("operator", OPERATOR, OPERATORS), ("look-only", LOOKER, OPERATORS), ("stranger", STRANGER, STRANGER)];
 
-/// The gateway of a robot for other users, and what they need: homes that nobody else may enter, programs.
+/// The gateway of a robot for other users, and what they need: homes that no other user may enter, programs.
 struct Others<'a> {
     nims: &'a Path,
     memory: &'a Path,
@@ -249,7 +249,7 @@ fn a_plug_in_delivers_readings_and_nothing_else(robot: &mut Robot, others: &Othe
     }
     let line = format!("head -c 1 < {}", others.memory.display());
     assert!(!plugin(Path::new("/bin/sh"), &["-c", &line]).status.success());
-    // And nobody else can pretend to be one.
+    // No other user can pretend to be one.
     let output = run_as(OPERATOR, python, &["-c", script]);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!output.status.success() && said.contains("may not publish"), "{said}");
@@ -265,7 +265,7 @@ fn operator_uses_the_gateway(robot: &mut Robot, others: &Others<'_>) {
     robot.until_reported("the mission is flown", |_| others.run(0, &["run", "own.toml", "--wait"]).status.success());
 }
 
-/// After the end of a run, whoever may look reads it without being able to enter its folder.
+/// After the end of a run, a user who may look reads it without being able to enter its folder.
 fn a_finished_run_is_reported_to_whoever_may_look(robot: &mut Robot, others: &Others<'_>) {
     robot.down(rustix::process::Signal::INT);
     let run = robot.run();
@@ -323,7 +323,7 @@ fn only_its_user_can_access_the_files_of_a_robot_and_move_it() {
     if !rustix::process::geteuid().is_root() {
         return notes::left_out("what another user can do to the robot", "only root can act as another user");
     }
-    // If everybody may read the programs, an unprivileged user can run them.
+    // If every user may read the programs, an unprivileged user can run them.
     let copy = open_folder();
     let nims = copy.path().join("nims");
     fs::copy(program(), &nims).unwrap();
@@ -383,7 +383,8 @@ fn a_domain_that_another_user_has_prepared_is_refused() {
 }
 
 /// On a control box the robots' `/dev/shm` is a file system in a folder that other users cannot enter
-/// (`run-nims-shm.mount`): nobody fills it, takes names in it or reads it, before the start and while the robot runs.
+/// (`run-nims-shm.mount`): no other user fills it, takes names in it or reads it, before the start and while the robot
+/// runs.
 #[test]
 fn nobody_else_fills_or_enters_the_memory_of_the_services() {
     if !rustix::process::geteuid().is_root() {

@@ -16,7 +16,7 @@ const DAMPING: f64 = 0.01;
 /// Longest step of the integration, s. After a longer gap the swing is unknown, and the observer starts at rest.
 const LONGEST_STEP_S: f64 = 0.2;
 
-/// Change of the position of rest that no motion explains, m: the lengths were set, or read anew after a loss. Twice
+/// Change of the position of rest that no motion explains, m: the lengths were set, or read again after a loss. Twice
 /// the way at the present speed is more than a motion makes.
 const JUMP_M: f64 = 0.02;
 

@@ -97,7 +97,7 @@ impl Lane {
         sent.chain(self.waiting.iter().flat_map(|waiting| &waiting.tickets).copied())
     }
 
-    /// Withdraws the requests that were sent and have no answer: their process sees that nobody waits for them.
+    /// Withdraws the requests that were sent and have no answer: their process sees that no client waits for them.
     pub(crate) fn withdraw(&mut self) {
         self.receive();
         let answer = Box::new(Reason::RobotUnreached { why: detail(WITHDRAWN) }.answer());

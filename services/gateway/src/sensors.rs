@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 /// Readings that may come at once after a pause.
 const BURST: f64 = 2.0;
-/// Largest age of a reading, s: an older one would be placed by estimates that nobody keeps.
+/// Largest age of a reading, s: an older one would be placed by estimates that are not kept.
 const OLDEST_S: f64 = 10.0;
 
 /// A declared sensor.

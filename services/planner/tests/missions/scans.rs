@@ -301,7 +301,7 @@ fn an_adaptive_leg_waits_for_its_map_and_continues_after_an_interruption() {
     let end_s = again.step(&world.seen()).0.end_s;
     assert_eq!(world.fly(&mut again, end_s + 0.1).state, PlanStatus::STATE_DONE);
     assert!(again.progress().unwrap().done);
-    // nobody makes a map
+    // no process makes a map
     let still = World::at(START_M);
     let late = Inputs { now_ns: now_ns + 60_000_000_000, ..still.seen() };
     let mut authority = MotorAuthority { plan_time_s: first.end_s + 1.0, ..still.authority };

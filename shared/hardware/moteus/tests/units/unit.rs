@@ -164,7 +164,7 @@ fn after_one_checksum_every_line_needs_one() {
     let said = client.send(b"can send 8002 1970 BF\r\n\r\n");
     assert_eq!(said, ["OK", "rcv 0200 297000000000 E B F"], "lines may end twice, and nothing has to be filled up");
     assert_eq!(client.send(b"hello\n"), ["ERR unknown command"]);
-    assert_eq!(client.send(b"can send 8003 1970 BF\n"), ["OK"], "nobody has this identifier");
+    assert_eq!(client.send(b"can send 8003 1970 BF\n"), ["OK"], "no unit has this identifier");
     assert_eq!(client.send(b"can send 0001 01000A BF\n"), ["OK"], "no answer was asked for");
     assert_eq!(client.send(&[b'x'; 300]).len() + client.send(b"\n").len(), 1);
 }

@@ -189,7 +189,7 @@ fn what_a_device_leaves_out_does_not_count_against_it() {
     jack.plug().unwrap();
     let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
     line.connection().unwrap();
-    assert!(!line.clock().unwrap().is_simulated(), "nobody tells of any time");
+    assert!(!line.clock().unwrap().is_simulated(), "no file tells of any time");
     drop(line);
 
     let (say, said) = std::sync::mpsc::channel();

@@ -85,7 +85,7 @@ fn every_sample_is_its_own_cdr_body() {
 }
 
 message! {
-    /// As somebody outside of this project declares it.
+    /// As an author outside of this project declares it.
     pub struct Soil {
         header: Header,
         temperature_c: f64,
