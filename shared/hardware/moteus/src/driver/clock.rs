@@ -32,7 +32,7 @@ impl ClockReading {
     pub(super) fn allows_restart(&self, later: &ClockReading) -> bool {
         let most_ns = later.received_ns.saturating_sub(self.sent_ns) as f64;
         let most_ms = (most_ns * 1e-6 * (1.0 + DRIFT)) as i64 + SLACK_MS;
-        later.ms < self.ms && (0..=most_ms).contains(&i64::from(later.ms))
+        (0..=most_ms).contains(&i64::from(later.ms))
     }
 }
 
@@ -56,6 +56,9 @@ mod tests {
         // Ten seconds later, with a clock that is 1 % slow or fast.
         assert!(before.explains(&reading(59_900, 11_000)) && before.explains(&reading(60_100, 11_000)));
         assert!(!before.explains(&reading(10_000, 11_000)));
+        // Ten minutes old, switched on again a minute later, and next heard half an hour later.
+        let (old, after) = (reading(600_000, 1000), reading(1_740_000, 1_801_000));
+        assert!(!old.explains(&after) && old.allows_restart(&after));
         // The counter wraps after 25 days.
         assert!(reading(i32::MAX, 1000).explains(&reading(i32::MIN + 9, 1010)));
     }

@@ -102,13 +102,17 @@ impl<T: Transport> Bus<T> {
         match phase {
             Phase::Ready => drop(self.use_cycle(index, reading)),
             Phase::Recognise => {
-                drop(self.use_cycle(index, reading));
                 let same = self.has_watchdog(index, reading);
+                let restarted = !same && self.units.get(index).is_some_and(|unit| unit.watchdog_set);
+                // The position of a unit that has restarted continues no counts.
+                if !restarted {
+                    drop(self.use_cycle(index, reading));
+                }
                 let Some(unit) = self.units.get_mut(index) else { return };
                 if unit.report.setups == 0 && !unit.watchdog_set {
                     unit.report.was_alive = same;
                 }
-                if !same && unit.watchdog_set {
+                if restarted {
                     self.has_restarted(index);
                 } else if same && !whole {
                     unit.restart_counted = false;
