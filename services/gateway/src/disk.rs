@@ -87,9 +87,7 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                 Err(reason) => Outcome::Done(ticket, answered(reason)),
             },
             Job::Plugin(robot, plugin, verb) => {
-                let reason = plugin::carry_out(&robot, &plugin, verb);
-                eprintln!("gateway: {reason}");
-                Outcome::Done(ticket, answered(reason))
+                Outcome::Done(ticket, answered(plugin::carry_out(&robot, &plugin, verb)))
             }
             Job::Runs(present) => {
                 Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs: runs::list(folder, present.as_deref()) }))

@@ -344,20 +344,35 @@ impl Server {
     }
 
     fn disk_outcomes(&mut self) {
-        while let Some(outcome) = self.inbox.poll().or_else(|| self.units.poll()).or_else(|| self.disk.poll()) {
-            match outcome {
-                // Several may have been opened at once.
-                Outcome::Done(ticket, Done::Reply(_, _, Some(_))) if !self.takes_a_descriptor(ticket) => {
-                    self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
+        while let Some(outcome) = self.units.poll() {
+            if let Outcome::Done(ticket, Done::Answer(answer)) = &outcome {
+                let text = text_of(&answer.text);
+                match self.core.described(*ticket) {
+                    Some((user, role)) => eprintln!("gateway: {user} ({}): {text}", role.name()),
+                    // The gateway itself starts the plug-ins of the system file.
+                    None => eprintln!("gateway: {text}"),
                 }
-                Outcome::Done(ticket, done) => {
-                    self.missions.remove(&ticket);
-                    self.done(ticket, done);
-                }
-                Outcome::Stored(ticket) => {
-                    if let Some((process, request, asked_ns)) = self.missions.remove(&ticket) {
-                        self.ask(ticket, &process, request, asked_ns);
-                    }
+            }
+            self.disk_outcome(outcome);
+        }
+        while let Some(outcome) = self.inbox.poll().or_else(|| self.disk.poll()) {
+            self.disk_outcome(outcome);
+        }
+    }
+
+    fn disk_outcome(&mut self, outcome: Outcome) {
+        match outcome {
+            // Several may have been opened at once.
+            Outcome::Done(ticket, Done::Reply(_, _, Some(_))) if !self.takes_a_descriptor(ticket) => {
+                self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
+            }
+            Outcome::Done(ticket, done) => {
+                self.missions.remove(&ticket);
+                self.done(ticket, done);
+            }
+            Outcome::Stored(ticket) => {
+                if let Some((process, request, asked_ns)) = self.missions.remove(&ticket) {
+                    self.ask(ticket, &process, request, asked_ns);
                 }
             }
         }
