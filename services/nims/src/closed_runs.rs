@@ -53,7 +53,8 @@ impl Copies {
         if !closed.iter().all(|run| known.iter().any(|name| *name == name_of(run))) {
             return Ok(None);
         }
-        let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+        // A run may be larger than a /tmp in memory.
+        let folder = tempfile::tempdir_in("/var/tmp").or_else(|_| tempfile::tempdir()).map_err(Failure::not_now)?;
         let mut paths = Vec::new();
         for run in runs {
             if is_closed(run) {
