@@ -3,9 +3,9 @@
 
 use config::{
     ArbiterSection, ControllerSection, EstimatorSection, GatewaySection, LinesSection, LoggedSensorSection,
-    MotorIoSection, MotorSection, ObstacleSection, PlannerSection, PortSection, ProcessSection, RealtimeSection,
-    RecorderSection, RobotFile, RobotSection, SensorLoggerSection, SiteSection, SystemFile, UncertaintySection,
-    UnitSection, ViewerSection,
+    MotorIoSection, MotorSection, ObstacleSection, PlannerSection, PluginSection, PortSection, ProcessSection,
+    RealtimeSection, RecorderSection, RobotFile, RobotSection, SensorLoggerSection, SiteSection, SystemFile,
+    UncertaintySection, UnitSection, ViewerSection,
 };
 use motor_box::section::{DeviceSection, FieldSection, MotorBoxSection, PeakSection};
 use serde::de::DeserializeOwned;
@@ -65,6 +65,7 @@ fn every_key_of_a_system_file_is_in_demo3() {
         "realtime",
         "process",
         "gateway",
+        "plugin",
     ];
     let own: Vec<String> = keys::<SystemFile>().into_iter().filter(|key| !tables.contains(&key.as_str())).collect();
     assert_eq!(own.len() + tables.len(), keys::<SystemFile>().len(), "a table is missing in this test");
@@ -89,6 +90,7 @@ fn every_key_of_a_system_file_is_in_demo3() {
             ("[realtime]", keys::<RealtimeSection>()),
             ("[[process]]", keys::<ProcessSection>()),
             ("[gateway]", keys::<GatewaySection>()),
+            ("[[plugin]]", keys::<PluginSection>()),
         ],
     );
 }

@@ -42,6 +42,9 @@ const BRACKET_SHARE: f64 = 2e-7;
 /// Largest number of refinement steps: this many golden sections reach [`BRACKET_SHARE`].
 const MAX_SECTIONS: usize = 34;
 
+/// Bisections of the edge of an infeasible interval, to a hundredth of the distance of the scan's points.
+const EDGE_STEPS: usize = 7;
+
 /// Simpson intervals in the scan, which only has to distinguish low points from high ones.
 pub(super) const SCAN_INTERVALS: usize = 16;
 
@@ -190,17 +193,12 @@ fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: P
         let Some(i) = low.filter(|_| refined < MAX_REFINED) else { break };
         tried[i] = true;
         refined += 1;
-        let mut keep = |mu: f64, value: f64| {
-            if value.is_finite() && best.is_none_or(|(_, least)| value < least) {
-                best = Some((mu, value));
-            }
-        };
-        keep(grid(i), objective(grid(i), Precision::Fine));
+        keep(&mut best, grid(i), objective(grid(i), Precision::Fine));
         // The true minimum may lie in a neighbouring interval: move the bracket as long as the result is at its end.
         let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(SCAN_POINTS - 1));
         for _ in 0..MAX_BRACKETS {
             let (mu, value) = brent_minimum(|mu| objective(mu, Precision::Fine), grid(a), grid(b));
-            keep(mu, value);
+            keep(&mut best, mu, value);
             let edge = 1e-3 * (grid(b) - grid(a));
             if mu - grid(a) < edge && a > 0 {
                 (a, b) = (a - 1, a + 1);
@@ -211,7 +209,28 @@ fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: P
             }
         }
     }
+    // The lowest place may be beside an infeasible interval, between two points of the scan.
+    for i in 1..SCAN_POINTS {
+        let (mut inside, mut outside) = match (values[i - 1].is_finite(), values[i].is_finite()) {
+            (true, false) => (grid(i - 1), grid(i)),
+            (false, true) => (grid(i), grid(i - 1)),
+            _ => continue,
+        };
+        for _ in 0..EDGE_STEPS {
+            let middle = 0.5 * (inside + outside);
+            let value = objective(middle, Precision::Fine);
+            keep(&mut best, middle, value);
+            *(if value.is_finite() { &mut inside } else { &mut outside }) = middle;
+        }
+    }
     best.map(|(mu, _)| mu)
+}
+
+/// Keeps a place if it is lower than the best one.
+fn keep(best: &mut Option<(f64, f64)>, mu: f64, value: f64) {
+    if value.is_finite() && best.is_none_or(|(_, least)| value < least) {
+        *best = Some((mu, value));
+    }
 }
 
 /// Brent's minimisation between `a` and `b`: the vertex of the parabola through the three best points while that makes

@@ -249,6 +249,31 @@ fn the_deepest_of_several_minima_is_found() {
     assert!((best.mu_per_m - 0.55).abs() < 1e-3, "{best:?}");
 }
 
+/// The lowest place is at the edge of an infeasible interval, behind a rise and between two points of the scan.
+#[test]
+fn the_edge_of_an_infeasible_interval_is_searched() {
+    let anchors = square();
+    let motor = ideal();
+    let base = winch_energy(&anchors, Distribution::LeastNorm, &motor)
+        .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
+        .unwrap();
+    let valleys = [
+        (0.1913151835075288, 0.03208968720921646, 1.5295874126210594),
+        (0.15072639150504633, 0.016439405124261522, 0.7288739886835366),
+    ];
+    let edge = 0.16893054369730678;
+    let best = cable_robot::energy::optimum::best(&corners()[0], &corners()[1], &GROUND, |path, _| {
+        if path.mu_per_m > edge && path.mu_per_m < 0.31 {
+            let violation = cable_robot::tension::Violation { cable: 0, tension_n: 200.0, limit_n: 150.0 };
+            let why = cable_robot::tension::TensionError::Infeasible(violation);
+            return Err(EnergyError::Tension { x: 0.0, y: 0.0, z: 0.0, why });
+        }
+        Ok(Cost { energy_j: landscape(&valleys, path.mu_per_m), ..base })
+    })
+    .unwrap();
+    assert!(best.mu_per_m <= edge && best.mu_per_m > edge - 1e-4, "{best:?}");
+}
+
 /// A function with a few valleys wider than the distance of the scan's points, and infeasible intervals between:
 /// nothing that a fine scan finds is missed. Motor costs have up to three valleys.
 fn landscape(valleys: &[(f64, f64, f64)], mu: f64) -> f64 {
