@@ -336,9 +336,7 @@ impl Server {
     fn robot_answers(&mut self) {
         let answers = self.robot.answers(now_ns(), |ticket| self.core.is_wanted(ticket));
         for (ticket, answer) in answers {
-            if let Some((user, role)) = self.core.described(ticket) {
-                eprintln!("gateway: {user} ({}): {}", role.name(), text_of(&answer.text));
-            }
+            self.log(ticket, &answer);
             self.answer(ticket, answer);
         }
     }
@@ -346,11 +344,9 @@ impl Server {
     fn disk_outcomes(&mut self) {
         while let Some(outcome) = self.units.poll() {
             if let Outcome::Done(ticket, Done::Answer(answer)) = &outcome {
-                let text = text_of(&answer.text);
-                match self.core.described(*ticket) {
-                    Some((user, role)) => eprintln!("gateway: {user} ({}): {text}", role.name()),
-                    // The gateway itself starts the plug-ins of the system file.
-                    None => eprintln!("gateway: {text}"),
+                // The gateway itself starts the plug-ins of the system file.
+                if !self.log(*ticket, answer) {
+                    eprintln!("gateway: {}", text_of(&answer.text));
                 }
             }
             self.disk_outcome(outcome);
@@ -358,6 +354,13 @@ impl Server {
         while let Some(outcome) = self.inbox.poll().or_else(|| self.disk.poll()) {
             self.disk_outcome(outcome);
         }
+    }
+
+    /// Writes an answer and who asked to the log; false if no client asked.
+    fn log(&self, ticket: Ticket, answer: &RequestAnswer) -> bool {
+        let Some((user, role)) = self.core.described(ticket) else { return false };
+        eprintln!("gateway: {user} ({}): {}", role.name(), text_of(&answer.text));
+        true
     }
 
     fn disk_outcome(&mut self, outcome: Outcome) {
