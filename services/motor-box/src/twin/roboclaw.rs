@@ -47,10 +47,10 @@ impl Twin for RoboclawTwin {
 
     /// Tunes the units over the bus, and stores the settings in them.
     fn commission(&mut self, plant: &Plant, winches: &[[Option<Winch>; interface::MOTORS]], current_limit_a: f64) {
-        let mut nobody = WireQueue::new(0);
+        let mut unread = WireQueue::new(0);
         let mut tell = |bus: &mut UnitBus, packet: Packet| {
             for &byte in packet.iter() {
-                bus.receive(0, byte, &mut nobody);
+                bus.receive(0, byte, &mut unread);
             }
         };
         for (unit, winches) in winches.iter().enumerate() {
