@@ -3,8 +3,9 @@
 use drives::Error;
 use serial::Transport;
 
-use super::{Bus, Instead};
+use super::Bus;
 use crate::codec::Line;
+use drives::Instead;
 
 /// A text line that arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -309,7 +309,7 @@ impl<T: Transport> Bus<T> {
                 (results[unit], asked[unit]) = (Some(Err(self.error(unit, error))), None);
             }
             Ok(values) => {
-                (self.noisy_from_ns, self.instead) = (None, super::Instead::Nothing);
+                (self.noisy_from_ns, self.instead) = (None, drives::Instead::Nothing);
                 (results[unit], asked[unit]) = (Some(self.accept(unit, &question, values)), None);
             }
         }

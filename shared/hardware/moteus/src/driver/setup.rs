@@ -3,25 +3,17 @@
 use std::fmt::Write as _;
 
 use arrayvec::ArrayString;
-use drives::{Error, Timed};
+use drives::{ASK_SILENT_EVERY_NS, BABBLE_NS, Error, PAUSE_NS, SILENT_AFTER, Timed};
 use serial::Transport;
 
 use super::question::{FIRMWARE, Question, cycle, slow};
 use super::round::{Order, Plan, Plans, Reading};
-use super::{Bus, Instead, MAX_UNITS, Phase};
+use super::{Bus, MAX_UNITS, Phase};
 use crate::codec::Mode;
 use crate::status::{native, neutral};
 
-/// Rounds without an answer, and the time in which there were none, ns, after which a unit is silent: with less, a
-/// short stop of the computer or an adapter that is slow for a while would count as silence.
-const SILENT_AFTER: u32 = 6;
+/// Time in which a unit has to be without an answer to be silent, ns: an adapter may be slow for a while.
 const SILENT_NS: u64 = 250_000_000;
-/// Time between two questions to a silent unit, ns.
-const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
-/// A port on which nothing but noise arrived for this long is not the drives', ns.
-const BABBLE_NS: u64 = 1_000_000_000;
-/// Pause of a call that can do nothing at the moment, ns: a virtual clock moves only in waits.
-const PAUSE_NS: u64 = 1_000_000;
 /// Difference of a time limit that is read back, ms: it is a float in the unit, and cut off.
 const TIME_STEP_MS: i32 = 1;
 /// Least current at which power and current give the drive output, A: below, it is mostly noise.
@@ -239,12 +231,7 @@ impl<T: Transport> Bus<T> {
         let now_ns = self.transport.now_ns();
         if unit.silent {
             let noisy = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
-            return Some(self.error(index, |port, unit| match self.instead {
-                Instead::Nothing => Error::Silent { port, unit },
-                Instead::Echo => Error::Echo { port, unit },
-                Instead::Foreign if noisy => Error::Babble { port },
-                Instead::Foreign => Error::Foreign { port, unit },
-            }));
+            return Some(self.error(index, |port, unit| self.instead.error(port, unit, noisy)));
         }
         let wanted_ms = u32::from(unit.config.watchdog_ms);
         match unit.phase {

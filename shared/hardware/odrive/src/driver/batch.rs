@@ -4,9 +4,10 @@ use arrayvec::ArrayVec;
 use drives::{CommandName, Error};
 use serial::Transport;
 
+use super::Bus;
 use super::ask::{Ask, MAX_ASKS, MAX_ORDERS, Value};
-use super::{Bus, Instead};
 use crate::codec::{Line, MARKS, MAX_LINE, mark, unseal};
+use drives::Instead;
 
 /// Batches of one exchange: at a byte error in every hundred bytes, a third of the cycles succeed.
 const ATTEMPTS: u32 = 8;

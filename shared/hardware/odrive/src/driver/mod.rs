@@ -21,7 +21,7 @@ mod ask;
 use std::sync::Arc;
 
 use arrayvec::{ArrayString, ArrayVec};
-use drives::{CountBound, Counters, Error, InvalidConfig, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Instead, InvalidConfig, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{AXES, MARKS, MAX_LINE};
@@ -65,17 +65,6 @@ pub struct BusConfig {
     pub bound: CountBound,
     /// Pin that the closed contact of a stop button holds on; an open contact or a broken wire is a stop.
     pub stop_pin: Option<StatusPin>,
-}
-
-/// What arrived in place of a missing answer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Instead {
-    #[default]
-    Nothing,
-    /// The driver's own lines.
-    Echo,
-    /// Something else.
-    Foreign,
 }
 
 /// Progress of bringing the board into use.

@@ -3,25 +3,17 @@
 use std::fmt::Write as _;
 
 use arrayvec::ArrayString;
-use drives::{Error, Timed};
+use drives::{ASK_SILENT_EVERY_NS, BABBLE_NS, Error, PAUSE_NS, SILENT_AFTER, Timed};
 use serial::Transport;
 
 use super::ask::Ask;
 use super::batch::{Answers, Batch};
-use super::{Bus, Instead, Phase};
+use super::{Bus, Phase};
 use crate::codec::{AXES, Line, state};
 use crate::status::neutral;
 
-/// Batches without an answer, and the time in which there were none, ns, after which a board is silent: with less, a
-/// short stop of the computer or an adapter that is slow for a while would count as silence.
-const SILENT_AFTER: u32 = 6;
+/// Time in which a board has to be without an answer to be silent, ns: an adapter may be slow for a while.
 const SILENT_NS: u64 = 250_000_000;
-/// Time between two questions to a silent board, ns.
-const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
-/// A port on which nothing but noise arrived for this long is not the drives', ns.
-const BABBLE_NS: u64 = 1_000_000_000;
-/// Pause of a call that can do nothing at the moment, ns: a virtual clock moves only in waits.
-const PAUSE_NS: u64 = 1_000_000;
 /// Difference of a watchdog time that is read back, s: it is a float in the board.
 const TIME_STEP_S: f64 = 0.000_5;
 /// Lines of the longest step.
@@ -206,12 +198,7 @@ impl<T: Transport> Bus<T> {
         let now_ns = self.transport.now_ns();
         if self.silent {
             let noisy = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
-            return Some(self.error(|port, unit| match self.instead {
-                Instead::Nothing => Error::Silent { port, unit },
-                Instead::Echo => Error::Echo { port, unit },
-                Instead::Foreign if noisy => Error::Babble { port },
-                Instead::Foreign => Error::Foreign { port, unit },
-            }));
+            return Some(self.error(|port, unit| self.instead.error(port, unit, noisy)));
         }
         let wanted_ms = u32::from(self.config.watchdog_ms);
         match self.phase {

@@ -24,7 +24,7 @@ mod sync;
 
 use std::sync::Arc;
 
-use drives::{CountBound, Counters, Error, InvalidConfig, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Instead, InvalidConfig, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Version};
@@ -136,7 +136,7 @@ struct Unit {
     /// Late answers while it was brought back into use, less answers in time since; see [`Bus::patience_ns`].
     patience: u8,
     /// What arrived in place of its last missing answer.
-    instead: step::Instead,
+    instead: Instead,
 }
 
 /// Progress of bringing a unit into use.
@@ -212,7 +212,7 @@ impl<T: Transport> Bus<T> {
             doubtful: false,
             interlocked: true,
             patience: 0,
-            instead: step::Instead::default(),
+            instead: Instead::default(),
         };
         Ok(Bus {
             transport,

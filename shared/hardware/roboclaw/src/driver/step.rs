@@ -2,6 +2,7 @@
 
 use crate::codec::Read;
 use crate::packet::MAX_PACKET;
+use drives::Instead;
 
 /// Where the bus is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -12,18 +13,6 @@ pub(super) enum Step {
     Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
     /// Nothing received, nothing outstanding.
     Settled,
-}
-
-/// Bytes received in place of the answer to a fence.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum Instead {
-    /// No byte.
-    #[default]
-    Nothing,
-    /// The question itself.
-    Echo,
-    /// Something else.
-    Foreign,
 }
 
 /// Questions of a unit's setup, in this order.

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use serial::Transport;
 
-use super::step::{Instead, Setup, Step, Window};
+use super::step::{Setup, Step, Window};
 use super::{Bus, Phase, watchdog_ms};
-use drives::Error;
+use drives::{ASK_SILENT_EVERY_NS, BABBLE_NS, Error, Instead, PAUSE_NS, SILENT_AFTER};
 
 use crate::codec::{BYTE_GAP_NS, Command, Read, Reply, ReplyLength, Write};
 use crate::packet::MAX_PACKET;
@@ -14,27 +14,14 @@ use crate::packet::MAX_PACKET;
 /// After this long without a byte the port is empty, and so are the units' parsers, ns.
 const QUIET_NS: u64 = BYTE_GAP_NS + 2_000_000;
 
-/// Unanswered fences, in about a tenth of a second, after which a unit is asked less often. With fewer, a short stop of
-/// the computer would count as silence of the unit.
-const FENCES_BEFORE_SILENT: u32 = 6;
-/// Time between attempts to reach a silent unit, ns: each costs the other units of the bus a few cycles.
-const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
-
 /// Every second missing answer doubles the time for the next, up to four times the margin: every second, because the
 /// first may have been lost and not late; four times, because the other units and their watchdogs wait meanwhile.
 const MOST_PATIENCE: u8 = 4;
 /// Only one of this many attempts to reach a silent unit gets the longer time.
 const PATIENT_EVERY: u32 = 4;
 
-/// Pause of a call that can do nothing at the moment, and time of a step besides its exchange, ns; short compared with
-/// a cycle.
-const PAUSE_NS: u64 = 1_000_000;
-
 /// Bytes of one exchange of the setup. Only the version text is longer.
 const LONGEST_STEP: usize = 20;
-
-/// A port that has not been quiet for this long does not recover, ns: a resynchronisation takes a tenth of it.
-const BABBLE_NS: u64 = 1_000_000_000;
 
 /// Questions that neither the cycle nor the setup asks. Consecutive fences differ, so that the late answer to one
 /// cannot count as the answer to the next.
@@ -164,7 +151,7 @@ impl<T: Transport> Bus<T> {
         {
             unit.instead = instead;
             let failed = failed + 1;
-            let pause_ns = if failed < FENCES_BEFORE_SILENT { 0 } else { ASK_SILENT_EVERY_NS };
+            let pause_ns = if failed < SILENT_AFTER { 0 } else { ASK_SILENT_EVERY_NS };
             unit.phase = Phase::Suspect { failed, due_ns: now_ns + pause_ns };
         }
     }
@@ -216,7 +203,7 @@ impl<T: Transport> Bus<T> {
         let packet = read.encode(self.address(unit));
         let sent_ns = self.send(unit, &packet, Command::Read(read))?;
         let hopeless = matches!(self.units.get(unit).map(|unit| unit.phase),
-            Some(Phase::Suspect { failed, .. }) if failed >= FENCES_BEFORE_SILENT && failed % PATIENT_EVERY != 0);
+            Some(Phase::Suspect { failed, .. }) if failed >= SILENT_AFTER && failed % PATIENT_EVERY != 0);
         let margin_ns = if hopeless { self.margin_ns } else { self.patience_ns(unit) };
         // The longest answer of a fence has 18 bytes.
         let until_ns = sent_ns + self.wire_ns(2 + 18) + margin_ns;
@@ -331,12 +318,8 @@ impl<T: Transport> Bus<T> {
         match unit.phase {
             Phase::Ready => None,
             Phase::Setup(_) => Some(Error::Preparing { port, unit: name }),
-            Phase::Suspect { failed, .. } if failed < FENCES_BEFORE_SILENT => Some(Error::Resynchronising { port }),
-            Phase::Suspect { .. } => Some(match unit.instead {
-                Instead::Nothing => Error::Silent { port, unit: name },
-                Instead::Echo => Error::Echo { port, unit: name },
-                Instead::Foreign => Error::Foreign { port, unit: name },
-            }),
+            Phase::Suspect { failed, .. } if failed < SILENT_AFTER => Some(Error::Resynchronising { port }),
+            Phase::Suspect { .. } => Some(unit.instead.error(port, name, false)),
             Phase::Unusable { wanted, got, .. } => {
                 let (wanted_ms, got_ms) = (watchdog_ms(wanted), watchdog_ms(got));
                 Some(Error::WatchdogRefused { port, unit: name, wanted_ms, got_ms })
