@@ -5,7 +5,7 @@ use serial::Transport;
 
 use super::question::{Question, cycle};
 use super::round::{Order, Plan, Plans, Reading};
-use super::{Bus, MAX_UNITS, Phase};
+use super::{Bus, MAX_UNITS};
 use crate::codec::Mode;
 use crate::status::STOP_PIN;
 
@@ -89,7 +89,7 @@ impl<T: Transport> Bus<T> {
             // Torque, which this driver does not offer, releases the motor.
             Some(Command::Release | Command::Torque(_)) => Plan::order(Order::Stop),
             Some(_) if unit.pins & STOP_PIN != 0 => Plan::order(Order::Stop),
-            Some(command) if command.moves() && (unit.interlocked || unit.mode.is_latched()) => Plan::QUERY,
+            Some(command) if command.moves() && (unit.setup.is_interlocked() || unit.mode.is_latched()) => Plan::QUERY,
             Some(_) if unit.mode.is_latched() => Plan::order(Order::Stop),
             Some(Command::Velocity(counts_s)) => Plan::order(Order::Velocity(velocity(counts_s))),
         })
@@ -111,7 +111,7 @@ impl<T: Transport> Bus<T> {
         let moves = command.is_some_and(Command::moves);
         let unit = self.units.get_mut(index)?;
         let Some(order) = plan.order else {
-            unit.interlocked |= moves && unit.mode.is_latched();
+            unit.setup.set_interlocked(unit.setup.is_interlocked() || moves && unit.mode.is_latched());
             return Some(if command.is_some() { Err(self.interlocked(index)) } else { Ok(()) });
         };
         if !self.has_watchdog(index, reading) {
@@ -134,7 +134,7 @@ impl<T: Transport> Bus<T> {
             Order::Velocity(_) => {}
         }
         let torque = matches!(command, Some(Command::Torque(_)));
-        unit.interlocked = if moves { unit.interlocked || pressed || torque } else { false };
+        unit.setup.set_interlocked(moves && (unit.setup.is_interlocked() || pressed || torque));
         Some(match (torque, second) {
             (true, _) => Err(self.error(index, |port, unit| Error::Unsupported { port, unit, what: "torque command" })),
             (_, Some(_)) => {
@@ -155,8 +155,7 @@ impl<T: Transport> Bus<T> {
                 let said = reply_text(format_args!("{got_ms} ms"));
                 return self.error(index, |port, unit| Error::Unexpected { port, unit, asked, said });
             }
-            unit.phase = Phase::SetWatchdog;
-            unit.interlocked = true;
+            unit.setup.set_up_again();
         }
         let wanted_ms = self.units.get(index).map_or(0, |unit| u32::from(unit.config.watchdog_ms));
         self.error(index, |port, unit| Error::WatchdogRefused { port, unit, wanted_ms, got_ms })
@@ -221,7 +220,7 @@ impl<T: Transport> Bus<T> {
         self.bring_back(deadline_ns);
         let mut plans: Plans = [None; MAX_UNITS];
         for (plan, unit) in plans.iter_mut().zip(&self.units) {
-            let ready = unit.phase == Phase::Ready && unit.suspect.is_none() && !unit.quiet;
+            let ready = unit.setup.is_ready() && unit.suspect.is_none() && !unit.setup.is_quiet();
             *plan = ready.then_some(Plan { order: None, question: Question::Slow });
         }
         let count = plans.iter().flatten().count();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use drives::{Capabilities, Counters, DriveBus, Error, StopInput, UnitAnswer, UnitCommand, UnitInfo};
 use serial::{PortClock, Transport};
 
-use super::{Bus, Phase};
+use super::Bus;
 
 impl<T: Transport> DriveBus for Bus<T> {
     fn port(&self) -> &Arc<str> {
@@ -34,7 +34,7 @@ impl<T: Transport> DriveBus for Bus<T> {
         Some(UnitInfo {
             name: Arc::clone(&unit.name),
             firmware: unit.firmware,
-            watchdog_ms: unit.watchdog_set.then_some(u32::from(unit.config.watchdog_ms)),
+            watchdog_ms: unit.setup.has_watchdog().then_some(u32::from(unit.config.watchdog_ms)),
         })
     }
 
@@ -59,7 +59,7 @@ impl<T: Transport> DriveBus for Bus<T> {
     }
 
     fn is_settled(&self) -> bool {
-        self.units.iter().all(|unit| unit.phase == Phase::Ready && unit.suspect.is_none())
+        self.units.iter().all(|unit| unit.setup.is_ready() && unit.suspect.is_none())
     }
 
     fn stop(&self) -> &StopInput {

@@ -27,7 +27,7 @@ mod setup;
 use std::sync::Arc;
 
 use arrayvec::ArrayString;
-use drives::{CountBound, Counters, Error, Instead, InvalidConfig, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Instead, InvalidConfig, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Checksums, Mode};
@@ -88,30 +88,13 @@ pub struct BusConfig {
     pub stop_pin: Option<StatusPin>,
 }
 
-/// Progress of bringing a unit into use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    /// Asked for its clock and its time limit: whether it has restarted.
-    Recognise,
-    /// Asked for its firmware. `same`: it has the watchdog already.
-    Identify { same: bool },
-    /// Stopped, with the watchdog as the time limit of the stop, which is read back.
-    SetWatchdog,
-    /// Asked for supply and status.
-    Readings,
-    /// In use.
-    Ready,
-    /// It does not keep its time limit; tried again at `due_ns`.
-    Unusable { got_ms: u32, due_ns: u64 },
-}
-
 /// Driver state of a unit.
 #[derive(Debug)]
 struct Unit {
     config: UnitConfig,
     /// Name in messages.
     name: Arc<str>,
-    phase: Phase,
+    setup: Setup,
     report: UnitReport,
     /// Number of the unit's last question, which is the order of its registers.
     tag: u32,
@@ -122,12 +105,6 @@ struct Unit {
     held_back: bool,
     /// The last command was read back with another time limit.
     doubtful: bool,
-    /// Since the unit's last restart its watchdog was read back.
-    watchdog_set: bool,
-    /// The restart of the present setup was counted.
-    restart_counted: bool,
-    /// It does not move until it was commanded to stand still.
-    interlocked: bool,
     mode: Mode,
     fault: i32,
     pins: i32,
@@ -135,16 +112,6 @@ struct Unit {
     clock: Option<ClockReading>,
     /// A reading that the last one does not explain: a restart, if the next one agrees with it.
     suspect: Option<ClockReading>,
-    /// Rounds without an answer since the last answer.
-    failed: u32,
-    /// Time of the first of them, ns.
-    failing_from_ns: u64,
-    /// Nothing at all arrived in the last of them.
-    quiet: bool,
-    /// It has not answered for so long that it is asked rarely.
-    silent: bool,
-    /// Time at which a silent unit is asked again, ns.
-    due_ns: u64,
 }
 
 /// Driver of the units on one port. One thread owns it.
@@ -173,25 +140,17 @@ impl Unit {
             tag,
             config: *config,
             name: format!("unit {}", config.address).into(),
-            phase: Phase::Recognise,
+            setup: Setup::default(),
             report: UnitReport::default(),
             firmware: None,
             last_raw: None,
             held_back: false,
             doubtful: false,
-            watchdog_set: false,
-            restart_counted: false,
-            interlocked: true,
             mode: Mode::STOPPED,
             fault: 0,
             pins: 0,
             clock: None,
             suspect: None,
-            failed: 0,
-            failing_from_ns: 0,
-            quiet: false,
-            silent: false,
-            due_ns: 0,
         }
     }
 }
@@ -299,9 +258,6 @@ impl<T: Transport> Bus<T> {
     /// Marks every unit as unknown, after the connection was lost.
     fn lose_all(&mut self) {
         self.inbox.clear();
-        for unit in &mut self.units {
-            (unit.phase, unit.interlocked) = (Phase::Recognise, true);
-            (unit.failed, unit.due_ns, unit.silent) = (0, 0, false);
-        }
+        self.units.iter_mut().for_each(|unit| unit.setup.lost());
     }
 }

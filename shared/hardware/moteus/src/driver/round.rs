@@ -257,7 +257,7 @@ impl<T: Transport> Bus<T> {
         // The oldest question last in this order, so from the end.
         for &(unit, asked) in open.iter().rev() {
             // A unit that has lately been quiet is asked once: what it still owes would only be delayed further.
-            let quiet = self.units.get(unit).is_none_or(|unit| unit.quiet);
+            let quiet = self.units.get(unit).is_none_or(|unit| unit.setup.is_quiet());
             if asked.attempt + 1 < if quiet { 1 } else { ATTEMPTS } && plans.iter().flatten().count() < most {
                 plans[unit] = Some((asked.plan, asked.attempt + 1));
             }

@@ -3,17 +3,18 @@
 use std::fmt::Write as _;
 
 use arrayvec::ArrayString;
-use drives::{ASK_SILENT_EVERY_NS, BABBLE_NS, Error, PAUSE_NS, SILENT_AFTER, Timed};
+use drives::{BABBLE_NS, Error, PAUSE_NS, Recognised, SetupStep, Timed};
 use serial::Transport;
 
 use super::question::{FIRMWARE, Question, cycle, slow};
 use super::round::{Order, Plan, Plans, Reading};
-use super::{Bus, MAX_UNITS, Phase};
+use super::{Bus, MAX_UNITS, Unit};
 use crate::codec::Mode;
 use crate::status::{native, neutral};
 
-/// Time in which a unit has to be without an answer to be silent, ns: an adapter may be slow for a while.
-const SILENT_NS: u64 = 250_000_000;
+/// Step of the setup of each unit, if one is due.
+type Steps = [Option<SetupStep>; MAX_UNITS];
+
 /// Difference of a time limit that is read back, ms: it is a float in the unit, and cut off.
 const TIME_STEP_MS: i32 = 1;
 /// Least current at which power and current give the drive output, A: below, it is mostly noise.
@@ -39,7 +40,7 @@ impl<T: Transport> Bus<T> {
     pub(super) fn bring_back(&mut self, deadline_ns: u64) {
         loop {
             let now_ns = self.transport.now_ns();
-            let plans = self.next_steps(now_ns);
+            let (plans, steps) = self.next_steps(now_ns);
             let count = plans.iter().flatten().count();
             if count == 0 || now_ns + self.likely_ns(count) > deadline_ns || self.discard().is_err() {
                 return;
@@ -51,7 +52,7 @@ impl<T: Transport> Bus<T> {
                 match result {
                     Some(Ok(reading)) => {
                         self.answered(unit);
-                        self.step(unit, &reading);
+                        self.step(unit, steps[unit], &reading);
                         progress = true;
                     }
                     Some(Err(error)) => self.unanswered(unit, &error),
@@ -64,90 +65,59 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    fn next_steps(&mut self, now_ns: u64) -> Plans {
-        let mut plans = [None; MAX_UNITS];
-        for (plan, unit) in plans.iter_mut().zip(&mut self.units) {
-            if now_ns < unit.due_ns {
+    /// What the units that are not in use are asked next, and for which step; no step for one whose clock is in doubt.
+    fn next_steps(&mut self, now_ns: u64) -> (Plans, Steps) {
+        let (mut plans, mut steps) = ([None; MAX_UNITS], [None; MAX_UNITS]);
+        for ((plan, step), unit) in plans.iter_mut().zip(&mut steps).zip(&mut self.units) {
+            if !unit.setup.is_asked(now_ns) {
                 continue;
             }
-            *plan = match unit.phase {
-                _ if unit.suspect.is_some() => Some(Plan::QUERY),
-                Phase::Recognise => Some(Plan::QUERY),
-                Phase::Identify { .. } => Some(Plan { order: None, question: Question::Identity }),
-                Phase::SetWatchdog => Some(Plan::order(Order::Stop)),
-                Phase::Readings => Some(Plan { order: None, question: Question::Slow }),
-                Phase::Unusable { due_ns, .. } if now_ns >= due_ns => {
-                    unit.phase = Phase::SetWatchdog;
-                    Some(Plan::order(Order::Stop))
-                }
-                Phase::Unusable { .. } | Phase::Ready => None,
+            if unit.suspect.is_some() {
+                *plan = Some(Plan::QUERY);
+                continue;
+            }
+            *step = unit.setup.due(now_ns);
+            *plan = match *step {
+                Some(SetupStep::Recognise) => Some(Plan::QUERY),
+                Some(SetupStep::Identify { .. }) => Some(Plan { order: None, question: Question::Identity }),
+                Some(SetupStep::SetWatchdog) => Some(Plan::order(Order::Stop)),
+                Some(SetupStep::Readings) => Some(Plan { order: None, question: Question::Slow }),
+                None => None,
             };
         }
-        plans
+        (plans, steps)
     }
 
     /// Uses the answer to a step of the setup.
-    fn step(&mut self, index: usize, reading: &Reading) {
-        let Some(unit) = self.units.get(index) else { return };
-        let phase = unit.phase;
-        let whole = unit.report.setups == 0 || unit.interlocked;
-        match phase {
-            Phase::Ready => drop(self.use_cycle(index, reading)),
-            Phase::Recognise => {
-                let same = self.has_watchdog(index, reading);
-                let restarted = !same && self.units.get(index).is_some_and(|unit| unit.watchdog_set);
+    fn step(&mut self, index: usize, step: Option<SetupStep>, reading: &Reading) {
+        let kept = self.has_watchdog(index, reading);
+        let now_ns = self.transport.now_ns();
+        let Some(unit) = self.units.get_mut(index) else { return };
+        match step {
+            None if unit.setup.is_ready() => drop(self.use_cycle(index, reading)),
+            None => {}
+            Some(SetupStep::Recognise) => match unit.setup.recognised(kept, &mut unit.report) {
+                Recognised::Same => drop(self.use_cycle(index, reading)),
                 // The position of a unit that has restarted continues no counts.
-                if !restarted {
-                    drop(self.use_cycle(index, reading));
-                }
-                let Some(unit) = self.units.get_mut(index) else { return };
-                if unit.report.setups == 0 && !unit.watchdog_set {
-                    unit.report.was_alive = same;
-                }
-                if restarted {
-                    self.has_restarted(index);
-                } else if same && !whole {
-                    unit.restart_counted = false;
-                    self.set_phase(index, Phase::Ready);
-                } else {
-                    unit.watchdog_set |= same;
-                    self.set_phase(index, Phase::Identify { same });
-                }
+                Recognised::Restarted => unit.forget_position(),
+            },
+            Some(SetupStep::Identify { same }) => {
+                unit.firmware = reading.values[FIRMWARE].map(firmware);
+                unit.setup.identified(same);
             }
-            Phase::Identify { same } => {
-                let firmware = reading.values[FIRMWARE].map(firmware);
-                if let Some(unit) = self.units.get_mut(index) {
-                    unit.firmware = firmware;
-                    unit.phase = if same { Phase::Readings } else { Phase::SetWatchdog };
-                }
-            }
-            Phase::SetWatchdog => {
-                drop(self.use_cycle(index, reading));
+            Some(SetupStep::SetWatchdog) => {
                 let got_ms = reading.values[cycle::TIMEOUT].unwrap_or(0).max(0).cast_unsigned();
-                let kept = self.has_watchdog(index, reading);
-                let due_ns = self.transport.now_ns() + ASK_SILENT_EVERY_NS;
+                unit.setup.watchdog_read(kept, got_ms, now_ns);
+                drop(self.use_cycle(index, reading));
                 if let Some(unit) = self.units.get_mut(index) {
                     // The mode is that of before the stop.
                     unit.mode = Mode::STOPPED;
-                    unit.watchdog_set = kept;
-                    unit.phase = if kept { Phase::Readings } else { Phase::Unusable { got_ms, due_ns } };
                 }
             }
-            Phase::Readings => {
+            Some(SetupStep::Readings) => {
+                unit.setup.finished(&mut unit.report);
                 self.use_slow(index, reading);
-                if let Some(unit) = self.units.get_mut(index) {
-                    unit.report.setups += 1;
-                    unit.restart_counted = false;
-                    unit.phase = Phase::Ready;
-                }
             }
-            Phase::Unusable { .. } => {}
-        }
-    }
-
-    fn set_phase(&mut self, index: usize, phase: Phase) {
-        if let Some(unit) = self.units.get_mut(index) {
-            unit.phase = phase;
         }
     }
 
@@ -185,43 +155,22 @@ impl<T: Transport> Bus<T> {
     /// Records a restart of the unit: it is stopped, and its position is another one.
     pub(super) fn has_restarted(&mut self, index: usize) {
         if let Some(unit) = self.units.get_mut(index) {
-            (unit.interlocked, unit.held_back) = (true, false);
-            // Its counts are unrelated to those before the restart: the totals stay where they were.
-            unit.last_raw = None;
-            // It may have executed a command before its clock showed the restart.
-            unit.phase = Phase::SetWatchdog;
-            (unit.failed, unit.due_ns, unit.silent) = (0, 0, false);
-            // Counted once, however many attempts the setup takes.
-            let was_set = std::mem::take(&mut unit.watchdog_set) || unit.report.setups > 0;
-            if was_set && !std::mem::replace(&mut unit.restart_counted, true) {
-                unit.report.reboots += 1;
-            }
+            unit.setup.restarted(&mut unit.report);
+            unit.forget_position();
         }
     }
 
     pub(super) fn answered(&mut self, index: usize) {
         if let Some(unit) = self.units.get_mut(index) {
-            (unit.failed, unit.due_ns, unit.quiet, unit.silent) = (0, 0, false, false);
+            unit.setup.answered();
         }
     }
 
     /// Records a round without a usable answer.
     pub(super) fn unanswered(&mut self, index: usize, error: &Error) {
         let now_ns = self.transport.now_ns();
-        let Some(unit) = self.units.get_mut(index) else { return };
-        // Any other error is an answer.
-        if !matches!(error, Error::NoAnswer { .. } | Error::Garbled { .. }) {
-            return;
-        }
-        if unit.failed == 0 {
-            unit.failing_from_ns = now_ns;
-        }
-        unit.failed += 1;
-        unit.quiet = matches!(error, Error::NoAnswer { .. });
-        if unit.failed >= SILENT_AFTER && now_ns.saturating_sub(unit.failing_from_ns) >= SILENT_NS {
-            unit.silent = true;
-            (unit.phase, unit.interlocked) = (Phase::Recognise, true);
-            unit.due_ns = now_ns + ASK_SILENT_EVERY_NS;
+        if let Some(unit) = self.units.get_mut(index) {
+            unit.setup.unanswered(error, now_ns);
         }
     }
 
@@ -229,18 +178,16 @@ impl<T: Transport> Bus<T> {
     pub(super) fn not_ready(&self, index: usize) -> Option<Error> {
         let unit = self.units.get(index)?;
         let now_ns = self.transport.now_ns();
-        if unit.silent {
-            let noisy = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
-            return Some(self.error(index, |port, unit| self.instead.error(port, unit, noisy)));
-        }
+        let babbles = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
         let wanted_ms = u32::from(unit.config.watchdog_ms);
-        match unit.phase {
-            Phase::Ready => None,
-            Phase::Unusable { got_ms, .. } => {
-                Some(self.error(index, |port, unit| Error::WatchdogRefused { port, unit, wanted_ms, got_ms }))
-            }
-            _ => Some(self.error(index, |port, unit| Error::Preparing { port, unit })),
-        }
+        unit.setup.not_ready(self.transport.name(), &unit.name, wanted_ms, self.instead, babbles)
+    }
+}
+
+impl Unit {
+    /// The unit's counts are unrelated to those before: the totals stay where they were.
+    fn forget_position(&mut self) {
+        (self.last_raw, self.held_back) = (None, false);
     }
 }
 

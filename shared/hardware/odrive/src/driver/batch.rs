@@ -67,7 +67,7 @@ impl<T: Transport> Bus<T> {
 
     /// Sends a batch and returns its answers; repeats it as long as `deadline_ns` allows.
     pub(super) fn transact(&mut self, batch: &Batch, words: &'static str, deadline_ns: u64) -> Result<Answers, Error> {
-        if self.quiet {
+        if self.setup.is_quiet() {
             self.probe(batch)?;
         }
         let asked = CommandName { words, code: None };
@@ -81,7 +81,7 @@ impl<T: Transport> Bus<T> {
             let at_ns = self.transport.stamp_ns();
             match self.attempt(batch)? {
                 Ended::Whole(values) => {
-                    (self.failed, self.due_ns, self.quiet, self.silent) = (0, 0, false, false);
+                    self.setup.answered();
                     (self.noisy_from_ns, self.instead) = (None, Instead::Nothing);
                     return Ok(Answers { asks: batch.asks.clone(), values, at_ns });
                 }
@@ -91,7 +91,7 @@ impl<T: Transport> Bus<T> {
             self.counters.resyncs += 1;
         }
         let waited_us = u32::try_from((self.transport.now_ns() - began_ns) / 1000).unwrap_or(u32::MAX);
-        self.quiet = !garbled;
+        self.setup.set_quiet(!garbled);
         Err(self.error(|port, unit| match garbled {
             true => Error::Garbled { port, unit, asked },
             false => Error::NoAnswer { port, unit, asked, waited_us },
@@ -106,7 +106,7 @@ impl<T: Transport> Bus<T> {
         let orders = batch.orders.iter().copied().filter(feeds).collect();
         match self.attempt(&Batch { orders, ..Batch::default() })? {
             Ended::Whole(_) => {
-                self.quiet = false;
+                self.setup.set_quiet(false);
                 Ok(())
             }
             Ended::Garbled | Ended::Quiet => {

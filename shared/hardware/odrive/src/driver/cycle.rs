@@ -3,9 +3,9 @@
 use drives::{Command, CommandName, Error, Timed, UnitAnswer, UnitCommand, UnitReport, reply_text};
 use serial::Transport;
 
+use super::Bus;
 use super::ask::Ask;
 use super::batch::{Answers, Batch};
-use super::{Bus, Phase};
 use crate::codec::{AXES, COUNTS_PER_TURN, Line, state};
 
 /// Batches of a cycle: an axis that is disarmed shows it, its errors are cleared, and arming takes a moment.
@@ -39,7 +39,7 @@ impl<T: Transport> Bus<T> {
             return Err(error);
         }
         let moves = self.connected(commands).any(|(_, command)| command.moves());
-        let refused = moves && self.interlocked;
+        let refused = moves && self.setup.is_interlocked();
         let mut verdict = None;
         for round in 0..ROUNDS {
             let batch = self.batch(if refused { [None; AXES] } else { commands });
@@ -69,7 +69,8 @@ impl<T: Transport> Bus<T> {
             }
             if moves {
                 // Armed it was, and is not now: an error, the watchdog, or a restart.
-                (self.interlocked, self.phase) = (true, Phase::Recognise);
+                self.setup.set_interlocked(true);
+                self.setup.doubt();
                 return Err(self.interlocked());
             }
         }
@@ -141,7 +142,7 @@ impl<T: Transport> Bus<T> {
     fn accepted(&mut self, commands: UnitCommand, moves: bool) -> Result<(), Error> {
         let torque = self.connected(commands).any(|(_, command)| matches!(command, Command::Torque(_)));
         if self.connected(commands).next().is_some() && !moves {
-            self.interlocked = false;
+            self.setup.set_interlocked(false);
         }
         let what = match (torque, commands.into_iter().skip(self.config.axes).any(|command| command.is_some())) {
             (true, _) => "torque command",
@@ -190,7 +191,7 @@ impl<T: Transport> Bus<T> {
         if let Some(axis) = beyond {
             if !std::mem::replace(&mut self.held_back, true) {
                 // A board that has restarted begins at zero, which looks just like this: its watchdog tells.
-                self.phase = Phase::Recognise;
+                self.setup.doubt();
                 let counts = moved[axis];
                 return Err(self.error(|port, unit| Error::EncoderJump { port, unit, axis, counts }));
             }
@@ -212,7 +213,7 @@ impl<T: Transport> Bus<T> {
             return;
         }
         self.bring_back(deadline_ns);
-        if self.phase != Phase::Ready || self.quiet {
+        if !self.setup.is_ready() || self.setup.is_quiet() {
             return;
         }
         let mut batch = Batch::default();
@@ -231,7 +232,7 @@ impl<T: Transport> Bus<T> {
         {
             self.use_slow(&answers);
             if answers.whole(Ask::WatchdogOn(0)) != Some(1) {
-                self.phase = Phase::Recognise;
+                self.setup.doubt();
             }
         }
     }

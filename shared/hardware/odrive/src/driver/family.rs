@@ -5,7 +5,7 @@ use std::sync::Arc;
 use drives::{Capabilities, Counters, DriveBus, Error, StopInput, UnitAnswer, UnitCommand, UnitInfo};
 use serial::{PortClock, Transport};
 
-use super::{Bus, Phase};
+use super::Bus;
 
 impl<T: Transport> DriveBus for Bus<T> {
     fn port(&self) -> &Arc<str> {
@@ -34,7 +34,7 @@ impl<T: Transport> DriveBus for Bus<T> {
         (unit == 0).then(|| UnitInfo {
             name: Arc::clone(&self.name),
             firmware: self.firmware,
-            watchdog_ms: self.watchdog_set.then_some(u32::from(self.config.watchdog_ms)),
+            watchdog_ms: self.setup.has_watchdog().then_some(u32::from(self.config.watchdog_ms)),
         })
     }
 
@@ -59,7 +59,7 @@ impl<T: Transport> DriveBus for Bus<T> {
     }
 
     fn is_settled(&self) -> bool {
-        self.phase == Phase::Ready
+        self.setup.is_ready()
     }
 
     fn stop(&self) -> &StopInput {

@@ -21,7 +21,7 @@ mod ask;
 use std::sync::Arc;
 
 use arrayvec::{ArrayString, ArrayVec};
-use drives::{CountBound, Counters, Error, Instead, InvalidConfig, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Instead, InvalidConfig, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{AXES, MARKS, MAX_LINE};
@@ -67,23 +67,6 @@ pub struct BusConfig {
     pub stop_pin: Option<StatusPin>,
 }
 
-/// Progress of bringing the board into use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    /// Asked for its watchdogs: whether it has restarted.
-    Recognise,
-    /// Asked for its firmware. `same`: it has the watchdogs already.
-    Identify { same: bool },
-    /// Disarmed, with the watchdogs set and read back.
-    SetWatchdog,
-    /// Asked for supply and errors.
-    Readings,
-    /// In use.
-    Ready,
-    /// It does not keep its watchdog; tried again at `due_ns`.
-    Unusable { got_ms: u32, due_ns: u64 },
-}
-
 /// Driver of the board on one port. One thread owns it.
 #[derive(Debug)]
 pub struct Bus<T> {
@@ -92,29 +75,16 @@ pub struct Bus<T> {
     byte_ns: u64,
     /// Name in messages.
     name: Arc<str>,
-    phase: Phase,
+    setup: Setup,
     report: UnitReport,
     firmware: Option<ArrayString<48>>,
     /// Counts at the last accepted sample, as the board has them.
     last_raw: Option<[i64; AXES]>,
     /// The last sample was beyond the bound and was held back.
     held_back: bool,
-    /// Since the board's last restart its watchdogs were read back.
-    watchdog_set: bool,
-    /// It does not move until it was commanded to stand still.
-    interlocked: bool,
     /// States of the axes, as last read.
     states: [u32; AXES],
     errors: [u32; AXES],
-    /// Batches without an answer since the last answer, and the time of the first, ns.
-    failed: u32,
-    failing_from_ns: u64,
-    /// Nothing at all arrived in the last of them.
-    quiet: bool,
-    /// It has not answered for so long that it is asked rarely.
-    silent: bool,
-    /// Time at which a silent board is asked again, ns.
-    due_ns: u64,
     /// Bytes of the text line that is not complete yet.
     line: ArrayVec<u8, MAX_LINE>,
     inbox: [u8; 256],
@@ -148,20 +118,13 @@ impl<T: Transport> Bus<T> {
             byte_ns: byte_time_ns(config.baud),
             name: format!("board {}", config.address).into(),
             config: config.clone(),
-            phase: Phase::Recognise,
+            setup: Setup::default(),
             report: UnitReport::default(),
             firmware: None,
             last_raw: None,
             held_back: false,
-            watchdog_set: false,
-            interlocked: true,
             states: [0; AXES],
             errors: [0; AXES],
-            failed: 0,
-            failing_from_ns: 0,
-            quiet: false,
-            silent: false,
-            due_ns: 0,
             line: ArrayVec::new(),
             inbox: [0; 256],
             inbox_from: 0,
@@ -234,7 +197,6 @@ impl<T: Transport> Bus<T> {
     fn lose(&mut self) {
         (self.inbox_from, self.inbox_to) = (0, 0);
         self.line.clear();
-        (self.phase, self.interlocked) = (Phase::Recognise, true);
-        (self.failed, self.due_ns, self.quiet, self.silent) = (0, 0, false, false);
+        self.setup.lost();
     }
 }

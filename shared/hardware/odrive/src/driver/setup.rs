@@ -3,17 +3,15 @@
 use std::fmt::Write as _;
 
 use arrayvec::ArrayString;
-use drives::{ASK_SILENT_EVERY_NS, BABBLE_NS, Error, PAUSE_NS, SILENT_AFTER, Timed};
+use drives::{BABBLE_NS, Error, PAUSE_NS, Recognised, SetupStep, Timed};
 use serial::Transport;
 
+use super::Bus;
 use super::ask::Ask;
 use super::batch::{Answers, Batch};
-use super::{Bus, Phase};
 use crate::codec::{AXES, Line, state};
 use crate::status::neutral;
 
-/// Time in which a board has to be without an answer to be silent, ns: an adapter may be slow for a while.
-const SILENT_NS: u64 = 250_000_000;
 /// Difference of a watchdog time that is read back, s: it is a float in the board.
 const TIME_STEP_S: f64 = 0.000_5;
 /// Lines of the longest step.
@@ -39,22 +37,14 @@ impl<T: Transport> Bus<T> {
     pub(super) fn bring_back(&mut self, deadline_ns: u64) {
         loop {
             let now_ns = self.transport.now_ns();
-            if let Phase::Unusable { due_ns, .. } = self.phase
-                && now_ns >= due_ns
-            {
-                self.phase = Phase::SetWatchdog;
-            }
-            let idle = matches!(self.phase, Phase::Ready | Phase::Unusable { .. });
-            if idle || now_ns < self.due_ns || now_ns + self.likely_ns(STEP_LINES) > deadline_ns {
+            let Some(step) = self.setup.due(now_ns) else { return };
+            if now_ns + self.likely_ns(STEP_LINES) > deadline_ns || self.discard().is_err() {
                 return;
             }
-            if self.discard().is_err() {
-                return;
-            }
-            let batch = self.next_step();
+            let batch = self.next_step(step);
             // A silent board is asked once, and not repeatedly.
             match self.transact(&batch, "set up", now_ns) {
-                Ok(answers) => self.step(&answers),
+                Ok(answers) => self.step(step, &answers),
                 Err(error) => return self.unanswered(&error),
             }
         }
@@ -64,18 +54,18 @@ impl<T: Transport> Bus<T> {
         0..self.config.axes
     }
 
-    fn next_step(&self) -> Batch {
+    fn next_step(&self, step: SetupStep) -> Batch {
         let mut batch = Batch::default();
         let watchdog_ms = u32::from(self.config.watchdog_ms);
         for axis in self.axes() {
-            if self.phase == Phase::SetWatchdog {
+            if step == SetupStep::SetWatchdog {
                 batch.orders.push(Line::Write(axis, "requested_state", state::IDLE));
                 batch.orders.push(Line::WriteThousandths(axis, "config.watchdog_timeout", watchdog_ms));
                 batch.orders.push(Line::Write(axis, "config.enable_watchdog", 1));
             }
-            match self.phase {
-                Phase::Identify { .. } => {}
-                Phase::Readings => {
+            match step {
+                SetupStep::Identify { .. } => {}
+                SetupStep::Readings => {
                     batch.asks.push(Ask::Error(axis));
                     batch.asks.push(Ask::Current(axis));
                 }
@@ -87,55 +77,41 @@ impl<T: Transport> Bus<T> {
                 }
             }
         }
-        match self.phase {
-            Phase::Identify { .. } => batch.asks.extend([0, 1, 2].map(Ask::Version)),
-            Phase::Readings => batch.asks.push(Ask::Supply),
+        match step {
+            SetupStep::Identify { .. } => batch.asks.extend([0, 1, 2].map(Ask::Version)),
+            SetupStep::Readings => batch.asks.push(Ask::Supply),
             _ => {}
         }
         batch
     }
 
     /// Uses the answers to a step of the setup.
-    fn step(&mut self, answers: &Answers) {
-        let whole = self.report.setups == 0 || self.interlocked;
-        match self.phase {
-            Phase::Recognise => {
-                let same = self.has_watchdog(answers);
-                if self.report.setups == 0 && !self.watchdog_set {
-                    self.report.was_alive = same;
-                }
-                if !same && self.watchdog_set {
-                    return self.has_restarted();
-                }
-                let _ = self.use_feedback(answers);
-                self.watchdog_set |= same;
-                self.phase = if same && !whole { Phase::Ready } else { Phase::Identify { same } };
-            }
-            Phase::Identify { same } => {
+    fn step(&mut self, step: SetupStep, answers: &Answers) {
+        match step {
+            SetupStep::Recognise => match self.setup.recognised(self.has_watchdog(answers), &mut self.report) {
+                Recognised::Same => drop(self.use_feedback(answers)),
+                // The positions of a board that has restarted continue no counts.
+                Recognised::Restarted => (self.last_raw, self.held_back) = (None, false),
+            },
+            SetupStep::Identify { same } => {
                 let part = |part| answers.whole(Ask::Version(part)).unwrap_or(0);
                 let mut text = ArrayString::new();
                 // Three numbers fit.
                 let _ = write!(text, "ODrive {}.{}.{}", part(0), part(1), part(2));
                 self.firmware = Some(text);
-                self.phase = if same { Phase::Readings } else { Phase::SetWatchdog };
+                self.setup.identified(same);
             }
-            Phase::SetWatchdog => {
+            SetupStep::SetWatchdog => {
                 let _ = self.use_feedback(answers);
-                self.watchdog_set = self.has_watchdog(answers);
-                let due_ns = self.transport.now_ns() + ASK_SILENT_EVERY_NS;
                 let on = answers.whole(Ask::WatchdogOn(0)) == Some(1);
                 let got_ms = answers.value(Ask::WatchdogTime(0)).map_or(0, |[time_s, _]| (time_s * 1e3).round() as u32);
-                self.phase = match self.watchdog_set {
-                    true => Phase::Readings,
-                    false => Phase::Unusable { got_ms: if on { got_ms } else { 0 }, due_ns },
-                };
+                let now_ns = self.transport.now_ns();
+                self.setup.watchdog_read(self.has_watchdog(answers), if on { got_ms } else { 0 }, now_ns);
             }
-            Phase::Readings => {
+            SetupStep::Readings => {
                 self.use_slow(answers);
-                self.report.setups += 1;
-                self.phase = Phase::Ready;
+                self.setup.finished(&mut self.report);
             }
-            Phase::Ready | Phase::Unusable { .. } => {}
         }
     }
 
@@ -164,49 +140,17 @@ impl<T: Transport> Bus<T> {
         self.report.native_status = self.errors[0] | self.errors[1] << 16;
     }
 
-    /// Records a restart of the board: it is disarmed, its positions are other ones, its watchdogs are off.
-    pub(super) fn has_restarted(&mut self) {
-        (self.interlocked, self.held_back) = (true, false);
-        // Its counts are unrelated to those before the restart: the totals stay where they were.
-        self.last_raw = None;
-        self.phase = Phase::SetWatchdog;
-        // Counted once, however many attempts the setup takes.
-        if std::mem::take(&mut self.watchdog_set) {
-            self.report.reboots += 1;
-        }
-    }
-
     /// Records a batch without an answer.
     pub(super) fn unanswered(&mut self, error: &Error) {
-        if !matches!(error, Error::NoAnswer { .. } | Error::Garbled { .. }) {
-            return;
-        }
         let now_ns = self.transport.now_ns();
-        if self.failed == 0 {
-            self.failing_from_ns = now_ns;
-        }
-        self.failed += 1;
-        if self.failed >= SILENT_AFTER && now_ns.saturating_sub(self.failing_from_ns) >= SILENT_NS {
-            self.silent = true;
-            (self.phase, self.interlocked) = (Phase::Recognise, true);
-            self.due_ns = now_ns + ASK_SILENT_EVERY_NS;
-        }
+        self.setup.unanswered(error, now_ns);
     }
 
     /// Reason why the board is not in use.
     pub(super) fn not_ready(&self) -> Option<Error> {
         let now_ns = self.transport.now_ns();
-        if self.silent {
-            let noisy = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
-            return Some(self.error(|port, unit| self.instead.error(port, unit, noisy)));
-        }
+        let babbles = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
         let wanted_ms = u32::from(self.config.watchdog_ms);
-        match self.phase {
-            Phase::Ready => None,
-            Phase::Unusable { got_ms, .. } => {
-                Some(self.error(|port, unit| Error::WatchdogRefused { port, unit, wanted_ms, got_ms }))
-            }
-            _ => Some(self.error(|port, unit| Error::Preparing { port, unit })),
-        }
+        self.setup.not_ready(self.transport.name(), &self.name, wanted_ms, self.instead, babbles)
     }
 }
