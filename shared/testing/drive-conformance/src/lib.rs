@@ -66,6 +66,7 @@ macro_rules! conformance {
             motors_stop_by_the_watchdog_when_commands_cease,
             an_emergency_stop_is_reported_and_stops_the_motors,
             a_restart_is_counted_and_interlocked,
+            a_restart_around_a_refused_watchdog_is_counted,
             bytes_that_answer_nothing_are_discarded,
             a_lost_answer_costs_few_cycles,
             a_late_answer_never_answers_a_later_question,

@@ -4,7 +4,7 @@
 /// steps of 0.25 %.
 const DRIFT: f64 = 0.02;
 /// Milliseconds by which the two clocks may disagree besides: a simulated port's clock leaves out stalls of the machine
-/// a little before or after its units do. A unit that is quiet gets one question in a cycle, and its questions have 120
+/// a little before or after its units do. A unit that is quiet gets one question in a cycle, and its questions have 720
 /// orders, so within this time the order tells which one an answer is for.
 const SLACK_MS: i64 = 1000;
 

@@ -131,6 +131,11 @@ impl<T: Transport> Bus<T> {
                 // The next cycle asks once more before it concludes that the unit needs a stop.
                 return if moves { Some(Err(self.interlocked(index))) } else { None };
             }
+            // The contact opened: another round sends the stop.
+            Order::Velocity(_) if pressed => {
+                unit.setup.set_interlocked(unit.setup.is_interlocked() || moves);
+                return None;
+            }
             Order::Velocity(_) => {}
         }
         let torque = matches!(command, Some(Command::Torque(_)));
@@ -165,12 +170,14 @@ impl<T: Transport> Bus<T> {
         self.error(index, |port, unit| Error::Interlocked { port, unit })
     }
 
-    /// Uses mode and position of an answer.
+    /// Uses mode, stop contact and position of an answer.
     pub(super) fn use_cycle(&mut self, index: usize, reading: &Reading) -> Result<(), Error> {
         let Some(unit) = self.units.get_mut(index) else { return Ok(()) };
         let mode = Mode(reading.values[cycle::MODE].map_or(i8::MIN, |mode| mode as i8));
-        let changed = mode != unit.mode && (mode.is_latched() || unit.mode.is_latched());
-        unit.mode = mode;
+        // A contact that cannot be read is open.
+        let pins = reading.values[cycle::PINS].unwrap_or(STOP_PIN);
+        let changed = mode != unit.mode && (mode.is_latched() || unit.mode.is_latched()) || pins != unit.pins;
+        (unit.mode, unit.pins) = (mode, pins);
         if changed {
             self.state_status(index, reading.at_ns);
         }

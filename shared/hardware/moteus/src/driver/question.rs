@@ -1,7 +1,7 @@
 //! Questions, and how an answer shows which one it answers.
 //!
 //! A unit answers registers in the order in which it was asked. The driver asks in another order each time, so the
-//! order of the answer is a tag that costs no byte: 120 for the question of a cycle. An older answer with the same
+//! order of the answer is a tag that costs no byte: 720 for the question of a cycle. An older answer with the same
 //! order is told by the millisecond counter, which is part of every question.
 
 use arrayvec::ArrayVec;
@@ -9,7 +9,7 @@ use arrayvec::ArrayVec;
 use crate::codec::{Frame, Register, Resolution, Subframe};
 
 /// Most registers of a question.
-pub(super) const MAX_READS: usize = 7;
+pub(super) const MAX_READS: usize = 6;
 
 /// Answer to a question, in the order of [`Question::reads`]; `None` for a register without a number.
 pub(super) type Values = [Option<i32>; MAX_READS];
@@ -17,7 +17,8 @@ pub(super) type Values = [Option<i32>; MAX_READS];
 /// What a unit is asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Question {
-    /// What the control cycle needs: clock, mode, position, and the command as the unit has it.
+    /// What the control cycle needs: clock, mode, position, the command as the unit has it, and the contact of
+    /// a stop button.
     Cycle,
     /// What changes slowly.
     Slow,
@@ -42,15 +43,15 @@ pub(super) mod cycle {
     pub(in crate::driver) const POSITION: usize = 2;
     pub(in crate::driver) const VELOCITY: usize = 3;
     pub(in crate::driver) const TIMEOUT: usize = 4;
+    pub(in crate::driver) const PINS: usize = 5;
 }
 /// Places in the answer to [`Question::Slow`].
 pub(super) mod slow {
     pub(in crate::driver) const FAULT: usize = 1;
-    pub(in crate::driver) const PINS: usize = 2;
-    pub(in crate::driver) const CURRENT: usize = 3;
-    pub(in crate::driver) const POWER: usize = 4;
-    pub(in crate::driver) const VOLTAGE: usize = 5;
-    pub(in crate::driver) const TEMPERATURE: usize = 6;
+    pub(in crate::driver) const CURRENT: usize = 2;
+    pub(in crate::driver) const POWER: usize = 3;
+    pub(in crate::driver) const VOLTAGE: usize = 4;
+    pub(in crate::driver) const TEMPERATURE: usize = 5;
 }
 /// Place in the answer to [`Question::Identity`].
 pub(super) const FIRMWARE: usize = 1;
@@ -66,11 +67,11 @@ impl Question {
                 (Register::POSITION, I32),
                 (Register::COMMAND_VELOCITY, I32),
                 (Register::COMMAND_TIMEOUT, I16),
+                (Register::AUX2_GPIO, I8),
             ],
             Question::Slow => &[
                 (Register::MILLISECONDS, I32),
                 (Register::FAULT, I8),
-                (Register::AUX2_GPIO, I8),
                 (Register::Q_CURRENT, I32),
                 (Register::POWER, I32),
                 (Register::VOLTAGE, I16),
@@ -132,7 +133,7 @@ mod tests {
 
     #[test]
     fn consecutive_questions_are_asked_in_different_orders() {
-        for (question, orders) in [(Question::Cycle, 120), (Question::Slow, 5040), (Question::Identity, 6)] {
+        for (question, orders) in [(Question::Cycle, 720), (Question::Slow, 720), (Question::Identity, 6)] {
             let seen: BTreeSet<Vec<usize>> = (0..orders).map(|tag| question.order(tag).to_vec()).collect();
             assert_eq!(seen.len(), orders as usize, "{question:?}");
         }

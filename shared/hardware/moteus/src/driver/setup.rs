@@ -142,7 +142,6 @@ impl<T: Transport> Bus<T> {
         report.supply_v = Timed { value: supply_v, at_ns };
         report.temperature_c = Timed { value: value(slow::TEMPERATURE, 0.1), at_ns };
         unit.fault = reading.values[slow::FAULT].unwrap_or(0);
-        unit.pins = reading.values[slow::PINS].unwrap_or(0);
         self.state_status(index, at_ns);
     }
 

@@ -120,6 +120,20 @@ pub fn a_restart_is_counted_and_interlocked<F: Family>() {
     }
 }
 
+/// A restart is counted once also where the unit does not keep its watchdog any more, before it or after it.
+pub fn a_restart_around_a_refused_watchdog_is_counted<F: Family>() {
+    let mut robot = Robot::<F>::connected(1);
+    robot.units().keep_watchdog(0, 2 * WATCHDOG_MS);
+    robot.cycles(100, Command::HOLD);
+    robot.units().restart(0, 30 * MS);
+    robot.cycles(150, Command::HOLD);
+    assert!(matches!(robot.outcomes()[0], Err(Error::WatchdogRefused { .. })), "{:?}", robot.outcomes());
+    assert_eq!(robot.answers[0].report.reboots, 1);
+    robot.units().keep_watchdog(0, WATCHDOG_MS);
+    robot.recover();
+    assert_eq!(robot.answers[0].report.reboots, 1, "once, however many attempts its setup takes");
+}
+
 /// Counts continue where the counter of the unit wraps, in both directions; one that ends is reported at its end.
 pub fn counts_continue_when_the_counter_wraps<F: Family>() {
     if !F::COUNTER_WRAPS {
