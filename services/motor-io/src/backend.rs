@@ -39,6 +39,7 @@ pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Resul
             };
             let bus = moteus::BusConfig {
                 baud: if port.wire == Wire::Usb { 0 } else { port.baud },
+                // Most UARTs are behind a USB adapter.
                 margin_ns: moteus::driver::USB_MARGIN_NS,
                 checksums: if port.wire == Wire::Usb { Checksums::Absent } else { Checksums::Required },
                 units: port.units.iter().map(unit).collect(),

@@ -221,11 +221,8 @@ impl<T: Transport> Bus<T> {
                 }
                 Some(Heard::Line(Line::Sent)) => {}
                 Some(Heard::Line(Line::Received { identifier, frame })) => {
-                    let used = self.take(asked, results, identifier, &frame);
-                    // Without checksums it may be the answer, changed on the wire.
-                    if !used && self.checksums == Checksums::Absent {
-                        self.repeat(asked, 1, deadline_ns, in_cycle)?;
-                    }
+                    // A frame that fits no question is late; asking again would only make the next ones late too.
+                    self.take(asked, results, identifier, &frame);
                 }
                 // Units answer in the order of their frames, so it is most likely the first one's that is missing; the
                 // tags tell, if it is not.
@@ -282,25 +279,18 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Uses a frame, if it is the answer to a question that is open; false if not.
-    fn take(
-        &mut self,
-        asked: &mut [Option<Asked>; MAX_UNITS],
-        results: &mut Results,
-        identifier: u16,
-        frame: &Frame,
-    ) -> bool {
+    /// Uses a frame, if it is the answer to a question that is open.
+    fn take(&mut self, asked: &mut [Option<Asked>; MAX_UNITS], results: &mut Results, identifier: u16, frame: &Frame) {
         let address = from_unit(identifier);
         let unit = self.units.iter().position(|unit| Some(unit.config.address) == address);
         let Some((unit, question)) = unit.and_then(|unit| Some((unit, asked[unit]?))) else {
             self.count_stray(frame.as_slice().len());
-            return false;
+            return;
         };
         match question.plan.question.answer(question.tag, frame) {
             // An older question's answer: late, or of a unit that was asked again too early.
             Err(Unfit::Other) => {
                 self.count_stray(frame.as_slice().len());
-                return false;
             }
             Err(Unfit::Refused { register }) => {
                 let said = reply_text(format_args!("no register {register:#05x}: update its firmware"));
@@ -313,7 +303,6 @@ impl<T: Transport> Bus<T> {
                 (results[unit], asked[unit]) = (Some(self.accept(unit, &question, values)), None);
             }
         }
-        true
     }
 
     /// Checks the clock and the command of an answer.

@@ -1,14 +1,14 @@
 //! The suite of every drive family, run for this one.
 
+use std::marker::PhantomData;
+
 use drive_conformance::{BOUND, Clockwork, Family, VirtualUnits, WATCHDOG_MS};
 use drives::{AXES, Command};
 use moteus::codec::Checksums;
-use moteus::driver::UART_MARGIN_NS;
+use moteus::driver::{UART_MARGIN_NS, USB_MARGIN_NS};
 use moteus::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
 use moteus::{Bus, BusConfig, UnitConfig};
 use serial::{Device, Pipe, WireQueue};
-
-struct Moteus;
 
 /// The units of one bus. A type of this test, because neither trait nor units are its own.
 struct Units(UnitBus);
@@ -59,14 +59,40 @@ impl VirtualUnits for Units {
     }
 }
 
-impl Family for Moteus {
+/// Wires of the family.
+trait Wire {
+    const BAUD: u32;
+    const MARGIN_NS: u64;
+    const CHECKSUMS: Checksums;
+}
+
+/// Two units on one UART exist only here: the suite has two, and only a UART's lines have checksums.
+struct Uart;
+
+/// A USB adapter, whose packets have checksums of their own, and its lines none.
+struct Adapter;
+
+impl Wire for Uart {
+    const BAUD: u32 = 921_600;
+    const MARGIN_NS: u64 = UART_MARGIN_NS;
+    const CHECKSUMS: Checksums = Checksums::Required;
+}
+
+impl Wire for Adapter {
+    const BAUD: u32 = 0;
+    const MARGIN_NS: u64 = USB_MARGIN_NS;
+    const CHECKSUMS: Checksums = Checksums::Absent;
+}
+
+struct Moteus<W>(PhantomData<W>);
+
+impl<W: Wire> Family for Moteus<W> {
     type Units = Units;
     type Bus = Bus<Pipe<Clockwork<Units>>>;
-    // Two units on one UART exist only here: the suite has two, and only a UART's lines have checksums.
-    const BAUD: u32 = 921_600;
+    const BAUD: u32 = W::BAUD;
     const MOTORS: usize = 1;
     // Frames and answers of two units have 340 bytes.
-    const ANSWER_NS: u64 = UART_MARGIN_NS + 4_000_000;
+    const ANSWER_NS: u64 = W::MARGIN_NS + 4_000_000;
     // A unit in fault is commanded, stopped and commanded again.
     const EXCHANGES: u32 = 3;
     const COUNTER_WRAPS: bool = false;
@@ -74,14 +100,14 @@ impl Family for Moteus {
     fn units(count: usize) -> Units {
         let options = |unit| UnitOptions { rounds_position: false, ..UnitOptions::new(address(unit)) };
         let units = (0..count).map(|unit| Unit::new(options(unit))).collect();
-        Units(UnitBus::new(units, Checksums::Required))
+        Units(UnitBus::new(units, W::CHECKSUMS))
     }
     fn bus(pipe: Pipe<Clockwork<Units>>, count: usize) -> Self::Bus {
         let unit = |unit| UnitConfig { address: address(unit), watchdog_ms: WATCHDOG_MS as u16, bound: BOUND };
         let config = BusConfig {
-            baud: Self::BAUD,
-            margin_ns: UART_MARGIN_NS,
-            checksums: Checksums::Required,
+            baud: W::BAUD,
+            margin_ns: W::MARGIN_NS,
+            checksums: W::CHECKSUMS,
             units: (0..count).map(unit).collect(),
             stop_pin: None,
         };
@@ -92,4 +118,30 @@ impl Family for Moteus {
     }
 }
 
-drive_conformance::conformance!(Moteus);
+mod uart {
+    drive_conformance::conformance!(super::Moteus<super::Uart>);
+}
+
+/// Without the cases in which bytes are lost or changed: the packets of USB do not let that happen.
+mod adapter {
+    drive_conformance::conformance!(super::Moteus<super::Adapter>:
+        commands_reach_the_motors,
+        a_command_that_the_family_lacks_is_refused,
+        a_number_that_is_no_speed_moves_nothing,
+        readings_are_fresh_and_complete,
+        nothing_is_sent_after_the_deadline,
+        a_unit_is_used_only_with_its_watchdog_read_back,
+        a_unit_that_keeps_another_watchdog_is_refused,
+        motors_stop_by_the_watchdog_when_commands_cease,
+        an_emergency_stop_is_reported_and_stops_the_motors,
+        a_restart_is_counted_and_interlocked,
+        a_restart_around_a_refused_watchdog_is_counted,
+        a_late_answer_never_answers_a_later_question,
+        swapped_answers_are_told_apart,
+        a_silent_unit_costs_the_others_little,
+        an_unplugged_port_is_lost_at_once_and_comes_back_interlocked,
+        a_restart_behind_an_unplugged_port_is_counted,
+        counts_continue_when_the_counter_wraps,
+        a_unit_that_moves_at_the_start_is_interlocked_and_counted
+    );
+}

@@ -96,6 +96,20 @@ pub fn a_lost_answer_costs_few_cycles<F: Family>() {
 /// An answer that arrives after its cycle answers nothing.
 pub fn a_late_answer_never_answers_a_later_question<F: Family>() {
     let late = |late, late_ns| Faults { late, late_ns, ..Faults::default() };
+    // One late answer leaves no further questions behind it.
+    let mut robot = Robot::<F>::connected(F::UNITS);
+    let mut asked_in_ten_cycles = || {
+        let before = robot.bus.counters().exchanges;
+        robot.cycles(10, Command::HOLD);
+        let asked = robot.bus.counters().exchanges - before;
+        F::pipe(&mut robot.bus).set_faults(late(1.0, 13 * MS), 0);
+        robot.cycle(Command::HOLD);
+        F::pipe(&mut robot.bus).set_faults(Faults::default(), 0);
+        robot.cycles(5, Command::HOLD);
+        asked
+    };
+    let (quiet, after) = (asked_in_ten_cycles(), asked_in_ten_cycles());
+    assert!(after <= quiet + 1, "{after} questions in ten cycles after a late answer, {quiet} before");
     endure_faults::<F>(&[
         ("1 % late by 13 ms", late(0.01, 13 * MS)),
         ("2 % late by 35 ms", late(0.02, 35 * MS)),
