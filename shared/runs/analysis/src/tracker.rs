@@ -54,7 +54,8 @@ impl Cycle<'_> {
         let (now, then) = (self.authority, self.next?);
         let span = then.header.stamp_ns.saturating_sub(now.header.stamp_ns).max(1) as f64;
         let share = stamp_ns.saturating_sub(now.header.stamp_ns) as f64 / span;
-        let plan_time_s = now.plan_time_s + share * (then.plan_time_s - now.plan_time_s);
+        let (now_s, then_s) = (sampled_at_s(now), sampled_at_s(then));
+        let plan_time_s = now_s + share * (then_s - now_s);
         segment_at(self.segments, plan_time_s).map(|segment| segment.setpoint(plan_time_s))
     }
 }
@@ -195,8 +196,9 @@ impl Tracker {
         let following = authority.mode == MotorAuthority::MODE_FOLLOWING;
         let motion = self.motions.get(&authority.motion).filter(|_| following);
         let segments = motion.map_or(&[][..], |motion| &motion.segments);
-        let segment = segment_at(segments, authority.plan_time_s);
-        let setpoint = segment.map(|segment| segment.setpoint(authority.plan_time_s));
+        let plan_time_s = sampled_at_s(authority);
+        let segment = segment_at(segments, plan_time_s);
+        let setpoint = segment.map(|segment| segment.setpoint(plan_time_s));
         let moving = setpoint
             .is_some_and(|setpoint| !setpoint.at_rest && setpoint.velocity.norm() * authority.plan_rate > MOVING_M_S);
         each(&Cycle {
@@ -213,6 +215,12 @@ impl Tracker {
             segments,
         });
     }
+}
+
+/// Returns the plan time at which the counts of a cycle were read, s. The plan clock is stated for the beginning of the
+/// cycle, when its commands are sent.
+fn sampled_at_s(authority: &MotorAuthority) -> f64 {
+    authority.plan_time_s + authority.plan_rate * authority.bus_ns as f64 * 1e-9
 }
 
 /// Returns whether the plan clock ran continuously between these cycles.
