@@ -1,6 +1,5 @@
 //! Flights in lockstep, written into a run file in the format of the recorder.
 
-use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -8,97 +7,11 @@ use anyhow::Result;
 use config::{ControlLaw, ControllerSection, EstimatorMethod, EstimatorSection, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::EstimatorConfig;
-use messages::{Message, Request, SLOT_NAMES, Slot, SlotRole};
-use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunWriter};
+use messages::{Request, Slot, SlotRole};
+use nims_sim::Tape;
 
-use crate::lockstep::{Chain, Cycle, Lockstep, Slots};
+use crate::lockstep::{Chain, Lockstep};
 use crate::scenarios::Case;
-
-/// Cycles between two samples of `energy`, as in motor-io.
-const ENERGY_CYCLES: u64 = 10;
-/// Start time of every such flight, UNIX time, ns; fixed, so that the file always has the same bytes.
-const BEGAN_UNIX_NS: u64 = 1_767_225_600_000_000_000;
-
-/// A run file that is being written.
-pub struct Tape {
-    writer: RunWriter,
-    channels: HashMap<String, (ChannelId, u64)>,
-    beat: u64,
-}
-
-impl Tape {
-    /// Begins a file with the system file at `system_path` and its robot file inside.
-    ///
-    /// # Errors
-    /// If the files are wrong.
-    pub fn new(path: &Path, system_path: &Path) -> Result<Self> {
-        let robot = SystemFile::load(system_path)?.robot;
-        let attachment = |name: &str, path: &Path| -> Result<Attachment> {
-            Ok(Attachment { name: name.into(), media_type: "application/toml".into(), data: fs::read(path)? })
-        };
-        let attachments = [attachment("system.toml", system_path)?, attachment("robot.toml", &robot)?];
-        let clock = RunClock { t0_unix_ns: BEGAN_UNIX_NS, t0_mono_ns: 0 };
-        let writer = RunWriter::create(path, clock, &Default::default(), &attachments)?;
-        Ok(Self { writer, channels: HashMap::new(), beat: 0 })
-    }
-
-    /// Numbers a sample and writes it.
-    ///
-    /// # Errors
-    /// If writing fails.
-    pub fn write<T: Message>(&mut self, channel: &str, mut sample: T) -> Result<()> {
-        if !self.channels.contains_key(channel) {
-            let id = self.writer.add_channel(&ChannelSpec::for_type::<T>(channel))?;
-            self.channels.insert(channel.to_owned(), (id, 0));
-        }
-        let Some((id, seq)) = self.channels.get_mut(channel) else { return Ok(()) };
-        *seq += 1;
-        sample.header_mut().seq = *seq;
-        let stamp_ns = sample.header().stamp_ns;
-        Ok(self.writer.write(*id, *seq, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample))?)
-    }
-
-    /// Counts a sample that was published and not recorded.
-    pub fn miss(&mut self, channel: &str) {
-        if let Some((_, seq)) = self.channels.get_mut(channel) {
-            *seq += 1;
-        }
-    }
-
-    /// Writes everything that a cycle produced.
-    ///
-    /// # Errors
-    /// If writing fails.
-    pub fn cycle(&mut self, cycle: &Cycle, slots: &Slots) -> Result<()> {
-        self.write("motor/input", cycle.input)?;
-        self.write("motor/state", cycle.state)?;
-        self.write("motor/authority", cycle.authority)?;
-        self.write("motor/slots", cycle.slots)?;
-        if cycle.input.header.cycle.is_multiple_of(ENERGY_CYCLES) {
-            self.write("energy", cycle.energy)?;
-        }
-        for (slot, estimate) in slots.estimates() {
-            self.write(&format!("node/estimate/{}", SLOT_NAMES[slot]), *estimate)?;
-        }
-        for output in slots.outputs() {
-            self.write(&format!("motor/command/{}", SLOT_NAMES[output.slot]), output.command)?;
-            self.write(&format!("control/status/{}", SLOT_NAMES[output.slot]), output.status)?;
-        }
-        if cycle.motion.beat != self.beat {
-            self.beat = cycle.motion.beat;
-            self.write("plan/motion", cycle.motion)?;
-        }
-        Ok(())
-    }
-
-    /// Closes the file.
-    ///
-    /// # Errors
-    /// If writing fails.
-    pub fn finish(self) -> Result<PathBuf> {
-        Ok(self.writer.finish(&Default::default())?)
-    }
-}
 
 /// A flight with all kinds of events: zeroing, arming, moving, a swap of the controllers, a pause, the death of the
 /// estimator in charge, a stop.

@@ -1,11 +1,11 @@
 //! Runs of any length with everything that a report shows: missions in lockstep, their truth, a sensor.
 
 use anyhow::Result;
-use messages::{PlanStatus, Reading, Request, TruthNode, put_text};
+use messages::{PlanStatus, Reading, Request, put_text};
+use nims_sim::{Tape, true_node};
 use std::path::Path;
 
 use crate::lockstep::{Cycle, Lockstep};
-use crate::record::Tape;
 use crate::scenarios::Case;
 
 /// Cycles between two readings of the sensor, and between two progress samples of the planner.
@@ -60,18 +60,4 @@ fn height(cycle: &Cycle) -> Reading {
     put_text(&mut reading.quantity, "height");
     put_text(&mut reading.unit, "m");
     reading
-}
-
-fn true_node(cycle: &Cycle) -> TruthNode {
-    let mut node = TruthNode {
-        header: cycle.state.header,
-        position_m: cycle.truth_m,
-        velocity_m_s: cycle.truth_m_s,
-        cable_count: cycle.state.cable_count,
-        ..TruthNode::default()
-    };
-    for (into, tension_n) in node.tension_n.iter_mut().zip(cycle.truth_n.iter()) {
-        *into = *tension_n;
-    }
-    node
 }

@@ -12,6 +12,7 @@ mod controller;
 mod custom_law;
 mod instant;
 mod law;
+pub mod lockstep;
 mod preview;
 pub mod process;
 mod retune;

@@ -9,13 +9,23 @@ use messages::{
 };
 use runtime::{Args, BadInput, Change, Chassis, FirstOutput, Program, Tuning};
 
-use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law};
+use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law, lockstep};
 
 /// Runs a whole process with a custom law.
 ///
 /// Horizon, limits and tension distribution are those of `[controller]` in the system file; its `law` is not used.
-/// `program` is [`program!()`](crate::program), so that the run identifies the program and not nims.
-pub fn main_with(program: Program, law: Box<dyn CableLaw>) -> ExitCode {
+/// `program` is [`program!()`](crate::program), so that the run identifies the program and not nims. With
+/// [`lockstep::ARGUMENT`] the same program answers `nims sim` instead.
+pub fn main_with(program: Program, mut law: Box<dyn CableLaw>) -> ExitCode {
+    if std::env::args().any(|argument| argument == lockstep::ARGUMENT) {
+        return match lockstep::serve(law.as_mut(), std::io::stdin().lock(), std::io::stdout().lock()) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(error) => {
+                eprintln!("{error:#}");
+                ExitCode::FAILURE
+            }
+        };
+    }
     runtime::main("controller", move |_: &Args, chassis| {
         chassis.is_program(&program);
         let config = config(chassis, None)?;

@@ -299,7 +299,7 @@ fn planned(answer: &OperatorRequest) -> Answer<Output> {
 /// The mission cannot be read or flown, or the request is refused or not answered.
 fn run(link: &RobotLink, asked: &RunArgs) -> Answer<Output> {
     let file = system_of(link)?;
-    let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
+    let path = command::mission_path(&asked.mission, Some(&file.planner.missions))?;
     let text = MissionText::read(&path)?;
     if let Some(why) = client::unrecorded(link)?.filter(|_| !asked.unrecorded) {
         return Err(Failure::NotNow(format!(
@@ -331,7 +331,7 @@ fn dry_run(place: Place<'_>, asked: &RunArgs) -> Answer<Output> {
             Failure::BadInput("the start of the mission is unknown; give it with --from X,Y,Z".to_owned())
         })?,
     };
-    let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
+    let path = command::mission_path(&asked.mission, Some(&file.planner.missions))?;
     let mission = Mission::read(&path).map_err(Failure::bad)?;
     Ok(match commissioning::check::fly(&mission, &file, &from) {
         Ok(flight) => {
@@ -345,24 +345,6 @@ fn dry_run(place: Place<'_>, asked: &RunArgs) -> Answer<Output> {
             format!("mission \"{}\" cannot be flown: {why}", mission.name),
         ),
     })
-}
-
-/// Returns the path of a mission file given by path, or by name in the missions folder of the system.
-///
-/// # Errors
-/// There is no such file.
-pub fn mission_path(asked: &Path, missions: Option<&Path>) -> Answer<PathBuf> {
-    let mut candidates = vec![asked.to_path_buf()];
-    if let Some(folder) = missions {
-        candidates.push(folder.join(asked));
-        candidates.push(folder.join(asked).with_extension("toml"));
-    }
-    let Some(found) = candidates.iter().find(|path| path.is_file()).or(candidates.iter().find(|path| path.exists()))
-    else {
-        let beside = missions.map(|folder| format!(", nor in {}", folder.display())).unwrap_or_default();
-        return Err(Failure::BadInput(format!("there is no mission file {}{beside}", asked.display())));
-    };
-    std::path::absolute(found).map_err(Failure::bad)
 }
 
 /// Returns the position of the node, if known.

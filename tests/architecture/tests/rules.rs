@@ -9,12 +9,13 @@ use std::path::PathBuf;
 
 /// Crates of `shared/` and `tests/` that link the services' pure libraries, and the command. No other crate does, and
 /// no service links these.
-const LINKS_SERVICES: [&str; 10] = [
+const LINKS_SERVICES: [&str; 11] = [
     "lockstep",
     "replay",
     "commissioning",
     "nims-bench",
     "nims-paper",
+    "nims-sim",
     "nims-truth",
     "nims-manual",
     "nims",

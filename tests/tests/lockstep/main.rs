@@ -29,6 +29,7 @@ mod planar;
 mod replay;
 mod report;
 mod scale;
+mod sim;
 mod takeover;
 mod touch_down;
 mod tuning;

@@ -2,9 +2,10 @@
 
 use config::SystemFile;
 use messages::Request;
+use nims_sim::Tape;
 use nims_tests::golden;
 use nims_tests::lockstep::{Chain, ControllerOutput, Cycle, Lockstep};
-use nims_tests::record::{self, Tape};
+use nims_tests::record;
 use nims_tests::scenarios::Case;
 use replay::{Changes, ChannelComparison, Replayed, run};
 use std::path::{Path, PathBuf};

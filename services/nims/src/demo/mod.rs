@@ -3,7 +3,7 @@
 mod flying;
 mod robot;
 
-use crate::operate::{self, MissionText};
+use crate::operate::MissionText;
 use analysis::accuracy::{self, Analysis};
 use analysis::report::world_of;
 use analysis::{accuracy_plot, portrait};
@@ -58,7 +58,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
         )));
     };
     let path =
-        operate::mission_path(args.mission.as_deref().unwrap_or(&file.planner.demo), Some(&file.planner.missions))?;
+        command::mission_path(args.mission.as_deref().unwrap_or(&file.planner.demo), Some(&file.planner.missions))?;
     let text = MissionText::read(&path)?;
     let mission = &text.mission;
     let flight = check::fly(mission, &file, &start)?;

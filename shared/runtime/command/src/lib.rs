@@ -11,6 +11,7 @@
 #![forbid(unsafe_code)]
 
 mod failure;
+mod missions;
 mod output;
 pub mod points;
 mod program;
@@ -18,6 +19,7 @@ mod signals;
 pub mod values;
 
 pub use failure::{Answer, Failure};
+pub use missions::mission_path;
 pub use output::{Output, print_line};
 pub use program::main;
 pub use signals::{SIGNAL, StopFlag, stop_flag};

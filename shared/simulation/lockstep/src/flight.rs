@@ -10,6 +10,8 @@ use messages::{
 use planner::Mission;
 use plant::PlantConfig;
 
+use crate::slots::Slots;
+
 /// One flight: the robot as configured in the software, the plant, and the mission.
 #[derive(Debug, Clone)]
 pub struct Scenario {
@@ -77,34 +79,14 @@ pub struct Flight {
     pub unsteered: u64,
     /// Largest saturation of the cable speeds.
     pub saturation: f64,
+    /// Largest change of a cable's command from one cycle to the next, m/s.
+    pub step_m_s: f64,
+    /// Energy that the motors took from the supply during the mission, J.
+    pub energy_j: f64,
     /// Final true position and setpoint, m.
     pub end_m: [[f64; 3]; 2],
     /// Last state of the planner.
     pub state: u8,
-}
-
-/// Accumulates distances.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Sum {
-    squares: f64,
-    pub max: f64,
-    pub count: u64,
-}
-
-impl Sum {
-    pub fn add(&mut self, value: f64) {
-        self.squares += value * value;
-        self.max = self.max.max(value.abs());
-        self.count += 1;
-    }
-
-    pub fn rms(&self) -> f64 {
-        if self.count == 0 { 0.0 } else { (self.squares / self.count as f64).sqrt() }
-    }
-
-    pub fn deviation(&self) -> Deviation {
-        Deviation { rms_m: self.rms(), max_m: self.max }
-    }
 }
 
 /// All results of a cycle, for detailed checks.
@@ -140,6 +122,15 @@ pub struct Cycle {
     pub truth_m_s: [f64; 3],
     /// True tensions at the time of the estimate, N.
     pub truth_n: CableVec,
+}
+
+/// A cycle and the processes that computed it, for an observer of a flight.
+#[derive(Clone, Copy)]
+pub struct Observed<'a> {
+    /// Results of the cycle.
+    pub cycle: &'a Cycle,
+    /// Controllers and estimators.
+    pub slots: &'a Slots,
 }
 
 impl Cycle {

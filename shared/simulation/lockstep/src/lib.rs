@@ -6,22 +6,22 @@ mod chain;
 mod flight;
 mod lives;
 mod slots;
+mod tally;
 
 pub use chain::{Chain, core_config};
-pub use flight::{Cycle, Deviation, Flight, Scenario};
+pub use flight::{Cycle, Deviation, Flight, Observed, Scenario};
 pub use slots::{ControllerOutput, Slots};
 
 use anyhow::{Context, Result, ensure};
-use cable_robot::{CableVec, Vector3};
+use cable_robot::CableVec;
 use controller::{Controller, Notice};
 use messages::{CABLES, Header, MotorAuthority, MotorInput, NodeEstimate, PlanMotion, PlanStatus, Request, UNITS};
 use motor_io::{Answer, Core, Setpoints};
 use planner::{Mission, Planner};
 use plant::{MotorInput as DriveInput, Plant};
 use robot_state::Reason;
-use segments::motion_of;
 
-use crate::flight::Sum;
+use crate::tally::Tally;
 
 // Lengths of the same arrays.
 const _: () = assert!(plant::MAX_CABLES == messages::CABLES);
@@ -158,17 +158,27 @@ impl Lockstep {
 
     /// Zeroes motor-io at the true position of the node, and arms.
     pub fn zero_and_arm(&mut self) -> Result<()> {
-        self.cycle()?;
-        let [x, y, z] = self.plant.position_m();
-        self.request(Request::ZeroAt { position_m: [x, y, z] });
-        self.cycle()?;
+        self.zero_and_arm_observed(&mut |_| Ok(()))
+    }
+
+    fn zero_and_arm_observed(&mut self, observe: &mut impl FnMut(&Observed<'_>) -> Result<()>) -> Result<()> {
+        self.observed_cycle(observe)?;
+        let position_m = self.plant.position_m();
+        self.request(Request::ZeroAt { position_m });
+        self.observed_cycle(observe)?;
         self.request(Request::Arm);
         for _ in 0..50 {
-            self.cycle()?;
+            self.observed_cycle(observe)?;
         }
         let mode = self.authority.map_or(0, |authority| authority.mode);
         ensure!(mode == MotorAuthority::MODE_HOLDING, "the robot is in mode {mode} after arming");
         Ok(())
+    }
+
+    fn observed_cycle(&mut self, observe: &mut impl FnMut(&Observed<'_>) -> Result<()>) -> Result<Cycle> {
+        let cycle = self.cycle()?;
+        observe(&Observed { cycle: &cycle, slots: &self.slots })?;
+        Ok(cycle)
     }
 
     /// Starts a mission in the planner, which publishes it immediately.
@@ -301,66 +311,27 @@ pub fn fly(scenario: Scenario) -> Result<Flight> {
 
 /// Flies the whole scenario with a modified chain.
 pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Result<Flight> {
+    let chain = change(Chain::new(&scenario)?);
+    fly_chain(scenario, chain, |_| Ok(()))
+}
+
+/// Flies the whole scenario with this chain; `observe` sees each cycle after it was computed.
+pub fn fly_chain(
+    scenario: Scenario,
+    chain: Chain,
+    mut observe: impl FnMut(&Observed<'_>) -> Result<()>,
+) -> Result<Flight> {
     let mission = scenario.mission.clone();
     let longest = (scenario.longest_s / scenario.period_s) as u64;
-    let chain = change(Chain::new(&scenario)?);
     let mut lockstep = Lockstep::with(scenario, chain)?;
-    lockstep.zero_and_arm()?;
+    lockstep.zero_and_arm_observed(&mut observe)?;
     lockstep.run(&mission).context("the planner rejected the mission")?;
-    let [mut estimate, mut truth, mut between, mut stated, mut velocity, mut tension] = [Sum::default(); 6];
-    let (mut share, mut low, mut high, mut slack, mut saturation) = (0.0f64, f64::INFINITY, 0.0f64, 0, 0.0f64);
-    let (mut last, mut covered) = (None, 0);
+    let mut tally = Tally::default();
     for cycles in 1..=longest {
-        let cycle = lockstep.cycle()?;
-        let Cycle { authority, .. } = &cycle;
-        // Evaluate the setpoint at the time at which the truth was sampled.
-        let since_s = (cycle.state.header.stamp_ns - cycle.input.begin_ns) as f64 * 1e-9;
-        let time_s = authority.plan_time_s + authority.plan_rate * since_s;
-        let moving = motion_of(&cycle.motion).map(|motion| motion.setpoint(time_s));
-        if let Some(setpoint) = moving
-            && authority.mode == MotorAuthority::MODE_FOLLOWING
-            && !setpoint.at_rest
-        {
-            ensure!(cycle.estimate.valid == 1, "the estimate of cycle {} is not valid", authority.header.cycle);
-            let (actual, estimated) = (Vector3::from(cycle.truth_m), Vector3::from(cycle.estimate.position_m));
-            estimate.add((estimated - setpoint.position).norm());
-            truth.add((actual - setpoint.position).norm());
-            between.add((actual - estimated).norm());
-            covered += u64::from(cycle.covers_truth());
-            stated.add(cycle.stated_m());
-            velocity.add((Vector3::from(cycle.truth_m_s) - Vector3::from(cycle.estimate.velocity_m_s)).norm());
-            saturation = saturation.max(cycle.control.saturation);
-            for (true_n, chosen) in cycle.truth_n.iter().zip(&cycle.control.tension_n) {
-                let error = true_n - chosen;
-                tension.add(error);
-                share = share.max(error.abs() / (0.15 * chosen).max(2.0));
-                low = low.min(*true_n);
-                high = high.max(*true_n);
-            }
-            slack += u64::from(cycle.truth_n.iter().any(|t| *t <= 0.0));
-            last = Some([cycle.truth_m, setpoint.position.into()]);
-        }
-        let state = cycle.plan.state;
-        if matches!(state, PlanStatus::STATE_DONE | PlanStatus::STATE_ABORTED) {
-            return Ok(Flight {
-                moving_cycles: estimate.count,
-                cycles,
-                estimate: estimate.deviation(),
-                truth: truth.deviation(),
-                between: between.deviation(),
-                covered: covered as f64 / estimate.count as f64,
-                stated: stated.deviation(),
-                velocity_rms_m_s: velocity.rms(),
-                tension_max_n: tension.max,
-                tension_rms_n: tension.rms(),
-                tension_share: share,
-                tension_range_n: [low, high],
-                slack_cycles: slack,
-                unsteered: cycle.authority.unsteered(),
-                saturation,
-                end_m: last.context("nothing moved")?,
-                state,
-            });
+        let cycle = lockstep.observed_cycle(&mut observe)?;
+        tally.add(&cycle)?;
+        if matches!(cycle.plan.state, PlanStatus::STATE_DONE | PlanStatus::STATE_ABORTED) {
+            return tally.finish(cycles, &cycle);
         }
     }
     anyhow::bail!("the mission did not end within {} s", longest as f64 * lockstep.scenario.period_s)

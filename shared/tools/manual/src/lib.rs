@@ -1,7 +1,7 @@
 //! Man pages and shell completions of the command `nims`, made from the definitions of its arguments.
 //!
 //! A program of its own: what makes these files is not part of a program that runs on a control box. The programs that
-//! `nims` runs as its commands (`up`, `bench`, `paper`, `truth`) are included with their own arguments.
+//! `nims` runs as its commands (`up`, `bench`, `paper`, `sim`, `truth`) are included with their own arguments.
 //!
 //! Invariant: the same definitions give the same bytes; no date and no path of this machine is in them.
 #![forbid(unsafe_code)]
@@ -28,6 +28,7 @@ pub fn complete_command() -> clap::Command {
         command = command.subcommand(match name {
             "bench" => nims_bench::Args::augment_args(program),
             "paper" => nims_paper::Args::augment_args(program),
+            "sim" => nims_sim::Args::augment_args(program),
             "truth" => nims_truth::Args::augment_args(program),
             _ => program,
         });
@@ -106,9 +107,13 @@ mod tests {
     #[test]
     fn programs_beside_nims_are_included_with_their_own_arguments() {
         let files = written();
-        for (command, option) in
-            [("up", "\\-\\-for"), ("bench", "\\-\\-seconds"), ("paper", "\\-\\-out"), ("truth", "\\-\\-seed")]
-        {
+        for (command, option) in [
+            ("up", "\\-\\-for"),
+            ("bench", "\\-\\-seconds"),
+            ("paper", "\\-\\-out"),
+            ("sim", "\\-\\-sweep"),
+            ("truth", "\\-\\-seed"),
+        ] {
             let page = &files[&format!("man/nims-{command}.1")];
             assert!(page.contains(option), "{command}:\n{page}");
         }

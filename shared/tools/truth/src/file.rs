@@ -17,11 +17,12 @@ const PATHS: [(&str, &str, Option<&str>); 4] = [
 /// Significant digits of a drawn number: micrometres of an anchor, and far below any deviation.
 const DIGITS: usize = 7;
 
-/// Returns the text of the system file with the world, for a file in `folder`.
+/// Returns the system file as it has to be written into `folder`: relative paths are absolute, unless it stays in its
+/// folder.
 ///
 /// # Errors
-/// The system file cannot be read, or the world cannot be written as TOML.
-pub(crate) fn with_world(system: &Path, world: &TruthSection, folder: &Path) -> Answer<String> {
+/// The system file cannot be read.
+pub fn moved(system: &Path, folder: &Path) -> Answer<DocumentMut> {
     let text = fs::read_to_string(system).map_err(Failure::bad)?;
     let mut document: DocumentMut = text.parse().map_err(Failure::bad)?;
     let from = absolute(system.parent().unwrap_or(Path::new("")))?;
@@ -31,6 +32,15 @@ pub(crate) fn with_world(system: &Path, world: &TruthSection, folder: &Path) -> 
         }
         commands_absolute(document.as_table_mut(), &from);
     }
+    Ok(document)
+}
+
+/// Returns the text of the system file with the world, for a file in `folder`.
+///
+/// # Errors
+/// The system file cannot be read, or the world cannot be written as TOML.
+pub(crate) fn with_world(system: &Path, world: &TruthSection, folder: &Path) -> Answer<String> {
+    let mut document = moved(system, folder)?;
     let drawn = toml::to_string(world).map_err(Failure::not_now)?;
     let mut drawn: DocumentMut = drawn.parse().map_err(Failure::not_now)?;
     // A world without spread is the model to the last bit.

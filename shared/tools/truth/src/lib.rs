@@ -13,6 +13,7 @@ mod draw;
 mod file;
 
 pub use draw::{Options, draw};
+pub use file::moved;
 
 use command::{Answer, Failure, Output};
 use config::SystemFile;

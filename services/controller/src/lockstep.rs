@@ -1,0 +1,226 @@
+//! A law in a program of its own that answers over a pipe, cycle by cycle, for flights in lockstep (`nims sim`).
+//!
+//! Both sides write lines of JSON. The first line to the program is a [`Hello`], its answer a [`Parameters`]. Then
+//! each line is a [`Question`], and the answer the cable velocities in m/s, or `null` for no answer to this estimate.
+//! Numbers are written so that the same bits are read.
+
+use std::io::{self, BufRead, Write};
+use std::path::PathBuf;
+
+use cable_robot::elastic::Realisation;
+use cable_robot::{CableVec, Robot, Setpoint};
+use config::SystemFile;
+use messages::{CABLES, NodeEstimate};
+use serde::{Deserialize, Serialize};
+
+use crate::custom_law::{CableLaw, LawInput};
+
+/// Argument of a law's program that makes it answer over its standard input and output instead of the bus.
+pub const ARGUMENT: &str = "--lockstep";
+
+/// What is flown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Hello {
+    /// System file, with the robot file that it names.
+    pub system: PathBuf,
+    /// Number of cables.
+    pub cables: usize,
+}
+
+/// Parameters of the law, for the run file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Parameters {
+    /// As [`CableLaw::parameters`].
+    #[serde(default)]
+    pub parameters: String,
+}
+
+/// A setpoint.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Wanted {
+    /// Position, m.
+    pub position_m: [f64; 3],
+    /// Velocity, m/s.
+    pub velocity_m_s: [f64; 3],
+    /// Acceleration, m/s².
+    pub acceleration_m_s2: [f64; 3],
+    /// Segment of the motion.
+    pub segment_id: u64,
+    /// Arc length along it, m.
+    pub path_s_m: f64,
+    /// True before the start and after the end of the segment.
+    pub at_rest: bool,
+}
+
+/// What holds the node at a setpoint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Held {
+    /// Unstretched lengths, m.
+    pub unstretched_m: Vec<f64>,
+    /// Straight lengths, m.
+    pub lengths_m: Vec<f64>,
+    /// Tensions, N.
+    pub tensions_n: Vec<f64>,
+}
+
+/// The input of a law; see [`LawInput`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Question {
+    /// Slot of the estimate.
+    pub slot: usize,
+    /// Cycle of the estimate.
+    pub cycle: u64,
+    /// Period of the control cycle, s.
+    pub period_s: f64,
+    /// Time from `now` to `ahead`, s.
+    pub horizon_s: f64,
+    /// Estimated position, m.
+    pub position_m: [f64; 3],
+    /// Estimated velocity, m/s.
+    pub velocity_m_s: [f64; 3],
+    /// Covariance of the position, row by row, m².
+    pub covariance_m2: [f64; 9],
+    /// Estimated unstretched lengths, m.
+    pub lengths_m: Vec<f64>,
+    /// Estimated tensions, N.
+    pub tensions_n: Vec<f64>,
+    /// Desired unstretched lengths, m; `None` if the cables cannot hold the node at the setpoint.
+    pub desired_lengths_m: Option<Vec<f64>>,
+    /// Desired velocities of the unstretched lengths, m/s; `None` as above.
+    pub desired_velocities_m_s: Option<Vec<f64>>,
+    /// Setpoint at the instant of the estimate.
+    pub now: Wanted,
+    /// Setpoint at the end of the horizon.
+    pub ahead: Wanted,
+    /// What holds the node at `now`.
+    pub now_held: Option<Held>,
+    /// What holds the node at `ahead`.
+    pub ahead_held: Option<Held>,
+}
+
+impl From<&Setpoint> for Wanted {
+    fn from(setpoint: &Setpoint) -> Self {
+        Self {
+            position_m: setpoint.position.into(),
+            velocity_m_s: setpoint.velocity.into(),
+            acceleration_m_s2: setpoint.acceleration.into(),
+            segment_id: setpoint.segment_id,
+            path_s_m: setpoint.path_s_m,
+            at_rest: setpoint.at_rest,
+        }
+    }
+}
+
+impl From<Wanted> for Setpoint {
+    fn from(wanted: Wanted) -> Self {
+        Self {
+            position: wanted.position_m.into(),
+            velocity: wanted.velocity_m_s.into(),
+            acceleration: wanted.acceleration_m_s2.into(),
+            segment_id: wanted.segment_id,
+            path_s_m: wanted.path_s_m,
+            at_rest: wanted.at_rest,
+        }
+    }
+}
+
+impl From<&Realisation> for Held {
+    fn from(held: &Realisation) -> Self {
+        Self {
+            unstretched_m: held.unstretched_m.to_vec(),
+            lengths_m: held.lengths_m.to_vec(),
+            tensions_n: held.tensions_n.to_vec(),
+        }
+    }
+}
+
+impl Held {
+    fn realisation(&self) -> Option<Realisation> {
+        let vector = |values: &[f64]| CableVec::from_slice(values).ok();
+        Some(Realisation {
+            unstretched_m: vector(&self.unstretched_m)?,
+            lengths_m: vector(&self.lengths_m)?,
+            tensions_n: vector(&self.tensions_n)?,
+        })
+    }
+}
+
+impl From<&LawInput<'_>> for Question {
+    fn from(input: &LawInput<'_>) -> Self {
+        let cables = input.robot.cable_count();
+        Self {
+            slot: input.slot,
+            cycle: input.estimate.header.cycle,
+            period_s: input.period_s,
+            horizon_s: input.horizon_s,
+            position_m: input.estimate.position_m,
+            velocity_m_s: input.estimate.velocity_m_s,
+            covariance_m2: input.estimate.covariance_m2,
+            lengths_m: input.lengths_m().to_vec(),
+            tensions_n: input.estimate.tension_n.iter().take(cables).copied().collect(),
+            desired_lengths_m: input.desired_lengths_m().map(|lengths| lengths.to_vec()),
+            desired_velocities_m_s: input.desired_velocities_m_s().map(|speeds| speeds.to_vec()),
+            now: input.now.into(),
+            ahead: input.ahead.into(),
+            now_held: input.now_held.map(Held::from),
+            ahead_held: input.ahead_held.map(Held::from),
+        }
+    }
+}
+
+impl Question {
+    fn answer(&self, robot: &Robot, law: &mut dyn CableLaw) -> Option<CableVec> {
+        let mut estimate = NodeEstimate {
+            position_m: self.position_m,
+            velocity_m_s: self.velocity_m_s,
+            covariance_m2: self.covariance_m2,
+            cable_count: robot.cable_count() as u8,
+            valid: 1,
+            ..NodeEstimate::default()
+        };
+        estimate.header.cycle = self.cycle;
+        fill(&mut estimate.predicted_m, &self.lengths_m);
+        fill(&mut estimate.tension_n, &self.tensions_n);
+        let (now, ahead) = (self.now.into(), self.ahead.into());
+        let held = |held: &Option<Held>| held.as_ref().and_then(Held::realisation);
+        let (now_held, ahead_held) = (held(&self.now_held), held(&self.ahead_held));
+        law.velocity(&LawInput {
+            slot: self.slot,
+            robot,
+            period_s: self.period_s,
+            horizon_s: self.horizon_s,
+            estimate: &estimate,
+            now: &now,
+            ahead: &ahead,
+            now_held: now_held.as_ref(),
+            ahead_held: ahead_held.as_ref(),
+        })
+    }
+}
+
+fn fill(into: &mut [f64; CABLES], values: &[f64]) {
+    into.iter_mut().zip(values).for_each(|(into, value)| *into = *value);
+}
+
+/// Answers over these streams until the other side closes them.
+///
+/// # Errors
+/// A line that is none of this protocol, a system file that is not accepted, or a stream that fails.
+pub fn serve(law: &mut dyn CableLaw, questions: impl BufRead, mut answers: impl Write) -> anyhow::Result<()> {
+    let mut lines = questions.lines();
+    let Some(hello) = lines.next() else { return Ok(()) };
+    let Hello { system, .. } = serde_json::from_str(&hello?)?;
+    let robot = SystemFile::load(&system)?.robot_file()?.robot()?;
+    say(&mut answers, &Parameters { parameters: law.parameters() })?;
+    for line in lines {
+        let question: Question = serde_json::from_str(&line?)?;
+        say(&mut answers, &question.answer(&robot, law).map(|velocity| velocity.to_vec()))?;
+    }
+    Ok(())
+}
+
+fn say(answers: &mut impl Write, value: &impl Serialize) -> io::Result<()> {
+    serde_json::to_writer(&mut *answers, value)?;
+    answers.write_all(b"\n")?;
+    answers.flush()
+}

@@ -1,0 +1,121 @@
+//! One flight: the chain of the system file in its folder, and its run file.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use config::SystemFile;
+use controller::{Controller, Law};
+use estimator::Method;
+use lockstep::{Chain, Cycle, Flight, Observed, Scenario, fly_chain};
+use messages::MotorAuthority;
+use motor_box::BoxConfig;
+use planner::Mission;
+
+use crate::args::Args;
+use crate::law::ProgramLaw;
+use crate::tape::{Tape, true_node};
+
+/// Cycles between two samples of `plan/status`, about as in the planner's process.
+const SLOW_CYCLES: u64 = 10;
+/// Cycles between two points of a chart.
+const CHART_CYCLES: u64 = 5;
+
+/// How a flight ended.
+#[derive(Debug, Clone)]
+pub(crate) enum Ended {
+    /// The mission was flown, or the robot gave it up; the figures tell.
+    Done(Box<Flight>),
+    /// It could not be flown: why.
+    Failed(String),
+}
+
+/// A flight for the table and the charts.
+#[derive(Debug, Clone)]
+pub(crate) struct Flown {
+    pub ended: Ended,
+    /// Time since arming, s, and distances of estimate and truth to the setpoint, m.
+    pub distances: Vec<[f64; 3]>,
+    pub period_s: f64,
+}
+
+/// Flies the system file in `folder`, and records it there if the runs are kept.
+pub(crate) fn fly(folder: &Path, args: &Args) -> Flown {
+    let mut flown = Flown { ended: Ended::Failed(String::new()), distances: Vec::new(), period_s: 0.0 };
+    flown.ended = match try_fly(folder, args, &mut flown) {
+        Ok(flight) => Ended::Done(Box::new(flight)),
+        Err(error) => Ended::Failed(format!("{error:#}")),
+    };
+    flown
+}
+
+fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
+    let system = folder.join("system.toml");
+    let file = SystemFile::load(&system)?;
+    let (scenario, mut chain) = (scenario(&file, args)?, Chain::from_file(&file)?);
+    flown.period_s = scenario.period_s;
+    let mut complaint = None;
+    if let Some(program) = &args.program {
+        let law = ProgramLaw::start(program, &system, scenario.robot.cable_count())?;
+        complaint = Some(law.complaint());
+        chain.controller = Controller::with_law(*chain.controller.config(), Box::new(law));
+    }
+    let mut tape = match args.out {
+        Some(_) => Some(Tape::new(&folder.join("run.mcap"), &system)?),
+        None => None,
+    };
+    let flight = fly_chain(scenario, chain, |seen| {
+        // A law that fails would only bring the robot to rest.
+        if let Some(complaint) = complaint.as_ref().and_then(|complaint| complaint.lock().ok()?.clone()) {
+            anyhow::bail!(complaint);
+        }
+        flown.distances.extend(distances(seen.cycle));
+        tape.as_mut().map_or(Ok(()), |tape| record(tape, seen))
+    });
+    // A run that ended early is kept too: it shows why.
+    let closed = tape.map(Tape::finish).transpose();
+    let flight = flight?;
+    closed.context("the run file cannot be closed")?;
+    Ok(flight)
+}
+
+/// Everything of the flight but the chain, which is that of the system file.
+fn scenario(file: &SystemFile, args: &Args) -> Result<Scenario> {
+    let robot_file = file.robot_file()?;
+    let robot = robot_file.robot()?;
+    let asked = args.mission.as_deref().unwrap_or(&file.planner.demo);
+    let mission = command::mission_path(asked, Some(&file.planner.missions))?;
+    Ok(Scenario {
+        robot,
+        plant: BoxConfig::from_files(file, &robot_file, Path::new(""))?.plant,
+        mission: Mission::read(&mission)?,
+        period_s: file.period_s(),
+        law: Law::from_section(&file.controller)?,
+        horizon: u32::try_from(file.controller.horizon_cycles)?,
+        method: Method::from_section(&file.estimator)?,
+        stretch: true,
+        distribution: file.controller.distribution_for(&robot),
+        longest_s: args.longest,
+    })
+}
+
+fn record(tape: &mut Tape, seen: &Observed<'_>) -> Result<()> {
+    tape.cycle(seen.cycle, seen.slots)?;
+    if seen.cycle.input.header.cycle.is_multiple_of(SLOW_CYCLES) {
+        let mut plan = seen.cycle.plan;
+        plan.header.stamp_ns = seen.cycle.state.header.stamp_ns;
+        tape.write("plan/status", plan)?;
+    }
+    tape.write("truth/node", true_node(seen.cycle))
+}
+
+/// A point of the charts, in a cycle that has one.
+fn distances(cycle: &Cycle) -> Option<[f64; 3]> {
+    let following = cycle.authority.mode == MotorAuthority::MODE_FOLLOWING;
+    (following && cycle.input.header.cycle.is_multiple_of(CHART_CYCLES)).then(|| {
+        let setpoint = cycle.control.setpoint_m;
+        let distance =
+            |from: &[f64; 3]| from.iter().zip(setpoint).map(|(from, to)| (from - to) * (from - to)).sum::<f64>().sqrt();
+        let time_s = cycle.input.tick_ns as f64 * 1e-9;
+        [time_s, distance(&cycle.estimate.position_m), distance(&cycle.truth_m)]
+    })
+}

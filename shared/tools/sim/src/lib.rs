@@ -1,0 +1,108 @@
+//! `nims sim`: flights of a virtual robot in lockstep, side by side.
+//!
+//! A flight is the whole control chain of the system file (the decisions of motor-io, estimator, controller and
+//! planner) against the virtual world of its `[motor_box]`, cycle by cycle in one thread, without processes and without
+//! a clock.
+//! A flight differs from the others in values of the files ([`variants`]) and in its world.
+//!
+//! Invariants:
+//! * The same files, options and seeds give the same figures and the same samples, however many threads fly.
+//! * A value is set in a copy of the files, which are then read and checked as always: `nims sim` accepts what
+//!   `nims up` accepts, and flies it with the same numbers.
+//! * A flight that fails says why in the table; the others go on.
+#![forbid(unsafe_code)]
+
+mod args;
+mod files;
+mod fly;
+mod law;
+mod page;
+mod table;
+mod tape;
+pub mod variants;
+
+pub use args::Args;
+pub use tape::{Tape, true_node};
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use command::{Answer, Failure, Output};
+use files::{cannot_write, write};
+use fly::{Ended, Flown};
+use indicatif::{ProgressBar, ProgressStyle};
+use variants::Variant;
+
+/// Flies every variant and returns their table.
+///
+/// # Errors
+/// A file or an option that is not accepted, a folder that cannot be written; and, beside the table, a flight that did
+/// not reach the end of its mission.
+pub fn run(args: &Args) -> Answer<Output> {
+    let variants = args.variants()?;
+    // The folder of a table alone is needed only while it flies.
+    let (_temporary, folder) = match &args.out {
+        Some(out) => (None, out.clone()),
+        None => {
+            let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+            let path = folder.path().to_path_buf();
+            (Some(folder), path)
+        }
+    };
+    let folders = variants.iter().map(|variant| prepare(variant, args, &folder)).collect::<Answer<Vec<PathBuf>>>()?;
+    let progress = progress(variants.len());
+    let flown = fly_all(args, &folders, &progress)?;
+    let rows: Vec<(&Variant, &Flown)> = variants.iter().zip(&flown).collect();
+    let value = table::json(&rows);
+    if args.out.is_some() {
+        let text = format!("{value:#}\n");
+        write(&folder.join("sim.json"), text)?;
+        page::write(&folder, &rows)?;
+    }
+    let failed = rows.iter().filter(|(_, flown)| !matches!(flown.ended, Ended::Done(_))).count();
+    let failure = (failed > 0)
+        .then(|| Failure::NotNow(format!("{failed} of {} flights did not reach the end of the mission", rows.len())));
+    Ok(Output::new(value, table::text(&rows, args.out.as_deref())).failing(failure))
+}
+
+/// Writes the files of a variant into a folder of its own below `out`, and returns that folder.
+fn prepare(variant: &Variant, args: &Args, out: &Path) -> Answer<PathBuf> {
+    let folder = out.join(variant.folder_name());
+    fs::create_dir_all(&folder).map_err(|error| cannot_write(&folder, &error))?;
+    variant.write(&args.system, &folder)?;
+    Ok(folder)
+}
+
+/// Flies in as many threads as there are processors.
+fn fly_all(args: &Args, folders: &[PathBuf], progress: &ProgressBar) -> Answer<Vec<Flown>> {
+    let next = AtomicUsize::new(0);
+    let flown: Mutex<Vec<Option<Flown>>> = Mutex::new(folders.iter().map(|_| None).collect());
+    let work = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(folder) = folders.get(index) else { return };
+            let ended = fly::fly(folder, args);
+            progress.inc(1);
+            if let Ok(mut flown) = flown.lock() {
+                flown[index] = Some(ended);
+            }
+        }
+    };
+    let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    std::thread::scope(|scope| {
+        for _ in 0..args.jobs.unwrap_or(processors).min(folders.len()) {
+            scope.spawn(work);
+        }
+    });
+    progress.finish_and_clear();
+    let early = || Failure::NotNow("a flight ended early".to_owned());
+    let flown = flown.into_inner().map_err(|_| early())?;
+    flown.into_iter().map(|flown| flown.ok_or_else(early)).collect()
+}
+
+fn progress(flights: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} flights, {elapsed}, {eta} left");
+    ProgressBar::new(flights as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}

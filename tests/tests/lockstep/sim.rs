@@ -1,0 +1,123 @@
+//! `nims sim`: its figures are those of the same flight made by hand, its runs those of the recorder, and a law in a
+//! program of its own flies as one that is built in.
+
+use clap::Parser;
+use command::Output;
+use nims_sim::Args;
+use nims_tests::lockstep::{Chain, fly_chain};
+use nims_tests::scenarios::planar;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+#[derive(Parser)]
+struct Cli {
+    #[command(flatten)]
+    args: Args,
+}
+
+fn project() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// Flies with these options after the system file.
+fn fly(system: &str, options: &[&str]) -> Output {
+    let system = project().join("configs/systems").join(system).with_extension("toml");
+    let words = ["sim", system.to_str().unwrap()].into_iter().chain(options.iter().copied());
+    nims_sim::run(&Cli::parse_from(words).args).unwrap()
+}
+
+fn flights(output: &Output) -> Vec<Value> {
+    output.value["flights"].as_array().unwrap().clone()
+}
+
+fn number(value: &Value, pointer: &str) -> f64 {
+    value.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("{pointer} in {value}"))
+}
+
+/// The oracle is the flight that tests of the chain make.
+#[test]
+fn the_figures_are_those_of_the_chain_of_the_system_file() {
+    let output = fly("aq4", &[]);
+    let [flight] = &flights(&output)[..] else { panic!("{}", output.value) };
+    let file = config::SystemFile::load(&project().join("configs/systems/aq4.toml")).unwrap();
+    let by_hand = fly_chain(planar().unwrap(), Chain::from_file(&file).unwrap(), |_| Ok(())).unwrap();
+    assert_eq!(number(flight, "/tracking/rms_m"), by_hand.estimate.rms_m);
+    assert_eq!(number(flight, "/truth/max_m"), by_hand.truth.max_m);
+    assert_eq!(number(flight, "/energy_j"), by_hand.energy_j);
+    assert_eq!(flight["completed"], true);
+    assert!(output.failure.is_none());
+}
+
+#[test]
+fn a_sweep_flies_every_combination_with_its_values() {
+    let sweep = ["--sweep", "controller.law=lq-endpoint,p-feedforward", "--set", "robot.net_weight_n=15.0"];
+    let output = fly("aq4", &[&sweep[..], &["--world", "1..2"]].concat());
+    let found = flights(&output);
+    assert_eq!(found.len(), 4);
+    let rms: Vec<f64> = found.iter().map(|flight| number(flight, "/tracking/rms_m")).collect();
+    // The laws differ more than the worlds, in which both follow their estimate.
+    assert!(rms[2] > 1.5 * rms[0] && rms[3] > 1.5 * rms[1], "{rms:?}");
+    assert!(number(&found[0], "/truth/rms_m") != number(&found[1], "/truth/rms_m"));
+    // A heavier node hangs on tighter cables.
+    let floating = flights(&fly("aq4", &["--world", "1"]));
+    assert!(number(&found[0], "/tension_n/1") > number(&floating[0], "/tension_n/1"));
+}
+
+#[test]
+fn a_run_is_one_that_reports_and_replays_open() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("flights");
+    let output = fly("aq4", &["--set", "controller.law=preview", "--out", out.to_str().unwrap()]);
+    let [flight] = &flights(&output)[..] else { panic!("{}", output.value) };
+    let run = out.join(flight["folder"].as_str().unwrap());
+    let report = analysis::report::report(std::slice::from_ref(&run), None).unwrap().value;
+    let tracked = number(&report, "/runs/0/analysis/estimate/rms_m");
+    let stated = number(flight, "/tracking/rms_m");
+    // The report counts only the cycles in which the setpoint is faster than some limit.
+    assert!((tracked / stated - 1.0).abs() < 0.02, "{tracked} m, {stated} m");
+    let replayed = replay::run(&run, &Default::default(), &mut |_| ()).unwrap();
+    assert!(replayed.different() == 0 && replayed.equal() > 1000, "{} differ", replayed.different());
+    for picture in ["sim.svg", "sim.png", "sim.json"] {
+        assert!(out.join(picture).metadata().unwrap().len() > 500, "{picture}");
+    }
+    let again = fly("aq4", &["--set", "controller.law=preview", "--jobs", "1"]);
+    assert_eq!(flights(&again), flights(&output), "the same files, other figures");
+}
+
+/// Both templates compute the built-in p-feedforward law with its default gain, so all three fly alike, bit for bit.
+#[test]
+fn a_law_in_its_own_program_flies_as_a_built_in_one() {
+    let built_in = flights(&fly("aq4", &["--law", "p-feedforward", "--set", "controller.length_gain_per_s=1.5"]));
+    let rust = env!("CARGO_BIN_EXE_my-law").to_owned();
+    let script = project().join("scripts/templates/law.py");
+    let modules = project().join("scripts/python");
+    let python = format!("env PYTHONPATH={} python3 {}", modules.display(), script.display());
+    for program in [rust, python] {
+        let own = flights(&fly("aq4", &["--program", &program]));
+        for figure in ["/tracking/rms_m", "/truth/max_m", "/energy_j", "/tension_n/0"] {
+            assert_eq!(number(&own[0], figure), number(&built_in[0], figure), "{figure} of {program}");
+        }
+    }
+}
+
+#[test]
+fn a_flight_that_fails_says_why_and_the_others_go_on() {
+    let output = fly("aq4", &["--sweep", "planner.speed_m_s=0.2,9.0"]);
+    let found = flights(&output);
+    assert_eq!(found[0]["completed"], true);
+    assert!(found[1]["failed"].is_string() || found[1]["completed"] == true, "{}", found[1]);
+    for (program, named) in [("false", "false"), ("echo hello", "echo hello"), ("no-such-program", "no-such-program")] {
+        let output = fly("aq4", &["--program", program]);
+        let why = flights(&output)[0]["failed"].as_str().unwrap().to_owned();
+        assert!(why.contains(named) && output.failure.is_some(), "{why}");
+    }
+}
+
+#[test]
+fn a_key_that_does_not_exist_is_refused_by_its_name() {
+    let system = project().join("configs/systems/aq4.toml");
+    let words = ["sim", system.to_str().unwrap(), "--set", "controller.no_such_key=1"];
+    let output = nims_sim::run(&Cli::parse_from(words).args).unwrap();
+    let why = output.value["flights"][0]["failed"].as_str().unwrap();
+    assert!(why.contains("no_such_key"), "{why}");
+}
