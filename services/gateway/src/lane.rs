@@ -10,10 +10,6 @@ use std::collections::VecDeque;
 
 /// Largest number of requests to one process that wait for the answers to earlier ones.
 const WAITING: usize = 16;
-/// Why a request is not sent after a stop, and why one that was sent before it is withdrawn.
-const OVERTAKEN: &str = "the robot was told to stop after this request, so it was not sent; ask again";
-const WITHDRAWN: &str =
-    "the robot was told to stop while this motion was being planned, so it was withdrawn; ask again";
 
 /// Requests to one process. Those that stop the robot have a client of their own, which no other request can fill.
 pub(crate) struct Lane {
@@ -39,16 +35,15 @@ impl Waiting {
         if stops(&self.request) {
             return None;
         }
-        let unsent = |why: &str| Some(Reason::RobotUnreached { why: detail(why) });
         let disarms = self.request.body.verb == messages::RequestBody::VERB_DISARM;
         if !disarms && self.tickets.iter().any(|ticket| *ticket < stopped) {
-            return unsent(OVERTAKEN);
+            return Some(Reason::OvertakenByStop);
         }
         if now_ns >= self.asked_ns + ANSWER.as_nanos() as u64 {
-            return unsent("the request has waited for too long and was not sent; look at the robot, then ask again");
+            return Some(Reason::WaitedTooLong { within_s: ANSWER.as_secs_f64() });
         }
         if !self.tickets.iter().any(|ticket| is_wanted(*ticket)) {
-            return unsent("its client is gone, so the request was not sent");
+            return Some(Reason::RequesterGone);
         }
         None
     }
@@ -100,7 +95,7 @@ impl Lane {
     /// Withdraws the requests that were sent and have no answer: their process sees that no client waits for them.
     pub(crate) fn withdraw(&mut self) {
         self.receive();
-        let answer = Box::new(Reason::RobotUnreached { why: detail(WITHDRAWN) }.answer());
+        let answer = Box::new(Reason::WithdrawnByStop.answer());
         let withdrawn = self.pending.drain(..).flat_map(|(tickets, _)| tickets);
         self.answered.extend(withdrawn.map(|ticket| (ticket, answer.clone())));
     }
@@ -172,13 +167,15 @@ mod tests {
     fn a_motion_does_not_start_after_a_stop_or_without_its_client() {
         let late_ns = 1000 + ANSWER.as_nanos() as u64;
         let why = |request: Request, now_ns, stopped, wanted| {
-            let refusal = waiting(7, request).refusal(now_ns, stopped, |_| wanted);
-            refusal.map(|reason| reason.to_string())
+            waiting(7, request).refusal(now_ns, stopped, |_| wanted)
         };
         assert_eq!(why(Request::Resume, 2000, 6, true), None);
-        assert!(why(Request::Resume, 2000, 8, true).unwrap().contains("told to stop"));
-        assert!(why(Request::Resume, late_ns, 6, true).unwrap().contains("too long"));
-        assert!(why(Request::Resume, 2000, 6, false).unwrap().contains("gone"));
+        assert_eq!(why(Request::Resume, 2000, 8, true), Some(Reason::OvertakenByStop));
+        let too_long = Reason::WaitedTooLong { within_s: ANSWER.as_secs_f64() };
+        assert_eq!(why(Request::Resume, late_ns, 6, true), Some(too_long));
+        assert_eq!(why(Request::Resume, 2000, 6, false), Some(Reason::RequesterGone));
+        // A motion that a stop has overtaken is called so, however long it has waited.
+        assert_eq!(why(Request::Resume, late_ns, 8, false), Some(Reason::OvertakenByStop));
         // A stop is sent in any case.
         for stop in [Request::Stop, Request::Hold, Request::Pause] {
             assert_eq!(why(stop, late_ns, 8, false), None);
@@ -202,7 +199,7 @@ mod tests {
         assert!(!lane.has_sent() && lane.is_busy());
         lane.poll(|_| None, 1000, &mut answers);
         let reasons: Vec<_> = answers.iter().map(|(ticket, answer)| (*ticket, answer.reason)).collect();
-        assert_eq!(reasons, [(1, Reason::Resumed.code()), (2, 455)]);
+        assert_eq!(reasons, [(1, Reason::Resumed.code()), (2, Reason::WithdrawnByStop.code())]);
         assert!(planner.try_next().unwrap().is_none_or(|call| !call.is_awaited()));
     }
 

@@ -170,7 +170,7 @@ fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
                 }
             }
             answers.sort_by_key(|(id, ..)| *id);
-            assert_eq!((answers[0].1, answers[1].2), (455, Accepted::Accepted), "{answers:?}");
+            assert_eq!((answers[0].1, answers[1].2), (475, Accepted::Accepted), "{answers:?}");
             for _ in 0..20 {
                 robot.for_cycles(5);
                 assert_eq!(robot.last.mode, MotorAuthority::MODE_HOLDING, "{stop:?}");
