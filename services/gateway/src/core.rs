@@ -63,6 +63,8 @@ struct Connection {
 #[derive(Debug)]
 pub struct Core {
     robot: String,
+    /// The robot's name in the units of its plug-ins.
+    instance: String,
     roles: Roles,
     tokens: Tokens,
     sensors: Sensors,
@@ -81,13 +83,14 @@ impl Core {
     pub fn new(robot: String, roles: Roles, tokens: Tokens) -> Self {
         let (connections, tickets) = (BTreeMap::new(), BTreeMap::new());
         let (sensors, actions) = (Sensors::default(), Vec::new());
-        Self { robot, roles, tokens, sensors, connections, tickets, last_ticket: 0, changing: false, actions }
+        let instance = robot.clone();
+        Self { robot, instance, roles, tokens, sensors, connections, tickets, last_ticket: 0, changing: false, actions }
     }
 
-    /// Adds the sensors that the system file declares.
+    /// Adds the sensors that the system file declares. `instance`: the robot's name in the units of its plug-ins.
     #[must_use]
-    pub fn with_plugins(self, declared: &[PluginSection]) -> Self {
-        Self { sensors: Sensors::new(declared), ..self }
+    pub fn with_plugins(self, instance: &str, declared: &[PluginSection]) -> Self {
+        Self { sensors: Sensors::new(declared), instance: instance.to_owned(), ..self }
     }
 
     /// Evaluates an event; returns what has to be done, in this order.
@@ -99,8 +102,7 @@ impl Core {
                 self.connections.remove(&client);
                 // What still waits of its calls is not carried out any more.
                 self.tickets.retain(|_, (of, ..)| *of != client);
-                let freed = self.sensors.free(client);
-                self.actions.extend(freed.into_iter().map(|sensor| Action::Unpublish { sensor }));
+                self.sensors.free(client);
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
             Event::Stored { change, stored } => self.stored(*change, stored),
@@ -298,10 +300,18 @@ impl Core {
     fn publish(&mut self, now_ns: u64, client: ClientId, id: u64, given: &Published) {
         let Some(connection) = self.connections.get_mut(&client) else { return };
         let Some(holder) = &connection.holder else { return };
-        // A token stands for a person, not for the program that acts for it.
-        if holder.by_token || !self.roles.may_publish(&connection.peer) {
-            let user = detail(&holder.user);
-            return self.refuse(client, id, Reason::NotPublisher { user });
+        match &connection.peer.unit {
+            Some(unit) if unit.robot == self.instance && unit.plugin == given.sensor => {}
+            Some(unit) => {
+                let plugin = detail(format_args!("the plug-in {}:{}", unit.robot, unit.plugin));
+                return self.refuse(client, id, Reason::SensorOfAnother { plugin, sensor: detail(&given.sensor) });
+            }
+            // A token stands for a person, not for the program that acts for it.
+            None if holder.by_token || !self.roles.may_publish(&connection.peer) => {
+                let user = detail(&holder.user);
+                return self.refuse(client, id, Reason::NotPublisher { user });
+            }
+            None => {}
         }
         match self.sensors.reading(now_ns, client, given) {
             Ok(reading) => {

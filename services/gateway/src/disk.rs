@@ -25,8 +25,8 @@ pub(crate) enum Job {
     Open(Option<PathBuf>, String, String),
     /// Reads the configuration of a run.
     Configuration(PathBuf),
-    /// Starts or stops a plug-in of a robot.
-    Plugin(String, String, Verb),
+    /// Starts or stops the unit of a plug-in.
+    Plugin { unit: String, plugin: String, verb: Verb },
     /// Stores the text of a mission in a run.
     Mission(PathBuf, String),
 }
@@ -86,8 +86,8 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                 Ok(()) => Outcome::Stored(ticket),
                 Err(reason) => Outcome::Done(ticket, answered(reason)),
             },
-            Job::Plugin(robot, plugin, verb) => {
-                Outcome::Done(ticket, answered(plugin::carry_out(&robot, &plugin, verb)))
+            Job::Plugin { unit, plugin, verb } => {
+                Outcome::Done(ticket, answered(plugin::carry_out(&unit, &plugin, verb)))
             }
             Job::Runs(present) => {
                 Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs: runs::list(folder, present.as_deref()) }))

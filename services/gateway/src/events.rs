@@ -115,11 +115,6 @@ pub enum Action {
         /// The sample.
         reading: Box<Reading>,
     },
-    /// Close the channel of a sensor, whose connection is gone.
-    Unpublish {
-        /// Name of the sensor.
-        sensor: String,
-    },
     /// Find something out.
     Look {
         /// Its number.

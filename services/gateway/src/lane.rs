@@ -166,9 +166,7 @@ mod tests {
     #[test]
     fn a_motion_does_not_start_after_a_stop_or_without_its_client() {
         let late_ns = 1000 + ANSWER.as_nanos() as u64;
-        let why = |request: Request, now_ns, stopped, wanted| {
-            waiting(7, request).refusal(now_ns, stopped, |_| wanted)
-        };
+        let why = |request: Request, now_ns, stopped, wanted| waiting(7, request).refusal(now_ns, stopped, |_| wanted);
         assert_eq!(why(Request::Resume, 2000, 6, true), None);
         assert_eq!(why(Request::Resume, 2000, 8, true), Some(Reason::OvertakenByStop));
         let too_long = Reason::WaitedTooLong { within_s: ANSWER.as_secs_f64() };

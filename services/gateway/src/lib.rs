@@ -12,7 +12,8 @@
 //!   needs none.
 //! * A client is no process of the robot's user: it starts no program of its own choice, and no name from it is opened
 //!   as a path. A plug-in that the system file declares is started by the service manager, as another user.
-//! * A plug-in delivers readings of its declared sensor, at its declared rate, and nothing else.
+//! * A plug-in delivers readings of its declared sensor, at its declared rate, and nothing else: the kernel names the
+//!   unit in which its process runs. Its channel stays as long as the robot, however often it connects.
 //! * The recorded request names the user at the other end of the connection, not the gateway.
 #![forbid(unsafe_code)]
 

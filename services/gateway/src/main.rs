@@ -13,7 +13,7 @@ fn run(args: &Args) -> Answer {
     bus::make_private();
     let settings = Settings::new(args)?;
     if let Some(plugin) = &args.plugin {
-        return gateway::exec(&args.system, plugin, &settings.socket);
+        return gateway::exec(args, plugin, &settings.socket);
     }
     let stop = command::stop_flag()?;
     Server::open(&settings)?.run(&stop)

@@ -1,8 +1,9 @@
 //! Plug-ins: programs of the system file that another user runs. The service manager starts them, each in a unit of a
 //! template, because the robot's user has no right to start a program as another user.
 
+use crate::settings::Args;
 use command::{Answer, Failure};
-use config::SystemFile;
+use config::{PluginSection, SystemFile};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::os::unix::process::CommandExt;
@@ -33,21 +34,61 @@ impl Verb {
     }
 }
 
-/// Name of the unit of a plug-in.
+/// Templates of the units: without a network, and with it.
+const TEMPLATE: &str = "nims-plugin";
+const WITH_NETWORK: &str = "nims-plugin-network";
+/// Ending of a unit's name.
+const SERVICE: &str = ".service";
+
+/// Name of the unit of a plug-in. `robot`: the name of the system file without its ending, as in the robot's service.
 #[must_use]
-pub fn unit(robot: &str, plugin: &str) -> String {
-    format!("nims-plugin@{robot}:{plugin}.service")
+pub fn unit(robot: &str, plugin: &PluginSection) -> String {
+    let template = if plugin.network { WITH_NETWORK } else { TEMPLATE };
+    format!("{template}@{robot}:{}{SERVICE}", plugin.name)
+}
+
+/// A unit of a plug-in, by its name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PluginUnit {
+    /// The name of the robot's system file without its ending.
+    pub robot: String,
+    /// Name of the plug-in.
+    pub plugin: String,
+}
+
+impl PluginUnit {
+    /// Reads the name of a unit; `None` if it is not that of a plug-in.
+    #[must_use]
+    pub fn parse(unit: &str) -> Option<Self> {
+        let (template, instance) = unit.strip_suffix(SERVICE)?.split_once('@')?;
+        let (robot, plugin) = instance.split_once(':')?;
+        let is_ours = template == TEMPLATE || template == WITH_NETWORK;
+        is_ours.then(|| Self { robot: robot.to_owned(), plugin: plugin.to_owned() })
+    }
+
+    /// Reads the unit in the control groups of a process, as `/proc/PID/cgroup` lists them. Only the service manager
+    /// puts a process into the group of a unit, and a unit without delegation cannot leave it.
+    #[must_use]
+    pub fn of_groups(groups: &str) -> Option<Self> {
+        let path = groups.lines().find_map(|line| {
+            let (_, rest) = line.split_once(':')?;
+            let (controllers, path) = rest.split_once(':')?;
+            (controllers.is_empty() || controllers == "name=systemd").then_some(path)
+        })?;
+        // Below slices; what is further below is made by the unit itself, e.g. by the manager of a user.
+        let mut parts = path.split('/').filter(|part| !part.is_empty());
+        Self::parse(parts.find(|part| !part.ends_with(".slice"))?)
+    }
 }
 
 /// Asks the service manager, which asks polkit whether the robot's user may.
-pub(crate) fn carry_out(robot: &str, plugin: &str, verb: Verb) -> Reason {
+pub(crate) fn carry_out(unit: &str, plugin: &str, verb: Verb) -> Reason {
     let failed =
         |why: &str| Reason::PluginFailed { plugin: detail(plugin), verb: detail(verb.name()), why: detail(why) };
     if !Path::new(SYSTEMD).is_dir() {
         return failed("systemd does not run here; start its program by hand, as another user of the socket's group");
     }
-    let unit = unit(robot, plugin);
-    let asked = Command::new("systemctl").args(["--no-ask-password", "--quiet", verb.name(), &unit]).output();
+    let asked = Command::new("systemctl").args(["--no-ask-password", "--quiet", verb.name(), unit]).output();
     match asked {
         Ok(output) if output.status.success() => match verb {
             Verb::Stop => Reason::PluginStopped { plugin: detail(plugin) },
@@ -61,17 +102,27 @@ pub(crate) fn carry_out(robot: &str, plugin: &str, verb: Verb) -> Reason {
     }
 }
 
-/// Becomes the program of a plug-in, with the gateway's socket and its own name in its environment. To be called as the
-/// user of the plug-ins.
+/// Becomes the program of a plug-in, with the gateway's socket and its own name in its environment; or only checks that
+/// there is one. To be called in the unit of the plug-in.
 ///
 /// # Errors
-/// The system file declares no such program, or it cannot be started; on success it does not return.
-pub fn exec(system: &Path, plugin: &str, socket: &Path) -> Answer {
-    let file = SystemFile::load(system).map_err(Failure::bad)?;
-    let unknown =
-        || Failure::BadInput(format!("{} declares no [[plugin]] \"{plugin}\" with a command", system.display()));
+/// The system file declares no such program, or declares it for the other template; it cannot be started. On success it
+/// returns only from a check.
+pub fn exec(args: &Args, plugin: &str, socket: &Path) -> Answer {
+    let (system, bad) = (args.system.display(), |why: String| Failure::BadInput(why));
+    let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
+    let unknown = || bad(format!("{system} declares no [[plugin]] \"{plugin}\" with a command"));
     let declared = file.plugin.iter().find(|one| one.name == plugin).ok_or_else(unknown)?;
+    if declared.network != args.network {
+        let (is, template) = (declared.network, if declared.network { WITH_NETWORK } else { TEMPLATE });
+        let why =
+            format!("{system} has network = {is} for the [[plugin]] \"{plugin}\"; start it in a unit of {template}@");
+        return Err(bad(why));
+    }
     let (program, arguments) = declared.command.split_first().ok_or_else(unknown)?;
+    if args.declared {
+        return Ok(());
+    }
     let error = Command::new(program)
         .args(arguments)
         .env("NIMS_GATEWAY", socket)
@@ -79,4 +130,45 @@ pub fn exec(system: &Path, plugin: &str, socket: &Path) -> Answer {
         .env_remove("NIMS_TOKEN")
         .exec();
     Err(Failure::NotNow(format!("{program} cannot be started: {error}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_names_its_robot_and_its_plug_in() {
+        for network in [false, true] {
+            let section = PluginSection { name: "soil-2".to_owned(), network, ..PluginSection::default() };
+            let (robot, plugin) = ("lab-1".to_owned(), "soil-2".to_owned());
+            assert_eq!(PluginUnit::parse(&unit("lab-1", &section)), Some(PluginUnit { robot, plugin }));
+        }
+        for other in
+            ["nims@lab.service", "nims-plugin@lab.service", "nims-plugin@lab:soil.scope", "x@lab:soil.service", ""]
+        {
+            assert_eq!(PluginUnit::parse(other), None, "{other}");
+        }
+    }
+
+    #[test]
+    fn the_unit_of_a_process_is_the_one_that_the_service_manager_made() {
+        let named = |groups: &str| PluginUnit::of_groups(groups).map(|unit| unit.plugin);
+        let soil = Some("soil".to_owned());
+        assert_eq!(named("0::/system.slice/system-nims\\x2dplugin.slice/nims-plugin@lab:soil.service\n"), soil);
+        assert_eq!(named("0::/system.slice/nims-plugin-network@lab:soil.service/sub\n"), soil);
+        let both = "12:cpu:/\n1:name=systemd:/system.slice/nims-plugin@lab:soil.service\n0::/\n";
+        assert_eq!(named(both), soil);
+        // A user can make a group of any name below its own manager, and a service with delegation below itself.
+        for forged in [
+            "0::/user.slice/user-800.slice/user@800.service/app.slice/nims-plugin@lab:soil.service\n",
+            "0::/system.slice/docker.service/nims-plugin@lab:soil.service\n",
+            "0::/user.slice/user-800.slice/session-3.scope/nims-plugin@lab:soil.service\n",
+            "0::/nims-plugin/nims-plugin@lab:soil.service\n",
+            "0::/\n",
+            "",
+            "nonsense",
+        ] {
+            assert_eq!(named(forged), None, "{forged}");
+        }
+    }
 }

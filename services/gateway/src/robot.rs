@@ -208,7 +208,8 @@ impl Robot {
         }
     }
 
-    /// Publishes a reading of a plug-in; its channel is created with the first one.
+    /// Publishes a reading of a plug-in. Its channel is created with the first one, and stays as long as the robot:
+    /// connections that come and go make no further channels.
     ///
     /// # Errors
     /// No robot runs, or the channel cannot be created: the answer.
@@ -231,13 +232,6 @@ impl Robot {
             Some(Ok(publisher)) => publisher.send(&mut reading).map(|_| ()).map_err(|error| failed(&error)),
             Some(Err((_, answer))) => Err(answer.clone()),
             None => Ok(()),
-        }
-    }
-
-    /// Closes the channel of a plug-in.
-    pub(crate) fn unpublish(&mut self, sensor: &str) {
-        if let Some(joined) = &mut self.joined {
-            joined.sensors.remove(sensor);
         }
     }
 

@@ -1,5 +1,6 @@
 //! Roles: what a client may request, by its user and groups as the kernel knows them.
 
+use crate::plugin::PluginUnit;
 use config::GatewaySection;
 use messages::{OperatorRequest, Request};
 
@@ -63,6 +64,8 @@ pub struct Peer {
     pub groups: Vec<String>,
     /// Numbers of the same groups.
     pub gids: Vec<u32>,
+    /// The unit of the service manager in which the process runs, where that of a plug-in.
+    pub unit: Option<PluginUnit>,
 }
 
 /// The configured roles.
@@ -79,10 +82,13 @@ impl Roles {
         Self { owner_uid, section }
     }
 
-    /// Returns the role of a peer: that of its user if the user is listed; otherwise the robot's user and root own the
-    /// robot, and others have the highest role of their groups.
+    /// Returns the role of a peer: a plug-in looks, whoever its user is; otherwise that of its user if the user is listed;
+    /// otherwise the robot's user and root own the robot, and others have the highest role of their groups.
     #[must_use]
     pub fn of(&self, peer: &Peer) -> Role {
+        if peer.unit.is_some() {
+            return Role::Look;
+        }
         let lists =
             [(Role::Look, &self.section.look), (Role::Stop, &self.section.stop), (Role::Fly, &self.section.fly)];
         // The lowest role of a user who is listed twice.
@@ -93,7 +99,7 @@ impl Roles {
         if peer.uid == self.owner_uid || peer.uid == 0 {
             return Role::Owner;
         }
-        // A plug-in reaches the socket by its group, and gets no role by it.
+        // Who publishes reaches the socket by a group, and gets no role by it.
         if self.section.publish.iter().any(|entry| is_user(peer, entry)) {
             return Role::Look;
         }
@@ -103,7 +109,8 @@ impl Roles {
 }
 
 impl Roles {
-    /// Returns whether a peer may publish readings of declared sensors: a listed user, the robot's user and root.
+    /// Returns whether a peer that is no plug-in of the service manager may publish readings of any declared sensor: a
+    /// listed user, the robot's user and root.
     #[must_use]
     pub fn may_publish(&self, peer: &Peer) -> bool {
         self.section.publish.iter().any(|entry| is_user(peer, entry)) || self.of(peer) == Role::Owner
@@ -181,7 +188,7 @@ mod tests {
 
     fn peer(uid: u32, user: &str, groups: &[&str], gids: &[u32]) -> Peer {
         let groups = groups.iter().map(|&group| group.to_owned()).collect();
-        Peer { uid, gid: uid, pid: 1, user: user.to_owned(), groups, gids: gids.to_vec() }
+        Peer { uid, gid: uid, pid: 1, user: user.to_owned(), groups, gids: gids.to_vec(), unit: None }
     }
 
     fn roles(fly: &[&str], stop: &[&str], look: &[&str]) -> Roles {
@@ -236,6 +243,9 @@ mod tests {
         }
         // It moves nothing, also where the group of the socket would let it.
         assert_eq!(roles.of(&plugin), Role::Look);
+        // A unit of a plug-in that runs as another user, by a drop-in, is still one.
+        let unit = PluginUnit::parse("nims-plugin@lab:soil.service");
+        assert_eq!(roles.of(&Peer { unit, ..peer(900, "nims", &[], &[]) }), Role::Look);
     }
 
     #[test]

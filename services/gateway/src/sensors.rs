@@ -11,6 +11,10 @@ use std::collections::BTreeMap;
 
 /// Readings that may come at once after a pause.
 const BURST: f64 = 2.0;
+/// How often connections may take a sensor, per second, and at once: a program that connects for each reading, or that
+/// is restarted, is served; one that does nothing else is not.
+const TAKES_PER_S: f64 = 1.0;
+const TAKES: f64 = 10.0;
 /// Largest age of a reading, s: an older one would be placed by estimates that are not kept.
 const OLDEST_S: f64 = 10.0;
 
@@ -21,6 +25,7 @@ struct Sensor {
     /// The connection that publishes it, since its first reading.
     holder: Option<ClientId>,
     budget: Budget,
+    takes: Budget,
     accepted: u64,
     refused: u64,
 }
@@ -36,6 +41,7 @@ impl Sensors {
             section: section.clone(),
             holder: None,
             budget: Budget::new(section.rate_hz, BURST, 0),
+            takes: Budget::new(TAKES_PER_S, TAKES, 0),
             accepted: 0,
             refused: 0,
         };
@@ -59,6 +65,10 @@ impl Sensors {
             return Err(Reason::SensorTaken { sensor: detail(&given.sensor) });
         }
         let made = sensor.make(now_ns, given);
+        if made.is_ok() && sensor.holder.is_none() && !sensor.takes.spend(now_ns) {
+            sensor.refused += 1;
+            return Err(Reason::SensorTakenTooOften { sensor: detail(&given.sensor) });
+        }
         match made {
             Ok(_) => sensor.holder = Some(client),
             Err(_) => sensor.refused += 1,
@@ -66,14 +76,11 @@ impl Sensors {
         made
     }
 
-    /// Frees the sensors of a connection that is gone; returns their names.
-    pub(crate) fn free(&mut self, client: ClientId) -> Vec<String> {
-        let held = self.0.iter_mut().filter(|(_, sensor)| sensor.holder == Some(client));
-        held.map(|(name, sensor)| {
+    /// Frees the sensors of a connection that is gone.
+    pub(crate) fn free(&mut self, client: ClientId) {
+        for sensor in self.0.values_mut().filter(|sensor| sensor.holder == Some(client)) {
             sensor.holder = None;
-            name.clone()
-        })
-        .collect()
+        }
     }
 }
 
@@ -173,7 +180,29 @@ mod tests {
         let later = (1..=100).filter(|step| code(SECOND + step * SECOND / 100, 1, &good) == 0).count();
         assert_eq!((passed, later, code(2 * SECOND, 1, &good)), (2, 4, 467));
         assert_eq!(code(9 * SECOND, 2, &good), 466);
-        assert_eq!((sensors.free(2), sensors.free(1)), (vec![], vec!["soil".to_owned()]));
+        sensors.free(2);
+        assert!(sensors.reading(9 * SECOND, 2, &good).is_err());
+        sensors.free(1);
         assert!(sensors.reading(9 * SECOND, 2, &good).is_ok());
+    }
+
+    #[test]
+    fn connections_take_a_sensor_ten_times_at_once_and_then_once_a_second() {
+        let mut sensors = sensors();
+        let good = published(&[Some(1.0), Some(2.0)]);
+        // A connection for each of four readings a second.
+        let codes: Vec<u16> = (0..100)
+            .map(|client| {
+                let given = sensors.reading(SECOND + client * SECOND / 4, client, &good);
+                sensors.free(client);
+                given.map_or_else(|reason| reason.code(), |_| 0)
+            })
+            .collect();
+        let taken = codes.iter().filter(|code| **code == 0).count();
+        assert!((10 + 24..=10 + 25).contains(&taken), "{taken}");
+        assert!(codes.iter().all(|code| [0, 473].contains(code)), "{codes:?}");
+        // Who keeps the connection is not affected.
+        let kept = (0..100).filter(|step| sensors.reading((60 + step) * SECOND, 500, &good).is_ok()).count();
+        assert_eq!(kept, 100);
     }
 }

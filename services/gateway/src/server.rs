@@ -57,8 +57,8 @@ pub struct Server {
     units: Disk,
     /// Plug-ins that are started with the gateway.
     started: Vec<String>,
-    /// Name of the robot, for the units of its plug-ins.
-    name: String,
+    /// The units of the plug-ins by name.
+    unit_of: BTreeMap<String, String>,
     spare: socket::Spare,
     /// Device and inode of the socket.
     bound: Option<(u64, u64)>,
@@ -86,13 +86,13 @@ impl Server {
             bound: socket::identity(&settings.socket),
             spare: socket::Spare::new(),
             path: settings.socket.clone(),
-            core: Core::new(settings.name.clone(), roles, tokens).with_plugins(&settings.plugins),
+            core: Core::new(settings.name.clone(), roles, tokens).with_plugins(&settings.instance, &settings.plugins),
             robot: Robot::new(settings.name.clone(), settings.domain.clone()),
             disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             inbox: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             units: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             started: settings.started(),
-            name: settings.name.clone(),
+            unit_of: settings.units(),
             facts: None,
             rows: None,
             clients: BTreeMap::new(),
@@ -109,7 +109,7 @@ impl Server {
     pub fn run(&mut self, stop: &StopFlag) -> Answer {
         eprintln!("gateway: listening on {}", self.path.display());
         for name in std::mem::take(&mut self.started) {
-            self.begin(0, Job::Plugin(self.name.clone(), name, Verb::Start));
+            self.plugin(0, name, Verb::Start);
         }
         while !stop.load(Ordering::Relaxed) {
             self.wait()?;
@@ -231,9 +231,7 @@ impl Server {
                         self.answer(ticket, answer);
                     }
                 }
-                Action::Plugin { ticket, verb, name } => {
-                    self.begin(ticket, Job::Plugin(self.name.clone(), name, verb));
-                }
+                Action::Plugin { ticket, verb, name } => self.plugin(ticket, name, verb),
                 Action::Publish { ticket, sensor, reading } => {
                     let done = match self.robot.publish(&sensor, *reading, now_ns()) {
                         Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
@@ -241,7 +239,6 @@ impl Server {
                     };
                     self.done(ticket, done);
                 }
-                Action::Unpublish { sensor } => self.robot.unpublish(&sensor),
                 Action::Look { ticket, what } => self.look(ticket, what),
                 Action::Subscribe { client, id, channel, rate_hz } => {
                     self.robot.hub().subscribe(client, id, channel, rate_hz);
@@ -254,6 +251,11 @@ impl Server {
                 }
             }
         }
+    }
+
+    fn plugin(&mut self, ticket: Ticket, plugin: String, verb: Verb) {
+        let unit = self.unit_of.get(&plugin).cloned().unwrap_or_default();
+        self.begin(ticket, Job::Plugin { unit, plugin, verb });
     }
 
     fn ask(&mut self, ticket: Ticket, process: &str, request: Box<OperatorRequest>, asked_ns: u64) {
@@ -323,7 +325,7 @@ impl Server {
     fn begin(&mut self, ticket: Ticket, job: Job) {
         let disk = match job {
             Job::Mission(..) => &mut self.inbox,
-            Job::Plugin(..) => &mut self.units,
+            Job::Plugin { .. } => &mut self.units,
             _ => &mut self.disk,
         };
         if !disk.begin(ticket, job) {

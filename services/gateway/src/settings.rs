@@ -1,8 +1,10 @@
 //! The arguments of the gateway, and what follows from them.
 
+use crate::plugin::unit;
 use command::{Answer, Failure};
 use config::{GatewaySection, PluginSection, SystemFile};
 use gateway_protocol::SOCKET_ENDING;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// The way of operators who are not the robot's user to the robot.
@@ -24,9 +26,15 @@ pub struct Args {
     /// Folder in which the tokens are stored; default: the folder `state` beside the runs.
     #[arg(long, value_name = "FOLDER")]
     pub state: Option<PathBuf>,
-    /// Becomes the program of this plug-in of the system file instead, as the user of the plug-ins.
+    /// Becomes the program of this plug-in of the system file instead, in the unit of the plug-in.
     #[arg(long, value_name = "NAME")]
     pub plugin: Option<String>,
+    /// With --plugin: the unit has a network, and the plug-in has to declare it.
+    #[arg(long, requires = "plugin")]
+    pub network: bool,
+    /// With --plugin: only checks that the system file declares it.
+    #[arg(long, requires = "plugin")]
+    pub declared: bool,
 }
 
 /// What the gateway needs to know.
@@ -34,6 +42,8 @@ pub struct Args {
 pub struct Settings {
     /// Name of the robot.
     pub name: String,
+    /// Name of the system file without its ending: that of the services, whose paths it is in.
+    pub instance: String,
     /// Its domain.
     pub domain: String,
     /// The socket.
@@ -59,7 +69,9 @@ impl Settings {
         let folder = args.socket.clone().unwrap_or_else(|| runtime_folder().unwrap_or_else(|| state.clone()));
         let is_socket = folder.extension().is_some_and(|ending| ending.to_string_lossy() == SOCKET_ENDING[1..]);
         let socket = if is_socket { folder } else { folder.join(format!("{}{SOCKET_ENDING}", file.name)) };
+        let instance = args.system.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
         Ok(Self {
+            instance,
             domain: args.domain.clone().unwrap_or_else(|| file.name.clone()),
             socket,
             tokens: state.join(format!("tokens-{}.json", file.name)),
@@ -77,6 +89,12 @@ impl Settings {
     pub(crate) fn started(&self) -> Vec<String> {
         let started = self.plugins.iter().filter(|plugin| plugin.start && !plugin.command.is_empty());
         started.map(|plugin| plugin.name.clone()).collect()
+    }
+
+    /// The units of the plug-ins by name.
+    pub(crate) fn units(&self) -> BTreeMap<String, String> {
+        let units = self.plugins.iter().map(|plugin| (plugin.name.clone(), unit(&self.instance, plugin)));
+        units.collect()
     }
 }
 

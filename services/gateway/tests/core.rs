@@ -4,7 +4,7 @@
 
 use config::{GatewaySection, PluginSection};
 use gateway::core::*;
-use gateway::plugin::Verb;
+use gateway::plugin::{PluginUnit, Verb};
 use gateway::roles::{Peer, Roles};
 use gateway::tokens::Tokens;
 use gateway_protocol::{Accepted, CALL_LIMITS, Call, Origin, Published, ReadingQuality, Reply, VERSION, encode};
@@ -27,7 +27,7 @@ fn peer(user: &str) -> Peer {
         "nims" => OWNER,
         other => 1000 + u32::from(other.as_bytes()[0]),
     };
-    Peer { uid, gid: uid, pid: 7, user: user.to_owned(), groups: Vec::new(), gids: vec![uid] }
+    Peer { uid, gid: uid, pid: 7, user: user.to_owned(), gids: vec![uid], ..Peer::default() }
 }
 
 fn framed(call: &Call, body: &[u8]) -> Vec<u8> {
@@ -167,7 +167,7 @@ fn with_soil() -> Core {
     let word = |word: &str| vec![word.to_owned()];
     let declared =
         PluginSection { name: "soil".to_owned(), quantity: word("moisture"), unit: word("%"), ..Default::default() };
-    core().with_plugins(&[declared])
+    core().with_plugins("lab", &[declared])
 }
 
 #[test]
@@ -200,9 +200,58 @@ fn a_plug_in_publishes_its_readings_and_does_nothing_else() {
         let refused = core.step(60 * SECOND, Event::Received { client: 1, bytes: &ask(9, request) });
         assert!(matches!(reason(&refused), 450 | 451));
     }
-    // Its channel ends with its connection.
-    let left = core.step(SECOND, Event::Gone { client: 1 });
-    assert!(matches!(&left[..], [Action::Unpublish { sensor }] if sensor == "soil"), "{left:?}");
+    // Its channel stays, and waits for the next connection.
+    assert!(core.step(SECOND, Event::Gone { client: 1 }).is_empty());
+    connected(&mut core, 2, "plugin");
+    let next = core.step(9 * SECOND, Event::Received { client: 2, bytes: &publish("soil") });
+    assert!(matches!(&next[..], [Action::Publish { .. }]), "{next:?}");
+}
+
+/// The kernel names the unit of a process; neither its user nor the name in its readings counts for a plug-in.
+#[test]
+fn a_unit_publishes_its_own_sensor_only_whoever_its_user_is() {
+    let section = |name: &str| PluginSection {
+        name: name.to_owned(),
+        quantity: vec!["moisture".to_owned()],
+        unit: vec!["%".to_owned()],
+        ..Default::default()
+    };
+    // `lab` is the robot's name, `lab-2` that of its file, which is in the units.
+    let mut core = core().with_plugins("lab-2", &[section("soil"), section("air")]);
+    let units = [
+        "nims-plugin@lab-2:soil.service",
+        "nims-plugin-network@lab-2:soil.service",
+        "nims-plugin@lab-2:air.service",
+        "nims-plugin@lab:soil.service",
+        "nims-plugin@other:air.service",
+    ];
+    let mut client = 0;
+    for (user, unit) in ["plugin", "nims", "stranger"].iter().flat_map(|user| units.map(|unit| (user, unit))) {
+        for sensor in ["soil", "air", "node"] {
+            client += 1;
+            let peer = Peer { unit: PluginUnit::parse(unit), ..peer(user) };
+            assert!(peer.unit.is_some());
+            core.step(client * SECOND, Event::Connected { client, peer });
+            core.step(client * SECOND, Event::Received { client, bytes: &hello() });
+            let reading = Published {
+                sensor: sensor.to_owned(),
+                values: vec![Some(1.0)],
+                quality: ReadingQuality::Good,
+                age_s: None,
+            };
+            let bytes = framed(&Call::Publish { id: 3, reading }, &[]);
+            let actions = core.step(client * SECOND, Event::Received { client, bytes: &bytes });
+            if unit.contains(&format!("@lab-2:{sensor}.")) {
+                assert!(matches!(&actions[..], [Action::Publish { .. }]), "{user} {unit} {sensor}: {actions:?}");
+            } else {
+                assert_eq!(reason(&actions), 472, "{user} {unit} {sensor}");
+            }
+            // It moves nothing either.
+            let moved = core.step(client * SECOND, Event::Received { client, bytes: &ask(9, Request::Hold) });
+            assert_eq!(reason(&moved), 450, "{user} {unit}");
+            core.step(client * SECOND, Event::Gone { client });
+        }
+    }
 }
 
 #[test]

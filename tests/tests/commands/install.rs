@@ -196,6 +196,7 @@ fn the_service_manager_accepts_the_units() {
         ("nims-gateway@.service", "nims-gateway@lab.service"),
         // `lab:soil` is an instance, but a colon has another meaning to the command.
         ("nims-plugin@.service", "nims-plugin@soil.service"),
+        ("nims-plugin-network@.service", "nims-plugin-network@soil.service"),
         ("run-nims-shm.mount", "run-nims-shm.mount"),
         ("nims-runs.service", "nims-runs.service"),
         ("nims-runs.timer", "nims-runs.timer"),
@@ -217,6 +218,7 @@ fn the_service_manager_accepts_the_units() {
         "nims@lab.service",
         "nims-gateway@lab.service",
         "nims-plugin@soil.service",
+        "nims-plugin-network@soil.service",
         "run-nims-shm.mount",
         "nims-runs.service",
         "nims-runs.timer",

@@ -14,7 +14,7 @@ const QUANTITY_BYTES: usize = 64;
 const UNIT_BYTES: usize = 32;
 
 crate::section! {
-    /// `[[plugin]]`: a sensor that runs as another user (on a control box as `nims-plugin`), cannot access the robot's
+    /// `[[plugin]]`: a sensor that runs as another user (on a control box one of its own), cannot access the robot's
     /// shared memory, and publishes readings through the gateway, see `docs/access.md`.
     pub struct PluginSection {
         /// Unique name; its channel is `sensor/NAME`.
@@ -32,6 +32,8 @@ crate::section! {
         pub lever_m: [f64; 3] = [0.0; 3] => crate::section::between(-10.0, 10.0, "m").each("three times"),
         /// False: started only by `nims start`.
         pub start: bool = true,
+        /// True: its program may use the network. Otherwise it reaches nothing but the gateway.
+        pub network: bool = false,
     }
 }
 
