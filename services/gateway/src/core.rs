@@ -196,7 +196,7 @@ impl Core {
         let Some(connection) = self.connections.get_mut(&client) else { return };
         let by_token = token.is_some();
         let (user, role) = match token.map(|secret| self.tokens.of(&secret)) {
-            None => (connection.peer.user.clone(), self.roles.of(&connection.peer)),
+            None => (connection.peer.user.clone(), self.roles.without_token(&connection.peer, origin)),
             Some(Some((name, role))) => (name, role),
             Some(None) => return self.refuse_and_close(client, Reason::TokenInvalid),
         };

@@ -2,6 +2,7 @@
 
 use crate::plugin::PluginUnit;
 use config::GatewaySection;
+use gateway_protocol::Origin;
 use messages::{OperatorRequest, Request};
 
 /// Role of a client, in ascending order.
@@ -109,6 +110,16 @@ impl Roles {
 }
 
 impl Roles {
+    /// Returns the role of a connection that names no person. A page acts for everyone who opens it, so without a token
+    /// it stops at most, also where it runs as the robot's user.
+    #[must_use]
+    pub fn without_token(&self, peer: &Peer, origin: Origin) -> Role {
+        match origin {
+            Origin::Page => self.of(peer).min(Role::Stop),
+            Origin::Command | Origin::Python => self.of(peer),
+        }
+    }
+
     /// Returns whether a peer that is no plug-in of the service manager may publish readings of any declared sensor: a
     /// listed user, the robot's user and root.
     #[must_use]
@@ -230,6 +241,17 @@ mod tests {
         ] {
             assert_eq!(roles.of(&peer), role, "{peer:?}");
         }
+    }
+
+    #[test]
+    fn a_page_without_a_token_stops_at_most() {
+        let roles = Roles::new(900, GatewaySection::default());
+        for (uid, user, role) in [(900, "nims", Role::Stop), (700, "nims-page", Role::Stop), (701, "bob", Role::Look)] {
+            assert_eq!(roles.without_token(&peer(uid, user, &[], &[]), Origin::Page), role, "{user}");
+        }
+        let pilot = peer(1000, "ada", &["nims-operators"], &[]);
+        assert_eq!(roles.without_token(&pilot, Origin::Page), Role::Stop);
+        assert_eq!(roles.without_token(&pilot, Origin::Command), Role::Fly);
     }
 
     #[test]

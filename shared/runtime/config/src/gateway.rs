@@ -10,8 +10,8 @@ crate::section! {
     pub struct GatewaySection {
         /// Users and groups that may do everything that moves the robot.
         pub fly: Vec<String> = vec!["@nims-operators".to_owned()],
-        /// Users and groups that may hold and stop.
-        pub stop: Vec<String> = Vec::new(),
+        /// Users and groups that may hold and stop; the page does so for everyone who opens it.
+        pub stop: Vec<String> = vec!["nims-page".to_owned()],
         /// Users that may only look, although one of their groups may do more.
         pub look: Vec<String> = Vec::new(),
         /// Users that may also publish readings of the declared plug-ins; it gives them no other role.
