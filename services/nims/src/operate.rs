@@ -2,7 +2,7 @@
 
 use crate::wait::Follower;
 use bus::Participant;
-use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
+use cable_robot::{Robot, Vector3, kinematics};
 use client::{MOTOR_IO, PLANNER, Place, RobotLink, robot_of, send, system_of};
 use command::values::{Numbers, finite, numbers, point};
 use command::{Answer, Failure, Output, points};
@@ -355,12 +355,7 @@ fn present(link: &RobotLink) -> Answer<Option<[f64; 3]>> {
 
 /// Checks that the node can hang at rest at this point. The planner checks whether it can get there.
 fn standing(robot: &Robot, at: &[f64; 3]) -> Answer {
-    let cannot = |why: String| Failure::BadInput(format!("the node cannot hang there: {why}"));
-    let path = cable_robot::Path::Dwell(Vector3::from(*at));
-    let profile = Profile::dwell(1.0).map_err(|error| cannot(error.to_string()))?;
-    let rest = Segment { id: 1, path, profile, start_s: 0.0 };
-    let distribution = robot.default_distribution();
-    rest.check(robot, distribution, 1.0).map(|_| ()).map_err(|refusal| cannot(refusal.to_string()))
+    cable_robot::motion::check_rest(robot, &Vector3::from(*at)).map(|_| ()).map_err(Failure::bad)
 }
 
 #[cfg(test)]

@@ -347,7 +347,7 @@ fn steering<'a>(
 
 fn mission(plan: &PlanStatus, steered: Result<&MotorAuthority, String>, value: &mut Value, lines: &mut Vec<String>) {
     let was = is_active(plan) && steered.is_err();
-    let state = format!("{}{}", if was { "was " } else { "" }, mission_state(plan.state));
+    let state = format!("{}{}", if was { "was " } else { "" }, sentences::mission_state(plan.state));
     value["mission"] = json!({
         "state": state, "name": text_of(&plan.mission), "leg": plan.leg, "legs": plan.legs,
         "progress": plan.progress, "time_left_s": (!was).then_some(plan.time_left_s), "reason": text_of(&plan.reason),
@@ -359,18 +359,6 @@ fn mission(plan: &PlanStatus, steered: Result<&MotorAuthority, String>, value: &
 /// Returns whether the planner has a mission that is not finished.
 fn is_active(plan: &PlanStatus) -> bool {
     matches!(plan.state, PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED)
-}
-
-fn mission_state(state: u8) -> &'static str {
-    match state {
-        PlanStatus::STATE_IDLE => "idle",
-        PlanStatus::STATE_READY => "ready",
-        PlanStatus::STATE_RUNNING => "running",
-        PlanStatus::STATE_PAUSED => "paused",
-        PlanStatus::STATE_DONE => "done",
-        PlanStatus::STATE_ABORTED => "aborted",
-        _ => "refused",
-    }
 }
 
 /// Returns the state of the mission on one text line; `authority` is the newest sample of a running motor-io.
@@ -389,8 +377,8 @@ fn steered_words(plan: &PlanStatus, steered: Result<&MotorAuthority, String>) ->
     let without = steered.err().filter(|_| is_active(plan));
     let mut line = match plan.state {
         PlanStatus::STATE_RUNNING if slows => "slowing down".to_owned(),
-        state if without.is_some() => format!("was {}", mission_state(state)),
-        state => mission_state(state).to_owned(),
+        state if without.is_some() => format!("was {}", sentences::mission_state(state)),
+        state => sentences::mission_state(state).to_owned(),
     };
     if !name.is_empty() {
         line += &format!(": {name}");

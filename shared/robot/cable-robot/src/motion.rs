@@ -216,6 +216,23 @@ pub struct Refusal {
     pub cause: Cause,
 }
 
+/// Why the node cannot hang at rest at a position.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[error("the node cannot hang there: {0}")]
+pub struct CannotHang(#[from] pub Refusal);
+
+/// Checks that the node can hang at rest at a position, m, with the robot's default distribution of the tensions.
+///
+/// # Errors
+/// The limit that it would violate there.
+pub fn check_rest(robot: &Robot, position: &Vector3<f64>) -> Result<Report, CannotHang> {
+    let path = Path::Dwell(*position);
+    let refused = |cause| CannotHang(Refusal { position: *position, path_s_m: 0.0, cause });
+    let profile = Profile::dwell(1.0).map_err(|_| refused(Cause::BadStep { step_m: 1.0 }))?;
+    let rest = Segment { id: 1, path, profile, start_s: 0.0 };
+    Ok(rest.check(robot, robot.default_distribution(), 1.0)?)
+}
+
 /// The limit that a segment would violate.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum Cause {

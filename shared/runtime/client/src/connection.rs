@@ -62,8 +62,7 @@ impl Connection {
     /// # Errors
     /// No gateway listens there, it is closed to this user, or it refuses the connection.
     pub(crate) fn open(path: &Path) -> Answer<Self> {
-        let stream = UnixStream::connect(path).map_err(|error| not_connected(path, &error))?;
-        trusted(path, &stream)?;
+        let stream = connect(path)?;
         let mut connection = Self {
             path: path.to_owned(),
             stream,
@@ -310,6 +309,16 @@ pub(crate) fn unexpected(reply: &Reply) -> Failure {
             Failure::NotNow("the gateway's reply is of another kind; use the nims of the same installation".to_owned())
         }
     }
+}
+
+/// Connects to the socket of a gateway whose user may be trusted, for a program that speaks the protocol by itself.
+///
+/// # Errors
+/// No gateway listens there, it is closed to this user, or another user runs it.
+pub fn connect(path: &Path) -> Answer<UnixStream> {
+    let stream = UnixStream::connect(path).map_err(|error| not_connected(path, &error))?;
+    trusted(path, &stream)?;
+    Ok(stream)
 }
 
 /// A gateway gets missions and secrets, so it has to be root's, this user's, or that of the user whose folder it is in:

@@ -89,6 +89,24 @@ pub fn emergency_stop(place: Place<'_>) -> Answer<String> {
     }
 }
 
+/// Returns the socket of the gateway of a robot, without connecting to it.
+///
+/// # Errors
+/// There is none, or several and none is named.
+pub fn gateway_socket(place: Place<'_>) -> Answer<PathBuf> {
+    if let Some(path) = given(place) {
+        return Ok(path);
+    }
+    let mut found = sockets(Path::new(SOCKETS), place.domain);
+    match (found.pop(), found.len()) {
+        (Some(only), 0) => Ok(only),
+        (Some(_), _) => {
+            Err(Failure::NotNow(format!("several robots have a gateway in {SOCKETS}; name one with --gateway")))
+        }
+        (None, _) => Err(Failure::NotNow(format!("no gateway runs here; sockets lie in {SOCKETS}"))),
+    }
+}
+
 fn given(place: Place<'_>) -> Option<PathBuf> {
     let of_environment = || std::env::var_os(GATEWAY_VARIABLE).filter(|path| !path.is_empty()).map(PathBuf::from);
     // A domain that is named on the command line is meant.

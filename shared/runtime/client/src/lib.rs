@@ -18,11 +18,11 @@ mod robot;
 mod samples;
 mod tap;
 
-pub use connection::TOKEN_VARIABLE;
+pub use connection::{TOKEN_VARIABLE, connect};
 pub use copy::copy_run;
-pub use finding::{GATEWAY_VARIABLE, Place, emergency_stop, gateway, link, link_as};
+pub use finding::{GATEWAY_VARIABLE, Place, emergency_stop, gateway, gateway_socket, link, link_as};
 pub use gateway_protocol::{FileRow, RunRow, TokenRow};
-pub use link::{Gateway, LinkWaiter, RobotLink, Samples, Subscription, channel_row};
+pub use link::{Gateway, LinkWaiter, RobotLink, Samples, Subscription, channel_row, unpack};
 pub use process_table::{follow, state_name};
 pub use requests::{robot_of, send, system_of, true_system_of};
 pub use robot::{

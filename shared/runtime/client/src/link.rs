@@ -188,6 +188,24 @@ impl RobotLink {
     }
 }
 
+/// Writes the files of a robot's configuration into a temporary folder of this user, as they are in the run folder.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn unpack(files: &[FileRow], body: &[u8]) -> Answer<tempfile::TempDir> {
+    let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+    let mut rest = body;
+    for file in files {
+        let split = usize::try_from(file.bytes).ok().and_then(|bytes| rest.split_at_checked(bytes));
+        let Some((bytes, after)) = split else { break };
+        // A name of the gateway leads nowhere else either.
+        let plain = Path::new(&file.name).file_name().map_or_else(|| Path::new("x"), Path::new);
+        std::fs::write(folder.path().join(plain), bytes).map_err(Failure::not_now)?;
+        rest = after;
+    }
+    Ok(folder)
+}
+
 impl Gateway {
     /// Connects to a gateway.
     ///
@@ -265,16 +283,7 @@ impl Gateway {
             (Reply::Configuration { files, .. }, body) => (files, body),
             (other, _) => return Err(unexpected(&other)),
         };
-        let folder = tempfile::tempdir().map_err(Failure::not_now)?;
-        let mut rest = body.as_slice();
-        for file in &files {
-            let split = usize::try_from(file.bytes).ok().and_then(|bytes| rest.split_at_checked(bytes));
-            let Some((bytes, after)) = split else { break };
-            // A name of the gateway leads nowhere else either.
-            let plain = Path::new(&file.name).file_name().map_or_else(|| Path::new("x"), Path::new);
-            std::fs::write(folder.path().join(plain), bytes).map_err(Failure::not_now)?;
-            rest = after;
-        }
+        let folder = unpack(&files, &body)?;
         let path = folder.path().to_owned();
         self.0.keep(folder);
         Ok(path)

@@ -1,7 +1,7 @@
 //! Sentences of modes, faults, verdicts, phases and causes: what happened and what to do.
 
 use messages::faults::{Faults, OF_CABLES, OF_UNITS};
-use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, ROLES};
+use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, PlanStatus, ROLES};
 use std::fmt;
 
 /// The text of a fault.
@@ -277,6 +277,20 @@ pub fn mode_sentence(mode: u8) -> &'static str {
         MotorAuthority::MODE_FAULTED => "The robot is stopped by a fault and holds; remove the cause, then reset.",
         MotorAuthority::MODE_EMERGENCY_STOP => "Emergency stop: nothing moves until reset.",
         _ => "This mode is unknown to this program; it is of another version than motor-io.",
+    }
+}
+
+/// Returns the state of a mission (`state` of `plan/status`), as commands print it.
+#[must_use]
+pub fn mission_state(state: u8) -> &'static str {
+    match state {
+        PlanStatus::STATE_IDLE => "idle",
+        PlanStatus::STATE_READY => "ready",
+        PlanStatus::STATE_RUNNING => "running",
+        PlanStatus::STATE_PAUSED => "paused",
+        PlanStatus::STATE_DONE => "done",
+        PlanStatus::STATE_ABORTED => "aborted",
+        _ => "refused",
     }
 }
 
