@@ -247,7 +247,7 @@ check_dependencies() {
     deny=$(tool cargo-deny)
     deny() { "$deny" --log-level error --config "$PWD/deny.toml" "$@"; }
     deny check --hide-inclusion-graph bans licenses sources
-    for workspace in services/viewer tests/benchmarks; do
+    for workspace in services/page services/viewer tests/benchmarks; do
         deny --manifest-path $workspace/Cargo.toml check --hide-inclusion-graph licenses sources
     done
     if compgen -G "${CARGO_HOME:-$HOME/.cargo}/advisory-dbs/*" >/dev/null; then
@@ -265,7 +265,7 @@ check_links() {
 # The workspaces beside the main one.
 check_separate_workspaces() {
     local workspace
-    for workspace in services/viewer tests/benchmarks; do
+    for workspace in services/page services/viewer tests/benchmarks; do
         cargo fmt --manifest-path $workspace/Cargo.toml --check
         cargo check "${QUIET[@]}" --manifest-path $workspace/Cargo.toml --all-targets --target-dir "${CARGO_TARGET_DIR:-target}"
     done

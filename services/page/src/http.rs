@@ -1,0 +1,270 @@
+//! The routes of the server, and what every request has to satisfy.
+
+use crate::assets::Assets;
+use crate::observer::Topics;
+use crate::settings::PlaceArgs;
+use crate::{plain, session};
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::{DefaultBodyLimit, Path, Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Redirect, Response};
+use axum::routing::{any, get, post};
+use gateway_protocol::{Accepted, Reply};
+use messages::Request as Asked;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::io::AsyncReadExt;
+use tokio::sync::Semaphore;
+
+/// Browsers that talk at once: fewer connections than the gateway grants one user, so that stops find a place.
+pub(crate) const BROWSERS: usize = 24;
+/// Longest message of a browser, bytes: a mission of a thousand legs has 100 kB.
+const MESSAGE: usize = 256 << 10;
+/// Downloads that wait to be fetched, and the time for it.
+const DOWNLOADS: usize = 32;
+const FETCHED: Duration = Duration::from_secs(60);
+/// Bytes of a file that are read at once.
+const PIECE: usize = 64 << 10;
+
+/// Nothing from elsewhere, no script in the page itself, no page around it.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
+    manifest-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'";
+/// What the browser sends with every answer.
+const HEADERS: [(&str, &str); 6] = [
+    ("content-security-policy", POLICY),
+    ("x-content-type-options", "nosniff"),
+    ("referrer-policy", "no-referrer"),
+    ("cross-origin-opener-policy", "same-origin"),
+    ("cross-origin-resource-policy", "same-origin"),
+    ("permissions-policy", "camera=(), microphone=(), geolocation=(), gamepad=(self)"),
+];
+
+/// What all requests share.
+#[derive(Debug)]
+pub(crate) struct App {
+    pub(crate) place: PlaceArgs,
+    pub(crate) topics: Arc<Topics>,
+    pub(crate) assets: Assets,
+    pub(crate) downloads: Downloads,
+    /// Names of this machine, beside its addresses.
+    pub(crate) names: Vec<String>,
+    pub(crate) browsers: Arc<Semaphore>,
+}
+
+/// The routes.
+pub(crate) fn router(app: Arc<App>) -> Router {
+    Router::new()
+        .route("/", get(front))
+        .route("/plain", get(plain_page))
+        .route("/plain/{verb}", post(plain_stop))
+        .route("/ws", any(upgrade))
+        .route("/download/{ticket}", get(download))
+        .route("/{file}", get(asset))
+        .layer(DefaultBodyLimit::max(1024))
+        .layer(from_fn_with_state(Arc::clone(&app), guard))
+        .with_state(app)
+}
+
+/// Refuses requests for another machine and from other pages, and adds the headers.
+async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let host = host_of(request.headers(), request.uri());
+    let wanted = host.as_deref().is_some_and(|host| is_this_machine(host, &app.names));
+    let own = from_own_page(request.headers(), host.as_deref());
+    let mut response = match (wanted, own) {
+        (false, _) => {
+            let why = "this name is not one of this machine; use its address, or start the page with --name\n";
+            (StatusCode::MISDIRECTED_REQUEST, why).into_response()
+        }
+        (true, false) => (StatusCode::FORBIDDEN, "a page of another server may not use this one\n").into_response(),
+        (true, true) => next.run(request).await,
+    };
+    for (name, value) in HEADERS {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    response.headers_mut().entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+/// Host and port as the browser names them.
+pub(crate) fn host_of(headers: &HeaderMap, uri: &Uri) -> Option<String> {
+    let given = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    given.or(uri.authority().map(|authority| authority.as_str())).map(str::to_ascii_lowercase)
+}
+
+/// Whether a host is an address, which no foreign name server can make one of this machine, or a name of this machine.
+pub(crate) fn is_this_machine(host: &str, names: &[String]) -> bool {
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next().unwrap_or_default(),
+        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+    };
+    name.parse::<IpAddr>().is_ok() || names.iter().any(|known| known == name)
+}
+
+/// Whether a request comes from a page of this server, or from no page.
+fn from_own_page(headers: &HeaderMap, host: Option<&str>) -> bool {
+    let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or("?"));
+    let same = |origin: &str| {
+        let origin = origin.to_ascii_lowercase();
+        origin.split_once("://").is_some_and(|(_, named)| Some(named) == host)
+    };
+    match (text("origin"), text("sec-fetch-site")) {
+        (Some(origin), _) => same(origin),
+        (None, Some(site)) => matches!(site, "same-origin" | "none"),
+        (None, None) => true,
+    }
+}
+
+async fn front(State(app): State<Arc<App>>) -> Response {
+    match app.assets.get("index.html") {
+        Some(found) => found,
+        None => Redirect::to("/plain").into_response(),
+    }
+}
+
+async fn asset(State(app): State<Arc<App>>, Path(file): Path<String>) -> Response {
+    app.assets.get(&file).unwrap_or_else(|| (StatusCode::NOT_FOUND, "there is no such file\n").into_response())
+}
+
+async fn plain_page(State(app): State<Arc<App>>) -> Response {
+    plain::page(&app.topics.live(), app.assets.are_there(), None)
+}
+
+async fn plain_stop(State(app): State<Arc<App>>, Path(verb): Path<String>) -> Response {
+    let request = match verb.as_str() {
+        "stop" => Asked::Stop,
+        "estop" => Asked::Estop,
+        _ => return (StatusCode::NOT_FOUND, "the plain page has stop and estop\n").into_response(),
+    };
+    let sentence = match session::stop(&app, request).await {
+        Ok(Reply::Answer { accepted: Accepted::Accepted, sentence, .. }) => sentence,
+        Ok(Reply::Answer { sentence, .. }) => format!("refused: {sentence}"),
+        Ok(_) => "the gateway's reply is of another kind; use the page of the same installation".to_owned(),
+        Err(failure) => failure.to_string(),
+    };
+    plain::page(&app.topics.live(), app.assets.are_there(), Some(&sentence))
+}
+
+async fn upgrade(State(app): State<Arc<App>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+    // A browser always names the page that opens the conversation.
+    if !headers.contains_key(header::ORIGIN) {
+        return (StatusCode::FORBIDDEN, "a conversation is opened by the page\n").into_response();
+    }
+    let Ok(place) = Arc::clone(&app.browsers).try_acquire_owned() else {
+        let why = format!("{BROWSERS} pages are open already; close one\n");
+        return (StatusCode::SERVICE_UNAVAILABLE, why).into_response();
+    };
+    upgrade.max_message_size(MESSAGE).max_frame_size(MESSAGE).max_write_buffer_size(4 * MESSAGE).on_upgrade(
+        async move |socket| {
+            session::converse(socket, app).await;
+            drop(place);
+        },
+    )
+}
+
+/// Files of finished runs that can be fetched once.
+#[derive(Debug, Default)]
+pub(crate) struct Downloads(Mutex<BTreeMap<String, Offered>>);
+
+#[derive(Debug)]
+struct Offered {
+    file: File,
+    name: String,
+    bytes: u64,
+    until: Instant,
+}
+
+impl Downloads {
+    /// Offers a file; returns its path, which cannot be guessed. `None`: too many wait.
+    pub(crate) fn offer(&self, file: File, name: String, bytes: u64) -> Option<String> {
+        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        offered.retain(|_, one| one.until > now);
+        let ticket = (offered.len() < DOWNLOADS).then(ticket)??;
+        offered.insert(ticket.clone(), Offered { file, name, bytes, until: now + FETCHED });
+        Some(format!("/download/{ticket}"))
+    }
+
+    fn fetch(&self, ticket: &str) -> Option<Offered> {
+        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        offered.remove(ticket).filter(|one| one.until > Instant::now())
+    }
+}
+
+fn ticket() -> Option<String> {
+    let mut bytes = [0_u8; 16];
+    let filled = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()).ok()?;
+    (filled == bytes.len()).then(|| messages::hex(&bytes))
+}
+
+async fn download(State(app): State<Arc<App>>, Path(ticket): Path<String>) -> Response {
+    let Some(Offered { file, name, bytes, .. }) = app.downloads.fetch(&ticket) else {
+        return (StatusCode::NOT_FOUND, "this download has ended; ask for it again on the page\n").into_response();
+    };
+    let pieces = futures_util::stream::try_unfold(tokio::fs::File::from_std(file), async |mut file| {
+        let mut piece = vec![0; PIECE];
+        let length = file.read(&mut piece).await?;
+        piece.truncate(length);
+        Ok::<_, std::io::Error>((length > 0).then(|| (Bytes::from(piece), file)))
+    });
+    let plain: String =
+        name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+        (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{plain}\"")),
+        (header::CONTENT_LENGTH, bytes.to_string()),
+    ];
+    (headers, Body::from_stream(pieces)).into_response()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_this_machine_is_served() {
+        let names = ["localhost".to_owned(), "box.local".to_owned()];
+        for host in ["10.0.0.1:8766", "[::1]:8766", "localhost:80", "box.local", "127.0.0.1"] {
+            assert!(is_this_machine(host, &names), "{host}");
+        }
+        for host in ["evil.example:8766", "", "box", "localhost.evil.example", "10.0.0.1.evil.example"] {
+            assert!(!is_this_machine(host, &names), "{host}");
+        }
+    }
+
+    #[test]
+    fn only_the_own_page_is_served() {
+        let of = |rows: &[(&'static str, &'static str)]| {
+            let headers = rows.iter().map(|(name, value)| (name.parse().unwrap(), HeaderValue::from_static(value)));
+            from_own_page(&headers.collect(), Some("10.0.0.1:8766"))
+        };
+        assert!(of(&[]) && of(&[("origin", "https://10.0.0.1:8766")]) && of(&[("sec-fetch-site", "none")]));
+        for wrong in [
+            ("origin", "https://evil.example"),
+            ("origin", "null"),
+            ("origin", "https://10.0.0.1:1"),
+            ("origin", "https://10.0.0.1:8766.evil.example"),
+            ("sec-fetch-site", "cross-site"),
+            ("sec-fetch-site", "same-site"),
+        ] {
+            assert!(!of(&[wrong]), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn a_download_is_fetched_once_and_a_bounded_number_waits() {
+        let downloads = Downloads::default();
+        let offer = || downloads.offer(File::open("/dev/null").unwrap(), "x".to_owned(), 0);
+        let path = offer().unwrap();
+        let ticket = path.rsplit('/').next().unwrap();
+        assert!(
+            downloads.fetch("0").is_none() && downloads.fetch(ticket).is_some() && downloads.fetch(ticket).is_none()
+        );
+        assert_eq!((0..DOWNLOADS + 3).filter(|_| offer().is_some()).count(), DOWNLOADS);
+    }
+}

@@ -1,0 +1,30 @@
+//! The page: a robot on a tablet. A web server that shows the robot and passes requests to its gateway.
+//!
+//! Invariants:
+//! * The page is a client of the gateway's socket and nothing else: it joins no shared memory and starts no program.
+//!   The gateway decides what a browser may do, by the token that the browser holds; one without a token can look and
+//!   stop.
+//! * What a browser sends is bounded in size and rate, and what it does not take is replaced by what is newer: no
+//!   browser delays the page, another browser or the robot.
+//! * Every sentence about the robot comes from the robot, its gateway or the catalogue of `robot-state`.
+//! * Nothing on the page comes from another server, and no text of a robot or a browser becomes markup.
+//! * Other machines are served over TLS only.
+#![forbid(unsafe_code)]
+
+mod assets;
+mod certificate;
+mod http;
+mod link;
+mod listener;
+mod observer;
+mod pair;
+mod plain;
+mod protocol;
+mod robot;
+mod scene;
+mod server;
+mod session;
+pub mod settings;
+
+pub use pair::pair;
+pub use server::serve;

@@ -1,0 +1,16 @@
+//! The page of a robot; see the library.
+
+use command::Answer;
+use page::settings::{Args, Command};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    command::main(std::env::args_os(), |_: &Args| false, |args| run(args).map(|()| None))
+}
+
+fn run(args: &Args) -> Answer {
+    match &args.command {
+        Command::Serve(serve) => page::serve(serve, &args.place),
+        Command::Pair(pair) => page::pair(pair, &args.place),
+    }
+}

@@ -1,0 +1,99 @@
+//! What browsers send, as JSON; `docs/page.md` describes it.
+
+use gateway_protocol::Call;
+use messages::Request;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+/// A message of a browser. The first one is [`FromBrowser::Hello`].
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "call", rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) enum FromBrowser {
+    /// Opens the conversation, for the holder of a token or for everyone who opens the page.
+    Hello {
+        #[serde(default)]
+        token: Option<String>,
+    },
+    /// Requests something of the robot.
+    Ask { id: u64, request: Request },
+    /// Requests a motion that goes on only while the browser sends `beat`.
+    Held { id: u64, request: Request },
+    /// The person still holds the control of the motion.
+    Beat {},
+    /// The person has released it.
+    Release {},
+    /// Requests a mission by its text.
+    Fly {
+        id: u64,
+        name: String,
+        text: String,
+        #[serde(default)]
+        continues: bool,
+    },
+    /// Asks whether the node can hang at a point.
+    Check { id: u64, to_m: [f64; 3] },
+    /// Asks for the list of finished runs.
+    Runs { id: u64 },
+    /// Asks for the files of a finished run.
+    Files { id: u64, run: String },
+    /// Asks for a path at which one of these files can be downloaded once.
+    Open { id: u64, run: String, file: String },
+}
+
+impl FromBrowser {
+    /// Reads a message.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(crate) fn read(text: &str) -> Result<Self, String> {
+        serde_json::from_str(text).map_err(|error| format!("a message is not understood: {error}"))
+    }
+}
+
+/// The request that ends a held motion; `None` if the request may not be held.
+pub(crate) fn end_of(request: &Request) -> Option<Request> {
+    match request {
+        Request::Jog { .. } => Some(Request::Hold),
+        Request::Goto { .. } => Some(Request::Stop),
+        _ => None,
+    }
+}
+
+/// Whether a request stops the robot, which every role may do through the page.
+pub(crate) fn stops(request: &Request) -> bool {
+    matches!(request, Request::Hold | Request::Pause | Request::Stop | Request::Estop)
+}
+
+/// The gateway's call for a request.
+pub(crate) fn ask(id: u64, request: Request) -> Call {
+    Call::Ask { id, request, process: None }
+}
+
+/// A refusal of the page itself, in the form of the gateway's answers.
+pub(crate) fn refusal(id: u64, sentence: &str) -> Value {
+    json!({ "reply": "answer", "id": id, "accepted": "refused", "reason": 0, "sentence": sentence })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_has_known_keys_only() {
+        assert_eq!(FromBrowser::read(r#"{"call":"hello"}"#), Ok(FromBrowser::Hello { token: None }));
+        let ask = FromBrowser::read(r#"{"call":"ask","id":3,"request":{"verb":"stop"}}"#);
+        assert_eq!(ask, Ok(FromBrowser::Ask { id: 3, request: Request::Stop }));
+        for wrong in
+            ["", "[]", r#"{"call":"token-add","id":1,"name":"a","role":"fly"}"#, r#"{"call":"beat","id":1,"x":2}"#]
+        {
+            assert!(FromBrowser::read(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn only_motions_can_be_held() {
+        assert_eq!(end_of(&Request::Jog { cable: 1, distance_m: 0.1 }), Some(Request::Hold));
+        assert_eq!(end_of(&Request::Arm), None);
+        assert_eq!(end_of(&Request::Stop), None);
+    }
+}

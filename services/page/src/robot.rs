@@ -1,0 +1,336 @@
+//! What the page knows of the robot: the newest samples in, plain data for browsers out. No clock, no I/O.
+
+use cable_robot::Path;
+use messages::{
+    LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment,
+    PlanStatus, ProcessState, RecorderStatus, RequestBody, Rule, SLOT_NAMES, SLOTS, blended_estimate, text_of,
+};
+use robot_state::{Periods, sentences};
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The channels and the largest number of samples per second of each; `None`: every sample, because each is a row or an
+/// event.
+pub(crate) const CHANNELS: [(&str, Option<f64>); 10] = [
+    ("motor/authority", Some(20.0)),
+    ("motor/state", Some(10.0)),
+    ("node/estimate/a", Some(20.0)),
+    ("node/estimate/b", Some(20.0)),
+    ("motor/slots", Some(2.0)),
+    ("plan/status", Some(5.0)),
+    ("plan/motion", Some(5.0)),
+    ("recorder/status", Some(1.0)),
+    ("system/process", None),
+    ("operator/request", None),
+];
+/// Beginning of the names of the channels with the logs of processes.
+pub(crate) const LOGS: &str = "system/log/";
+/// The recorder publishes once a second; an older sample says that it has failed, s.
+const RECORDER_OLD_S: f64 = 2.5;
+/// Points along a drawn segment.
+const POINTS: usize = 48;
+
+/// The newest samples of a robot.
+#[derive(Debug, Default)]
+pub(crate) struct Robot {
+    authority: Option<MotorAuthority>,
+    state: Option<MotorState>,
+    estimates: [Option<NodeEstimate>; SLOTS],
+    slots: Option<MotorSlots>,
+    plan: Option<PlanStatus>,
+    motion: Option<PlanMotion>,
+    recorder: Option<RecorderStatus>,
+    processes: BTreeMap<String, ProcessState>,
+    flyer: Option<OperatorRequest>,
+    /// Channels whose samples this program does not know.
+    foreign: BTreeSet<String>,
+}
+
+/// Something that happened once.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Happened(pub(crate) Value);
+
+impl Robot {
+    /// Notes the type of the samples of a channel, by its definition.
+    pub(crate) fn define(&mut self, channel: &str, type_name: &str, size: usize) {
+        let known = |name: &str| name == type_name;
+        let row = messages::channel_of(channel).and_then(|row| row.type_name);
+        if row.is_some_and(|row| known(row())) && size > 0 {
+            self.foreign.remove(channel);
+        } else {
+            self.foreign.insert(channel.to_owned());
+        }
+    }
+
+    /// Takes a sample; returns what happened, if it is an event.
+    pub(crate) fn take(&mut self, channel: &str, bytes: &[u8]) -> Option<Happened> {
+        if self.foreign.contains(channel) {
+            return None;
+        }
+        match channel {
+            "motor/authority" => self.authority = read(bytes).or(self.authority),
+            "motor/state" => self.state = read(bytes).or(self.state),
+            "node/estimate/a" => self.estimates[0] = read(bytes).or(self.estimates[0]),
+            "node/estimate/b" => self.estimates[1] = read(bytes).or(self.estimates[1]),
+            "motor/slots" => self.slots = read(bytes).or(self.slots),
+            "plan/status" => self.plan = read(bytes).or(self.plan),
+            "plan/motion" => self.motion = read(bytes).or(self.motion),
+            "recorder/status" => self.recorder = read(bytes).or(self.recorder),
+            "system/process" => self.row(&read(bytes)?),
+            "operator/request" => return self.request(read(bytes)?),
+            _ if channel.starts_with(LOGS) => return Some(logged(&read(bytes)?)),
+            _ => {}
+        }
+        None
+    }
+
+    fn row(&mut self, row: &ProcessState) {
+        let name = text_of(&row.name);
+        if row.state == ProcessState::STATE_GONE {
+            self.processes.remove(&name);
+        } else {
+            self.processes.insert(name, *row);
+        }
+    }
+
+    fn request(&mut self, request: OperatorRequest) -> Option<Happened> {
+        if request.answered == 0 {
+            return None;
+        }
+        if request.accepted == OperatorRequest::ACCEPTED && flies(request.body.verb) {
+            self.flyer = Some(request);
+        }
+        let value = json!({
+            "type": "request", "stamp_ns": request.header.stamp_ns, "who": text_of(&request.requester),
+            "accepted": request.accepted == OperatorRequest::ACCEPTED, "reason": request.reason,
+            "sentence": text_of(&request.answer),
+        });
+        Some(Happened(value))
+    }
+
+    /// The estimate in charge, if it is valid.
+    pub(crate) fn estimate(&self) -> Option<NodeEstimate> {
+        let [a, b] = &self.estimates;
+        blended_estimate(self.authority.as_ref(), [a.as_ref(), b.as_ref()], Rule::History)
+            .filter(|estimate| estimate.valid == 1)
+    }
+
+    /// Number that changes with every sample of the state that is sent at the full rate.
+    pub(crate) fn cycle(&self) -> u64 {
+        self.authority.map_or(0, |authority| authority.header.cycle)
+    }
+
+    /// The state that changes all the time.
+    pub(crate) fn live(&self, now_ns: u64) -> Value {
+        let mut value = json!({ "type": "state", "age_s": self.age_s(now_ns), "mode": null });
+        if let Some(authority) = &self.authority {
+            let periods = Periods::from_authority(authority);
+            value["mode"] = json!(sentences::mode_name(authority.mode));
+            value["mode_sentence"] = json!(sentences::mode_sentence(authority.mode));
+            value["faults"] = json!(sentences::faults_of(authority));
+            value["position"] = json!(sentences::position_sentence(authority.position_known));
+            value["position_known"] = json!(authority.position_known);
+            value["rate"] = json!(authority.plan_rate);
+            value["rate_target"] = json!(authority.plan_rate_target);
+            value["segment"] = json!(authority.segment);
+            let (hz, summary) = (1.0 / authority.period_s, periods.summary());
+            value["cycle"] = json!({ "number": authority.header.cycle, "hz": hz, "summary": summary,
+                "unsteered": periods.unsteered(), "all": periods.all() });
+        }
+        if let Some(state) = &self.state {
+            let (cables, units) = (count(state.cable_count, state.length_m.len()), usize::from(state.unit_count));
+            value["lengths_m"] = json!(state.length_m[..cables]);
+            value["currents_a"] = json!(state.current_a[..cables]);
+            let read = state.supply_v.iter().take(units).copied().filter(|volts| *volts > 0.0);
+            let lowest = read.fold(f64::INFINITY, f64::min);
+            value["supply_v"] = json!(lowest.is_finite().then_some(lowest));
+        }
+        if let Some(estimate) = self.estimate() {
+            let cables = count(estimate.cable_count, estimate.tension_n.len());
+            let two_sigma = estimate.two_sigma_m();
+            value["position_m"] = json!(estimate.position_m);
+            value["velocity_m_s"] = json!(estimate.velocity_m_s);
+            value["two_sigma_m"] = json!(two_sigma);
+            value["within_m"] = json!(two_sigma.iter().map(|m| m * m).sum::<f64>().sqrt());
+            value["tensions_n"] = json!(estimate.tension_n[..cables]);
+            value["slack"] = json!(estimate.slack[..cables]);
+        }
+        if let Some(plan) = &self.plan {
+            value["mission"] = json!({
+                "state": sentences::mission_state(plan.state), "name": text_of(&plan.mission), "leg": plan.leg,
+                "legs": plan.legs, "progress": plan.progress, "time_left_s": plan.time_left_s,
+                "reason": text_of(&plan.reason), "target_m": plan.target_m,
+            });
+        }
+        value
+    }
+
+    /// Time since motor-io published, s; `None`: it never did.
+    pub(crate) fn age_s(&self, now_ns: u64) -> Option<f64> {
+        self.authority.map(|authority| since_s(authority.header.stamp_ns, now_ns))
+    }
+
+    /// The state that changes rarely.
+    pub(crate) fn slow(&self, now_ns: u64) -> Value {
+        let processes: Vec<Value> = self
+            .processes
+            .iter()
+            .map(|(name, row)| {
+                json!({ "name": name, "state": client::state_name(row.state), "pid": row.pid,
+                    "restarts": row.restarts, "role": text_of(&row.role), "reason": text_of(&row.reason),
+                    "well": well(row.state) })
+            })
+            .collect();
+        let recorder = self.recorder.as_ref().map(|row| {
+            let age_s = since_s(row.header.stamp_ns, now_ns);
+            let silent = (age_s > RECORDER_OLD_S).then(|| format!("no message from the recorder for {age_s:.0} s"));
+            json!({ "problem": silent.or_else(|| client::unrecorded_of(row)), "bytes": row.total_bytes,
+                "disk_free_bytes": row.disk_free_bytes })
+        });
+        let flyer = self.flyer.as_ref().map(
+            |request| json!({ "name": text_of(&request.requester), "ago_s": since_s(request.header.stamp_ns, now_ns) }),
+        );
+        json!({ "type": "robot", "processes": processes, "recorder": recorder, "flyer": flyer,
+            "slots": self.slots.as_ref().map(slots), "unknown_channels": self.foreign })
+    }
+
+    /// What the drawn plan depends on.
+    pub(crate) fn plan_key(&self) -> (u32, u32, u32) {
+        self.motion.map_or((0, 0, 0), |motion| (motion.motion, motion.current.id, motion.next.id))
+    }
+
+    /// The plan as lines to draw.
+    pub(crate) fn drawn_plan(&self) -> Value {
+        let segments: Vec<Value> = self
+            .motion
+            .iter()
+            .flat_map(|motion| [&motion.current, &motion.next])
+            .filter_map(|message| Some((message, points(message)?)))
+            .map(|(message, points)| json!({ "id": message.id, "points_m": points }))
+            .collect();
+        json!({ "type": "plan", "segments": segments })
+    }
+}
+
+/// Requests of the person who flies: those that move the node or make it ready to move.
+fn flies(verb: u8) -> bool {
+    matches!(
+        verb,
+        RequestBody::VERB_ARM
+            | RequestBody::VERB_ZERO_AT
+            | RequestBody::VERB_ZERO_LENGTHS
+            | RequestBody::VERB_CONFIRM
+            | RequestBody::VERB_JOG
+            | RequestBody::VERB_RESUME
+            | RequestBody::VERB_SPEED
+            | RequestBody::VERB_GOTO
+            | RequestBody::VERB_RUN
+    )
+}
+
+fn well(state: u8) -> bool {
+    !matches!(state, ProcessState::STATE_DIED | ProcessState::STATE_SILENT | ProcessState::STATE_GAVE_UP)
+}
+
+fn slots(slots: &MotorSlots) -> Value {
+    let of = |role: usize| -> Vec<Value> {
+        let state = |slot: usize| {
+            let index = SLOTS * role + slot;
+            json!({ "slot": SLOT_NAMES[slot], "phase": sentences::phase_name(slots.phase[index]),
+                "cause": sentences::cause_phrase(role, slots.cause[index]),
+                "in_charge": usize::from(slots.in_charge[role]) == slot })
+        };
+        (0..SLOTS).map(state).collect()
+    };
+    let roles = sentences::ROLE_NAMES.iter().enumerate();
+    roles.map(|(role, name)| ((*name).to_owned(), Value::from(of(role)))).collect::<serde_json::Map<_, _>>().into()
+}
+
+fn logged(event: &LogEvent) -> Happened {
+    let level = match event.level {
+        LogEvent::LEVEL_ERROR => "error",
+        LogEvent::LEVEL_WARN => "warning",
+        _ => "info",
+    };
+    Happened(json!({ "type": "log", "stamp_ns": event.header.stamp_ns, "process": text_of(&event.process),
+        "level": level, "sentence": text_of(&event.text) }))
+}
+
+/// Points along a segment, m; `None` if there is none.
+fn points(message: &PlanSegment) -> Option<Vec<[f64; 3]>> {
+    let segment = segments::segment_of(message)?;
+    if matches!(segment.path, Path::Dwell(_)) {
+        return None;
+    }
+    let (length, count) = (segment.path.length(), if segment.path.is_straight() { 1 } else { POINTS });
+    Some((0..=count).map(|i| segment.path.point(length * i as f64 / count as f64).into()).collect())
+}
+
+fn count(given: u8, most: usize) -> usize {
+    usize::from(given).min(most)
+}
+
+fn since_s(stamp_ns: u64, now_ns: u64) -> f64 {
+    now_ns.saturating_sub(stamp_ns) as f64 * 1e-9
+}
+
+fn read<T: Message>(bytes: &[u8]) -> Option<T> {
+    bytemuck::try_pod_read_unaligned(bytes).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{Header, put_text};
+
+    fn taken(robot: &mut Robot, channel: &str, sample: &impl Message) -> Option<Happened> {
+        robot.take(channel, bytemuck::bytes_of(sample))
+    }
+
+    #[test]
+    fn the_state_has_the_words_of_the_command_line_and_its_age() {
+        let mut robot = Robot::default();
+        assert_eq!(robot.live(0)["mode"], Value::Null);
+        let header = Header { stamp_ns: 1_000_000_000, ..Header::default() };
+        let authority = MotorAuthority {
+            header,
+            mode: MotorAuthority::MODE_FAULTED,
+            faults: MotorAuthority::FAULT_SUPPLY,
+            period_s: 0.01,
+            ..MotorAuthority::default()
+        };
+        taken(&mut robot, "motor/authority", &authority);
+        let state = robot.live(3_500_000_000);
+        assert_eq!((&state["mode"], &state["age_s"]), (&json!("faulted"), &json!(2.5)));
+        assert_eq!(state["faults"], json!(sentences::faults_of(&authority)));
+    }
+
+    #[test]
+    fn a_sample_of_another_type_or_size_changes_nothing() {
+        let mut robot = Robot::default();
+        robot.take("motor/authority", &[7; 12]);
+        robot.define("motor/authority", "nims_msgs/Other/00000000", 8);
+        taken(&mut robot, "motor/authority", &MotorAuthority::default());
+        assert_eq!(robot.live(0)["mode"], Value::Null);
+        assert_eq!(robot.slow(0)["unknown_channels"], json!(["motor/authority"]));
+        robot.define("motor/authority", MotorAuthority::type_name(), size_of::<MotorAuthority>());
+        taken(&mut robot, "motor/authority", &MotorAuthority::default());
+        assert_eq!(robot.live(0)["mode"], json!("disarmed"));
+    }
+
+    #[test]
+    fn who_flies_is_who_last_moved_the_robot() {
+        let mut robot = Robot::default();
+        let mut ask = |verb, who: &str, accepted| {
+            let body = RequestBody { verb, ..RequestBody::default() };
+            let mut request = OperatorRequest { body, answered: 1, accepted, ..OperatorRequest::default() };
+            put_text(&mut request.requester, who);
+            taken(&mut robot, "operator/request", &request);
+            robot.slow(0)["flyer"]["name"].clone()
+        };
+        assert_eq!(ask(RequestBody::VERB_STOP, "ada", OperatorRequest::ACCEPTED), Value::Null);
+        assert_eq!(ask(RequestBody::VERB_GOTO, "bob", OperatorRequest::ACCEPTED), json!("bob"));
+        assert_eq!(ask(RequestBody::VERB_GOTO, "eve", OperatorRequest::REFUSED), json!("bob"));
+        assert_eq!(ask(RequestBody::VERB_HOLD, "ada", OperatorRequest::ACCEPTED), json!("bob"));
+    }
+}

@@ -1,0 +1,113 @@
+//! The process: opens the port, observes the robot, serves until it is ended.
+
+use crate::assets::{Assets, folder};
+use crate::certificate::certificate;
+use crate::http::{App, BROWSERS, Downloads, router};
+use crate::listener::listen;
+use crate::observer::{Topics, observe};
+use crate::pair::Listening;
+use crate::settings::{PlaceArgs, ServeArgs, state_folder};
+use command::{Answer, Failure};
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::Semaphore;
+
+/// Serves the page until a signal ends it.
+///
+/// # Errors
+/// The address is in use or not of this machine, or the certificate cannot be made.
+pub fn serve(args: &ServeArgs, place: &PlaceArgs) -> Answer {
+    bus::make_private();
+    // The page must not delay the robot's processes.
+    let _ = rustix::process::nice(10);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::not_now)?;
+    runtime.block_on(run(args, place))
+}
+
+async fn run(args: &ServeArgs, place: &PlaceArgs) -> Answer {
+    let address = SocketAddr::new(args.address, args.port);
+    let refused = |error: std::io::Error| {
+        Failure::NotNow(format!("cannot listen at {address}: {error}; choose others with --address and --port"))
+    };
+    let listener = TcpListener::bind(address).await.map_err(refused)?;
+    let port = listener.local_addr().map_err(Failure::not_now)?.port();
+    let names = names(&args.name);
+    let addresses = reached(args.address);
+    let state = state_folder(args.state.as_ref());
+    let secure = !args.address.is_loopback();
+    let made = secure
+        .then(|| {
+            let stated: Vec<String> = names.iter().cloned().chain(addresses.iter().map(IpAddr::to_string)).collect();
+            certificate(&state, &stated)
+        })
+        .transpose()?;
+    let scheme = if secure { "https" } else { "http" };
+    let urls: Vec<String> =
+        addresses.iter().map(|address| format!("{scheme}://{}", SocketAddr::new(*address, port))).collect();
+    let fingerprint = made.as_ref().map(|made| made.fingerprint.clone());
+    for url in &urls {
+        eprintln!("nims-page: open {url}/");
+    }
+    if let Some(fingerprint) = &fingerprint {
+        eprintln!("nims-page: fingerprint of the certificate (SHA-256): {fingerprint}");
+    }
+    let listening = Listening { urls, fingerprint };
+    if let Err(failure) = listening.write(&state) {
+        eprintln!("nims-page: `nims page pair` needs --url: {failure}");
+    }
+    let assets = Assets::read(&folder(args.assets.as_deref()));
+    if !assets.are_there() {
+        eprintln!("nims-page: only the plain page is there; scripts/page builds the whole one");
+    }
+    let topics = Arc::new(Topics::default());
+    let app = App {
+        place: place.clone(),
+        topics: Arc::clone(&topics),
+        assets,
+        downloads: Downloads::default(),
+        names: names.clone(),
+        browsers: Arc::new(Semaphore::new(BROWSERS)),
+    };
+    let (mut interrupted, mut terminated) = (
+        signal(SignalKind::interrupt()).map_err(Failure::not_now)?,
+        signal(SignalKind::terminate()).map_err(Failure::not_now)?,
+    );
+    tokio::select! {
+        () = observe(topics, place.clone()) => {}
+        () = listen(listener, made.map(|made| made.config), router(Arc::new(app)), names.into()) => {}
+        _ = interrupted.recv() => {}
+        _ = terminated.recv() => {}
+    }
+    Ok(())
+}
+
+/// The names of this machine by which browsers may reach it.
+fn names(given: &[String]) -> Vec<String> {
+    let mut names = vec!["localhost".to_owned()];
+    let host = rustix::system::uname().nodename().to_string_lossy().to_ascii_lowercase();
+    if !host.is_empty() && host != "localhost" {
+        names.extend([format!("{host}.local"), host]);
+    }
+    names.extend(given.iter().map(|name| name.to_ascii_lowercase()));
+    names
+}
+
+/// The addresses at which browsers reach this machine, those of networks first.
+fn reached(address: IpAddr) -> Vec<IpAddr> {
+    if !address.is_unspecified() {
+        return vec![address];
+    }
+    let found = if_addrs::get_if_addrs().unwrap_or_default();
+    let mut addresses: Vec<IpAddr> = found
+        .iter()
+        .map(if_addrs::Interface::ip)
+        .filter(|ip| ip.is_ipv4() || address.is_ipv6())
+        // Those of one link need its name too, which no browser accepts.
+        .filter(|ip| !matches!(ip, IpAddr::V6(six) if six.is_unicast_link_local()))
+        .collect();
+    addresses.sort_by_key(|ip| (ip.is_loopback(), ip.is_ipv6(), *ip));
+    addresses.dedup();
+    addresses
+}

@@ -1,0 +1,173 @@
+//! The page in front of a real robot and its gateway: what a browser without a token may do, what the holder of a token
+//! may, and that a motion that nobody holds any more ends.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod rig;
+
+use rig::{Browser, Rig};
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+
+const START: [f64; 3] = [4.8, 3.0, 0.3];
+const ARM: &str = "arm";
+
+fn plain(verb: &str) -> Value {
+    json!({ "verb": verb })
+}
+
+/// Armed and zeroed by the holder of a token.
+fn ready(flyer: &mut Browser) {
+    flyer.until_state("the robot is up", |state| state["cycle"]["number"].as_u64().is_some_and(|cycle| cycle > 50));
+    for request in [plain(ARM), json!({ "verb": "zero-at", "position_m": START })] {
+        let answer = flyer.ask(request);
+        assert_eq!(answer["accepted"], "accepted", "{answer}");
+    }
+    flyer.until_state("the position is known", |state| state["position_known"] == 2 && state["within_m"].is_f64());
+}
+
+#[test]
+fn a_browser_looks_and_stops_and_the_holder_of_a_token_flies() {
+    let rig = Rig::up();
+    let mut visitor = rig.browser(None);
+    assert_eq!((&visitor.welcome["role"], &visitor.welcome["paired"]), (&json!("stop"), &json!(false)));
+    let scene = visitor.until("the robot is drawn", |told| told["type"] == "scene");
+    assert_eq!((scene["system"].as_str(), scene["anchors_m"].as_array().map(Vec::len)), (Some("demo3"), Some(3)));
+    let refused = visitor.ask(plain(ARM));
+    assert_eq!((&refused["accepted"], &refused["reason"]), (&json!("refused"), &json!(450)), "{refused}");
+
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    assert_eq!((&flyer.welcome["user"], &flyer.welcome["role"]), (&json!("tablet"), &json!("fly")));
+    ready(&mut flyer);
+    for (to_m, possible) in [([5.4, 3.6, 0.7], true), ([4.8, 3.0, 3.0], false)] {
+        let found = flyer.call(json!({ "call": "check", "to_m": to_m }));
+        assert_eq!(found["possible"], json!(possible), "{found}");
+    }
+    let go = json!({ "verb": "goto", "to_m": [5.4, 3.6, 0.7], "path": { "shape": "line" }, "speed_m_s": 0.1 });
+    assert_eq!(flyer.ask(go)["accepted"], "accepted");
+    visitor.until_state("it flies", |state| state["mode"] == "following");
+    // A visitor stops it, and the run names the page.
+    let stopped = visitor.ask(plain("stop"));
+    assert_eq!(stopped["accepted"], "accepted", "{stopped}");
+    visitor.until_state("it holds", |state| state["mode"] == "holding");
+    let flies = visitor.until("who flies", |told| told["type"] == "robot" && told["flyer"]["name"] == "tablet");
+    assert!(flies["processes"].as_array().is_some_and(|rows| rows.len() > 3), "{flies}");
+
+    // Every role stops, also one that may only look.
+    let mut looker = rig.browser(Some(&rig.token("phone", "look")));
+    assert_eq!(looker.ask(plain("reset"))["reason"], 450);
+    assert_eq!(looker.ask(plain("estop"))["accepted"], "accepted");
+    looker.until_state("emergency stop", |state| state["mode"] == "emergency stop");
+
+    // A token that was taken back opens nothing.
+    rig.revoke("tablet");
+    flyer.until_closed();
+    let forged = rig.browser(Some(&"0".repeat(64)));
+    assert_eq!((&forged.welcome["role"], forged.welcome["sentence"].is_string()), (&json!("stop"), true));
+}
+
+#[test]
+fn a_motion_that_is_not_held_any_more_ends() {
+    let rig = Rig::up();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    ready(&mut flyer);
+    let move_on = json!({ "verb": "goto", "to_m": [5.4, 3.6, 0.7], "path": { "shape": "line" }, "speed_m_s": 0.05 });
+    let jog = json!({ "verb": "jog", "cable": 1, "distance_m": -0.5 });
+    // By the end of the signs, by a release, and by the end of the conversation.
+    for (request, mode) in [(&move_on, "following"), (&jog, "jogging")] {
+        for way in ["silence", "release", "gone"] {
+            let answer = flyer.call(json!({ "call": "held", "request": request }));
+            assert_eq!(answer["accepted"], "accepted", "{way}: {answer}");
+            flyer.beat_until(mode);
+            match way {
+                "release" => flyer.send(&json!({ "call": "release" })),
+                "gone" => flyer = rig.browser(Some(&rig.token(&format!("{mode}-tablet"), "fly"))),
+                _ => {}
+            }
+            flyer.until_state("it holds", |state| state["mode"] == "holding");
+        }
+    }
+    // What cannot be held is not requested, and what was refused ends nothing.
+    let refused = flyer.call(json!({ "call": "held", "request": plain("disarm") }));
+    assert_eq!(refused["accepted"], "refused");
+    assert_eq!(flyer.ask(move_on)["accepted"], "accepted");
+    flyer.until_state("it flies", |state| state["mode"] == "following");
+    assert_eq!(flyer.call(json!({ "call": "held", "request": jog }))["accepted"], "refused");
+    flyer.send(&json!({ "call": "release" }));
+    assert_eq!(flyer.call(json!({ "call": "check", "to_m": START }))["possible"], true);
+    let state = flyer.until_state("a state after that", |_| true);
+    assert_eq!(state["mode"], "following");
+}
+
+fn http(rig: &Rig, head: &str) -> String {
+    let mut stream = TcpStream::connect(&rig.address).unwrap();
+    stream.write_all(head.as_bytes()).unwrap();
+    let mut text = String::new();
+    stream.read_to_string(&mut text).unwrap();
+    text
+}
+
+#[test]
+fn a_stranger_gets_nothing_and_the_plain_page_stops() {
+    let rig = Rig::up();
+    let own = format!("Host: {}\r\nConnection: close\r\n", rig.address);
+    let foreign = "Host: evil.example\r\nConnection: close\r\n";
+    let status = |head: String| http(&rig, &head).lines().next().unwrap_or_default().to_owned();
+    assert!(status(format!("GET /plain HTTP/1.1\r\n{own}\r\n")).contains("200"));
+    assert!(status(format!("GET /plain HTTP/1.1\r\n{foreign}\r\n")).contains("421"));
+    assert!(status(format!("POST /plain/estop HTTP/1.1\r\n{own}Origin: http://evil.example\r\n\r\n")).contains("403"));
+    assert!(status(format!("GET /../Cargo.toml HTTP/1.1\r\n{own}\r\n")).contains("404"));
+    let upgrade = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
+    for origin in ["", "Origin: http://evil.example\r\n"] {
+        let head = format!("GET /ws HTTP/1.1\r\nHost: {}\r\n{upgrade}{origin}\r\n", rig.address);
+        let mut stream = TcpStream::connect(&rig.address).unwrap();
+        stream.write_all(head.as_bytes()).unwrap();
+        let mut line = [0; 12];
+        stream.read_exact(&mut line).unwrap();
+        assert_eq!(String::from_utf8_lossy(&line), "HTTP/1.1 403", "{origin}");
+    }
+    let page = http(&rig, &format!("GET /plain HTTP/1.1\r\n{own}\r\n"));
+    assert!(page.contains("default-src 'none'") && !page.contains("<script"), "{page}");
+    let mut browser = rig.browser(None);
+    browser.until_state("it is up", |state| state["mode"] == "disarmed");
+    let stopped = http(&rig, &format!("POST /plain/estop HTTP/1.1\r\n{own}Content-Length: 0\r\n\r\n"));
+    assert!(stopped.contains("200 OK"), "{stopped}");
+    browser.until_state("emergency stop", |state| state["mode"] == "emergency stop");
+}
+
+#[test]
+fn a_hostile_browser_is_bounded_and_disturbs_no_other() {
+    let rig = Rig::up();
+    let mut honest = rig.browser(None);
+    // Nonsense is answered or ends its own conversation.
+    for text in [
+        "",
+        "[]",
+        "{\"call\":\"hello\"}",
+        "{\"call\":\"token-list\",\"id\":1}",
+        "{\"call\":\"ask\",\"id\":-1}",
+        "\u{0}",
+    ] {
+        rig.browser(None).send_text(text);
+    }
+    let mut flood = rig.browser(None);
+    for _ in 0..1000 {
+        if !flood.try_send(&json!({ "call": "check", "id": 1, "to_m": START })) {
+            break;
+        }
+    }
+    flood.until_closed();
+    let mut long = rig.browser(None);
+    long.try_send(&json!({ "call": "fly", "id": 1, "name": "x", "text": "x".repeat(1 << 20) }));
+    long.until_closed();
+    // More browsers than there are places.
+    let mut open: Vec<Browser> = Vec::new();
+    while let Some(browser) = rig.try_browser(None) {
+        open.push(browser);
+        assert!(open.len() < 40, "no bound");
+    }
+    honest.until_state("the honest one goes on", |state| state["mode"] == "disarmed");
+    assert_eq!(honest.ask(plain("estop"))["accepted"], "accepted");
+    honest.until_state("emergency stop", |state| state["mode"] == "emergency stop");
+}

@@ -1,0 +1,249 @@
+//! A robot on the virtual motor box, its gateway and its page, each in a folder and a domain of its own, and browsers.
+
+#![allow(dead_code)] // each test uses a part of it
+
+use bus::{Domain, TestDomain};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::{Message, WebSocket};
+
+/// Longest wait for an event: it is exceeded only by an error, because a machine may stand still for seconds.
+const LONG: Duration = Duration::from_secs(60);
+
+/// Two robots at once would take processor time from each other.
+static ONE_ROBOT: Mutex<()> = Mutex::new(());
+
+/// A process that is ended when it is dropped.
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = rustix::process::kill_process(rustix::process::Pid::from_child(&self.0), rustix::process::Signal::INT);
+        let begun = Instant::now();
+        while begun.elapsed() < LONG && self.0.try_wait().ok().flatten().is_none() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A robot with its gateway and its page. They end in this order.
+pub struct Rig {
+    _page: Process,
+    _gateway: Process,
+    _robot: Process,
+    pub address: String,
+    socket: PathBuf,
+    folder: tempfile::TempDir,
+    _domain: TestDomain,
+    _alone: MutexGuard<'static, ()>,
+}
+
+fn program(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_BIN_EXE_nims-page")).with_file_name(name);
+    assert!(path.is_file(), "{} is missing: run `cargo build --workspace --bins` first", path.display());
+    path
+}
+
+/// The example files, because a robot stores its files beside them.
+fn copy_configs(folder: &Path) {
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+    for place in ["robots", "systems", "missions", "sensors", "ground"] {
+        let to = folder.join("configs").join(place);
+        std::fs::create_dir_all(&to).unwrap();
+        for entry in std::fs::read_dir(from.join(place)).unwrap() {
+            let entry = entry.unwrap();
+            if entry.path().is_file() {
+                std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+            }
+        }
+    }
+}
+
+impl Rig {
+    /// Starts all three.
+    pub fn up() -> Self {
+        let alone = ONE_ROBOT.lock().unwrap_or_else(PoisonError::into_inner);
+        let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::for_test());
+        copy_configs(folder.path());
+        std::fs::create_dir(folder.path().join("state")).unwrap();
+        let (system, socket) = (folder.path().join("configs/systems/demo3.toml"), folder.path().join("robot.sock"));
+        let mut robot = Command::new(program("nims"));
+        robot.args(["up", "--domain", domain.name(), "--run"]).arg(folder.path().join("run")).arg(&system);
+        let robot = Process(robot.stdout(Stdio::null()).stderr(log(folder.path(), "robot")).spawn().unwrap());
+        let mut gateway = Command::new(program("gateway"));
+        gateway.args(["--domain", domain.name(), "--socket"]).arg(&socket).arg("--system").arg(&system);
+        gateway.arg("--state").arg(folder.path().join("state")).stderr(log(folder.path(), "gateway"));
+        let gateway = Process(gateway.spawn().unwrap());
+        let mut page = Command::new(program("nims-page"));
+        page.args(["serve", "--port", "0", "--gateway"]).arg(&socket).arg("--state").arg(folder.path().join("page"));
+        let mut page = page.stderr(Stdio::piped()).spawn().unwrap();
+        let mut said = BufReader::new(page.stderr.take().unwrap()).lines();
+        let line = said.by_ref().map_while(Result::ok).find(|line| line.contains("open http://")).unwrap();
+        // What it says later is read, so that it never waits for a reader.
+        std::thread::spawn(move || said.map_while(Result::ok).for_each(|line| println!("{line}")));
+        let address = line.split("http://").nth(1).unwrap().trim_end_matches('/').to_owned();
+        assert!(address.starts_with("127.0.0.1:"), "not this machine alone: {line}");
+        Self {
+            _page: Process(page),
+            _gateway: gateway,
+            _robot: robot,
+            address,
+            socket,
+            folder,
+            _domain: domain,
+            _alone: alone,
+        }
+    }
+
+    fn nims(&self, args: &[&str]) -> String {
+        let begun = Instant::now();
+        loop {
+            let mut command = Command::new(program("nims"));
+            command.arg("--gateway").arg(&self.socket).args(args).current_dir(self.folder.path());
+            let output = command.output().unwrap();
+            if output.status.success() {
+                return String::from_utf8(output.stdout).unwrap();
+            }
+            assert!(begun.elapsed() < LONG, "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// A new token, as `nims page pair` prints it.
+    pub fn token(&self, holder: &str, role: &str) -> String {
+        let printed = self.nims(&["token", "list"]);
+        if printed.lines().any(|line| line.split_whitespace().next() == Some(holder)) {
+            self.revoke(holder);
+        }
+        let mut command = Command::new(program("nims-page"));
+        command.args(["pair", holder, "--role", role, "--gateway"]).arg(&self.socket);
+        let output = command.arg("--state").arg(self.folder.path().join("page")).output().unwrap();
+        let printed = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(printed.contains(&self.address), "{printed}");
+        let token = printed.split("#token=").nth(1).unwrap().lines().next().unwrap();
+        token.to_owned()
+    }
+
+    pub fn revoke(&self, holder: &str) {
+        self.nims(&["token", "revoke", holder]);
+    }
+
+    pub fn browser(&self, token: Option<&str>) -> Browser {
+        let begun = Instant::now();
+        loop {
+            if let Some(browser) = self.try_browser(token) {
+                return browser;
+            }
+            assert!(begun.elapsed() < LONG, "no conversation begins");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// `None` if the page has no place, or its gateway is not there yet.
+    pub fn try_browser(&self, token: Option<&str>) -> Option<Browser> {
+        let stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(LONG)).unwrap();
+        let mut request = format!("ws://{}/ws", self.address).into_client_request().unwrap();
+        request.headers_mut().insert("origin", format!("http://{}", self.address).parse().unwrap());
+        let (socket, _) = tungstenite::client(request, stream).ok()?;
+        let mut browser = Browser { socket, welcome: Value::Null, last_id: 0 };
+        browser.send(&json!({ "call": "hello", "token": token }));
+        browser.welcome = browser.next()?;
+        (browser.welcome["type"] == "welcome").then_some(browser)
+    }
+}
+
+fn log(folder: &Path, name: &str) -> std::fs::File {
+    std::fs::File::create(folder.join(format!("{name}-said"))).unwrap()
+}
+
+/// A browser, without a screen.
+pub struct Browser {
+    socket: WebSocket<TcpStream>,
+    pub welcome: Value,
+    last_id: u64,
+}
+
+impl Browser {
+    pub fn send(&mut self, value: &Value) {
+        self.send_text(&value.to_string());
+    }
+
+    pub fn send_text(&mut self, text: &str) {
+        self.socket.send(Message::text(text)).unwrap();
+    }
+
+    /// `false` if the conversation has ended.
+    pub fn try_send(&mut self, value: &Value) -> bool {
+        self.socket.send(Message::text(value.to_string())).is_ok()
+    }
+
+    /// The next message; `None` after the last one.
+    fn next(&mut self) -> Option<Value> {
+        loop {
+            match self.socket.read() {
+                Ok(Message::Text(text)) => return Some(serde_json::from_str(&text).unwrap()),
+                Ok(Message::Close(_)) | Err(_) => return None,
+                Ok(_) => {}
+            }
+        }
+    }
+
+    pub fn until(&mut self, what: &str, done: impl Fn(&Value) -> bool) -> Value {
+        let (begun, mut last) = (Instant::now(), Value::Null);
+        while begun.elapsed() < LONG {
+            let told = self.next().unwrap_or_else(|| panic!("{what}: the conversation ended after {last}"));
+            if done(&told) {
+                return told;
+            }
+            last = told;
+        }
+        panic!("{what}: in vain, last {last}");
+    }
+
+    pub fn until_state(&mut self, what: &str, done: impl Fn(&Value) -> bool) -> Value {
+        self.until(what, |told| told["type"] == "state" && done(told))
+    }
+
+    pub fn until_closed(&mut self) {
+        let begun = Instant::now();
+        while self.next().is_some() {
+            assert!(begun.elapsed() < LONG, "the conversation goes on");
+        }
+    }
+
+    /// Sends a call and returns its reply.
+    pub fn call(&mut self, mut call: Value) -> Value {
+        self.last_id += 1;
+        let id = self.last_id;
+        call["id"] = json!(id);
+        self.send(&call);
+        self.until("a reply", |told| told["id"] == id && told["reply"].is_string())
+    }
+
+    pub fn ask(&mut self, request: Value) -> Value {
+        self.call(json!({ "call": "ask", "request": request }))
+    }
+
+    /// Holds a control until the robot is in that mode.
+    pub fn beat_until(&mut self, mode: &str) {
+        let begun = Instant::now();
+        loop {
+            self.send(&json!({ "call": "beat" }));
+            let state = self.until_state("a state", |_| true);
+            if state["mode"] == mode {
+                return;
+            }
+            assert!(begun.elapsed() < LONG, "{mode}: in vain, {state}");
+        }
+    }
+}

@@ -1,0 +1,229 @@
+// The view from which the robot is flown.
+
+import { h, metres, duration, renew, write } from "./dom.js";
+import type { Conversation, Store } from "./link.js";
+import { FlatMap } from "./map.js";
+import type { Answer, Point, Request } from "./protocol.js";
+import { Space } from "./space.js";
+import { type Drawn, bounds, extend, nodeOf } from "./view.js";
+
+/** Time without a change after which a target is checked, ms. */
+const SETTLED_MS = 120;
+/** A held jog ends by itself after this length, m. */
+const JOG_M = 1;
+/** A held move by direction: how far at most, m, and how fast, m/s. */
+const REACH_M = 2, SLOW_M_S = 0.08;
+/** The six directions of the pad. */
+const DIRECTIONS: [string, string, Point][] = [
+    ["−x", "to the left: x falls", [-1, 0, 0]], ["+x", "to the right: x grows", [1, 0, 0]], ["−y", "to the front: y falls", [0, -1, 0]], ["+y", "to the back: y grows", [0, 1, 0]],
+    ["▲ up", "up: z grows", [0, 0, 1]], ["▼ down", "down: z falls", [0, 0, -1]],
+];
+
+export class Fly {
+    readonly element: HTMLElement;
+    readonly drawn: Drawn = { trail: [], target: null, preview: [] };
+    private readonly flat: FlatMap;
+    private readonly space: Space | null = null;
+    private readonly looks: Record<string, HTMLButtonElement> = {};
+    private look = "3-D";
+    private readonly answer = h("p", { class: "answer", role: "status", hidden: true });
+    private readonly place = h("p", { class: "big" }, "–");
+    private readonly told = h("div", { class: "table" });
+    private readonly acts = h("div", { class: "row" });
+    private readonly progress = h("i");
+    private readonly mission = h("p");
+    private readonly heightSlider = h("input", { type: "range", step: 0.05, "aria-label": "height of the target", input: () => this.aim({ 2: this.heightSlider.valueAsNumber }) });
+    private readonly fields = (["x", "y", "z"] as const).map((name, axis) => h("input", { inputmode: "decimal", "aria-label": `${name} of the target in metres`, change: () => this.aim({ [axis]: Number(this.fields[axis]!.value.replace(",", ".")) }) }));
+    private readonly finding = h("p", { class: "soft", role: "status" }, "Tap a point in the drawing, or enter one.");
+    private readonly go = h("button", { class: "button main wide", type: "button", disabled: true, click: () => this.fly() }, "Go there");
+    private readonly cables = h("div", { class: "table" });
+    private readonly pad = h("div", { class: "pad" });
+    private checking = 0;
+    private readonly legend = h("div", { class: "legend", "aria-hidden": true });
+
+    constructor(private readonly store: Store, private readonly conversation: Conversation) {
+        const tapped = (at: Partial<Record<0 | 1 | 2, number>>) => this.aim(at);
+        this.flat = new FlatMap(store, this.drawn, tapped);
+        try {
+            this.space = new Space(store, this.drawn, () => this.drawn.target?.at[2] ?? this.heightSlider.valueAsNumber, tapped);
+        } catch {
+            this.look = "Top"; // no WebGL here
+        }
+        const choice = h("div", { class: "choice", role: "group", "aria-label": "view" }, ...["3-D", "Top", "Side"].filter((look) => look !== "3-D" || this.space).map((look) => {
+            this.looks[look] = h("button", { type: "button", click: () => this.show(look) }, look);
+            return this.looks[look]!;
+        }));
+        const stage = h("section", { class: "card stage", "aria-label": "the robot" }, choice, this.legend, this.flat.canvas, this.space?.canvas ?? null);
+        const panel = h("div", { class: "panel table" },
+            h("section", { class: "card" }, this.answer, this.place, this.told, this.acts, this.mission, h("div", { class: "bar", "aria-hidden": true }, this.progress)),
+            h("section", { class: "card" }, h("h2", {}, "Go to a point"), h("div", { class: "fields" }, ...this.fields.map((field, i) => h("label", {}, `${"xyz"[i]}, m`, field))),
+                h("label", {}, "height", this.heightSlider), this.finding, h("div", { class: "row" }, this.go, h("button", { class: "button", type: "button", click: () => this.aim(null) }, "Clear"))),
+            h("section", { class: "card" }, h("h2", {}, "Move while held"), this.pad, this.cables));
+        this.element = h("div", { class: "view fly" }, stage, panel);
+        this.show(this.look);
+        for (const [name, words, along] of DIRECTIONS) this.pad.append(this.heldButton(name, words, () => this.along(along)));
+        for (const event of ["blur", "pagehide"]) window.addEventListener(event, () => conversation.release());
+        document.addEventListener("visibilitychange", () => { if (document.hidden) conversation.release(); });
+    }
+
+    private show(look: string): void {
+        this.look = look;
+        for (const [name, button] of Object.entries(this.looks)) button.setAttribute("aria-pressed", String(name === look));
+        if (this.space) this.space.canvas.hidden = look !== "3-D";
+        this.flat.canvas.hidden = look === "3-D";
+        this.flat.side = look === "Side" ? "side" : "top";
+    }
+
+    /** Shows the answer to a request. */
+    said(answer: Answer): void {
+        this.answer.hidden = false;
+        this.answer.classList.toggle("refused", answer.accepted !== "accepted");
+        const sentence = answer.sentence.charAt(0).toUpperCase() + answer.sentence.slice(1);
+        write(this.answer, answer.accepted === "accepted" ? `✓ ${sentence}` : `✕ ${sentence}`);
+    }
+
+    private async ask(request: Request): Promise<void> { this.said(await this.conversation.ask(request)); }
+
+    /** Sets coordinates of the target; null removes it. */
+    private aim(at: Partial<Record<0 | 1 | 2, number>> | null): void {
+        const now = this.drawn.target?.at ?? nodeOf(this.store.state) ?? this.middle();
+        if (!at || Object.values(at).some((value) => !Number.isFinite(value))) this.drawn.target = null;
+        else {
+            const rounded = (axis: 0 | 1 | 2) => Math.round((at[axis] ?? now[axis]) * 100) / 100;
+            this.drawn.target = { at: [rounded(0), this.store.scene?.planar ? 0 : rounded(1), rounded(2)], possible: null };
+        }
+        this.go.disabled = true;
+        const target = this.drawn.target;
+        this.fields.forEach((field, axis) => { field.value = target ? target.at[axis as 0].toFixed(2) : ""; });
+        if (target) this.heightSlider.value = String(target.at[2]);
+        this.finding.className = "soft";
+        write(this.finding, target ? "checking …" : "Tap a point in the drawing, or enter one.");
+        clearTimeout(this.checking);
+        if (target) this.checking = window.setTimeout(() => void this.check(target), SETTLED_MS);
+    }
+
+    private middle(): Point {
+        if (!this.store.scene) return [0, 0, 0];
+        const [low, high] = bounds(this.store.scene);
+        return [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2] + 0.3 * (high[2] - low[2])];
+    }
+
+    private async check(target: NonNullable<Drawn["target"]>): Promise<void> {
+        const reply = await this.conversation.call({ call: "check", to_m: target.at });
+        if (this.drawn.target !== target) return;
+        const possible = reply.reply === "check" && reply.possible;
+        target.possible = possible;
+        this.finding.className = possible ? "good" : "bad";
+        const sentence = "sentence" in reply ? reply.sentence : "the check gave no finding";
+        write(this.finding, `${possible ? "✓" : "✕"} ${sentence.charAt(0).toUpperCase()}${sentence.slice(1)}.`);
+    }
+
+    private fly(): void {
+        const target = this.drawn.target;
+        if (target?.possible) void this.ask({ verb: "goto", to_m: target.at, path: { shape: "line" }, speed_m_s: null });
+    }
+
+    private along(direction: Point): Request | null {
+        const at = nodeOf(this.store.state);
+        if (!at) return null;
+        const to = at.map((value, axis) => value + REACH_M * direction[axis as 0]) as Point, { scene } = this.store;
+        if (scene) {
+            // As far as the poles and the ground permit; the planner checks the way.
+            const [low, high] = bounds(scene);
+            for (const axis of [0, 1, 2] as const) to[axis] = Math.min(Math.max(to[axis], Math.min(low[axis] + 0.2, at[axis])), Math.max(high[axis] - 0.4, at[axis]));
+        }
+        return { verb: "goto", to_m: to, path: { shape: "line" }, speed_m_s: SLOW_M_S };
+    }
+
+    /** A button whose motion ends when it is released. */
+    private heldButton(name: string, words: string, request: () => Request | null): HTMLButtonElement {
+        const button = h("button", { class: "button hold", type: "button", "aria-label": `${words}, while held` }, name);
+        const begin = () => {
+            const asked = request();
+            if (!asked) { this.said({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence: "the position of the node is not known: zero it first" }); return; }
+            button.classList.add("held");
+            void this.conversation.held(asked).then((answer) => { if (answer.accepted !== "accepted") this.said(answer); });
+        };
+        const end = () => {
+            if (!button.classList.contains("held")) return;
+            button.classList.remove("held");
+            this.conversation.release();
+        };
+        button.addEventListener("pointerdown", (event) => { button.setPointerCapture(event.pointerId); begin(); });
+        for (const event of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(event, end);
+        button.addEventListener("keydown", (event) => { if (event.key === "Enter" && !event.repeat) begin(); });
+        button.addEventListener("keyup", (event) => { if (event.key === "Enter") end(); });
+        button.addEventListener("contextmenu", (event) => event.preventDefault());
+        return button;
+    }
+
+    private action(name: string, request: Request, main = false): HTMLButtonElement {
+        return h("button", { class: main ? "button main wide" : "button", type: "button", click: () => void this.ask(request) }, name);
+    }
+
+    /** The actions of the mode, the one that leads on first. */
+    private actions(): HTMLElement[] {
+        const { state } = this.store, rest = [this.action("Disarm", { verb: "disarm" })];
+        if (!this.store.flies) return [];
+        switch (state?.mode) {
+            case "disarmed": return [this.action("Arm", { verb: "arm" }, true)];
+            case "faulted":
+            case "emergency stop": return [this.action("Reset", { verb: "reset" }, true), ...rest];
+            case "holding": {
+                const paused = state.mission?.state === "paused" || (state.rate_target === 0 && state.mission?.state === "running");
+                const first = paused ? [this.action("Resume", { verb: "resume" }, true)] : [];
+                const confirm = state.position_known === 1 ? [this.action("The position is right", { verb: "confirm-position" }, true)] : [];
+                const zero = h("button", { class: state.position_known ? "button" : "button main wide", type: "button", click: () => this.zero() }, "The node is at …");
+                return [...first, ...confirm, zero, ...rest];
+            }
+            case "following": return [this.action("Pause", { verb: "pause" }, true), ...[25, 50, 100].map((percent) => this.action(`${percent} %`, { verb: "speed", rate: percent / 100 }))];
+            case "stopping": return state.mission?.state === "paused" ? [this.action("Resume", { verb: "resume" }, true)] : [];
+            default: return [];
+        }
+    }
+
+    private zero(): void {
+        const target = this.drawn.target?.at;
+        if (!target) { this.said({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence: "enter where the node is below first, or tap there: the button then sets it" }); return; }
+        if (confirm(`Set that the node is now at ${target.map((m) => metres(m)).join(", ")} m?`)) void this.ask({ verb: "zero-at", position_m: target });
+    }
+
+    /** Draws what has changed; `visible`: whether this view is shown. */
+    draw(visible: boolean): void {
+        const { state, scene } = this.store;
+        extend(this.drawn.trail, nodeOf(state));
+        if (!visible) return;
+        if (this.look === "3-D") this.space?.draw();
+        else this.flat.draw();
+        const at = nodeOf(state);
+        write(this.place, at ? `${at.map((m) => metres(m, 3)).join("  ")} m` : "position not known");
+        const faults = state?.faults ?? [], needs = state?.position_known === 2 || !state?.position ? [] : [state.position];
+        renew(this.told, [...faults, ...needs].join("\n"), () => [...faults.map((fault) => h("p", { class: "bad" }, fault)), ...needs.map((need) => h("p", { class: "warn" }, need))]);
+        renew(this.acts, [state?.mode, state?.mission?.state, state?.position_known, state?.rate_target === 0, this.store.flies].join(), () => this.actions());
+        const mission = state?.mission, active = mission && ["running", "paused", "ready"].includes(mission.state);
+        write(this.mission, !mission || mission.state === "idle" ? "" : active ? `${mission.name || "move"}: ${mission.state}, leg ${mission.leg} of ${mission.legs}, ${duration(mission.time_left_s ?? 0)} left` : `${mission.name || "move"}: ${mission.state}${mission.reason ? `. ${mission.reason}` : ""}`);
+        this.progress.style.width = `${100 * (active ? mission.progress : 0)}%`;
+        this.go.disabled = !(this.drawn.target?.possible && this.store.flies);
+        for (const button of this.pad.children) (button as HTMLButtonElement).disabled = !this.store.flies;
+        if (!scene) return;
+        const [low, high] = bounds(scene);
+        this.heightSlider.min = String(low[2]);
+        this.heightSlider.max = String(high[2]);
+        const limits = scene.tension_limits_n;
+        renew(this.legend, limits.join(), () => ["tension", h("i"), h("span", {}, `${limits[0]}`, h("span", {}, `${limits[1]} N`))]);
+        renew(this.cables, `${scene.anchors_m.length} ${this.store.flies}`, () => scene.anchors_m.map((_, i) => this.cable(i)));
+        this.cables.querySelectorAll(".cable").forEach((row, i) => {
+            const tension = state?.tensions_n?.[i], slack = state?.slack?.[i] === 1;
+            (row.querySelector("meter") as HTMLMeterElement).value = tension ?? 0;
+            write(row.querySelector("span")!, slack ? "slack" : tension == null ? "–" : `${tension.toFixed(1)} N`);
+        });
+    }
+
+    private cable(i: number): HTMLElement {
+        const [least, most] = this.store.scene?.tension_limits_n ?? [0, 1];
+        const jog = (distance_m: number): Request => ({ verb: "jog", cable: i + 1, distance_m });
+        const out = this.heldButton("Out", `cable ${i + 1}: pay out`, () => jog(JOG_M)), reel = this.heldButton("In", `cable ${i + 1}: reel in`, () => jog(-JOG_M));
+        out.disabled = reel.disabled = !this.store.flies;
+        return h("div", { class: "cable" }, h("b", {}, String(i + 1)), h("div", {}, h("meter", { min: 0, max: most, low: least, high: 0.8 * most, optimum: (least + most) / 2, "aria-label": `tension of cable ${i + 1}` }), h("span", {}, "–")), reel, out);
+    }
+}

@@ -1,0 +1,177 @@
+// The conversation with the server: it opens itself again, and every call ends.
+
+import type { Answer, Asked, Call, Link, Log, Plan, Reply, Request, Robot, Scene, State, Told, Welcome } from "./protocol.js";
+
+/** Time until a lost conversation is opened again, ms. */
+const AGAIN_MS = 700;
+/** Longest wait for a reply, ms: the gateway itself waits 10 s for a process. */
+const REPLY_MS = 15_000;
+/** Without any message for this time the conversation is opened again, ms: the server sends four states per second at least. */
+const SILENT_MS = 4_000;
+/** Time between two signs that a control is held, ms; the server ends the motion after 300 ms without one. */
+const BEAT_MS = 75;
+const TOKEN = "nims-token";
+const EVENTS = 200;
+
+/** What is known of the robot; each part is replaced as a whole. */
+export class Store {
+    state: State | null = null;
+    /** When `state` arrived, ms of the page's clock. */
+    stateAt = -Infinity;
+    scene: Scene | null = null;
+    robot: Robot | null = null;
+    plan: Plan | null = null;
+    link: Link | null = null;
+    welcome: Welcome | null = null;
+    /** Why there is no conversation. */
+    trouble: string | null = "connecting";
+    events: (Log | Asked)[] = [];
+    private readonly listeners: (() => void)[] = [];
+
+    onChange(listener: () => void): void { this.listeners.push(listener); }
+    changed(): void { for (const listener of this.listeners) listener(); }
+
+    /** Age of the state, s; infinite without one. */
+    age_s(): number {
+        const age_s = this.state?.age_s;
+        return age_s == null ? Infinity : age_s + (performance.now() - this.stateAt) / 1000;
+    }
+
+    /** Whether this browser's role permits to fly. */
+    get flies(): boolean { return this.welcome !== null && ["fly", "owner"].includes(this.welcome.role); }
+
+    take(told: Told): void {
+        switch (told.type) {
+            case "state": this.state = told; this.stateAt = performance.now(); break;
+            case "scene": this.scene = told; break;
+            case "robot": this.robot = told; break;
+            case "plan": this.plan = told; break;
+            case "link": this.link = told; break;
+            case "welcome": this.welcome = told; this.trouble = null; break;
+            case "unreachable": this.trouble = told.sentence; break;
+            case "log":
+            case "request":
+                this.events.push(told);
+                if (this.events.length > EVENTS) this.events.shift();
+                break;
+        }
+        this.changed();
+    }
+}
+
+interface Waiting { done: (reply: Reply) => void; timer: number }
+
+/** The conversation. */
+export class Conversation {
+    private socket: WebSocket | null = null;
+    private lastId = 0;
+    private heardAt = 0;
+    private readonly waiting = new Map<number, Waiting>();
+    private beats: number | null = null;
+
+    constructor(private readonly store: Store) {
+        const given = /[#&]token=([0-9a-f]{16,128})/.exec(location.hash);
+        if (given?.[1]) {
+            localStorage.setItem(TOKEN, given[1]);
+            // The secret does not stay in the address bar.
+            history.replaceState(null, "", location.pathname);
+        }
+        this.open();
+        setInterval(() => { if (performance.now() - this.heardAt > SILENT_MS) this.socket?.close(); }, 1000);
+    }
+
+    /** Forgets the token of this browser. */
+    unpair(): void { localStorage.removeItem(TOKEN); this.socket?.close(); }
+
+    /** Uses another token. */
+    pair(token: string): void { localStorage.setItem(TOKEN, token.trim()); this.socket?.close(); }
+
+    get isOpen(): boolean { return this.socket?.readyState === WebSocket.OPEN && this.store.trouble === null; }
+
+    private open(): void {
+        const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+        this.socket = socket;
+        this.heardAt = performance.now();
+        socket.onopen = () => socket.send(JSON.stringify({ call: "hello", token: localStorage.getItem(TOKEN) }));
+        socket.onmessage = (event) => {
+            this.heardAt = performance.now();
+            this.take(JSON.parse(event.data as string) as Told | Reply);
+        };
+        socket.onclose = () => {
+            this.store.trouble ??= "the connection to the robot is lost; it is made again by itself";
+            for (const id of [...this.waiting.keys()]) this.end(id, refusal(id, "the connection was lost before the answer came; look what the robot does"));
+            this.store.events = [];
+            this.store.changed();
+            setTimeout(() => this.open(), AGAIN_MS);
+        };
+    }
+
+    private take(message: Told | Reply): void {
+        if ("reply" in message) this.end(message.id, message);
+        else {
+            if (message.type === "welcome" && message.sentence) localStorage.removeItem(TOKEN);
+            this.store.take(message);
+        }
+    }
+
+    private end(id: number, reply: Reply): void {
+        const waiting = this.waiting.get(id);
+        if (!waiting) return;
+        clearTimeout(waiting.timer);
+        this.waiting.delete(id);
+        waiting.done(reply);
+    }
+
+    /** Sends a call; the promise always ends with a reply, of the page itself if none comes. */
+    call(call: Call): Promise<Reply> {
+        const id = ++this.lastId;
+        return new Promise((done) => {
+            if (!this.isOpen) { done(refusal(id, this.store.trouble ?? "there is no connection to the robot")); return; }
+            const timer = window.setTimeout(() => this.end(id, refusal(id, "no answer has come; look what the robot does")), REPLY_MS);
+            this.waiting.set(id, { done, timer });
+            this.socket?.send(JSON.stringify({ ...call, id }));
+        });
+    }
+
+    /** Requests something of the robot. */
+    async ask(request: Request): Promise<Answer> {
+        const reply = await this.call({ call: "ask", request });
+        return reply.reply === "answer" ? reply : refusal(reply.id, "the reply is of another kind; load the page again");
+    }
+
+    /** Stops the robot: over the conversation, and without one over plain HTTP. */
+    async stop(verb: "stop" | "estop"): Promise<Answer> {
+        if (this.isOpen) return this.ask({ verb });
+        try {
+            const response = await fetch(`/plain/${verb}`, { method: "POST" });
+            const text = new DOMParser().parseFromString(await response.text(), "text/html").querySelector("#answer")?.textContent ?? "";
+            return { reply: "answer", id: 0, accepted: response.ok && !text.startsWith("refused") ? "accepted" : "refused", reason: 0, sentence: text };
+        } catch {
+            return refusal(0, "the robot cannot be reached: use the hardware stop");
+        }
+    }
+
+    /** Begins a motion that goes on until `release`, or until this page or its connection is gone. */
+    async held(request: Request): Promise<Answer> {
+        this.release();
+        const answered = this.call({ call: "held", request });
+        this.beats = window.setInterval(() => this.send({ call: "beat" }), BEAT_MS);
+        const reply = await answered;
+        return reply.reply === "answer" ? reply : refusal(reply.id, "the reply is of another kind; load the page again");
+    }
+
+    release(): void {
+        if (this.beats === null) return;
+        clearInterval(this.beats);
+        this.beats = null;
+        this.send({ call: "release" });
+    }
+
+    private send(message: { call: "beat" | "release" }): void {
+        if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+    }
+}
+
+function refusal(id: number, sentence: string): Answer {
+    return { reply: "answer", id, accepted: "refused", reason: 0, sentence };
+}

@@ -1,0 +1,53 @@
+// The page: one screen with a line at the top, a view, and STOP below it.
+
+import { h } from "./dom.js";
+import { Fly } from "./fly.js";
+import { Head } from "./head.js";
+import { Conversation, Store } from "./link.js";
+import { Missions } from "./missions.js";
+import { RobotView } from "./robot.js";
+import { Runs } from "./runs.js";
+import { Stop } from "./stop.js";
+
+/** Time between two drawings, ms: the state comes 20 times per second. */
+const DRAW_MS = 50;
+
+const store = new Store();
+const conversation = new Conversation(store);
+const head = new Head(store);
+const fly = new Fly(store, conversation);
+const missions = new Missions(store, conversation, fly.drawn);
+const runs = new Runs(conversation);
+const robot = new RobotView(store, conversation);
+const stop = new Stop(conversation, (answer) => fly.said(answer));
+
+const views: Record<string, { element: HTMLElement; draw: (visible: boolean) => void; shown?: () => void }> = {
+    Fly: { element: fly.element, draw: (visible) => fly.draw(visible) },
+    Missions: { element: missions.element, draw: (visible) => { if (visible) missions.draw(); } },
+    Runs: { element: runs.element, draw: () => {}, shown: () => void runs.load() },
+    Robot: { element: robot.element, draw: (visible) => { if (visible) robot.draw(); } },
+};
+let shown = "Fly";
+const tabs = h("nav", { class: "tabs", role: "tablist", "aria-label": "views" });
+
+function show(name: string): void {
+    shown = name;
+    for (const [other, view] of Object.entries(views)) view.element.hidden = other !== name;
+    for (const tab of tabs.children) tab.setAttribute("aria-selected", String(tab.textContent === name));
+    views[name]?.shown?.();
+}
+
+for (const name of Object.keys(views)) tabs.append(h("button", { type: "button", role: "tab", click: () => show(name) }, name));
+document.body.append(head.element, h("main", {}, ...Object.values(views).map((view) => view.element)), head.note, tabs, stop.element);
+show(shown);
+
+let drawnAt = -Infinity;
+function frame(now: number): void {
+    if (now - drawnAt >= DRAW_MS - 5) {
+        drawnAt = now;
+        head.draw();
+        for (const [name, view] of Object.entries(views)) view.draw(name === shown);
+    }
+    requestAnimationFrame(frame);
+}
+requestAnimationFrame(frame);

@@ -1,0 +1,87 @@
+// The messages between the page and its server; docs/page.md describes them. Lengths in m, forces in N, times in s.
+
+export type Point = [number, number, number];
+
+export interface Cycle { number: number; hz: number; summary: string; unsteered: number; all: number }
+
+export interface Mission {
+    state: string; name: string; leg: number; legs: number; progress: number; time_left_s: number | null; reason: string;
+    target_m: (number | null)[];
+}
+
+/** The state that changes all the time; what is not known is absent or null. */
+export interface State {
+    type: "state";
+    /** Time since motor-io published. */
+    age_s: number | null;
+    mode: string | null;
+    mode_sentence?: string;
+    faults?: string[];
+    position?: string;
+    position_known?: number;
+    rate?: number;
+    rate_target?: number;
+    cycle?: Cycle;
+    lengths_m?: number[];
+    currents_a?: number[];
+    supply_v?: number | null;
+    position_m?: Point;
+    within_m?: number | null;
+    two_sigma_m?: (number | null)[];
+    tensions_n?: (number | null)[];
+    slack?: number[];
+    mission?: Mission;
+}
+
+export interface Obstacle { center_m: [number, number] | null; radius_m: number | null; corners_m: [number, number][]; height_m: [number, number] }
+
+export interface Scene {
+    type: "scene"; system: string; robot: string; anchors_m: Point[]; ground_m: number; planar: boolean;
+    tension_limits_n: [number, number]; speed_limit_m_s: number; jog_speed_m_s: number; supply_min_v: number;
+    keep_out_m: [Point, Point][]; obstacles: Obstacle[];
+}
+
+export interface Process { name: string; state: string; pid: number; restarts: number; role: string; reason: string; well: boolean }
+export interface Slot { slot: string; phase: string; cause: string; in_charge: boolean }
+
+/** The state that changes rarely. */
+export interface Robot {
+    type: "robot"; processes: Process[]; recorder: { problem: string | null; bytes: number; disk_free_bytes: number } | null;
+    flyer: { name: string; ago_s: number } | null; slots: Record<string, Slot[]> | null; unknown_channels: string[];
+}
+
+export interface Plan { type: "plan"; segments: { id: number; points_m: Point[] }[] }
+export interface Link { type: "link"; gateway: boolean; robot: string | null; run?: string | null; sentence?: string }
+export interface Welcome { type: "welcome"; robot: string; user: string; role: string; paired: boolean; sentence: string | null; version: string }
+export interface Unreachable { type: "unreachable"; sentence: string }
+export interface Log { type: "log"; stamp_ns: number; process: string; level: "info" | "warning" | "error"; sentence: string }
+export interface Asked { type: "request"; stamp_ns: number; who: string; accepted: boolean; reason: number; sentence: string }
+
+export type Told = State | Scene | Robot | Plan | Link | Welcome | Unreachable | Log | Asked;
+
+export interface Answer { reply: "answer"; id: number; accepted: "accepted" | "refused" | "bad-input"; reason: number; sentence: string }
+export interface Checked { reply: "check"; id: number; possible: boolean; sentence: string }
+export interface RunRow { name: string; files: number; bytes: number }
+export interface FileRow { name: string; bytes: number }
+export interface Runs { reply: "runs"; id: number; runs: RunRow[] }
+export interface Files { reply: "files"; id: number; files: FileRow[] }
+export interface Download { reply: "download"; id: number; path: string; bytes: number }
+export type Reply = Answer | Checked | Runs | Files | Download;
+
+export type Request =
+    | { verb: "arm" | "disarm" | "hold" | "stop" | "estop" | "reset" | "confirm-position" | "pause" | "resume" }
+    | { verb: "zero-at"; position_m: Point }
+    | { verb: "jog"; cable: number; distance_m: number }
+    | { verb: "speed"; rate: number }
+    | { verb: "goto"; to_m: Point; path: { shape: "line" }; speed_m_s: number | null }
+    | { verb: "start-process"; name: string; slot: null; law: null }
+    | { verb: "stop-process" | "restart-process"; name: string };
+
+/** A call, to which the link adds its number. */
+export type Call =
+    | { call: "ask" | "held"; request: Request }
+    | { call: "fly"; name: string; text: string; continues: boolean }
+    | { call: "check"; to_m: Point }
+    | { call: "runs" }
+    | { call: "files"; run: string }
+    | { call: "open"; run: string; file: string };

@@ -1,0 +1,74 @@
+// STOP: a press stops, held for a second it is the emergency stop. By touch, by the space bar and by the gamepad.
+
+import { h, write } from "./dom.js";
+import type { Conversation } from "./link.js";
+import type { Answer } from "./protocol.js";
+
+/** Time for which STOP is held until it is the emergency stop, ms. */
+const HELD_MS = 1000;
+/** Buttons of a gamepad that stop: B of the standard layout, the right one of the four. */
+const GAMEPAD_STOPS = [1];
+
+export class Stop {
+    readonly element: HTMLButtonElement;
+    private readonly word = h("span", { class: "stop-word" }, "STOP");
+    private readonly hint = h("span", { class: "stop-hint" }, "hold 1 s: emergency stop");
+    private timer: number | null = null;
+    private gamepadDown = false;
+
+    constructor(private readonly conversation: Conversation, private readonly answered: (answer: Answer) => void) {
+        this.element = h("button", { class: "stop", type: "button", id: "stop", "aria-label": "Stop the robot. Hold for one second for the emergency stop." }, this.word, this.hint);
+        this.element.addEventListener("pointerdown", (event) => { event.preventDefault(); this.press(); });
+        for (const end of ["pointerup", "pointercancel", "pointerleave"]) this.element.addEventListener(end, () => this.release());
+        // A screen reader or a switch control clicks without a pointer.
+        this.element.addEventListener("click", (event) => { if (event.detail === 0) { this.press(); this.release(); } });
+        this.element.addEventListener("contextmenu", (event) => event.preventDefault());
+        window.addEventListener("keydown", (event) => {
+            if (event.code !== "Space" || typing(event.target)) return;
+            event.preventDefault();
+            if (!event.repeat) this.press();
+        }, { capture: true });
+        window.addEventListener("keyup", (event) => {
+            if (event.code !== "Space" || typing(event.target)) return;
+            event.preventDefault();
+            this.release();
+        }, { capture: true });
+        this.watchGamepads();
+    }
+
+    private press(): void {
+        if (this.timer !== null) return;
+        this.element.classList.add("pressed");
+        write(this.word, "STOPPING");
+        void this.conversation.stop("stop").then(this.answered);
+        this.timer = window.setTimeout(() => {
+            this.element.classList.add("emergency");
+            write(this.word, "EMERGENCY STOP");
+            void this.conversation.stop("estop").then(this.answered);
+        }, HELD_MS);
+    }
+
+    private release(): void {
+        if (this.timer === null) return;
+        clearTimeout(this.timer);
+        this.timer = null;
+        this.element.classList.remove("pressed", "emergency");
+        write(this.word, "STOP");
+    }
+
+    private watchGamepads(): void {
+        const look = () => {
+            const down = navigator.getGamepads().some((pad) => pad !== null && GAMEPAD_STOPS.some((button) => pad.buttons[button]?.pressed));
+            if (down && !this.gamepadDown) this.press();
+            if (!down && this.gamepadDown) this.release();
+            this.gamepadDown = down;
+        };
+        // Not by frames: they rest while the page is hidden.
+        if ("getGamepads" in navigator) setInterval(look, 20);
+    }
+}
+
+/** A space in a text is a space; everywhere else it stops. */
+function typing(target: EventTarget | null): boolean {
+    return target instanceof HTMLTextAreaElement || (target instanceof HTMLInputElement && ["text", "search", "password"].includes(target.type));
+}

@@ -1,0 +1,133 @@
+// Walks through the page in a real browser, as a person with a tablet does: opens it, pairs, arms, zeroes, flies to a
+// tapped point, and stops. The caller has started a robot with its gateway and its page.
+//
+//     node walk.mjs ADDRESS TOKEN [FOLDER]      FOLDER: for pictures of each view in three sizes, bright and dark
+
+import assert from "node:assert/strict";
+import { mkdirSync } from "node:fs";
+import { chromium } from "playwright-core";
+
+const [address, token, folder] = process.argv.slice(2);
+const START = [4.8, 3.0, 0.3];
+// Longest wait for an event, ms: the machine may stand still for seconds.
+const LONG = 60_000;
+const SIZES = { phone: [390, 844], tablet: [820, 1180], desk: [1400, 900] };
+const VIEWS = ["Fly", "Missions", "Runs", "Robot"];
+
+const browser = await chromium.launch({
+    executablePath: process.env.NIMS_CHROMIUM ?? "/usr/bin/chromium",
+    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+});
+const context = await browser.newContext({ viewport: { width: 820, height: 1180 }, hasTouch: true, ignoreHTTPSErrors: true });
+context.setDefaultTimeout(LONG);
+const page = await context.newPage();
+const wrong = [];
+page.on("console", (message) => { if (message.type() === "error") wrong.push(message.text()); });
+page.on("pageerror", (error) => wrong.push(String(error)));
+page.on("dialog", (dialog) => dialog.accept());
+const mode = (name) => page.locator(`.mode[data-mode="${name}"]`).waitFor();
+const press = (name) => page.getByRole("button", { name, exact: true }).filter({ visible: true }).first().click();
+const said = (name) => console.log(`walked: ${name}`);
+
+// A visitor looks and stops.
+await page.goto(`${address}/`);
+await mode("disarmed");
+await page.getByText("may stop").waitFor();
+assert.equal(await page.getByRole("button", { name: "Arm", exact: true }).count(), 0, "a visitor cannot arm");
+said("a visitor looks");
+
+// The address that `nims page pair` prints makes this browser the holder of the token, which leaves the address bar.
+await page.goto("about:blank");
+await page.goto(`${address}/#token=${token}`);
+await page.getByText("may fly").waitFor();
+assert.ok(!page.url().includes(token), page.url());
+said("paired");
+
+await press("Arm");
+await mode("holding");
+for (const [i, name] of ["x", "y", "z"].entries()) {
+    const field = page.getByLabel(`${name} of the target in metres`);
+    await field.fill(String(START[i]));
+    await field.press("Tab");
+}
+await press("The node is at …");
+await page.waitForFunction(() => document.querySelector(".big")?.textContent?.startsWith("4.8"));
+said("zeroed");
+
+// A point is tapped in the drawing from above; its height is set; the finding comes before it can be flown to.
+await press("Top");
+const drawing = page.locator("canvas.drawing:not([hidden])");
+const box = await drawing.boundingBox();
+assert.ok(box);
+await page.touchscreen.tap(box.x + box.width * 0.56, box.y + box.height * 0.55);
+await page.getByText("The node can hang there").waitFor();
+const slider = page.getByLabel("height of the target");
+await slider.fill("0.7");
+await page.locator("p.good:has-text('The node can hang there')").waitFor();
+await press("Go there");
+await mode("following");
+said("flies to a tapped point");
+
+// The space bar stops, wherever the focus is.
+await page.keyboard.press("Space");
+await mode("holding");
+said("stopped by the space bar");
+
+// STOP is at the same place on each view, and the largest control.
+const places = [];
+for (const view of VIEWS) {
+    await page.getByRole("tab", { name: view }).click();
+    const stop = await page.locator("#stop").boundingBox();
+    assert.ok(stop);
+    places.push(JSON.stringify(stop));
+    const areas = await page.locator("button:visible:not(#stop)").evaluateAll((all) => all.map((one) => one.offsetWidth * one.offsetHeight));
+    assert.ok(Math.max(...areas) < stop.width * stop.height, `${view}: a button is larger than STOP`);
+}
+assert.equal(new Set(places).size, 1, places.join("\n"));
+said("STOP is the largest control, at one place");
+
+// Nothing is cut or wider than the screen from 360 px on.
+for (const width of [360, ...Object.values(SIZES).map(([width]) => width)]) {
+    await page.setViewportSize({ width, height: 844 });
+    for (const view of VIEWS) {
+        await page.getByRole("tab", { name: view }).click();
+        const cut = await page.evaluate(() => [...document.querySelectorAll("body *")].filter((one) => one.clientWidth > 0 && getComputedStyle(one).display !== "inline" && !one.matches("input, textarea, canvas") && one.scrollWidth > one.clientWidth + 1).map((one) => `${one.tagName}.${one.className} ${one.textContent?.slice(0, 40)}`));
+        assert.deepEqual(cut, [], `${view} at ${width} px`);
+    }
+}
+said("nothing is cut at 360 px and above");
+
+if (folder) {
+    mkdirSync(folder, { recursive: true });
+    await page.getByRole("tab", { name: "Fly" }).click();
+    await press("Go there");
+    await mode("following");
+    for (const theme of ["bright", "dark"]) {
+        await page.evaluate((theme) => { document.documentElement.dataset.theme = theme; }, theme);
+        for (const [size, [width, height]] of Object.entries(SIZES)) {
+            await page.setViewportSize({ width, height });
+            for (const view of VIEWS) {
+                await page.getByRole("tab", { name: view }).click();
+                if (view === "Fly") await press("3-D");
+                await page.waitForTimeout(400);
+                await page.screenshot({ path: `${folder}/${view.toLowerCase()}-${size}-${theme}.png` });
+            }
+        }
+    }
+}
+
+// Held for a second STOP is the emergency stop; a reset leads on.
+await page.setViewportSize({ width: 820, height: 1180 });
+await page.getByRole("tab", { name: "Fly" }).click();
+const stop = await page.locator("#stop").boundingBox();
+assert.ok(stop);
+await page.mouse.move(stop.x + stop.width / 2, stop.y + stop.height / 2);
+await page.mouse.down();
+await mode("emergency stop");
+await page.mouse.up();
+await press("Reset");
+await mode("holding");
+said("the emergency stop and its reset");
+
+assert.deepEqual(wrong, [], "the browser reports errors");
+await browser.close();
