@@ -130,7 +130,6 @@ impl<'a> Others<'a> {
     fn actions(&self, robot: &Robot) -> Vec<(&'static str, Attempt)> {
         let words = |words: &[&str]| words.iter().map(|&word| word.to_owned()).collect();
         let nims = |given: &[&str]| Attempt::Nims(words(given), "");
-        let asked = |given: &[&str], robot: &'static str| Attempt::Nims(words(given), robot);
         let present = robot.run().file_name().unwrap().to_str().unwrap().to_owned();
         let (run, memory, domain) = (robot.run(), self.memory.display(), robot.domain.root().display().to_string());
         let pid = robot.domain.alive().iter().find(|node| node.name == "motor-io").unwrap().pid;
