@@ -180,7 +180,8 @@ class Run:
     def _name_of(self, channel, schema):
         """The name of a channel, followed by @ and the hash of its type if it had another type before."""
         name = channel.topic.removeprefix("/")
-        if self.definitions.setdefault(name, schema).data != schema.data:
+        known = self.definitions.setdefault(name, schema).data
+        if known != schema.data and _lines(known.decode()) != _lines(schema.data.decode()):
             name += "@" + (channel.metadata.get("type", "").rpartition("/")[2] or schema.name)
             self.definitions.setdefault(name, schema)
         return name

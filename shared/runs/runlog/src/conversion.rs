@@ -2,7 +2,7 @@
 //! new fields are zero.
 
 use messages::Message;
-use messages::schema::{Schema, SchemaField, Value};
+use messages::schema::{Schema, SchemaField, Value, is_same};
 
 /// Conversion from the definition in a run file to this build's definition.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -38,7 +38,7 @@ impl Conversion {
     /// `nims_msgs/MotorState/1a2b3c4d`.
     #[must_use]
     pub fn new<T: Message>(type_name: &str, schema: &str) -> Option<Self> {
-        if schema == T::schema() {
+        if is_same(schema, T::schema()) {
             return Some(Self { same: true, spans: Vec::new() });
         }
         let mut names = type_name.split('/');

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 
 use messages::ros::Payload;
-use messages::schema::{Schema, SchemaError, is_type_name, split};
+use messages::schema::{Schema, SchemaError, is_type_name, split, without_comments};
 use messages::{hash_of, ros, schema_name};
 
 /// A channel as discovered on the bus.
@@ -45,6 +45,11 @@ pub struct Definitions {
     texts: HashMap<String, String>,
 }
 
+/// The lines of a type without comments: what two texts of one name are compared by.
+fn plain(lines: &str) -> String {
+    without_comments(lines).trim_end().to_owned()
+}
+
 /// Limit of renaming rounds: more than any text has types.
 const ROUNDS: usize = 64;
 
@@ -64,7 +69,7 @@ impl Definitions {
             // from the innermost type outwards, because the name of a type depends on the names in its text
             let clash = split(&text).into_iter().rev().find_map(|(name, lines)| {
                 let known = self.texts.get(if name.is_empty() { own.as_str() } else { name })?;
-                (known != lines.trim_end()).then(|| (name.to_owned(), format!("X{:08x}", hash_of(lines.trim_end()))))
+                (*known != plain(lines)).then(|| (name.to_owned(), format!("X{:08x}", hash_of(&plain(lines)))))
             });
             match clash {
                 None => break,
@@ -74,7 +79,7 @@ impl Definitions {
         }
         for (name, lines) in split(&text) {
             let name = if name.is_empty() { own.as_str() } else { name };
-            self.texts.entry(name.to_owned()).or_insert_with(|| lines.trim_end().to_owned());
+            self.texts.entry(name.to_owned()).or_insert_with(|| plain(lines));
         }
         let mut metadata = BTreeMap::from([("type".to_owned(), spec.type_name.clone())]);
         if text != spec.schema {

@@ -4,13 +4,18 @@
 //! `schema.1`, ... iceoryx2 has room for 1792 bytes of text there. A longer text continues in the attributes of
 //! additional events, `schema/HASH/1`, `schema/HASH/2`, ..., which every process with the channel open keeps open too.
 //! So the text outlives its creator, and programs in any language can read it.
+//!
+//! Types of this build are stored without their comments, which every reader of this build has; so they need few
+//! continuations. Other types are stored as they are.
 
 use iceoryx2::node::Node;
 use iceoryx2::prelude::{AttributeSpecifier, MessagingPattern, SemanticString, Service, ServiceName, ipc};
 use iceoryx2::service::attribute::AttributeSet;
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError};
 use iceoryx2::service::port_factory::event;
-use messages::hash_of;
+use messages::schema::{is_same, without_comments};
+use messages::{documented, hash_of};
+use std::borrow::Cow;
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::places::PROCESSES;
@@ -35,7 +40,15 @@ const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 /// An open continuation of a schema text.
 pub(crate) type SchemaContinuation = event::PortFactory<ipc::Service>;
 
-/// Returns the attributes of a channel of this type.
+/// Returns the text that is stored for a type.
+pub(crate) fn stored<'a>(type_name: &str, text: &'a str) -> Cow<'a, str> {
+    let room = FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES;
+    // Comments are no reason to refuse a type.
+    let is_plain = documented(type_name).is_none() && text.is_ascii() && text.len() <= room;
+    if is_plain { Cow::Borrowed(text) } else { Cow::Owned(without_comments(text)) }
+}
+
+/// Returns the attributes of a channel of this type, whose text is [`stored`].
 pub(crate) fn attributes(type_name: &str, text: &str) -> Result<AttributeSpecifier, BusError> {
     let unfit = |why: String| BusError::Schema { type_name: type_name.to_owned(), why };
     if !text.is_ascii() {
@@ -96,8 +109,9 @@ fn continuation(
     }
 }
 
-/// Reads the schema text and its hash from a channel; the text only if it matches the hash.
-pub(crate) fn read(domain: &Domain, attributes: &AttributeSet) -> (Option<String>, Option<String>) {
+/// Reads the schema text and its hash from a channel; the text only if it matches the hash. That of a type of this
+/// build has its comments.
+pub(crate) fn read(domain: &Domain, type_name: &str, attributes: &AttributeSet) -> (Option<String>, Option<String>) {
     let hash_stated = value(attributes, HASH);
     let mut text = joined(attributes);
     let is_whole = |text: &str| hash_stated.as_ref().is_none_or(|stated| *stated == hash(text));
@@ -113,7 +127,19 @@ pub(crate) fn read(domain: &Domain, attributes: &AttributeSet) -> (Option<String
         text.push_str(&joined(details.static_details.attributes()));
     }
     let whole = !text.is_empty() && is_whole(&text);
-    (whole.then_some(text), hash_stated)
+    let known = documented(type_name).filter(|known| whole && is_same(known, &text)).map(str::to_owned);
+    (known.or(whole.then_some(text)), hash_stated)
+}
+
+/// Opens the continuations of the text that another process has stored with a channel, if it is another text of the
+/// same type: they end with the last process that holds them.
+pub(crate) fn hold_others(node: &Node<ipc::Service>, own: &str, attributes: &AttributeSet) -> Vec<SchemaContinuation> {
+    let Some(stated) = value(attributes, HASH).filter(|stated| *stated != hash(own)) else { return Vec::new() };
+    let open = |number| {
+        let service = ServiceName::new(&format!("schema/{stated}/{number}")).ok()?;
+        node.service_builder(&service).event().open().ok()
+    };
+    (1..=CONTINUATIONS).map_while(open).collect()
 }
 
 fn hash(text: &str) -> String {

@@ -144,9 +144,10 @@ impl Bus {
         let name = service_name(channel)?;
         self.need(0, channel)?;
         let quality = quality_for(channel, size_of::<T>());
-        let attributes = definition::attributes(T::type_name(), T::schema())?;
+        let text = definition::stored(T::type_name(), T::schema());
+        let attributes = definition::attributes(T::type_name(), &text)?;
         if !self.continuations.borrow().contains_key(T::type_name()) {
-            let continuations = definition::continuations(&self.node, &self.domain, T::schema())?;
+            let continuations = definition::continuations(&self.node, &self.domain, &text)?;
             self.continuations.borrow_mut().insert(T::type_name(), continuations);
         }
         let builder = || {
@@ -162,7 +163,11 @@ impl Bus {
             // Open first: a peer in another language, or a tunnel, may have created the channel without the schema
             // text. Only the type name is compared.
             let error = match builder().open() {
-                Ok(service) => return Ok(service),
+                Ok(service) => {
+                    let others = definition::hold_others(&self.node, &text, service.attributes());
+                    self.continuations.borrow_mut().entry(T::type_name()).or_default().extend(others);
+                    return Ok(service);
+                }
                 Err(error) => error,
             };
             let temporary = match error {

@@ -331,14 +331,15 @@ fn describe(domain: &Domain, details: &ServiceDetails<ipc::Service>) -> Option<C
     let statics = &details.static_details;
     let Pattern::PublishSubscribe(settings) = statics.messaging_pattern() else { return None };
     let payload = &settings.message_type_details().payload;
-    let (schema, schema_hash) = definition::read(domain, statics.attributes());
+    let type_name = payload.type_name().to_string();
+    let (schema, schema_hash) = definition::read(domain, &type_name, statics.attributes());
     let alive = |state: &NodeState<ipc::Service>| match state {
         NodeState::Alive(node) => Some(info_of(node)),
         _ => None,
     };
     Some(ChannelInfo {
         name: statics.name().to_string(),
-        type_name: payload.type_name().to_string(),
+        type_name,
         schema,
         schema_hash,
         size: payload.size(),

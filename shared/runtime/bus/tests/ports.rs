@@ -382,40 +382,76 @@ fn a_removed_test_domain_leaves_nothing() {
     assert_eq!(left.count(), 0);
 }
 
-/// A type whose schema text is far longer than the attributes of a channel.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Long {
-    header: Header,
-    numbers: [f32; 300],
+/// A type whose schema text is far longer than the attributes of a channel, with this comment behind each field.
+macro_rules! long {
+    ($name:ident, $comment:literal) => {
+        #[repr(C)]
+        #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+        struct $name {
+            header: Header,
+            numbers: [f32; 300],
+        }
+
+        impl Field for $name {
+            type Element = Self;
+            const ROS: &'static str = "my_lab/Long";
+        }
+
+        impl Message for $name {
+            const NAME: &'static str = "Long";
+            fn schema() -> &'static str {
+                static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+                TEXT.get_or_init(|| {
+                    let fields: String =
+                        (0..300).map(|at| format!("float32 concentration_{at:03}{}\n", $comment)).collect();
+                    let head: String = ["life", "cycle", "seq", "stamp_ns", "published_ns", "oldest_input_ns"]
+                        .map(|name| format!("uint64 {name}\n"))
+                        .concat();
+                    format!("nims_msgs/Header header\n{fields}{}\nMSG: nims_msgs/Header\n{head}", "=".repeat(80))
+                })
+            }
+            fn type_name() -> &'static str {
+                "my_lab/Long/00000001"
+            }
+            fn header(&self) -> &Header {
+                &self.header
+            }
+            fn header_mut(&mut self) -> &mut Header {
+                &mut self.header
+            }
+        }
+    };
 }
 
-impl Field for Long {
-    type Element = Self;
-    const ROS: &'static str = "my_lab/Long";
+long!(Long, "");
+long!(LongInOtherWords, " # in ppm");
+
+/// Two builds that explain a type in other words share its channel, and the words of its creator stay with it.
+#[test]
+fn two_builds_with_other_comments_share_a_channel() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let text = || bus.channel("sensor/gas").unwrap().and_then(|info| info.schema);
+    let sensor = Bus::join(&domain, "sensor").unwrap();
+    let mut publisher = sensor.publisher::<LongInOtherWords>("sensor/gas").unwrap();
+    let logger = Bus::join(&domain, "logger").unwrap();
+    let mut subscriber = logger.subscriber::<Long>("sensor/gas").unwrap();
+    publisher.send(&mut LongInOtherWords { numbers: [2.5; 300], ..bytemuck::Zeroable::zeroed() }).unwrap();
+    assert_eq!(subscriber.latest().unwrap().unwrap().numbers, [2.5; 300]);
+    assert_eq!(text().as_deref(), Some(LongInOtherWords::schema()));
+    drop((publisher, sensor));
+    assert_eq!(text().as_deref(), Some(LongInOtherWords::schema()), "its creator has ended");
 }
 
-impl Message for Long {
-    const NAME: &'static str = "Long";
-    fn schema() -> &'static str {
-        static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
-        TEXT.get_or_init(|| {
-            let fields: String = (0..300).map(|at| format!("float32 concentration_{at:03}\n")).collect();
-            let head: String = ["life", "cycle", "seq", "stamp_ns", "published_ns", "oldest_input_ns"]
-                .map(|name| format!("uint64 {name}\n"))
-                .concat();
-            format!("nims_msgs/Header header\n{fields}{}\nMSG: nims_msgs/Header\n{head}", "=".repeat(80))
-        })
-    }
-    fn type_name() -> &'static str {
-        "my_lab/Long/00000001"
-    }
-    fn header(&self) -> &Header {
-        &self.header
-    }
-    fn header_mut(&mut self) -> &mut Header {
-        &mut self.header
-    }
+/// The definition of a type of this build travels without its comments, and is read with them.
+#[test]
+fn a_known_type_is_read_with_its_documentation() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let _publisher = bus.publisher::<MotorState>("motor/state").unwrap();
+    let text = bus.channel("motor/state").unwrap().unwrap().schema.unwrap();
+    assert_eq!(text, MotorState::schema());
+    assert!(text.contains("\n# "), "{text}");
 }
 
 #[test]

@@ -1,5 +1,8 @@
 //! The channel table: every name, its type and its quality of service, once.
 
+use std::collections::HashMap;
+use std::sync::OnceLock;
+
 use crate::ros::{Log, MarkerArray, Path, Payload, PointCloud2, PoseStamped, TfMessage};
 use crate::{
     ControlStatus, Energy, FieldMap, Heartbeat, LogEvent, MotorAuthority, MotorCommand, MotorInput, MotorSlots,
@@ -133,6 +136,14 @@ const CONFIG: Quality = Quality { buffer: 4, history: 2, late: 2, publishers: 1,
 
 const fn row<T: Payload>(pattern: &'static str, quality: Quality) -> Channel {
     Channel { pattern, type_name: Some(T::type_name), schema: Some(T::schema), quality }
+}
+
+/// Returns the definition of a type of this build with its comments; `None` for other types.
+#[must_use]
+pub fn documented(type_name: &str) -> Option<&'static str> {
+    static KNOWN: OnceLock<HashMap<&'static str, &'static str>> = OnceLock::new();
+    let row = |channel: &Channel| Some(((channel.type_name?)(), (channel.schema?)()));
+    KNOWN.get_or_init(|| CHANNELS.iter().filter_map(row).collect()).get(type_name).copied()
 }
 
 /// Receives channels with the types of their samples.

@@ -13,7 +13,7 @@
 //! ```
 //! use messages::{Message, MotorState};
 //! assert!(MotorState::type_name().starts_with("nims_msgs/MotorState/"));
-//! assert!(MotorState::schema().starts_with("nims_msgs/Header header\n"));
+//! assert!(MotorState::schema().contains("\nnims_msgs/Header header\n"));
 //! ```
 #![forbid(unsafe_code)]
 
@@ -38,7 +38,7 @@ mod system;
 mod text;
 
 pub use channels::{
-    CHANNELS, Channel, ChannelVisitor, Quality, channel_of, quality_for, quality_of, visit_first_channels,
+    CHANNELS, Channel, ChannelVisitor, Quality, channel_of, documented, quality_for, quality_of, visit_first_channels,
 };
 pub use config::SystemConfig;
 pub use live::{AUTHORITY_LAG, Freshness, Rule, blended_estimate, freshness, newer, same_life};

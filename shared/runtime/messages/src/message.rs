@@ -36,9 +36,9 @@ impl<T: Field, const N: usize> Field for [T; N] {
 pub trait Message: Field + Send + Sync {
     /// Name of the struct, e.g. `MotorState`.
     const NAME: &'static str;
-    /// The complete ROS 2 definition, nested types included.
+    /// The complete ROS 2 definition, nested types included, with the documentation as comments.
     fn schema() -> &'static str;
-    /// `nims_msgs/NAME/hash`: what peers compare before they connect.
+    /// `nims_msgs/NAME/hash`: what peers compare before they connect. Comments do not change the hash.
     fn type_name() -> &'static str;
     /// The header at the beginning of the sample.
     fn header(&self) -> &Header;
@@ -46,7 +46,8 @@ pub trait Message: Field + Send + Sync {
     fn header_mut(&mut self) -> &mut Header;
 }
 
-/// 32-bit FNV-1a hash of a schema text; type names end in it, as eight hexadecimal digits.
+/// 32-bit FNV-1a hash of a text. Type names end in that of their definition without comments
+/// ([`schema::without_comments`](crate::schema::without_comments)), as eight hexadecimal digits.
 #[must_use]
 pub fn hash_of(schema: &str) -> u32 {
     schema.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
@@ -68,14 +69,25 @@ pub mod expanded {
 
     use super::Field;
 
-    /// Appends one line of a definition.
-    pub fn line<T: Field>(text: &mut String, field: &str, constants: &[(&str, u64)]) {
-        for (name, value) in constants {
+    /// Appends the lines of a field: its documentation, its constants with theirs, and the field itself.
+    pub fn line<T: Field>(text: &mut String, docs: &[&str], field: &str, constants: &[(&[&str], &str, u64)]) {
+        comment(text, docs);
+        for (docs, name, value) in constants {
+            comment(text, docs);
             text.push_str(&format!("{} {name}={value}\n", T::ROS));
         }
         match T::LENGTH {
             Some(length) => text.push_str(&format!("{}[{length}] {field}\n", T::ROS)),
             None => text.push_str(&format!("{} {field}\n", T::ROS)),
+        }
+    }
+
+    /// Appends documentation as comments.
+    pub fn comment(text: &mut String, docs: &[&str]) {
+        for line in docs {
+            text.push('#');
+            text.push_str(line);
+            text.push('\n');
         }
     }
 
@@ -90,28 +102,30 @@ pub mod expanded {
     }
 }
 
-/// Declares a struct of fields: layout, schema lines and constants from one text.
+/// Declares a struct of fields: layout, schema lines and constants from one text. Doc comments become comments of the
+/// definition, which readers of run files show.
 ///
 /// Constants follow the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`. A crate that uses it
 /// depends on this crate by the name `messages`. A struct with hidden padding does not compile: put wide fields first,
 /// or add `pad0: [u8; 6]`.
 #[macro_export]
 macro_rules! layout {
-    ($(#[$outer:meta])* pub struct $name:ident { $( $(#[$inner:meta])* $field:ident : $type:ty $({ $($(#[$cdoc:meta])* $constant:ident = $value:literal),* $(,)? })? ),* $(,)? }) => {
-        $(#[$outer])*
+    ($(#[doc = $outer:literal])* pub struct $name:ident { $( $(#[doc = $inner:literal])* $field:ident : $type:ty $({ $($(#[doc = $cdoc:literal])* $constant:ident = $value:literal),* $(,)? })? ),* $(,)? }) => {
+        $(#[doc = $outer])*
         #[repr(C)]
         #[derive(Debug, Clone, Copy, PartialEq, $crate::expanded::bytemuck::Pod, $crate::expanded::bytemuck::Zeroable)]
         #[bytemuck(crate = "::messages::expanded::bytemuck")]
         #[allow(missing_docs)] // name and unit suffix are the documentation; other fields have a comment
-        pub struct $name { $( $(#[$inner])* pub $field: $type ),* }
+        pub struct $name { $( $(#[doc = $inner])* pub $field: $type ),* }
 
         #[allow(missing_docs)] // choices of a field: the names are the documentation
         impl $name {
-            $( $( $( $(#[$cdoc])* pub const $constant: <$type as $crate::Field>::Element = $value; )* )? )*
+            $( $( $( $(#[doc = $cdoc])* pub const $constant: <$type as $crate::Field>::Element = $value; )* )? )*
 
             fn own_lines() -> String {
                 let mut text = String::new();
-                $( $crate::expanded::line::<$type>(&mut text, stringify!($field), &[$( $( (stringify!($constant), u64::from(Self::$constant)) ),* )?]); )*
+                $crate::expanded::comment(&mut text, &[$( $outer ),*]);
+                $( $crate::expanded::line::<$type>(&mut text, &[$( $inner ),*], stringify!($field), &[$( $( (&[$( $cdoc ),*] as &[&str], stringify!($constant), u64::from(Self::$constant)) ),* )?]); )*
                 text
             }
         }
@@ -150,12 +164,13 @@ macro_rules! layout {
 ///     }
 /// }
 /// assert!(Soil::type_name().starts_with("nims_msgs/Soil/"));
+/// assert!(Soil::schema().starts_with("# Reading of a soil probe.\nnims_msgs/Header header\n"));
 /// assert!(Soil::schema().contains("float64[3] moisture\nuint8 STATE_DRY=0\n"));
 /// ```
 #[macro_export]
 macro_rules! message {
-    ($(#[$outer:meta])* pub struct $name:ident { $($body:tt)* }) => {
-        $crate::layout! { $(#[$outer])* pub struct $name { $($body)* } }
+    ($(#[doc = $outer:literal])* pub struct $name:ident { $($body:tt)* }) => {
+        $crate::layout! { $(#[doc = $outer])* pub struct $name { $($body)* } }
 
         impl $crate::Message for $name {
             const NAME: &'static str = stringify!($name);
@@ -170,7 +185,10 @@ macro_rules! message {
             }
             fn type_name() -> &'static str {
                 static NAME: std::sync::OnceLock<String> = std::sync::OnceLock::new();
-                NAME.get_or_init(|| format!("nims_msgs/{}/{:08x}", stringify!($name), $crate::hash_of(Self::schema())))
+                NAME.get_or_init(|| {
+                    let hash = $crate::hash_of(&$crate::schema::without_comments(Self::schema()));
+                    format!("nims_msgs/{}/{hash:08x}", stringify!($name))
+                })
             }
             fn header(&self) -> &$crate::Header { &self.header }
             fn header_mut(&mut self) -> &mut $crate::Header { &mut self.header }

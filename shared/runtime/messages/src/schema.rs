@@ -199,6 +199,30 @@ pub fn split(text: &str) -> Vec<(&str, &str)> {
     found
 }
 
+/// Returns a definition without its comments: the text whose hash the type name ends in.
+#[must_use]
+pub fn without_comments(text: &str) -> String {
+    let mut plain = String::with_capacity(text.len());
+    for line in text.split_inclusive('\n') {
+        match line.split_once('#') {
+            None => plain.push_str(line),
+            // A line of its own disappears, one behind a field ends there.
+            Some((before, _)) if before.trim().is_empty() => {}
+            Some((before, _)) => {
+                plain.push_str(before.trim_end());
+                plain.push('\n');
+            }
+        }
+    }
+    plain
+}
+
+/// Returns whether two definitions are the same but for their comments.
+#[must_use]
+pub fn is_same(one: &str, other: &str) -> bool {
+    one == other || without_comments(one) == without_comments(other)
+}
+
 /// Whether `name` is a two-part type name that every reader accepts: `lower_snake/CamelCase`.
 #[must_use]
 pub fn is_type_name(name: &str) -> bool {

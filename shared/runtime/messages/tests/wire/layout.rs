@@ -1,5 +1,6 @@
 //! Every sample is its own CDR body: an independent walk over the schema text gives the struct's size, without a gap.
 
+use messages::schema::{is_same, without_comments};
 use messages::*;
 
 /// Size and alignment by CDR rules (each primitive at a multiple of its size) from the schema text alone, constants
@@ -35,7 +36,9 @@ fn cdr_size(own: &str, all: &str, start: usize) -> usize {
 }
 
 fn check<T: Message>() {
-    let text = T::schema();
+    let documented = T::schema();
+    assert!(is_same(documented, &without_comments(documented)) && documented.starts_with('#'), "{}", T::NAME);
+    let text = &without_comments(documented)[..];
     let own = text.split(&"=".repeat(80)).next().unwrap();
     assert_eq!(cdr_size(own, text, 0), size_of::<T>(), "{}", T::NAME);
     assert_eq!(size_of::<T>() % 8, 0, "{}: an array of it must not need padding", T::NAME);
@@ -89,17 +92,42 @@ message! {
     pub struct Soil {
         header: Header,
         temperature_c: f64,
+        /// By depth.
         counts: [u32; 3],
-        state: u8 { STATE_DRY = 0, STATE_WET = 1 },
+        state: u8 {
+            STATE_DRY = 0,
+            /// Above the field capacity.
+            STATE_WET = 1,
+        },
         pad0: [u8; 3],
+    }
+}
+
+/// The same by another author.
+mod other {
+    use messages::{Header, message};
+
+    message! {
+        /// In other words.
+        pub struct Soil {
+            header: Header,
+            /// At a depth of 10 cm.
+            temperature_c: f64,
+            counts: [u32; 3],
+            state: u8 { STATE_DRY = 0, STATE_WET = 1 },
+            pad0: [u8; 3],
+        }
     }
 }
 
 #[test]
 fn a_message_of_ones_own_is_one_struct() {
     check::<Soil>();
-    let text = "nims_msgs/Header header\nfloat64 temperature_c\nuint32[3] counts\nuint8 STATE_DRY=0\nuint8 STATE_WET=1\nuint8 state\n";
+    let text = "# As an author outside of this project declares it.\nnims_msgs/Header header\nfloat64 temperature_c\n\
+                # By depth.\nuint32[3] counts\nuint8 STATE_DRY=0\n# Above the field capacity.\nuint8 STATE_WET=1\nuint8 state\n";
     assert!(Soil::schema().starts_with(text), "{}", Soil::schema());
+    // Two builds that explain a type in other words exchange its samples.
+    assert!(Soil::type_name() == other::Soil::type_name() && Soil::schema() != other::Soil::schema());
     assert_eq!(Soil { header: Header::at(7), ..Soil::default() }.header().oldest_input_ns, 7);
     assert_eq!(Soil::STATE_WET, 1);
 }

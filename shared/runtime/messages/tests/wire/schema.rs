@@ -1,6 +1,6 @@
 //! The parser of definitions: agrees with every sample's own layout, and refuses what some reader would misread.
 
-use messages::schema::{Flaw, Number, Schema, SchemaError, Value, is_type_name, split};
+use messages::schema::{Flaw, Number, Schema, SchemaError, Value, is_same, is_type_name, split, without_comments};
 use messages::*;
 use proptest::prelude::*;
 
@@ -159,7 +159,7 @@ fn definitions_are_split_with_their_names() {
     let parts = split(MotorInput::schema());
     let names: Vec<&str> = parts.iter().map(|(name, _)| *name).collect();
     assert_eq!(names, ["", "nims_msgs/Header", "nims_msgs/RequestBody", "nims_msgs/MotorCommand"]);
-    assert!(parts[1].1.starts_with("uint64 life\nuint64 cycle\n"));
+    assert!(without_comments(parts[1].1).starts_with("uint64 life\nuint64 cycle\n"));
     assert!(is_type_name("nims_msgs/MotorState"));
     for bad in ["MotorState", "a/b", "a-b/T", "A/T", "a/msg/T", "a/T_x"] {
         assert!(!is_type_name(bad), "{bad}");
@@ -180,4 +180,12 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn comments_end_a_line_or_are_one() {
+    let text = "# about\nuint8 a # unit\n\n  # more\nuint8 B=1\nuint8 b\n";
+    assert_eq!(without_comments(text), "uint8 a\n\nuint8 B=1\nuint8 b\n");
+    assert!(is_same(text, "uint8 a\n\nuint8 B=1\nuint8 b # other words\n"));
+    assert!(!is_same(text, "uint8 a\nuint8 b\n"));
 }
