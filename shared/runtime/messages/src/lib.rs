@@ -7,7 +7,9 @@
 //! * A sample begins with a [`Header`].
 //! * No `bool`, no Rust `enum`, no `Option` in a sample: another process may have written any byte. Choices are `u8`
 //!   constants.
-//! * The type name that peers compare ends in a hash of the schema text, so two builds that disagree refuse to connect.
+//! * The type name that peers compare ends in a hash of the schema text without comments, so two builds that disagree
+//!   refuse to connect, and those that only explain a type in other words connect.
+//! * Every field has a comment, which is part of the definition in run files.
 //! * This crate does no I/O and depends on no other crate of this project.
 //!
 //! ```

@@ -26,9 +26,9 @@ message! {
         command_m_s: [f64; CABLES],
         /// Supply voltage per unit, V.
         supply_v: [f64; UNITS],
-        /// Position of the node computed from the lengths, m, and its velocity by the command of this cycle, m/s; NaN:
-        /// unknown.
+        /// Position of the node computed from the lengths, m; NaN: unknown.
         node_m: [f64; 3],
+        /// Velocity of the node by the command of this cycle, m/s; NaN: unknown.
         node_command_m_s: [f64; 3],
         /// Bound on the node's speed in this cycle, m/s; infinite: only the cables' limits apply.
         node_bound_m_s: f64,
@@ -43,7 +43,9 @@ message! {
         fresh: [u8; CABLES],
         /// 1: this unit answered in this cycle.
         unit_ok: [u8; UNITS],
+        /// Number of cables; later entries of arrays by cable are not used.
         cable_count: u8,
+        /// Number of drive units; later entries of arrays by unit are not used.
         unit_count: u8,
         /// RESTORED: read from the file of the last life, so the node may have moved since.
         position_known: u8 { POSITION_UNKNOWN = 0, POSITION_RESTORED = 1, POSITION_KNOWN = 2 },
@@ -86,6 +88,7 @@ message! {
         plan_rate: f64,
         /// The rate it ramps to.
         plan_rate_target: f64,
+        /// Period of the control cycle, s.
         period_s: f64,
         /// Factor by which the commanded velocities were scaled to keep the limits; 1: not scaled.
         scale: f64,
@@ -96,12 +99,14 @@ message! {
         steered: u64,
         /// Periods at rest because an operator paused.
         paused: u64,
-        /// Periods without a fresh command, by cause. Computer: this program or its peers did not get the processor, by
-        /// evidence of the kernel. Drive: a unit did not answer in time. Resync: a serial port was being
-        /// resynchronised. Answer: all others.
+        /// Periods without a fresh command because this program or its peers did not get the processor, by evidence of
+        /// the kernel.
         lost_computer: u64,
+        /// Periods lost because a unit did not answer in time.
         lost_drive: u64,
+        /// Periods lost because a serial port was being resynchronised.
         lost_resync: u64,
+        /// Periods lost for all other reasons.
         lost_answer: u64,
         /// Duration of the exchange with the drives, ns.
         bus_ns: u64,
@@ -134,9 +139,11 @@ message! {
         segment: u32,
         /// Motion (plan/motion) being followed; 0: none.
         motion: u32,
+        /// Mode of the safety machine.
         mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1, MODE_JOGGING = 2, MODE_FOLLOWING = 3, MODE_STOPPING = 4, MODE_FAULTED = 5, MODE_EMERGENCY_STOP = 6 },
-        /// Slots whose command and estimate are used in this cycle.
+        /// Slot whose command is used in this cycle.
         active_controller: u8,
+        /// Slot whose estimate is used in this cycle.
         active_estimator: u8,
         /// Per role: the slot in charge. The command of the other slot may replace one that it misses.
         in_charge: [u8; ROLES],
@@ -154,6 +161,7 @@ message! {
         fault_cable: [u8; CABLES],
         /// 1 for each unit that a fault names.
         fault_unit: [u8; UNITS],
+        /// Number of cables.
         cable_count: u8,
         /// Class of this period.
         period: u8 {
@@ -180,6 +188,7 @@ message! {
         /// Per role and slot: consecutive cycles with a good answer beside the slot in charge; `qualify_cycles` make it
         /// a standby.
         good_cycles: [u32; ROLE_SLOTS],
+        /// Good cycles that make a standby.
         qualify_cycles: u32,
         /// Per role and slot: phase of qualification.
         phase: [u8; ROLE_SLOTS] {
@@ -204,57 +213,72 @@ message! {
     /// bits.
     pub struct MotorInput {
         header: Header,
-        /// When this cycle was due, and when it began, ns.
+        /// When this cycle was due, ns.
         tick_ns: u64,
+        /// When this cycle began, ns.
         begin_ns: u64,
         /// When the bus exchange ended, ns.
         end_ns: u64,
         /// Evidence of the computer, all cumulative: time for which this thread was ready to run and had no processor,
-        /// ns; the same of controllers a, b and estimators a, b (0: unknown); time for which any task of the computer
-        /// waited for a processor, us (0: unknown); time that the virtual motor box left out, ns.
+        /// ns.
         run_delay_ns: u64,
+        /// The same of controllers a, b and estimators a, b, ns; 0: unknown.
         chain_delay_ns: [u64; ROLE_SLOTS],
+        /// Time for which any task of the computer waited for a processor, us; 0: unknown.
         pressure_us: u64,
+        /// Time that the virtual motor box left out, ns.
         box_left_out_ns: u64,
-        /// Setpoint at the plan time of this cycle, for the checks of motor-io: position, m, and velocity at rate 1,
-        /// m/s.
+        /// Setpoint at the plan time of this cycle, for the checks of motor-io, m.
         setpoint_m: [f64; 3],
+        /// Velocity of the setpoint at rate 1, m/s.
         setpoint_velocity_m_s: [f64; 3],
         /// Where the offered motion starts, m.
         motion_start_m: [f64; 3],
-        /// Life for which plan/motion was made, and lives of the last estimates.
+        /// Life for which plan/motion was made.
         motion_life: u64,
+        /// Life of the last estimate of each slot.
         estimate_life: [u64; SLOTS],
-        /// Last beats received of the supervisor and the planner.
+        /// Last beat received of the supervisor.
         supervisor_beat: u64,
+        /// Last beat received of the planner.
         planner_beat: u64,
         /// Requests of this cycle; verb 0: none.
         request: [RequestBody; 4],
+        /// Number of each request.
         request_id: [u64; 4],
         /// When each request was made, ns; 0: unknown.
         request_stamp_ns: [u64; 4],
-        /// From plan/motion, s on the plan clock: start of the current segment, end of the motion, end of the segments
-        /// it carries.
+        /// Start of the current segment of plan/motion, s on the plan clock.
         motion_start_s: f64,
+        /// End of the motion, s on the plan clock.
         motion_end_s: f64,
+        /// End of the segments that plan/motion carries, s on the plan clock.
         motion_known_s: f64,
-        /// In the first cycle, if `restored` is 1: lengths and counts of the last life.
+        /// In the first cycle, if `restored` is 1: lengths of the last life, m.
         restored_m: [f64; CABLES],
+        /// Encoder counts of the last life.
         restored_counts: [i64; CABLES],
         /// Tensions of the last estimate, row 0 from node/estimate/a, row 1 from /b.
         estimate_tension_n: [f64; 16],
         /// Position of the last estimate, m, row by row.
         estimate_position_m: [f64; 6],
-        /// Replies of the drives.
+        /// Replies of the drives: when each encoder was read, CLOCK_MONOTONIC, ns.
         sampled_ns: [u64; CABLES],
+        /// Encoder counts.
         counts: [i64; CABLES],
+        /// Motor currents, A, as in motor/state.
         current_a: [f64; CABLES],
+        /// Drive outputs, -1 to 1, as in motor/state.
         duty: [f64; CABLES],
+        /// Supply voltage per unit, V.
         supply_v: [f64; UNITS],
         /// As in `motor/state`.
         status: [u32; UNITS],
+        /// Motion of plan/motion.
         motion: u32,
+        /// Epoch for which it was planned.
         motion_epoch: u32,
+        /// Its current segment.
         motion_segment: u32,
         /// In the first cycle: the first epoch, so that no life takes up the motion of another.
         first_epoch: u32,
@@ -264,7 +288,9 @@ message! {
         command: [MotorCommand; SLOTS],
         /// Per node/estimate slot: the cycle of the last estimate.
         estimate_cycle: [u64; SLOTS],
+        /// 1: the last estimate of the slot is valid.
         estimate_valid: [u8; SLOTS],
+        /// 1: the command of the slot arrived for this cycle.
         command_arrived: [u8; SLOTS],
         /// Per unit: result of the exchange.
         unit: [u8; UNITS] {
@@ -276,11 +302,15 @@ message! {
         slow_fresh: [u8; UNITS] { SLOW_SUPPLY = 1, SLOW_STATUS = 2, SLOW_CURRENT = 4, SLOW_DUTY = 8, SLOW_ALL = 15 },
         /// 1: the unit was already running at the first exchange, so its encoders kept counting.
         unit_alive: [u8; UNITS],
+        /// Number of cables.
         cable_count: u8,
+        /// Number of drive units.
         unit_count: u8,
+        /// 1: `restored_m` and `restored_counts` are valid.
         restored: u8,
-        /// 1: `setpoint_m` and `setpoint_velocity_m_s` are valid; 1: `motion_start_m` is valid.
+        /// 1: `setpoint_m` and `setpoint_velocity_m_s` are valid.
         setpoint_known: u8,
+        /// 1: `motion_start_m` is valid.
         motion_start_known: u8,
         pad0: [u8; 7],
         /// Mission of plan/motion; 0: none.
@@ -294,10 +324,15 @@ message! {
     /// `energy`: electrical power and I²R loss per cable, and their integrals since start.
     pub struct Energy {
         header: Header,
+        /// Electrical power of each motor, W; negative where it feeds back.
         power_w: [f64; CABLES],
+        /// Loss I²R in each winding, W.
         loss_w: [f64; CABLES],
+        /// Integral of `power_w` since start, J.
         energy_j: [f64; CABLES],
+        /// Integral of `loss_w` since start, J.
         loss_j: [f64; CABLES],
+        /// Number of cables.
         cable_count: u8,
         pad0: [u8; 7],
     }

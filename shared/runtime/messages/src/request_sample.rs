@@ -46,17 +46,23 @@ message! {
     /// A request and, when `answered` is 1, its answer. On `operator/request` both are published.
     pub struct OperatorRequest {
         header: Header,
+        /// Number of the request, by its sender.
         id: u64,
+        /// Verb and numbers of the request.
         body: RequestBody,
         /// Parameters of `reason`; the catalogue of answers defines their order.
         reason_value: [f64; 6],
+        /// Whole-number parameters of `reason`.
         reason_number: [u64; 6],
+        /// Process that sends the request.
         pid: u32,
         /// User who sends the request, as the kernel knows the process.
         uid: u32,
         /// Why the request was accepted or refused: a number of the catalogue of answers; 0: none.
         reason: u16,
+        /// 1: this is an answer.
         answered: u8,
+        /// Verdict of an answer.
         accepted: u8 { REFUSED = 0, ACCEPTED = 1, BAD_INPUT = 2 },
         /// Permissions of the requester.
         role: u8 { ROLE_OPERATOR = 0, ROLE_OBSERVER = 1, ROLE_ENGINEER = 2 },

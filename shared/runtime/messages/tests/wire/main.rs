@@ -2,5 +2,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod layout;
+mod reference;
 mod request;
 mod schema;
