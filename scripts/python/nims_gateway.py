@@ -45,7 +45,7 @@ class Sensor:
         self.close()
 
     def close(self):
-        """Ends the connection, and with it the channel."""
+        """Ends the connection; the channel stays for the next one."""
         if self.link:
             self.link.close()
         self.link = None

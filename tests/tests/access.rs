@@ -5,7 +5,8 @@
 #[path = "live/robot/mod.rs"]
 mod robot;
 
-use messages::{MotorAuthority, Request};
+use bus::Subscriber;
+use messages::{MotorAuthority, OperatorRequest, Request};
 use robot::{Robot, program};
 use std::fs;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
@@ -125,11 +126,10 @@ impl<'a> Others<'a> {
         command_as(uid, gid, Path::new("/bin/sh")).args(["-c", line]).current_dir("/").output().unwrap()
     }
 
-    /// Thirty actions and more: what it is called in docs/access.md, and how it is tried. What is allowed succeeds, or the
-    /// robot itself refuses it in the words that stand here: it flies, holds and disarms as the table goes on.
+    /// Thirty actions and more: what it is called in docs/access.md, and how it is tried. What is allowed may fail for
+    /// another reason, e.g. because the robot moves; no command refuses one of them by itself.
     fn actions(&self, robot: &Robot) -> Vec<(&'static str, Attempt)> {
-        let words = |words: &[&str]| words.iter().map(|&word| word.to_owned()).collect();
-        let nims = |given: &[&str]| Attempt::Nims(words(given), "");
+        let nims = |words: &[&str]| Attempt::Nims(words.iter().map(|&word| word.to_owned()).collect());
         let present = robot.run().file_name().unwrap().to_str().unwrap().to_owned();
         let (run, memory, domain) = (robot.run(), self.memory.display(), robot.domain.root().display().to_string());
         let pid = robot.domain.alive().iter().find(|node| node.name == "motor-io").unwrap().pid;
@@ -173,28 +173,43 @@ impl<'a> Others<'a> {
         ]
     }
 
-    /// Returns whether the attempt was let through. A success and the robot's own words are one, the gateway's words and
-    /// a closed socket are none; anything else proves nothing, and fails.
-    fn passes(&self, user: usize, name: &str, attempt: &Attempt) -> bool {
-        let (output, robot) = match attempt {
-            Attempt::Nims(words, robot) => {
-                (self.run(user, &words.iter().map(String::as_str).collect::<Vec<_>>()), *robot)
-            }
+    /// Returns whether the attempt was let through: it succeeds, or a process of the robot has answered this user. The
+    /// gateway's refusal and a closed socket are none, and then the robot was not asked. Anything else proves nothing,
+    /// and fails.
+    fn passes(&self, user: usize, name: &str, attempt: &Attempt, requests: &mut Subscriber<OperatorRequest>) -> bool {
+        while requests.receive().unwrap().is_some() {}
+        let output = match attempt {
+            Attempt::Nims(words) => self.run(user, &words.iter().map(String::as_str).collect::<Vec<_>>()),
             Attempt::Shell(line) => return self.sh(user, line).status.success(),
         };
         let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
         let refused = ["closed to this user", " may not ", "no finished run"].iter().any(|why| sentence.contains(why));
-        let succeeded = output.status.success() && !refused;
-        let robots_own = !output.status.success() && !robot.is_empty() && sentence.contains(robot) && !refused;
-        println!("{} tries to {name}: {:?} {sentence:?}", USERS[user].0, output.status.code());
-        assert!(succeeded || robots_own || !output.status.success() && refused, "{name}: {sentence}");
-        succeeded || robots_own
+        let (mut reached, mut reasons) = (false, Vec::new());
+        // The robot publishes a request, and again with its answer, which the command has already.
+        for _ in 0..if output.status.success() || refused { 1 } else { 1000 } {
+            while let Some(request) = requests.receive().unwrap() {
+                let is_own = request.uid == USERS[user].1;
+                reached |= is_own;
+                reasons.extend((is_own && request.answered == 1).then_some(request.reason));
+            }
+            if !reasons.is_empty() {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let answered = !reasons.is_empty() && reasons.iter().all(|reason| !(450..500).contains(reason));
+        println!("{} tries to {name}: {:?}, the robot's reasons {reasons:?}, {sentence}", USERS[user].0, output.status);
+        match refused {
+            true => assert!(!output.status.success() && !reached, "{name}: {reasons:?} {sentence}"),
+            false => assert!(output.status.success() || answered, "{name}: {reasons:?} {sentence}"),
+        }
+        !refused
     }
 }
 
-/// How an action is tried: with a command, and words of the robot that refuse it for another reason; in a shell.
+/// How an action is tried.
 enum Attempt {
-    Nims(Vec<String>, &'static str),
+    Nims(Vec<String>),
     Shell(String),
 }
 
@@ -205,9 +220,10 @@ fn every_action_is_tried_as_each_user(robot: &mut Robot, others: &Others<'_>) {
     let mut table = String::from("| action | operator | look-only | stranger |\n|---|---|---|---|\n");
     // The stranger first, so that the others cannot have left a way open.
     let mut passed = vec![[false; USERS.len()]; actions.len()];
+    let mut requests = robot.bus.subscriber::<OperatorRequest>("operator/request").unwrap();
     for user in (0..USERS.len()).rev() {
         for ((name, attempt), passed) in actions.iter().zip(&mut passed) {
-            passed[user] = others.passes(user, name, attempt);
+            passed[user] = others.passes(user, name, attempt, &mut requests);
         }
     }
     for ((name, _), passed) in actions.iter().zip(&passed) {

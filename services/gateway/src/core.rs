@@ -303,7 +303,7 @@ impl Core {
         match &connection.peer.unit {
             Some(unit) if unit.robot == self.instance && unit.plugin == given.sensor => {}
             Some(unit) => {
-                let plugin = detail(format_args!("the plug-in {}:{}", unit.robot, unit.plugin));
+                let plugin = detail(format_args!("the plug-in {}_{}", unit.robot, unit.plugin));
                 return self.refuse(client, id, Reason::SensorOfAnother { plugin, sensor: detail(&given.sensor) });
             }
             // A token stands for a person, not for the program that acts for it.

@@ -37,6 +37,9 @@ impl Verb {
 /// Templates of the units: without a network, and with it.
 const TEMPLATE: &str = "nims-plugin";
 const WITH_NETWORK: &str = "nims-plugin-network";
+/// Most characters of the names of a robot's file and a plug-in together: the unit's user is `_ROBOT_NAME`, and the name
+/// of a user has at most 31.
+const NAMES: usize = 29;
 /// Ending of a unit's name.
 const SERVICE: &str = ".service";
 
@@ -44,7 +47,7 @@ const SERVICE: &str = ".service";
 #[must_use]
 pub fn unit(robot: &str, plugin: &PluginSection) -> String {
     let template = if plugin.network { WITH_NETWORK } else { TEMPLATE };
-    format!("{template}@{robot}:{}{SERVICE}", plugin.name)
+    format!("{template}@{robot}_{}{SERVICE}", plugin.name)
 }
 
 /// A unit of a plug-in, by its name.
@@ -61,7 +64,8 @@ impl PluginUnit {
     #[must_use]
     pub fn parse(unit: &str) -> Option<Self> {
         let (template, instance) = unit.strip_suffix(SERVICE)?.split_once('@')?;
-        let (robot, plugin) = instance.split_once(':')?;
+        // The name of a plug-in has no `_`.
+        let (robot, plugin) = instance.rsplit_once('_')?;
         let is_ours = template == TEMPLATE || template == WITH_NETWORK;
         is_ours.then(|| Self { robot: robot.to_owned(), plugin: plugin.to_owned() })
     }
@@ -119,6 +123,14 @@ pub fn exec(args: &Args, plugin: &str, socket: &Path) -> Answer {
             format!("{system} has network = {is} for the [[plugin]] \"{plugin}\"; start it in a unit of {template}@");
         return Err(bad(why));
     }
+    let instance = args.instance();
+    if instance.len() + plugin.len() > NAMES {
+        let why = format!(
+            "`{instance}` and `{plugin}` have more than {NAMES} characters together, so that the plug-in \
+                           would have no user of its own; shorten the name of {system} or that of the [[plugin]]"
+        );
+        return Err(bad(why));
+    }
     let (program, arguments) = declared.command.split_first().ok_or_else(unknown)?;
     if args.declared {
         return Ok(());
@@ -144,7 +156,7 @@ mod tests {
             assert_eq!(PluginUnit::parse(&unit("lab-1", &section)), Some(PluginUnit { robot, plugin }));
         }
         for other in
-            ["nims@lab.service", "nims-plugin@lab.service", "nims-plugin@lab:soil.scope", "x@lab:soil.service", ""]
+            ["nims@lab.service", "nims-plugin@lab.service", "nims-plugin@lab_soil.scope", "x@lab_soil.service", ""]
         {
             assert_eq!(PluginUnit::parse(other), None, "{other}");
         }
@@ -154,16 +166,16 @@ mod tests {
     fn the_unit_of_a_process_is_the_one_that_the_service_manager_made() {
         let named = |groups: &str| PluginUnit::of_groups(groups).map(|unit| unit.plugin);
         let soil = Some("soil".to_owned());
-        assert_eq!(named("0::/system.slice/system-nims\\x2dplugin.slice/nims-plugin@lab:soil.service\n"), soil);
-        assert_eq!(named("0::/system.slice/nims-plugin-network@lab:soil.service/sub\n"), soil);
-        let both = "12:cpu:/\n1:name=systemd:/system.slice/nims-plugin@lab:soil.service\n0::/\n";
+        assert_eq!(named("0::/system.slice/system-nims\\x2dplugin.slice/nims-plugin@lab_soil.service\n"), soil);
+        assert_eq!(named("0::/system.slice/nims-plugin-network@lab_soil.service/sub\n"), soil);
+        let both = "12:cpu:/\n1:name=systemd:/system.slice/nims-plugin@lab_soil.service\n0::/\n";
         assert_eq!(named(both), soil);
         // A user can make a group of any name below its own manager, and a service with delegation below itself.
         for forged in [
-            "0::/user.slice/user-800.slice/user@800.service/app.slice/nims-plugin@lab:soil.service\n",
-            "0::/system.slice/docker.service/nims-plugin@lab:soil.service\n",
-            "0::/user.slice/user-800.slice/session-3.scope/nims-plugin@lab:soil.service\n",
-            "0::/nims-plugin/nims-plugin@lab:soil.service\n",
+            "0::/user.slice/user-800.slice/user@800.service/app.slice/nims-plugin@lab_soil.service\n",
+            "0::/system.slice/docker.service/nims-plugin@lab_soil.service\n",
+            "0::/user.slice/user-800.slice/session-3.scope/nims-plugin@lab_soil.service\n",
+            "0::/nims-plugin/nims-plugin@lab_soil.service\n",
             "0::/\n",
             "",
             "nonsense",

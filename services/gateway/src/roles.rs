@@ -266,7 +266,7 @@ mod tests {
         // It moves nothing, also where the group of the socket would let it.
         assert_eq!(roles.of(&plugin), Role::Look);
         // A unit of a plug-in that runs as another user, by a drop-in, is still one.
-        let unit = PluginUnit::parse("nims-plugin@lab:soil.service");
+        let unit = PluginUnit::parse("nims-plugin@lab_soil.service");
         assert_eq!(roles.of(&Peer { unit, ..peer(900, "nims", &[], &[]) }), Role::Look);
     }
 

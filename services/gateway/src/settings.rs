@@ -37,6 +37,13 @@ pub struct Args {
     pub declared: bool,
 }
 
+impl Args {
+    /// The name of the system file without its ending: the robot's name in units of the service manager.
+    pub(crate) fn instance(&self) -> String {
+        self.system.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+    }
+}
+
 /// What the gateway needs to know.
 #[derive(Debug, Clone)]
 pub struct Settings {
@@ -69,9 +76,8 @@ impl Settings {
         let folder = args.socket.clone().unwrap_or_else(|| runtime_folder().unwrap_or_else(|| state.clone()));
         let is_socket = folder.extension().is_some_and(|ending| ending.to_string_lossy() == SOCKET_ENDING[1..]);
         let socket = if is_socket { folder } else { folder.join(format!("{}{SOCKET_ENDING}", file.name)) };
-        let instance = args.system.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
         Ok(Self {
-            instance,
+            instance: args.instance(),
             domain: args.domain.clone().unwrap_or_else(|| file.name.clone()),
             socket,
             tokens: state.join(format!("tokens-{}.json", file.name)),

@@ -219,11 +219,11 @@ fn a_unit_publishes_its_own_sensor_only_whoever_its_user_is() {
     // `lab` is the robot's name, `lab-2` that of its file, which is in the units.
     let mut core = core().with_plugins("lab-2", &[section("soil"), section("air")]);
     let units = [
-        "nims-plugin@lab-2:soil.service",
-        "nims-plugin-network@lab-2:soil.service",
-        "nims-plugin@lab-2:air.service",
-        "nims-plugin@lab:soil.service",
-        "nims-plugin@other:air.service",
+        "nims-plugin@lab-2_soil.service",
+        "nims-plugin-network@lab-2_soil.service",
+        "nims-plugin@lab-2_air.service",
+        "nims-plugin@lab_soil.service",
+        "nims-plugin@other_air.service",
     ];
     let mut client = 0;
     for (user, unit) in ["plugin", "nims", "stranger"].iter().flat_map(|user| units.map(|unit| (user, unit))) {
@@ -241,7 +241,7 @@ fn a_unit_publishes_its_own_sensor_only_whoever_its_user_is() {
             };
             let bytes = framed(&Call::Publish { id: 3, reading }, &[]);
             let actions = core.step(client * SECOND, Event::Received { client, bytes: &bytes });
-            if unit.contains(&format!("@lab-2:{sensor}.")) {
+            if unit.contains(&format!("@lab-2_{sensor}.")) {
                 assert!(matches!(&actions[..], [Action::Publish { .. }]), "{user} {unit} {sensor}: {actions:?}");
             } else {
                 assert_eq!(reason(&actions), 472, "{user} {unit} {sensor}");

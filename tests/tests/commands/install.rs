@@ -194,9 +194,8 @@ fn the_service_manager_accepts_the_units() {
     for (unit, name) in [
         ("nims@.service", "nims@lab.service"),
         ("nims-gateway@.service", "nims-gateway@lab.service"),
-        // `lab:soil` is an instance, but a colon has another meaning to the command.
-        ("nims-plugin@.service", "nims-plugin@soil.service"),
-        ("nims-plugin-network@.service", "nims-plugin-network@soil.service"),
+        ("nims-plugin@.service", "nims-plugin@lab_soil.service"),
+        ("nims-plugin-network@.service", "nims-plugin-network@lab_soil.service"),
         ("run-nims-shm.mount", "run-nims-shm.mount"),
         ("nims-runs.service", "nims-runs.service"),
         ("nims-runs.timer", "nims-runs.timer"),
@@ -217,8 +216,8 @@ fn the_service_manager_accepts_the_units() {
     for name in [
         "nims@lab.service",
         "nims-gateway@lab.service",
-        "nims-plugin@soil.service",
-        "nims-plugin-network@soil.service",
+        "nims-plugin@lab_soil.service",
+        "nims-plugin-network@lab_soil.service",
         "run-nims-shm.mount",
         "nims-runs.service",
         "nims-runs.timer",
