@@ -1,8 +1,6 @@
 //! The routes of the server, and what every request has to satisfy.
 
-use crate::assets::Assets;
-use crate::observer::Topics;
-use crate::settings::PlaceArgs;
+use crate::app::{App, Offered};
 use crate::{plain, session};
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -14,21 +12,14 @@ use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::{any, get, post};
 use gateway_protocol::{Accepted, Reply};
 use messages::Request as Asked;
-use std::collections::BTreeMap;
-use std::fs::File;
 use std::net::IpAddr;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::Arc;
 use tokio::io::AsyncReadExt;
-use tokio::sync::Semaphore;
 
 /// Browsers that talk at once: fewer connections than the gateway grants one user, so that stops find a place.
 pub(crate) const BROWSERS: usize = 24;
 /// Longest message of a browser, bytes: a mission of a thousand legs has 100 kB.
 const MESSAGE: usize = 256 << 10;
-/// Downloads that wait to be fetched, and the time for it.
-const DOWNLOADS: usize = 32;
-const FETCHED: Duration = Duration::from_secs(60);
 /// Bytes of a file that are read at once.
 const PIECE: usize = 64 << 10;
 
@@ -44,18 +35,6 @@ const HEADERS: [(&str, &str); 6] = [
     ("cross-origin-resource-policy", "same-origin"),
     ("permissions-policy", "camera=(), microphone=(), geolocation=(), gamepad=(self)"),
 ];
-
-/// What all requests share.
-#[derive(Debug)]
-pub(crate) struct App {
-    pub(crate) place: PlaceArgs,
-    pub(crate) topics: Arc<Topics>,
-    pub(crate) assets: Assets,
-    pub(crate) downloads: Downloads,
-    /// Names of this machine, beside its addresses.
-    pub(crate) names: Vec<String>,
-    pub(crate) browsers: Arc<Semaphore>,
-}
 
 /// The routes.
 pub(crate) fn router(app: Arc<App>) -> Router {
@@ -167,41 +146,6 @@ async fn upgrade(State(app): State<Arc<App>>, headers: HeaderMap, upgrade: WebSo
     )
 }
 
-/// Files of finished runs that can be fetched once.
-#[derive(Debug, Default)]
-pub(crate) struct Downloads(Mutex<BTreeMap<String, Offered>>);
-
-#[derive(Debug)]
-struct Offered {
-    file: File,
-    name: String,
-    bytes: u64,
-    until: Instant,
-}
-
-impl Downloads {
-    /// Offers a file; returns its path, which cannot be guessed. `None`: too many wait.
-    pub(crate) fn offer(&self, file: File, name: String, bytes: u64) -> Option<String> {
-        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = Instant::now();
-        offered.retain(|_, one| one.until > now);
-        let ticket = (offered.len() < DOWNLOADS).then(ticket)??;
-        offered.insert(ticket.clone(), Offered { file, name, bytes, until: now + FETCHED });
-        Some(format!("/download/{ticket}"))
-    }
-
-    fn fetch(&self, ticket: &str) -> Option<Offered> {
-        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        offered.remove(ticket).filter(|one| one.until > Instant::now())
-    }
-}
-
-fn ticket() -> Option<String> {
-    let mut bytes = [0_u8; 16];
-    let filled = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()).ok()?;
-    (filled == bytes.len()).then(|| messages::hex(&bytes))
-}
-
 async fn download(State(app): State<Arc<App>>, Path(ticket): Path<String>) -> Response {
     let Some(Offered { file, name, bytes, .. }) = app.downloads.fetch(&ticket) else {
         return (StatusCode::NOT_FOUND, "this download has ended; ask for it again on the page\n").into_response();
@@ -254,17 +198,5 @@ mod tests {
         ] {
             assert!(!of(&[wrong]), "{wrong:?}");
         }
-    }
-
-    #[test]
-    fn a_download_is_fetched_once_and_a_bounded_number_waits() {
-        let downloads = Downloads::default();
-        let offer = || downloads.offer(File::open("/dev/null").unwrap(), "x".to_owned(), 0);
-        let path = offer().unwrap();
-        let ticket = path.rsplit('/').next().unwrap();
-        assert!(
-            downloads.fetch("0").is_none() && downloads.fetch(ticket).is_some() && downloads.fetch(ticket).is_none()
-        );
-        assert_eq!((0..DOWNLOADS + 3).filter(|_| offer().is_some()).count(), DOWNLOADS);
     }
 }

@@ -11,6 +11,7 @@
 //! * Other machines are served over TLS only.
 #![forbid(unsafe_code)]
 
+mod app;
 mod assets;
 mod certificate;
 mod http;

@@ -1,8 +1,9 @@
 //! The process: opens the port, observes the robot, serves until it is ended.
 
+use crate::app::{App, Downloads};
 use crate::assets::{Assets, folder};
 use crate::certificate::certificate;
-use crate::http::{App, BROWSERS, Downloads, router};
+use crate::http::{BROWSERS, router};
 use crate::listener::listen;
 use crate::observer::{Topics, observe};
 use crate::pair::Listening;
@@ -47,15 +48,16 @@ async fn run(args: &ServeArgs, place: &PlaceArgs) -> Answer {
     let urls: Vec<String> =
         addresses.iter().map(|address| format!("{scheme}://{}", SocketAddr::new(*address, port))).collect();
     let fingerprint = made.as_ref().map(|made| made.fingerprint.clone());
-    for url in &urls {
-        eprintln!("nims-page: open {url}/");
-    }
-    if let Some(fingerprint) = &fingerprint {
-        eprintln!("nims-page: fingerprint of the certificate (SHA-256): {fingerprint}");
-    }
     let listening = Listening { urls, fingerprint };
+    // Before it is said, so that a browser can be paired from then on.
     if let Err(failure) = listening.write(&state) {
         eprintln!("nims-page: `nims page pair` needs --url: {failure}");
+    }
+    for url in &listening.urls {
+        eprintln!("nims-page: open {url}/");
+    }
+    if let Some(fingerprint) = &listening.fingerprint {
+        eprintln!("nims-page: fingerprint of the certificate (SHA-256): {fingerprint}");
     }
     let assets = Assets::read(&folder(args.assets.as_deref()));
     if !assets.are_there() {

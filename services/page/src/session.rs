@@ -1,6 +1,6 @@
 //! The conversation with a browser: its messages to the gateway, and the robot's state to the browser.
 
-use crate::http::App;
+use crate::app::App;
 use crate::link::{self, Incoming, Outgoing, Welcome};
 use crate::protocol::{FromBrowser, ask, end_of, refusal, stops};
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};

@@ -1,0 +1,80 @@
+//! What all requests share, and the files that are offered for download.
+
+use crate::assets::Assets;
+use crate::observer::Topics;
+use crate::settings::PlaceArgs;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::sync::Semaphore;
+
+/// Downloads that wait to be fetched, and the time for it.
+const DOWNLOADS: usize = 32;
+const FETCHED: Duration = Duration::from_secs(60);
+
+/// What all requests share.
+#[derive(Debug)]
+pub(crate) struct App {
+    pub(crate) place: PlaceArgs,
+    pub(crate) topics: Arc<Topics>,
+    pub(crate) assets: Assets,
+    pub(crate) downloads: Downloads,
+    /// Names of this machine, beside its addresses.
+    pub(crate) names: Vec<String>,
+    pub(crate) browsers: Arc<Semaphore>,
+}
+
+/// Files of finished runs that can be fetched once.
+#[derive(Debug, Default)]
+pub(crate) struct Downloads(Mutex<BTreeMap<String, Offered>>);
+
+/// A file that waits to be fetched.
+#[derive(Debug)]
+pub(crate) struct Offered {
+    pub(crate) file: File,
+    pub(crate) name: String,
+    pub(crate) bytes: u64,
+    until: Instant,
+}
+
+impl Downloads {
+    /// Offers a file; returns its path, which cannot be guessed. `None`: too many wait.
+    pub(crate) fn offer(&self, file: File, name: String, bytes: u64) -> Option<String> {
+        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        offered.retain(|_, one| one.until > now);
+        let ticket = (offered.len() < DOWNLOADS).then(ticket)??;
+        offered.insert(ticket.clone(), Offered { file, name, bytes, until: now + FETCHED });
+        Some(format!("/download/{ticket}"))
+    }
+
+    /// Takes a file that is still offered.
+    pub(crate) fn fetch(&self, ticket: &str) -> Option<Offered> {
+        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        offered.remove(ticket).filter(|one| one.until > Instant::now())
+    }
+}
+
+fn ticket() -> Option<String> {
+    let mut bytes = [0_u8; 16];
+    let filled = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()).ok()?;
+    (filled == bytes.len()).then(|| messages::hex(&bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_download_is_fetched_once_and_a_bounded_number_waits() {
+        let downloads = Downloads::default();
+        let offer = || downloads.offer(File::open("/dev/null").unwrap(), "x".to_owned(), 0);
+        let path = offer().unwrap();
+        let ticket = path.rsplit('/').next().unwrap();
+        assert!(
+            downloads.fetch("0").is_none() && downloads.fetch(ticket).is_some() && downloads.fetch(ticket).is_none()
+        );
+        assert_eq!((0..DOWNLOADS + 3).filter(|_| offer().is_some()).count(), DOWNLOADS);
+    }
+}
