@@ -2,13 +2,14 @@
 
 use crate::budget::Budget;
 pub use crate::events::{Action, ClientId, Done, Event, Question, Ticket, TokenChange};
+use crate::held::{Held, end_of};
 use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed};
 use crate::sensors::Sensors;
 use crate::tokens::Tokens;
 use config::PluginSection;
 use gateway_protocol::{CALL_LIMITS, Call, Decoder, Frame, Origin, Published, Reply, VERSION};
-use messages::{Request, put_text};
+use messages::{OperatorRequest, Request, put_text};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::BTreeMap;
@@ -27,6 +28,8 @@ const CALLS_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
 /// Files that a connection may open per second, and in a burst.
 const OPENS_PER_S: f64 = 10.0;
+/// Stands for the gateway itself among the clients, which count from 1.
+const NO_CLIENT: ClientId = 0;
 /// Time in which a connection has to send `hello`, ns.
 const HELLO_NS: u64 = 10_000_000_000;
 
@@ -37,6 +40,15 @@ struct Holder {
     role: Role,
     origin: Origin,
     by_token: bool,
+}
+
+impl Holder {
+    /// Fills in who makes a request, as the run records it.
+    fn sign(&self, request: &mut OperatorRequest, peer: &Peer) {
+        (request.pid, request.uid) = (peer.pid, peer.uid);
+        (request.role, request.origin) = (self.role.number(), self.origin.number());
+        put_text(&mut request.requester, &self.user);
+    }
 }
 
 #[derive(Debug)]
@@ -53,6 +65,8 @@ struct Connection {
     opens: Budget,
     /// The list of runs or of files that is being made.
     listing: Option<Ticket>,
+    /// A motion that ends with its signs, or with the connection.
+    held: Option<Held>,
     since_ns: u64,
     used_ns: u64,
     /// Nothing is read from it any more.
@@ -99,9 +113,10 @@ impl Core {
             Event::Connected { client, peer } => self.connect(now_ns, client, peer),
             Event::Received { client, bytes } => self.receive(now_ns, client, bytes),
             Event::Gone { client } => {
-                self.connections.remove(&client);
                 // What still waits of its calls is not carried out any more.
                 self.tickets.retain(|_, (of, ..)| *of != client);
+                self.release(client);
+                self.connections.remove(&client);
                 self.sensors.free(client);
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
@@ -111,6 +126,10 @@ impl Core {
                 let late: Vec<_> =
                     self.connections.iter().filter(|(_, one)| late(one)).map(|(client, _)| *client).collect();
                 late.into_iter().for_each(|client| self.close(client));
+                let over = |one: &Connection| one.held.as_ref().is_some_and(|held| held.is_over(now_ns));
+                let over: Vec<_> =
+                    self.connections.iter().filter(|(_, one)| over(one)).map(|(client, _)| *client).collect();
+                over.into_iter().for_each(|client| self.release(client));
             }
         }
         std::mem::take(&mut self.actions)
@@ -127,6 +146,7 @@ impl Core {
             budget: Budget::new(CALLS_PER_S, BURST, now_ns),
             opens: Budget::new(OPENS_PER_S, OPENS_PER_S, now_ns),
             listing: None,
+            held: None,
             since_ns: now_ns,
             used_ns: now_ns,
             closed: false,
@@ -169,12 +189,35 @@ impl Core {
         let id = call.id();
         let (within, unanswered) = (connection.budget.spend(now_ns), connection.unanswered);
         match call {
-            Call::Ask { request, process, .. } => {
+            Call::Ask { request, process, held, .. } => {
                 let urgent = needed(&request) == Role::Stop;
                 if !urgent && (!within || unanswered >= UNANSWERED) {
                     return self.refuse(client, id, Reason::GatewayBusy { most: UNANSWERED });
                 }
+                if !held {
+                    return self.ask(client, id, &holder, (request, process), frame.body);
+                }
+                let Some(end) = end_of(&request) else {
+                    let why = detail("only a jog and a move can be held; leave `held` out");
+                    return self.refuse(client, id, Reason::NotAsked { why });
+                };
+                self.release(client);
+                let before = self.last_ticket;
                 self.ask(client, id, &holder, (request, process), frame.body);
+                if self.last_ticket > before
+                    && let Some(connection) = self.connections.get_mut(&client)
+                {
+                    connection.held = Some(Held { ticket: self.last_ticket, beat_ns: now_ns, end });
+                }
+            }
+            Call::Beat {} => {
+                if let Some(held) = &mut connection.held {
+                    held.beat_ns = now_ns;
+                }
+            }
+            Call::Release { .. } => {
+                self.release(client);
+                self.send(client, Reply::Done { id });
             }
             _ if !within || unanswered >= UNANSWERED => {
                 self.refuse(client, id, Reason::GatewayBusy { most: UNANSWERED });
@@ -245,9 +288,7 @@ impl Core {
             Ok(sample) => sample,
             Err(error) => return self.refuse(client, id, Reason::NotAsked { why: detail(error) }),
         };
-        (sample.pid, sample.uid) = (peer.pid, peer.uid);
-        (sample.role, sample.origin) = (holder.role.number(), holder.origin.number());
-        put_text(&mut sample.requester, &holder.user);
+        holder.sign(&mut sample, peer);
         let counts = needs != Role::Stop;
         connection.unanswered += usize::from(counts);
         let ticket = self.ticket(client, id, counts);
@@ -279,7 +320,7 @@ impl Core {
                 return self.token_call(client, holder, call);
             }
             // They were carried out before.
-            Call::Hello { .. } | Call::Ask { .. } => return,
+            Call::Hello { .. } | Call::Ask { .. } | Call::Beat {} | Call::Release { .. } => return,
         };
         let Some(connection) = self.connections.get_mut(&client) else { return };
         let lists = matches!(what, Question::Runs | Question::Files(_));
@@ -407,6 +448,10 @@ impl Core {
         let Some((client, id, counts)) = self.tickets.remove(&ticket) else { return };
         let Some(connection) = self.connections.get_mut(&client) else { return };
         connection.listing = connection.listing.filter(|listing| *listing != ticket);
+        if matches!(&done, Done::Answer(answer) if answer.accepted != OperatorRequest::ACCEPTED) {
+            // A motion that was refused is not ended: that of another client may be under way.
+            connection.held.take_if(|held| held.ticket == ticket);
+        }
         connection.unanswered -= usize::from(counts && connection.unanswered > 0);
         let (reply, body, descriptor) = match done {
             Done::Answer(answer) => (Reply::answer(id, &answer), Vec::new(), None),
@@ -434,7 +479,26 @@ impl Core {
         self.close(client);
     }
 
+    /// Ends the held motion of a client, in its name.
+    fn release(&mut self, client: ClientId) {
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        let (Some(held), Some(holder)) = (connection.held.take(), connection.holder.clone()) else { return };
+        let (peer, Ok(mut sample)) = (&connection.peer, held.end.encode()) else { return };
+        holder.sign(&mut sample, peer);
+        // The client may be gone, and waits for no answer.
+        let ticket = self.ticket(NO_CLIENT, 0, false);
+        let process = client::MOTOR_IO.to_owned();
+        self.actions.push(Action::Ask { ticket, process, request: Box::new(sample), mission: None });
+    }
+
+    /// Whether a held motion may have to be ended soon.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.connections.values().any(|one| one.held.is_some())
+    }
+
     fn close(&mut self, client: ClientId) {
+        self.release(client);
         if let Some(connection) = self.connections.get_mut(&client) {
             connection.closed = true;
         }

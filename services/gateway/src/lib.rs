@@ -21,6 +21,7 @@ mod budget;
 pub mod core;
 mod disk;
 mod events;
+mod held;
 mod hub;
 mod lane;
 mod outbox;

@@ -137,7 +137,7 @@ impl Server {
             () if self.robot.is_busy() || self.disk.is_busy() || self.inbox.is_busy() || self.units.is_busy() => {
                 BUSY_NS
             }
-            () if self.robot.hub().is_used() => SAMPLES_NS,
+            () if self.robot.hub().is_used() || self.core.is_held() => SAMPLES_NS,
             () => IDLE_NS,
         };
         let ids: Vec<ClientId> = self.clients.keys().copied().collect();

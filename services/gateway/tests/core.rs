@@ -8,7 +8,7 @@ use gateway::plugin::{PluginUnit, Verb};
 use gateway::roles::{Peer, Roles};
 use gateway::tokens::Tokens;
 use gateway_protocol::{Accepted, CALL_LIMITS, Call, Origin, Published, ReadingQuality, Reply, VERSION, encode};
-use messages::{OperatorRequest, Request, RequestAnswer, RequestBody, Slot, SlotRole, text_of};
+use messages::{GotoPath, OperatorRequest, Request, RequestAnswer, RequestBody, Slot, SlotRole, text_of};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -39,7 +39,7 @@ fn hello() -> Vec<u8> {
 }
 
 fn ask(id: u64, request: Request) -> Vec<u8> {
-    framed(&Call::Ask { id, request, process: None }, &[])
+    framed(&Call::Ask { id, request, process: None, held: false }, &[])
 }
 
 /// A client of that user that has said hello.
@@ -154,12 +154,78 @@ fn every_request_goes_to_the_process_that_carries_it_out() {
         id: 9,
         request: Request::Fault { text: "nan".to_owned() },
         process: Some(process.to_owned()),
+        held: false,
     };
     let mut go = |call: &Call| core.step(99 * SECOND, Event::Received { client: 1, bytes: &framed(call, &[]) });
     assert!(matches!(&go(&fault("controller-b"))[..], [Action::Ask { process, .. }] if process == "controller-b"));
     assert_eq!(reason(&go(&fault("planner"))), 456);
-    let arm = Call::Ask { id: 9, request: Request::Arm, process: Some("planner".to_owned()) };
+    let arm = Call::Ask { id: 9, request: Request::Arm, process: Some("planner".to_owned()), held: false };
     assert_eq!(reason(&go(&arm)), 456);
+}
+
+/// The requests that the gateway makes by itself, with their requesters.
+fn ends(actions: &[Action]) -> Vec<(u8, String)> {
+    let asked = |action: &Action| match action {
+        Action::Ask { request, .. } => Some((request.body.verb, text_of(&request.requester))),
+        _ => None,
+    };
+    actions.iter().filter_map(asked).collect()
+}
+
+#[test]
+fn a_held_motion_ends_with_its_signs_its_release_and_its_connection() {
+    let jog = Request::Jog { cable: 1, distance_m: 0.1 };
+    let go = Request::Goto { to_m: [1.0; 3], path: GotoPath::Line, speed_m_s: None };
+    let ms = |ms: u64| SECOND + ms * 1_000_000;
+    for (request, end) in [(jog, RequestBody::VERB_HOLD), (go, RequestBody::VERB_STOP)] {
+        let ended = vec![(end, "nims".to_owned())];
+        let begun = |core: &mut Core| {
+            connected(core, 1, "nims");
+            held(core, &request, ms(0))
+        };
+        let accepted =
+            || Done::Answer(Box::new(RequestAnswer { accepted: OperatorRequest::ACCEPTED, ..Default::default() }));
+        // Without a sign for 0.3 s, and not before.
+        let mut core = crate::core();
+        let ticket = begun(&mut core);
+        core.step(ms(1), Event::Answered { ticket, reply: accepted() });
+        assert!(ends(&core.step(ms(250), Event::Tick)).is_empty() && core.is_held());
+        core.step(ms(290), Event::Received { client: 1, bytes: &framed(&Call::Beat {}, &[]) });
+        assert!(ends(&core.step(ms(589), Event::Tick)).is_empty());
+        assert_eq!(ends(&core.step(ms(590), Event::Tick)), ended);
+        assert!(ends(&core.step(ms(5000), Event::Tick)).is_empty() && !core.is_held());
+        // By its release; by the end of the connection, also before the answer.
+        let ticket = held(&mut core, &request, ms(6000));
+        core.step(ms(6001), Event::Answered { ticket, reply: accepted() });
+        let release = framed(&Call::Release { id: 2 }, &[]);
+        assert_eq!(ends(&core.step(ms(6002), Event::Received { client: 1, bytes: &release })), ended);
+        held(&mut core, &request, ms(6100));
+        let gone = core.step(ms(6101), Event::Gone { client: 1 });
+        assert_eq!(ends(&gone), ended);
+        // What ends it is carried out, although its client is gone.
+        let Some(Action::Ask { ticket, .. }) = gone.first() else { panic!("{gone:?}") };
+        assert!(
+            core.is_wanted(*ticket)
+                && core.step(ms(6102), Event::Answered { ticket: *ticket, reply: accepted() }).is_empty()
+        );
+        // A refused one ends nothing.
+        let mut core = crate::core();
+        let ticket = begun(&mut core);
+        core.step(ms(1), Event::Answered { ticket, reply: Done::Answer(Box::default()) });
+        assert!(ends(&core.step(ms(900), Event::Gone { client: 1 })).is_empty());
+    }
+    let mut core = core();
+    connected(&mut core, 1, "nims");
+    let arm = framed(&Call::Ask { id: 1, request: Request::Arm, process: None, held: true }, &[]);
+    assert_eq!(reason(&core.step(0, Event::Received { client: 1, bytes: &arm })), 456);
+}
+
+/// Requests a motion that is held, as client 1.
+fn held(core: &mut Core, request: &Request, now_ns: u64) -> Ticket {
+    let call = framed(&Call::Ask { id: 1, request: request.clone(), process: None, held: true }, &[]);
+    let actions = core.step(now_ns, Event::Received { client: 1, bytes: &call });
+    let [Action::Ask { ticket, .. }] = actions[..] else { panic!("{actions:?}") };
+    ticket
 }
 
 /// The declared plug-in `soil`.
@@ -281,7 +347,7 @@ fn a_mission_is_flown_only_with_its_text() {
     let hash = config::mission_hash("name = \"low\"");
     let run = |core: &mut Core, body: &[u8]| {
         let request = Request::Run { mission: "low".to_owned(), hash, continues: false };
-        let call = framed(&Call::Ask { id: 1, request, process: None }, body);
+        let call = framed(&Call::Ask { id: 1, request, process: None, held: false }, body);
         core.step(0, Event::Received { client: 1, bytes: &call })
     };
     for body in [&b""[..], b"name = \"high\"", &[0xff, 0xfe]] {

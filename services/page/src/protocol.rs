@@ -50,15 +50,6 @@ impl FromBrowser {
     }
 }
 
-/// The request that ends a held motion; `None` if the request may not be held.
-pub(crate) fn end_of(request: &Request) -> Option<Request> {
-    match request {
-        Request::Jog { .. } => Some(Request::Hold),
-        Request::Goto { .. } => Some(Request::Stop),
-        _ => None,
-    }
-}
-
 /// Whether a request stops the robot, which every role may do through the page.
 pub(crate) fn stops(request: &Request) -> bool {
     matches!(request, Request::Hold | Request::Pause | Request::Stop | Request::Estop)
@@ -66,7 +57,7 @@ pub(crate) fn stops(request: &Request) -> bool {
 
 /// The gateway's call for a request.
 pub(crate) fn ask(id: u64, request: Request) -> Call {
-    Call::Ask { id, request, process: None }
+    Call::Ask { id, request, process: None, held: false }
 }
 
 /// A refusal of the page itself, in the form of the gateway's answers.
@@ -88,12 +79,5 @@ mod tests {
         {
             assert!(FromBrowser::read(wrong).is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn only_motions_can_be_held() {
-        assert_eq!(end_of(&Request::Jog { cable: 1, distance_m: 0.1 }), Some(Request::Hold));
-        assert_eq!(end_of(&Request::Arm), None);
-        assert_eq!(end_of(&Request::Stop), None);
     }
 }

@@ -2,12 +2,12 @@
 
 use crate::app::App;
 use crate::link::{self, Incoming, Outgoing, Welcome};
-use crate::protocol::{FromBrowser, ask, end_of, refusal, stops};
+use crate::protocol::{FromBrowser, ask, refusal, stops};
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
 use command::Answer;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
-use gateway_protocol::{Accepted, Call, Reply};
+use gateway_protocol::{Call, Reply};
 use messages::Request;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -15,12 +15,10 @@ use std::fs::File;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::{broadcast, mpsc};
-use tokio::time::{interval, sleep_until, timeout};
+use tokio::time::{interval, timeout};
 
 /// Time in which a browser has to send `hello`.
 const HELLO: Duration = Duration::from_secs(10);
-/// Without a message for this time a held motion ends.
-const DEAD_MAN: Duration = Duration::from_millis(300);
 /// A browser is asked for a sign of life in this interval, and its conversation ends without any for three of them.
 const PING: Duration = Duration::from_secs(5);
 /// A browser that takes nothing for this time is disconnected.
@@ -30,26 +28,14 @@ const MESSAGES_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
 /// Answers of the page itself that may wait for the browser.
 const WAITING: usize = 64;
-/// Number of the call that ends a held motion; browsers count from 1.
+/// Number of a release, whose reply no browser waits for; they count from 1.
 const RELEASED: u64 = 0;
-
-/// A motion that goes on only while its control is held.
-#[derive(Debug)]
-struct Held {
-    /// Number of its call.
-    id: u64,
-    /// When the browser last said that the control is held.
-    beat: Instant,
-    /// The request that ends the motion.
-    end: Request,
-}
 
 /// What both directions of a conversation share.
 #[derive(Debug, Default)]
 struct Shared {
     /// The files that were asked for, by the number of the call.
     opens: BTreeMap<u64, String>,
-    held: Option<Held>,
 }
 
 /// The directions take turns on one thread, so nothing waits for this lock.
@@ -88,7 +74,6 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>) {
         () = inbound.run() => {}
         () = outbound => {}
     }
-    inbound.release().await;
 }
 
 async fn hello(stream: &mut SplitStream<WebSocket>) -> Option<Option<String>> {
@@ -168,11 +153,6 @@ async fn outbound(
 fn replied(app: &App, reply: Reply, incoming: &mut Incoming, shared: &Both) -> Value {
     let name = locked(shared).opens.remove(&reply.id());
     match &reply {
-        Reply::Answer { id, accepted, .. } if *accepted != Accepted::Accepted => {
-            // A motion that was refused is not ended: another person's may be under way.
-            locked(shared).held.take_if(|held| held.id == *id);
-            as_value(&reply)
-        }
         Reply::Opened { id, bytes } => match (incoming.descriptor(), name) {
             (Some(file), Some(name)) => {
                 let path = app.downloads.offer(File::from(file), name, *bytes);
@@ -203,27 +183,14 @@ struct Inbound<'a> {
 
 impl Inbound<'_> {
     async fn run(&mut self) {
-        let (mut saved, mut counted, mut lively) = (BURST, Instant::now(), Instant::now());
+        let (mut saved, mut counted) = (BURST, Instant::now());
         loop {
-            let now = Instant::now();
-            let silent = lively + 3 * PING;
-            let released = locked(self.shared).held.as_ref().map(|held| held.beat + DEAD_MAN);
-            let deadline = released.map_or(silent, |released| released.min(silent));
-            if now >= silent {
-                return;
-            }
-            if now >= deadline {
-                self.release().await;
-                continue;
-            }
-            let message = tokio::select! {
-                message = self.stream.next() => message,
-                () = sleep_until(deadline.into()) => continue,
-            };
+            // A browser answers each ping.
+            let Ok(message) = timeout(3 * PING, self.stream.next()).await else { return };
             let Some(Ok(message)) = message else { return };
-            lively = Instant::now();
-            saved = (saved + lively.duration_since(counted).as_secs_f64() * MESSAGES_PER_S).min(BURST) - 1.0;
-            counted = lively;
+            let now = Instant::now();
+            saved = (saved + now.duration_since(counted).as_secs_f64() * MESSAGES_PER_S).min(BURST) - 1.0;
+            counted = now;
             if saved < 0.0 {
                 return;
             }
@@ -239,15 +206,6 @@ impl Inbound<'_> {
         }
     }
 
-    /// Ends a held motion.
-    async fn release(&mut self) {
-        let held = locked(self.shared).held.take();
-        if let Some(held) = held {
-            // Without a gateway its connection has ended, and with it this conversation.
-            let _ = self.outgoing.send(&ask(RELEASED, held.end), &[]).await;
-        }
-    }
-
     async fn take(&mut self, text: &str) -> Answer {
         let message = match FromBrowser::read(text) {
             Ok(message) => message,
@@ -259,17 +217,12 @@ impl Inbound<'_> {
         match message {
             FromBrowser::Hello { .. } => Ok(()),
             FromBrowser::Ask { id, request } => self.ask(id, request).await,
-            FromBrowser::Held { id, request } => self.hold(id, request).await,
-            FromBrowser::Beat {} => {
-                if let Some(held) = &mut locked(self.shared).held {
-                    held.beat = Instant::now();
-                }
-                Ok(())
+            // The gateway ends a held motion, so that it ends also with this program.
+            FromBrowser::Held { id, request } => {
+                self.outgoing.send(&Call::Ask { id, request, process: None, held: true }, &[]).await
             }
-            FromBrowser::Release {} => {
-                self.release().await;
-                Ok(())
-            }
+            FromBrowser::Beat {} => self.outgoing.send(&Call::Beat {}, &[]).await,
+            FromBrowser::Release {} => self.outgoing.send(&Call::Release { id: RELEASED }, &[]).await,
             FromBrowser::Fly { id, name, text, continues } => {
                 let request = Request::Run { mission: name, hash: config::mission_hash(&text), continues };
                 self.outgoing.send(&ask(id, request), text.as_bytes()).await
@@ -313,16 +266,6 @@ impl Inbound<'_> {
             let _ = local.send(value).await;
         });
         Ok(())
-    }
-
-    async fn hold(&mut self, id: u64, request: Request) -> Answer {
-        let Some(end) = end_of(&request) else {
-            self.answer(refusal(id, "only a jog and a move can be held; send it as `ask`"));
-            return Ok(());
-        };
-        self.release().await;
-        locked(self.shared).held = Some(Held { id, beat: Instant::now(), end });
-        self.outgoing.send(&ask(id, request), &[]).await
     }
 
     /// An answer of the page itself. A browser that asks faster than it takes answers loses them.

@@ -5,26 +5,17 @@
 
 mod rig;
 
-use rig::{Browser, Rig};
+use rig::{Browser, Rig, ready};
+use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
+use std::time::{Duration, Instant};
 
 const START: [f64; 3] = [4.8, 3.0, 0.3];
-const ARM: &str = "arm";
 
 fn plain(verb: &str) -> Value {
     json!({ "verb": verb })
-}
-
-/// Armed and zeroed by the holder of a token.
-fn ready(flyer: &mut Browser) {
-    flyer.until_state("the robot is up", |state| state["cycle"]["number"].as_u64().is_some_and(|cycle| cycle > 50));
-    for request in [plain(ARM), json!({ "verb": "zero-at", "position_m": START })] {
-        let answer = flyer.ask(request);
-        assert_eq!(answer["accepted"], "accepted", "{answer}");
-    }
-    flyer.until_state("the position is known", |state| state["position_known"] == 2 && state["within_m"].is_f64());
 }
 
 #[test]
@@ -34,12 +25,12 @@ fn a_browser_looks_and_stops_and_the_holder_of_a_token_flies() {
     assert_eq!((&visitor.welcome["role"], &visitor.welcome["paired"]), (&json!("stop"), &json!(false)));
     let scene = visitor.until("the robot is drawn", |told| told["type"] == "scene");
     assert_eq!((scene["system"].as_str(), scene["anchors_m"].as_array().map(Vec::len)), (Some("demo3"), Some(3)));
-    let refused = visitor.ask(plain(ARM));
+    let refused = visitor.ask(plain("arm"));
     assert_eq!((&refused["accepted"], &refused["reason"]), (&json!("refused"), &json!(450)), "{refused}");
 
     let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
     assert_eq!((&flyer.welcome["user"], &flyer.welcome["role"]), (&json!("tablet"), &json!("fly")));
-    ready(&mut flyer);
+    ready(&mut flyer, START);
     for (to_m, possible) in [([5.4, 3.6, 0.7], true), ([4.8, 3.0, 3.0], false)] {
         let found = flyer.call(json!({ "call": "check", "to_m": to_m }));
         assert_eq!(found["possible"], json!(possible), "{found}");
@@ -71,7 +62,7 @@ fn a_browser_looks_and_stops_and_the_holder_of_a_token_flies() {
 fn a_motion_that_is_not_held_any_more_ends() {
     let rig = Rig::up();
     let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
-    ready(&mut flyer);
+    ready(&mut flyer, START);
     let move_on = json!({ "verb": "goto", "to_m": [5.4, 3.6, 0.7], "path": { "shape": "line" }, "speed_m_s": 0.05 });
     let jog = json!({ "verb": "jog", "cable": 1, "distance_m": -0.5 });
     // By the end of the signs, by a release, and by the end of the conversation.
@@ -90,7 +81,7 @@ fn a_motion_that_is_not_held_any_more_ends() {
     }
     // What cannot be held is not requested, and what was refused ends nothing.
     let refused = flyer.call(json!({ "call": "held", "request": plain("disarm") }));
-    assert_eq!(refused["accepted"], "refused");
+    assert_eq!(refused["accepted"], "bad-input");
     assert_eq!(flyer.ask(move_on)["accepted"], "accepted");
     flyer.until_state("it flies", |state| state["mode"] == "following");
     assert_eq!(flyer.call(json!({ "call": "held", "request": jog }))["accepted"], "refused");
@@ -98,6 +89,29 @@ fn a_motion_that_is_not_held_any_more_ends() {
     assert_eq!(flyer.call(json!({ "call": "check", "to_m": START }))["possible"], true);
     let state = flyer.until_state("a state after that", |_| true);
     assert_eq!(state["mode"], "following");
+}
+
+#[test]
+fn a_held_motion_ends_also_when_the_page_hangs_or_dies() {
+    let rig = Rig::up();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    ready(&mut flyer, START);
+    let move_on = json!({ "verb": "goto", "to_m": [5.4, 3.6, 0.7], "path": { "shape": "line" }, "speed_m_s": 0.05 });
+    let mut begin = || {
+        // The planner may not have seen yet that the move before is over.
+        let begun = Instant::now();
+        while flyer.call(json!({ "call": "held", "request": move_on }))["accepted"] != "accepted" {
+            assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
+        }
+        flyer.beat_until("following");
+    };
+    begin();
+    rig.signal_page(Signal::STOP);
+    rig.until_mode("holding");
+    rig.signal_page(Signal::CONT);
+    begin();
+    rig.signal_page(Signal::KILL);
+    rig.until_mode("holding");
 }
 
 fn http(rig: &Rig, head: &str) -> String {

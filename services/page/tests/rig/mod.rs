@@ -3,6 +3,7 @@
 #![allow(dead_code)] // each test uses a part of it
 
 use bus::{Domain, TestDomain};
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
@@ -24,7 +25,7 @@ struct Process(Child);
 
 impl Drop for Process {
     fn drop(&mut self) {
-        let _ = rustix::process::kill_process(rustix::process::Pid::from_child(&self.0), rustix::process::Signal::INT);
+        let _ = kill_process(Pid::from_child(&self.0), Signal::INT);
         let begun = Instant::now();
         while begun.elapsed() < LONG && self.0.try_wait().ok().flatten().is_none() {
             std::thread::sleep(Duration::from_millis(20));
@@ -36,13 +37,13 @@ impl Drop for Process {
 
 /// A robot with its gateway and its page. They end in this order.
 pub struct Rig {
-    _page: Process,
+    page: Process,
     _gateway: Process,
     _robot: Process,
     pub address: String,
     socket: PathBuf,
     folder: tempfile::TempDir,
-    _domain: TestDomain,
+    domain: TestDomain,
     _alone: MutexGuard<'static, ()>,
 }
 
@@ -91,16 +92,7 @@ impl Rig {
         std::thread::spawn(move || said.map_while(Result::ok).for_each(|line| println!("{line}")));
         let address = line.split("http://").nth(1).unwrap().trim_end_matches('/').to_owned();
         assert!(address.starts_with("127.0.0.1:"), "not this machine alone: {line}");
-        Self {
-            _page: Process(page),
-            _gateway: gateway,
-            _robot: robot,
-            address,
-            socket,
-            folder,
-            _domain: domain,
-            _alone: alone,
-        }
+        Self { page: Process(page), _gateway: gateway, _robot: robot, address, socket, folder, domain, _alone: alone }
     }
 
     fn nims(&self, args: &[&str]) -> String {
@@ -135,6 +127,41 @@ impl Rig {
 
     pub fn revoke(&self, holder: &str) {
         self.nims(&["token", "revoke", holder]);
+    }
+
+    pub fn signal_page(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.page.0), signal).unwrap();
+    }
+
+    /// Waits for a mode by the command line, without the page.
+    pub fn until_mode(&self, mode: &str) {
+        let begun = Instant::now();
+        loop {
+            let status: Value = serde_json::from_str(&self.nims(&["status", "--json"])).unwrap();
+            if status["mode"] == mode {
+                return;
+            }
+            assert!(begun.elapsed() < LONG, "{mode}: in vain, {status}");
+        }
+    }
+
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// Processor time of the page so far, s.
+    pub fn page_cpu_s(&self) -> f64 {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.page.0.id())).unwrap();
+        let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+        // utime and stime, in ticks of 10 ms on every Linux
+        (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+    }
+
+    /// Memory of the page, MB.
+    pub fn page_memory_mb(&self) -> f64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.page.0.id())).unwrap();
+        let line = status.lines().find(|line| line.starts_with("VmRSS")).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1000.0
     }
 
     pub fn browser(&self, token: Option<&str>) -> Browser {
@@ -198,6 +225,11 @@ impl Browser {
         }
     }
 
+    /// Takes a message; `false` after the last one.
+    pub fn take_one(&mut self) -> bool {
+        self.next().is_some()
+    }
+
     pub fn until(&mut self, what: &str, done: impl Fn(&Value) -> bool) -> Value {
         let (begun, mut last) = (Instant::now(), Value::Null);
         while begun.elapsed() < LONG {
@@ -246,4 +278,14 @@ impl Browser {
             assert!(begun.elapsed() < LONG, "{mode}: in vain, {state}");
         }
     }
+}
+
+/// Armed and zeroed by the holder of a token.
+pub fn ready(flyer: &mut Browser, at_m: [f64; 3]) {
+    flyer.until_state("the robot is up", |state| state["cycle"]["number"].as_u64().is_some_and(|cycle| cycle > 50));
+    for request in [json!({ "verb": "arm" }), json!({ "verb": "zero-at", "position_m": at_m })] {
+        let answer = flyer.ask(request);
+        assert_eq!(answer["accepted"], "accepted", "{answer}");
+    }
+    flyer.until_state("the position is known", |state| state["position_known"] == 2 && state["within_m"].is_f64());
 }

@@ -91,6 +91,16 @@ pub enum Call {
         /// For faults: the process that makes it; default: the virtual motor box.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         process: Option<String>,
+        /// The motion of a jog or of a move goes on only while the client sends [`Call::Beat`].
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        held: bool,
+    },
+    /// The control of a held motion is still held; the only call without a reply.
+    Beat {},
+    /// The control of a held motion was released.
+    Release {
+        /// Number that the reply repeats.
+        id: u64,
     },
     /// Asks which robot runs.
     Robot {
@@ -176,12 +186,13 @@ pub enum Call {
 }
 
 impl Call {
-    /// The number that the reply repeats; 0 for [`Call::Hello`].
+    /// The number that the reply repeats; 0 for [`Call::Hello`] and [`Call::Beat`].
     #[must_use]
     pub fn id(&self) -> u64 {
         match self {
-            Self::Hello { .. } => 0,
+            Self::Hello { .. } | Self::Beat {} => 0,
             Self::Ask { id, .. }
+            | Self::Release { id }
             | Self::Robot { id }
             | Self::Configuration { id }
             | Self::Channels { id }

@@ -82,8 +82,21 @@ fn every_call_is_read_as_it_was_written() {
     let (run, file) = ("2026-01-01".to_owned(), "log/motor-io.txt".to_owned());
     let calls = [
         Call::Hello { version: VERSION, origin: Origin::Page, token: Some("x".to_owned()) },
-        Call::Ask { id: 1, request: Request::Swap { role: SlotRole::Estimator, slot: Slot::B }, process: None },
-        Call::Ask { id: 2, request: Request::Fault { text: "stall 2".to_owned() }, process: Some("a".to_owned()) },
+        Call::Ask {
+            id: 1,
+            request: Request::Swap { role: SlotRole::Estimator, slot: Slot::B },
+            process: None,
+            held: false,
+        },
+        Call::Ask {
+            id: 2,
+            request: Request::Fault { text: "stall 2".to_owned() },
+            process: Some("a".to_owned()),
+            held: false,
+        },
+        Call::Ask { id: 2, request: Request::Jog { cable: 1, distance_m: 0.1 }, process: None, held: true },
+        Call::Beat {},
+        Call::Release { id: 2 },
         Call::Robot { id: 3 },
         Call::Configuration { id: 4 },
         Call::Channels { id: 5 },
@@ -105,7 +118,7 @@ fn every_call_is_read_as_it_was_written() {
 #[test]
 fn a_number_that_json_cannot_hold_is_never_left_out() {
     let goto = |speed_m_s| Request::Goto { to_m: [1.0, 2.0, 0.1 + 0.2], path: messages::GotoPath::Line, speed_m_s };
-    let call = |speed| Call::Ask { id: 1, request: goto(Some(speed)), process: None };
+    let call = |speed| Call::Ask { id: 1, request: goto(Some(speed)), process: None, held: false };
     assert!(call(0.3).header().is_ok());
     for speed in [f64::NAN, f64::INFINITY] {
         assert!(call(speed).header().is_err());

@@ -1,0 +1,88 @@
+//! Measures how long a stop takes from the browser to the first braking cycle, and what the page costs.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod rig;
+
+use bus::{Bus, Subscriber, clock};
+use messages::MotorAuthority;
+use rig::{Browser, Rig};
+use serde_json::json;
+use std::time::{Duration, Instant};
+
+/// Stops of each kind, and the time for which the cost is measured.
+const PRESSES: usize = 200;
+const COST: Duration = Duration::from_secs(60);
+/// Two points between which the node flies.
+const POINTS: [[f64; 3]; 2] = [[4.8, 3.0, 0.3], [5.4, 3.6, 0.7]];
+
+/// Milliseconds from now to the first cycle with that mode.
+fn until_mode(authority: &mut Subscriber<MotorAuthority>, begun_ns: u64, modes: &[u8]) -> f64 {
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(60) {
+        while let Some(sample) = authority.receive().unwrap() {
+            if sample.header.stamp_ns > begun_ns && modes.contains(&sample.mode) {
+                return (sample.header.stamp_ns - begun_ns) as f64 * 1e-6;
+            }
+        }
+        std::thread::sleep(Duration::from_micros(500));
+    }
+    panic!("the robot does not stop");
+}
+
+fn percentiles(mut ms: Vec<f64>) -> String {
+    ms.sort_by(f64::total_cmp);
+    let at = |share: f64| ms[((ms.len() - 1) as f64 * share).round() as usize];
+    format!("{} presses: p50 {:.1} ms, p99 {:.1} ms, max {:.1} ms", ms.len(), at(0.5), at(0.99), at(1.0))
+}
+
+#[test]
+#[ignore = "takes ten minutes; prints how long a stop takes: docs/page.md"]
+fn how_long_a_stop_takes() {
+    let rig = Rig::up();
+    let bus = Bus::join(rig.domain(), "observer").unwrap();
+    let mut authority = bus.deep_subscriber::<MotorAuthority>("motor/authority").unwrap();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    rig::ready(&mut flyer, POINTS[0]);
+    for (verb, modes, resets) in [
+        ("stop", vec![MotorAuthority::MODE_STOPPING, MotorAuthority::MODE_HOLDING], false),
+        ("estop", vec![MotorAuthority::MODE_EMERGENCY_STOP], true),
+    ] {
+        let mut taken = Vec::new();
+        for press in 0..PRESSES {
+            let to_m = POINTS[(press + 1) % 2];
+            let go = json!({ "verb": "goto", "to_m": to_m, "path": { "shape": "line" }, "speed_m_s": 0.2 });
+            let answer = flyer.ask(go);
+            assert_eq!(answer["accepted"], "accepted", "{answer}");
+            flyer.until_state("it flies", |state| state["mode"] == "following");
+            while authority.receive().unwrap().is_some() {}
+            let begun_ns = clock::now_ns();
+            flyer.send(&json!({ "call": "ask", "id": 1_000_000, "request": { "verb": verb } }));
+            taken.push(until_mode(&mut authority, begun_ns, &modes));
+            if resets {
+                flyer.until_state("it has stopped", |state| state["mode"] == "emergency stop");
+                assert_eq!(flyer.ask(json!({ "verb": "reset" }))["accepted"], "accepted");
+            }
+            flyer.until_state("it holds", |state| state["mode"] == "holding");
+        }
+        println!("{verb}: {}", percentiles(taken));
+    }
+}
+
+#[test]
+#[ignore = "takes three minutes; prints what the page costs: docs/page.md"]
+fn what_the_page_costs() {
+    let rig = Rig::up();
+    let mut browsers = Vec::new();
+    for count in [0, 1, 10] {
+        while browsers.len() < count {
+            let mut browser: Browser = rig.browser(None);
+            std::thread::spawn(move || while browser.take_one() {});
+            browsers.push(());
+        }
+        let (begun, before) = (Instant::now(), rig.page_cpu_s());
+        std::thread::sleep(COST);
+        let share = (rig.page_cpu_s() - before) / begun.elapsed().as_secs_f64();
+        println!("{count} browsers: {:.1} % of a core, {:.1} MB", 100.0 * share, rig.page_memory_mb());
+    }
+}
