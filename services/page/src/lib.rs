@@ -14,6 +14,7 @@
 mod app;
 mod assets;
 mod certificate;
+mod history;
 mod http;
 mod link;
 mod listener;

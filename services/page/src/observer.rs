@@ -1,5 +1,6 @@
 //! Observes the robot through one connection to the gateway, for all browsers together.
 
+use crate::history::History;
 use crate::link::{self, Incoming, Outgoing};
 use crate::robot::{CHANNELS, Happened, LOGS, Robot};
 use crate::scene::Scene;
@@ -36,6 +37,7 @@ const MOST_LOGS: usize = 48;
 pub(crate) struct Topics {
     robot: Mutex<Robot>,
     scene: Mutex<Option<Arc<Scene>>>,
+    history: Mutex<History>,
     /// The newest text of each topic, in the order in which a browser receives them first.
     pub(crate) newest: [watch::Sender<Utf8Bytes>; 5],
     pub(crate) events: broadcast::Sender<Utf8Bytes>,
@@ -55,6 +57,7 @@ impl Default for Topics {
         Self {
             robot: Mutex::default(),
             scene: Mutex::default(),
+            history: Mutex::default(),
             newest: [topic(), topic(), topic(), topic(), topic()],
             events: broadcast::Sender::new(EVENTS),
             recent: Mutex::default(),
@@ -75,6 +78,11 @@ impl Topics {
     /// The state now, for the plain page.
     pub(crate) fn live(&self) -> Value {
         locked(&self.robot).live(now_ns())
+    }
+
+    /// The last ten minutes.
+    pub(crate) fn history(&self) -> Value {
+        locked(&self.history).told(now_ns())
     }
 
     /// The events so far, oldest first, and those that follow.
@@ -199,6 +207,7 @@ impl Observation<'_> {
             self.topics.put(STATE, &robot.live(now_ns()));
         }
         if tick.is_multiple_of(SLOWLY) {
+            locked(&self.topics.history).note(&robot, now_ns());
             self.topics.put(SLOW, &robot.slow(now_ns()));
         }
         if robot.plan_key() != self.plan_key || tick == 0 {

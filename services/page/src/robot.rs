@@ -165,6 +165,25 @@ impl Robot {
         value
     }
 
+    /// The figures of the charts, rounded to what can be seen.
+    pub(crate) fn figures(&self) -> Value {
+        let rounded = |value: f64, step: f64| (value.is_finite()).then(|| (value / step).round() * step);
+        let all = |values: &[f64], step: f64| -> Vec<Option<f64>> {
+            // As short decimals: a sum of steps has a long tail.
+            let short = |value: f64| format!("{value:.4}").parse().unwrap_or(value);
+            values.iter().map(|value| rounded(*value, step).map(short)).collect()
+        };
+        let live = self.live(0);
+        let numbers = |key: &str| -> Vec<f64> {
+            let values = live[key].as_array().map_or(&[][..], Vec::as_slice);
+            values.iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect()
+        };
+        let one = |key: &str, step: f64| all(&[live[key].as_f64().unwrap_or(f64::NAN)], step)[0];
+        json!({ "mode": live["mode"], "position_m": all(&numbers("position_m"), 1e-3), "within_m": one("within_m", 1e-3),
+            "tensions_n": all(&numbers("tensions_n"), 0.1), "currents_a": all(&numbers("currents_a"), 0.01),
+            "supply_v": one("supply_v", 0.1) })
+    }
+
     /// Time since motor-io published, s; `None`: it never did.
     pub(crate) fn age_s(&self, now_ns: u64) -> Option<f64> {
         self.authority.map(|authority| since_s(authority.header.stamp_ns, now_ns))

@@ -112,6 +112,9 @@ async fn outbound(
         topic.mark_changed();
     }
     let (recent, mut events) = app.topics.events();
+    if send(&mut sink, &app.topics.history()).await.is_err() {
+        return;
+    }
     for event in recent {
         if send_text(&mut sink, event).await.is_err() {
             return;

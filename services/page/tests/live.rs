@@ -47,6 +47,9 @@ fn a_browser_looks_and_stops_and_the_holder_of_a_token_flies() {
 
     // Every role stops, also one that may only look.
     let mut looker = rig.browser(Some(&rig.token("phone", "look")));
+    let history = looker.until("what was before it came", |told| told["type"] == "history");
+    let rows = history["rows"].as_array().unwrap();
+    assert!(rows.iter().any(|row| row[1]["mode"].is_string()), "{history}");
     assert_eq!(looker.ask(plain("reset"))["reason"], 450);
     assert_eq!(looker.ask(plain("estop"))["accepted"], "accepted");
     looker.until_state("emergency stop", |state| state["mode"] == "emergency stop");
@@ -148,6 +151,21 @@ fn a_stranger_gets_nothing_and_the_plain_page_stops() {
     let stopped = http(&rig, &format!("POST /plain/estop HTTP/1.1\r\n{own}Content-Length: 0\r\n\r\n"));
     assert!(stopped.contains("200 OK"), "{stopped}");
     browser.until_state("emergency stop", |state| state["mode"] == "emergency stop");
+}
+
+#[test]
+fn other_machines_are_served_over_https_only() {
+    let rig = Rig::up_at("0.0.0.0");
+    let own = format!("Host: {}\r\nConnection: close\r\n", rig.address);
+    for path in ["/", "/plain", "/ws"] {
+        let answer = http(&rig, &format!("GET {path} HTTP/1.1\r\n{own}\r\n"));
+        assert!(
+            answer.starts_with("HTTP/1.1 307") && answer.contains(&format!("https://{}/", rig.address)),
+            "{answer}"
+        );
+    }
+    let foreign = http(&rig, "GET / HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n");
+    assert!(foreign.starts_with("HTTP/1.1 421"), "{foreign}");
 }
 
 #[test]

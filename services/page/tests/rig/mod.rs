@@ -69,8 +69,13 @@ fn copy_configs(folder: &Path) {
 }
 
 impl Rig {
-    /// Starts all three.
+    /// Starts all three; the page is for this machine only.
     pub fn up() -> Self {
+        Self::up_at("127.0.0.1")
+    }
+
+    /// Starts all three; the page listens at this address.
+    pub fn up_at(listens: &str) -> Self {
         let alone = ONE_ROBOT.lock().unwrap_or_else(PoisonError::into_inner);
         let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::for_test());
         copy_configs(folder.path());
@@ -84,14 +89,16 @@ impl Rig {
         gateway.arg("--state").arg(folder.path().join("state")).stderr(log(folder.path(), "gateway"));
         let gateway = Process(gateway.spawn().unwrap());
         let mut page = Command::new(program("nims-page"));
-        page.args(["serve", "--port", "0", "--gateway"]).arg(&socket).arg("--state").arg(folder.path().join("page"));
+        page.args(["serve", "--address", listens, "--port", "0", "--gateway"])
+            .arg(&socket)
+            .arg("--state")
+            .arg(folder.path().join("page"));
         let mut page = page.stderr(Stdio::piped()).spawn().unwrap();
         let mut said = BufReader::new(page.stderr.take().unwrap()).lines();
-        let line = said.by_ref().map_while(Result::ok).find(|line| line.contains("open http://")).unwrap();
+        let line = said.by_ref().map_while(Result::ok).find(|line| line.contains("://127.0.0.1:")).unwrap();
         // What it says later is read, so that it never waits for a reader.
         std::thread::spawn(move || said.map_while(Result::ok).for_each(|line| println!("{line}")));
-        let address = line.split("http://").nth(1).unwrap().trim_end_matches('/').to_owned();
-        assert!(address.starts_with("127.0.0.1:"), "not this machine alone: {line}");
+        let address = line.split("://").nth(1).unwrap().trim_end_matches('/').to_owned();
         Self { page: Process(page), _gateway: gateway, _robot: robot, address, socket, folder, domain, _alone: alone }
     }
 
@@ -120,7 +127,8 @@ impl Rig {
         let output = command.arg("--state").arg(self.folder.path().join("page")).output().unwrap();
         let printed = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        assert!(printed.contains(&self.address), "{printed}");
+        let port = self.address.rsplit(':').next().unwrap();
+        assert!(printed.contains(&format!(":{port}/#token=")), "{printed}");
         let token = printed.split("#token=").nth(1).unwrap().lines().next().unwrap();
         token.to_owned()
     }

@@ -9,10 +9,10 @@ import { type Drawn, bounds, extend, nodeOf } from "./view.js";
 
 /** Time without a change after which a target is checked, ms. */
 const SETTLED_MS = 120;
-/** A held jog ends by itself after this length, m. */
-const JOG_M = 1;
-/** A held move by direction: how far at most, m, and how fast, m/s. */
-const REACH_M = 2, SLOW_M_S = 0.08;
+/** A held motion: how far it goes, m, with the next distance if the one before is refused, and how fast a move is, m/s. */
+const REACHES_M = [1, 0.3, 0.1], SLOW_M_S = 0.08;
+/** Deflection of a stick below which it rests, and time between two looks at it, ms. */
+const RESTS = 0.35, STICK_MS = 50;
 /** The six directions of the pad. */
 const DIRECTIONS: [string, string, Point][] = [
     ["−x", "to the left: x falls", [-1, 0, 0]], ["+x", "to the right: x grows", [1, 0, 0]], ["−y", "to the front: y falls", [0, -1, 0]], ["+y", "to the back: y grows", [0, 1, 0]],
@@ -61,9 +61,28 @@ export class Fly {
             h("section", { class: "card" }, h("h2", {}, "Move while held"), this.pad, this.cables));
         this.element = h("div", { class: "view fly" }, stage, panel);
         this.show(this.look);
-        for (const [name, words, along] of DIRECTIONS) this.pad.append(this.heldButton(name, words, () => this.along(along)));
+        for (const [name, words, along] of DIRECTIONS) this.pad.append(this.heldButton(name, words, (held) => this.along(along, held)));
+        if ("getGamepads" in navigator) this.watchSticks();
         for (const event of ["blur", "pagehide"]) window.addEventListener(event, () => conversation.release());
         document.addEventListener("visibilitychange", () => { if (document.hidden) conversation.release(); });
+    }
+
+    /** The sticks of a gamepad move the node while they are held: the left one level, the right one up and down. */
+    private watchSticks(): void {
+        let steered = "";
+        setInterval(() => {
+            const axes = navigator.getGamepads().find((pad) => pad?.connected)?.axes ?? [];
+            // Forward and up are negative on a gamepad.
+            const stick = [axes[0] ?? 0, -(axes[1] ?? 0), -(axes[3] ?? 0)].map((value) => (Math.abs(value) < RESTS ? 0 : Math.sign(value))) as Point;
+            const wanted = this.store.flies && !this.element.hidden && !document.hidden ? stick.join() : "0,0,0";
+            if (wanted === steered) return;
+            const begins = wanted !== "0,0,0";
+            if (steered !== "" && steered !== "0,0,0") this.conversation.release();
+            steered = wanted;
+            if (!begins) return;
+            const norm = Math.hypot(...stick);
+            void this.along(stick.map((value) => value / norm) as Point, () => steered === wanted);
+        }, STICK_MS);
     }
 
     private show(look: string): void {
@@ -123,26 +142,35 @@ export class Fly {
         if (target?.possible) void this.ask({ verb: "goto", to_m: target.at, path: { shape: "line" }, speed_m_s: null });
     }
 
-    private along(direction: Point): Request | null {
-        const at = nodeOf(this.store.state);
-        if (!at) return null;
-        const to = at.map((value, axis) => value + REACH_M * direction[axis as 0]) as Point, { scene } = this.store;
-        if (scene) {
-            // As far as the poles and the ground permit; the planner checks the way.
-            const [low, high] = bounds(scene);
-            for (const axis of [0, 1, 2] as const) to[axis] = Math.min(Math.max(to[axis], Math.min(low[axis] + 0.2, at[axis])), Math.max(high[axis] - 0.4, at[axis]));
+    /** A move by direction, as far as the ground and the planner permit, while `held`. */
+    private async along(direction: Point, held: () => boolean): Promise<void> {
+        const at = nodeOf(this.store.state), ground = this.store.scene?.ground_m ?? 0;
+        let answer = refused("the position of the node is not known: zero it first");
+        for (const reach of at ? REACHES_M : []) {
+            const to = at!.map((value, axis) => value + reach * direction[axis as 0]) as Point;
+            to[2] = Math.max(to[2], Math.min(at![2], ground + 0.1));
+            answer = await this.conversation.held({ verb: "goto", to_m: to, path: { shape: "line" }, speed_m_s: SLOW_M_S });
+            if (answer.accepted === "accepted" || !held()) return;
         }
-        return { verb: "goto", to_m: to, path: { shape: "line" }, speed_m_s: SLOW_M_S };
+        this.said(answer);
+    }
+
+    /** A jog of a cable, as far as its limits permit, while `held`. */
+    private async jog(cable: number, sign: number, held: () => boolean): Promise<void> {
+        let answer = refused("");
+        for (const reach of REACHES_M) {
+            answer = await this.conversation.held({ verb: "jog", cable, distance_m: sign * reach });
+            if (answer.accepted === "accepted" || !held()) return;
+        }
+        this.said(answer);
     }
 
     /** A button whose motion ends when it is released. */
-    private heldButton(name: string, words: string, request: () => Request | null): HTMLButtonElement {
+    private heldButton(name: string, words: string, move: (held: () => boolean) => Promise<void>): HTMLButtonElement {
         const button = h("button", { class: "button hold", type: "button", "aria-label": `${words}, while held` }, name);
         const begin = () => {
-            const asked = request();
-            if (!asked) { this.said({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence: "the position of the node is not known: zero it first" }); return; }
             button.classList.add("held");
-            void this.conversation.held(asked).then((answer) => { if (answer.accepted !== "accepted") this.said(answer); });
+            void move(() => button.classList.contains("held"));
         };
         const end = () => {
             if (!button.classList.contains("held")) return;
@@ -184,7 +212,7 @@ export class Fly {
 
     private zero(): void {
         const target = this.drawn.target?.at;
-        if (!target) { this.said({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence: "enter where the node is below first, or tap there: the button then sets it" }); return; }
+        if (!target) { this.said(refused("enter where the node is below first, or tap there: the button then sets it")); return; }
         if (confirm(`Set that the node is now at ${target.map((m) => metres(m)).join(", ")} m?`)) void this.ask({ verb: "zero-at", position_m: target });
     }
 
@@ -221,9 +249,11 @@ export class Fly {
 
     private cable(i: number): HTMLElement {
         const [least, most] = this.store.scene?.tension_limits_n ?? [0, 1];
-        const jog = (distance_m: number): Request => ({ verb: "jog", cable: i + 1, distance_m });
-        const out = this.heldButton("Out", `cable ${i + 1}: pay out`, () => jog(JOG_M)), reel = this.heldButton("In", `cable ${i + 1}: reel in`, () => jog(-JOG_M));
+        const out = this.heldButton("Out", `cable ${i + 1}: pay out`, (held) => this.jog(i + 1, 1, held)), reel = this.heldButton("In", `cable ${i + 1}: reel in`, (held) => this.jog(i + 1, -1, held));
         out.disabled = reel.disabled = !this.store.flies;
         return h("div", { class: "cable" }, h("b", {}, String(i + 1)), h("div", {}, h("meter", { min: 0, max: most, low: least, high: 0.8 * most, optimum: (least + most) / 2, "aria-label": `tension of cable ${i + 1}` }), h("span", {}, "–")), reel, out);
     }
 }
+
+/** A refusal of the page itself. */
+const refused = (sentence: string): Answer => ({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence });

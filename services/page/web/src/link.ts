@@ -1,6 +1,6 @@
 // The conversation with the server: it opens itself again, and every call ends.
 
-import type { Answer, Asked, Call, Link, Log, Plan, Reply, Request, Robot, Scene, State, Told, Welcome } from "./protocol.js";
+import type { Answer, Asked, Call, History, Link, Log, Plan, Reply, Request, Robot, Scene, State, Told, Welcome } from "./protocol.js";
 
 /** Time until a lost conversation is opened again, ms. */
 const AGAIN_MS = 700;
@@ -26,6 +26,7 @@ export class Store {
     /** Why there is no conversation. */
     trouble: string | null = "connecting";
     events: (Log | Asked)[] = [];
+    history: History | null = null;
     private readonly listeners: (() => void)[] = [];
 
     onChange(listener: () => void): void { this.listeners.push(listener); }
@@ -49,6 +50,7 @@ export class Store {
             case "link": this.link = told; break;
             case "welcome": this.welcome = told; this.trouble = null; break;
             case "unreachable": this.trouble = told.sentence; break;
+            case "history": this.history = told; break;
             case "log":
             case "request":
                 this.events.push(told);

@@ -1,5 +1,6 @@
 // The page: one screen with a line at the top, a view, and STOP below it.
 
+import { Charts } from "./charts.js";
 import { h } from "./dom.js";
 import { Fly } from "./fly.js";
 import { Head } from "./head.js";
@@ -17,6 +18,7 @@ const conversation = new Conversation(store);
 const head = new Head(store);
 const fly = new Fly(store, conversation);
 const missions = new Missions(store, conversation, fly.drawn);
+const charts = new Charts(store);
 const runs = new Runs(conversation);
 const robot = new RobotView(store, conversation);
 const stop = new Stop(conversation, (answer) => fly.said(answer));
@@ -24,6 +26,7 @@ const stop = new Stop(conversation, (answer) => fly.said(answer));
 const views: Record<string, { element: HTMLElement; draw: (visible: boolean) => void; shown?: () => void }> = {
     Fly: { element: fly.element, draw: (visible) => fly.draw(visible) },
     Missions: { element: missions.element, draw: (visible) => { if (visible) missions.draw(); } },
+    Charts: { element: charts.element, draw: (visible) => charts.draw(visible) },
     Runs: { element: runs.element, draw: () => {}, shown: () => void runs.load() },
     Robot: { element: robot.element, draw: (visible) => { if (visible) robot.draw(); } },
 };

@@ -57,7 +57,12 @@ export interface Unreachable { type: "unreachable"; sentence: string }
 export interface Log { type: "log"; stamp_ns: number; process: string; level: "info" | "warning" | "error"; sentence: string }
 export interface Asked { type: "request"; stamp_ns: number; who: string; accepted: boolean; reason: number; sentence: string }
 
-export type Told = State | Scene | Robot | Plan | Link | Welcome | Unreachable | Log | Asked;
+/** The figures of the charts. */
+export interface Figures { mode: string | null; position_m: (number | null)[]; within_m: number | null; tensions_n: (number | null)[]; currents_a: (number | null)[]; supply_v: number | null }
+/** The last ten minutes, each row with its age. */
+export interface History { type: "history"; rows: [number, Figures][] }
+
+export type Told = History | State | Scene | Robot | Plan | Link | Welcome | Unreachable | Log | Asked;
 
 export interface Answer { reply: "answer"; id: number; accepted: "accepted" | "refused" | "bad-input"; reason: number; sentence: string }
 export interface Checked { reply: "check"; id: number; possible: boolean; sentence: string }

@@ -12,7 +12,7 @@ const START = [4.8, 3.0, 0.3];
 // Longest wait for an event, ms: the machine may stand still for seconds.
 const LONG = 60_000;
 const SIZES = { phone: [390, 844], tablet: [820, 1180], desk: [1400, 900] };
-const VIEWS = ["Fly", "Missions", "Runs", "Robot"];
+const VIEWS = ["Fly", "Missions", "Charts", "Runs", "Robot"];
 
 const browser = await chromium.launch({
     executablePath: process.env.NIMS_CHROMIUM ?? "/usr/bin/chromium",
@@ -21,6 +21,11 @@ const browser = await chromium.launch({
 const context = await browser.newContext({ viewport: { width: 820, height: 1180 }, hasTouch: true, ignoreHTTPSErrors: true });
 context.setDefaultTimeout(LONG);
 const page = await context.newPage();
+// A gamepad, which Chromium cannot emulate: what the page reads of it.
+await page.addInitScript(() => {
+    window.pad = { connected: true, axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ pressed: false })) };
+    navigator.getGamepads = () => [window.pad];
+});
 const wrong = [];
 page.on("console", (message) => { if (message.type() === "error") wrong.push(message.text()); });
 page.on("pageerror", (error) => wrong.push(String(error)));
@@ -73,6 +78,33 @@ await page.keyboard.press("Space");
 await mode("holding");
 said("stopped by the space bar");
 
+// The node moves while a button is held, and while a stick is; button B of the gamepad stops.
+const up = await page.getByRole("button", { name: "up: z grows, while held" }).boundingBox();
+assert.ok(up);
+await page.mouse.move(up.x + up.width / 2, up.y + up.height / 2);
+await page.mouse.down();
+await mode("following");
+await page.mouse.up();
+await mode("holding");
+said("moves while a button is held");
+await page.evaluate(() => { window.pad.axes[3] = -1; });
+await mode("following");
+await page.evaluate(() => { window.pad.axes[3] = 0; });
+await mode("holding");
+said("moves while a stick is held");
+await press("Go there");
+await mode("following");
+await page.evaluate(() => { window.pad.buttons[1].pressed = true; });
+await mode("holding");
+await page.evaluate(() => { window.pad.buttons[1].pressed = false; });
+said("stopped by the gamepad");
+
+// The charts begin before this page was opened: with the time in which the visitor looked.
+await page.getByRole("tab", { name: "Charts" }).click();
+await page.locator(".chart canvas").first().waitFor();
+assert.equal(await page.locator(".chart").count(), 5);
+said("charts");
+
 // STOP is at the same place on each view, and the largest control.
 const places = [];
 for (const view of VIEWS) {
@@ -91,6 +123,8 @@ for (const width of [360, ...Object.values(SIZES).map(([width]) => width)]) {
     await page.setViewportSize({ width, height: 844 });
     for (const view of VIEWS) {
         await page.getByRole("tab", { name: view }).click();
+        // Two frames, in which the drawings take their new sizes.
+        await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
         const cut = await page.evaluate(() => [...document.querySelectorAll("body *")].filter((one) => one.clientWidth > 0 && getComputedStyle(one).display !== "inline" && !one.matches("input, textarea, canvas") && one.scrollWidth > one.clientWidth + 1).map((one) => `${one.tagName}.${one.className} ${one.textContent?.slice(0, 40)}`));
         assert.deepEqual(cut, [], `${view} at ${width} px`);
     }
