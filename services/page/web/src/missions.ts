@@ -2,12 +2,15 @@
 
 import { h, duration, renew, write } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
+import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
 import { type Drawn, nodeOf } from "./view.js";
 
 interface Kept { name: string; text: string }
 
 const KEPT = "nims-missions";
+/** Time without a change after which a mission is checked, ms, and the largest number of points that are checked. */
+const SETTLED_MS = 400, MOST_CHECKED = 60;
 const RASTER = ["from x, m", "from y, m", "to x, m", "to y, m", "height, m", "strip, m"];
 
 export class Missions {
@@ -17,23 +20,49 @@ export class Missions {
     private readonly name = h("input", { type: "text", value: "field", maxlength: 32, "aria-label": "name of the mission" });
     private readonly text = h("textarea", { spellcheck: false, "aria-label": "the mission as text", input: () => this.preview() });
     private readonly raster = RASTER.map((name) => h("input", { inputmode: "decimal", "aria-label": name }));
+    private readonly height = h("input", { inputmode: "decimal", value: "0.8", "aria-label": "height of tapped points, m" });
+    private tapped: Point[] = [];
+    private readonly map: FlatMap;
     private readonly answer = h("p", { class: "answer", role: "status", hidden: true });
+    private readonly finding = h("p", { class: "soft", role: "status" });
+    private checking = 0;
     private readonly now = h("p", { class: "big" });
     private readonly reason = h("p", { class: "soft" });
     private readonly acts = h("div", { class: "row" });
+    private readonly flights: HTMLButtonElement[];
 
     constructor(private readonly store: Store, private readonly conversation: Conversation, private readonly drawn: Drawn) {
         const button = (name: string, act: () => void, main = false) => h("button", { class: main ? "button main" : "button", type: "button", click: act }, name);
+        this.map = new FlatMap(store, drawn, (at) => this.add(at[0], at[1]));
+        this.flights = [button("Fly it", () => void this.fly(false), true), button("Fly the rest", () => void this.fly(true))];
         this.element = h("div", { class: "view" },
             h("section", { class: "card" }, this.answer, this.now, this.reason, this.acts),
             h("div", { class: "columns table" },
                 h("section", { class: "card" }, h("h2", {}, "A raster over a rectangle"), h("div", { class: "fields" }, ...this.raster.map((field, i) => h("label", {}, RASTER[i]!, field))),
                     h("div", { class: "row" }, button("Around the node", () => this.suggest()), button("Write it", () => this.write(), true)),
-                    h("h2", {}, "Kept in this browser"), this.list),
+                    h("h2", {}, "Or straight lines: tap one point after the other"),
+                    h("div", { class: "stage" }, this.map.canvas),
+                    h("div", { class: "row" }, h("label", {}, "height, m", this.height), button("Take the last one back", () => this.undo()))),
                 h("section", { class: "card" }, h("label", {}, "name", this.name), h("label", {}, "the mission as text: name, speed_m_s, and one [[leg]] after the other", this.text),
-                    h("p", { class: "soft" }, "The points of this text are drawn in the view Fly."),
-                    h("div", { class: "row" }, button("Keep", () => this.keep()), button("Fly it", () => void this.fly(false), true), button("Fly the rest", () => void this.fly(true))))));
+                    this.finding, h("div", { class: "row" }, ...this.flights, button("Keep", () => this.keep())),
+                    h("h2", {}, "Kept in this browser"), this.list)));
         this.rows();
+        this.preview();
+    }
+
+    private add(x: number | undefined, y: number | undefined): void {
+        const z = Number(this.height.value.replace(",", "."));
+        if (x === undefined || y === undefined || !Number.isFinite(z)) return;
+        this.tapped.push([x, y, z].map((value) => Math.round(value * 100) / 100) as Point);
+        this.lines();
+    }
+
+    private undo(): void { this.tapped.pop(); this.lines(); }
+
+    private lines(): void {
+        const points = this.tapped.map((point) => `[${point.join(", ")}]`).join(", ");
+        this.text.value = this.tapped.length ? `name = "${this.name.value}"\n\n[[leg]]\npolyline = { points_m = [${points}] }\n` : "";
+        this.preview();
     }
 
     private said(answer: Answer): void {
@@ -63,6 +92,25 @@ export class Missions {
         const [from, to] = points;
         const drawn = /raster/.test(text) && points.length === 2 && from && to && pitch > 0 && from[2] === to[2] ? tracks(from, to, pitch) : points;
         this.drawn.preview = drawn.length && at ? [at, ...drawn] : drawn;
+        clearTimeout(this.checking);
+        this.finding.className = "soft";
+        write(this.finding, drawn.length ? "checking …" : "The points of a mission are drawn and checked here; the planner checks all of it before it flies.");
+        if (drawn.length) this.checking = window.setTimeout(() => void this.check(drawn), SETTLED_MS);
+    }
+
+    /** Checks whether the node can hang at each point. */
+    private async check(points: Point[]): Promise<void> {
+        const some = points.slice(0, MOST_CHECKED), before = this.drawn.preview;
+        for (const to_m of some) {
+            const reply = await this.conversation.call({ call: "check", to_m });
+            if (this.drawn.preview !== before) return;
+            if (reply.reply === "check" && reply.possible) continue;
+            this.finding.className = "bad";
+            write(this.finding, `✕ ${"sentence" in reply ? reply.sentence : "the check gave no finding"}`);
+            return;
+        }
+        this.finding.className = "good";
+        write(this.finding, `✓ The node can hang at ${some.length === points.length ? "each of" : "the first"} ${some.length} points; the planner checks the way before it flies.`);
     }
 
     private keep(): void {
@@ -95,6 +143,8 @@ export class Missions {
         write(this.reason, mission?.reason ?? "");
         const act = (name: string, request: Request) => h("button", { class: "button", type: "button", click: async () => this.said(await this.conversation.ask(request)) }, name);
         const flies = this.store.flies;
+        for (const flight of this.flights) flight.disabled = !flies || this.text.value.trim() === "";
+        this.map.draw();
         renew(this.acts, `${active} ${flies}`, () => (active ? [act("Pause", { verb: "pause" }), ...(flies ? [act("Resume", { verb: "resume" }), ...[25, 50, 100].map((percent) => act(`${percent} %`, { verb: "speed", rate: percent / 100 }))] : [])] : []));
     }
 }
