@@ -25,7 +25,7 @@ impl History {
         if self.rows.len() >= ROWS {
             self.rows.pop_front();
         }
-        self.rows.push_back((now_ns, robot.figures()));
+        self.rows.push_back((now_ns, robot.figures(now_ns)));
     }
 
     /// All rows, each with its age, s.

@@ -27,6 +27,8 @@ pub(crate) const CHANNELS: [(&str, Option<f64>); 10] = [
 pub(crate) const LOGS: &str = "system/log/";
 /// The recorder publishes once a second; an older sample says that it has failed, s.
 const RECORDER_OLD_S: f64 = 2.5;
+/// Time for which a valid estimate is shown while newer ones are not valid, s.
+const SHOWN_S: f64 = 0.5;
 /// Points along a drawn segment.
 const POINTS: usize = 48;
 
@@ -36,6 +38,8 @@ pub(crate) struct Robot {
     authority: Option<MotorAuthority>,
     state: Option<MotorState>,
     estimates: [Option<NodeEstimate>; SLOTS],
+    /// The last valid one in charge: a cycle without readings has none.
+    valid: Option<NodeEstimate>,
     slots: Option<MotorSlots>,
     plan: Option<PlanStatus>,
     motion: Option<PlanMotion>,
@@ -81,6 +85,7 @@ impl Robot {
             _ if channel.starts_with(LOGS) => return Some(logged(&read(bytes)?)),
             _ => {}
         }
+        self.valid = self.estimate().or(self.valid);
         None
     }
 
@@ -108,8 +113,14 @@ impl Robot {
         Some(Happened(value))
     }
 
+    /// The estimate that is shown, which is valid.
+    fn shown(&self, now_ns: u64) -> Option<NodeEstimate> {
+        let is_known = self.authority.is_some_and(|authority| authority.position_known != 0);
+        self.valid.filter(|estimate| is_known && since_s(estimate.header.stamp_ns, now_ns) < SHOWN_S)
+    }
+
     /// The estimate in charge, if it is valid.
-    pub(crate) fn estimate(&self) -> Option<NodeEstimate> {
+    fn estimate(&self) -> Option<NodeEstimate> {
         let [a, b] = &self.estimates;
         blended_estimate(self.authority.as_ref(), [a.as_ref(), b.as_ref()], Rule::History)
             .filter(|estimate| estimate.valid == 1)
@@ -145,7 +156,7 @@ impl Robot {
             let lowest = read.fold(f64::INFINITY, f64::min);
             value["supply_v"] = json!(lowest.is_finite().then_some(lowest));
         }
-        if let Some(estimate) = self.estimate() {
+        if let Some(estimate) = self.shown(now_ns) {
             let cables = count(estimate.cable_count, estimate.tension_n.len());
             let two_sigma = estimate.two_sigma_m();
             value["position_m"] = json!(estimate.position_m);
@@ -166,14 +177,14 @@ impl Robot {
     }
 
     /// The figures of the charts, rounded to what can be seen.
-    pub(crate) fn figures(&self) -> Value {
+    pub(crate) fn figures(&self, now_ns: u64) -> Value {
         let rounded = |value: f64, step: f64| (value.is_finite()).then(|| (value / step).round() * step);
         let all = |values: &[f64], step: f64| -> Vec<Option<f64>> {
             // As short decimals: a sum of steps has a long tail.
             let short = |value: f64| format!("{value:.4}").parse().unwrap_or(value);
             values.iter().map(|value| rounded(*value, step).map(short)).collect()
         };
-        let live = self.live(0);
+        let live = self.live(now_ns);
         let numbers = |key: &str| -> Vec<f64> {
             let values = live[key].as_array().map_or(&[][..], Vec::as_slice);
             values.iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect()

@@ -73,7 +73,7 @@ export class Missions {
 
     private suggest(): void {
         const at = nodeOf(this.store.state);
-        if (!at) return;
+        if (!at) { this.said({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence: "the position of the node is not known: zero it in the view Fly first" }); return; }
         [at[0] - 0.6, at[1] - 0.4, at[0] + 0.6, at[1] + 0.4, Math.max(at[2], 0.5), 0.25].forEach((value, i) => { this.raster[i]!.value = value.toFixed(2); });
         this.write();
     }
