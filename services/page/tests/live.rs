@@ -105,6 +105,7 @@ fn a_held_motion_ends_also_when_the_page_hangs_or_dies() {
         let begun = Instant::now();
         while flyer.call(json!({ "call": "held", "request": move_on }))["accepted"] != "accepted" {
             assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
+            std::thread::sleep(Duration::from_millis(50));
         }
         flyer.beat_until("following");
     };

@@ -78,7 +78,7 @@ export class Charts {
             const names = chart.lines(cables), place = h("div", { class: "chart" });
             const plot = new uPlot({
                 width: 300, height: HEIGHT, cursor: { drag: { x: false, y: false } }, scales: { x: { time: true } },
-                series: [{ value: "{HH}:{mm}:{ss}" }, ...names.map((label, i) => ({ label, stroke: lines[i % lines.length]!, width: 2, spanGaps: false, value: (_: uPlot, value: number | null) => (value == null ? "–" : `${+value.toFixed(3)} ${chart.unit}`) }))],
+                series: [{ value: "{HH}:{mm}:{ss}" }, ...names.map((label, i) => ({ label, stroke: lines[i % lines.length]!, width: 2, points: { show: false }, spanGaps: false, value: (_: uPlot, value: number | null) => (value == null ? "–" : `${+value.toFixed(3)} ${chart.unit}`) }))],
                 axes: [{ ...axis, space: 80, values: (_, times) => times.map((time) => new Date(time * 1000).toLocaleTimeString("en-GB")) }, { ...axis, size: 56 }],
                 hooks: { draw: [(plot) => this.marks(plot, c.ink, c.bad)] },
             }, undefined, place);
