@@ -184,6 +184,26 @@ fn a_hostile_browser_is_bounded_and_disturbs_no_other() {
     ] {
         rig.browser(None).send_text(text);
     }
+    // Ten thousand messages that are none, as text and as bytes, each conversation until it is ended.
+    let (mut sent, mut random) = (0, 0x9e37_79b9_7f4a_7c15_u64);
+    while sent < 10_000 {
+        let mut wrong = rig.browser(None);
+        for _ in 0..200 {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            let bytes: Vec<u8> = random.to_le_bytes().repeat(1 + random as usize % 40);
+            let text = format!("{{\"call\":\"{}\"", String::from_utf8_lossy(&bytes));
+            if !(if random % 50 == 0 { wrong.try_send_bytes(bytes) } else { wrong.try_send_text(&text) }) {
+                break;
+            }
+            sent += 1;
+        }
+    }
+    // Connections that say nothing take the places of their address, and none of a conversation.
+    let idle: Vec<TcpStream> = (0..1000).filter_map(|_| TcpStream::connect(&rig.address).ok()).collect();
+    assert_eq!(honest.ask(plain("hold"))["reply"], "answer");
+    drop(idle);
     let mut flood = rig.browser(None);
     for _ in 0..1000 {
         if !flood.try_send(&json!({ "call": "check", "id": 1, "to_m": START })) {

@@ -34,7 +34,7 @@ fn until_mode(authority: &mut Subscriber<MotorAuthority>, begun_ns: u64, modes: 
 fn percentiles(mut ms: Vec<f64>) -> String {
     ms.sort_by(f64::total_cmp);
     let at = |share: f64| ms[((ms.len() - 1) as f64 * share).round() as usize];
-    format!("{} presses: p50 {:.1} ms, p99 {:.1} ms, max {:.1} ms", ms.len(), at(0.5), at(0.99), at(1.0))
+    format!("{} times: p50 {:.1} ms, p99 {:.1} ms, max {:.1} ms", ms.len(), at(0.5), at(0.99), at(1.0))
 }
 
 #[test]
@@ -75,19 +75,79 @@ fn how_long_a_stop_takes() {
 }
 
 #[test]
+#[ignore = "takes five minutes; prints how long a held motion outlives its browser: docs/page.md"]
+fn how_long_a_held_motion_outlives_its_browser() {
+    let rig = Rig::up();
+    let bus = Bus::join(rig.domain(), "observer").unwrap();
+    let mut authority = bus.deep_subscriber::<MotorAuthority>("motor/authority").unwrap();
+    let token = rig.token("tablet", "fly");
+    let mut flyer = rig.browser(Some(&token));
+    rig::ready(&mut flyer, START);
+    let (mut silent, mut cut) = (Vec::new(), Vec::new());
+    for link in 0..PRESSES {
+        let go = json!({ "verb": "goto", "to_m": POINTS[link % 2], "path": { "shape": "line" }, "speed_m_s": 0.2 });
+        let begun = Instant::now();
+        while flyer.call(json!({ "call": "held", "request": go }))["accepted"] != "accepted" {
+            assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        flyer.beat_until("following");
+        while authority.receive().unwrap().is_some() {}
+        flyer.send(&json!({ "call": "beat" }));
+        let begun_ns = clock::now_ns();
+        if link % 2 == 1 {
+            flyer = rig.browser(Some(&token));
+        }
+        let modes = [MotorAuthority::MODE_STOPPING, MotorAuthority::MODE_HOLDING];
+        let taken = until_mode(&mut authority, begun_ns, &modes);
+        if link % 2 == 1 {
+            cut.push(taken)
+        } else {
+            silent.push(taken)
+        }
+        flyer.until_state("it holds", |state| state["mode"] == "holding");
+    }
+    println!("after the last sign: {}", percentiles(silent));
+    println!("after the link was cut: {}", percentiles(cut));
+}
+
+/// Sends the node to a point and waits until it is there.
+fn fly(flyer: &mut Browser, to_m: [f64; 3]) {
+    let go = json!({ "verb": "goto", "to_m": to_m, "path": { "shape": "line" }, "speed_m_s": 0.2 });
+    let begun = Instant::now();
+    while flyer.ask(go.clone())["accepted"] != "accepted" {
+        assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    flyer.until_state("it flies", |state| state["mode"] == "following");
+    flyer.until_state("it is there", |state| state["mode"] == "holding");
+}
+
+#[test]
 #[ignore = "takes three minutes; prints what the page costs: docs/page.md"]
 fn what_the_page_costs() {
     let rig = Rig::up();
-    let mut browsers = Vec::new();
-    for count in [0, 1, 10] {
-        while browsers.len() < count {
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    rig::ready(&mut flyer, START);
+    let mut before = flyer.until_state("its periods", |state| state["cycle"].is_object())["cycle"].clone();
+    let mut browsers = 1;
+    for count in [1, 2, 11] {
+        while browsers < count {
             let mut browser: Browser = rig.browser(None);
             std::thread::spawn(move || while browser.take_one() {});
-            browsers.push(());
+            browsers += 1;
         }
-        let (begun, before) = (Instant::now(), rig.page_cpu_s());
-        std::thread::sleep(COST);
-        let share = (rig.page_cpu_s() - before) / begun.elapsed().as_secs_f64();
-        println!("{count} browsers: {:.1} % of a core, {:.1} MB", 100.0 * share, rig.page_memory_mb());
+        let (begun, used_s, mut legs) = (Instant::now(), rig.page_cpu_s(), 0);
+        while begun.elapsed() < COST {
+            fly(&mut flyer, POINTS[legs % 2]);
+            legs += 1;
+        }
+        let share = 100.0 * (rig.page_cpu_s() - used_s) / begun.elapsed().as_secs_f64();
+        let after = flyer.until_state("its periods", |state| state["cycle"].is_object())["cycle"].clone();
+        let more = |key: &str| after[key].as_u64().unwrap() - before[key].as_u64().unwrap();
+        let (lost, all, memory_mb) = (more("unsteered"), more("all"), rig.page_memory_mb());
+        println!("{count} browsers: {share:.1} % of a core, {memory_mb:.1} MB; {lost} of {all} periods not steered");
+        println!("    so far: {}", after["summary"].as_str().unwrap_or_default());
+        before = after;
     }
 }

@@ -185,7 +185,7 @@ impl Rig {
 
     /// `None` if the page has no place, or its gateway is not there yet.
     pub fn try_browser(&self, token: Option<&str>) -> Option<Browser> {
-        let stream = TcpStream::connect(&self.address).unwrap();
+        let stream = TcpStream::connect(&self.address).ok()?;
         stream.set_read_timeout(Some(LONG)).unwrap();
         let mut request = format!("ws://{}/ws", self.address).into_client_request().unwrap();
         request.headers_mut().insert("origin", format!("http://{}", self.address).parse().unwrap());
@@ -220,6 +220,14 @@ impl Browser {
     /// `false` if the conversation has ended.
     pub fn try_send(&mut self, value: &Value) -> bool {
         self.socket.send(Message::text(value.to_string())).is_ok()
+    }
+
+    pub fn try_send_text(&mut self, text: &str) -> bool {
+        self.socket.send(Message::text(text)).is_ok()
+    }
+
+    pub fn try_send_bytes(&mut self, bytes: Vec<u8>) -> bool {
+        self.socket.send(Message::binary(bytes)).is_ok()
     }
 
     /// The next message; `None` after the last one.
