@@ -155,6 +155,41 @@ fn a_stranger_gets_nothing_and_the_plain_page_stops() {
 }
 
 #[test]
+fn a_finished_run_is_downloaded_once_for_each_time_it_is_asked_for() {
+    let mut rig = Rig::up();
+    let mut browser = rig.browser(None);
+    browser.until_state("the robot is up", |state| state["cycle"]["number"].as_u64().is_some_and(|cycle| cycle > 50));
+    let run = rig.end_robot();
+    let runs = browser.call(json!({ "call": "runs" }));
+    assert_eq!(runs["runs"][0]["name"], "first", "{runs}");
+    let files = browser.call(json!({ "call": "files", "run": "first" }));
+    let named = |name: &str| files["files"].as_array().unwrap().iter().any(|file| file["name"] == name);
+    assert!(named("manifest.json") && named("run.mcap"), "{files}");
+    for name in ["manifest.json", "run.mcap"] {
+        let offered = browser.call(json!({ "call": "open", "run": "first", "file": name }));
+        let get = format!(
+            "GET {} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n",
+            offered["path"].as_str().unwrap(),
+            rig.address
+        );
+        let fetch = || {
+            let mut stream = TcpStream::connect(&rig.address).unwrap();
+            stream.write_all(get.as_bytes()).unwrap();
+            let mut bytes = Vec::new();
+            stream.read_to_end(&mut bytes).unwrap();
+            bytes
+        };
+        let (bytes, written) = (fetch(), std::fs::read(run.join(name)).unwrap());
+        assert!(bytes.ends_with(&written) && bytes.starts_with(b"HTTP/1.1 200"), "{name}: {} bytes", bytes.len());
+        assert!(fetch().starts_with(b"HTTP/1.1 404"), "{name} a second time");
+    }
+    // No name leads elsewhere.
+    for file in ["../../configs/systems/demo3.toml", "/etc/passwd", ""] {
+        assert_eq!(browser.call(json!({ "call": "open", "run": "first", "file": file }))["reply"], "answer", "{file}");
+    }
+}
+
+#[test]
 fn other_machines_are_served_over_https_only() {
     let rig = Rig::up_at("0.0.0.0");
     let own = format!("Host: {}\r\nConnection: close\r\n", rig.address);

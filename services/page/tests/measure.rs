@@ -85,7 +85,7 @@ fn how_long_a_held_motion_outlives_its_browser() {
     rig::ready(&mut flyer, START);
     let (mut silent, mut cut) = (Vec::new(), Vec::new());
     for link in 0..PRESSES {
-        let go = json!({ "verb": "goto", "to_m": POINTS[link % 2], "path": { "shape": "line" }, "speed_m_s": 0.2 });
+        let go = json!({ "verb": "goto", "to_m": POINTS[link / 2 % 2], "path": { "shape": "line" }, "speed_m_s": 0.2 });
         let begun = Instant::now();
         while flyer.call(json!({ "call": "held", "request": go }))["accepted"] != "accepted" {
             assert!(begun.elapsed() < Duration::from_secs(60), "in vain");

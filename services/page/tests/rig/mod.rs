@@ -39,7 +39,7 @@ impl Drop for Process {
 pub struct Rig {
     page: Process,
     _gateway: Process,
-    _robot: Process,
+    robot: Option<Process>,
     pub address: String,
     socket: PathBuf,
     folder: tempfile::TempDir,
@@ -82,7 +82,7 @@ impl Rig {
         std::fs::create_dir(folder.path().join("state")).unwrap();
         let (system, socket) = (folder.path().join("configs/systems/demo3.toml"), folder.path().join("robot.sock"));
         let mut robot = Command::new(program("nims"));
-        robot.args(["up", "--domain", domain.name(), "--run"]).arg(folder.path().join("run")).arg(&system);
+        robot.args(["up", "--domain", domain.name(), "--run"]).arg(folder.path().join("runs/first")).arg(&system);
         let robot = Process(robot.stdout(Stdio::null()).stderr(log(folder.path(), "robot")).spawn().unwrap());
         let mut gateway = Command::new(program("gateway"));
         gateway.args(["--domain", domain.name(), "--socket"]).arg(&socket).arg("--system").arg(&system);
@@ -99,7 +99,16 @@ impl Rig {
         // What it says later is read, so that it never waits for a reader.
         std::thread::spawn(move || said.map_while(Result::ok).for_each(|line| println!("{line}")));
         let address = line.split("://").nth(1).unwrap().trim_end_matches('/').to_owned();
-        Self { page: Process(page), _gateway: gateway, _robot: robot, address, socket, folder, domain, _alone: alone }
+        Self {
+            page: Process(page),
+            _gateway: gateway,
+            robot: Some(robot),
+            address,
+            socket,
+            folder,
+            domain,
+            _alone: alone,
+        }
     }
 
     fn nims(&self, args: &[&str]) -> String {
@@ -135,6 +144,12 @@ impl Rig {
 
     pub fn revoke(&self, holder: &str) {
         self.nims(&["token", "revoke", holder]);
+    }
+
+    /// Ends the robot; returns the folder of its run.
+    pub fn end_robot(&mut self) -> PathBuf {
+        self.robot = None;
+        self.folder.path().join("runs/first")
     }
 
     pub fn signal_page(&self, signal: Signal) {

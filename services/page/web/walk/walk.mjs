@@ -55,6 +55,8 @@ const said = (name) => console.log(`walked: ${name}`);
 await page.goto(`${address}/`);
 await mode("disarmed");
 await page.getByText("may stop").waitFor();
+const painted = await page.evaluate(() => performance.getEntriesByName("first-contentful-paint")[0]?.startTime ?? NaN);
+console.log(`first paint after ${Math.round(painted)} ms`);
 assert.equal(await page.getByRole("button", { name: "Arm", exact: true }).count(), 0, "a visitor cannot arm");
 said("a visitor looks");
 
