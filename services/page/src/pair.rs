@@ -48,7 +48,9 @@ pub fn pair(args: &PairArgs, place: &PlaceArgs) -> Answer {
     let secret = client::gateway(place.place())?.add_token(&args.holder, &args.role)?;
     let address = format!("{}/#token={secret}", url.trim_end_matches('/'));
     let code = QrCode::new(&address).map_err(Failure::not_now)?;
-    let mut lines = vec![code.render::<Dense1x2>().build(), address];
+    // Light modules are printed as blocks: most terminals have a dark ground.
+    let drawn = code.render::<Dense1x2>().dark_color(Dense1x2::Light).light_color(Dense1x2::Dark).build();
+    let mut lines = vec![drawn, address];
     if let Some(fingerprint) = listening.and_then(|listening| listening.fingerprint) {
         lines.push(format!("The browser warns once. Its certificate has the SHA-256 fingerprint {fingerprint}"));
     }
