@@ -41,6 +41,7 @@ function show(name: string): void {
 }
 
 for (const name of Object.keys(views)) tabs.append(h("button", { type: "button", role: "tab", click: () => show(name) }, name));
+document.querySelector(".early")?.remove();
 document.body.append(head.element, h("main", {}, ...Object.values(views).map((view) => view.element)), head.note, tabs, stop.element);
 show(shown);
 

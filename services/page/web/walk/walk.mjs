@@ -51,6 +51,15 @@ const begin = async (name) => {
 };
 const said = (name) => console.log(`walked: ${name}`);
 
+// STOP is there before the script is.
+await page.route("**/page.js", (route) => route.abort());
+await page.goto(`${address}/`);
+await page.locator(".early .stop").click();
+await page.locator("#answer").waitFor();
+await page.unroute("**/page.js");
+wrong.length = 0;
+said("STOP without the script");
+
 // A visitor looks and stops.
 await page.goto(`${address}/`);
 await mode("disarmed");
