@@ -95,15 +95,12 @@ fn a_finished_run_is_fetched_whole_and_only_a_finished_one() {
 }
 
 /// A client that connects, publishes and closes in a loop: the channel stays the same one, and is not taken without end.
-fn a_connection_for_each_reading_makes_no_further_channel(gateway: &Gateway) {
-    let publishers = || {
-        let Reply::Channels { channels, .. } = gateway.client().call(&Call::Channels { id: 1 }) else { panic!() };
-        let of_soil = channels.into_iter().filter(|row| row.name == "sensor/soil");
-        of_soil.map(|row| row.processes.iter().filter(|name| *name == "gateway").count()).collect::<Vec<_>>()
+fn a_connection_for_each_reading_makes_no_further_channel(robot: &Robot, gateway: &Gateway) {
+    let objects = || {
+        let names = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name());
+        names.filter(|name| name.to_string_lossy().starts_with(robot.domain.prefix())).count()
     };
-    let memory = || std::fs::read_dir("/dev/shm").unwrap().count();
-    gateway.until("the plug-in has left the channel", |_| publishers() == [1]);
-    let (before, mut taken, mut refused) = (memory(), 0, 0);
+    let (before, mut taken, mut refused) = (objects(), 0, 0);
     for _ in 0..200 {
         let reading = Published {
             sensor: "soil".to_owned(),
@@ -119,9 +116,8 @@ fn a_connection_for_each_reading_makes_no_further_channel(gateway: &Gateway) {
         }
     }
     assert!(taken >= 1 && refused >= 1, "{taken} taken, {refused} refused");
-    assert_eq!(publishers(), [1]);
-    // Other processes of the machine make files too, but not one for each connection.
-    assert!(memory() < before + 100, "{before} files before, {} after", memory());
+    // Each channel has several objects in shared memory; other processes may make a few meanwhile.
+    assert!(before > 20 && objects() < before + 10, "{before} objects before, {} after", objects());
 }
 
 /// A plug-in in Python, which knows nothing but the socket: its readings are a channel as that of any sensor.
@@ -155,7 +151,7 @@ fn a_plug_in_publishes_through_the_gateway() {
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && said.starts_with("456 "), "{said}{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(values, (0..20).map(f64::from).collect::<Vec<_>>());
-    a_connection_for_each_reading_makes_no_further_channel(&gateway);
+    a_connection_for_each_reading_makes_no_further_channel(&robot, &gateway);
     // Without systemd it says so; nothing is started as the robot's user instead.
     if !Path::new("/run/systemd/system").exists() {
         let start = Request::StartProcess { name: "soil".to_owned(), slot: None, law: None };
