@@ -37,8 +37,8 @@ impl Verb {
 /// Templates of the units: without a network, and with it.
 const TEMPLATE: &str = "nims-plugin";
 const WITH_NETWORK: &str = "nims-plugin-network";
-/// Most characters of the names of a robot's file and a plug-in together: the unit's user is `_ROBOT_NAME`, and the name
-/// of a user has at most 31.
+/// Most characters of the names of a robot's file and a plug-in together: the unit's user is `_ROBOT_NAME`, and the
+/// name of a user has at most 31.
 const NAMES: usize = 29;
 /// Ending of a unit's name.
 const SERVICE: &str = ".service";

@@ -83,8 +83,8 @@ impl Roles {
         Self { owner_uid, section }
     }
 
-    /// Returns the role of a peer: a plug-in looks, whoever its user is; otherwise that of its user if the user is listed;
-    /// otherwise the robot's user and root own the robot, and others have the highest role of their groups.
+    /// Returns the role of a peer: a plug-in looks, whatever user it has; otherwise that of its user if the user is
+    /// listed; otherwise the robot's user and root own the robot, and others have the highest role of their groups.
     #[must_use]
     pub fn of(&self, peer: &Peer) -> Role {
         if peer.unit.is_some() {

@@ -94,7 +94,8 @@ fn a_finished_run_is_fetched_whole_and_only_a_finished_one() {
     assert!(!home.path().join("other").exists());
 }
 
-/// A client that connects, publishes and closes in a loop: the channel stays the same one, and is not taken without end.
+/// A client that connects, publishes and closes in a loop: the channel stays the same one, and is not taken without
+/// end.
 fn a_connection_for_each_reading_makes_no_further_channel(robot: &Robot, gateway: &Gateway) {
     let objects = || {
         let names = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name());
