@@ -10,7 +10,6 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::time::{Duration, Instant};
 
 const START: [f64; 3] = [4.8, 3.0, 0.3];
 
@@ -71,9 +70,7 @@ fn a_motion_that_is_not_held_any_more_ends() {
     // By the end of the signs, by a release, and by the end of the conversation.
     for (request, mode) in [(&move_on, "following"), (&jog, "jogging")] {
         for way in ["silence", "release", "gone"] {
-            let answer = flyer.call(json!({ "call": "held", "request": request }));
-            assert_eq!(answer["accepted"], "accepted", "{way}: {answer}");
-            flyer.beat_until(mode);
+            flyer.hold_until(request, mode);
             match way {
                 "release" => flyer.send(&json!({ "call": "release" })),
                 "gone" => flyer = rig.browser(Some(&rig.token(&format!("{mode}-tablet"), "fly"))),
@@ -85,7 +82,7 @@ fn a_motion_that_is_not_held_any_more_ends() {
     // What cannot be held is not requested, and what was refused ends nothing.
     let refused = flyer.call(json!({ "call": "held", "request": plain("disarm") }));
     assert_eq!(refused["accepted"], "bad-input");
-    assert_eq!(flyer.ask(move_on)["accepted"], "accepted");
+    flyer.insist(&json!({ "call": "ask", "request": move_on }));
     flyer.until_state("it flies", |state| state["mode"] == "following");
     assert_eq!(flyer.call(json!({ "call": "held", "request": jog }))["accepted"], "refused");
     flyer.send(&json!({ "call": "release" }));
@@ -100,20 +97,11 @@ fn a_held_motion_ends_also_when_the_page_hangs_or_dies() {
     let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
     ready(&mut flyer, START);
     let move_on = json!({ "verb": "goto", "to_m": [5.4, 3.6, 0.7], "path": { "shape": "line" }, "speed_m_s": 0.05 });
-    let mut begin = || {
-        // The planner may not have seen yet that the move before is over.
-        let begun = Instant::now();
-        while flyer.call(json!({ "call": "held", "request": move_on }))["accepted"] != "accepted" {
-            assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
-            std::thread::sleep(Duration::from_millis(50));
-        }
-        flyer.beat_until("following");
-    };
-    begin();
+    flyer.hold_until(&move_on, "following");
     rig.signal_page(Signal::STOP);
     rig.until_mode("holding");
     rig.signal_page(Signal::CONT);
-    begin();
+    flyer.hold_until(&move_on, "following");
     rig.signal_page(Signal::KILL);
     rig.until_mode("holding");
 }

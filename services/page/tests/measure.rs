@@ -53,12 +53,7 @@ fn how_long_a_stop_takes() {
         for press in 0..PRESSES {
             let to_m = POINTS[(press + 1) % 2];
             let go = json!({ "verb": "goto", "to_m": to_m, "path": { "shape": "line" }, "speed_m_s": 0.2 });
-            // The planner may not have seen yet that the move before is over.
-            let begun = Instant::now();
-            while flyer.ask(go.clone())["accepted"] != "accepted" {
-                assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
-                std::thread::sleep(Duration::from_millis(50));
-            }
+            flyer.insist(&json!({ "call": "ask", "request": go }));
             flyer.until_state("it flies", |state| state["mode"] == "following");
             while authority.receive().unwrap().is_some() {}
             let begun_ns = clock::now_ns();
@@ -86,12 +81,7 @@ fn how_long_a_held_motion_outlives_its_browser() {
     let (mut silent, mut cut) = (Vec::new(), Vec::new());
     for link in 0..PRESSES {
         let go = json!({ "verb": "goto", "to_m": POINTS[link / 2 % 2], "path": { "shape": "line" }, "speed_m_s": 0.2 });
-        let begun = Instant::now();
-        while flyer.call(json!({ "call": "held", "request": go }))["accepted"] != "accepted" {
-            assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
-            std::thread::sleep(Duration::from_millis(50));
-        }
-        flyer.beat_until("following");
+        flyer.hold_until(&go, "following");
         while authority.receive().unwrap().is_some() {}
         flyer.send(&json!({ "call": "beat" }));
         let begun_ns = clock::now_ns();
@@ -114,11 +104,7 @@ fn how_long_a_held_motion_outlives_its_browser() {
 /// Sends the node to a point and waits until it is there.
 fn fly(flyer: &mut Browser, to_m: [f64; 3]) {
     let go = json!({ "verb": "goto", "to_m": to_m, "path": { "shape": "line" }, "speed_m_s": 0.2 });
-    let begun = Instant::now();
-    while flyer.ask(go.clone())["accepted"] != "accepted" {
-        assert!(begun.elapsed() < Duration::from_secs(60), "in vain");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    flyer.insist(&json!({ "call": "ask", "request": go }));
     flyer.until_state("it flies", |state| state["mode"] == "following");
     flyer.until_state("it is there", |state| state["mode"] == "holding");
 }

@@ -297,16 +297,32 @@ impl Browser {
         self.call(json!({ "call": "ask", "request": request }))
     }
 
-    /// Holds a control until the robot is in that mode.
-    pub fn beat_until(&mut self, mode: &str) {
+    /// Requests a motion until it is accepted: the planner may not have seen yet that the one before is over.
+    pub fn insist(&mut self, call: &Value) {
         let begun = Instant::now();
         loop {
-            self.send(&json!({ "call": "beat" }));
-            let state = self.until_state("a state", |_| true);
-            if state["mode"] == mode {
+            let answer = self.call(call.clone());
+            if answer["accepted"] == "accepted" {
                 return;
             }
-            assert!(begun.elapsed() < LONG, "{mode}: in vain, {state}");
+            assert!(begun.elapsed() < LONG, "in vain: {answer}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Holds the control of a motion until the robot is in that mode. On a machine that stands still the signs come too
+    /// late and the motion ends; then it is requested again.
+    pub fn hold_until(&mut self, request: &Value, mode: &str) {
+        let begun = Instant::now();
+        loop {
+            self.insist(&json!({ "call": "held", "request": request }));
+            for _ in 0..100 {
+                self.send(&json!({ "call": "beat" }));
+                if self.until_state("a state", |_| true)["mode"] == mode {
+                    return;
+                }
+            }
+            assert!(begun.elapsed() < LONG, "{mode}: in vain");
         }
     }
 }
