@@ -6,10 +6,10 @@
 //! `cargo test --workspace --test lockstep calibrated_worlds -- --ignored --nocapture`.
 
 use crate::calibrations::{DrawnRobot, median};
-use cable_robot::{Anchors, Distribution, Robot, Vector3, elastic};
+use cable_robot::{Anchors, Distribution, LengthErrors, Matrix3, Robot, Vector3, elastic};
 use calibration::calibrate;
-use commissioning::calibrate::{MeasurementsFile, judge};
-use config::{PulleyKind, RobotFile, SystemFile};
+use commissioning::calibrate::{CalibrationResult, MeasurementsFile, judge};
+use config::{CalibrationFile, PulleyKind, RobotFile, SystemFile};
 use motor_box::BoxConfig;
 use nims_truth::Args;
 use plant::world::{Warming, Wind};
@@ -38,11 +38,16 @@ struct World {
 }
 
 /// Node errors of one model in one world, RMS over the places, m.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct NodeErrors {
     calm_m: f64,
     weather_m: f64,
+    /// Of each coordinate at each place without weather: error, and the half-width that the robot states, m.
+    coordinates: Vec<(f64, f64)>,
 }
+
+/// One 95 % half-width of a normal error, in standard deviations.
+const HALF_WIDTH_95: f64 = 1.96;
 
 /// Results in one world.
 struct Outcome {
@@ -54,8 +59,16 @@ struct Outcome {
 
 struct Known {
     node: Option<NodeErrors>,
-    /// Error and 95 % half-width of each free coordinate of the anchors, m.
-    coordinates: Vec<(f64, f64)>,
+    /// Each free coordinate of the anchors.
+    coordinates: Vec<Coordinate>,
+}
+
+/// A coordinate of an anchor: x or y (`level`), or a height.
+#[derive(Debug, Clone, Copy)]
+struct Coordinate {
+    level: bool,
+    error_m: f64,
+    half_m: f64,
 }
 
 impl World {
@@ -104,21 +117,18 @@ impl World {
         counted_m * world.count_scale * (1.0 - self.plant.idlers[cable].slip) / scale
     }
 
-    /// RMS of the node error over the workspace with this model.
-    fn node_error_m(&self, anchors_m: &[[f64; 3]], radii_m: &[f64], scale: f64, weather: bool) -> Option<f64> {
-        let mut robot = self.file.robot().unwrap().with_anchors(Anchors::new(anchors_m).ok()?).ok()?;
-        if !radii_m.is_empty() {
-            robot = robot.with_pulleys(radii_m).ok()?;
-        }
+    /// RMS of the node error over the workspace with this model, and error and stated half-width of each coordinate.
+    fn node_error_m(&self, robot: &Robot, scale: f64, weather: bool) -> Option<(f64, Vec<(f64, f64)>)> {
         let middle = self.middle();
         let zero_m = Vector3::new(middle.x, middle.y, ZERO_HEIGHT * middle.z);
-        let (zero, at_zero) = (self.hang(zero_m, false)?, hold(&robot, &zero_m)?);
-        let (mut squares, mut count) = (0.0, 0);
+        let (zero, at_zero) = (self.hang(zero_m, false)?, hold(robot, &zero_m)?);
+        let errors_at_zero = robot.uncertainty().length_errors_at(robot, &zero_m, &at_zero.tensions_n);
+        let (mut squares, mut count, mut coordinates) = (0.0, 0, Vec::new());
         for anchor in &self.drawn.anchors_m {
             for (share, height) in OUTWARD.iter().flat_map(|s| HEIGHTS.map(|h| (*s, h))) {
                 let out = (anchor - middle) * share;
                 let at_m = Vector3::new(middle.x + out.x, middle.y + out.y, height * middle.z);
-                let (Some(there), Some(held)) = (self.hang(at_m, weather), hold(&robot, &at_m)) else { continue };
+                let (Some(there), Some(held)) = (self.hang(at_m, weather), hold(robot, &at_m)) else { continue };
                 let unstretched_m: Vec<f64> = (0..self.drawn.anchors_m.len())
                     .map(|i| {
                         let mut paid_m = self.counted_m(&zero, &there, i, scale);
@@ -128,17 +138,40 @@ impl World {
                         at_zero.unstretched_m[i] + paid_m
                     })
                     .collect();
-                let hung = elastic::equilibrium(&robot, &unstretched_m, &Vector3::zeros(), Some(&at_m)).ok()?;
+                let hung = elastic::equilibrium(robot, &unstretched_m, &Vector3::zeros(), Some(&at_m)).ok()?;
                 squares += (hung.position - at_m).norm_squared();
                 count += 1;
+                let stated_m2 = stated_m2(robot, &hung, &errors_at_zero);
+                let of = |k: usize| ((hung.position - at_m)[k].abs(), HALF_WIDTH_95 * stated_m2[(k, k)].sqrt());
+                coordinates.extend((0..3).map(of));
             }
         }
-        (count > 0).then(|| (squares / f64::from(count)).sqrt())
+        (count > 0).then(|| ((squares / f64::from(count)).sqrt(), coordinates))
     }
 
-    fn node_errors(&self, anchors_m: &[[f64; 3]], radii_m: &[f64], scale: f64) -> Option<NodeErrors> {
-        let error = |weather| self.node_error_m(anchors_m, radii_m, scale, weather);
-        Some(NodeErrors { calm_m: error(false)?, weather_m: error(true)? })
+    fn node_errors(&self, robot: &Robot, scale: f64) -> Option<NodeErrors> {
+        let (calm_m, coordinates) = self.node_error_m(robot, scale, false)?;
+        Some(NodeErrors { calm_m, weather_m: self.node_error_m(robot, scale, true)?.0, coordinates })
+    }
+
+    /// The robot with these anchors and pulleys, and with a calibration if there is one.
+    fn robot(&self, anchors_m: &[[f64; 3]], radii_m: &[f64], judged: Option<&CalibrationResult>) -> Option<Robot> {
+        let mut file = self.file.clone();
+        file.calibration = judged.map(|judged| CalibrationFile {
+            method: String::new(),
+            date: String::new(),
+            verdict: String::new(),
+            anchors_m: anchors_m.to_vec(),
+            covariance_m2: judged.covariance.matrix().row_iter().map(|row| row.iter().copied().collect()).collect(),
+            scale: 1.0,
+            scale_std: 0.0,
+            counts_per_m: None,
+            pulley: None,
+            pulley_radius_m: radii_m.to_vec(),
+            cable_scale: Vec::new(),
+        });
+        let robot = file.robot().ok()?.with_anchors(Anchors::new(anchors_m).ok()?).ok()?;
+        if radii_m.is_empty() { Some(robot) } else { robot.with_pulleys(radii_m).ok() }
     }
 
     fn outcome(mut self, points: usize) -> Outcome {
@@ -152,19 +185,30 @@ impl World {
             let stds = judged.covariance.std_m();
             let coordinates =
                 anchors_m.iter().zip(&self.drawn.anchors_m).zip(&stds).flat_map(|((found, truth), std)| {
-                    let of = |k: usize| ((found[k] - truth[k]).abs(), 1.96 * std[k]);
+                    let of = |k: usize| Coordinate {
+                        level: k < 2,
+                        error_m: (found[k] - truth[k]).abs(),
+                        half_m: HALF_WIDTH_95 * std[k],
+                    };
                     (0..3).filter(|k| std[*k] > 0.0).map(of).collect::<Vec<_>>()
                 });
             let coordinates = coordinates.collect();
             let scale = judged.value["scale"].as_f64().unwrap_or(1.0);
-            Known { node: self.node_errors(&anchors_m, &radii_m, scale), coordinates }
+            let robot = self.robot(&anchors_m, &radii_m, Some(&judged));
+            Known { node: robot.and_then(|robot| self.node_errors(&robot, scale)), coordinates }
         });
         let eyes = MeasurementsFile { pulley: Some(PulleyKind::Eye), ..plain };
         let measured = eyes.measurements(eyes.usual_method()).unwrap();
         let points = calibrate(&measured, eyes.usual_method()).ok();
-        let points = points.and_then(|found| self.node_errors(&found.anchors_m, &[], found.scale));
+        let points = points.and_then(|found| self.node_errors(&self.robot(&found.anchors_m, &[], None)?, found.scale));
         Outcome { known, points }
     }
+}
+
+/// What the estimate states of its position: the calibration and `[uncertainty]`, as the estimator adds them.
+fn stated_m2(robot: &Robot, hung: &elastic::Equilibrium, at_zero: &LengthErrors) -> Matrix3<f64> {
+    let by_anchors = hung.covariance_by_anchors(robot).unwrap_or_else(Matrix3::zeros);
+    by_anchors + robot.uncertainty().covariance_m2(robot, hung, Some(at_zero))
 }
 
 /// How the robot would hold the node here, by its model.
@@ -199,8 +243,8 @@ fn outcomes(name: &str, cables: usize, points: usize) -> Vec<Outcome> {
 #[ignore = "takes minutes; docs/measured.md has the results"]
 fn calibrated_worlds_state_where_the_node_is() {
     println!(
-        "| robot | cables | refused | node RMS, median mm | with weather | point model | with weather | coordinates in their 95 % \
-         interval | half-width / error, medians mm | of the worst coordinate |"
+        "| robot | cables | refused | node RMS, median mm | with weather | point model | with weather |\n  \
+         | robot | cables | coordinates | in their 95 % interval | half-width, median mm | error, median mm | ratio |"
     );
     for (name, size, cables, points) in [
         ("demo3", "10 m", 3, 9),
@@ -213,26 +257,42 @@ fn calibrated_worlds_state_where_the_node_is() {
         let all = outcomes(name, cables, points);
         let known: Vec<&Known> = all.iter().filter_map(|o| o.known.as_ref()).collect();
         let refused = all.len() - known.len();
-        let coordinates: Vec<(f64, f64)> = known.iter().flat_map(|k| k.coordinates.clone()).collect();
-        let inside = coordinates.iter().filter(|(error, half)| error <= half).count() as f64;
-        let coverage = inside / coordinates.len() as f64;
-        let mm = |values: Vec<f64>| 1e3 * median(&values);
-        let node: Vec<NodeErrors> = known.iter().filter_map(|k| k.node).collect();
-        let point: Vec<NodeErrors> = all.iter().filter_map(|o| o.points).collect();
-        let worst = |of: fn(&(f64, f64)) -> f64| {
-            known.iter().map(|k| k.coordinates.iter().map(of).fold(0.0, f64::max)).collect()
+        let node: Vec<&NodeErrors> = known.iter().filter_map(|k| k.node.as_ref()).collect();
+        let point: Vec<&NodeErrors> = all.iter().filter_map(|o| o.points.as_ref()).collect();
+        let rms = |of: &[&NodeErrors], error: fn(&NodeErrors) -> f64| {
+            1e3 * median(&of.iter().map(|e| error(e)).collect::<Vec<f64>>())
         };
-        let (worst_half_mm, worst_mm) = (mm(worst(|c| c.1)), mm(worst(|c| c.0)));
-        let half_mm = mm(coordinates.iter().map(|c| c.1).collect());
-        let error_mm = mm(coordinates.iter().map(|c| c.0).collect());
-        let calm_mm = mm(node.iter().map(|e| e.calm_m).collect());
         println!(
-            "| {size} | {cables} | {refused} % | {calm_mm:.1} ({} worlds) | {:.1} | {:.1} | {:.1} | {:.1} % | {half_mm:.1} / {error_mm:.1} | {worst_half_mm:.1} / {worst_mm:.1} |",
+            "| {size} | {cables} | {refused} % | {:.1} ({} worlds) | {:.1} | {:.1} | {:.1} |",
+            rms(&node, |e| e.calm_m),
             node.len(),
-            mm(node.iter().map(|e| e.weather_m).collect()),
-            mm(point.iter().map(|e| e.calm_m).collect()),
-            mm(point.iter().map(|e| e.weather_m).collect()),
-            100.0 * coverage,
+            rms(&node, |e| e.weather_m),
+            rms(&point, |e| e.calm_m),
+            rms(&point, |e| e.weather_m),
         );
+        let anchors = |level: bool| {
+            let of = known.iter().flat_map(|k| &k.coordinates);
+            of.filter(|c| c.level == level).map(|c| (c.error_m, c.half_m)).collect::<Vec<_>>()
+        };
+        let node = |level: bool| {
+            let of = node.iter().flat_map(|n| n.coordinates.chunks(3));
+            of.flat_map(|at| if level { at[..2].to_vec() } else { at[2..].to_vec() }).collect::<Vec<_>>()
+        };
+        interval_row(size, cables, "anchors, x and y", &anchors(true));
+        interval_row(size, cables, "anchors, heights", &anchors(false));
+        interval_row(size, cables, "node, x and y", &node(true));
+        interval_row(size, cables, "node, height", &node(false));
     }
+}
+
+/// Prints how often 95 % intervals hold the truth, and how wide they are beside the errors.
+fn interval_row(size: &str, cables: usize, what: &str, all: &[(f64, f64)]) {
+    let inside = all.iter().filter(|(error, half)| error <= half).count() as f64 / all.len() as f64;
+    let error_mm = 1e3 * median(&all.iter().map(|c| c.0).collect::<Vec<f64>>());
+    let half_mm = 1e3 * median(&all.iter().map(|c| c.1).collect::<Vec<f64>>());
+    println!(
+        "  | {size} | {cables} | {what} | {:.1} % | {half_mm:.1} | {error_mm:.1} | {:.1} |",
+        100.0 * inside,
+        half_mm / error_mm
+    );
 }

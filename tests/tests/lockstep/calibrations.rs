@@ -77,7 +77,8 @@ impl DrawnRobot {
     /// What a team writes down that follows the plan of `nims setup`, with a ruler on a wheel.
     pub fn measure(&mut self, count: usize) -> MeasurementsFile {
         let n = self.anchors_m.len();
-        let mut file = MeasurementsFile { sigma_range_m: Some(0.005), ..MeasurementsFile::default() };
+        // A laser meter, as RANGE_M is.
+        let mut file = MeasurementsFile { sigma_range_m: Some(0.003), ..MeasurementsFile::default() };
         for from in 0..n {
             for to in from + 1..n {
                 let d = (self.anchors_m[from] - self.anchors_m[to]).xy().norm();
@@ -112,6 +113,7 @@ impl DrawnRobot {
         file.sigma_pulley_radius_m = Some(sigma_m);
         (file.sigma_cable_scale, file.sigma_attachment_m) = (Some(0.0005), Some(0.005));
         file.sigma_offset_m = Some(0.005);
+        file.sigma_floor_m = Some(0.008);
     }
 
     /// Errors of the position over the workspace, m, for a robot with this calibration that was zeroed once in the

@@ -84,6 +84,7 @@ pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration,
         ("the pulley radius", measured.sigma_pulley_radius_m),
         ("the scale of a cable", measured.sigma_cable_scale),
         ("an attachment", measured.sigma_attachment_m),
+        ("the floor", measured.sigma_floor_m),
     ] {
         if let Some(sigma) = sigma {
             check_sigma(&format!("the standard deviation of {what}"), sigma)?;

@@ -13,6 +13,7 @@
 //! * [`holdout`]: prediction of points that a calibration did not use.
 //! * [`pattern`]: whether the residuals have a pattern that the model does not explain.
 //! * [`unmeasured_radius`]: what wheels that were not measured would change.
+//! * [`radius_check`]: whether a measured radius may be the diameter, or half the radius.
 //! * [`touch_down`]: when a node that is lowered touches the floor, and the lengths there.
 //! * [`placement`]: positions of the points, and the accuracy to expect before measuring.
 //! * [`motor_fit`]: the motor current over speed and tension, from recorded runs.
@@ -90,6 +91,7 @@ pub mod motor_fit;
 pub mod pattern;
 pub mod placement;
 mod refine;
+mod slip;
 mod straight;
 pub mod survey;
 pub mod touch_down;
@@ -110,6 +112,7 @@ pub use measurements::{
     Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method, Outlier,
 };
 pub use pattern::{Effect, Misfit, misfit};
+pub use slip::{RadiusCheck, RadiusSlip, radius_check};
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
 pub use touch_down::{Paying, TouchDown};
 pub use undetermined::{Ambiguity, Undetermined};

@@ -44,6 +44,9 @@ pub struct Measurements {
     /// Standard deviation, per axis, of the point where each cable is tied from the point of the node that is held on
     /// the plane, m. None for cables that meet there exactly.
     pub sigma_attachment_m: Option<f64>,
+    /// The part of `sigma_length_m` that is the height of the floor at a point, m: vertical, and the same for all cables
+    /// of the point. None for a plane. It changes the joint estimate and the test of residuals.
+    pub sigma_floor_m: Option<f64>,
     /// Ranges between plumb lines.
     pub ranges: Vec<Range>,
     /// Side of each anchor, for an anchor with only two ranges; may be shorter.
@@ -77,6 +80,7 @@ impl Measurements {
             sigma_pulley_radius_m: None,
             sigma_cable_scale: None,
             sigma_attachment_m: None,
+            sigma_floor_m: None,
             ranges: Vec::new(),
             sides: Vec::new(),
             lengths_m: Vec::new(),

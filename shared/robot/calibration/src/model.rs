@@ -4,8 +4,9 @@
 //! of the cable's own, anchor a_i, point c_j of the plane, attachment t_i, radius r_i with a common deviation q, zero
 //! o_i. Every row is divided by its standard deviation; what is known beforehand about an unknown is a row too.
 //!
-//! The x and y of a point occur only in the rows of that point. A rotation of these rows (QR) confines them to two
-//! rows, so the others form a small system of the shared unknowns, however many points there are.
+//! The x and y of a point, and the height of the floor there, occur only in the rows of that point. A rotation of these
+//! rows (QR) confines them to two or three rows, so the others form a small system of the shared unknowns, however many
+//! points there are.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -19,6 +20,9 @@ use cable_robot::pulley::Pulley;
 /// Step of the difference quotient with respect to the radius, m. The length is smooth in the radius over metres.
 const RADIUS_STEP_M: f64 = 1e-4;
 
+/// Least share of the standard deviation of a length that is not the floor.
+const LEAST_READING: f64 = 0.3;
+
 /// An unknown of the diagonal of R below this share of its column is undetermined.
 const DEPENDENT: f64 = 1e-9;
 
@@ -31,6 +35,8 @@ pub(crate) struct Layout {
     pub(crate) radius: bool,
     pub(crate) cable_scales: bool,
     pub(crate) attachments: bool,
+    /// The floor has a height of its own at each point.
+    pub(crate) floor: bool,
 }
 
 impl Layout {
@@ -45,12 +51,18 @@ impl Layout {
             radius: measured.sigma_pulley_radius_m.is_some() && has_pulleys(measured),
             cable_scales: measured.sigma_cable_scale.is_some(),
             attachments: measured.sigma_attachment_m.is_some(),
+            floor: measured.sigma_floor_m.is_some(),
         }
     }
 
     /// True if there are unknowns that only this model has.
     pub(crate) fn is_extended(&self) -> bool {
-        self.radius || self.cable_scales || self.attachments
+        self.radius || self.cable_scales || self.attachments || self.floor
+    }
+
+    /// Number of unknowns of each point.
+    pub(crate) fn of_point(&self) -> usize {
+        2 + usize::from(self.floor)
     }
 
     /// Number of coordinates of anchors, which come first: all but the three that define the frame.
@@ -94,7 +106,8 @@ pub(crate) fn has_pulleys(measured: &Measurements) -> bool {
 #[derive(Debug, Clone)]
 pub(crate) struct State {
     pub(crate) anchors_m: Vec<[f64; 3]>,
-    pub(crate) points_m: Vec<[f64; 2]>,
+    /// The points; z is the height of the floor.
+    pub(crate) points_m: Vec<[f64; 3]>,
     pub(crate) scale: f64,
     pub(crate) offsets_m: Vec<f64>,
     pub(crate) radius_change_m: f64,
@@ -108,7 +121,7 @@ impl State {
         let n = found.anchors_m.len();
         Self {
             anchors_m: found.anchors_m.clone(),
-            points_m: found.points_m.iter().map(|p| [p[0], p[1]]).collect(),
+            points_m: found.points_m.iter().map(|p| [p[0], p[1], 0.0]).collect(),
             scale: found.scale,
             offsets_m: found.offsets_m.to_vec(),
             radius_change_m: 0.0,
@@ -118,7 +131,7 @@ impl State {
     }
 
     /// The state after a step of the shared unknowns and the points.
-    pub(crate) fn stepped(&self, layout: &Layout, shared: &DVector<f64>, points: &[[f64; 2]]) -> Self {
+    pub(crate) fn stepped(&self, layout: &Layout, shared: &DVector<f64>, points: &[[f64; 3]]) -> Self {
         let mut next = self.clone();
         let add = |value: &mut f64, at: Option<usize>| {
             if let Some(p) = at {
@@ -136,7 +149,7 @@ impl State {
         add(&mut next.scale, layout.scale());
         add(&mut next.radius_change_m, layout.radius());
         for (c, step) in next.points_m.iter_mut().zip(points) {
-            *c = [c[0] + step[0], c[1] + step[1]];
+            *c = [0, 1, 2].map(|k| c[k] + step[k]);
         }
         next
     }
@@ -172,7 +185,7 @@ pub(crate) struct Reduced {
     /// Further columns that were given, in the same equations.
     pub(crate) fields: DMatrix<f64>,
     pub(crate) right: DVector<f64>,
-    /// For each point: R of its two unknowns, and the two equations of them.
+    /// For each point: R of its unknowns, and the equations of them.
     points: Vec<PointRows>,
     /// Sum of squares before any step, without lengths that a robust loss has practically excluded; and their number.
     pub(crate) chi_squared: f64,
@@ -180,9 +193,9 @@ pub(crate) struct Reduced {
 }
 
 struct PointRows {
-    r: [f64; 3],
+    r: DMatrix<f64>,
     shared: DMatrix<f64>,
-    right: [f64; 2],
+    right: DVector<f64>,
 }
 
 /// A length with a lower weight does not count for the scatter of the others.
@@ -194,7 +207,7 @@ impl Model<'_> {
         let known_m = self.measured.pulley_radius_m.get(i).copied().unwrap_or(0.0);
         let radius_m = if known_m > 0.0 { (known_m + state.radius_change_m).max(0.0) } else { 0.0 };
         let anchor = Vector3::from(state.anchors_m[i]);
-        let node = Vector3::new(state.points_m[j][0], state.points_m[j][1], 0.0) + state.attachments_m[i];
+        let node = Vector3::from(state.points_m[j]) + state.attachments_m[i];
         let with = |radius_m: f64| Pulley::new(anchor, radius_m);
         let cable = with(radius_m).cable_to(&node).ok()?;
         let back_m = RADIUS_STEP_M.min(radius_m);
@@ -210,14 +223,22 @@ impl Model<'_> {
         })
     }
 
+    /// Standard deviation of a length without that of the floor, if the floor has unknowns of its own, m.
+    fn sigma_reading_m(&self) -> f64 {
+        let all_m = self.measured.sigma_length_m;
+        let floor_m = self.measured.sigma_floor_m.unwrap_or(0.0);
+        (all_m * all_m - floor_m * floor_m).max((LEAST_READING * all_m).powi(2)).sqrt()
+    }
+
     /// Half the sum of losses; infinite where a cable has no direction.
     pub(crate) fn cost(&self, state: &State) -> f64 {
-        let mut cost = 0.0;
+        let (mut cost, sigma_m) = (0.0, self.sigma_reading_m());
         for (j, point) in self.measured.lengths_m.iter().enumerate() {
             for (i, l) in point.iter().enumerate() {
                 let Some(cable) = self.cable(state, i, j) else { return f64::INFINITY };
-                cost += self.loss.evaluate((cable.measured_m - l) / self.measured.sigma_length_m).0;
+                cost += self.loss.evaluate((cable.measured_m - l) / sigma_m).0;
             }
+            cost += self.measured.sigma_floor_m.map_or(0.0, |sigma| 0.5 * (state.points_m[j][2] / sigma).powi(2));
         }
         self.for_each_shared_row(state, |right, _| cost += 0.5 * right * right);
         if cost.is_finite() { cost } else { f64::INFINITY }
@@ -312,39 +333,47 @@ impl Model<'_> {
         let width = shared + field_count + 1;
         let (mut rows, mut points) = (Vec::new(), Vec::new());
         let (mut chi_squared, mut equations) = (0.0, 0);
+        let (sigma_m, unknowns) = (self.sigma_reading_m(), self.layout.of_point());
         for (j, lengths) in self.measured.lengths_m.iter().enumerate() {
-            let mut block = DMatrix::zeros(n, width);
-            let mut own = DMatrix::zeros(n, 2);
+            let mut block = DMatrix::zeros(n + unknowns - 2, width);
+            let mut own = DMatrix::zeros(n + unknowns - 2, unknowns);
             for (i, l) in lengths.iter().enumerate() {
                 let cable = self.cable(state, i, j)?;
-                let right = (l - cable.measured_m) / self.measured.sigma_length_m;
+                let right = (l - cable.measured_m) / sigma_m;
                 let weight = self.loss.evaluate(right).1;
                 if weight >= LEAST_WEIGHT {
                     chi_squared += right * right;
                     equations += 1;
                 }
-                let per = weight.sqrt() / self.measured.sigma_length_m;
+                let per = weight.sqrt() / sigma_m;
                 self.shared_row(i, &cable, |p, v| block[(i, p)] += per * v);
                 for (k, v) in field(i, j, &cable).iter().enumerate() {
                     block[(i, shared + k)] = per * v;
                 }
                 block[(i, width - 1)] = weight.sqrt() * right;
-                own[(i, 0)] = per * cable.gain * cable.direction.x;
-                own[(i, 1)] = per * cable.gain * cable.direction.y;
+                for k in 0..unknowns {
+                    own[(i, k)] = per * cable.gain * cable.direction[k];
+                }
+            }
+            if let Some(sigma_m) = self.measured.sigma_floor_m {
+                let right = -state.points_m[j][2] / sigma_m;
+                (own[(n, 2)], block[(n, width - 1)]) = (1.0 / sigma_m, right);
+                chi_squared += right * right;
+                equations += 1;
             }
             let scale = own.amax();
             let qr = own.qr();
             qr.q_tr_mul(&mut block);
             let r = qr.r();
-            if !(r[(0, 0)].abs() > DEPENDENT * scale && r[(1, 1)].abs() > DEPENDENT * scale) {
+            if !(0..unknowns).all(|k| r[(k, k)].abs() > DEPENDENT * scale) {
                 return None;
             }
             points.push(PointRows {
-                r: [r[(0, 0)], r[(0, 1)], r[(1, 1)]],
-                shared: block.view((0, 0), (2, shared)).into_owned(),
-                right: [block[(0, width - 1)], block[(1, width - 1)]],
+                r,
+                shared: block.view((0, 0), (unknowns, shared)).into_owned(),
+                right: block.view((0, width - 1), (unknowns, 1)).column(0).into_owned(),
             });
-            rows.extend((2..n).map(|k| block.row(k).into_owned()));
+            rows.extend((unknowns..block.nrows()).map(|k| block.row(k).into_owned()));
         }
         self.for_each_shared_row(state, |right, entries| {
             let mut row = DMatrix::zeros(1, width).row(0).into_owned();
@@ -414,12 +443,10 @@ impl Reduced {
     }
 
     /// Steps of the points for a step of the shared unknowns.
-    pub(crate) fn point_steps(&self, shared: &DVector<f64>) -> Vec<[f64; 2]> {
+    pub(crate) fn point_steps(&self, shared: &DVector<f64>) -> Vec<[f64; 3]> {
         let step = |point: &PointRows| {
-            let pull = &point.shared * shared;
-            let (b0, b1) = (point.right[0] - pull[0], point.right[1] - pull[1]);
-            let y = b1 / point.r[2];
-            [(b0 - point.r[1] * y) / point.r[0], y]
+            let solved = point.r.solve_upper_triangular(&(&point.right - &point.shared * shared));
+            [0, 1, 2].map(|k| solved.as_ref().and_then(|s| s.get(k)).copied().unwrap_or(0.0))
         };
         self.points.iter().map(step).collect()
     }

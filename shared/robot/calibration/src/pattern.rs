@@ -142,8 +142,10 @@ impl<'a> Test<'a> {
         if !(layout.is_extended() || layout.scale || layout.offsets) || !(ratio < 1.0) {
             return Some(stated);
         }
-        let sigma_length_m = measured.sigma_length_m * ratio.max(LEAST_SCATTER);
-        Self::new(&Measurements { sigma_length_m, ..measured.clone() }, found)
+        let ratio = ratio.max(LEAST_SCATTER);
+        let sigma_length_m = measured.sigma_length_m * ratio;
+        let sigma_floor_m = measured.sigma_floor_m.map(|sigma| sigma * ratio);
+        Self::new(&Measurements { sigma_length_m, sigma_floor_m, ..measured.clone() }, found)
     }
 
     fn new(measured: &Measurements, found: &'a Calibration) -> Option<Self> {
@@ -162,7 +164,7 @@ impl<'a> Test<'a> {
         let reduced = model.reduce(&state, count, |i, j, cable| {
             let mut row = Vec::with_capacity(count);
             for (effect, _) in &effects {
-                effect.append(i, state.points_m[j], cable, layout.n, &mut row);
+                effect.append(i, [state.points_m[j][0], state.points_m[j][1]], cable, layout.n, &mut row);
             }
             row
         })?;

@@ -45,7 +45,7 @@ pub(crate) fn refine(measured: &Measurements, start: Calibration) -> Result<(Cal
                 break;
             }
             share *= 0.5;
-            let points: Vec<_> = points.iter().map(|c| [share * c[0], share * c[1]]).collect();
+            let points: Vec<_> = points.iter().map(|c| c.map(|v| share * v)).collect();
             next = state.stepped(&layout, &(&solution.step * share), &points);
             next_cost = model.cost(&next);
         }
@@ -72,7 +72,7 @@ fn finished(model: &Model, state: &State, start: Calibration) -> Result<(Calibra
         return Err(CalibrationError::NoRealHeight { anchor: i + 1, squared_height_m2 });
     }
     let std = |p: Option<usize>| p.map_or(0.0, |p| solution.covariance[(p, p)].max(0.0).sqrt());
-    let unknowns = layout.count() + 2 * measured.lengths_m.len();
+    let unknowns = layout.count() + layout.of_point() * measured.lengths_m.len();
     let radius = |r: &f64| if *r > 0.0 { (r + state.radius_change_m).max(0.0) } else { 0.0 };
     let found = Calibration {
         anchors_m: state.anchors_m.clone(),

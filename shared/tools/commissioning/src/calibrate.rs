@@ -106,7 +106,8 @@ pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResul
     let holdout = calibration::hold_out(&measured, method).map_err(|e| e.to_string())?;
     let open = calibration::unmeasured_radius(&measured, &found);
     let found = widened(found, open.as_ref());
-    let verdict = text::verdict(&found, &measured, open.as_ref(), &numbers);
+    let slip = if file.pulley_turn_m.is_some() { None } else { honest::slip_question(&measured, &found) };
+    let verdict = text::verdict(&found, &measured, &text::Questions { open: open.as_ref(), slip }, &numbers);
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
     value["pulley"] = json!(file.pulley);

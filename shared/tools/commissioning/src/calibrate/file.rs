@@ -15,6 +15,10 @@ const DEFAULT_SIGMA_RANGE_M: f64 = 0.003;
 /// plane.
 const DEFAULT_SIGMA_HEIGHT_M: f64 = 0.01;
 
+/// Largest difference between the cable that passes in one turn and the turn of the stated radius, as a share: a mark
+/// on a cable, counted by eye. A diameter in place of a radius differs by half.
+const TURN_SHARE: f64 = 0.15;
+
 /// The measurements file.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -44,6 +48,10 @@ pub struct MeasurementsFile {
     /// Radius of each pulley to the middle of the cable, m per cable; 0 for an eye. With `pulley = "swivel"` only.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub pulley_radius_m: Vec<f64>,
+    /// Cable that passes in one turn of a pulley, m: a second measurement of its size, which no slip between radius
+    /// and diameter survives.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pulley_turn_m: Option<f64>,
     /// Standard deviation of a common deviation of the radii, m; without it they are exact.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_pulley_radius_m: Option<f64>,
@@ -53,6 +61,9 @@ pub struct MeasurementsFile {
     /// Standard deviation, per axis, of the point where each cable is tied to the node, m; without it all meet exactly.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_attachment_m: Option<f64>,
+    /// The part of `sigma_length_m` that is the height of the floor at a point, m: the same for all cables of the point.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_floor_m: Option<f64>,
     /// Encoder counts per metre with which the robot computed the lengths, if the robot measured them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub counts_per_m: Option<Vec<f64>>,
@@ -260,6 +271,7 @@ impl MeasurementsFile {
         }
         self.correct_counted_lengths(&mut measured, cables)?;
         measured.pulley_radius_m = self.radii(cables)?;
+        self.check_turn(&measured.pulley_radius_m)?;
         self.set_options(&mut measured);
         Ok(measured)
     }
@@ -277,11 +289,34 @@ impl MeasurementsFile {
         Ok(())
     }
 
+    /// Compares the stated radii with the cable that passes in one turn.
+    fn check_turn(&self, radii_m: &[f64]) -> Result<(), String> {
+        let Some(turn_m) = self.pulley_turn_m else { return Ok(()) };
+        let wheels: Vec<f64> = radii_m.iter().copied().filter(|r| *r > 0.0).collect();
+        if wheels.is_empty() {
+            return Err("pulley_turn_m describes pulleys; add pulley = \"swivel\" and pulley_radius_m".to_owned());
+        }
+        let mean_m = wheels.iter().sum::<f64>() / wheels.len() as f64;
+        let expected_m = std::f64::consts::TAU * mean_m;
+        if (turn_m / expected_m - 1.0).abs() <= TURN_SHARE {
+            return Ok(());
+        }
+        Err(format!(
+            "one turn of a wheel of {:.0} mm radius, {:.0} mm across, passes {:.0} mm of cable, and {:.0} mm was measured: \
+             measure both again, the radius is half of what the wheel measures across",
+            1e3 * mean_m,
+            2e3 * mean_m,
+            1e3 * expected_m,
+            1e3 * turn_m
+        ))
+    }
+
     /// Sets the standard deviations, the limits and the loss that the file states.
     fn set_options(&self, measured: &mut Measurements) {
         measured.sigma_pulley_radius_m = self.sigma_pulley_radius_m;
         measured.sigma_cable_scale = self.sigma_cable_scale;
         measured.sigma_attachment_m = self.sigma_attachment_m;
+        measured.sigma_floor_m = self.sigma_floor_m;
         let set = |key: &mut f64, value: Option<f64>| *key = value.unwrap_or(*key);
         set(&mut measured.sigma_length_m, self.sigma_length_m);
         set(&mut measured.sigma_gps_m, self.sigma_gps_m);

@@ -1,6 +1,9 @@
 //! What a calibration with small residuals may hide, as one clause for users.
 
-use calibration::{Calibration, Effect, Freed, Measurements, Misfit, Undecided, UnmeasuredRadius, misfit, undecided};
+use calibration::{
+    Calibration, Effect, Freed, Measurements, Misfit, RadiusCheck, RadiusSlip, Undecided, UnmeasuredRadius, misfit,
+    radius_check, undecided,
+};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -8,6 +11,9 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub fn refusal(measured: &Measurements, found: &Calibration, numbers: &[usize]) -> Option<String> {
     if let Some(open) = undecided(measured, found) {
         return Some(undecided_clause(&open));
+    }
+    if let Some(RadiusCheck::Slip(slip)) = radius_check(measured, found) {
+        return Some(slip_clause(&slip));
     }
     let pattern = misfit(measured, found)?;
     let mut text = misfit_clause(&pattern, measured);
@@ -49,6 +55,29 @@ pub fn open_question(measured: &Measurements, open: &UnmeasuredRadius) -> Option
         )
     };
     (*shift_m > NOTEWORTHY_M).then_some(text)
+}
+
+/// Returns the question whether a radius is the diameter; None if the lengths exclude it, and without a measured radius.
+pub fn slip_question(measured: &Measurements, found: &Calibration) -> Option<String> {
+    let wheels = measured.pulley_radius_m.iter().copied().fold(0.0, f64::max);
+    (radius_check(measured, found)? == RadiusCheck::Open).then(|| {
+        format!(
+            "the radius was measured once, and the lengths do not tell it from a diameter (are the wheels {:.0} mm across?); \
+             pull a cable until its wheel has turned once, and state in pulley_turn_m how far it moved",
+            2000.0 * wheels
+        )
+    })
+}
+
+fn slip_clause(slip: &RadiusSlip) -> String {
+    let likely = if slip.likely_m < slip.stated_m { "half" } else { "twice" };
+    format!(
+        "the lengths suggest pulleys with a radius of {:.0} ± {:.0} mm, which is rather {likely} of the stated {:.0} mm; \
+         measure it again from the axle to the middle of the cable: half of what the wheel measures across",
+        1000.0 * slip.suggested_m,
+        1000.0 * slip.suggested_std_m,
+        1000.0 * slip.stated_m
+    )
 }
 
 fn undecided_clause(open: &Undecided) -> String {

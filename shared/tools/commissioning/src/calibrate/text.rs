@@ -11,14 +11,16 @@ const GOOD_STD_M: f64 = 0.02;
 /// Greatest standard deviation of an anchor coordinate in a usable calibration, m: moves are safe, maps are blurred.
 const USABLE_STD_M: f64 = 0.08;
 
-/// Returns the verdict and, if necessary, what to do. `open`: what a radius that was not measured would change; the
-/// covariance includes it. `numbers`: indices of the points that were used, from 0.
-pub fn verdict(
-    found: &Calibration,
-    measured: &Measurements,
-    open: Option<&UnmeasuredRadius>,
-    numbers: &[usize],
-) -> String {
+/// What the measurements leave open about the pulleys.
+pub struct Questions<'a> {
+    /// What a radius that was not measured would change; the covariance includes it.
+    pub open: Option<&'a UnmeasuredRadius>,
+    /// Whether a radius that was measured once may be a diameter. No covariance includes a mistake.
+    pub slip: Option<String>,
+}
+
+/// Returns the verdict and, if necessary, what to do. `numbers`: indices of the points that were used, from 0.
+pub fn verdict(found: &Calibration, measured: &Measurements, questions: &Questions<'_>, numbers: &[usize]) -> String {
     let (anchor, axis, std) = found.covariance.worst();
     let worst = format!(
         "the least certain coordinate is {} of anchor {}, ±{:.3} m (one standard deviation)",
@@ -26,11 +28,13 @@ pub fn verdict(
         anchor + 1,
         std
     );
-    let open = open.and_then(|open| honest::open_question(measured, open));
+    let open = questions.open.and_then(|open| honest::open_question(measured, open));
     let mut text = if let Some(open) = open.as_ref().filter(|_| measured.pulley_radius_m.is_empty()) {
         format!("poor: {open}; {worst}")
     } else if let Some(open) = open.as_ref().filter(|_| std > GOOD_STD_M) {
         format!("{}: {worst}; {open}", if std <= USABLE_STD_M { "usable" } else { "poor" })
+    } else if let Some(slip) = questions.slip.as_ref().filter(|_| std <= USABLE_STD_M) {
+        format!("usable: {worst}; {slip}")
     } else if std <= GOOD_STD_M {
         format!("good: {worst}")
     } else if std <= USABLE_STD_M {

@@ -14,6 +14,8 @@ use config::PulleyKind;
 /// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser
 /// meter used by beginners.
 const SIGMA_RANGE_M: f64 = 0.005;
+/// The same for a laser meter: ±1.5 mm, and plumb lines that never hang quite still.
+const SIGMA_LASER_M: f64 = 0.003;
 
 /// Standard deviation of the zeros of captured lengths, m: `nims zero` at a place that is known to a few centimetres.
 const SIGMA_ZERO_M: f64 = 0.05;
@@ -31,6 +33,9 @@ const SIGMA_CABLE_SCALE: f64 = 0.0005;
 const SIGMA_TYPED_ZERO_M: f64 = 0.005;
 /// Standard deviation of the point where a cable is tied, m: a ring at the node.
 const SIGMA_ATTACHMENT_M: f64 = 0.005;
+
+/// Standard deviation of the floor, m: a lawn. It is the greater part of that of a length, 10 mm.
+const SIGMA_FLOOR_M: f64 = 0.008;
 
 /// Amount by which two cables may be too short to meet, in standard deviations of a length.
 const SHORT_SIGMAS: f64 = 6.0;
@@ -118,7 +123,8 @@ impl Guide {
             }
             // Points need the positions of the pulleys, so an earlier question must not be open.
             // A file from before the question of the pulleys may have points.
-            if !matches!(question, Question::Points | Question::PulleyRadius) && (points > 0 || !setup.plan.is_empty())
+            if !matches!(question, Question::Points | Question::PulleyRadius | Question::PulleyTurn)
+                && (points > 0 || !setup.plan.is_empty())
             {
                 return Err("it has points, but an answer that is asked before them is missing".to_owned());
             }
@@ -304,6 +310,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             file.setup.get_or_insert_default().pulleys = Some(count);
             Ok(String::new())
         }
+        Question::Distance { .. } if instrument(file, line).is_some() => Ok(instrument(file, line).unwrap_or_default()),
         Question::Distance { from, to, needed } => distance(file, (*from, *to), *needed, line),
         Question::Side { pulley, .. } => side(file, *pulley, line),
         Question::Height { pulley } => {
@@ -323,6 +330,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             Ok(String::new())
         }
         Question::PulleyRadius => pulley_radius(file, line),
+        Question::PulleyTurn => pulley_turn(file, line),
         Question::Points => number_of_points(file, line),
         Question::Lengths { .. } if done => end_early(file),
         Question::Lengths { place } => lengths(file, *place, line),
@@ -459,18 +467,35 @@ fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, Stri
                        of every pulley, by a tape or a laser, they are small: undo goes back to these questions.";
         return Ok(if seen { String::new() } else { message.to_owned() });
     }
-    let radius_m = numbers::radius(line)?;
+    let radius_m = 0.5 * numbers::small("what a wheel measures across", line, numbers::ACROSS)?;
     file.pulley = Some(PulleyKind::Swivel);
     file.pulley_radius_m = vec![radius_m; pulleys(file)];
     file.sigma_pulley_radius_m = Some(SIGMA_RADIUS_M);
     file.sigma_cable_scale = Some(SIGMA_CABLE_SCALE);
     file.sigma_attachment_m = Some(SIGMA_ATTACHMENT_M);
     file.sigma_offset_m = Some(SIGMA_TYPED_ZERO_M);
-    // The mistake that no point reveals.
-    Ok(format!(
-        "Then the wheels measure {:.0} mm across, from cable to cable; if that is their radius, take it back with undo.",
-        2000.0 * radius_m
-    ))
+    file.sigma_floor_m = Some(SIGMA_FLOOR_M);
+    Ok(String::new())
+}
+
+/// The second measurement of the wheels: a radius in place of a diameter is a mistake that no point reveals.
+fn pulley_turn(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
+    file.pulley_turn_m = Some(numbers::small("the cable of one turn", line, numbers::TURN)?);
+    if let Err(why) = file.measurements(file.usual_method()) {
+        return Err(format!("{why}; type the turn again, or undo and what the wheel measures across"));
+    }
+    Ok(String::new())
+}
+
+/// The instrument of the distances, which says how good they are.
+fn instrument(file: &mut MeasurementsFile, line: &str) -> Option<String> {
+    let (name, sigma_m) = match line.to_lowercase().as_str() {
+        "laser" => ("a laser meter", SIGMA_LASER_M),
+        "tape" => ("a tape", SIGMA_RANGE_M),
+        _ => return None,
+    };
+    file.sigma_range_m = Some(sigma_m);
+    Some(format!("Then the distances are good to {:.0} mm, as by {name}.", 1e3 * sigma_m))
 }
 
 fn end_early(file: &mut MeasurementsFile) -> Result<String, String> {

@@ -17,21 +17,28 @@ pub const LENGTH: Bounds = Bounds { least_m: 0.1, most_m: 300.0 };
 /// Heights of pulleys, on poles or trees.
 pub const HEIGHT: Bounds = Bounds { least_m: 0.3, most_m: 100.0 };
 
-/// Radii of pulleys: sheaves for cords have 15 to 40 mm.
-const RADIUS: Bounds = Bounds { least_m: 0.005, most_m: 0.2 };
+/// Wheels from side to side: sheaves for cords have 30 to 80 mm.
+pub const ACROSS: Bounds = Bounds { least_m: 0.01, most_m: 0.4 };
+/// Cable that passes in one turn of such a wheel.
+pub const TURN: Bounds = Bounds { least_m: 0.025, most_m: 1.5 };
 
-/// Parses the radius of a pulley, m: `25 mm`, `2.5 cm` or `0.025`.
+/// Parses a small length, m: `50 mm`, `5 cm` or `0.05`.
 ///
 /// # Errors
 /// One sentence: what is accepted.
-pub fn radius(text: &str) -> Result<f64, String> {
+pub fn small(what: &str, text: &str, bounds: Bounds) -> Result<f64, String> {
     let number = text.trim().strip_suffix("mm").or_else(|| text.trim().strip_suffix("MM"));
     let m = match number {
         Some(digits) => parse_digits(digits.trim()).map(|mm| mm / 1000.0),
-        None => length(text, Bounds { least_m: 0.0, most_m: RADIUS.most_m }).ok(),
+        None => length(text, Bounds { least_m: 0.0, ..bounds }).ok(),
     };
-    m.filter(|m| (RADIUS.least_m..=RADIUS.most_m).contains(m)).ok_or_else(|| {
-        format!("`{}` is no radius of a pulley (accepted: 5 to 200 mm); write it like 25 mm or 2.5 cm", excerpt(text))
+    m.filter(|m| (bounds.least_m..=bounds.most_m).contains(m)).ok_or_else(|| {
+        format!(
+            "`{}` is not {what} (accepted: {:.0} to {:.0} mm); write it like 50 mm or 5 cm",
+            excerpt(text),
+            1e3 * bounds.least_m,
+            1e3 * bounds.most_m
+        )
     })
 }
 
@@ -154,12 +161,12 @@ mod tests {
     }
 
     #[test]
-    fn a_radius_may_be_in_millimetres() {
-        for text in ["25 mm", "25mm", "2.5 cm", "2,5 cm", "0.025", "0,025 m", "25.0 MM"] {
-            assert_eq!(radius(text), Ok(0.025), "{text}");
+    fn a_small_length_may_be_in_millimetres() {
+        for text in ["50 mm", "50mm", "5 cm", "5,0 cm", "0.05", "0,050 m", "50.0 MM"] {
+            assert_eq!(small("a width", text, ACROSS), Ok(0.05), "{text}");
         }
-        for text in ["25", "0", "250 mm", "2 mm", "", "mm", "-25 mm", "25 mm 3", "25 in"] {
-            assert!(radius(text).unwrap_err().contains("25 mm"), "{text}");
+        for text in ["50", "0", "500 mm", "2 mm", "", "mm", "-50 mm", "50 mm 3", "50 in"] {
+            assert!(small("a width", text, ACROSS).unwrap_err().contains("50 mm"), "{text}");
         }
     }
 

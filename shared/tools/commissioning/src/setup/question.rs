@@ -6,6 +6,7 @@ use super::{shape, tape};
 use crate::calibrate;
 use crate::calibrate::{MeasurementsFile, Setup, TapeEntry, places};
 use calibration::calibrate;
+use config::PulleyKind;
 use std::fmt::Write as _;
 
 /// Proposed number of points: three at each corner of three pulleys.
@@ -41,8 +42,10 @@ pub enum Question {
     },
     /// Approximate height of all pulleys.
     ApproximateHeight,
-    /// Radius of the pulleys.
+    /// How far the pulleys are across.
     PulleyRadius,
+    /// Cable that passes in one turn of a pulley.
+    PulleyTurn,
     /// Number of points at which the node is held.
     Points,
     /// Cable lengths at one place.
@@ -128,6 +131,9 @@ impl Question {
         if file.pulley.is_none() {
             return Self::PulleyRadius;
         }
+        if file.pulley == Some(PulleyKind::Swivel) && file.pulley_turn_m.is_none() {
+            return Self::PulleyTurn;
+        }
         let Some(wanted) = wanted(file) else { return Self::Points };
         let places = points_at_places(file);
         if setup.lengths_so_far_m.is_empty()
@@ -167,7 +173,7 @@ impl Question {
         match self {
             Self::Pulleys => "How many pulleys are there (3 to 8)?".to_owned(),
             Self::Distance { from, to, needed } => {
-                let level = if (*from, *to) == (1, 2) { " (measured on the level)" } else { "" };
+                let level = if (*from, *to) == (1, 2) { " (measured on the level; with a laser meter, type laser first)" } else { "" };
                 let skip = if *needed { "" } else { " (Enter: not measured)" };
                 format!("How far apart are the plumb lines of pulleys {from} and {to}{level}?{skip}")
             }
@@ -181,8 +187,12 @@ impl Question {
                 "About how high are the pulleys above the floor (a guess is enough; only the plan uses it)?".to_owned()
             }
             Self::PulleyRadius => {
-                "Do the cables leave over wheels that swivel? Type the radius from the axle to the middle of the cable, like 25 mm (Enter: eyes, no wheels)."
+                "Do the cables leave over wheels that swivel? Type how far a wheel is across at the bottom of its groove, plus one thickness of the cable, \
+                 like 50 mm (Enter: eyes, no wheels)."
                     .to_owned()
+            }
+            Self::PulleyTurn => {
+                "Mark a cable at its wheel and pull it until the wheel has turned once. How far has the mark moved, like 157 mm?".to_owned()
             }
             Self::Points => {
                 format!(

@@ -70,7 +70,8 @@ impl Team {
             }
             Question::Height { .. } | Question::Points | Question::Finish => String::new(),
             Question::ApproximateHeight => "3".to_owned(),
-            Question::PulleyRadius if self.radius_m > 0.0 => format!("{:.1} mm", 1000.0 * self.radius_m),
+            Question::PulleyRadius if self.radius_m > 0.0 => format!("{:.1} mm", 2000.0 * self.radius_m),
+            Question::PulleyTurn => format!("{:.0} mm", 1000.0 * std::f64::consts::TAU * self.radius_m),
             Question::PulleyRadius
             | Question::Confirmation { .. }
             | Question::Tape { .. }
@@ -165,7 +166,7 @@ fn the_stated_accuracy_is_honest() {
 fn a_length_that_is_35_cm_off_is_asked_about() {
     for (cable, by) in [(0, 0.35), (1, -0.35), (2, 0.35)] {
         let mut guide = Guide::default();
-        for line in ["3", "9.8", "9.1", "9.4", "l", "", "", "", "3", "2 cm", ""] {
+        for line in ["3", "9.8", "9.1", "9.4", "l", "", "", "", "3", "4 cm", "126 mm", ""] {
             assert!(guide.answer(line).changed);
         }
         for place in 0..6 {
@@ -538,8 +539,8 @@ fn foreign_files_are_not_continued() {
 fn a_length_that_the_wheel_uses_up_leaves_a_file_that_can_be_continued() {
     let mut guide = Guide::default();
     for line in [
-        "3", "9.8", "9.1", "9.4", "l", "30", "1", "30", "7,2cm", "3", "10cm", "10", "10", "", "10 10 10", "", "9 9 9",
-        "",
+        "3", "9.8", "9.1", "9.4", "l", "30", "1", "30", "14,4cm", "45 cm", "3", "10cm", "10", "10", "", "10 10 10", "",
+        "9 9 9", "",
     ] {
         guide.answer(line);
         assert_eq!(again(&guide), guide);

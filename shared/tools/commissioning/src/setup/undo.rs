@@ -34,12 +34,15 @@ pub fn undo(file: &mut MeasurementsFile) -> Option<String> {
     if setup.plan.pop().is_some() {
         return Some("how many points are wanted".to_owned());
     }
+    if let Some(turn_m) = file.pulley_turn_m.take() {
+        return Some(format!("one turn of a wheel was {:.0} mm of cable", 1e3 * turn_m));
+    }
     if file.pulley.take().is_some() {
         let radius_m = std::mem::take(&mut file.pulley_radius_m).first().copied();
         (file.sigma_pulley_radius_m, file.sigma_cable_scale, file.sigma_attachment_m) = (None, None, None);
-        file.sigma_offset_m = None;
+        (file.sigma_offset_m, file.sigma_floor_m) = (None, None);
         return Some(match radius_m {
-            Some(radius_m) => format!("the radius of the pulleys was {:.1} mm", 1000.0 * radius_m),
+            Some(radius_m) => format!("the wheels measured {:.1} mm across", 2000.0 * radius_m),
             None => "the cables left through eyes".to_owned(),
         });
     }
