@@ -44,8 +44,8 @@ pub struct Measurements {
     /// Standard deviation, per axis, of the point where each cable is tied from the point of the node that is held on
     /// the plane, m. None for cables that meet there exactly.
     pub sigma_attachment_m: Option<f64>,
-    /// The part of `sigma_length_m` that is the height of the floor at a point, m: vertical, and the same for all cables
-    /// of the point. None for a plane. It changes the joint estimate and the test of residuals.
+    /// The part of `sigma_length_m` that is the height of the floor at a point, m: vertical, and the same for all
+    /// cables of the point. None for a plane. It changes the joint estimate and the test of residuals.
     pub sigma_floor_m: Option<f64>,
     /// Ranges between plumb lines.
     pub ranges: Vec<Range>,

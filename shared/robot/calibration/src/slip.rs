@@ -8,8 +8,8 @@
 use super::measurements::{Calibration, Measurements, Method};
 use super::pattern;
 
-/// Least advantage of one radius over another, as twice the logarithm of the ratio of their likelihoods. By chance alone
-/// it is met less than once in a hundred calibrations; what the model does not have, poles that yield and cables that
+/// Least advantage of one radius over another, as twice the logarithm of the ratio of their likelihoods. By chance
+/// alone it is met less than once in a hundred calibrations; what the model does not have, poles that yield and cables that
 /// sag, may give a part of it.
 const LEAST_ADVANTAGE: f64 = 9.0;
 
@@ -60,7 +60,8 @@ pub struct RadiusSlip {
 /// // Six points do not tell a radius from a diameter.
 /// assert_eq!(check(&measured, 0.06), RadiusCheck::Open);
 /// // With the heights of the anchors they do.
-/// measured.heights = (0..4).map(|i| DirectHeight { anchor: i, m: anchors[i][2], sigma_m: 0.01, by_line: false }).collect();
+/// let height = |anchor: usize| DirectHeight { anchor, m: anchors[anchor][2], sigma_m: 0.01, by_line: false };
+/// measured.heights = (0..4).map(height).collect();
 /// assert!(matches!(check(&measured, 0.06), RadiusCheck::Slip(_)));
 /// assert_eq!(check(&measured, 0.03), RadiusCheck::Confirmed);
 /// ```

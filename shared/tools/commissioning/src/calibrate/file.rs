@@ -61,7 +61,8 @@ pub struct MeasurementsFile {
     /// Standard deviation, per axis, of the point where each cable is tied to the node, m; without it all meet exactly.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_attachment_m: Option<f64>,
-    /// The part of `sigma_length_m` that is the height of the floor at a point, m: the same for all cables of the point.
+    /// The part of `sigma_length_m` that is the height of the floor at a point, m: the same for all cables of the
+    /// point.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_floor_m: Option<f64>,
     /// Encoder counts per metre with which the robot computed the lengths, if the robot measured them.

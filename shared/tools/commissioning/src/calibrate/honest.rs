@@ -57,7 +57,8 @@ pub fn open_question(measured: &Measurements, open: &UnmeasuredRadius) -> Option
     (*shift_m > NOTEWORTHY_M).then_some(text)
 }
 
-/// Returns the question whether a radius is the diameter; None if the lengths exclude it, and without a measured radius.
+/// Returns the question whether a radius is the diameter; None if the lengths exclude it, and without a measured
+/// radius.
 pub fn slip_question(measured: &Measurements, found: &Calibration) -> Option<String> {
     let wheels = measured.pulley_radius_m.iter().copied().fold(0.0, f64::max);
     (radius_check(measured, found)? == RadiusCheck::Open).then(|| {
