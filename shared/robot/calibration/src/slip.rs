@@ -9,8 +9,8 @@ use super::measurements::{Calibration, Measurements, Method};
 use super::pattern;
 
 /// Least advantage of one radius over another, as twice the logarithm of the ratio of their likelihoods. By chance
-/// alone it is met less than once in a hundred calibrations; what the model does not have, poles that yield and cables that
-/// sag, may give a part of it.
+/// alone it is met less than once in a hundred calibrations; what the model does not have, poles that yield and cables
+/// that sag, may give a part of it.
 const LEAST_ADVANTAGE: f64 = 9.0;
 
 /// What the lengths say about a radius that may be a diameter.
