@@ -21,6 +21,7 @@ mod budget;
 pub mod core;
 mod disk;
 mod events;
+mod exec;
 mod held;
 mod hub;
 mod lane;
@@ -36,5 +37,5 @@ mod socket;
 pub mod tokens;
 mod users;
 
-pub use plugin::exec;
+pub use exec::exec;
 pub use server::Server;
