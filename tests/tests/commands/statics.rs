@@ -74,7 +74,7 @@ fn place(robot: &Robot, share: [f64; 3], radius_m: f64, soaked: f64) -> Option<S
     let gravity_m_s2 = config.gravity_m_s2;
     let plant = Plant::new(config).ok()?;
     Some(format!(
-        r#"{{"robot":"{}","anchors_m":{:?},"routed_m":{:?},"node_mass_kg":{:?},"radius_m":{radius_m:?},"mass_kg_m":{mass_kg_m:?},"stiffness_n":{stiffness_n:?},"gravity_m_s2":{gravity_m_s2:?},"unstretched_m":{:?},"position_m":{:?},"tensions_n":{:?}}}"#,
+        r#"{{"robot":"{}","anchors_m":{:?},"routed_m":{:?},"node_mass_kg":{:?},"radius_m":{radius_m:?},"mass_kg_m":{mass_kg_m:?},"stiffness_n":{stiffness_n:?},"gravity_m_s2":{gravity_m_s2:?},"unstretched_m":{:?},"position_m":{:?},"tensions_n":{:?},"routed_n":{:?}}}"#,
         robot.name,
         robot.anchors_m,
         robot.routed_m,
@@ -82,6 +82,7 @@ fn place(robot: &Robot, share: [f64; 3], radius_m: f64, soaked: f64) -> Option<S
         plant.lengths_m(),
         plant.position_m(),
         plant.tensions_n(),
+        plant.drum_tensions_n(),
     ))
 }
 

@@ -58,7 +58,7 @@ pub(crate) struct Cable {
     /// Unstretched cable off the drum at the temperature of the start, m, and its rate.
     pub paid_out_m: f64,
     pub paid_out_m_s: f64,
-    /// Tension at the node.
+    /// Tension in the middle of the free cable, N.
     pub tension_n: f64,
     pub filtered_current_a: f64,
     /// Heat in the armature and electrical work on the motor since the start, J.
@@ -74,6 +74,8 @@ pub(crate) struct Cable {
     pole_m: Vector3<f64>,
     /// Length by which the load of the cable changes it, m: see `bow_for`.
     bow_m: f64,
+    /// Tension at the anchor beyond that in the middle of the cable, N.
+    rise_n: f64,
     /// Direction of the friction of the pulleys: 1 after reeling in, -1 after paying out.
     friction_side: f64,
     /// Where the gear holds the drum, as cable off the drum, m.
@@ -115,6 +117,7 @@ impl Cable {
             resistance_ohm: motor.resistance_ohm,
             pole_m: Vector3::zeros(),
             bow_m: 0.0,
+            rise_n: 0.0,
             friction_side: 0.0,
             gear_m: 0.0,
             world,
@@ -126,7 +129,9 @@ impl Cable {
     pub fn settle(&mut self, position_m: Vector3<f64>, tension_n: f64, around: &Surroundings) -> f64 {
         let path = self.path(position_m);
         self.tension_n = tension_n;
-        let (pole_m, bow_m) = (self.pole_for(&path), self.bow_for(&path, self.load_n_m(around)));
+        let load_n_m = self.load_n_m(around);
+        self.rise_n = rise_n(&path, load_n_m);
+        let (pole_m, bow_m) = (self.pole_for(&path), self.bow_for(&path, load_n_m));
         let change_m = (pole_m - self.pole_m).norm() + (bow_m - self.bow_m).abs();
         (self.pole_m, self.bow_m) = (pole_m, bow_m);
         let stretched_m = self.path(position_m).length_m + self.routed_m + self.bow_m;
@@ -154,6 +159,7 @@ impl Cable {
         let load_n_m = self.load_n_m(around);
         if load_n_m != Vector3::zeros() {
             self.bow_m += (self.bow_for(&path, load_n_m) - self.bow_m) * (h / (h + FOLLOW_S));
+            self.rise_n = rise_n(&path, load_n_m);
         }
         let stretched_m = path.length_m + self.routed_m + self.bow_m;
         let warm = self.warm(around.warming_k);
@@ -184,7 +190,7 @@ impl Cable {
         let bridge =
             if self.drive.released() { Bridge::Shorted } else { Bridge::Voltage(-self.drive.duty() * voltage_v) };
         let ratio = self.drum.radius_ratio(self.paid_out_m);
-        let load_n = self.tension_n * self.drum_side();
+        let load_n = self.drum_tension_n();
         self.motor.step(h, bridge, load_n * ratio);
         let gear_m_s = -self.motor.reel_in_m_s() * ratio;
         if self.world.backlash_m > 0.0 {
@@ -231,6 +237,14 @@ impl Cable {
         0.5 * self.line.stiffness_n / self.paid_out_m * extension_m * extension_m
     }
 
+    /// Tension of the routed part and of the drum, N: a hanging cable is tighter at its upper end than in its middle,
+    /// and a pulley brakes it.
+    pub fn drum_tension_n(&self) -> f64 {
+        // A slack cable pulls nothing.
+        let rise_n = if self.tension_n > 0.0 { self.rise_n } else { 0.0 };
+        (self.tension_n + rise_n) * self.drum_side()
+    }
+
     /// Tension at the drum relative to that at the node.
     fn drum_side(&self) -> f64 {
         1.0 + self.world.pulley_friction * self.friction_side
@@ -254,10 +268,9 @@ impl Cable {
     /// T²), with the load w across the chord. The load along the chord makes the tension at the anchor greater than
     /// that in the middle, by half of the free cable's load, and the routed part stretches under that tension.
     fn bow_for(&self, path: &Path, load_n_m: Vector3<f64>) -> f64 {
-        let along_n_m = load_n_m.dot(&path.direction);
-        let across = load_n_m - path.direction * along_n_m;
+        let across = load_n_m - path.direction * load_n_m.dot(&path.direction);
         let tension_n = self.tension_n.max(SHALLOW_N);
-        let routed_m = self.routed_m * (0.5 * along_n_m * path.free_m) / self.line.stiffness_n;
+        let routed_m = self.routed_m * rise_n(path, load_n_m) / self.line.stiffness_n;
         across.norm_squared() * path.free_m * path.free_m * path.free_m / (24.0 * tension_n * tension_n) - routed_m
     }
 
@@ -266,4 +279,9 @@ impl Cable {
         let level = Vector3::new(path.direction.x, path.direction.y, 0.0);
         level * (self.tension_n / self.world.pole_stiffness_n_m)
     }
+}
+
+/// Tension at the anchor beyond that in the middle of a cable: half of the load along the free cable, N.
+fn rise_n(path: &Path, load_n_m: Vector3<f64>) -> f64 {
+    0.5 * load_n_m.dot(&path.direction) * path.free_m
 }

@@ -291,9 +291,14 @@ impl Plant {
         self.velocity_m_s.into()
     }
 
-    /// True cable tensions, N.
+    /// True cable tensions in the middle of the free cables, N.
     pub fn tensions_n(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.tension_n).collect()
+    }
+
+    /// True tensions of the routed parts and at the drums, N.
+    pub fn drum_tensions_n(&self) -> Vec<f64> {
+        self.cables.iter().map(Cable::drum_tension_n).collect()
     }
 
     /// True unstretched lengths beyond the routed part, m: the output of a perfect encoder.
