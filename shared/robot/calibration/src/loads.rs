@@ -6,7 +6,8 @@
 //!   their compliance is a further unknown.
 //! * **Weighings**: the node moves up and down at one speed, without and with the weight. A gear adds friction upwards
 //!   and takes it away downwards, so the mean of both currents is that of the tension. By how much it grows with the
-//!   known weight gives newtons per ampere, and with them the weight of the node.
+//!   known weight gives newtons per ampere, and with them the weight of the node. The winches carry the cables too:
+//!   half of each cable, and its weight times its height between its middle and the pulley.
 //!
 //! What the robot file states is a measurement too, with the standard deviations of [`cable_robot::Uncertainty`]. A
 //! result that adds little to it is refused in one sentence: the measurements do not determine it.
@@ -254,18 +255,13 @@ fn sinking_m(robot: &Robot, sinking: &Sinking, pole_m_n: f64, number: usize) -> 
     Ok(down_m)
 }
 
-/// Weight of the node: the vertical force of the motors' mean currents is c (W + added) with c near 1.
+/// Weight of the node: the vertical force of the motors' mean currents is c (W + added + cables) with c near 1.
 fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, CalibrationError> {
     let added: Vec<f64> = measured.weighings.iter().map(|w| w.added_n).collect();
     let (least_n, most_n) = added.iter().fold((f64::INFINITY, 0.0f64), |(a, b), n| (a.min(*n), b.max(*n)));
     if !(most_n > least_n) {
         let why = "no two weighings have different weights, so nothing determines the weight of the node; move it up \
                    and down without and with a known weight";
-        return Ok(Found::Undetermined(why.to_owned()));
-    }
-    if robot.cable_weight_n_m() > 0.0 {
-        let why =
-            "the motors also carry a part of the cables, which differs from place to place; put the node on a scale";
         return Ok(Found::Undetermined(why.to_owned()));
     }
     let stated_n = robot.net_weight_n();
@@ -278,9 +274,10 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
         let (c, weight_n) = (1.0 + x[0] * priors[0], stated_n * (1.0 + x[1] * priors[1]));
         for w in &measured.weighings {
             let (force_n, sigma_n) = vertical_n(robot, w, measured.sigma_current_a)?;
-            let slope = SVector::<f64, 2>::new((weight_n + w.added_n) * priors[0], c * stated_n * priors[1]);
+            let held_n = weight_n + w.added_n + cables_n(robot, w)?;
+            let slope = SVector::<f64, 2>::new(held_n * priors[0], c * stated_n * priors[1]);
             information += slope * slope.transpose() / (sigma_n * sigma_n);
-            pull += slope * (force_n - c * (weight_n + w.added_n)) / (sigma_n * sigma_n);
+            pull += slope * (force_n - c * held_n) / (sigma_n * sigma_n);
         }
         let Some(inverse) = information.try_inverse() else { break };
         (x, covariance) = (x + inverse * pull, inverse);
@@ -300,9 +297,7 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
 
 /// Upward force of the mean currents up and down, and its standard deviation, N.
 fn vertical_n(robot: &Robot, weighing: &Weighing, sigma_a: f64) -> Result<(f64, f64), CalibrationError> {
-    let at = Vector3::from(weighing.position_m);
-    let anchors: &Anchors = robot.anchors();
-    let structure = StructureMatrix::at(anchors, &at).map_err(|e| CalibrationError::InvalidArgument(e.to_string()))?;
+    let structure = structure(robot, weighing)?;
     let constant = robot.motor().force_constant_n_a;
     let (mut force_n, mut variance_n2) = (0.0, 0.0);
     for (i, column) in structure.iter().enumerate() {
@@ -310,6 +305,27 @@ fn vertical_n(robot: &Robot, weighing: &Weighing, sigma_a: f64) -> Result<(f64, 
         variance_n2 += 0.5 * (column.z * constant * sigma_a) * (column.z * constant * sigma_a);
     }
     Ok((force_n, variance_n2.sqrt()))
+}
+
+/// Vertical force of the winches that carries the cables themselves, N: the node holds half of each, and at the winch
+/// the tension exceeds that in the middle of the cable by its weight times half of its height.
+fn cables_n(robot: &Robot, weighing: &Weighing) -> Result<f64, CalibrationError> {
+    let at = Vector3::from(weighing.position_m);
+    let structure = structure(robot, weighing)?;
+    Ok(structure
+        .iter()
+        .enumerate()
+        .map(|(i, column)| {
+            let load = robot.cable_load(i, &at);
+            load.half_n + column.z * load.rise_n
+        })
+        .sum())
+}
+
+fn structure(robot: &Robot, weighing: &Weighing) -> Result<StructureMatrix, CalibrationError> {
+    let anchors: &Anchors = robot.anchors();
+    StructureMatrix::at(anchors, &Vector3::from(weighing.position_m))
+        .map_err(|e| CalibrationError::InvalidArgument(e.to_string()))
 }
 
 #[cfg(test)]
@@ -346,7 +362,8 @@ mod tests {
         let at = Vector3::from(position_m);
         let held_n = elastic::realise_under(&robot, &at, &force, robot.default_distribution()).unwrap().tensions_n;
         let motor = robot.motor();
-        let at = |v: f64| held_n.map(|t| motor.current_a(t, v) / factor);
+        let at =
+            |v: f64| CableVec::from_fn(3, |i| motor.current_a(held_n[i] + robot.cable_load(i, &at).rise_n, v) / factor);
         Weighing { position_m, added_n, up_a: at(0.1), down_a: at(-0.1) }
     }
 
@@ -357,9 +374,10 @@ mod tests {
         #[test]
         fn exact_measurements_give_the_truth(
             stiffness in 0.8..1.25f64, routed_m in -1.0..1.0f64, weight in 0.92..1.08f64, gear in 0.0..0.95f64,
-            factor in 0.9..1.1f64,
+            factor in 0.9..1.1f64, cable_kg_m in 0.0..0.02f64,
         ) {
             let mut truth = parts();
+            truth.cable_mass_kg_m = cable_kg_m;
             truth.stiffness_n = truth.stiffness_n.map(|n| n * stiffness);
             truth.routed_length_m = Some(vec![6.0 + routed_m; 3]);
             truth.motor.gear_friction = gear;
@@ -368,6 +386,7 @@ mod tests {
             let weighings = [0.0, 20.0].map(|added_n| weighing(&truth, PLACES[0], added_n, factor)).to_vec();
             let mut assumed = parts();
             assumed.motor.gear_friction = gear;
+            assumed.cable_mass_kg_m = cable_kg_m;
             assumed.uncertainty.pole_m_n = 1e-12;
             let measured = LoadMeasurements {
                 sinkings: sunk, sigma_sunk_m: 1e-7, weighings, sigma_current_a: 1e-6, sigma_routed_m: 1.0,
