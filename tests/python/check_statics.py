@@ -22,8 +22,8 @@ import numpy as np
 
 TOLERANCE_MM = {"10 m": 0.1, "30 x 20 m": 0.1, "80 x 20 m": 0.1}
 
-# Of the routed part, as a share of what the weight of a cable adds to its tension. Without that part it is 1. A cable of
-# 10 m adds 1 mN, of which the difference of the positions alone makes a tenth.
+# Of the routed part, as a share of what the weight of a cable adds to its tension. Without that part it is 1. A cable
+# of 10 m adds 1 mN, of which the difference of the positions alone makes a tenth.
 TOLERANCE_ROUTED = 0.2
 
 
