@@ -5,8 +5,8 @@
     def law(asked):
         if asked.desired_velocities_m_s is None:
             return None
-        errors = [wanted - is_ for wanted, is_ in zip(asked.desired_lengths_m, asked.lengths_m)]
-        return [speed + 1.5 * error for speed, error in zip(asked.desired_velocities_m_s, errors)]
+        errors = [wanted - is_ for wanted, is_ in zip(asked.desired_lengths_m, asked.lengths_m, strict=True)]
+        return [speed + 1.5 * error for speed, error in zip(asked.desired_velocities_m_s, errors, strict=True)]
 
     nims_law.run(law)
 
