@@ -6,6 +6,8 @@ use crate::programs;
 const GROUPS: [(&str, &[&str]); 8] = [
     ("Try it without a robot", &["demo", "sim", "truth"]),
     ("Before a flight", &["check", "doctor", "bench", "setup", "calibrate", "motor-table"]),
+    ("Try it without a robot", &["demo", "truth"]),
+    ("Before a flight", &["check", "doctor", "bench", "setup", "calibrate", "loads", "motor-table"]),
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
     ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "hold", "stop", "estop"]),
     ("Look", &["status", "top", "channel"]),

@@ -1,6 +1,6 @@
 //! The commands of this crate.
 
-use crate::{calibrate, check, doctor, kinematics, plan, setup, workspace};
+use crate::{calibrate, check, doctor, kinematics, loads, plan, setup, workspace};
 use command::{Answer, Output};
 
 /// Commands for the time before the first flight, without a running robot.
@@ -22,6 +22,9 @@ pub enum Command {
     Calibrate(calibrate::Args),
     /// Calibrate in the field by answering one question at a time; answers are saved, and the same command continues.
     Setup(setup::Args),
+    /// Stiffness of the cables and weight of the node from measurements with a known weight, or why they do not
+    /// determine them.
+    Loads(loads::Args),
     /// Cost of a move, and the parabola with the least cost.
     Plan(plan::Args),
     /// Region where the cables can hold the node at rest: volume and margins.
@@ -42,6 +45,7 @@ impl Command {
             Self::Tension(args) => kinematics::tension(args),
             Self::Calibrate(args) => calibrate::run(args),
             Self::Setup(args) => setup::run(args, domain),
+            Self::Loads(args) => loads::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Workspace(args) => workspace::run(args),
         }

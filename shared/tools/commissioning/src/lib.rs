@@ -13,6 +13,7 @@ mod config_kind;
 pub mod doctor;
 pub mod finding;
 pub mod kinematics;
+pub mod loads;
 pub mod new_sensor;
 pub mod plan;
 mod readable;
