@@ -5,8 +5,6 @@ use crate::programs;
 /// Each group with its commands, in the order of their use.
 const GROUPS: [(&str, &[&str]); 8] = [
     ("Try it without a robot", &["demo", "sim", "truth"]),
-    ("Before a flight", &["check", "doctor", "bench", "setup", "calibrate", "motor-table"]),
-    ("Try it without a robot", &["demo", "truth"]),
     ("Before a flight", &["check", "doctor", "bench", "setup", "calibrate", "loads", "motor-table"]),
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
     ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "hold", "stop", "estop"]),
