@@ -143,7 +143,8 @@ impl Setup {
         if report.setups == 0 && !self.watchdog_set {
             report.was_alive = same;
         }
-        if !same && self.watchdog_set {
+        // One that was in use and did not keep its watchdog may have restarted since, too.
+        if !same && (self.watchdog_set || report.setups > 0) {
             self.restarted(report);
             return Recognised::Restarted;
         }
@@ -287,6 +288,16 @@ mod tests {
         setup.finished(&mut report);
         setup.restarted(&mut report);
         assert_eq!(report.reboots, 2);
+    }
+
+    #[test]
+    fn a_restart_behind_a_lost_port_is_counted_also_after_a_refused_watchdog() {
+        let (mut setup, mut report) = in_use();
+        setup.set_up_again();
+        setup.watchdog_read(false, 100, 0);
+        setup.lost();
+        assert_eq!(setup.recognised(false, &mut report), Recognised::Restarted);
+        assert_eq!(report.reboots, 1);
     }
 
     #[test]

@@ -132,7 +132,8 @@ impl VirtualUnits for FakeWire {
     fn restart(&mut self, unit: usize, down_ns: u64) {
         let unit = &mut self.units[unit];
         let off_until_ns = self.now_ns + down_ns;
-        *unit = FakeUnit { counts: unit.counts, zero: unit.counts, off_until_ns, ..FakeUnit::new(unit.address) };
+        let FakeUnit { address, counts, kept_ms, .. } = *unit;
+        *unit = FakeUnit { counts, zero: counts, kept_ms, off_until_ns, ..FakeUnit::new(address) };
     }
 
     fn mute(&mut self, unit: usize, muted: bool) {
