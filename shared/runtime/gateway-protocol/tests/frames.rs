@@ -94,25 +94,26 @@ fn every_call_is_read_as_it_was_written() {
             process: Some("a".to_owned()),
             held: false,
         },
-        Call::Ask { id: 2, request: Request::Jog { cable: 1, distance_m: 0.1 }, process: None, held: true },
-        Call::Beat {},
-        Call::Release { id: 2 },
-        Call::Robot { id: 3 },
-        Call::Configuration { id: 4 },
-        Call::Channels { id: 5 },
-        Call::Subscribe { id: 6, channel: "motor/state".to_owned(), rate_hz: Some(2.5) },
-        Call::Unsubscribe { id: 7, subscription: 6 },
-        Call::Runs { id: 8 },
-        Call::Files { id: 9, run: run.clone() },
-        Call::Open { id: 10, run, file },
-        Call::TokenAdd { id: 11, name: "tablet".to_owned(), role: "stop".to_owned() },
-        Call::TokenList { id: 12 },
-        Call::TokenRevoke { id: 13, name: "tablet".to_owned() },
+        Call::Ask { id: 3, request: Request::Jog { cable: 1, distance_m: 0.1 }, process: None, held: true },
+        Call::Release { id: 4 },
+        Call::Robot { id: 5 },
+        Call::Configuration { id: 6 },
+        Call::Channels { id: 7 },
+        Call::Subscribe { id: 8, channel: "motor/state".to_owned(), rate_hz: Some(2.5) },
+        Call::Unsubscribe { id: 9, subscription: 6 },
+        Call::Runs { id: 10 },
+        Call::Files { id: 11, run: run.clone() },
+        Call::Open { id: 12, run, file },
+        Call::TokenAdd { id: 13, name: "tablet".to_owned(), role: "stop".to_owned() },
+        Call::TokenList { id: 14 },
+        Call::TokenRevoke { id: 15, name: "tablet".to_owned() },
     ];
     for (number, call) in calls.iter().enumerate() {
         assert_eq!(Call::read(&call.header().unwrap()).unwrap(), *call);
         assert_eq!(call.id(), number as u64);
     }
+    let beat = Call::Beat {};
+    assert_eq!((Call::read(&beat.header().unwrap()).unwrap(), beat.id()), (Call::Beat {}, 0));
 }
 
 #[test]
