@@ -44,5 +44,5 @@ pub use error::{CommandName, Error, InvalidConfig, ReplyText, reply_text};
 pub use fleet::{Fleet, FleetCommand, FleetReply, MAX_FLEET, PortReport};
 pub use report::{AXES, Counters, Firmware, StopInput, Timed, UnitAnswer, UnitInfo, UnitReport};
 pub use setup::{Recognised, Setup, SetupStep};
-pub use silence::{ASK_SILENT_EVERY_NS, BABBLE_NS, Instead, PAUSE_NS, SILENT_AFTER};
+pub use silence::{ASK_SILENT_EVERY_NS, BABBLE_NS, Instead, Noise, PAUSE_NS, SILENT_AFTER};
 pub use status::DriveStatus;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::error::Error;
 use crate::report::UnitReport;
-use crate::silence::{ASK_SILENT_EVERY_NS, Instead, SILENT_AFTER};
+use crate::silence::{ASK_SILENT_EVERY_NS, Noise, SILENT_AFTER};
 
 /// Time in which a unit has to be without an answer to be silent, ns: an adapter may be slow for a while.
 const SILENT_NS: u64 = 250_000_000;
@@ -231,20 +231,19 @@ impl Setup {
         }
     }
 
-    /// Reason why the unit is not in use. `instead` arrived in place of its answer, `babbles`: for
-    /// [`BABBLE_NS`](crate::BABBLE_NS).
+    /// Reason why the unit is not in use; `noise` is what arrived in place of its answer.
     #[must_use]
     pub fn not_ready(
         &self,
         port: &Arc<str>,
         unit: &Arc<str>,
         wanted_ms: u32,
-        instead: Instead,
-        babbles: bool,
+        noise: &Noise,
+        now_ns: u64,
     ) -> Option<Error> {
         let (port, unit) = (Arc::clone(port), Arc::clone(unit));
         match self.phase {
-            _ if self.silent => Some(instead.error(port, unit, babbles)),
+            _ if self.silent => Some(noise.error(port, unit, now_ns)),
             Phase::Ready => None,
             Phase::Unusable { got_ms, .. } => Some(Error::WatchdogRefused { port, unit, wanted_ms, got_ms }),
             Phase::Step(_) => Some(Error::Preparing { port, unit }),
@@ -338,7 +337,7 @@ mod tests {
         let (port, unit): (Arc<str>, Arc<str>) = ("port".into(), "unit".into());
         let asked = crate::CommandName { words: "read", code: None };
         let error = Error::NoAnswer { port: Arc::clone(&port), unit: Arc::clone(&unit), asked, waited_us: 1 };
-        let state = |setup: &Setup| setup.not_ready(&port, &unit, 300, Instead::Nothing, false);
+        let state = |setup: &Setup| setup.not_ready(&port, &unit, 300, &Noise::default(), 0);
         for _ in 0..2 * SILENT_AFTER {
             setup.unanswered(&error, 5);
         }

@@ -19,6 +19,38 @@ pub const BABBLE_NS: u64 = 1_000_000_000;
 /// in waits.
 pub const PAUSE_NS: u64 = 1_000_000;
 
+/// Bytes on a port that answer nothing: what they are, and since when nothing else arrives.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Noise {
+    instead: Instead,
+    /// Start of the present run of such bytes, ns.
+    from_ns: Option<u64>,
+}
+
+impl Noise {
+    /// Records bytes that answer nothing.
+    pub fn heard(&mut self, now_ns: u64) {
+        self.from_ns.get_or_insert(now_ns);
+    }
+
+    /// Records what they are.
+    pub fn is(&mut self, instead: Instead) {
+        self.instead = instead;
+    }
+
+    /// Records an answer, which ends the run.
+    pub fn end(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The error of a silent unit.
+    #[must_use]
+    pub fn error(&self, port: Arc<str>, unit: Arc<str>, now_ns: u64) -> Error {
+        let babbles = self.from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
+        self.instead.error(port, unit, babbles)
+    }
+}
+
 /// What arrived in place of a missing answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Instead {

@@ -27,7 +27,7 @@ mod setup;
 use std::sync::Arc;
 
 use arrayvec::ArrayString;
-use drives::{CountBound, Counters, Error, Instead, InvalidConfig, Setup, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, InvalidConfig, Noise, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Checksums, Mode};
@@ -126,9 +126,7 @@ pub struct Bus<T> {
     connection: u32,
     /// Number of the last question.
     asked: u32,
-    instead: Instead,
-    /// Start of the present run of bytes that answer nothing, ns.
-    noisy_from_ns: Option<u64>,
+    noise: Noise,
     counters: Counters,
     stop_pin: Option<StatusPin>,
     stop: StopInput,
@@ -190,8 +188,7 @@ impl<T: Transport> Bus<T> {
             inbox: Inbox::new(),
             connection: 0,
             asked: 0,
-            instead: Instead::default(),
-            noisy_from_ns: None,
+            noise: Noise::default(),
             counters: Counters::default(),
             stop_pin: config.stop_pin,
             stop: StopInput::default(),

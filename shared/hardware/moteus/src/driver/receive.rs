@@ -42,7 +42,7 @@ impl<T: Transport> Bus<T> {
     pub(super) fn count_stray(&mut self, bytes: usize) {
         self.counters.stray_bytes += bytes as u64;
         let now_ns = self.transport.now_ns();
-        self.noisy_from_ns.get_or_insert(now_ns);
+        self.noise.heard(now_ns);
     }
 
     /// The next text line; `None` after `until_ns`.
@@ -57,7 +57,7 @@ impl<T: Transport> Bus<T> {
                     }
                 } else if self.inbox.line.try_push(byte).is_err() {
                     self.count_stray(self.inbox.line.len() + 1);
-                    self.instead = Instead::Foreign;
+                    self.noise.is(Instead::Foreign);
                     self.inbox.line.clear();
                 }
             }
@@ -82,7 +82,7 @@ impl<T: Transport> Bus<T> {
             Ok(line) => Heard::Line(line),
             Err(_) => {
                 let echo = self.inbox.line.starts_with(b"can send ");
-                self.instead = if echo { Instead::Echo } else { Instead::Foreign };
+                self.noise.is(if echo { Instead::Echo } else { Instead::Foreign });
                 self.counters.garbled += 1;
                 self.count_stray(length);
                 Heard::Garbled { short: length <= SHORT }

@@ -299,7 +299,7 @@ impl<T: Transport> Bus<T> {
                 (results[unit], asked[unit]) = (Some(Err(self.error(unit, error))), None);
             }
             Ok(values) => {
-                (self.noisy_from_ns, self.instead) = (None, drives::Instead::Nothing);
+                self.noise.end();
                 (results[unit], asked[unit]) = (Some(self.accept(unit, &question, values)), None);
             }
         }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use arrayvec::ArrayString;
-use drives::{BABBLE_NS, Error, PAUSE_NS, Recognised, SetupStep, Timed};
+use drives::{Error, PAUSE_NS, Recognised, SetupStep, Timed};
 use serial::Transport;
 
 use super::question::{FIRMWARE, Question, cycle, slow};
@@ -177,9 +177,8 @@ impl<T: Transport> Bus<T> {
     pub(super) fn not_ready(&self, index: usize) -> Option<Error> {
         let unit = self.units.get(index)?;
         let now_ns = self.transport.now_ns();
-        let babbles = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
         let wanted_ms = u32::from(unit.config.watchdog_ms);
-        unit.setup.not_ready(self.transport.name(), &unit.name, wanted_ms, self.instead, babbles)
+        unit.setup.not_ready(self.transport.name(), &unit.name, wanted_ms, &self.noise, now_ns)
     }
 }
 

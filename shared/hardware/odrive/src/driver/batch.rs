@@ -82,7 +82,7 @@ impl<T: Transport> Bus<T> {
             match self.attempt(batch)? {
                 Ended::Whole(values) => {
                     self.setup.answered();
-                    (self.noisy_from_ns, self.instead) = (None, Instead::Nothing);
+                    self.noise.end();
                     return Ok(Answers { asks: batch.asks.clone(), values, at_ns });
                 }
                 Ended::Garbled => garbled = true,
@@ -192,14 +192,14 @@ impl<T: Transport> Bus<T> {
 
     fn stray(&mut self, line: &[u8]) {
         let sent = [b"r ", b"f ", b"v ", b"w ", b"u "].iter().any(|start| line.starts_with(*start));
-        self.instead = if sent { Instead::Echo } else { Instead::Foreign };
+        self.noise.is(if sent { Instead::Echo } else { Instead::Foreign });
         self.count_stray(line.len() + 1);
     }
 
     fn count_stray(&mut self, bytes: usize) {
         self.counters.stray_bytes += bytes as u64;
         let now_ns = self.transport.now_ns();
-        self.noisy_from_ns.get_or_insert(now_ns);
+        self.noise.heard(now_ns);
     }
 
     /// Discards what arrived before a batch.
@@ -232,7 +232,7 @@ impl<T: Transport> Bus<T> {
                         return Ok(Some(std::mem::take(&mut self.line)));
                     }
                 } else if self.line.try_push(byte).is_err() {
-                    self.instead = Instead::Foreign;
+                    self.noise.is(Instead::Foreign);
                     self.count_stray(self.line.len() + 1);
                     self.line.clear();
                 }

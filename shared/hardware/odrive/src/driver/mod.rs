@@ -21,7 +21,7 @@ mod ask;
 use std::sync::Arc;
 
 use arrayvec::{ArrayString, ArrayVec};
-use drives::{CountBound, Counters, Error, Instead, InvalidConfig, Setup, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, InvalidConfig, Noise, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{AXES, MARKS, MAX_LINE};
@@ -92,9 +92,7 @@ pub struct Bus<T> {
     inbox_to: usize,
     connection: u32,
     next_mark: u32,
-    instead: Instead,
-    /// Start of the present run of bytes that answer nothing, ns.
-    noisy_from_ns: Option<u64>,
+    noise: Noise,
     counters: Counters,
     stop: StopInput,
 }
@@ -131,8 +129,7 @@ impl<T: Transport> Bus<T> {
             inbox_to: 0,
             connection: 0,
             next_mark,
-            instead: Instead::default(),
-            noisy_from_ns: None,
+            noise: Noise::default(),
             counters: Counters::default(),
             stop: StopInput::default(),
         })

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use arrayvec::ArrayString;
-use drives::{BABBLE_NS, Error, PAUSE_NS, Recognised, SetupStep, Timed};
+use drives::{Error, PAUSE_NS, Recognised, SetupStep, Timed};
 use serial::Transport;
 
 use super::Bus;
@@ -149,8 +149,7 @@ impl<T: Transport> Bus<T> {
     /// Reason why the board is not in use.
     pub(super) fn not_ready(&self) -> Option<Error> {
         let now_ns = self.transport.now_ns();
-        let babbles = self.noisy_from_ns.is_some_and(|from_ns| now_ns.saturating_sub(from_ns) > BABBLE_NS);
         let wanted_ms = u32::from(self.config.watchdog_ms);
-        self.setup.not_ready(self.transport.name(), &self.name, wanted_ms, self.instead, babbles)
+        self.setup.not_ready(self.transport.name(), &self.name, wanted_ms, &self.noise, now_ns)
     }
 }
