@@ -122,26 +122,6 @@ mod uart {
     drive_conformance::conformance!(super::Moteus<super::Uart>);
 }
 
-/// Without the cases in which bytes are lost or changed: the packets of USB do not let that happen.
 mod adapter {
-    drive_conformance::conformance!(super::Moteus<super::Adapter>:
-        commands_reach_the_motors,
-        a_command_that_the_family_lacks_is_refused,
-        a_number_that_is_no_speed_moves_nothing,
-        readings_are_fresh_and_complete,
-        nothing_is_sent_after_the_deadline,
-        a_unit_is_used_only_with_its_watchdog_read_back,
-        a_unit_that_keeps_another_watchdog_is_refused,
-        motors_stop_by_the_watchdog_when_commands_cease,
-        an_emergency_stop_is_reported_and_stops_the_motors,
-        a_restart_is_counted_and_interlocked,
-        a_restart_around_a_refused_watchdog_is_counted,
-        a_late_answer_never_answers_a_later_question,
-        swapped_answers_are_told_apart,
-        a_silent_unit_costs_the_others_little,
-        an_unplugged_port_is_lost_at_once_and_comes_back_interlocked,
-        a_restart_behind_an_unplugged_port_is_counted,
-        counts_continue_when_the_counter_wraps,
-        a_unit_that_moves_at_the_start_is_interlocked_and_counted
-    );
+    drive_conformance::conformance!(super::Moteus<super::Adapter>, in packets);
 }
