@@ -34,6 +34,8 @@ const FIRST_BYTES: usize = (ATTRIBUTES - 1) * ATTRIBUTE_BYTES;
 const CONTINUATION_BYTES: usize = ATTRIBUTES * ATTRIBUTE_BYTES;
 /// Largest number of continuations: 32 kB of text, enough for more than a thousand fields.
 const CONTINUATIONS: usize = 15;
+/// Most bytes of text.
+const ROOM: usize = FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES;
 /// Time to wait while another process creates a continuation, ns; the same as for channels.
 const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 
@@ -42,9 +44,8 @@ pub(crate) type SchemaContinuation = event::PortFactory<ipc::Service>;
 
 /// Returns the text that is stored for a type.
 pub(crate) fn stored<'a>(type_name: &str, text: &'a str) -> Cow<'a, str> {
-    let room = FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES;
     // Comments are no reason to refuse a type.
-    let is_plain = documented(type_name).is_none() && text.is_ascii() && text.len() <= room;
+    let is_plain = documented(type_name).is_none() && text.is_ascii() && text.len() <= ROOM;
     if is_plain { Cow::Borrowed(text) } else { Cow::Owned(without_comments(text)) }
 }
 
@@ -54,9 +55,8 @@ pub(crate) fn attributes(type_name: &str, text: &str) -> Result<AttributeSpecifi
     if !text.is_ascii() {
         return Err(unfit("it has a character that is not ASCII".to_owned()));
     }
-    if text.len() > FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES {
-        let room = FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES;
-        return Err(unfit(format!("it has {} bytes; accepted: at most {room}", text.len())));
+    if text.len() > ROOM {
+        return Err(unfit(format!("it has {} bytes; accepted: at most {ROOM}", text.len())));
     }
     let specifier = define(AttributeSpecifier::new(), HASH, &hash(text));
     let refused = || unfit("iceoryx2 rejects a part of it".to_owned());
@@ -73,7 +73,7 @@ pub(crate) fn continuations(
     let rest = text.get(FIRST_BYTES..).unwrap_or_default();
     (1..)
         .zip(chunks(rest, CONTINUATION_BYTES))
-        .map(|(number, part)| continuation(node, domain, &continuation_name(text, number), part))
+        .map(|(number, part)| continuation(node, domain, &continuation_name(&hash(text), number), part))
         .collect()
 }
 
@@ -120,7 +120,7 @@ pub(crate) fn read(domain: &Domain, type_name: &str, attributes: &AttributeSet) 
             break;
         }
         let Some(stated) = &hash_stated else { break };
-        let details = ServiceName::new(&format!("schema/{stated}/{number}"))
+        let details = ServiceName::new(&continuation_name(stated, number))
             .ok()
             .and_then(|name| ipc::Service::details(&name, domain.config(), MessagingPattern::Event).ok().flatten());
         let Some(details) = details else { break };
@@ -136,7 +136,7 @@ pub(crate) fn read(domain: &Domain, type_name: &str, attributes: &AttributeSet) 
 pub(crate) fn hold_others(node: &Node<ipc::Service>, own: &str, attributes: &AttributeSet) -> Vec<SchemaContinuation> {
     let Some(stated) = value(attributes, HASH).filter(|stated| *stated != hash(own)) else { return Vec::new() };
     let open = |number| {
-        let service = ServiceName::new(&format!("schema/{stated}/{number}")).ok()?;
+        let service = ServiceName::new(&continuation_name(&stated, number)).ok()?;
         node.service_builder(&service).event().open().ok()
     };
     (1..=CONTINUATIONS).map_while(open).collect()
@@ -146,8 +146,8 @@ fn hash(text: &str) -> String {
     format!("{:08x}", hash_of(text))
 }
 
-fn continuation_name(text: &str, number: usize) -> String {
-    format!("schema/{}/{number}", hash(text))
+fn continuation_name(hash: &str, number: usize) -> String {
+    format!("schema/{hash}/{number}")
 }
 
 fn first(text: &str) -> &str {
