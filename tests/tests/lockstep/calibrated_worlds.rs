@@ -16,7 +16,6 @@ use plant::world::{Warming, Wind};
 use plant::{Plant, PlantConfig};
 use std::io::{IsTerminal, Write};
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Worlds of each robot. The tolerances of calibrations were chosen in the worlds 1 to 100.
 const SEEDS: std::ops::Range<u64> = 1001..1101;
@@ -218,24 +217,14 @@ fn hold(robot: &Robot, at_m: &Vector3<f64>) -> Option<elastic::Realisation> {
 
 /// All worlds of a robot, over the cores, with the progress on a terminal.
 fn outcomes(name: &str, cables: usize, points: usize) -> Vec<Outcome> {
-    let (next, shows) = (AtomicU64::new(SEEDS.start), std::io::stderr().is_terminal());
-    let work = || {
-        let mut mine = Vec::new();
-        loop {
-            let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= SEEDS.end {
-                return mine;
-            }
-            mine.push(World::new(name, cables, seed).outcome(points));
-            if shows {
-                let _ = write!(std::io::stderr(), "\r{name}, {cables} cables: world {seed} ");
-            }
+    let shows = std::io::stderr().is_terminal();
+    let seeds: Vec<u64> = SEEDS.collect();
+    command::parallel(&seeds, command::processors(), |&seed| {
+        let outcome = World::new(name, cables, seed).outcome(points);
+        if shows {
+            let _ = write!(std::io::stderr(), "\r{name}, {cables} cables: world {seed} ");
         }
-    };
-    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect()
+        outcome
     })
 }
 

@@ -13,6 +13,7 @@
 mod failure;
 mod missions;
 mod output;
+mod parallel;
 pub mod points;
 mod program;
 mod signals;
@@ -21,5 +22,6 @@ pub mod values;
 pub use failure::{Answer, Failure};
 pub use missions::mission_path;
 pub use output::{Output, print_line};
-pub use program::main;
+pub use parallel::{parallel, processors};
+pub use program::{main, tool};
 pub use signals::{SIGNAL, StopFlag, stop_flag};

@@ -1,7 +1,7 @@
 //! The main function of a program: arguments to exit code.
 
 use crate::{Answer, Failure, Output, print_line};
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches, Parser};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -13,11 +13,41 @@ pub fn main<C: Parser>(
     json: impl Fn(&C) -> bool,
     run: impl FnOnce(&C) -> Answer<Option<Output>>,
 ) -> ExitCode {
-    let command = C::command();
-    let name = command.get_name();
+    execute(C::command(), args, json, run)
+}
+
+/// A program of one command: its own arguments, and `--json`.
+#[derive(Parser)]
+struct Tool<A: clap::Args> {
+    #[command(flatten)]
+    args: A,
+    /// Print one JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs a program of one command, as [`main`] does. `about` is its description in the help.
+pub fn tool<A: clap::Args>(
+    name: &'static str,
+    version: &'static str,
+    about: &'static str,
+    run: impl FnOnce(&A) -> Answer<Output>,
+) -> ExitCode {
+    let command = Tool::<A>::command().name(name).version(version).about(about);
+    execute(command, std::env::args_os(), |tool: &Tool<A>| tool.json, |tool| run(&tool.args).map(Some))
+}
+
+fn execute<C: FromArgMatches>(
+    command: clap::Command,
+    args: impl IntoIterator<Item = OsString>,
+    json: impl Fn(&C) -> bool,
+    run: impl FnOnce(&C) -> Answer<Option<Output>>,
+) -> ExitCode {
+    let name = command.get_name().to_owned();
+    let name = name.as_str();
     // `nims up` is a separate program, but its messages start with `nims`.
     let prefix = name.split(' ').next().unwrap_or(name);
-    let cli = match C::try_parse_from(args) {
+    let cli = match command.try_get_matches_from(args).and_then(|given| C::from_arg_matches(&given)) {
         Ok(cli) => cli,
         Err(error) if error.exit_code() == 0 => {
             // --help and --version

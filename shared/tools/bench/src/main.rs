@@ -1,19 +1,7 @@
 //! The program `nims bench`.
 
-use clap::Parser;
-use nims_bench::{Args, peer};
+use nims_bench::peer;
 use std::process::ExitCode;
-
-/// Measure whether this machine is suitable for a robot, each figure compared with a plain alternative.
-#[derive(Debug, Parser)]
-#[command(name = "nims bench", version = runtime::build::description())]
-struct Cli {
-    #[command(flatten)]
-    args: Args,
-    /// Print one JSON object on stdout.
-    #[arg(long)]
-    json: bool,
-}
 
 fn main() -> ExitCode {
     let mut given = std::env::args().skip(1);
@@ -26,5 +14,6 @@ fn main() -> ExitCode {
             }
         };
     }
-    command::main(std::env::args_os(), |cli: &Cli| cli.json, |cli| nims_bench::run(&cli.args).map(Some))
+    let about = "Measure whether this machine is suitable for a robot, each figure compared with a plain alternative";
+    command::tool("nims bench", runtime::build::description(), about, nims_bench::run)
 }

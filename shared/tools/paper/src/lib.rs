@@ -25,8 +25,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use section::{Effort, Section, Verdict};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A figure, table or improvement on the page.
 #[derive(Clone, Copy)]
@@ -91,35 +89,19 @@ pub fn entries(names: &[String]) -> Answer<Vec<Entry>> {
 pub fn compute(entries: &[Entry], effort: Effort, progress: &ProgressBar) -> Answer<Vec<Section>> {
     let mut order: Vec<usize> = (0..entries.len()).collect();
     order.sort_by(|a, b| entries[*b].seconds.total_cmp(&entries[*a].seconds));
-    let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<Option<Result<Section>>>> = Mutex::new(entries.iter().map(|_| None).collect());
-    let work = || {
-        while let Some(index) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
-            progress.set_message(entries[*index].key);
-            let section = (entries[*index].make)(effort);
-            progress.inc(1);
-            if let Ok(mut done) = done.lock() {
-                done[*index] = Some(section);
-            }
-        }
-    };
-    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(entries.len());
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(work);
-        }
+    let done = command::parallel(&order, command::processors(), |&index| {
+        progress.set_message(entries[index].key);
+        let section = (entries[index].make)(effort);
+        progress.inc(1);
+        section
     });
     progress.finish_and_clear();
-    let done = done.into_inner().map_err(|_| Failure::NotNow("the computation of a figure ended early".to_owned()))?;
-    entries
-        .iter()
-        .zip(done)
-        .map(|(entry, section)| match section {
-            Some(Ok(section)) => Ok(section),
-            Some(Err(error)) => Err(Failure::NotNow(format!("{} could not be computed: {error:#}", entry.key))),
-            None => Err(Failure::NotNow(format!("{} was not computed", entry.key))),
-        })
-        .collect()
+    let mut done: Vec<(usize, Result<Section>)> = order.into_iter().zip(done).collect();
+    done.sort_unstable_by_key(|(index, _)| *index);
+    let named = |(index, section): (usize, Result<Section>)| {
+        section.map_err(|error| Failure::NotNow(format!("{} could not be computed: {error:#}", entries[index].key)))
+    };
+    done.into_iter().map(named).collect()
 }
 
 /// Writes the plots and the page.

@@ -26,10 +26,9 @@ pub use tape::{Tape, true_node};
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use command::{Answer, Failure, Output};
+use config::SystemFile;
 use files::{cannot_write, write};
 use fly::{Ended, Flown};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -51,9 +50,16 @@ pub fn run(args: &Args) -> Answer<Output> {
             (Some(folder), path)
         }
     };
-    let folders = variants.iter().map(|variant| prepare(variant, args, &folder)).collect::<Answer<Vec<PathBuf>>>()?;
+    let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
+    let prepared = |variant: &Variant| prepare(variant, &args.system, &file.robot, &folder);
+    let folders = variants.iter().map(prepared).collect::<Answer<Vec<PathBuf>>>()?;
     let progress = progress(variants.len());
-    let flown = fly_all(args, &folders, &progress)?;
+    let flown = command::parallel(&folders, args.jobs.unwrap_or_else(command::processors), |folder| {
+        let flown = fly::fly(folder, args);
+        progress.inc(1);
+        flown
+    });
+    progress.finish_and_clear();
     let rows: Vec<(&Variant, &Flown)> = variants.iter().zip(&flown).collect();
     let value = table::json(&rows);
     if args.out.is_some() {
@@ -68,38 +74,11 @@ pub fn run(args: &Args) -> Answer<Output> {
 }
 
 /// Writes the files of a variant into a folder of its own below `out`, and returns that folder.
-fn prepare(variant: &Variant, args: &Args, out: &Path) -> Answer<PathBuf> {
+fn prepare(variant: &Variant, system: &Path, robot: &Path, out: &Path) -> Answer<PathBuf> {
     let folder = out.join(variant.folder_name());
     fs::create_dir_all(&folder).map_err(|error| cannot_write(&folder, &error))?;
-    variant.write(&args.system, &folder)?;
+    variant.write(system, robot, &folder)?;
     Ok(folder)
-}
-
-/// Flies in as many threads as there are processors.
-fn fly_all(args: &Args, folders: &[PathBuf], progress: &ProgressBar) -> Answer<Vec<Flown>> {
-    let next = AtomicUsize::new(0);
-    let flown: Mutex<Vec<Option<Flown>>> = Mutex::new(folders.iter().map(|_| None).collect());
-    let work = || {
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(folder) = folders.get(index) else { return };
-            let ended = fly::fly(folder, args);
-            progress.inc(1);
-            if let Ok(mut flown) = flown.lock() {
-                flown[index] = Some(ended);
-            }
-        }
-    };
-    let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    std::thread::scope(|scope| {
-        for _ in 0..args.jobs.unwrap_or(processors).min(folders.len()) {
-            scope.spawn(work);
-        }
-    });
-    progress.finish_and_clear();
-    let early = || Failure::NotNow("a flight ended early".to_owned());
-    let flown = flown.into_inner().map_err(|_| early())?;
-    flown.into_iter().map(|flown| flown.ok_or_else(early)).collect()
 }
 
 fn progress(flights: usize) -> ProgressBar {

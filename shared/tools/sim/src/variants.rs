@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use command::{Answer, Failure};
-use config::SystemFile;
 use toml_edit::{DocumentMut, Item, Table, Value};
 
 use crate::files;
@@ -169,21 +168,21 @@ impl Variant {
         format!("{:03}-{name}", self.number)
     }
 
-    /// Writes `system.toml`, and `robot.toml` if a value of it differs, into the folder of the flight.
+    /// Writes `system.toml`, and `robot.toml` if a value of it differs, into the folder of the flight. `robot` is the
+    /// robot file of the system.
     ///
     /// # Errors
     /// A file cannot be read or written, a key has no section, or the world is not accepted.
-    pub fn write(&self, system: &Path, folder: &Path) -> Answer<()> {
-        let file = SystemFile::load(system).map_err(Failure::bad)?;
+    pub fn write(&self, system: &Path, robot: &Path, folder: &Path) -> Answer<()> {
         let mut document = nims_truth::moved(system, folder)?;
         let (robot_sets, system_sets): (Vec<&Assignment>, Vec<&Assignment>) =
             self.common.iter().chain(&self.own).partition(|set| is_of_robot(&set.key));
         if !robot_sets.is_empty() {
-            let text = fs::read_to_string(&file.robot).map_err(Failure::bad)?;
-            let mut robot: DocumentMut = text.parse().map_err(Failure::bad)?;
-            make_absolute(&mut robot, file.robot.parent().unwrap_or(Path::new("")));
-            robot_sets.into_iter().try_for_each(|assignment| set(robot.as_table_mut(), assignment))?;
-            files::write(&folder.join("robot.toml"), robot.to_string())?;
+            let text = fs::read_to_string(robot).map_err(Failure::bad)?;
+            let mut changed: DocumentMut = text.parse().map_err(Failure::bad)?;
+            make_absolute(&mut changed, robot.parent().unwrap_or(Path::new("")));
+            robot_sets.into_iter().try_for_each(|assignment| set(changed.as_table_mut(), assignment))?;
+            files::write(&folder.join("robot.toml"), changed.to_string())?;
             document.insert("robot", toml_edit::value("robot.toml"));
         }
         system_sets.into_iter().try_for_each(|assignment| set(document.as_table_mut(), assignment))?;
