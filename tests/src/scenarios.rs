@@ -97,19 +97,9 @@ pub fn planar() -> Result<Scenario> {
     let configs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
     let file = SystemFile::load(&configs.join("systems/aq4.toml"))?;
     let robot_file = file.robot_file()?;
-    let robot = robot_file.robot()?;
-    Ok(Scenario {
-        robot,
-        plant: BoxConfig::from_files(&file, &robot_file, std::path::Path::new("/"))?.plant,
-        mission: Mission::read(&file.planner.missions.join(&file.planner.demo).with_extension("toml"))?,
-        period_s: file.period_s(),
-        law: Law::from_section(&file.controller)?,
-        horizon: u32::try_from(file.controller.horizon_cycles)?,
-        method: Method::from_section(&file.estimator)?,
-        stretch: true,
-        distribution: file.controller.distribution_for(&robot),
-        longest_s: 300.0,
-    })
+    let plant = BoxConfig::from_files(&file, &robot_file, std::path::Path::new("/"))?.plant;
+    let mission = Mission::read(&file.planner.missions.join(&file.planner.demo).with_extension("toml"))?;
+    Scenario::from_files(&file, robot_file.robot()?, plant, mission)
 }
 
 /// Headings of the rows of [`row`].

@@ -2,8 +2,6 @@
 
 use cable_robot::{Anchors, CableVec, Obstacle, Vector3};
 use config::{CalibrationFile, RobotFile, SystemFile};
-use controller::Law;
-use estimator::Method;
 use motor_box::BoxConfig;
 use nims_tests::lockstep::{Chain, Lockstep, Scenario};
 use nims_tests::scenarios;
@@ -70,18 +68,8 @@ impl Drawn {
     /// The same with another chain.
     pub fn lockstep_with(&self, chain: Chain) -> Lockstep {
         let robot = self.robot.robot().unwrap();
-        let scenario = Scenario {
-            robot,
-            plant: self.plant.clone(),
-            mission: scenarios::mission("polyline").unwrap(),
-            period_s: self.file.period_s(),
-            law: Law::from_section(&self.file.controller).unwrap(),
-            horizon: u32::try_from(self.file.controller.horizon_cycles).unwrap(),
-            method: Method::from_section(&self.file.estimator).unwrap(),
-            stretch: true,
-            distribution: self.file.controller.distribution_for(&robot),
-            longest_s: 300.0,
-        };
+        let mission = scenarios::mission("polyline").unwrap();
+        let scenario = Scenario::from_files(&self.file, robot, self.plant.clone(), mission).unwrap();
         Lockstep::with(scenario, chain).unwrap()
     }
 

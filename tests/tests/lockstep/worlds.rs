@@ -4,8 +4,6 @@
 
 use cable_robot::Vector3;
 use config::{CountsStretched, RobotFile, SystemFile};
-use controller::Law;
-use estimator::Method;
 use messages::{PlanStatus, Request};
 use motor_box::BoxConfig;
 use nims_tests::lockstep::{Chain, Cycle, Flight, Lockstep, Scenario, fly, fly_with};
@@ -38,19 +36,8 @@ fn scenario(system: &Path, change: impl Fn(&mut RobotFile, &mut PlantConfig)) ->
     let mut robot_file = file.robot_file().unwrap();
     let mut plant = BoxConfig::from_files(&file, &robot_file, Path::new("/")).unwrap().plant;
     change(&mut robot_file, &mut plant);
-    let robot = robot_file.robot().unwrap();
-    Scenario {
-        robot,
-        plant,
-        mission: Mission::read(&file.planner.missions.join(&file.planner.demo).with_extension("toml")).unwrap(),
-        period_s: file.period_s(),
-        law: Law::from_section(&file.controller).unwrap(),
-        horizon: u32::try_from(file.controller.horizon_cycles).unwrap(),
-        method: Method::from_section(&file.estimator).unwrap(),
-        stretch: true,
-        distribution: file.controller.distribution_for(&robot),
-        longest_s: 300.0,
-    }
+    let mission = Mission::read(&file.planner.missions.join(&file.planner.demo).with_extension("toml")).unwrap();
+    Scenario::from_files(&file, robot_file.robot().unwrap(), plant, mission).unwrap()
 }
 
 fn drawn(name: &str, seed: u64, spread: f64, warming: f64, wind: f64) -> Flight {

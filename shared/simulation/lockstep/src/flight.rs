@@ -1,6 +1,8 @@
 //! What is flown, and what a flight and a cycle of it result in.
 
+use anyhow::Result;
 use cable_robot::{CableVec, Distribution, Robot, Vector3};
+use config::SystemFile;
 use controller::Law;
 use estimator::Method;
 use messages::{
@@ -11,6 +13,9 @@ use planner::Mission;
 use plant::PlantConfig;
 
 use crate::slots::Slots;
+
+/// Longest flight, s, unless a scenario states another: several times that of the example missions.
+const LONGEST_S: f64 = 300.0;
 
 /// One flight: the robot as configured in the software, the plant, and the mission.
 #[derive(Debug, Clone)]
@@ -35,6 +40,27 @@ pub struct Scenario {
     pub distribution: Distribution,
     /// Longest flight, s.
     pub longest_s: f64,
+}
+
+impl Scenario {
+    /// The robot of a system file in a world: period, law, horizon, method and distribution are those of the file.
+    ///
+    /// # Errors
+    /// A value of one of the files that is not accepted.
+    pub fn from_files(file: &SystemFile, robot: Robot, plant: PlantConfig, mission: Mission) -> Result<Self> {
+        Ok(Self {
+            robot,
+            plant,
+            mission,
+            period_s: file.period_s(),
+            law: Law::from_section(&file.controller)?,
+            horizon: u32::try_from(file.controller.horizon_cycles)?,
+            method: Method::from_section(&file.estimator)?,
+            stretch: true,
+            distribution: file.controller.distribution_for(&robot),
+            longest_s: LONGEST_S,
+        })
+    }
 }
 
 /// Statistics of distances over the moving cycles, m.

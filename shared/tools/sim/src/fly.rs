@@ -4,8 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use config::SystemFile;
-use controller::{Controller, Law};
-use estimator::Method;
+use controller::Controller;
 use lockstep::{Chain, Cycle, Flight, Observed, Scenario, fly_chain};
 use messages::MotorAuthority;
 use motor_box::BoxConfig;
@@ -81,21 +80,11 @@ fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
 /// Everything of the flight but the chain, which is that of the system file.
 fn scenario(file: &SystemFile, args: &Args) -> Result<Scenario> {
     let robot_file = file.robot_file()?;
-    let robot = robot_file.robot()?;
     let asked = args.mission.as_deref().unwrap_or(&file.planner.demo);
-    let mission = command::mission_path(asked, Some(&file.planner.missions))?;
-    Ok(Scenario {
-        robot,
-        plant: BoxConfig::from_files(file, &robot_file, Path::new(""))?.plant,
-        mission: Mission::read(&mission)?,
-        period_s: file.period_s(),
-        law: Law::from_section(&file.controller)?,
-        horizon: u32::try_from(file.controller.horizon_cycles)?,
-        method: Method::from_section(&file.estimator)?,
-        stretch: true,
-        distribution: file.controller.distribution_for(&robot),
-        longest_s: args.longest,
-    })
+    let mission = Mission::read(&command::mission_path(asked, Some(&file.planner.missions))?)?;
+    let plant = BoxConfig::from_files(file, &robot_file, Path::new(""))?.plant;
+    let scenario = Scenario::from_files(file, robot_file.robot()?, plant, mission)?;
+    Ok(Scenario { longest_s: args.longest, ..scenario })
 }
 
 fn record(tape: &mut Tape, seen: &Observed<'_>) -> Result<()> {
