@@ -17,23 +17,23 @@ use crate::settings::Args;
 /// The system file declares no such program, or declares it for the other template; it cannot be started. On success it
 /// returns only from a check.
 pub fn exec(args: &Args, plugin: &str, socket: &Path) -> Answer {
-    let (system, bad) = (args.system.display(), |why: String| Failure::BadInput(why));
+    let system = args.system.display();
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
-    let unknown = || bad(format!("{system} declares no [[plugin]] \"{plugin}\" with a command"));
+    let unknown = || Failure::BadInput(format!("{system} declares no [[plugin]] \"{plugin}\" with a command"));
     let declared = file.plugin.iter().find(|one| one.name == plugin).ok_or_else(unknown)?;
     if declared.network != args.network {
         let (is, template) = (declared.network, if declared.network { WITH_NETWORK } else { TEMPLATE });
         let why =
             format!("{system} has network = {is} for the [[plugin]] \"{plugin}\"; start it in a unit of {template}@");
-        return Err(bad(why));
+        return Err(Failure::BadInput(why));
     }
     let instance = args.instance();
     if instance.len() + plugin.len() > NAMES {
         let why = format!(
-            "`{instance}` and `{plugin}` have more than {NAMES} characters together, so that the plug-in \
-                           would have no user of its own; shorten the name of {system} or that of the [[plugin]]"
+            "`{instance}` and `{plugin}` have more than {NAMES} characters together, so that the plug-in would have no \
+             user of its own; shorten the name of {system} or that of the [[plugin]]"
         );
-        return Err(bad(why));
+        return Err(Failure::BadInput(why));
     }
     let (program, arguments) = declared.command.split_first().ok_or_else(unknown)?;
     if args.declared {

@@ -275,7 +275,7 @@ fn a_plug_in_publishes_its_readings_and_does_nothing_else() {
 
 /// The kernel names the unit of a process; neither its user nor the name in its readings counts for a plug-in.
 #[test]
-fn a_unit_publishes_its_own_sensor_only_whoever_its_user_is() {
+fn a_unit_publishes_its_own_sensor_only_whatever_its_user_is() {
     let section = |name: &str| PluginSection {
         name: name.to_owned(),
         quantity: vec!["moisture".to_owned()],

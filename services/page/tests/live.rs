@@ -1,5 +1,5 @@
 //! The page in front of a real robot and its gateway: what a browser without a token may do, what the holder of a token
-//! may, and that a motion that nobody holds any more ends.
+//! may, and that a motion ends that is held no more.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
