@@ -6,16 +6,23 @@
     state["length_m"][:, 0]          # first cable, m
     run.seconds(state)               # s since the run began
 
+    run.read("motor/state", "node/truth", begin_s=30, end_s=40)    # several channels in one pass
+    for name, samples in run.pieces():                             # a run of any length in little memory
+        ...
+
 Samples of nims have a fixed size, so they are not decoded one by one: the message index of each chunk locates the
 samples of a channel, and they are copied at once. Messages of the visualization process are read too: their texts become
 bytes, their lists arrays. Needs `numpy`, `mcap` and `zstandard`.
 """
 
 import itertools
-import mmap
+import os
 import re
 import struct
+import threading
 import warnings
+from collections import OrderedDict, deque
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +44,10 @@ TIMES = np.dtype([("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u
 REPEATS = 1024
 RECOVERED = "-recovered"
 FIELD = re.compile(r"^([A-Za-z][\w/]*)(?:\[(\d*)\])?\s+([a-z]\w*)$")
+# Uncompressed chunks that are kept, bytes: the channels of a short run are usually read one after the other.
+CACHE_BYTES = 64 * 2**20
+# Chunks that are read and uncompressed ahead, beside the copying.
+AHEAD = 3
 # Position of the record's length before a message's times; bytes of the record beside the data.
 LENGTH_AT, LENGTH_HEAD = 8 + 2 + 4 + 8 + 8, 2 + 4 + 8 + 8 + CDR_HEAD
 CONSTANT = re.compile(r"^(\w+)\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)$")
@@ -155,20 +166,28 @@ class Run:
                 f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it",
                 stacklevel=2,
             )
-        self._maps, self._summaries, self.definitions, self.counts = [], [], {}, {}
+        self._descriptors, self._summaries, self.definitions, self.counts = [], [], {}, {}
+        self._numbers, self._cache, self._cached_bytes = [], OrderedDict(), 0
+        self._lock = threading.Lock()
         for file in self.files:
             with file.open("rb") as stream:
                 summary = make_reader(stream).get_summary()
                 if summary is None or summary.statistics is None:
                     raise RunError(f"{file} has no index: `nims recover {file}` makes one")
-                self._maps.append(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+                self._descriptors.append(os.dup(stream.fileno()))
             self._summaries.append(summary)
+            numbers = {}
             for number, channel in summary.channels.items():
                 name = self._name_of(channel, summary.schemas[channel.schema_id])
+                numbers.setdefault(name, []).append(number)
                 count = summary.statistics.channel_message_counts.get(number, 0)
                 self.counts[name] = self.counts.get(name, 0) + count
+            self._numbers.append(numbers)
         self.begin_ns = self._begin()
-        self._chunks = {}
+
+    def __del__(self):
+        for descriptor in getattr(self, "_descriptors", []):
+            os.close(descriptor)
 
     def _begin(self):
         """The start of the recorder, from which the run counts, UNIX ns."""
@@ -197,8 +216,9 @@ class Run:
         if not any(_is_open(part, {}) for part in re.split(r"^=+\n(?:MSG:.*\n)?", text, flags=re.MULTILINE)):
             return Definition(text)
         for file in range(len(self.files)):
-            for raw, begins, _ in self._messages(file, name):
-                return Definition(text, raw[begins[0] : begins[0] + _body_bytes(raw, begins)[0]])
+            for chunk, entries_of in self._chunks(file, [name], lambda _: True):
+                begins = _begins(entries_of[name])
+                return Definition(text, chunk[begins[0] : begins[0] + _body_bytes(chunk, begins)[0]])
         raise RunError(f"`{name}` has texts or lists but no samples, so their lengths are unknown")
 
     def names(self, name, field):
@@ -213,58 +233,123 @@ class Run:
 
     def __getitem__(self, name):
         """All samples of a channel in the order of their recording: a structured array; `log_time_ns` (UNIX time) comes first."""
-        definition = self.definition(name)
-        parts, before = [], []
+        return self.read(name)[name]
+
+    def read(self, *names, begin_s=None, end_s=None):
+        """Samples of these channels (default: of all) from `begin_s` until before `end_s`, as a dictionary of arrays.
+
+        One pass over the run, however many channels it reads.
+        """
+        names = names or self.channels
+        definitions, whole, filled = {}, {}, dict.fromkeys(names, 0)
+        for name in names:
+            self._schema(name)
+            if self.counts[name]:
+                definitions[name] = self.definition(name)
+                if definitions[name].is_fixed:
+                    # The system gives an array its memory where it is first written to.
+                    whole[name] = np.empty(self.counts[name], _record(definitions[name]))
+        lists = {name: [] for name in names if name not in whole}
+        for name, piece in self._pieces(names, definitions, begin_s, end_s):
+            if name in whole:
+                whole[name][filled[name] : filled[name] + len(piece)] = piece
+                filled[name] += len(piece)
+            else:
+                lists[name].append(piece)
+        read = {name: _shortened(samples, filled[name]) for name, samples in whole.items()}
+        read.update((name, self._open(name, pieces)) for name, pieces in lists.items())
+        return {name: _ordered(read[name]) for name in names}
+
+    def pieces(self, *names, begin_s=None, end_s=None):
+        """The same samples bit by bit: pairs of a channel's name and an array, one for each chunk of the file.
+
+        For runs that are larger than the memory. Samples of a channel are in the order of writing.
+        """
+        names = names or self.channels
+        definitions = {name: self.definition(name) for name in names if self.counts.get(name, 1)}
+        for name, piece in self._pieces(names, definitions, begin_s, end_s):
+            yield name, piece.view(_flat(piece.dtype))
+
+    def _open(self, name, pieces):
+        """Joins the pieces of a channel that has texts or lists, or no samples."""
+        if pieces:
+            return _joined(pieces)
+        return np.zeros(0, _record(self.definition(name)))
+
+    def _pieces(self, names, definitions, begin_s, end_s):
+        """For each chunk and each channel in it: the records of its samples, without those that a file repeats."""
+        begin_ns, end_ns = (None if at is None else self.begin_ns + round(at * 1e9) for at in (begin_s, end_s))
+
+        def wanted(chunk):
+            return not (begin_ns and chunk.message_end_time < begin_ns or end_ns and chunk.message_start_time >= end_ns)
+
+        before = {}
         for file in range(len(self.files)):
-            part, keys = self._of_file(file, name, definition)
-            new = np.ones(len(part), bool)
-            known = set(before)
-            new[:REPEATS] = [key not in known for key in keys[:REPEATS].tolist()]
-            parts.append(part[new])
-            before = (before + keys[new][-REPEATS:].tolist())[-REPEATS:]
-        whole = _joined([part for part in parts if len(part)] or parts[:1])
-        whole = whole[np.argsort(whole["log_time_ns"], kind="stable")]
-        return whole.view(_flat(whole.dtype))
+            seen, last = {}, {}
+            for chunk, entries_of in self._chunks(file, names, wanted):
+                for name, entries in entries_of.items():
+                    piece = _records(definitions[name], chunk, entries, f"{self.files[file]}: samples of `{name}`")
+                    keep = np.ones(len(piece), bool)
+                    if len(self.files) > 1:
+                        keys = _keys(chunk, entries)
+                        repeats = slice(0, max(0, REPEATS - seen.get(name, 0)))
+                        keep[repeats] = [key not in before.get(name, ()) for key in keys[repeats].tolist()]
+                        seen[name] = seen.get(name, 0) + len(piece)
+                        last[name] = (last.get(name, []) + keys[keep][-REPEATS:].tolist())[-REPEATS:]
+                    if begin_ns or end_ns:
+                        keep &= (entries["log_time"] >= (begin_ns or 0)) & (entries["log_time"] < (end_ns or 2**63))
+                    yield name, piece if keep.all() else piece[keep]
+            before.update((name, set(keys)) for name, keys in last.items())
 
-    def _messages(self, file, name):
-        """For each chunk with samples of a channel: its bytes, where their bodies begin, and their index entries."""
-        summary, data = self._summaries[file], self._maps[file]
-        numbers = [n for n, c in summary.channels.items() if self._name_of(c, summary.schemas[c.schema_id]) == name]
-        for chunk in summary.chunk_indexes:
-            for number in numbers:
-                if number in chunk.message_index_offsets:
-                    entries = _index(data, chunk.message_index_offsets[number])
-                    yield self._chunk(file, chunk), entries["offset"].astype(np.int64) + MESSAGE_HEAD + CDR_HEAD, entries
-
-    def _of_file(self, file, name, definition):
-        parts, keys = [], []
-        for raw, begins, entries in self._messages(file, name):
-            pieces, places = [], []
-            for alike, which in _groups(definition, raw, begins):
-                record = np.dtype([("log_time_ns", "<u8"), ("sample", alike.dtype)])
-                size = alike.dtype.itemsize
-                if begins[which].max() + size > len(raw):
-                    raise RunError(f"{self.files[file]}: samples of `{name}` are shorter than their definition")
-                piece = np.empty(len(which), record)
-                piece["log_time_ns"] = entries["log_time"][which]
-                bodies = raw[begins[which][:, None] + np.arange(size)]
-                piece["sample"] = np.ascontiguousarray(bodies).view(alike.dtype)[:, 0]
-                pieces.append(piece), places.append(which)
-            parts.append(_joined(pieces, places))
-            heads = raw[(begins - CDR_HEAD - TIMES.itemsize)[:, None] + np.arange(TIMES.itemsize)].view(TIMES)[:, 0]
-            keys.append(heads[["sequence", "publish_time"]])
-        if not parts:
-            return np.zeros(0, np.dtype([("log_time_ns", "<u8"), ("sample", definition.dtype)])), np.zeros(0, TIMES)
-        return _joined(parts), np.concatenate(keys)
+    def _chunks(self, file, names, wanted):
+        """Chunks with samples of these channels, uncompressed, and the index entries of each channel in them."""
+        numbers = {number: name for name in names for number in self._numbers[file].get(name, ())}
+        chunks = [
+            chunk
+            for chunk in self._summaries[file].chunk_indexes
+            if wanted(chunk) and not numbers.keys().isdisjoint(chunk.message_index_offsets)
+        ]
+        with ThreadPoolExecutor(1) as others:
+            coming = deque()
+            try:
+                for place, chunk in enumerate(chunks):
+                    for later in chunks[place + len(coming) : place + AHEAD]:
+                        coming.append(others.submit(self._chunk, file, later))
+                    raw, index = coming.popleft().result()
+                    entries_of = {}
+                    for number, offset in sorted(chunk.message_index_offsets.items(), key=lambda item: item[1]):
+                        if number in numbers:
+                            at = offset - chunk.chunk_start_offset - chunk.chunk_length
+                            entries = _index(index, at)
+                            if not len(entries):
+                                continue
+                            known = entries_of.get(numbers[number])
+                            entries_of[numbers[number]] = entries if known is None else np.concatenate((known, entries))
+                    yield raw, entries_of
+            finally:
+                for waiting in coming:
+                    waiting.cancel()
 
     def _chunk(self, file, chunk):
+        """The uncompressed records of a chunk, and the index behind it."""
         key = (file, chunk.chunk_start_offset)
-        if key not in self._chunks:
-            # Cached, because the channels of a run are usually read one after the other.
-            if len(self._chunks) >= 512:
-                self._chunks.clear()
-            self._chunks[key] = _uncompressed(self._maps[file], chunk)
-        return self._chunks[key]
+        with self._lock:
+            if key in self._cache:
+                self._cache.move_to_end(key)
+                return self._cache[key]
+        length = chunk.chunk_length + chunk.message_index_length
+        stored = os.pread(self._descriptors[file], length, chunk.chunk_start_offset)
+        if len(stored) < length:
+            raise RunError(f"{self.files[file]} ends within a chunk: `nims recover {self.files[file]}` restores it")
+        ready = _uncompressed(stored, chunk), stored[chunk.chunk_length :]
+        with self._lock:
+            if key not in self._cache:
+                self._cache[key] = ready
+                self._cached_bytes += len(ready[0])
+            while self._cached_bytes > CACHE_BYTES and len(self._cache) > 1:
+                _, (oldest, _) = self._cache.popitem(last=False)
+                self._cached_bytes -= len(oldest)
+        return ready
 
     def seconds(self, samples):
         """Time of each sample, s since the run began."""
@@ -335,18 +420,70 @@ def _flat(record):
     })
 
 
-def _index(data, offset):
-    length = struct.unpack_from("<I", data, offset + 1 + 8 + 2)[0]
+def _record(definition):
+    return np.dtype([("log_time_ns", "<u8"), ("sample", definition.dtype)])
+
+
+def _shortened(samples, count):
+    """The first `count` samples, without the memory of the others if they are many."""
+    return samples[:count] if 2 * count > len(samples) else samples[:count].copy()
+
+
+def _ordered(samples):
+    """Samples in the order of recording, with their fields beside the time."""
+    times = samples["log_time_ns"]
+    if (times[1:] < times[:-1]).any():
+        samples = samples[np.argsort(times, kind="stable")]
+    return samples.view(_flat(samples.dtype))
+
+
+def _index(data, at):
+    """The entries of a message index that begins at `at`."""
+    length = struct.unpack_from("<I", data, at + 1 + 8 + 2)[0]
     entry = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
-    return np.frombuffer(data, entry, length // entry.itemsize, offset + 1 + 8 + 2 + 4)
+    return np.frombuffer(data, entry, length // entry.itemsize, at + 1 + 8 + 2 + 4)
 
 
-def _uncompressed(data, chunk):
+def _begins(entries):
+    """Where the bodies of samples begin in their chunk."""
+    return entries["offset"].astype(np.int64) + (MESSAGE_HEAD + CDR_HEAD)
+
+
+def _cut(raw, begins, size):
+    """Pieces of `size` bytes that begin at these places, copied."""
+    # Each place of the chunk is an element as long as a piece, so that NumPy copies a piece at once.
+    windows = np.ndarray(len(raw) - size + 1, np.dtype((np.void, size)), raw, strides=(1,))
+    return windows[begins]
+
+
+def _keys(raw, entries):
+    """What identifies samples that a later file repeats."""
+    heads = _cut(raw, _begins(entries) - CDR_HEAD - TIMES.itemsize, TIMES.itemsize).view(TIMES)
+    return heads[["sequence", "publish_time"]]
+
+
+def _records(definition, raw, entries, what):
+    """Times and samples of a channel in one chunk."""
+    begins = _begins(entries)
+    pieces, places = [], []
+    for alike, which in _groups(definition, raw, begins):
+        size = alike.dtype.itemsize
+        if len(which) and begins[which].max() + size > len(raw):
+            raise RunError(f"{what} are shorter than their definition")
+        record = _record(alike)
+        # The bytes before a sample get the time.
+        piece = _cut(raw, begins[which] - (record.itemsize - size), record.itemsize).view(record)
+        piece["log_time_ns"] = entries["log_time"][which]
+        pieces.append(piece), places.append(which)
+    return pieces[0] if len(pieces) == 1 else _joined(pieces, places)
+
+
+def _uncompressed(stored, chunk):
     # opcode, length, start time, end time, uncompressed size, CRC, name of the compression
-    at = chunk.chunk_start_offset + 1 + 8 + 8 + 8 + 8 + 4
-    at += 4 + struct.unpack_from("<I", data, at)[0]
-    length = struct.unpack_from("<Q", data, at)[0]
-    body = data[at + 8 : at + 8 + length]
+    at = 1 + 8 + 8 + 8 + 8 + 4
+    at += 4 + struct.unpack_from("<I", stored, at)[0]
+    length = struct.unpack_from("<Q", stored, at)[0]
+    body = memoryview(stored)[at + 8 : at + 8 + length]
     if chunk.compression == "zstd":
         import zstandard
 

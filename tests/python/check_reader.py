@@ -46,6 +46,19 @@ run = Run(sys.argv[1])
 ours = {name: run[name] for name in run.channels}
 our_time = time.perf_counter() - begun
 
+# In one pass, piece by piece, and from one time to another: the same samples.
+together, bit_by_bit = run.read(), {}
+for name, piece in run.pieces():
+    bit_by_bit.setdefault(name, []).append(piece)
+for name, samples in ours.items():
+    assert together[name].tobytes() == samples.tobytes(), name
+    times = np.concatenate([piece["log_time_ns"] for piece in bit_by_bit.get(name, [])] or [samples["log_time_ns"]])
+    assert np.array_equal(np.sort(times), np.sort(samples["log_time_ns"])), name
+    seconds = run.seconds(samples)
+    begin_s, end_s = (np.quantile(seconds, share) for share in (0.3, 0.4)) if len(samples) else (0.0, 1.0)
+    within = run.read(name, begin_s=begin_s, end_s=end_s)[name]
+    assert len(within) == np.count_nonzero((seconds >= begin_s) & (seconds < end_s)), name
+
 begun = time.perf_counter()
 theirs, seen, repeated = {}, set(), 0
 path = Path(sys.argv[1])
