@@ -107,6 +107,9 @@ enum Channel {
     LeftOut,
 }
 
+/// Most bytes of rows that wait in memory, of all tables together: then the table with most of them writes its own.
+const WAITING_BYTES: usize = 10 << 20;
+
 /// Samples between two progress reports.
 const PROGRESS_SAMPLES: u64 = 1 << 14;
 
@@ -125,7 +128,7 @@ pub fn export(
     let mut channels: HashMap<usize, Channel> = HashMap::new();
     let mut names: Vec<String> = Vec::new();
     let mut result = ExportResult::default();
-    let (mut begin_ns, mut read) = (None, 0_u64);
+    let (mut begin_ns, mut read, mut waiting) = (None, 0_u64, 0);
     loop {
         read += 1;
         if read.is_multiple_of(PROGRESS_SAMPLES) {
@@ -157,8 +160,13 @@ pub fn export(
             });
         }
         let times = Times { t_s, log_time_ns: recorded.log_time_ns, publish_time_ns: recorded.publish_time_ns };
+        let before = open.sink.waiting_bytes();
         open.sink.row(times, recorded.sample).map_err(RunError::io(&open.exported.file, "write the table"))?;
+        waiting = waiting + open.sink.waiting_bytes() - before;
         open.exported.samples += 1;
+        if waiting > WAITING_BYTES {
+            waiting -= write_most(&mut channels)?;
+        }
     }
     progress(reader.bytes(), reader.bytes());
     if channels.is_empty() {
@@ -174,6 +182,18 @@ pub fn export(
     result.repeated = reader.repeated();
     result.damaged = reader.damage().iter().filter(|(_, damage)| !damage.torn_end).count();
     Ok(result)
+}
+
+/// Writes the waiting rows of the table that has most; returns how many bytes waited.
+fn write_most(channels: &mut HashMap<usize, Channel>) -> Result<usize, RunError> {
+    let open = channels.values_mut().filter_map(|channel| match channel {
+        Channel::Open(open) => Some(open),
+        Channel::LeftOut => None,
+    });
+    let Some(most) = open.max_by_key(|open| open.sink.waiting_bytes()) else { return Ok(0) };
+    let waited = most.sink.waiting_bytes();
+    most.sink.write_waiting().map_err(RunError::io(&most.exported.file, "write the table"))?;
+    Ok(waited)
 }
 
 /// Starts the table of a channel; the inner error is the reason for leaving the channel out.

@@ -15,9 +15,9 @@ use super::table::{Column, ColumnKind, TIMES, Table, Times, text};
 use crate::RecordedChannel;
 
 const MAGIC: &[u8; 4] = b"PAR1";
-/// Rows per row group, and the byte limit of a group: a reader loads one group at a time.
+/// Most rows of a row group: a reader loads one group at a time. The export ends a group earlier where the groups of all
+/// its tables take much memory.
 const GROUP_ROWS: usize = 1 << 16;
-const GROUP_BYTES: usize = 32 << 20;
 /// As in run files: faster and smaller than the default level on this kind of data.
 const ZSTD_LEVEL: i32 = 1;
 
@@ -47,6 +47,7 @@ pub(super) struct Parquet {
     /// Plain values of the row group by column; the three times come first.
     values: Vec<Vec<u8>>,
     rows: usize,
+    bytes: usize,
     groups: Vec<(i64, Vec<Chunk>)>,
     about: [(&'static str, String); 3],
     text: String,
@@ -63,7 +64,7 @@ impl Parquet {
             ("definition", channel.schema.clone()),
         ];
         let (at, columns, text) = (MAGIC.len() as i64, table.columns, String::new());
-        Ok(Self { out, at, columns, values, rows: 0, groups: Vec::new(), about, text })
+        Ok(Self { out, at, columns, values, rows: 0, bytes: 0, groups: Vec::new(), about, text })
     }
 
     fn end_group(&mut self) -> io::Result<()> {
@@ -80,10 +81,11 @@ impl Parquet {
             self.out.write_all(&page)?;
             self.out.write_all(&packed)?;
             self.at += bytes;
-            values.clear();
+            // The next group is about as large; a vector that doubles takes up to twice the memory.
+            *values = Vec::with_capacity(values.len());
         }
         self.groups.push((self.rows as i64, chunks));
-        self.rows = 0;
+        (self.rows, self.bytes) = (0, 0);
         Ok(())
     }
 
@@ -168,8 +170,9 @@ impl Sink for Parquet {
         t_s.extend_from_slice(&times.t_s.to_le_bytes());
         log_time.extend_from_slice(&times.log_time_ns.to_le_bytes());
         publish_time.extend_from_slice(&times.publish_time_ns.to_le_bytes());
-        let mut bytes = 0;
+        self.bytes += 3 * size_of::<u64>();
         for (column, values) in self.columns.iter().zip(values) {
+            let before = values.len();
             match column.kind {
                 ColumnKind::Number(primitive) => {
                     let raw = sample.get(column.offset..column.offset + primitive.size()).unwrap_or(&[0; 8]);
@@ -191,10 +194,18 @@ impl Sink for Parquet {
                     values.extend_from_slice(self.text.as_bytes());
                 }
             }
-            bytes += values.len();
+            self.bytes += values.len() - before;
         }
         self.rows += 1;
-        if self.rows == GROUP_ROWS || bytes >= GROUP_BYTES { self.end_group() } else { Ok(()) }
+        if self.rows == GROUP_ROWS { self.end_group() } else { Ok(()) }
+    }
+
+    fn waiting_bytes(&self) -> usize {
+        self.bytes
+    }
+
+    fn write_waiting(&mut self) -> io::Result<()> {
+        self.end_group()
     }
 
     fn finish(mut self: Box<Self>) -> io::Result<()> {
