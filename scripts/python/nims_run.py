@@ -40,6 +40,9 @@ MESSAGE_HEAD = 1 + 8 + 2 + 4 + 8 + 8
 CDR_HEAD = 4
 # The end of that head: a sample that a later file repeats is identified by its number and its publish time.
 TIMES = np.dtype([("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
+# An index: opcode, record length, channel, bytes of the entries; then the entries.
+INDEX_HEAD = 1 + 8 + 2 + 4
+ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 # Samples per channel at the start of a file that may repeat the end of the previous file.
 REPEATS = 1024
 RECOVERED = "-recovered"
@@ -280,26 +283,36 @@ class Run:
         """For each chunk and each channel in it: the records of its samples, without those that a file repeats."""
         begin_ns, end_ns = (None if at is None else self.begin_ns + round(at * 1e9) for at in (begin_s, end_s))
 
-        def wanted(chunk):
+        def within(chunk):
             return not (begin_ns and chunk.message_end_time < begin_ns or end_ns and chunk.message_start_time >= end_ns)
 
-        before = {}
+        past = {name: _Past() for name in names} if len(self.files) > 1 else {}
         for file in range(len(self.files)):
-            seen, last = {}, {}
-            for chunk, entries_of in self._chunks(file, names, wanted):
+            # A later file may repeat what an earlier one holds before the wanted time.
+            ends = self._ends(file, names) if begin_ns and file + 1 < len(self.files) else ()
+            for one in past.values():
+                one.next_file()
+            for chunk, entries_of in self._chunks(file, names, lambda c, e=ends: within(c) or c.chunk_start_offset in e):
                 for name, entries in entries_of.items():
                     piece = _records(definitions[name], chunk, entries, f"{self.files[file]}: samples of `{name}`")
-                    keep = np.ones(len(piece), bool)
-                    if len(self.files) > 1:
-                        keys = _keys(chunk, entries)
-                        repeats = slice(0, max(0, REPEATS - seen.get(name, 0)))
-                        keep[repeats] = [key not in before.get(name, ()) for key in keys[repeats].tolist()]
-                        seen[name] = seen.get(name, 0) + len(piece)
-                        last[name] = (last.get(name, []) + keys[keep][-REPEATS:].tolist())[-REPEATS:]
+                    keep = past[name].are_new(_keys(chunk, entries)) if past else np.ones(len(piece), bool)
                     if begin_ns or end_ns:
                         keep &= (entries["log_time"] >= (begin_ns or 0)) & (entries["log_time"] < (end_ns or 2**63))
                     yield name, piece if keep.all() else piece[keep]
-            before.update((name, set(keys)) for name, keys in last.items())
+
+    def _ends(self, file, names):
+        """Where the chunks begin that hold the last samples of these channels in a file: those that a later file may repeat."""
+        begins = set()
+        for name in names:
+            left = REPEATS
+            for number in self._numbers[file].get(name, ()):
+                for chunk in reversed(self._summaries[file].chunk_indexes):
+                    offset = chunk.message_index_offsets.get(number)
+                    if offset and left > 0:
+                        begins.add(chunk.chunk_start_offset)
+                        head = os.pread(self._descriptors[file], INDEX_HEAD, offset)
+                        left -= struct.unpack_from("<I", head, INDEX_HEAD - 4)[0] // ENTRY.itemsize
+        return begins
 
     def _chunks(self, file, names, wanted):
         """Chunks with samples of these channels, uncompressed, and the index entries of each channel in them."""
@@ -420,6 +433,26 @@ def _flat(record):
     })
 
 
+class _Past:
+    """The last samples of a channel in earlier files, with which the next file may begin again."""
+
+    def __init__(self):
+        self.last, self.before, self.looked = deque(maxlen=REPEATS), frozenset(), 0
+
+    def next_file(self):
+        self.before, self.looked = frozenset(self.last), 0
+
+    def are_new(self, keys):
+        """For each sample: whether no earlier file has it."""
+        new = np.ones(len(keys), bool)
+        if self.before and self.looked < REPEATS:
+            first = keys[: REPEATS - self.looked].tolist()
+            new[: len(first)] = [key not in self.before for key in first]
+            self.looked += len(first)
+        self.last.extend(keys[new][-REPEATS:].tolist())
+        return new
+
+
 def _record(definition):
     return np.dtype([("log_time_ns", "<u8"), ("sample", definition.dtype)])
 
@@ -439,9 +472,8 @@ def _ordered(samples):
 
 def _index(data, at):
     """The entries of a message index that begins at `at`."""
-    length = struct.unpack_from("<I", data, at + 1 + 8 + 2)[0]
-    entry = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
-    return np.frombuffer(data, entry, length // entry.itemsize, at + 1 + 8 + 2 + 4)
+    length = struct.unpack_from("<I", data, at + INDEX_HEAD - 4)[0]
+    return np.frombuffer(data, ENTRY, length // ENTRY.itemsize, at + INDEX_HEAD)
 
 
 def _begins(entries):
