@@ -13,6 +13,11 @@ use std::time::Duration;
 pub enum Command {
     /// List every channel with its type.
     List,
+    /// Say what a channel carries: who publishes it, its type, and what each field means.
+    Info {
+        /// Name of the channel.
+        name: String,
+    },
     /// Count the samples that arrive per second, and the lost ones.
     Hz {
         /// Channel; default: all.
@@ -43,6 +48,7 @@ impl Command {
         let link = client::link_as(place, Participant::Guest)?;
         match self {
             Self::List => list(&link).map(Some),
+            Self::Info { name } => info(&link, name).map(Some),
             Self::Hz { name, seconds } => rates(&link, name.as_deref(), *seconds).map(Some),
             Self::Echo { name, count, seconds } => echo(&link, name, *count, *seconds).map(|()| None),
         }
@@ -69,6 +75,33 @@ fn list(link: &RobotLink) -> Answer<Output> {
         }));
     }
     Ok(Output::new(json!({ "channels": rows }), lines.join("\n")))
+}
+
+/// `nims channel info`: what a channel carries, of plug-ins too.
+///
+/// # Errors
+/// There is no such channel.
+fn info(link: &RobotLink, name: &str) -> Answer<Output> {
+    let tap = LinkTap::open(link, name)?;
+    let Some(row) = link.channels()?.into_iter().find(|row| row.name == name) else {
+        return Err(Failure::NotNow(format!("channel {name} has just ended: ask again once its process runs")));
+    };
+    let known = messages::channel_of(name);
+    let publisher = known.map_or("a plug-in", |channel| channel.publisher);
+    let kept = messages::quality_for(name, row.size_bytes).kept();
+    let definition = messages::documented(&row.type_name).map(str::to_owned).or(tap.definition().map(|(_, text)| text));
+    let shown = definition.as_deref().unwrap_or("# Its publisher does not say what the fields are.");
+    let words = format!(
+        "{name}: {}, {} bytes, published by {publisher}; a late reader receives {kept}\n\n{}",
+        row.type_name,
+        row.size_bytes,
+        shown.trim_end()
+    );
+    let fields = json!({
+        "name": name, "type": row.type_name, "size_bytes": row.size_bytes, "publisher": publisher,
+        "late_samples": messages::quality_for(name, row.size_bytes).late, "definition": definition,
+    });
+    Ok(Output::new(fields, words))
 }
 
 /// `nims channel hz`: counts for some seconds.

@@ -59,9 +59,9 @@ impl LinkTap {
         }
     }
 
-    /// Returns the definition of the samples, if it is known and fits their size.
+    /// Returns the size of the samples and the text of their definition, if they are known.
     #[must_use]
-    pub fn schema(&self) -> Option<Schema> {
+    pub fn definition(&self) -> Option<(usize, String)> {
         let (size, text) = match self {
             Self::Bus(tap) => (tap.info().size, tap.info().schema.clone()),
             Self::Gateway(subscription, _) => {
@@ -69,7 +69,14 @@ impl LinkTap {
                 (size, text)
             }
         };
-        Schema::parse(&text?).ok().filter(|schema| schema.size() == size)
+        Some((size, text?))
+    }
+
+    /// Returns the definition of the samples, if it is known and fits their size.
+    #[must_use]
+    pub fn schema(&self) -> Option<Schema> {
+        let (size, text) = self.definition()?;
+        Schema::parse(&text).ok().filter(|schema| schema.size() == size)
     }
 
     /// Returns whether losses can be counted: the samples have sequence numbers.

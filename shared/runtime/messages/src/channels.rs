@@ -83,6 +83,15 @@ impl Quality {
         if self.late > Self::SHALLOW { self.late } else { Self::SHALLOW }
     }
 
+    /// What a late subscriber receives, in words.
+    #[must_use]
+    pub fn kept(&self) -> String {
+        match self.late {
+            1 => "the last sample".to_owned(),
+            late => format!("the last {late} samples"),
+        }
+    }
+
     /// Number of samples in the memory of a publisher. A sample is stored once for all subscribers and the history;
     /// added are the samples that subscribers borrow and the publisher loans.
     #[must_use]
@@ -100,6 +109,8 @@ const SPARE: usize = 2;
 pub struct Channel {
     /// e.g. `motor/state` or `system/heartbeat/*`.
     pub pattern: &'static str,
+    /// Who publishes it.
+    pub publisher: &'static str,
     /// Type of its samples; `None`: any.
     pub type_name: Option<fn() -> &'static str>,
     /// Its schema text.
@@ -134,8 +145,8 @@ const SLOW_VISUALIZATION: Quality =
 /// Configurations: published at the start and on a change, kept for late subscribers.
 const CONFIG: Quality = Quality { buffer: 4, history: 2, late: 2, publishers: 1, subscribers: 24, nodes: 48 };
 
-const fn row<T: Payload>(pattern: &'static str, quality: Quality) -> Channel {
-    Channel { pattern, type_name: Some(T::type_name), schema: Some(T::schema), quality }
+const fn row<T: Payload>(pattern: &'static str, publisher: &'static str, quality: Quality) -> Channel {
+    Channel { pattern, publisher, type_name: Some(T::type_name), schema: Some(T::schema), quality }
 }
 
 /// Returns the definition of a type of this build with its comments; `None` for other types.
@@ -152,19 +163,21 @@ pub trait ChannelVisitor {
     fn visit<T: Payload>(&mut self, name: &'static str);
 }
 
-/// Declares the table. A row is `pattern: type, quality;` with the type `any` for samples of any type. The names after
+/// Declares the table. A row is `pattern: type by publisher, quality;` with the type `any` for samples of any type. The names after
 /// `first` are channels whose first sample is recorded: the recorder creates them before their publishers do. Other
 /// channels are discovered when they appear; their history bridges the time until then.
 macro_rules! channels {
-    (@row $pattern:literal any $quality:ident) => {
-        Channel { pattern: $pattern, type_name: None, schema: None, quality: $quality }
+    (@row $pattern:literal any $publisher:literal $quality:ident) => {
+        Channel { pattern: $pattern, publisher: $publisher, type_name: None, schema: None, quality: $quality }
     };
-    (@row $pattern:literal $type:ident $quality:ident) => { row::<$type>($pattern, $quality) };
+    (@row $pattern:literal $type:ident $publisher:literal $quality:ident) => {
+        row::<$type>($pattern, $publisher, $quality)
+    };
     (@visit $visitor:ident any) => {};
     (@visit $visitor:ident $type:ident $($name:literal)*) => { $($visitor.visit::<$type>($name);)* };
-    ($($pattern:literal: $type:ident, $quality:ident $(, first $($name:literal)+)?;)+) => {
+    ($($pattern:literal: $type:ident by $publisher:literal, $quality:ident $(, first $($name:literal)+)?;)+) => {
         /// Every channel of a robot.
-        pub const CHANNELS: &[Channel] = &[$(channels!(@row $pattern $type $quality)),+];
+        pub const CHANNELS: &[Channel] = &[$(channels!(@row $pattern $type $publisher $quality)),+];
 
         /// Visits the channels whose first sample is recorded.
         pub fn visit_first_channels(visitor: &mut impl ChannelVisitor) {
@@ -174,34 +187,34 @@ macro_rules! channels {
 }
 
 channels! {
-    "motor/state": MotorState, CYCLE, first "motor/state";
-    "motor/authority": MotorAuthority, CYCLE, first "motor/authority";
-    "motor/slots": MotorSlots, CYCLE, first "motor/slots";
-    "motor/input": MotorInput, CYCLE, first "motor/input";
-    "motor/command/*": MotorCommand, CYCLE, first "motor/command/a" "motor/command/b";
-    "node/estimate/*": NodeEstimate, CYCLE, first "node/estimate/a" "node/estimate/b";
-    "plan/motion": PlanMotion, SLOW, first "plan/motion";
-    "plan/status": PlanStatus, SLOW, first "plan/status";
-    "control/status/*": ControlStatus, CYCLE, first "control/status/a" "control/status/b";
-    "operator/request": OperatorRequest, BURST, first "operator/request";
-    "sensor/*": Reading, SENSOR;
-    "sample/*": Sample, SENSOR;
-    "map/*": FieldMap, MAP;
-    "cloud/*": any, CLOUD;
-    "energy": Energy, CYCLE, first "energy";
-    "system/heartbeat/*": Heartbeat, SLOW;
-    "system/log/*": LogEvent, BURST;
-    "system/config/*": SystemConfig, CONFIG;
-    "system/process": ProcessState, TABLE, first "system/process";
-    "recorder/status": RecorderStatus, TABLE;
-    "truth/node": TruthNode, CYCLE, first "truth/node";
-    "tf": TfMessage, VISUALIZATION;
-    "visualization/pose": PoseStamped, VISUALIZATION;
-    "visualization/robot": MarkerArray, VISUALIZATION;
-    "visualization/plan": Path, SLOW_VISUALIZATION;
-    "visualization/track": Path, SLOW_VISUALIZATION;
-    "visualization/samples/*": PointCloud2, SLOW_VISUALIZATION;
-    "log": Log, BURST;
+    "motor/state": MotorState by "motor-io", CYCLE, first "motor/state";
+    "motor/authority": MotorAuthority by "motor-io", CYCLE, first "motor/authority";
+    "motor/slots": MotorSlots by "motor-io", CYCLE, first "motor/slots";
+    "motor/input": MotorInput by "motor-io", CYCLE, first "motor/input";
+    "motor/command/*": MotorCommand by "each controller", CYCLE, first "motor/command/a" "motor/command/b";
+    "node/estimate/*": NodeEstimate by "each estimator", CYCLE, first "node/estimate/a" "node/estimate/b";
+    "plan/motion": PlanMotion by "planner", SLOW, first "plan/motion";
+    "plan/status": PlanStatus by "planner", SLOW, first "plan/status";
+    "control/status/*": ControlStatus by "each controller", CYCLE, first "control/status/a" "control/status/b";
+    "operator/request": OperatorRequest by "commands, and who answers them", BURST, first "operator/request";
+    "sensor/*": Reading by "each sensor", SENSOR;
+    "sample/*": Sample by "sensor-logger", SENSOR;
+    "map/*": FieldMap by "sensor-logger", MAP;
+    "cloud/*": any by "each sensor", CLOUD;
+    "energy": Energy by "motor-io", CYCLE, first "energy";
+    "system/heartbeat/*": Heartbeat by "each process", SLOW;
+    "system/log/*": LogEvent by "each process", BURST;
+    "system/config/*": SystemConfig by "each process", CONFIG;
+    "system/process": ProcessState by "supervisor", TABLE, first "system/process";
+    "recorder/status": RecorderStatus by "recorder", TABLE;
+    "truth/node": TruthNode by "virtual motor box", CYCLE, first "truth/node";
+    "tf": TfMessage by "visualization", VISUALIZATION;
+    "visualization/pose": PoseStamped by "visualization", VISUALIZATION;
+    "visualization/robot": MarkerArray by "visualization", VISUALIZATION;
+    "visualization/plan": Path by "visualization", SLOW_VISUALIZATION;
+    "visualization/track": Path by "visualization", SLOW_VISUALIZATION;
+    "visualization/samples/*": PointCloud2 by "visualization", SLOW_VISUALIZATION;
+    "log": Log by "visualization", BURST;
 }
 
 /// Returns the row of a channel name.

@@ -24,27 +24,6 @@ numbers with names. `pad0` and the like are unused bytes.
 |---|---|---|---|---|
 ";
 
-/// Who publishes a channel.
-fn publisher(pattern: &str) -> &'static str {
-    match pattern {
-        "motor/command/*" | "control/status/*" => "each controller",
-        "node/estimate/*" => "each estimator",
-        "operator/request" => "commands, and who answers them",
-        "plan/motion" | "plan/status" => "planner",
-        "recorder/status" => "recorder",
-        "system/process" => "supervisor",
-        "tf" => "visualization",
-        "truth/node" => "virtual motor box",
-        "log" => "visualization",
-        _ if pattern.starts_with("motor/") || pattern == "energy" => "motor-io",
-        _ if pattern.starts_with("sensor/") || pattern.starts_with("cloud/") => "each sensor",
-        _ if pattern.starts_with("sample/") || pattern.starts_with("map/") => "sensor-logger",
-        _ if pattern.starts_with("visualization/") => "visualization",
-        _ if pattern.starts_with("system/") => "each process",
-        _ => panic!("who publishes {pattern}?"),
-    }
-}
-
 /// Type name without its hash, and the documented definition, of the types of this project.
 fn own(channel: &Channel) -> Option<(&'static str, &'static str)> {
     let name = (channel.type_name?)().strip_prefix("nims_msgs/")?.split('/').next()?;
@@ -64,12 +43,9 @@ fn document() -> String {
         let bytes = own(channel).map(|(_, schema)| messages::schema::Schema::parse(schema).unwrap().size().to_string());
         let own = own(channel).map(|(name, _)| format!("[{name}](#{})", name.to_lowercase()));
         let kind = own.or(name.map(|name| format!("`{name}` of ROS 2"))).unwrap_or("any".to_owned());
-        let kept = match channel.quality.late {
-            1 => "the last sample".to_owned(),
-            late => format!("the last {late} samples"),
-        };
-        let (pattern, publisher) = (channel.pattern, publisher(channel.pattern));
         let bytes = bytes.unwrap_or("varies".to_owned());
+        let Channel { pattern, publisher, quality, .. } = channel;
+        let kept = quality.kept();
         writeln!(text, "| `{pattern}` | {publisher} | {kind} | {bytes} | {kept} |").unwrap();
     }
     text.push_str("\nEvery sample begins with this header:\n");
