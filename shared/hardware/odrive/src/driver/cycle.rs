@@ -8,8 +8,8 @@ use super::ask::Ask;
 use super::batch::{Answers, Batch};
 use crate::codec::{AXES, COUNTS_PER_TURN, Line, state};
 
-/// Batches of a cycle: an axis that is disarmed shows it, its errors are cleared, and arming takes a moment.
-const ROUNDS: usize = 4;
+/// Batches of a cycle: an axis that is disarmed shows it, its errors are read, then cleared, and arming takes a moment.
+const ROUNDS: usize = 5;
 /// A board may read its encoder this much later than it was asked, ns, while the motor moves on.
 const SAMPLE_JITTER_NS: u64 = 20_000_000;
 /// Positions beyond it have coarse steps, turns: a float of 24 bits.
@@ -42,7 +42,8 @@ impl<T: Transport> Bus<T> {
         let refused = moves && self.setup.is_interlocked();
         let mut verdict = None;
         for round in 0..ROUNDS {
-            let batch = self.batch(if refused { [None; AXES] } else { commands });
+            let batch = self.batch(if refused { self.hold_those_that_turn(commands) } else { commands });
+            let before = self.states;
             let lines = batch.orders.len() + batch.asks.len();
             if round > 0 && self.transport.now_ns() + self.likely_ns(lines) > deadline_ns {
                 break;
@@ -55,6 +56,10 @@ impl<T: Transport> Bus<T> {
                 }
             };
             self.use_feedback(&answers)?;
+            if batch.asks.contains(&Ask::Error(0)) {
+                self.use_errors(&answers);
+                self.tripped = false;
+            }
             if refused {
                 return Err(self.interlocked());
             }
@@ -67,6 +72,12 @@ impl<T: Transport> Bus<T> {
                     continue;
                 }
             }
+            let left = |(axis, command): (usize, Command)| {
+                matches!(command, Command::Velocity(_))
+                    && before[axis] == state::CLOSED_LOOP
+                    && self.states[axis] != state::CLOSED_LOOP
+            };
+            self.tripped |= !moves && self.connected(commands).any(left);
             if moves {
                 // Armed it was, and is not now: an error, the watchdog, or a restart.
                 self.setup.set_interlocked(true);
@@ -83,11 +94,22 @@ impl<T: Transport> Bus<T> {
         commands.into_iter().enumerate().take(axes).filter_map(|(axis, command)| Some((axis, command?)))
     }
 
+    /// Commands for a board on which motion is refused: one axis stopped by itself, and the other still has its
+    /// velocity.
+    fn hold_those_that_turn(&self, commands: UnitCommand) -> UnitCommand {
+        let mut held = [None; AXES];
+        for (axis, _) in self.connected(commands).filter(|&(axis, _)| self.states[axis] == state::CLOSED_LOOP) {
+            held[axis] = Some(Command::HOLD);
+        }
+        held
+    }
+
     fn batch(&self, commands: UnitCommand) -> Batch {
         let mut batch = Batch::default();
         let wanted = |command: Command| matches!(command, Command::Velocity(_));
         // Only a command that does not move clears errors; it would arm an axis that stopped by itself.
-        let clear = self.connected(commands).all(|(_, command)| !command.moves())
+        let clear = !self.tripped
+            && self.connected(commands).all(|(_, command)| !command.moves())
             && self.connected(commands).any(|(axis, command)| {
                 wanted(command) && self.states[axis] != state::CLOSED_LOOP || self.errors[axis] != 0
             });
@@ -106,15 +128,16 @@ impl<T: Transport> Bus<T> {
         }
         for (axis, command) in self.connected(commands) {
             let needed = if wanted(command) { state::CLOSED_LOOP } else { state::IDLE };
-            if self.states[axis] != needed {
+            if self.states[axis] != needed && !self.tripped {
                 batch.orders.push(Line::Write(axis, "requested_state", needed));
             }
         }
-        for axis in self.axes() {
-            batch.asks.push(Ask::State(axis));
+        for ask in [Ask::State, Ask::Feedback] {
+            batch.asks.extend(self.axes().map(ask));
         }
-        for axis in self.axes() {
-            batch.asks.push(Ask::Feedback(axis));
+        if self.tripped {
+            // Before they are cleared: the reason belongs into the record.
+            batch.asks.extend(self.axes().map(Ask::Error));
         }
         batch
     }

@@ -85,6 +85,8 @@ pub struct Bus<T> {
     /// States of the axes, as last read.
     states: [u32; AXES],
     errors: [u32; AXES],
+    /// An axis left its closed loop by itself, and why has not been read.
+    tripped: bool,
     /// Bytes of the text line that is not complete yet.
     line: ArrayVec<u8, MAX_LINE>,
     inbox: [u8; 256],
@@ -123,6 +125,7 @@ impl<T: Transport> Bus<T> {
             held_back: false,
             states: [0; AXES],
             errors: [0; AXES],
+            tripped: false,
             line: ArrayVec::new(),
             inbox: [0; 256],
             inbox_from: 0,

@@ -129,14 +129,21 @@ impl<T: Transport> Bus<T> {
         let at_ns = answers.at_ns;
         let mut currents_a = [0.0; AXES];
         for axis in self.axes() {
-            self.errors[axis] = answers.whole(Ask::Error(axis)).unwrap_or(0);
             currents_a[axis] = answers.value(Ask::Current(axis)).map_or(0.0, |[current_a, _]| current_a);
         }
         self.report.currents_a = Timed { value: currents_a, at_ns };
         if let Some([supply_v, _]) = answers.value(Ask::Supply) {
             self.report.supply_v = Timed { value: supply_v, at_ns };
         }
-        self.report.status = Timed { value: neutral(self.errors), at_ns };
+        self.use_errors(answers);
+    }
+
+    /// Uses the error words of the axes.
+    pub(super) fn use_errors(&mut self, answers: &Answers) {
+        for axis in self.axes() {
+            self.errors[axis] = answers.whole(Ask::Error(axis)).unwrap_or(0);
+        }
+        self.report.status = Timed { value: neutral(self.errors), at_ns: answers.at_ns };
         self.report.native_status = self.errors[0] | self.errors[1] << 16;
     }
 

@@ -153,6 +153,7 @@ fn an_error_of_one_axis_stops_both_until_they_are_commanded_to_hold() {
     for _ in 0..5 {
         assert!(cycle(&mut bus, [Command::Velocity(5000.0); 2]).is_err());
     }
+    assert_eq!(bus.transport().device().target(0), Target::Velocity(0.0), "the other one does not turn on");
     let mut answers = bus.blank_answers();
     let deadline_ns = bus.now_ns() + 9 * MS;
     bus.exchange(&[[None; 2]], deadline_ns, &mut answers);
@@ -161,6 +162,23 @@ fn an_error_of_one_axis_stops_both_until_they_are_commanded_to_hold() {
     assert!((0..10).any(|_| cycle(&mut bus, [Command::HOLD; 2]).is_ok()));
     cycle(&mut bus, [Command::Velocity(5000.0); 2]).unwrap();
     assert_eq!(bus.transport().device().target(1), Target::Velocity(f64::from(0.05_f32) * 1e5));
+}
+
+#[test]
+fn why_an_axis_stopped_while_it_held_is_reported_before_it_is_armed_again() {
+    for axis in 0..2 {
+        let mut bus = robot();
+        bus.transport_mut().device_mut().fail(axis, error::MOTOR);
+        let mut answers = bus.blank_answers();
+        let start_ns = bus.now_ns().next_multiple_of(10 * MS);
+        bus.transport_mut().wait_until(start_ns);
+        bus.exchange(&[[Some(Command::HOLD); 2]], start_ns + 9 * MS, &mut answers);
+        let stage = [DriveStatus::STAGE_1, DriveStatus::STAGE_2][axis];
+        let report = answers[0].report;
+        assert!(report.status.value.has(stage) && report.native_status != 0, "{}", report.status.value);
+        assert!((0..10).any(|_| cycle(&mut bus, [Command::HOLD; 2]).is_ok()));
+        assert_eq!(bus.transport().device().target(axis), Target::Velocity(0.0), "armed again");
+    }
 }
 
 proptest! {
