@@ -100,8 +100,9 @@ pub struct TrackPoint {
 /// Accumulates the cycles of a run.
 #[derive(Default)]
 pub struct AccuracySum {
-    first: Option<MotorAuthority>,
     last: Option<MotorAuthority>,
+    /// From the first to the last cycle, in each life.
+    cycles: u64,
     moving: u64,
     begin_ns: Option<u64>,
     estimate: Distances,
@@ -116,8 +117,8 @@ impl AccuracySum {
     /// Adds the next cycle; returns a point for plots if the setpoint moves.
     pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<TrackPoint> {
         let now = cycle.authority;
-        self.first.get_or_insert(*now);
-        self.last = Some(*now);
+        let before = self.last.replace(*now).filter(|last| last.header.life == now.header.life);
+        self.cycles += before.map_or(1, |last| now.header.cycle.saturating_sub(last.header.cycle));
         let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return None };
         // Compare every true position between this cycle and the next with the setpoint of its own time, also without
         // an estimate.
@@ -159,7 +160,7 @@ impl AccuracySum {
     /// Returns the accuracy; `None` without cycles or motion.
     #[must_use]
     pub fn result(&self, track: Vec<TrackPoint>, periods: Periods) -> Option<Analysis> {
-        let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
+        let last = self.last.as_ref()?;
         Some(Analysis {
             moving_s: self.moving as f64 * last.period_s,
             estimate: self.estimate.result()?,
@@ -170,7 +171,7 @@ impl AccuracySum {
             },
             truth: self.truth.result(),
             tensions: self.tensions.result(),
-            cycles: last.header.cycle.saturating_sub(first.header.cycle) + 1,
+            cycles: self.cycles,
             periods,
             track,
         })
@@ -191,7 +192,7 @@ pub fn analyse(run: &Path) -> Answer<Analysis> {
         tracker.record(&recorded, &mut each);
     }
     tracker.finish(&mut each);
-    if tally.first.is_none() {
+    if tally.last.is_none() {
         return Err(Failure::NotNow(format!(
             "{} has no channel motor/authority, so it cannot be analysed",
             run.display()

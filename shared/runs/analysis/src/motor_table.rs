@@ -1,11 +1,11 @@
 //! `nims motor-table`: fits a table of motor currents to recorded runs that raise and lower known loads.
 
+use crate::tracker::{Cycle, Tracker};
 use calibration::motor_fit::{Sample, covered, fit};
 use command::values::{Numbers, numbers};
 use command::{Answer, Failure, Output};
 use messages::{MotorAuthority, MotorState, NodeEstimate};
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -41,13 +41,8 @@ const STEADY_M_S: f64 = 0.003;
 /// Minimum speed of the node, m/s; at rest a self-locking gear makes the current arbitrary.
 const STANDING_M_S: f64 = 0.005;
 
-/// Recorded data of a cycle; only cycles that follow a motion with a valid estimate are used.
-#[derive(Debug, Clone, Copy, Default)]
-struct CycleData {
-    state: Option<MotorState>,
-    estimate: Option<NodeEstimate>,
-    period_s: f64,
-}
+/// Recorded data of a cycle that follows a motion with a valid estimate.
+type Row = (MotorState, NodeEstimate);
 
 /// Extracts the samples of a run: one per cable, or of the given one (from 1), and window of steady motion.
 ///
@@ -56,62 +51,57 @@ struct CycleData {
 /// # Errors
 /// The run cannot be read or has no usable motion.
 pub fn samples(run: &Path, cable: Option<u8>) -> Answer<Vec<Sample>> {
-    let mut cycles: BTreeMap<u64, CycleData> = BTreeMap::new();
     let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
-    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
-        match recorded.channel.name.as_str() {
-            "motor/state" => {
-                if let Some(state) = recorded.decode::<MotorState>() {
-                    cycles.entry(state.header.cycle).or_default().state = Some(state);
-                }
-            }
-            "node/estimate/a" => {
-                if let Some(estimate) = recorded.decode::<NodeEstimate>().filter(|estimate| estimate.valid == 1) {
-                    cycles.entry(estimate.header.cycle).or_default().estimate = Some(estimate);
-                }
-            }
-            "motor/authority" => {
-                if let Some(authority) = recorded.decode::<MotorAuthority>()
-                    && authority.mode == MotorAuthority::MODE_FOLLOWING
-                {
-                    cycles.entry(authority.header.cycle).or_default().period_s = authority.period_s;
-                }
-            }
-            _ => {}
+    let mut tracker = Tracker::default();
+    // Consecutive cycles of one life, until they are a window.
+    let (mut rows, mut last, mut followed) = (Vec::<Row>::new(), None, false);
+    let mut samples = Vec::new();
+    let mut each = |cycle: &Cycle<'_>| {
+        let authority = cycle.authority;
+        let (life, number) = (authority.header.life, authority.header.cycle);
+        if last.replace((life, number + 1)) != Some((life, number)) {
+            rows.clear();
         }
+        let following = authority.mode == MotorAuthority::MODE_FOLLOWING && authority.period_s > 0.0;
+        let (true, Some(state), Some(estimate)) = (following, cycle.state, cycle.estimate) else {
+            return rows.clear();
+        };
+        followed = true;
+        rows.push((*state, *estimate));
+        let window = 2 * ((0.5 * WINDOW_S / authority.period_s).round() as usize).max(2);
+        if rows.len() >= window {
+            samples.extend(of_window(&rows, cable));
+            rows.clear();
+        }
+    };
+    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
+        tracker.record(&recorded, &mut each);
     }
-    let following: Vec<(u64, MotorState, NodeEstimate, f64)> = cycles
-        .into_iter()
-        .filter(|(_, cycle)| cycle.period_s > 0.0)
-        .filter_map(|(number, cycle)| Some((number, cycle.state?, cycle.estimate?, cycle.period_s)))
-        .collect();
-    let Some(&(.., period_s)) = following.first() else {
+    tracker.finish(&mut each);
+    if !followed {
         return Err(Failure::BadInput(format!(
-            "{} has no usable motion: nothing was flown in it, or motor/state, motor/authority or node/estimate/a was not recorded",
+            "{} has no usable motion: nothing was flown in it, or motor/state, motor/authority or node/estimate was not recorded",
             run.display()
         )));
-    };
-    let window = 2 * ((0.5 * WINDOW_S / period_s).round() as usize).max(2);
-    let mut samples = Vec::new();
-    for cycles in following.chunks_exact(window) {
-        let unbroken = cycles[window - 1].0 - cycles[0].0 + 1 == window as u64;
-        let moves = cycles.iter().all(|(_, _, estimate, _)| {
-            let [x, y, z] = estimate.velocity_m_s;
-            (x * x + y * y + z * z).sqrt() > STANDING_M_S
-        });
-        if unbroken && moves {
-            let wanted = (0..usize::from(cycles[0].1.cable_count))
-                .filter(|index| cable.is_none_or(|cable| usize::from(cable) == index + 1));
-            samples.extend(wanted.filter_map(|index| steady(cycles, index)));
-        }
     }
     Ok(samples)
 }
 
+/// Returns the samples of a window in which the node moves.
+fn of_window(rows: &[Row], cable: Option<u8>) -> Vec<Sample> {
+    let moves = rows.iter().all(|(_, estimate)| {
+        let [x, y, z] = estimate.velocity_m_s;
+        (x * x + y * y + z * z).sqrt() > STANDING_M_S
+    });
+    let cables = rows.first().filter(|_| moves).map_or(0, |(state, _)| usize::from(state.cable_count));
+    let wanted = (0..cables).filter(|index| cable.is_none_or(|cable| usize::from(cable) == index + 1));
+    wanted.filter_map(|index| steady(rows, index)).collect()
+}
+
 /// Returns the means of a window for one cable, if its speed is steady and all values are finite.
-fn steady(cycles: &[(u64, MotorState, NodeEstimate, f64)], cable: usize) -> Option<Sample> {
-    let mean = |part: &[(u64, MotorState, NodeEstimate, f64)], of: &dyn Fn(&MotorState, &NodeEstimate) -> f64| {
-        part.iter().map(|(_, state, estimate, _)| of(state, estimate)).sum::<f64>() / part.len() as f64
+fn steady(cycles: &[Row], cable: usize) -> Option<Sample> {
+    let mean = |part: &[Row], of: &dyn Fn(&MotorState, &NodeEstimate) -> f64| {
+        part.iter().map(|(state, estimate)| of(state, estimate)).sum::<f64>() / part.len() as f64
     };
     let (early, late) = cycles.split_at(cycles.len() / 2);
     let speed = |state: &MotorState, _: &NodeEstimate| state.velocity_m_s[cable];
@@ -119,7 +109,7 @@ fn steady(cycles: &[(u64, MotorState, NodeEstimate, f64)], cable: usize) -> Opti
     if change.is_nan() || change > STEADY_M_S {
         return None;
     }
-    if cycles.iter().any(|(_, state, estimate, _)| state.fresh[cable] == 0 || estimate.slack[cable] != 0) {
+    if cycles.iter().any(|(state, estimate)| state.fresh[cable] == 0 || estimate.slack[cable] != 0) {
         return None;
     }
     let sample = Sample {

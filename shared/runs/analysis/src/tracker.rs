@@ -87,6 +87,29 @@ pub struct Tracker {
     motions: BTreeMap<u32, MotionSegments>,
     truth: VecDeque<TruthNode>,
     current_truth: Vec<TruthNode>,
+    energy: EnergySum,
+}
+
+/// motor-io counts energy from its own start: adds what its earlier lives have counted.
+#[derive(Default)]
+struct EnergySum {
+    last: Option<Energy>,
+    before: Option<Energy>,
+}
+
+impl EnergySum {
+    fn continued(&mut self, recorded: &RecordedSample<'_>) -> Option<Energy> {
+        let mut energy = recorded.decode::<Energy>()?;
+        if let Some(last) = self.last.filter(|last| last.header.life < energy.header.life) {
+            self.before = Some(last);
+        }
+        if let Some(before) = &self.before {
+            let sums = energy.energy_j.iter_mut().zip(before.energy_j);
+            sums.chain(energy.loss_j.iter_mut().zip(before.loss_j)).for_each(|(sum, before)| *sum += before);
+        }
+        self.last = Some(energy);
+        Some(energy)
+    }
 }
 
 impl Tracker {
@@ -98,7 +121,10 @@ impl Tracker {
         match name {
             "motor/authority" => self.store(recorded, each, |row, sample| row.authority = Some(sample)),
             "motor/state" => self.store(recorded, each, |row, sample| row.state = Some(sample)),
-            "energy" => self.store(recorded, each, |row, sample| row.energy = Some(sample)),
+            "energy" => {
+                let Some(energy) = self.energy.continued(recorded) else { return false };
+                self.put(energy, each, |row, sample| row.energy = Some(sample))
+            }
             "node/estimate/a" | "node/estimate/b" => {
                 self.store(recorded, each, |row, sample| row.estimates[slot] = Some(sample))
             }
@@ -125,6 +151,15 @@ impl Tracker {
         set: impl FnOnce(&mut CycleRow, T),
     ) -> bool {
         let Some(sample) = recorded.decode::<T>() else { return false };
+        self.put(sample, each, set)
+    }
+
+    fn put<T: Message>(
+        &mut self,
+        sample: T,
+        each: &mut impl FnMut(&Cycle<'_>),
+        set: impl FnOnce(&mut CycleRow, T),
+    ) -> bool {
         let (life, cycle) = (sample.header().life, sample.header().cycle);
         let last = self.rows.back().map_or((0, 0), |row| row.place);
         // A sample from outside the control chain has no life: it belongs to the current one.

@@ -6,7 +6,7 @@ use analysis::report::report;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Segment, Vector3};
 use command::Failure;
-use messages::{ControlStatus, Message, MotorAuthority, NodeEstimate, PlanMotion, TruthNode};
+use messages::{ControlStatus, Energy, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, TruthNode};
 use robot_state::Periods;
 use runlog::{ChannelId, ChannelSpec, RunClock, RunWriter};
 use segments::segment_message;
@@ -116,7 +116,7 @@ fn a_run_without_motion_is_an_error() {
 struct Tape {
     folder: tempfile::TempDir,
     writer: RunWriter,
-    channels: [ChannelId; 4],
+    channels: [ChannelId; 6],
     segment: Segment,
     stamp_ns: u64,
     seq: u64,
@@ -133,6 +133,8 @@ impl Tape {
             writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
             writer.add_channel(&ChannelSpec::for_type::<NodeEstimate>("node/estimate/a")).unwrap(),
             writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node")).unwrap(),
+            writer.add_channel(&ChannelSpec::for_type::<Energy>("energy")).unwrap(),
+            writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap(),
         ];
         let path = Path::line(Vector3::new(4.0, 3.0, 0.5), Vector3::new(5.0, 3.0, 0.5));
         let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.4)).unwrap();
@@ -160,6 +162,7 @@ impl Tape {
                     plan_rate: 1.0,
                     period_s: 0.01,
                     mode: MotorAuthority::MODE_FOLLOWING,
+                    cable_count: 3,
                     motion,
                     epoch: motion,
                     ..Default::default()
@@ -168,6 +171,13 @@ impl Tape {
                 let position_m = self.segment.setpoint(plan_time_s).position.into();
                 let estimate = NodeEstimate { position_m, valid: 1, ..Default::default() };
                 self.write(2, estimate, life, first_cycle + at, stamp_ns);
+                // A joule per cycle since the start of the life.
+                let (mut energy_j, counted_j) = ([0.0; 8], (first_cycle + at) as f64);
+                energy_j[0] = counted_j;
+                let state = MotorState { cable_count: 3, ..Default::default() };
+                self.write(5, state, life, first_cycle + at, stamp_ns);
+                let energy = Energy { energy_j, cable_count: 3, ..Default::default() };
+                self.write(4, energy, life, first_cycle + at, stamp_ns);
             }
             let mut position = self.segment.setpoint(plan_time_s + 0.005).position;
             position.z += TRUTH_OFF_M;
@@ -240,4 +250,16 @@ fn an_early_second_life_does_not_affect_the_first() {
     assert!(found.truth.unwrap().max_m < TRUTH_OFF_M + 1e-6, "{:?}", found.truth);
     assert!((value["flown_m"].as_f64().unwrap() - 2.0).abs() < 1e-6);
     assert!(found.track.windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
+}
+
+#[test]
+fn cycles_and_energy_count_over_all_lives() {
+    let mut tape = Tape::new();
+    (1..=3).for_each(|life| tape.motion(1_000 * life, 1, life as u32, |_| true));
+    let one = (100.0 * tape.segment.profile.duration()) as u64 + 20;
+    let (found, value, _) = tape.finish();
+    assert_eq!(found.cycles, 3 * one);
+    assert_eq!(value["cables"][0]["energy_j"].as_f64().unwrap(), 3.0 * one as f64);
+    let legs = value["legs"].as_array().unwrap();
+    assert!(legs.iter().all(|leg| leg["energy_j"].as_f64().is_some_and(|energy| energy > 0.0)), "{legs:?}");
 }
