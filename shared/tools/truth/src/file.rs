@@ -121,11 +121,44 @@ fn rounded(number: f64) -> f64 {
     format!("{number:.digits$e}", digits = DIGITS - 1).parse().unwrap_or(number)
 }
 
-pub(crate) fn write(path: &Path, text: &str) -> Answer {
-    fs::write(path, text).map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+/// A written file that takes the place of another once it is put there, and is removed otherwise.
+pub(crate) struct Draft {
+    out: PathBuf,
+    path: PathBuf,
 }
 
-pub(crate) fn remove(path: &Path) {
-    // The failure that follows matters more.
-    let _ = fs::remove_file(path);
+impl Draft {
+    /// Writes the text beside the file that it is for.
+    ///
+    /// # Errors
+    /// The folder cannot be written to.
+    pub(crate) fn write(out: &Path, text: &str) -> Answer<Self> {
+        let name = out.file_stem().unwrap_or_default().to_string_lossy();
+        let path = out.with_file_name(format!("{name}-draft-{}.toml", std::process::id()));
+        fs::write(&path, text).map_err(|error| not_written(out, &error))?;
+        Ok(Self { out: out.to_owned(), path })
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Puts it into its place, at once.
+    ///
+    /// # Errors
+    /// The place cannot be written to.
+    pub(crate) fn put(self) -> Answer {
+        fs::rename(&self.path, &self.out).map_err(|error| not_written(&self.out, &error))
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        // After `put` there is none.
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+fn not_written(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::NotNow(format!("{} cannot be written: {error}", path.display()))
 }

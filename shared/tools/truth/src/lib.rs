@@ -76,11 +76,10 @@ pub fn run(args: &Args) -> Answer<Output> {
     let world = draw(&options, &section, &robot, &file.motor_io.counts_per_m);
     let out = args.out.clone().unwrap_or_else(|| beside(&args.system, args.seed));
     let text = file::with_world(&args.system, &world, out.parent().unwrap_or(Path::new("")))?;
-    file::write(&out, &text)?;
-    if let Err(failure) = hangs(&out) {
-        file::remove(&out);
-        return Err(failure);
-    }
+    // A file that is there stays as it is until the world is one in which the robot can be.
+    let draft = file::Draft::write(&out, &text)?;
+    hangs(draft.path())?;
+    draft.put()?;
     let words = format!("{} in {}", world.name.clone().unwrap_or_default(), out.display());
     let truth = serde_json::to_value(&world).map_err(Failure::not_now)?;
     Ok(Output::new(json!({ "out": out, "seed": args.seed, "spread": args.spread, "truth": truth }), words))

@@ -102,3 +102,23 @@ fn the_node_hangs_in_every_plausible_world() {
         }
     }
 }
+
+#[test]
+fn a_world_in_which_the_node_cannot_hang_leaves_the_file_that_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("lab.toml");
+    // Nearer and nearer to the border of where the model can hang.
+    let moved = folder.path().join("moved.toml");
+    let failure = (0..100).find_map(|step| {
+        std::fs::write(&out, "the work of a day").unwrap();
+        let text = drawn("demo3.toml", 3, 5.0, &moved).split_once("\n[motor_box.truth]").unwrap().0.to_owned();
+        let start = format!("start_m = [{:.1}, ", 4.8 + 0.1 * f64::from(step));
+        std::fs::write(&moved, text.replace("start_m = [4.8, ", &start)).unwrap();
+        let (system, out) = (moved.clone(), Some(out.clone()));
+        let failure = run(&Args { system, seed: 3, spread: 5.0, warming: 0.0, wind: 0.0, out }).err()?;
+        Some(failure.to_string()).filter(|why| why.contains("in this world"))
+    });
+    assert!(failure.is_some());
+    assert_eq!(std::fs::read_to_string(&out).unwrap(), "the work of a day");
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2, "nothing else is left");
+}
