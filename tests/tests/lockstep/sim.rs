@@ -113,6 +113,32 @@ fn a_flight_that_fails_says_why_and_the_others_go_on() {
     }
 }
 
+/// A program as a shell script: it greets, and then answers each question with these lines.
+fn script(folder: &Path, answers: &str) -> String {
+    let path = folder.join("law.sh");
+    let text =
+        format!("read hello\necho '{{\"parameters\":\"\"}}'\nwhile read question; do printf '{answers}'; done\n");
+    std::fs::write(&path, text).unwrap();
+    format!("sh {}", path.display())
+}
+
+#[test]
+fn a_flight_that_does_not_reach_the_end_is_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = fly("aq4", &["--program", &script(folder.path(), r"null\n"), "--longest", "5"]);
+    assert_ne!(flights(&output)[0]["completed"], true);
+    assert!(output.failure.is_some());
+}
+
+/// Its later answers would be taken for those of the questions before.
+#[test]
+fn a_law_that_answers_without_a_question_is_told_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = fly("aq4", &["--program", &script(folder.path(), r"[0,0,0,0]\n[0,0,0,0]\n"), "--longest", "5"]);
+    let why = flights(&output)[0]["failed"].as_str().unwrap().to_owned();
+    assert!(why.contains("without a question") && output.failure.is_some(), "{why}");
+}
+
 #[test]
 fn a_key_that_does_not_exist_is_refused_by_its_name() {
     let system = project().join("configs/systems/aq4.toml");

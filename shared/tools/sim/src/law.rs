@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -45,7 +45,8 @@ impl ProgramLaw {
             .spawn()
             .with_context(|| format!("the law's program {program} does not start"))?;
         let (questions, answers) = (child.stdin.take(), child.stdout.take());
-        let (send, receive) = channel();
+        // One answer, and one line too many: a program that prints without end waits.
+        let (send, receive) = sync_channel(2);
         let mut law = Self {
             command: command.to_owned(),
             child,
@@ -78,6 +79,10 @@ impl ProgramLaw {
 
     fn ask(&mut self, question: &impl serde::Serialize) -> Result<String> {
         let command = &self.command;
+        // Each later answer would be taken for that of the question before.
+        if let Ok(line) = self.answers.try_recv() {
+            bail!("the law's program {command} answered {line} without a question; print to stderr what is no answer");
+        }
         let questions = self.questions.as_mut().context("the law's program has no input")?;
         let mut line = serde_json::to_vec(question)?;
         line.push(b'\n');

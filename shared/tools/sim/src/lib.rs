@@ -67,7 +67,8 @@ pub fn run(args: &Args) -> Answer<Output> {
         write(&folder.join("sim.json"), text)?;
         page::write(&folder, &rows)?;
     }
-    let failed = rows.iter().filter(|(_, flown)| !matches!(flown.ended, Ended::Done(_))).count();
+    let reached = |flown: &Flown| matches!(&flown.ended, Ended::Done(flight) if table::is_completed(flight));
+    let failed = rows.iter().filter(|(_, flown)| !reached(flown)).count();
     let failure = (failed > 0)
         .then(|| Failure::NotNow(format!("{failed} of {} flights did not reach the end of the mission", rows.len())));
     Ok(Output::new(value, table::text(&rows, args.out.as_deref())).failing(failure))
