@@ -33,6 +33,9 @@ const SCAN_POINTS: usize = 80;
 /// Number of low points of the scan that are refined.
 const MAX_REFINED: usize = 3;
 
+/// Intervals on each side of a low point in which the scan gets a further point.
+const HALVED: usize = 2;
+
 /// Largest number of brackets through which a minimum is followed.
 const MAX_BRACKETS: usize = 10;
 
@@ -169,40 +172,20 @@ fn deepest(from: &Vector3<f64>, to: &Vector3<f64>, ground_m: Option<f64>) -> Res
 
 /// Returns the argument in 0..=`end` with the lowest value; None if every evaluated point is infinite.
 fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Precision) -> Option<f64> {
-    // Squared spacing puts more points near the straight line, where the cost falls fastest.
-    let grid = |i: usize| {
-        let share = i as f64 / (SCAN_POINTS - 1) as f64;
-        if i == SCAN_POINTS - 1 { end } else { end * share * share }
-    };
-    let mut values = [f64::INFINITY; SCAN_POINTS];
-    for (i, value) in values.iter_mut().enumerate() {
-        *value = objective(grid(i), scan);
-    }
+    let points = scanned(|mu| objective(mu, scan), end);
+    let (last, grid) = (points.len() - 1, |i: usize| points[i].0);
     let mut best: Option<(f64, f64)> = None;
-    let mut tried = [false; SCAN_POINTS];
-    let mut refined = 0;
-    loop {
-        // Lowest point of the scan that is a local minimum and was not refined yet.
-        let low = (0..SCAN_POINTS)
-            .filter(|i| {
-                let before = if *i > 0 { values[i - 1] } else { f64::INFINITY };
-                let after = if *i + 1 < SCAN_POINTS { values[i + 1] } else { f64::INFINITY };
-                !tried[*i] && values[*i].is_finite() && values[*i] <= before && values[*i] <= after
-            })
-            .min_by(|i, j| values[*i].total_cmp(&values[*j]));
-        let Some(i) = low.filter(|_| refined < MAX_REFINED) else { break };
-        tried[i] = true;
-        refined += 1;
+    for i in low_points(&points) {
         keep(&mut best, grid(i), objective(grid(i), Precision::Fine));
         // The true minimum may lie in a neighbouring interval: move the bracket as long as the result is at its end.
-        let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(SCAN_POINTS - 1));
+        let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(last));
         for _ in 0..MAX_BRACKETS {
             let (mu, value) = brent_minimum(|mu| objective(mu, Precision::Fine), grid(a), grid(b));
             keep(&mut best, mu, value);
             let edge = 1e-3 * (grid(b) - grid(a));
             if mu - grid(a) < edge && a > 0 {
                 (a, b) = (a - 1, a + 1);
-            } else if grid(b) - mu < edge && b < SCAN_POINTS - 1 {
+            } else if grid(b) - mu < edge && b < last {
                 (a, b) = (b - 1, b + 1);
             } else {
                 break;
@@ -210,10 +193,10 @@ fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: P
         }
     }
     // The lowest place may be beside an infeasible interval, between two points of the scan.
-    for i in 1..SCAN_POINTS {
-        let (mut inside, mut outside) = match (values[i - 1].is_finite(), values[i].is_finite()) {
-            (true, false) => (grid(i - 1), grid(i)),
-            (false, true) => (grid(i), grid(i - 1)),
+    for pair in points.windows(2) {
+        let (mut inside, mut outside) = match (pair[0].1.is_finite(), pair[1].1.is_finite()) {
+            (true, false) => (pair[0].0, pair[1].0),
+            (false, true) => (pair[1].0, pair[0].0),
             _ => continue,
         };
         for _ in 0..EDGE_STEPS {
@@ -224,6 +207,33 @@ fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: P
         }
     }
     best.map(|(mu, _)| mu)
+}
+
+/// Scans 0..=`end`: arguments in their order, with their values. Around the low points the scan is twice as dense, so
+/// that two valleys beside each other do not pass for one.
+fn scanned(mut objective: impl FnMut(f64) -> f64, end: f64) -> Vec<(f64, f64)> {
+    let mut point = |mu: f64| (mu, objective(mu));
+    // Squared spacing puts more points near the straight line, where the cost falls fastest. The last share is 1.
+    let share = |i: usize| i as f64 / (SCAN_POINTS - 1) as f64;
+    let mut points: Vec<_> = (0..SCAN_POINTS).map(|i| point(end * share(i) * share(i))).collect();
+    let low = low_points(&points);
+    let is_near = |k: usize| low.iter().any(|i| (i.saturating_sub(HALVED)..i + HALVED).contains(&k));
+    let halved: Vec<_> = (0..points.len() - 1).filter(|k| is_near(*k)).collect();
+    let between: Vec<_> = halved.iter().map(|k| point(0.5 * (points[*k].0 + points[k + 1].0))).collect();
+    points.extend(between);
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    points
+}
+
+/// The lowest local minima among points in their order, at most [`MAX_REFINED`].
+fn low_points(points: &[(f64, f64)]) -> Vec<usize> {
+    let value = |i: usize| points.get(i).map_or(f64::INFINITY, |point| point.1);
+    let before = |i: usize| if i > 0 { value(i - 1) } else { f64::INFINITY };
+    let is_low = |i: &usize| value(*i).is_finite() && value(*i) <= before(*i) && value(*i) <= value(i + 1);
+    let mut low: Vec<_> = (0..points.len()).filter(is_low).collect();
+    low.sort_by(|i, j| value(*i).total_cmp(&value(*j)));
+    low.truncate(MAX_REFINED);
+    low
 }
 
 /// Keeps a place if it is lower than the best one.

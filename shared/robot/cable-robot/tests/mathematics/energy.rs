@@ -274,6 +274,41 @@ fn the_edge_of_an_infeasible_interval_is_searched() {
     assert!(best.mu_per_m <= edge && best.mu_per_m > edge - 1e-4, "{best:?}");
 }
 
+/// Between the points of a scan that is not made denser, two valleys beside each other pass for one.
+#[test]
+fn the_deeper_of_two_valleys_beside_each_other_is_found() {
+    let anchors = square();
+    let motor = ideal();
+    let base = winch_energy(&anchors, Distribution::LeastNorm, &motor)
+        .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
+        .unwrap();
+    let cases = [
+        (
+            [
+                (0.5796968904138805, 0.0157761616466248, 1.0607842257535625),
+                (0.24300837709271378, 0.052274060667031115, 0.9094203814670605),
+                (0.6143476950637963, 0.036175441966715266, 1.6883427752829945),
+            ],
+            7.9986,
+        ),
+        (
+            [
+                (0.3992603807975343, 0.018643683865116653, 0.43012738793302197),
+                (0.37114030622834926, 0.018994677320080415, 0.5978298110467981),
+                (0.4541491108819055, 0.05609863658474969, 0.528135461761301),
+            ],
+            9.0895,
+        ),
+    ];
+    for (valleys, least) in cases {
+        let found = cable_robot::energy::optimum::best(&corners()[0], &corners()[1], &GROUND, |path, _| {
+            Ok(Cost { energy_j: landscape(&valleys, path.mu_per_m), ..base })
+        });
+        let energy_j = found.unwrap().cost.energy_j;
+        assert!(energy_j < least + 1e-3, "{energy_j} {least}");
+    }
+}
+
 /// A function with a few valleys wider than the distance of the scan's points, and infeasible intervals between:
 /// nothing that a fine scan finds is missed. Motor costs have up to three valleys.
 fn landscape(valleys: &[(f64, f64, f64)], mu: f64) -> f64 {
