@@ -34,4 +34,5 @@ mod takeover;
 mod touch_down;
 mod tuning;
 mod walk;
+mod wheels;
 mod worlds;
