@@ -91,6 +91,32 @@ fn a_long_robot_does_not_swing_at_its_limits() {
     assert!(flight.truth.max_m < 0.010, "{flight:?}");
 }
 
+/// A move across the span of the long robot ends at its limits of speed and acceleration: shaped profiles divide the swing that is left
+/// by more than five.
+#[test]
+fn shaped_profiles_leave_a_fifth_of_the_swing_after_a_stop() {
+    let folder = tempfile::tempdir().unwrap();
+    let system = forest_at_its_limits(folder.path());
+    let line =
+        "name = \"stop\"\nspeed_m_s = 0.5\nacceleration_m_s2 = 0.3\n[[leg]]\nline = { to_m = [40.0, 13.0, 3.0] }\n";
+    let swing_m = |swing_limit_m: Option<f64>| {
+        let scenario = scenario(&system, |_, _| ());
+        let mut config = PlannerConfig::from_files(&SystemFile::load(&system).unwrap(), scenario.robot);
+        config.swing_limit_m = swing_limit_m.unwrap_or(config.swing_limit_m);
+        let chain = Chain { planner: Planner::new(config), ..Chain::new(&scenario).unwrap() };
+        let mut lockstep = Lockstep::with(scenario, chain).unwrap();
+        lockstep.zero_and_arm().unwrap();
+        lockstep.run(&Mission::parse(line).unwrap()).unwrap();
+        while lockstep.cycle().unwrap().plan.state != PlanStatus::STATE_DONE {}
+        let places: Vec<_> = (0..300).map(|_| Vector3::from(lockstep.cycle().unwrap().truth_m)).collect();
+        let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
+        places.iter().map(|at| (at - middle).norm()).fold(0.0, f64::max)
+    };
+    let [shaped_m, plain_m] = [swing_m(None), swing_m(Some(1.0))];
+    println!("after a stop {:.1} mm of swing, without shaped profiles {:.1} mm", 1e3 * shaped_m, 1e3 * plain_m);
+    assert!(plain_m > 0.005 && shaped_m < plain_m / 5.0, "{shaped_m} m, {plain_m} m");
+}
+
 /// The planner refuses what the winches of the long robot cannot do, and states the speed that they can: more than half
 /// of the best. At that speed no cable is near its least tension, and the node hardly swings.
 #[test]
