@@ -1,5 +1,5 @@
-//! Flights among random trunks: a mission that the planner accepts touches none of them, with the node or with a cable,
-//! in the true motion of the plant.
+//! Flights among random trunks and walls: a mission that the planner accepts touches none of them, with the node or with
+//! a cable, in the true motion of the plant.
 
 use cable_robot::{Obstacle, Vector3};
 use config::{ObstacleSection, RobotFile};
@@ -20,6 +20,28 @@ const KEPT: f64 = 0.8;
 fn trunk() -> impl Strategy<Value = ObstacleSection> {
     (1.0..8.5f64, 0.5..7.0f64, 0.1..0.4f64, 0.3..4.0f64)
         .prop_map(|(x, y, radius_m, top_m)| ObstacleSection::cylinder([x, y], radius_m, [0.0, top_m]))
+}
+
+/// A wall in any direction: a prism over four corners.
+fn wall() -> impl Strategy<Value = ObstacleSection> {
+    let turn = 0.0..std::f64::consts::PI;
+    (1.0..8.5f64, 0.5..7.0f64, 0.1..0.8f64, 0.02..0.2f64, turn, 0.3..4.0f64).prop_map(
+        |(x, y, along_m, across_m, turn, top_m)| {
+            let (sin, cos) = turn.sin_cos();
+            let corner = |u: f64, v: f64| [x + u * cos - v * sin, y + u * sin + v * cos];
+            let corners_m = vec![
+                corner(-along_m, -across_m),
+                corner(along_m, -across_m),
+                corner(along_m, across_m),
+                corner(-along_m, across_m),
+            ];
+            ObstacleSection { center_m: None, radius_m: None, corners_m, height_m: [0.0, top_m] }
+        },
+    )
+}
+
+fn body() -> impl Strategy<Value = ObstacleSection> {
+    prop_oneof![2 => trunk(), 1 => wall()]
 }
 
 fn point() -> impl Strategy<Value = [f64; 3]> {
@@ -66,13 +88,13 @@ fn fly(trunks: Vec<ObstacleSection>, points: &[[f64; 3]]) -> Option<f64> {
 }
 
 #[test]
-fn an_accepted_mission_touches_no_trunk_with_node_or_cables() {
+fn an_accepted_mission_touches_no_body_with_node_or_cables() {
     let flights = std::env::var("PROPTEST_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(FLIGHTS);
     let (flown, rejected, least_m) = (Cell::new(0), Cell::new(0), Cell::new(f64::INFINITY));
     let clearance_m = 0.1;
     let config = ProptestConfig { cases: flights, max_global_rejects: 20 * flights, ..ProptestConfig::default() };
     let mut runner = proptest::test_runner::TestRunner::new(config);
-    let missions = (proptest::collection::vec(trunk(), 1..4), proptest::collection::vec(point(), 1..4));
+    let missions = (proptest::collection::vec(body(), 1..4), proptest::collection::vec(point(), 1..4));
     let result = runner.run(&missions, |(trunks, points)| {
         let near = |section: &ObstacleSection| {
             let body = section.obstacle().unwrap();
