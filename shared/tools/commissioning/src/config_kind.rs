@@ -1,6 +1,6 @@
 //! Kinds of configuration files, and the robot that a robot file or a system file describes.
 
-use cable_robot::Robot;
+use cable_robot::{Distribution, Robot};
 use command::{Answer, Failure};
 use config::{FileKind, PlannerSection, RobotFile, SystemFile, toml_file};
 use std::path::Path;
@@ -28,13 +28,24 @@ pub(crate) fn robot(path: &Path) -> Answer<Robot> {
     file.map_err(Failure::bad)?.robot().map_err(Failure::bad)
 }
 
-/// Returns the swing above which the planner shapes a move, m: that of a system file, or the default.
+/// What decides which moves the planner accepts: the robot, `[planner]`, and how the tensions are distributed.
+pub(crate) struct Planned {
+    pub robot: Robot,
+    pub section: PlannerSection,
+    pub distribution: Distribution,
+}
+
+/// Loads what decides which moves the planner accepts from a system file; for a robot file, with the default values of a
+/// system file.
 ///
 /// # Errors
 /// A file that cannot be used.
-pub(crate) fn swing_limit_m(path: &Path) -> Answer<f64> {
-    match config_kind(path)? {
-        FileKind::System => Ok(SystemFile::load(path).map_err(Failure::bad)?.planner.swing_limit_m),
-        _ => Ok(PlannerSection::default().swing_limit_m),
+pub(crate) fn planned(path: &Path) -> Answer<Planned> {
+    let robot = robot(path)?;
+    if config_kind(path)? != FileKind::System {
+        return Ok(Planned { robot, section: PlannerSection::default(), distribution: robot.default_distribution() });
     }
+    let file = SystemFile::load(path).map_err(Failure::bad)?;
+    let distribution = file.controller.distribution_for(&robot);
+    Ok(Planned { robot, section: file.planner, distribution })
 }

@@ -1,6 +1,7 @@
 //! `nims plan`: the cost of a move, and the parabola with the least cost, without a running robot.
 
-use crate::{config_kind, readable};
+use crate::config_kind::{self, Planned};
+use crate::readable;
 use cable_robot::energy::optimum::{Precision, best};
 use cable_robot::energy::{Best, Bounds, Cost, EnergyError, WinchEnergy, flight, parabola};
 use cable_robot::path::{Lateral, Parabola};
@@ -73,8 +74,8 @@ pub enum Method {
 /// Intervals of Simpson's rule: for the result, and for the scan.
 const INTERVALS: [usize; 2] = [64, 16];
 
-/// Step of the check along the move, m: for the result, and for the scan.
-const CHECK_M: [f64; 2] = [0.01, 0.1];
+/// Step of the check along the move in the scan, m; for the result it is that of the planner.
+const SCAN_CHECK_M: f64 = 0.1;
 
 /// Returns the requested tension distribution, or the default of the robot.
 pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
@@ -98,7 +99,7 @@ pub fn run(args: &Args) -> Answer<Output> {
 }
 
 fn plan_move(args: &Args) -> Answer<Value> {
-    let robot = config_kind::robot(&args.config)?;
+    let Planned { robot, section, distribution } = config_kind::planned(&args.config)?;
     let speed_m_s = args.speed.unwrap_or(robot.speed_limit_m_s());
     if !(speed_m_s > 0.0 && speed_m_s <= robot.speed_limit_m_s()) {
         return Err(Failure::BadInput(format!(
@@ -109,6 +110,10 @@ fn plan_move(args: &Args) -> Answer<Value> {
     if args.path == Some(PathKind::Lateral) && args.mu.is_some() {
         return Err(Failure::BadInput("--mu applies to a parabola only; omit it, or use --path parabola".to_owned()));
     }
+    let ends = [points::position(&robot, &args.from)?, points::position(&robot, &args.to)?].map(Vector3::from);
+    // As if the lengths were set at the start.
+    let robot = robot.with_lengths_set_at(Some(&ends[0]));
+    let acceleration_m_s2 = section.acceleration_m_s2.min(robot.acceleration_limit_m_s2());
     let move_cost = MoveCost {
         winch_energy: WinchEnergy {
             anchors: robot.anchors(),
@@ -116,15 +121,18 @@ fn plan_move(args: &Args) -> Answer<Value> {
             drag_n_s2_m2: robot.drag_n_s2_m2(),
             cable_weight_n_m: robot.cable_weight_n_m(),
             limits_n: robot.tension_limits_n(),
-            method: distribution(args.method, &robot),
+            method: args.method.map_or(distribution, |method| self::distribution(Some(method), &robot)),
             current: robot.current(),
         },
         robot: &robot,
-        speed_m_s,
-        swing_limit_m: config_kind::swing_limit_m(&args.config)?,
+        limits: ProfileLimits {
+            total_m_s2: robot.acceleration_limit_m_s2(),
+            swing_limit_m: section.swing_limit_m,
+            ..ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2)
+        },
+        check_step_m: section.check_step_m,
         constant: args.constant_speed,
     };
-    let ends = [points::position(&robot, &args.from)?, points::position(&robot, &args.to)?].map(Vector3::from);
     let found = match args.path {
         Some(PathKind::Lateral) => move_cost.best_lateral(args, ends),
         _ => move_cost.best(args, ends).map(|best| feasible_json(&best)),
@@ -162,8 +170,9 @@ fn feasible_json(best: &Best) -> Value {
 struct MoveCost<'a> {
     winch_energy: WinchEnergy<'a>,
     robot: &'a Robot,
-    speed_m_s: f64,
-    swing_limit_m: f64,
+    /// Those of the planner for a mission that states no acceleration.
+    limits: ProfileLimits,
+    check_step_m: f64,
     /// Quasi-static at constant speed, as in the paper; otherwise from rest to rest with accelerations.
     constant: bool,
 }
@@ -187,15 +196,21 @@ impl MoveCost<'_> {
     /// Finds the path that also deviates sideways, at constant speed as the planner does; returns the parabola where it
     /// costs less.
     fn best_lateral(&self, args: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
-        let found =
-            flight::best_lateral(self.robot, self.winch_energy.method, &from, &to, self.speed_m_s, args.time_weight)?;
+        let found = flight::best_lateral(
+            self.robot,
+            self.winch_energy.method,
+            &from,
+            &to,
+            self.limits.cruise_m_s,
+            args.time_weight,
+        )?;
         let shape = |mu_per_m| Parabola { from, to, mu_per_m };
         let line = self.cost(&shape(0.0), Precision::Fine).ok();
         let Some((bow, _)) = found.lateral else {
             let mu_per_m = found.parabola.mu_per_m;
             return Ok(feasible_json(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
         };
-        let constant = || self.winch_energy.bow_at_constant_speed(&bow, self.speed_m_s, INTERVALS[0]);
+        let constant = || self.winch_energy.bow_at_constant_speed(&bow, self.limits.cruise_m_s, INTERVALS[0]);
         let cost = self.along(&Path::Lateral(Lateral::new(bow)), Precision::Fine, constant)?;
         let mut value = feasible_json(&Best { mu_per_m: 0.0, cost, line });
         value["mu_per_m"] = Value::Null;
@@ -208,7 +223,7 @@ impl MoveCost<'_> {
         parabola::check(shape)?;
         let coarse = usize::from(precision == Precision::Coarse);
         self.along(&flight::parabola_or_line(shape), precision, || {
-            self.winch_energy.constant_speed(shape, self.speed_m_s, INTERVALS[coarse])
+            self.winch_energy.constant_speed(shape, self.limits.cruise_m_s, INTERVALS[coarse])
         })
     }
 
@@ -219,18 +234,21 @@ impl MoveCost<'_> {
         precision: Precision,
         constant: impl Fn() -> Result<Cost, EnergyError>,
     ) -> Result<Cost, EnergyError> {
-        let coarse = usize::from(precision == Precision::Coarse);
-        let from_rest = |speed_m_s, acceleration_m_s2| {
-            let swing_limit_m = self.swing_limit_m;
-            let limits = ProfileLimits { swing_limit_m, ..ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2) };
-            flight::flown(self.robot, self.winch_energy.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
+        let (check_step_m, intervals) = match precision {
+            Precision::Coarse => (SCAN_CHECK_M, INTERVALS[1]),
+            Precision::Fine => (self.check_step_m, INTERVALS[0]),
+        };
+        let from_rest = |limits: &ProfileLimits| {
+            flight::flown(self.robot, self.winch_energy.method, path, limits, check_step_m, intervals)
         };
         if self.constant {
             // The path has no start and end: check it at a speed so low that the accelerations vanish.
-            from_rest(1e-3, 1e-3)?;
+            let slow =
+                ProfileLimits { swing_limit_m: self.limits.swing_limit_m, ..ProfileLimits::rest_to_rest(1e-3, 1e-3) };
+            from_rest(&slow)?;
             constant()
         } else {
-            from_rest(self.speed_m_s, self.robot.acceleration_limit_m_s2())
+            from_rest(&self.limits)
         }
     }
 }

@@ -1,10 +1,10 @@
 //! `nims workspace`: the region where the cables can hold the node at rest, its size, and its margins to the limits.
 //! For a planar robot the region is an area.
 
-use crate::{config_kind, readable};
-use cable_robot::kinematics::inverse_kinematics;
+use crate::config_kind::{self, Planned};
+use crate::readable;
 use cable_robot::tension;
-use cable_robot::{Distribution, Robot, Vector3, elastic};
+use cable_robot::{Distribution, Path, Profile, Robot, Segment, Vector3};
 use command::values::finite;
 use command::{Answer, Failure, Output, points};
 use plot::{Axis, BLACK, Chart, Legend, Picture, Series, SeriesStyle, save_png};
@@ -86,36 +86,25 @@ impl Grid {
     }
 }
 
-/// Returns the greatest possible margin to a tension limit at rest, N; `None` where the node cannot be held.
-fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
-    if robot.keep_out().iter().any(|b| b.touches(at, at)) || robot.contact(at, at, Distribution::Safest).is_some() {
-        return None;
-    }
-    let weight = robot.with_cables_n(at, &robot.wrench_n(&Vector3::zeros()));
-    let limits = robot.tension_limits_n();
-    let feasible = tension::hold(robot.anchors(), at, &weight, limits, Distribution::Safest).ok()?;
-    if tension::worst_violation(&feasible.tensions_n, limits).is_some() {
-        return None;
-    }
-    let loads =
-        feasible.tensions_n.iter().enumerate().map(|(cable, tension_n)| robot.drive_load(cable, *tension_n, 0.0));
-    let limits = robot.drive_limits();
-    if !loads.into_iter().all(|load| limits.allow_current(&load) && limits.allow_voltage(&load)) {
-        return None;
-    }
-    let lengths = elastic::unstretched(robot, at, &inverse_kinematics(robot.anchors(), at), &feasible.tensions_n);
-    let long_enough = lengths.iter().zip(robot.length_limits_m()).all(|(l, [min, max])| (*min..=*max).contains(l));
-    long_enough.then_some(feasible.margin_n)
+/// Returns the greatest possible margin to a tension limit at rest, N; `None` where the planner refuses that the node
+/// rests.
+#[must_use]
+pub fn margin_n(robot: &Robot, distribution: Distribution, at: &Vector3<f64>) -> Option<f64> {
+    let rest = Segment { id: 1, path: Path::Dwell(*at), profile: Profile::dwell(1.0).ok()?, start_s: 0.0 };
+    rest.check(robot, distribution, 1.0).ok()?;
+    let weight_n = robot.with_cables_n(at, &robot.wrench_n(&Vector3::zeros()));
+    let safest = tension::hold(robot.anchors(), at, &weight_n, robot.tension_limits_n(), Distribution::Safest);
+    safest.ok().map(|held| held.margin_n)
 }
 
-fn layers(robot: &Robot, grid: &Grid) -> Vec<Layer> {
+fn layers(robot: &Robot, distribution: Distribution, grid: &Grid) -> Vec<Layer> {
     let [nx, ny, nz] = grid.counts;
     (0..nz)
         .map(|k| {
             let cells = (0..nx).flat_map(|i| (0..ny).map(move |j| (i, j)));
             let feasible = cells.filter_map(|(i, j)| {
                 let at = grid.centre(i, j, k);
-                margin_n(robot, &at).map(|margin| ([at.x, at.y], margin))
+                margin_n(robot, distribution, &at).map(|margin| ([at.x, at.y], margin))
             });
             Layer { z_m: grid.centre(0, 0, k).z, feasible: feasible.collect() }
         })
@@ -133,9 +122,9 @@ pub fn run(args: &Args) -> Answer<Output> {
 }
 
 fn evaluate(args: &Args) -> Answer<Value> {
-    let robot = config_kind::robot(&args.config)?;
+    let Planned { robot, distribution, .. } = config_kind::planned(&args.config)?;
     let grid = Grid::new(&robot, args.step)?;
-    let layers = layers(&robot, &grid);
+    let layers = layers(&robot, distribution, &grid);
     let cell = grid.cell();
     let mut margins: Vec<f64> = layers.iter().flat_map(|layer| layer.feasible.iter().map(|(_, m)| *m)).collect();
     margins.sort_by(f64::total_cmp);
