@@ -60,10 +60,21 @@ pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
     let mut estimates = [a?, b?];
     let mut motions = bus.publisher::<PlanMotion>("plan/motion")?;
     let mut statuses = bus.publisher::<PlanStatus>("plan/status")?;
+    let mut state = 0;
+    let mut publish = |planner: &mut Planner, seen: &Inputs<'_>| -> anyhow::Result<()> {
+        let (mut motion, mut status) = planner.step(seen);
+        motions.send(&mut motion)?;
+        statuses.send(&mut status)?;
+        if status.state != state {
+            state = status.state;
+            tracing::info!("mission \"{}\" {}", messages::text_of(&status.mission), crate::state_text(&status));
+        }
+        Ok(())
+    };
     let mut server = bus.server(chassis.name())?;
     let mut waiter = chassis.waiter(&[server.event()])?;
     let mut maps: Option<Map> = None;
-    let (mut authority, mut newest, mut state) = (None::<MotorAuthority>, [None::<NodeEstimate>; 2], 0);
+    let (mut authority, mut newest) = (None::<MotorAuthority>, [None::<NodeEstimate>; 2]);
     let mut due_ns = now_ns();
     chassis.ready()?;
     while chassis.running() {
@@ -80,27 +91,26 @@ pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
         }
         let map = maps.as_mut().map(Map::poll).transpose()?.flatten();
         let seen = Inputs { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
-        let mut asked = false;
-        while let Some(call) = server.try_next()? {
-            let (request, awaited) = (&call.request, || call.is_awaited());
-            let reason = requests::answer(&mut planner, request, awaited, run_folder, &seen);
-            tracing::info!("{reason}");
-            call.answer(&reason.answer())?;
-            asked = true;
-        }
-        if asked || now_ns() >= due_ns {
+        let mut call = server.try_next()?;
+        if call.is_some() || now_ns() >= due_ns {
             chassis.pass_begin();
-            let (mut motion, mut status) = planner.step(&seen);
-            motions.send(&mut motion)?;
-            statuses.send(&mut status)?;
+            // First the end of a motion that motor-io has ended: a stop and the next motion may come in one pass.
+            publish(&mut planner, &seen)?;
+            let asked = call.is_some();
+            while let Some(one) = call {
+                let (request, awaited) = (&one.request, || one.is_awaited());
+                let reason = requests::answer(&mut planner, request, awaited, run_folder, &seen);
+                tracing::info!("{reason}");
+                one.answer(&reason.answer())?;
+                call = server.try_next()?;
+            }
+            if asked {
+                publish(&mut planner, &seen)?;
+            }
             if let Some(keeper) = &mut keeper {
                 keeper.store(planner.progress(), seen.now_ns);
             }
             chassis.pass_end();
-            if status.state != state {
-                state = status.state;
-                tracing::info!("mission \"{}\" {}", messages::text_of(&status.mission), crate::state_text(&status));
-            }
             due_ns = now_ns() + PERIOD_NS;
         }
         chassis.report_lost(authorities.lost() + estimates[0].lost() + estimates[1].lost());
