@@ -1,8 +1,11 @@
 //! The decisions of the gateway: bytes, peers and answers in, actions out. No clock, no I/O.
 
+mod holding;
+mod token_calls;
+
 use crate::budget::Budget;
-pub use crate::events::{Action, ClientId, Done, Event, Question, Ticket, TokenChange};
-use crate::held::{Held, end_of};
+pub use crate::events::{Action, ClientId, Done, Event, Motion, Question, Ticket, TokenChange};
+use crate::held::{Held, begins, end_of, is_old, may_begin};
 use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed};
 use crate::sensors::Sensors;
@@ -29,7 +32,9 @@ const BURST: f64 = 200.0;
 /// Files that a connection may open per second, and in a burst.
 const OPENS_PER_S: f64 = 10.0;
 /// Stands for the gateway itself among the clients, which count from 1.
-const NO_CLIENT: ClientId = 0;
+pub const NO_CLIENT: ClientId = 0;
+/// What the gateway itself observes while a client holds a motion.
+pub const OBSERVED: &str = "motor/authority";
 /// Time in which a connection has to send `hello`, ns.
 const HELLO_NS: u64 = 10_000_000_000;
 
@@ -67,10 +72,23 @@ struct Connection {
     listing: Option<Ticket>,
     /// A motion that ends with its signs, or with the connection.
     held: Option<Held>,
+    /// It has held a motion.
+    holds: bool,
     since_ns: u64,
     used_ns: u64,
     /// Nothing is read from it any more.
     closed: bool,
+}
+
+/// A call that is being carried out.
+#[derive(Debug, Clone, Copy)]
+struct Asked {
+    client: ClientId,
+    id: u64,
+    /// It counts as unanswered.
+    counts: bool,
+    /// It begins a motion.
+    begins: bool,
 }
 
 /// The state of the gateway.
@@ -83,8 +101,13 @@ pub struct Core {
     tokens: Tokens,
     sensors: Sensors,
     connections: BTreeMap<ClientId, Connection>,
-    /// The client and the `id` of each call that is being carried out; whether it counts as unanswered.
-    tickets: BTreeMap<Ticket, (ClientId, u64, bool)>,
+    /// The calls that are being carried out.
+    tickets: BTreeMap<Ticket, Asked>,
+    /// What ends a motion that was released before its request was answered.
+    ends: BTreeMap<Ticket, Box<OperatorRequest>>,
+    /// What motor-io did last.
+    motion: Option<Motion>,
+    now_ns: u64,
     last_ticket: Ticket,
     /// A change of the tokens is being stored.
     changing: bool,
@@ -95,10 +118,21 @@ impl Core {
     /// Creates the gateway of the robot of that name.
     #[must_use]
     pub fn new(robot: String, roles: Roles, tokens: Tokens) -> Self {
-        let (connections, tickets) = (BTreeMap::new(), BTreeMap::new());
-        let (sensors, actions) = (Sensors::default(), Vec::new());
-        let instance = robot.clone();
-        Self { robot, instance, roles, tokens, sensors, connections, tickets, last_ticket: 0, changing: false, actions }
+        Self {
+            instance: robot.clone(),
+            robot,
+            roles,
+            tokens,
+            sensors: Sensors::default(),
+            connections: BTreeMap::new(),
+            tickets: BTreeMap::new(),
+            ends: BTreeMap::new(),
+            motion: None,
+            now_ns: 0,
+            last_ticket: 0,
+            changing: false,
+            actions: Vec::new(),
+        }
     }
 
     /// Adds the sensors that the system file declares. `instance`: the robot's name in the units of its plug-ins.
@@ -109,15 +143,26 @@ impl Core {
 
     /// Evaluates an event; returns what has to be done, in this order.
     pub fn step(&mut self, now_ns: u64, event: Event<'_>) -> Vec<Action> {
+        self.now_ns = now_ns;
         match event {
             Event::Connected { client, peer } => self.connect(now_ns, client, peer),
             Event::Received { client, bytes } => self.receive(now_ns, client, bytes),
             Event::Gone { client } => {
                 // What still waits of its calls is not carried out any more.
-                self.tickets.retain(|_, (of, ..)| *of != client);
+                self.tickets.retain(|_, asked| asked.client != client);
                 self.release(client);
-                self.connections.remove(&client);
+                let held = self.connections.remove(&client).is_some_and(|one| one.holds);
                 self.sensors.free(client);
+                if held && !self.observes() {
+                    self.motion = None;
+                    self.actions.push(Action::Unsubscribe { client: NO_CLIENT, id: 0 });
+                }
+            }
+            Event::Moved(motion) => {
+                self.motion = Some(motion);
+                for one in self.connections.values_mut() {
+                    one.held.take_if(|held| held.has_ended(motion));
+                }
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
             Event::Stored { change, stored } => self.stored(*change, stored),
@@ -147,6 +192,7 @@ impl Core {
             opens: Budget::new(OPENS_PER_S, OPENS_PER_S, now_ns),
             listing: None,
             held: None,
+            holds: false,
             since_ns: now_ns,
             used_ns: now_ns,
             closed: false,
@@ -189,7 +235,7 @@ impl Core {
         let id = call.id();
         let (within, unanswered) = (connection.budget.spend(now_ns), connection.unanswered);
         match call {
-            Call::Ask { request, process, held, .. } => {
+            Call::Ask { request, process, held, at_ns, .. } => {
                 let urgent = needed(&request) == Role::Stop;
                 if !urgent && (!within || unanswered >= UNANSWERED) {
                     return self.refuse(client, id, Reason::GatewayBusy { most: UNANSWERED });
@@ -201,18 +247,21 @@ impl Core {
                     let why = detail("only a jog and a move can be held; leave `held` out");
                     return self.refuse(client, id, Reason::NotAsked { why });
                 };
+                let made_ns = at_ns.unwrap_or(now_ns).min(now_ns);
+                if is_old(now_ns, made_ns) {
+                    let age_s = (now_ns - made_ns) as f64 * 1e-9;
+                    return self.refuse(client, id, Reason::HeldTooOld { age_s });
+                }
                 self.release(client);
                 let before = self.last_ticket;
                 self.ask(client, id, &holder, (request, process), frame.body);
-                if self.last_ticket > before
-                    && let Some(connection) = self.connections.get_mut(&client)
-                {
-                    connection.held = Some(Held { ticket: self.last_ticket, beat_ns: now_ns, end });
+                if self.last_ticket > before {
+                    self.hold(client, Held::new(self.last_ticket, end, made_ns));
                 }
             }
-            Call::Beat {} => {
+            Call::Beat { at_ns } => {
                 if let Some(held) = &mut connection.held {
-                    held.beat_ns = now_ns;
+                    held.beat(now_ns, at_ns.unwrap_or(now_ns));
                 }
             }
             Call::Release { .. } => {
@@ -268,7 +317,7 @@ impl Core {
             if let Some(connection) = self.connections.get_mut(&client) {
                 connection.unanswered += 1;
             }
-            let ticket = self.ticket(client, id, true);
+            let ticket = self.ticket(client, id);
             return self.actions.push(Action::Plugin { ticket, verb, name });
         }
         let Some(process) = process_of(&request, process.as_deref()) else {
@@ -291,7 +340,7 @@ impl Core {
         holder.sign(&mut sample, peer);
         let counts = needs != Role::Stop;
         connection.unanswered += usize::from(counts);
-        let ticket = self.ticket(client, id, counts);
+        let ticket = self.ticket_of(Asked { client, id, counts, begins: begins(&request) });
         let request = Box::new(sample);
         self.actions.push(match sample.body.verb {
             messages::RequestBody::VERB_ESTOP => Action::Estop { ticket, request },
@@ -320,7 +369,7 @@ impl Core {
                 return self.token_call(client, holder, call);
             }
             // They were carried out before.
-            Call::Hello { .. } | Call::Ask { .. } | Call::Beat {} | Call::Release { .. } => return,
+            Call::Hello { .. } | Call::Ask { .. } | Call::Beat { .. } | Call::Release { .. } => return,
         };
         let Some(connection) = self.connections.get_mut(&client) else { return };
         let lists = matches!(what, Question::Runs | Question::Files(_));
@@ -331,7 +380,7 @@ impl Core {
             return self.refuse(client, id, Reason::GatewayBusy { most: OPENS_PER_S as usize });
         }
         connection.unanswered += 1;
-        let ticket = self.ticket(client, id, true);
+        let ticket = self.ticket(client, id);
         if lists && let Some(connection) = self.connections.get_mut(&client) {
             connection.listing = Some(ticket);
         }
@@ -348,7 +397,7 @@ impl Core {
                 return self.refuse(client, id, Reason::SensorOfAnother { plugin, sensor: detail(&given.sensor) });
             }
             // A token stands for a person, not for the program that acts for it.
-            None if holder.by_token || !self.roles.may_publish(&connection.peer) => {
+            None if holder.by_token || !self.roles.may_publish(&connection.peer, holder.origin) => {
                 let user = detail(&holder.user);
                 return self.refuse(client, id, Reason::NotPublisher { user });
             }
@@ -357,7 +406,7 @@ impl Core {
         match self.sensors.reading(now_ns, client, given) {
             Ok(reading) => {
                 connection.unanswered += 1;
-                let ticket = self.ticket(client, id, true);
+                let ticket = self.ticket(client, id);
                 let sensor = given.sensor.clone();
                 self.actions.push(Action::Publish { ticket, sensor, reading: Box::new(reading) });
             }
@@ -396,61 +445,29 @@ impl Core {
         self.actions.push(Action::Subscribe { client, id, channel, rate_hz });
     }
 
-    fn token_call(&mut self, client: ClientId, holder: &Holder, call: Call) {
-        let id = call.id();
-        if holder.role < Role::Owner {
-            let (verb, user) = (detail("manage tokens"), detail(&holder.user));
-            return self.refuse(client, id, Reason::OwnerOnly { verb, user });
-        }
-        // A second change would be made from tokens without the first one.
-        if self.changing && !matches!(call, Call::TokenList { .. }) {
-            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
-        }
-        let mut tokens = self.tokens.clone();
-        let changed = match call {
-            Call::TokenAdd { name, role, .. } => {
-                tokens.add(&name, &role).map(|secret| (Reply::Token { id, secret }, None))
-            }
-            Call::TokenRevoke { name, .. } => tokens.revoke(&name).map(|()| (Reply::Done { id }, Some(name))),
-            _ => return self.send(client, Reply::Tokens { id, tokens: self.tokens.rows() }),
-        };
-        match changed {
-            Ok((reply, revoked)) => {
-                self.changing = true;
-                let change = TokenChange { client, id, tokens, reply, revoked };
-                self.actions.push(Action::StoreTokens(Box::new(change)));
-            }
-            Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
-        }
-    }
-
-    fn stored(&mut self, change: TokenChange, stored: Result<(), String>) {
-        let TokenChange { client, id, tokens, reply, revoked } = change;
-        self.changing = false;
-        if let Err(why) = stored {
-            return self.refuse(client, id, Reason::DiskRefused { why: detail(why) });
-        }
-        self.tokens = tokens;
-        if let Some(name) = revoked {
-            self.close_holders(&name);
-        }
-        self.send(client, reply);
-    }
-
-    /// Closes the connections of a token that was revoked.
-    fn close_holders(&mut self, name: &str) {
-        let by_it = |one: &Connection| one.holder.as_ref().is_some_and(|holder| holder.by_token && holder.user == name);
-        let held: Vec<_> = self.connections.iter().filter(|(_, one)| by_it(one)).map(|(client, _)| *client).collect();
-        held.into_iter().for_each(|client| self.refuse_and_close(client, Reason::TokenInvalid));
-    }
-
     fn answered(&mut self, ticket: Ticket, done: Done) {
-        let Some((client, id, counts)) = self.tickets.remove(&ticket) else { return };
+        let answer = match &done {
+            Done::Answer(answer) => Some(&**answer),
+            Done::Reply(..) => None,
+        };
+        if let Some(end) = self.ends.remove(&ticket)
+            && answer.is_some_and(may_begin)
+        {
+            self.end(end);
+        }
+        let Some(Asked { client, id, counts, begins }) = self.tickets.remove(&ticket) else { return };
+        if begins && answer.is_some_and(|answer| answer.accepted == OperatorRequest::ACCEPTED) {
+            // What was held and accepted before it has ended.
+            for one in self.connections.values_mut() {
+                one.held.take_if(|held| held.ticket < ticket && !held.is_asked());
+            }
+        }
         let Some(connection) = self.connections.get_mut(&client) else { return };
         connection.listing = connection.listing.filter(|listing| *listing != ticket);
-        if matches!(&done, Done::Answer(answer) if answer.accepted != OperatorRequest::ACCEPTED) {
+        if let Some(answer) = answer {
             // A motion that was refused is not ended: that of another client may be under way.
-            connection.held.take_if(|held| held.ticket == ticket);
+            let now_ns = self.now_ns;
+            connection.held.take_if(|held| held.ticket == ticket && !held.answered(now_ns, answer));
         }
         connection.unanswered -= usize::from(counts && connection.unanswered > 0);
         let (reply, body, descriptor) = match done {
@@ -460,9 +477,13 @@ impl Core {
         self.actions.push(Action::Send { client, reply, body, descriptor });
     }
 
-    fn ticket(&mut self, client: ClientId, id: u64, counts: bool) -> Ticket {
+    fn ticket(&mut self, client: ClientId, id: u64) -> Ticket {
+        self.ticket_of(Asked { client, id, counts: true, begins: false })
+    }
+
+    fn ticket_of(&mut self, asked: Asked) -> Ticket {
         self.last_ticket += 1;
-        self.tickets.insert(self.last_ticket, (client, id, counts));
+        self.tickets.insert(self.last_ticket, asked);
         self.last_ticket
     }
 
@@ -477,24 +498,6 @@ impl Core {
     fn refuse_and_close(&mut self, client: ClientId, reason: Reason) {
         self.refuse(client, 0, reason);
         self.close(client);
-    }
-
-    /// Ends the held motion of a client, in its name.
-    fn release(&mut self, client: ClientId) {
-        let Some(connection) = self.connections.get_mut(&client) else { return };
-        let (Some(held), Some(holder)) = (connection.held.take(), connection.holder.clone()) else { return };
-        let (peer, Ok(mut sample)) = (&connection.peer, held.end.encode()) else { return };
-        holder.sign(&mut sample, peer);
-        // The client may be gone, and waits for no answer.
-        let ticket = self.ticket(NO_CLIENT, 0, false);
-        let process = client::MOTOR_IO.to_owned();
-        self.actions.push(Action::Ask { ticket, process, request: Box::new(sample), mission: None });
-    }
-
-    /// Whether a held motion may have to be ended soon.
-    #[must_use]
-    pub fn is_held(&self) -> bool {
-        self.connections.values().any(|one| one.held.is_some())
     }
 
     fn close(&mut self, client: ClientId) {
@@ -514,14 +517,14 @@ impl Core {
     /// Returns the client of a call.
     #[must_use]
     pub fn client_of(&self, ticket: Ticket) -> Option<ClientId> {
-        self.tickets.get(&ticket).map(|(client, ..)| *client)
+        self.tickets.get(&ticket).map(|asked| asked.client)
     }
 
     /// Returns the user and the role of a client, for the log.
     #[must_use]
     pub fn described(&self, ticket: Ticket) -> Option<(&str, Role)> {
-        let (client, ..) = self.tickets.get(&ticket)?;
-        let holder = self.connections.get(client)?.holder.as_ref()?;
+        let client = self.tickets.get(&ticket)?.client;
+        let holder = self.connections.get(&client)?.holder.as_ref()?;
         Some((&holder.user, holder.role))
     }
 }

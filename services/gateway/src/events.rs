@@ -47,8 +47,21 @@ pub enum Event<'a> {
         /// One sentence: why it could not be stored.
         stored: Result<(), String>,
     },
+    /// motor-io has published what it does. It is observed while a client holds a motion.
+    Moved(Motion),
     /// Some time has passed.
     Tick,
+}
+
+/// What motor-io does, of `motor/authority`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Motion {
+    /// When it was published, ns.
+    pub stamp_ns: u64,
+    /// Its mode.
+    pub mode: u8,
+    /// Number of the motion that it has, also of a paused one; 0: none.
+    pub number: u32,
 }
 
 /// Result of a call.

@@ -1,26 +1,95 @@
 //! Motions that go on only while their client says that their control is held.
 
-use crate::events::Ticket;
-use messages::Request;
+use crate::events::{Motion, Ticket};
+use messages::{MotorAuthority, OperatorRequest, Request, RequestAnswer};
+use robot_state::Reason;
 
-/// Time without a sign of the client after which a held motion ends, ns.
+/// Time without a sign of the client after which a held motion ends, and age from which a sign counts as none, ns.
 pub(crate) const SILENT_NS: u64 = 300_000_000;
+
+/// How far a held motion has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// Its request has no answer.
+    Asked,
+    /// It was accepted at that instant, ns; or its answer did not come, so that it may begin or have begun.
+    Begun(u64),
+    /// motor-io follows it: the number of the motion, 0 for a jog.
+    Moving(u32),
+}
 
 /// A held motion.
 #[derive(Debug)]
 pub(crate) struct Held {
     /// The call that requested it.
     pub(crate) ticket: Ticket,
-    /// When the client last said that the control is held.
-    pub(crate) beat_ns: u64,
     /// The request that ends it.
     pub(crate) end: Request,
+    beat_ns: u64,
+    phase: Phase,
 }
 
 impl Held {
+    /// A motion that was requested just now.
+    pub(crate) fn new(ticket: Ticket, end: Request, beat_ns: u64) -> Self {
+        Self { ticket, end, beat_ns, phase: Phase::Asked }
+    }
+
+    /// Takes a sign of the client that was made at that instant.
+    pub(crate) fn beat(&mut self, now_ns: u64, made_ns: u64) {
+        if !is_old(now_ns, made_ns) {
+            self.beat_ns = self.beat_ns.max(made_ns.min(now_ns));
+        }
+    }
+
     /// Whether the client has been silent for too long.
     pub(crate) fn is_over(&self, now_ns: u64) -> bool {
-        now_ns >= self.beat_ns.saturating_add(SILENT_NS)
+        is_old(now_ns, self.beat_ns)
+    }
+
+    /// Whether its request has no answer.
+    pub(crate) fn is_asked(&self) -> bool {
+        self.phase == Phase::Asked
+    }
+
+    /// Takes the answer to its request. Returns whether a motion may follow from it.
+    pub(crate) fn answered(&mut self, now_ns: u64, answer: &RequestAnswer) -> bool {
+        self.phase = Phase::Begun(now_ns);
+        may_begin(answer)
+    }
+
+    /// Follows what motor-io does. Returns whether the motion has ended.
+    pub(crate) fn has_ended(&mut self, seen: Motion) -> bool {
+        match self.phase {
+            // What motor-io did before says nothing about this motion.
+            Phase::Begun(since_ns) if seen.stamp_ns > since_ns => {
+                self.phase = seen.under_way().map_or(self.phase, Phase::Moving);
+                false
+            }
+            Phase::Asked | Phase::Begun(_) => false,
+            Phase::Moving(number) => seen.under_way() != Some(number),
+        }
+    }
+}
+
+/// Whether a sign that was made at that instant is too old to count.
+pub(crate) fn is_old(now_ns: u64, made_ns: u64) -> bool {
+    now_ns >= made_ns.saturating_add(SILENT_NS)
+}
+
+/// Whether a motion may follow from a request with this answer: it was accepted, or what became of it is not known.
+pub(crate) fn may_begin(answer: &RequestAnswer) -> bool {
+    let unknown = Reason::RobotUnreached { why: robot_state::answers::detail("") }.code();
+    answer.accepted == OperatorRequest::ACCEPTED || answer.reason == unknown
+}
+
+impl Motion {
+    /// The number of the motion that motor-io has, also a paused one; 0: a jog. `None`: none.
+    pub(crate) fn under_way(self) -> Option<u32> {
+        match self.mode {
+            MotorAuthority::MODE_JOGGING => Some(0),
+            _ => Some(self.number).filter(|number| *number != 0),
+        }
     }
 }
 
@@ -32,4 +101,9 @@ pub(crate) fn end_of(request: &Request) -> Option<Request> {
         Request::Goto { .. } => Some(Request::Stop),
         _ => None,
     }
+}
+
+/// Whether a request begins a motion, so that no other one is under way once it is accepted.
+pub(crate) fn begins(request: &Request) -> bool {
+    matches!(request, Request::Jog { .. } | Request::Goto { .. } | Request::Run { .. })
 }

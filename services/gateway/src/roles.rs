@@ -121,9 +121,12 @@ impl Roles {
     }
 
     /// Returns whether a peer that is no plug-in of the service manager may publish readings of any declared sensor: a
-    /// listed user, the robot's user and root.
+    /// listed user, the robot's user and root. A page acts for everyone who opens it, so it publishes nothing.
     #[must_use]
-    pub fn may_publish(&self, peer: &Peer) -> bool {
+    pub fn may_publish(&self, peer: &Peer, origin: Origin) -> bool {
+        if origin == Origin::Page {
+            return false;
+        }
         self.section.publish.iter().any(|entry| is_user(peer, entry)) || self.of(peer) == Role::Owner
     }
 }
@@ -258,10 +261,16 @@ mod tests {
     fn only_the_user_of_the_plug_ins_and_the_owner_publish() {
         let roles = Roles::new(900, GatewaySection { look: vec!["901".to_owned()], ..GatewaySection::default() });
         let plugin = peer(800, "nims-plugin", &["nims-operators"], &[]);
-        assert!(roles.may_publish(&plugin));
-        assert!(roles.may_publish(&peer(900, "nims", &[], &[])) && roles.may_publish(&peer(0, "root", &[], &[])));
+        assert!(roles.may_publish(&plugin, Origin::Python));
+        let owner = peer(900, "nims", &[], &[]);
+        assert!(!roles.may_publish(&plugin, Origin::Page) && !roles.may_publish(&owner, Origin::Page));
+        assert!(
+            roles.may_publish(&owner, Origin::Command)
+                && roles.may_publish(&peer(0, "root", &[], &[]), Origin::Command)
+        );
         for (uid, user) in [(1000, "ada"), (901, "eve"), (1001, "nims-plugin2")] {
-            assert!(!roles.may_publish(&peer(uid, user, &["nims-operators", "nims-plugin"], &[])), "{user}");
+            let other = peer(uid, user, &["nims-operators", "nims-plugin"], &[]);
+            assert!(!roles.may_publish(&other, Origin::Python), "{user}");
         }
         // It moves nothing, also where the group of the socket would let it.
         assert_eq!(roles.of(&plugin), Role::Look);

@@ -1,6 +1,6 @@
 //! The process around the core: sockets, the robot, the disk.
 
-use crate::core::{Action, ClientId, Core, Done, Event, Question, Ticket};
+use crate::core::{Action, ClientId, Core, Done, Event, Motion, NO_CLIENT, Question, Ticket};
 use crate::disk::{Disk, Job, Outcome};
 use crate::hub::{Delivery, count};
 use crate::lane::stops;
@@ -14,7 +14,7 @@ use crate::{socket, users};
 use bus::clock::now_ns;
 use command::{Answer, Failure, StopFlag};
 use gateway_protocol::{ChannelRow, Reply, RobotFacts, encode};
-use messages::{OperatorRequest, RequestAnswer, text_of};
+use messages::{Message, MotorAuthority, OperatorRequest, RequestAnswer, text_of};
 use robot_state::Reason;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
@@ -70,6 +70,8 @@ pub struct Server {
     /// Requests whose mission is being stored.
     missions: BTreeMap<Ticket, (String, Box<OperatorRequest>, u64)>,
     tokens: PathBuf,
+    /// The gateway's own subscription has the expected type.
+    reads_motions: bool,
 }
 
 impl Server {
@@ -99,6 +101,7 @@ impl Server {
             last_client: 0,
             missions: BTreeMap::new(),
             tokens: settings.tokens.clone(),
+            reads_motions: false,
         })
     }
 
@@ -386,6 +389,14 @@ impl Server {
     fn samples(&mut self) {
         for delivery in self.robot.samples(now_ns()) {
             match delivery {
+                // The gateway's own subscription.
+                Delivery::Definition(NO_CLIENT, reply) => self.reads_motions = is_authority(&reply),
+                Delivery::Sample(NO_CLIENT, _, bytes, ..) => {
+                    if let Some(seen) = motion(&bytes).filter(|_| self.reads_motions) {
+                        let actions = self.core.step(now_ns(), Event::Moved(seen));
+                        self.carry_out(actions);
+                    }
+                }
                 Delivery::Definition(client, reply) => self.post(client, &reply, &[], None),
                 Delivery::Sample(client, id, bytes, missed, dropped) => {
                     let Some(entry) = self.clients.get_mut(&client) else { continue };
@@ -431,4 +442,15 @@ impl Server {
             self.carry_out(actions);
         }
     }
+}
+
+fn is_authority(definition: &Reply) -> bool {
+    let size = size_of::<MotorAuthority>();
+    matches!(definition, Reply::Definition { type_name, size_bytes, .. }
+        if *type_name == MotorAuthority::type_name() && *size_bytes == size)
+}
+
+fn motion(sample: &[u8]) -> Option<Motion> {
+    let seen: MotorAuthority = bytemuck::try_pod_read_unaligned(sample).ok()?;
+    Some(Motion { stamp_ns: seen.header.stamp_ns, mode: seen.mode, number: seen.motion })
 }

@@ -39,7 +39,7 @@ fn hello() -> Vec<u8> {
 }
 
 fn ask(id: u64, request: Request) -> Vec<u8> {
-    framed(&Call::Ask { id, request, process: None, held: false }, &[])
+    framed(&Call::Ask { id, request, process: None, held: false, at_ns: None }, &[])
 }
 
 /// A client of that user that has said hello.
@@ -155,11 +155,12 @@ fn every_request_goes_to_the_process_that_carries_it_out() {
         request: Request::Fault { text: "nan".to_owned() },
         process: Some(process.to_owned()),
         held: false,
+        at_ns: None,
     };
     let mut go = |call: &Call| core.step(99 * SECOND, Event::Received { client: 1, bytes: &framed(call, &[]) });
     assert!(matches!(&go(&fault("controller-b"))[..], [Action::Ask { process, .. }] if process == "controller-b"));
     assert_eq!(reason(&go(&fault("planner"))), 456);
-    let arm = Call::Ask { id: 9, request: Request::Arm, process: Some("planner".to_owned()), held: false };
+    let arm = Call::Ask { id: 9, request: Request::Arm, process: Some("planner".to_owned()), held: false, at_ns: None };
     assert_eq!(reason(&go(&arm)), 456);
 }
 
@@ -190,7 +191,7 @@ fn a_held_motion_ends_with_its_signs_its_release_and_its_connection() {
         let ticket = begun(&mut core);
         core.step(ms(1), Event::Answered { ticket, reply: accepted() });
         assert!(ends(&core.step(ms(250), Event::Tick)).is_empty() && core.is_held());
-        core.step(ms(290), Event::Received { client: 1, bytes: &framed(&Call::Beat {}, &[]) });
+        core.step(ms(290), Event::Received { client: 1, bytes: &framed(&Call::Beat { at_ns: None }, &[]) });
         assert!(ends(&core.step(ms(589), Event::Tick)).is_empty());
         assert_eq!(ends(&core.step(ms(590), Event::Tick)), ended);
         assert!(ends(&core.step(ms(5000), Event::Tick)).is_empty() && !core.is_held());
@@ -216,16 +217,16 @@ fn a_held_motion_ends_with_its_signs_its_release_and_its_connection() {
     }
     let mut core = core();
     connected(&mut core, 1, "nims");
-    let arm = framed(&Call::Ask { id: 1, request: Request::Arm, process: None, held: true }, &[]);
+    let arm = framed(&Call::Ask { id: 1, request: Request::Arm, process: None, held: true, at_ns: None }, &[]);
     assert_eq!(reason(&core.step(0, Event::Received { client: 1, bytes: &arm })), 456);
 }
 
 /// Requests a motion that is held, as client 1.
 fn held(core: &mut Core, request: &Request, now_ns: u64) -> Ticket {
-    let call = framed(&Call::Ask { id: 1, request: request.clone(), process: None, held: true }, &[]);
+    let call = framed(&Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None }, &[]);
     let actions = core.step(now_ns, Event::Received { client: 1, bytes: &call });
-    let [Action::Ask { ticket, .. }] = actions[..] else { panic!("{actions:?}") };
-    ticket
+    let Some(Action::Ask { ticket, .. }) = actions.first() else { panic!("{actions:?}") };
+    *ticket
 }
 
 /// The declared plug-in `soil`.
@@ -347,7 +348,7 @@ fn a_mission_is_flown_only_with_its_text() {
     let hash = config::mission_hash("name = \"low\"");
     let run = |core: &mut Core, body: &[u8]| {
         let request = Request::Run { mission: "low".to_owned(), hash, continues: false };
-        let call = framed(&Call::Ask { id: 1, request, process: None, held: false }, body);
+        let call = framed(&Call::Ask { id: 1, request, process: None, held: false, at_ns: None }, body);
         core.step(0, Event::Received { client: 1, bytes: &call })
     };
     for body in [&b""[..], b"name = \"high\"", &[0xff, 0xfe]] {

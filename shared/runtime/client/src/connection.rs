@@ -13,7 +13,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{IoSliceMut, Write};
 use std::mem::MaybeUninit;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -311,19 +311,19 @@ pub(crate) fn unexpected(reply: &Reply) -> Failure {
     }
 }
 
-/// Connects to the socket of a gateway whose user may be trusted, for a program that speaks the protocol by itself.
-///
-/// # Errors
-/// No gateway listens there, it is closed to this user, or another user runs it.
-pub fn connect(path: &Path) -> Answer<UnixStream> {
+fn connect(path: &Path) -> Answer<UnixStream> {
     let stream = UnixStream::connect(path).map_err(|error| not_connected(path, &error))?;
     trusted(path, &stream)?;
     Ok(stream)
 }
 
-/// A gateway gets missions and secrets, so it has to be root's, this user's, or that of the user whose folder it is in:
-/// another user may have created a socket in a folder that all users may write to.
-fn trusted(path: &Path, stream: &UnixStream) -> Answer {
+/// Checks that a connection leads to a gateway that may be trusted. It gets missions and secrets, so it has to be root's,
+/// this user's, or that of the user whose folder its socket is in: another user may have created a socket in a folder
+/// that all users may write to.
+///
+/// # Errors
+/// Another user runs it.
+pub fn trusted(path: &Path, stream: &impl AsFd) -> Answer {
     let unknown = |why: String| {
         Failure::NotNow(format!("the user of the gateway {} cannot be found out: {why}; try again", path.display()))
     };
@@ -339,7 +339,9 @@ fn trusted(path: &Path, stream: &UnixStream) -> Answer {
     )))
 }
 
-fn not_connected(path: &Path, error: &std::io::Error) -> Failure {
+/// The failure where the socket of a gateway cannot be connected to.
+#[must_use]
+pub fn not_connected(path: &Path, error: &std::io::Error) -> Failure {
     let path = path.display();
     Failure::NotNow(match error.kind() {
         std::io::ErrorKind::PermissionDenied => format!(

@@ -18,7 +18,7 @@ mod robot;
 mod samples;
 mod tap;
 
-pub use connection::{TOKEN_VARIABLE, connect};
+pub use connection::{TOKEN_VARIABLE, not_connected, trusted};
 pub use copy::copy_run;
 pub use finding::{GATEWAY_VARIABLE, Place, emergency_stop, gateway, gateway_socket, link, link_as};
 pub use gateway_protocol::{FileRow, RunRow, TokenRow};

@@ -94,9 +94,17 @@ pub enum Call {
         /// The motion of a jog or of a move goes on only while the client sends [`Call::Beat`].
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         held: bool,
+        /// When the control was pressed, CLOCK_MONOTONIC of this machine, ns; default: now. A held motion whose request
+        /// is 0.3 s old is refused.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        at_ns: Option<u64>,
     },
     /// The control of a held motion is still held; the only call without a reply.
-    Beat {},
+    Beat {
+        /// When that was so, CLOCK_MONOTONIC of this machine, ns; default: now. One that is 0.3 s old does not count.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        at_ns: Option<u64>,
+    },
     /// The control of a held motion was released.
     Release {
         /// Number that the reply repeats.
@@ -190,7 +198,7 @@ impl Call {
     #[must_use]
     pub fn id(&self) -> u64 {
         match self {
-            Self::Hello { .. } | Self::Beat {} => 0,
+            Self::Hello { .. } | Self::Beat { .. } => 0,
             Self::Ask { id, .. }
             | Self::Release { id }
             | Self::Robot { id }

@@ -87,14 +87,22 @@ fn every_call_is_read_as_it_was_written() {
             request: Request::Swap { role: SlotRole::Estimator, slot: Slot::B },
             process: None,
             held: false,
+            at_ns: None,
         },
         Call::Ask {
             id: 2,
             request: Request::Fault { text: "stall 2".to_owned() },
             process: Some("a".to_owned()),
             held: false,
+            at_ns: None,
         },
-        Call::Ask { id: 3, request: Request::Jog { cable: 1, distance_m: 0.1 }, process: None, held: true },
+        Call::Ask {
+            id: 3,
+            request: Request::Jog { cable: 1, distance_m: 0.1 },
+            process: None,
+            held: true,
+            at_ns: Some(7),
+        },
         Call::Release { id: 4 },
         Call::Robot { id: 5 },
         Call::Configuration { id: 6 },
@@ -112,14 +120,16 @@ fn every_call_is_read_as_it_was_written() {
         assert_eq!(Call::read(&call.header().unwrap()).unwrap(), *call);
         assert_eq!(call.id(), number as u64);
     }
-    let beat = Call::Beat {};
-    assert_eq!((Call::read(&beat.header().unwrap()).unwrap(), beat.id()), (Call::Beat {}, 0));
+    for at_ns in [None, Some(u64::MAX)] {
+        let beat = Call::Beat { at_ns };
+        assert_eq!((Call::read(&beat.header().unwrap()).unwrap(), beat.id()), (Call::Beat { at_ns }, 0));
+    }
 }
 
 #[test]
 fn a_number_that_json_cannot_hold_is_never_left_out() {
     let goto = |speed_m_s| Request::Goto { to_m: [1.0, 2.0, 0.1 + 0.2], path: messages::GotoPath::Line, speed_m_s };
-    let call = |speed| Call::Ask { id: 1, request: goto(Some(speed)), process: None, held: false };
+    let call = |speed| Call::Ask { id: 1, request: goto(Some(speed)), process: None, held: false, at_ns: None };
     assert!(call(0.3).header().is_ok());
     for speed in [f64::NAN, f64::INFINITY] {
         assert!(call(speed).header().is_err());

@@ -364,6 +364,7 @@ answers! {
     475 WithdrawnByStop REFUSED, "the robot was told to stop while this motion was being planned, so it was withdrawn; ask again";
     476 WaitedTooLong { within_s: f64 } REFUSED, "the request has waited for {within_s:.0} s and was not sent; look at the robot, then ask again";
     477 RequesterGone REFUSED, "its client is gone, so the request was not sent";
+    478 HeldTooOld { age_s: f64 } REFUSED, "the connection stood still: this motion was asked for {age_s:.1} s ago, so it was not begun; press again";
 
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.

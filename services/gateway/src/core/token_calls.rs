@@ -1,0 +1,58 @@
+//! The calls that manage tokens, and what they end.
+
+use super::{Connection, Core, Holder};
+use crate::events::{Action, ClientId, TokenChange};
+use crate::roles::Role;
+use gateway_protocol::{Call, Reply};
+use robot_state::Reason;
+use robot_state::answers::detail;
+
+impl Core {
+    pub(super) fn token_call(&mut self, client: ClientId, holder: &Holder, call: Call) {
+        let id = call.id();
+        if holder.role < Role::Owner {
+            let (verb, user) = (detail("manage tokens"), detail(&holder.user));
+            return self.refuse(client, id, Reason::OwnerOnly { verb, user });
+        }
+        // A second change would be made from tokens without the first one.
+        if self.changing && !matches!(call, Call::TokenList { .. }) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
+        }
+        let mut tokens = self.tokens.clone();
+        let changed = match call {
+            Call::TokenAdd { name, role, .. } => {
+                tokens.add(&name, &role).map(|secret| (Reply::Token { id, secret }, None))
+            }
+            Call::TokenRevoke { name, .. } => tokens.revoke(&name).map(|()| (Reply::Done { id }, Some(name))),
+            _ => return self.send(client, Reply::Tokens { id, tokens: self.tokens.rows() }),
+        };
+        match changed {
+            Ok((reply, revoked)) => {
+                self.changing = true;
+                let change = TokenChange { client, id, tokens, reply, revoked };
+                self.actions.push(Action::StoreTokens(Box::new(change)));
+            }
+            Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
+        }
+    }
+
+    pub(super) fn stored(&mut self, change: TokenChange, stored: Result<(), String>) {
+        let TokenChange { client, id, tokens, reply, revoked } = change;
+        self.changing = false;
+        if let Err(why) = stored {
+            return self.refuse(client, id, Reason::DiskRefused { why: detail(why) });
+        }
+        self.tokens = tokens;
+        if let Some(name) = revoked {
+            self.close_holders(&name);
+        }
+        self.send(client, reply);
+    }
+
+    /// Closes the connections of a token that was revoked.
+    fn close_holders(&mut self, name: &str) {
+        let by_it = |one: &Connection| one.holder.as_ref().is_some_and(|holder| holder.by_token && holder.user == name);
+        let held: Vec<_> = self.connections.iter().filter(|(_, one)| by_it(one)).map(|(client, _)| *client).collect();
+        held.into_iter().for_each(|client| self.refuse_and_close(client, Reason::TokenInvalid));
+    }
+}
