@@ -3,6 +3,7 @@
 use crate::assets::Assets;
 use crate::observer::Topics;
 use crate::settings::PlaceArgs;
+use crate::stops::Places;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,6 +24,7 @@ pub(crate) struct App {
     /// Names of this machine, beside its addresses.
     pub(crate) names: Vec<String>,
     pub(crate) browsers: Arc<Semaphore>,
+    pub(crate) stops: Places,
 }
 
 /// Files of finished runs that can be fetched once.

@@ -1,7 +1,7 @@
 //! The routes of the server, and what every request has to satisfy.
 
 use crate::app::{App, Offered};
-use crate::{plain, session};
+use crate::{plain, session, stops};
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::extract::ws::WebSocketUpgrade;
@@ -121,7 +121,7 @@ async fn plain_stop(State(app): State<Arc<App>>, Path(verb): Path<String>) -> Re
         "estop" => Asked::Estop,
         _ => return (StatusCode::NOT_FOUND, "the plain page has stop and estop\n").into_response(),
     };
-    let sentence = match session::stop(&app, request).await {
+    let sentence = match stops::stop(&app, None, request).await {
         Ok(Reply::Answer { accepted: Accepted::Accepted, sentence, .. }) => sentence,
         Ok(Reply::Answer { sentence, .. }) => format!("refused: {sentence}"),
         Ok(_) => "the gateway's reply is of another kind; use the page of the same installation".to_owned(),
@@ -141,8 +141,7 @@ async fn upgrade(State(app): State<Arc<App>>, headers: HeaderMap, upgrade: WebSo
     };
     upgrade.max_message_size(MESSAGE).max_frame_size(MESSAGE).max_write_buffer_size(4 * MESSAGE).on_upgrade(
         async move |socket| {
-            session::converse(socket, app).await;
-            drop(place);
+            session::converse(socket, app, place).await;
         },
     )
 }

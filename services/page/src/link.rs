@@ -9,12 +9,19 @@ use std::collections::VecDeque;
 use std::io::IoSliceMut;
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
+use std::path::Path;
+use std::time::Duration;
 use tokio::io::{AsyncWriteExt, Interest};
 use tokio::net::UnixStream;
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::time::timeout;
 
 /// Bytes that are read at once.
 const PIECE: usize = 64 << 10;
+/// Time in which a gateway has to take a connection and to greet.
+const GREETED: Duration = Duration::from_secs(5);
+/// Time between two attempts while more connections wait for the gateway than its socket keeps.
+const AGAIN: Duration = Duration::from_millis(10);
 
 /// The gateway's reply to `hello`.
 #[derive(Debug, Clone)]
@@ -40,15 +47,35 @@ pub(crate) struct Incoming {
 #[derive(Debug)]
 pub(crate) struct Outgoing(OwnedWriteHalf);
 
-/// Connects to the gateway of a robot, for the holder of a token or for everyone who opens the page.
+/// Connects to the gateway of a robot, for the holder of a token or for everyone who opens the page. Nothing else waits
+/// meanwhile.
 ///
 /// # Errors
-/// There is no gateway, it may not be trusted, or it refuses the connection.
+/// There is no gateway, it may not be trusted, it does not answer, or it refuses the connection.
 pub(crate) async fn connect(place: Place<'_>, token: Option<String>) -> Answer<(Incoming, Outgoing, Welcome)> {
     let socket = client::gateway_socket(place)?;
-    let stream = client::connect(&socket)?;
-    stream.set_nonblocking(true).map_err(Failure::not_now)?;
-    let (read, write) = UnixStream::from_std(stream).map_err(Failure::not_now)?.into_split();
+    greeted_within(GREETED, &socket, token).await
+}
+
+async fn greeted_within(
+    limit: Duration,
+    socket: &Path,
+    token: Option<String>,
+) -> Answer<(Incoming, Outgoing, Welcome)> {
+    let greeted = timeout(limit, greet(socket, token)).await;
+    greeted.unwrap_or_else(|_| Err(unusable(format_args!("it has not answered for {} s", limit.as_secs()))))
+}
+
+async fn greet(socket: &Path, token: Option<String>) -> Answer<(Incoming, Outgoing, Welcome)> {
+    let stream = loop {
+        match UnixStream::connect(socket).await {
+            // Its queue of connections is full.
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => tokio::time::sleep(AGAIN).await,
+            connected => break connected.map_err(|error| client::not_connected(socket, &error))?,
+        }
+    };
+    client::trusted(socket, &stream)?;
+    let (read, write) = stream.into_split();
     let decoder = Decoder::new(REPLY_LIMITS);
     let mut incoming = Incoming { stream: read, decoder, bytes: vec![0; PIECE], descriptors: VecDeque::new() };
     let mut outgoing = Outgoing(write);
@@ -122,4 +149,42 @@ impl Incoming {
 
 fn unusable(why: impl std::fmt::Display) -> Failure {
     Failure::NotNow(format!("the robot's gateway cannot be used: {why}; the page tries again"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// A gateway that hangs: its queue of connections is full, and it accepts none.
+    #[test]
+    fn a_gateway_that_hangs_stops_no_other_task_and_is_given_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("robot.sock");
+        let listener = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
+        bind(&listener, &SocketAddrUnix::new(&path).unwrap()).unwrap();
+        listen(&listener, 0).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let turns = AtomicUsize::new(0);
+        runtime.block_on(async {
+            let connect = || greeted_within(Duration::from_secs(1), &path, None);
+            let others = async {
+                loop {
+                    tokio::time::sleep(AGAIN).await;
+                    turns.fetch_add(1, Ordering::Relaxed);
+                }
+            };
+            let attempts = async {
+                // The first one is in the queue and is not greeted, the others do not get into it.
+                let (first, second, third) = tokio::join!(connect(), connect(), connect());
+                [first.is_err(), second.is_err(), third.is_err()]
+            };
+            tokio::select! {
+                () = others => {}
+                refused = attempts => assert_eq!(refused, [true; 3]),
+            }
+        });
+        assert!(turns.load(Ordering::Relaxed) > 10);
+    }
 }

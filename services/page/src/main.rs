@@ -11,6 +11,7 @@ fn main() -> ExitCode {
 fn run(args: &Args) -> Answer {
     match &args.command {
         Command::Serve(serve) => page::serve(serve, &args.place),
+        Command::Start(start) => page::start(start, &args.place),
         Command::Pair(pair) => page::pair(pair, &args.place),
     }
 }

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::sync::{broadcast, watch};
 use tokio::time::{MissedTickBehavior, interval};
 
@@ -35,6 +35,7 @@ const MOST_LOGS: usize = 48;
 /// What browsers receive: of each topic the newest text, and every event.
 #[derive(Debug)]
 pub(crate) struct Topics {
+    begun: Instant,
     robot: Mutex<Robot>,
     scene: Mutex<Option<Arc<Scene>>>,
     history: Mutex<History>,
@@ -55,6 +56,7 @@ impl Default for Topics {
     fn default() -> Self {
         let topic = || watch::Sender::new(Utf8Bytes::default());
         Self {
+            begun: Instant::now(),
             robot: Mutex::default(),
             scene: Mutex::default(),
             history: Mutex::default(),
@@ -73,6 +75,11 @@ impl Topics {
     /// The robot that is drawn, if its configuration is known.
     pub(crate) fn scene(&self) -> Option<Arc<Scene>> {
         locked(&self.scene).clone()
+    }
+
+    /// The time of this server that states carry and that browsers return, ms.
+    pub(crate) fn now_ms(&self) -> f64 {
+        self.begun.elapsed().as_secs_f64() * 1e3
     }
 
     /// The state now, for the plain page.
@@ -204,7 +211,9 @@ impl Observation<'_> {
         let cycle = robot.cycle();
         if cycle != self.sent_cycle || tick.is_multiple_of(AGEING) {
             self.sent_cycle = cycle;
-            self.topics.put(STATE, &robot.live(now_ns()));
+            let mut state = robot.live(now_ns());
+            state["at_ms"] = json!(self.topics.now_ms());
+            self.topics.put(STATE, &state);
         }
         if tick.is_multiple_of(SLOWLY) {
             locked(&self.topics.history).note(&robot, now_ns());

@@ -11,7 +11,7 @@ use std::path::Path;
 const FILE: &str = "page.json";
 
 /// Where a page listens.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Listening {
     /// Its addresses, the first for other machines if there is one.
     pub(crate) urls: Vec<String>,
@@ -35,30 +35,37 @@ impl Listening {
     }
 }
 
-/// Creates a token and prints how a browser becomes its holder. The part behind `#` is not sent to any server: the page
-/// takes the token from it and keeps it.
+/// Creates a token and prints how a browser becomes its holder.
 ///
 /// # Errors
 /// The gateway refuses the token, or the address of the page is not known.
 pub fn pair(args: &PairArgs, place: &PlaceArgs) -> Answer {
     let listening = Listening::read(&state_folder(args.state.as_ref()));
-    let url = args.url.clone().or_else(|| listening.as_ref()?.urls.first().cloned()).ok_or_else(|| {
+    let known = listening.clone().unwrap_or_default();
+    let urls = args.url.iter().cloned().chain(known.urls).collect();
+    print_pairing(&Listening { urls, ..known }, place, &args.holder, &args.role).map(|_| ())
+}
+
+/// Creates a token and prints how a browser becomes its holder; returns the address. The part behind `#` is not sent to
+/// any server: the page takes the token from it and keeps it.
+///
+/// # Errors
+/// As [`pair`].
+pub(crate) fn print_pairing(listening: &Listening, place: &PlaceArgs, holder: &str, role: &str) -> Answer<String> {
+    let url = listening.urls.first().ok_or_else(|| {
         Failure::NotNow("it is not known where the page listens: start it, or give its address with --url".to_owned())
     })?;
-    let secret = client::gateway(place.place())?.add_token(&args.holder, &args.role)?;
+    let secret = client::gateway(place.place())?.add_token(holder, role)?;
     let address = format!("{}/#token={secret}", url.trim_end_matches('/'));
     let code = QrCode::new(&address).map_err(Failure::not_now)?;
     // Light modules are printed as blocks: most terminals have a dark ground.
     let drawn = code.render::<Dense1x2>().dark_color(Dense1x2::Light).light_color(Dense1x2::Dark).build();
-    let mut lines = vec![drawn, address];
-    if let Some(fingerprint) = listening.and_then(|listening| listening.fingerprint) {
+    let mut lines = vec![drawn, address.clone()];
+    if let Some(fingerprint) = &listening.fingerprint {
         lines.push(format!("The browser warns once. Its certificate has the SHA-256 fingerprint {fingerprint}"));
     }
-    lines.push(format!(
-        "This gives the role {} to its holder; `nims token revoke {}` takes it back.",
-        args.role, args.holder
-    ));
+    lines.push(format!("This gives the role {role} to its holder; `nims token revoke {holder}` takes it back."));
     // A closed pipe wants no more of it.
     let _ = print_line(&lines.join("\n"));
-    Ok(())
+    Ok(address)
 }

@@ -1,5 +1,6 @@
 //! What browsers send, as JSON; `docs/page.md` describes it.
 
+use crate::control::Sign;
 use gateway_protocol::Call;
 use messages::Request;
 use serde::Deserialize;
@@ -17,9 +18,9 @@ pub(crate) enum FromBrowser {
     /// Requests something of the robot.
     Ask { id: u64, request: Request },
     /// Requests a motion that goes on only while the browser sends `beat`.
-    Held { id: u64, request: Request },
+    Held { id: u64, request: Request, sign: Sign },
     /// The person still holds the control of the motion.
-    Beat {},
+    Beat { sign: Sign },
     /// The person has released it.
     Release {},
     /// Requests a mission by its text.
@@ -57,7 +58,7 @@ pub(crate) fn stops(request: &Request) -> bool {
 
 /// The gateway's call for a request.
 pub(crate) fn ask(id: u64, request: Request) -> Call {
-    Call::Ask { id, request, process: None, held: false }
+    Call::Ask { id, request, process: None, held: false, at_ns: None }
 }
 
 /// A refusal of the page itself, in the form of the gateway's answers.
@@ -74,9 +75,7 @@ mod tests {
         assert_eq!(FromBrowser::read(r#"{"call":"hello"}"#), Ok(FromBrowser::Hello { token: None }));
         let ask = FromBrowser::read(r#"{"call":"ask","id":3,"request":{"verb":"stop"}}"#);
         assert_eq!(ask, Ok(FromBrowser::Ask { id: 3, request: Request::Stop }));
-        for wrong in
-            ["", "[]", r#"{"call":"token-add","id":1,"name":"a","role":"fly"}"#, r#"{"call":"beat","id":1,"x":2}"#]
-        {
+        for wrong in ["", "[]", r#"{"call":"token-add","id":1,"name":"a","role":"fly"}"#, r#"{"call":"beat"}"#] {
             assert!(FromBrowser::read(wrong).is_err(), "{wrong}");
         }
     }

@@ -8,6 +8,7 @@ use crate::listener::listen;
 use crate::observer::{Topics, observe};
 use crate::pair::Listening;
 use crate::settings::{PlaceArgs, ServeArgs, state_folder};
+use crate::stops::Places;
 use command::{Answer, Failure};
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -20,14 +21,22 @@ use tokio::sync::Semaphore;
 /// # Errors
 /// The address is in use or not of this machine, or the certificate cannot be made.
 pub fn serve(args: &ServeArgs, place: &PlaceArgs) -> Answer {
+    serve_with(args, place, |_| {})
+}
+
+/// Serves the page; `listens` is told where, before the first browser.
+///
+/// # Errors
+/// As [`serve`].
+pub(crate) fn serve_with(args: &ServeArgs, place: &PlaceArgs, listens: impl FnOnce(Listening)) -> Answer {
     bus::make_private();
     // The page must not delay the robot's processes.
     let _ = rustix::process::nice(10);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::not_now)?;
-    runtime.block_on(run(args, place))
+    runtime.block_on(run(args, place, listens))
 }
 
-async fn run(args: &ServeArgs, place: &PlaceArgs) -> Answer {
+async fn run(args: &ServeArgs, place: &PlaceArgs, listens: impl FnOnce(Listening)) -> Answer {
     let address = SocketAddr::new(args.address, args.port);
     let refused = |error: std::io::Error| {
         Failure::NotNow(format!("cannot listen at {address}: {error}; choose others with --address and --port"))
@@ -63,6 +72,7 @@ async fn run(args: &ServeArgs, place: &PlaceArgs) -> Answer {
     if !assets.are_there() {
         eprintln!("nims-page: only the plain page is there; scripts/page builds the whole one");
     }
+    listens(listening);
     let topics = Arc::new(Topics::default());
     let app = App {
         place: place.clone(),
@@ -71,6 +81,7 @@ async fn run(args: &ServeArgs, place: &PlaceArgs) -> Answer {
         downloads: Downloads::default(),
         names: names.clone(),
         browsers: Arc::new(Semaphore::new(BROWSERS)),
+        stops: Places::default(),
     };
     let (mut interrupted, mut terminated) = (
         signal(SignalKind::interrupt()).map_err(Failure::not_now)?,

@@ -1,20 +1,23 @@
 //! The conversation with a browser: its messages to the gateway, and the robot's state to the browser.
 
 use crate::app::App;
-use crate::link::{self, Incoming, Outgoing, Welcome};
+use crate::control::Control;
+use crate::link::{self, Incoming, Outgoing};
 use crate::protocol::{FromBrowser, ask, refusal, stops};
+use crate::stops::Stops;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
-use command::Answer;
+use bus::clock::now_ns;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
 use gateway_protocol::{Call, Reply};
 use messages::Request;
+use robot_state::Reason;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::{broadcast, mpsc};
+use tokio::sync::{OwnedSemaphorePermit, broadcast, mpsc};
 use tokio::time::{interval, timeout};
 
 /// Time in which a browser has to send `hello`.
@@ -28,14 +31,16 @@ const MESSAGES_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
 /// Answers of the page itself that may wait for the browser.
 const WAITING: usize = 64;
-/// Number of a release, whose reply no browser waits for; they count from 1.
-const RELEASED: u64 = 0;
+/// Calls that may wait for the gateway to take them; a mission has up to 256 kB.
+const QUEUED: usize = 4;
 
 /// What both directions of a conversation share.
 #[derive(Debug, Default)]
 struct Shared {
     /// The files that were asked for, by the number of the call.
     opens: BTreeMap<u64, String>,
+    /// Requests of the robot without an answer, by the number of the call.
+    asked: BTreeSet<u64>,
 }
 
 /// The directions take turns on one thread, so nothing waits for this lock.
@@ -46,7 +51,7 @@ fn locked(shared: &Both) -> MutexGuard<'_, Shared> {
 }
 
 /// Talks to a browser until one of them ends it.
-pub(crate) async fn converse(socket: WebSocket, app: Arc<App>) {
+pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, place: OwnedSemaphorePermit) {
     let (mut sink, mut stream) = socket.split();
     let Some(token) = hello(&mut stream).await else { return };
     let (link, refused) = match link::connect(app.place.place(), token.clone()).await {
@@ -67,12 +72,57 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>) {
         return;
     }
     let (local, answers) = mpsc::channel(WAITING);
-    let shared = Both::default();
-    let mut inbound = Inbound { app: &app, stream, outgoing, local, welcome, shared: &shared };
+    // A role that may not stop stops as the page, because that is open to every role.
+    let stopping = token.filter(|_| refused.is_none() && welcome.role != "look");
+    let stops = Stops::new(Arc::clone(&app), stopping, local.clone(), place);
+    let (shared, control) = (Both::default(), Control::default());
+    let (calls, queue) = mpsc::channel(QUEUED);
+    let mut inbound =
+        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared };
     let outbound = outbound(&app, sink, incoming, answers, &shared);
     tokio::select! {
         () = inbound.run() => {}
         () = outbound => {}
+        () = write(outgoing, &control, queue, &shared, &local) => {}
+    }
+}
+
+/// A call that waits for the gateway to take it.
+struct Queued {
+    call: Call,
+    body: Vec<u8>,
+    /// Number of stops before it.
+    stops: u64,
+}
+
+/// From the browser's calls to the gateway; what is done with a control comes before everything else.
+async fn write(
+    mut outgoing: Outgoing,
+    control: &Control,
+    mut queue: mpsc::Receiver<Queued>,
+    shared: &Both,
+    answers: &mpsc::Sender<Value>,
+) {
+    loop {
+        let (call, body) = match control.take() {
+            Some(call) => (call, Vec::new()),
+            None => tokio::select! {
+                biased;
+                () = control.changed() => continue,
+                queued = queue.recv() => match queued {
+                    None => return,
+                    Some(Queued { call: Call::Ask { id, .. }, stops, .. }) if stops != control.stops() => {
+                        locked(shared).asked.remove(&id);
+                        let _ = answers.try_send(refused(id, &Reason::OvertakenByStop));
+                        continue;
+                    }
+                    Some(Queued { call, body, .. }) => (call, body),
+                },
+            },
+        };
+        if outgoing.send(&call, &body).await.is_err() {
+            return;
+        }
     }
 }
 
@@ -154,7 +204,11 @@ async fn outbound(
 
 /// The gateway's reply for the browser; of an opened file the path of its download.
 fn replied(app: &App, reply: Reply, incoming: &mut Incoming, shared: &Both) -> Value {
-    let name = locked(shared).opens.remove(&reply.id());
+    let name = {
+        let shared = &mut locked(shared);
+        shared.asked.remove(&reply.id());
+        shared.opens.remove(&reply.id())
+    };
     match &reply {
         Reply::Opened { id, bytes } => match (incoming.descriptor(), name) {
             (Some(file), Some(name)) => {
@@ -178,9 +232,10 @@ fn as_value(reply: &Reply) -> Value {
 struct Inbound<'a> {
     app: &'a Arc<App>,
     stream: SplitStream<WebSocket>,
-    outgoing: Outgoing,
+    calls: mpsc::Sender<Queued>,
+    control: &'a Control,
     local: mpsc::Sender<Value>,
-    welcome: Welcome,
+    stops: Stops,
     shared: &'a Both,
 }
 
@@ -197,38 +252,53 @@ impl Inbound<'_> {
             if saved < 0.0 {
                 return;
             }
-            let done = match message {
-                Message::Text(text) => self.take(text.as_str()).await,
-                Message::Close(_) => return,
-                Message::Binary(_) => return,
-                Message::Ping(_) | Message::Pong(_) => Ok(()),
-            };
-            if done.is_err() {
-                return;
+            match message {
+                Message::Text(text) => self.take(text.as_str()),
+                Message::Close(_) | Message::Binary(_) => return,
+                Message::Ping(_) | Message::Pong(_) => {}
             }
         }
     }
 
-    async fn take(&mut self, text: &str) -> Answer {
+    /// Nothing is awaited here, so that a stop is taken whatever was sent before it.
+    fn take(&mut self, text: &str) {
         let message = match FromBrowser::read(text) {
             Ok(message) => message,
-            Err(why) => {
-                self.answer(refusal(0, &why));
-                return Ok(());
-            }
+            Err(why) => return self.answer(refusal(0, &why)),
         };
         match message {
-            FromBrowser::Hello { .. } => Ok(()),
-            FromBrowser::Ask { id, request } => self.ask(id, request).await,
-            // The gateway ends a held motion, so that it ends also with this program.
-            FromBrowser::Held { id, request } => {
-                self.outgoing.send(&Call::Ask { id, request, process: None, held: true }, &[]).await
+            FromBrowser::Hello { .. } => {}
+            FromBrowser::Ask { id, request } if stops(&request) => {
+                let sent = !locked(self.shared).asked.is_empty();
+                let unmade = self.control.stop(&request, sent);
+                self.stops.press(id, request);
+                self.unmade(unmade);
             }
-            FromBrowser::Beat {} => self.outgoing.send(&Call::Beat {}, &[]).await,
-            FromBrowser::Release {} => self.outgoing.send(&Call::Release { id: RELEASED }, &[]).await,
+            FromBrowser::Ask { id, request } => self.call(ask(id, request), Vec::new()),
+            // The gateway ends a held motion, so that it ends also with this program.
+            FromBrowser::Held { id, request, sign } => {
+                let replaced = match sign.too_old(self.app.topics.now_ms()) {
+                    Some(age_s) => {
+                        let why = Reason::HeldTooOld { age_s };
+                        return self.answer(refused(id, &why));
+                    }
+                    None => self.control.hold(id, request, now_ns()),
+                };
+                locked(self.shared).asked.insert(id);
+                self.unmade(replaced);
+            }
+            FromBrowser::Beat { sign } => {
+                if sign.too_old(self.app.topics.now_ms()).is_none() {
+                    self.control.beat(now_ns());
+                }
+            }
+            FromBrowser::Release {} => {
+                let unmade = self.control.release();
+                self.unmade(unmade);
+            }
             FromBrowser::Fly { id, name, text, continues } => {
                 let request = Request::Run { mission: name, hash: config::mission_hash(&text), continues };
-                self.outgoing.send(&ask(id, request), text.as_bytes()).await
+                self.call(ask(id, request), text.into_bytes());
             }
             FromBrowser::Check { id, to_m } => {
                 let (possible, sentence) = match self.app.topics.scene() {
@@ -236,10 +306,9 @@ impl Inbound<'_> {
                     None => (false, "the robot's configuration is not known yet; try again".to_owned()),
                 };
                 self.answer(json!({ "reply": "check", "id": id, "possible": possible, "sentence": sentence }));
-                Ok(())
             }
-            FromBrowser::Runs { id } => self.outgoing.send(&Call::Runs { id }, &[]).await,
-            FromBrowser::Files { id, run } => self.outgoing.send(&Call::Files { id, run }, &[]).await,
+            FromBrowser::Runs { id } => self.call(Call::Runs { id }, Vec::new()),
+            FromBrowser::Files { id, run } => self.call(Call::Files { id, run }, Vec::new()),
             FromBrowser::Open { id, run, file } => {
                 let name = format!("{run}-{}", file.replace('/', "-"));
                 {
@@ -250,25 +319,35 @@ impl Inbound<'_> {
                     }
                     opens.insert(id, name);
                 }
-                self.outgoing.send(&Call::Open { id, run, file }, &[]).await
+                self.call(Call::Open { id, run, file }, Vec::new());
             }
         }
     }
 
-    async fn ask(&mut self, id: u64, request: Request) -> Answer {
-        if !stops(&request) || self.welcome.role != "look" {
-            return self.outgoing.send(&ask(id, request), &[]).await;
+    fn call(&self, call: Call, body: Vec<u8>) {
+        let id = call.id();
+        let (asks, stops) = (matches!(call, Call::Ask { .. }), self.control.stops());
+        let why = match call.header() {
+            Err(why) => why,
+            Ok(_) => match self.calls.try_send(Queued { call, body, stops }) {
+                Ok(()) => {
+                    if asks {
+                        locked(self.shared).asked.insert(id);
+                    }
+                    return;
+                }
+                Err(_) => format!("the robot's gateway has not taken {QUEUED} calls yet; wait for their answers"),
+            },
+        };
+        self.answer(refusal(id, &why));
+    }
+
+    /// Answers a held motion that was released or replaced before the gateway got it.
+    fn unmade(&self, id: Option<u64>) {
+        if let Some(id) = id {
+            locked(self.shared).asked.remove(&id);
+            self.answer(refusal(id, "the control was released before the robot's gateway took the motion"));
         }
-        // A stop is open to every role, so it goes as that of the page.
-        let (app, local) = (Arc::clone(self.app), self.local.clone());
-        tokio::spawn(async move {
-            let value = match stop(&app, request).await {
-                Ok(reply) => serde_json::to_value(reply.with_id(id)).unwrap_or_default(),
-                Err(failure) => refusal(id, &failure.to_string()),
-            };
-            let _ = local.send(value).await;
-        });
-        Ok(())
     }
 
     /// An answer of the page itself. A browser that asks faster than it takes answers loses them.
@@ -277,12 +356,7 @@ impl Inbound<'_> {
     }
 }
 
-/// Stops the robot as the page, over a connection of its own.
-///
-/// # Errors
-/// The gateway cannot be reached.
-pub(crate) async fn stop(app: &App, request: Request) -> Answer<Reply> {
-    let (mut incoming, mut outgoing, _) = link::connect(app.place.place(), None).await?;
-    outgoing.send(&ask(1, request), &[]).await?;
-    Ok(incoming.next().await?.0)
+/// A refusal of the page itself, with a reason of the catalogue.
+fn refused(id: u64, reason: &Reason) -> Value {
+    as_value(&Reply::answer(id, &reason.answer()))
 }

@@ -40,6 +40,8 @@ impl PlaceArgs {
 pub enum Command {
     /// Serves the page until it is ended.
     Serve(ServeArgs),
+    /// Serves the page of a robot of this user, with a gateway of its own, and opens it where there is a desktop.
+    Start(StartArgs),
     /// Prints the address with which a browser becomes the holder of a new token, also as a QR code.
     Pair(PairArgs),
 }
@@ -63,6 +65,23 @@ pub struct ServeArgs {
     /// ~/.local/state/nims-page.
     #[arg(long, value_name = "FOLDER")]
     pub state: Option<PathBuf>,
+}
+
+/// The arguments of `start`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct StartArgs {
+    /// System file of the robot, which may be started before or after.
+    #[arg(value_name = "SYSTEM")]
+    pub system: PathBuf,
+    /// Do not open a browser.
+    #[arg(long)]
+    pub no_browser: bool,
+    /// End when standard input is closed.
+    #[arg(long)]
+    pub parent: bool,
+    /// How it is served.
+    #[command(flatten)]
+    pub serve: ServeArgs,
 }
 
 /// The arguments of `pair`.

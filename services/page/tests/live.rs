@@ -92,6 +92,53 @@ fn a_motion_that_is_not_held_any_more_ends() {
 }
 
 #[test]
+fn what_comes_late_begins_and_holds_no_motion() {
+    let rig = Rig::up();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    ready(&mut flyer, START);
+    let jog = json!({ "verb": "jog", "cable": 1, "distance_m": -0.5 });
+    // As after a connection that stood still: the press is old, or the picture by which it was made.
+    for (made, seen) in [(-400.0, -100.0), (0.0, -1200.0)] {
+        let now_ms = flyer.sign()["made_ms"].as_f64().unwrap();
+        let sign = json!({ "made_ms": now_ms + made, "seen_ms": now_ms + seen });
+        let answer = flyer.call(json!({ "call": "held", "request": jog, "sign": sign }));
+        assert_eq!((&answer["accepted"], &answer["reason"]), (&json!("refused"), &json!(478)), "{answer}");
+    }
+    // Signs that come late do not hold what was begun.
+    flyer.hold_until(&jog, "jogging");
+    let late = flyer.sign();
+    let mut mode = Value::Null;
+    for _ in 0..200 {
+        flyer.send(&json!({ "call": "beat", "sign": late }));
+        mode = flyer.until_state("a state", |_| true)["mode"].clone();
+        if mode == "holding" {
+            break;
+        }
+    }
+    assert_eq!(mode, "holding");
+}
+
+#[test]
+fn a_stop_waits_for_nothing_and_the_next_motion_only_for_rest() {
+    let rig = Rig::up();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    ready(&mut flyer, START);
+    let go = |z: f64| json!({ "verb": "goto", "to_m": [5.4, 3.6, z], "path": { "shape": "line" }, "speed_m_s": 0.1 });
+    for round in 0..10 {
+        let accepted = flyer.ask(go(0.7 + 0.01 * f64::from(round)));
+        assert_eq!(accepted["accepted"], "accepted", "{accepted}");
+        flyer.until_state("it flies", |state| state["mode"] == "following");
+        // A long text is on its way to the gateway when the stop comes.
+        let text = format!("# {}\n", "x".repeat(200_000));
+        flyer.send(&json!({ "call": "fly", "id": 1_000_000, "name": "long", "text": text }));
+        let stopped = flyer.ask(plain("stop"));
+        assert_eq!(stopped["accepted"], "accepted", "{stopped}");
+        // The robot rests as soon as a state says so, and takes the next motion at once.
+        flyer.until_state("it holds", |state| state["mode"] == "holding");
+    }
+}
+
+#[test]
 fn a_held_motion_ends_also_when_the_page_hangs_or_dies() {
     let rig = Rig::up();
     let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));

@@ -83,7 +83,7 @@ fn how_long_a_held_motion_outlives_its_browser() {
         let go = json!({ "verb": "goto", "to_m": POINTS[link / 2 % 2], "path": { "shape": "line" }, "speed_m_s": 0.2 });
         flyer.hold_until(&go, "following");
         while authority.receive().unwrap().is_some() {}
-        flyer.send(&json!({ "call": "beat" }));
+        flyer.beat();
         let begun_ns = clock::now_ns();
         if link % 2 == 1 {
             flyer = rig.browser(Some(&token));

@@ -205,7 +205,7 @@ impl Rig {
         let mut request = format!("ws://{}/ws", self.address).into_client_request().unwrap();
         request.headers_mut().insert("origin", format!("http://{}", self.address).parse().unwrap());
         let (socket, _) = tungstenite::client(request, stream).ok()?;
-        let mut browser = Browser { socket, welcome: Value::Null, last_id: 0 };
+        let mut browser = Browser { socket, welcome: Value::Null, last_id: 0, seen: (0.0, Instant::now()) };
         browser.send(&json!({ "call": "hello", "token": token }));
         browser.welcome = browser.next()?;
         (browser.welcome["type"] == "welcome").then_some(browser)
@@ -221,9 +221,22 @@ pub struct Browser {
     socket: WebSocket<TcpStream>,
     pub welcome: Value,
     last_id: u64,
+    /// Time of the server in the newest state, ms, and when it came.
+    seen: (f64, Instant),
 }
 
 impl Browser {
+    /// What a sign of this browser carries.
+    pub fn sign(&self) -> Value {
+        let (seen_ms, came) = self.seen;
+        json!({ "made_ms": seen_ms + came.elapsed().as_secs_f64() * 1e3, "seen_ms": seen_ms })
+    }
+
+    pub fn beat(&mut self) {
+        let sign = self.sign();
+        self.send(&json!({ "call": "beat", "sign": sign }));
+    }
+
     pub fn send(&mut self, value: &Value) {
         self.send_text(&value.to_string());
     }
@@ -249,7 +262,13 @@ impl Browser {
     fn next(&mut self) -> Option<Value> {
         loop {
             match self.socket.read() {
-                Ok(Message::Text(text)) => return Some(serde_json::from_str(&text).unwrap()),
+                Ok(Message::Text(text)) => {
+                    let told: Value = serde_json::from_str(&text).unwrap();
+                    if let Some(at_ms) = told["at_ms"].as_f64() {
+                        self.seen = (at_ms, Instant::now());
+                    }
+                    return Some(told);
+                }
                 Ok(Message::Close(_)) | Err(_) => return None,
                 Ok(_) => {}
             }
@@ -289,6 +308,9 @@ impl Browser {
         self.last_id += 1;
         let id = self.last_id;
         call["id"] = json!(id);
+        if call["call"] == "held" && call["sign"].is_null() {
+            call["sign"] = self.sign();
+        }
         self.send(&call);
         self.until("a reply", |told| told["id"] == id && told["reply"].is_string())
     }
@@ -317,7 +339,7 @@ impl Browser {
         loop {
             self.insist(&json!({ "call": "held", "request": request }));
             for _ in 0..100 {
-                self.send(&json!({ "call": "beat" }));
+                self.beat();
                 if self.until_state("a state", |_| true)["mode"] == mode {
                     return;
                 }

@@ -11,10 +11,6 @@ import { type Drawn, bounds, extend, nodeOf } from "./view.js";
 const SETTLED_MS = 120;
 /** A held motion: how far it goes, m, with the next distance if the one before is refused, and how fast a move is, m/s. */
 const REACHES_M = [1, 0.3, 0.1], SLOW_M_S = 0.08;
-/** Number of the planner's refusal while it has not seen the end of the move before, and longest time for that, ms. */
-const STILL_FLOWN = 203, PLANNER_MS = 1000;
-/** Time between two attempts meanwhile, ms. */
-const AGAIN_MS = 60;
 /** Deflection of a stick below which it rests, and time between two looks at it, ms. */
 const RESTS = 0.35, STICK_MS = 50;
 /** The six directions of the pad. */
@@ -143,7 +139,9 @@ export class Fly {
 
     private fly(): void {
         const target = this.drawn.target;
-        if (target?.possible) void this.ask({ verb: "goto", to_m: target.at, path: { shape: "line" }, speed_m_s: null });
+        if (!target?.possible) return;
+        const request: Request = { verb: "goto", to_m: target.at, path: { shape: "line" }, speed_m_s: null };
+        void this.conversation.whenAtRest(() => this.conversation.ask(request)).then((answer) => this.said(answer));
     }
 
     /** A move by direction, as far as the ground and the planner permit, while `held`. */
@@ -153,13 +151,7 @@ export class Fly {
         for (const reach of at ? REACHES_M : []) {
             const to = at!.map((value, axis) => value + reach * direction[axis as 0]) as Point;
             to[2] = Math.max(to[2], Math.min(at![2], ground + 0.1));
-            // The planner sees the end of the move before a moment later.
-            const settled = performance.now() + PLANNER_MS;
-            for (;;) {
-                answer = await this.conversation.held({ verb: "goto", to_m: to, path: { shape: "line" }, speed_m_s: SLOW_M_S });
-                if (answer.reason !== STILL_FLOWN || !held() || performance.now() > settled) break;
-                await new Promise((done) => setTimeout(done, AGAIN_MS));
-            }
+            answer = await this.conversation.whenAtRest(() => this.conversation.held({ verb: "goto", to_m: to, path: { shape: "line" }, speed_m_s: SLOW_M_S }), held);
             if (answer.accepted === "accepted" || !held()) return;
         }
         this.said(answer);

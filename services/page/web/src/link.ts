@@ -1,6 +1,6 @@
 // The conversation with the server: it opens itself again, and every call ends.
 
-import type { Answer, Asked, Call, History, Link, Log, Plan, Reply, Request, Robot, Scene, State, Told, Welcome } from "./protocol.js";
+import type { Answer, Asked, Call, History, Link, Log, Plan, Reply, Request, Robot, Scene, Sign, State, Told, Welcome } from "./protocol.js";
 
 /** Time until a lost conversation is opened again, ms. */
 const AGAIN_MS = 700;
@@ -8,8 +8,14 @@ const AGAIN_MS = 700;
 const REPLY_MS = 15_000;
 /** Without any message for this time the conversation is opened again, ms: the server sends four states per second at least. */
 const SILENT_MS = 4_000;
-/** Time between two signs that a control is held, ms; the server ends the motion after 300 ms without one. */
+/** Time between two signs that a control is held, ms; the gateway ends the motion after 300 ms without one. */
 const BEAT_MS = 75;
+/** Reasons for which a motion is refused until the robot has come to rest: its numbers in the catalogue of answers. */
+const NOT_AT_REST = [203, 206, 209];
+/** Longest wait for the rest, and time between two attempts, ms. */
+const REST_MS = 4000, ATTEMPT_MS = 60;
+/** Time until a stop is seen in the state, ms. */
+const SEEN_MS = 500;
 const TOKEN = "nims-token";
 const EVENTS = 200;
 
@@ -36,6 +42,12 @@ export class Store {
     age_s(): number {
         const age_s = this.state?.age_s;
         return age_s == null ? Infinity : age_s + (performance.now() - this.stateAt) / 1000;
+    }
+
+    /** What a sign that a control is held carries: when it was made, and what could be seen, in time of the server. */
+    sign(): Sign {
+        const seen_ms = this.state?.at_ms ?? 0;
+        return { made_ms: seen_ms + performance.now() - this.stateAt, seen_ms };
     }
 
     /** Whether this browser's role permits to fly. */
@@ -70,6 +82,10 @@ export class Conversation {
     private heardAt = 0;
     private readonly waiting = new Map<number, Waiting>();
     private beats: number | null = null;
+    /** Number of stops by this browser. */
+    private stops = 0;
+    /** When it ended a motion last, by a stop or a release, ms of the page's clock. */
+    private endedAt = -Infinity;
 
     constructor(private readonly store: Store) {
         const given = /[#&]token=([0-9a-f]{16,128})/.exec(location.hash);
@@ -141,8 +157,29 @@ export class Conversation {
         return reply.reply === "answer" ? reply : refusal(reply.id, "the reply is of another kind; load the page again");
     }
 
+    /**
+     * Requests a motion. Directly after a stop or a release the robot still comes to rest: then it is asked for again
+     * until it rests, as long as it is `wanted` and the robot is not stopped again.
+     */
+    async whenAtRest(attempt: () => Promise<Answer>, wanted: () => boolean = () => true): Promise<Answer> {
+        const until = performance.now() + REST_MS, { stops } = this;
+        for (;;) {
+            const answer = await attempt();
+            if (!NOT_AT_REST.includes(answer.reason) || !wanted() || stops !== this.stops || performance.now() > until || !this.comesToRest) return answer;
+            await new Promise((done) => setTimeout(done, ATTEMPT_MS));
+            if (!wanted() || stops !== this.stops) return answer;
+        }
+    }
+
+    /** Whether the robot is on the way to rest, or is about to be seen so. */
+    private get comesToRest(): boolean {
+        return this.store.state?.mode !== "following" || performance.now() - this.endedAt < SEEN_MS;
+    }
+
     /** Stops the robot: over the conversation, and without one over plain HTTP. */
     async stop(verb: "stop" | "estop"): Promise<Answer> {
+        this.stops += 1;
+        this.endedAt = performance.now();
         if (this.isOpen) return this.ask({ verb });
         try {
             const response = await fetch(`/plain/${verb}`, { method: "POST" });
@@ -156,8 +193,8 @@ export class Conversation {
     /** Begins a motion that goes on until `release`, or until this page or its connection is gone. */
     async held(request: Request): Promise<Answer> {
         this.release();
-        const answered = this.call({ call: "held", request });
-        this.beats = window.setInterval(() => this.send({ call: "beat" }), BEAT_MS);
+        const answered = this.call({ call: "held", request, sign: this.store.sign() });
+        this.beats = window.setInterval(() => this.send({ call: "beat", sign: this.store.sign() }), BEAT_MS);
         const reply = await answered;
         return reply.reply === "answer" ? reply : refusal(reply.id, "the reply is of another kind; load the page again");
     }
@@ -166,10 +203,11 @@ export class Conversation {
         if (this.beats === null) return;
         clearInterval(this.beats);
         this.beats = null;
+        this.endedAt = performance.now();
         this.send({ call: "release" });
     }
 
-    private send(message: { call: "beat" | "release" }): void {
+    private send(message: { call: "beat"; sign: Sign } | { call: "release" }): void {
         if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
     }
 }

@@ -12,6 +12,8 @@ export interface Mission {
 /** The state that changes all the time; what is not known is absent or null. */
 export interface State {
     type: "state";
+    /** Time of the server, ms. */
+    at_ms: number;
     /** Time since motor-io published. */
     age_s: number | null;
     mode: string | null;
@@ -82,9 +84,13 @@ export type Request =
     | { verb: "start-process"; name: string; slot: null; law: null }
     | { verb: "stop-process" | "restart-process"; name: string };
 
+/** When a sign that a control is held was made, and the newest state that could be seen, ms in time of the server. */
+export interface Sign { made_ms: number; seen_ms: number }
+
 /** A call, to which the link adds its number. */
 export type Call =
-    | { call: "ask" | "held"; request: Request }
+    | { call: "ask"; request: Request }
+    | { call: "held"; request: Request; sign: Sign }
     | { call: "fly"; name: string; text: string; continues: boolean }
     | { call: "check"; to_m: Point }
     | { call: "runs" }

@@ -1,0 +1,176 @@
+//! The control that a person holds: the newest of what the gateway has not got yet, and nothing before it.
+
+use gateway_protocol::Call;
+use messages::Request;
+use serde::Deserialize;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::Notify;
+
+/// Age from which a sign of a browser does not count, ms. The gateway counts the same time from its arrival here.
+pub(crate) const OLD_MS: f64 = 300.0;
+/// Age of the picture from which no motion is steered by it, ms: the page dims it then.
+pub(crate) const UNSEEN_MS: f64 = 1000.0;
+/// Number of calls whose reply no browser waits for; those of browsers count from 1.
+const UNHEARD: u64 = 0;
+
+/// Time of this server as a browser knows it, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Sign {
+    /// When it was made.
+    pub(crate) made_ms: f64,
+    /// The newest state that the person could see.
+    pub(crate) seen_ms: f64,
+}
+
+impl Sign {
+    /// The age that is too large, s; `None` if it counts.
+    pub(crate) fn too_old(self, now_ms: f64) -> Option<f64> {
+        let (made_ms, seen_ms) = (now_ms - self.made_ms, now_ms - self.seen_ms);
+        // What is no number is old.
+        match (made_ms < OLD_MS, seen_ms < UNSEEN_MS) {
+            (true, true) => None,
+            (false, _) => Some(made_ms * 1e-3),
+            (true, false) => Some(seen_ms * 1e-3),
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+struct Slot {
+    /// A stop that ends what was sent before it.
+    stop: Option<Request>,
+    /// Number of stops.
+    stops: u64,
+    begins: Option<(u64, Request, u64)>,
+    beat_ns: Option<u64>,
+    released: bool,
+}
+
+/// One place for what a person does with a control; what is newer replaces what waits.
+#[derive(Debug, Default)]
+pub(crate) struct Control {
+    slot: Mutex<Slot>,
+    notify: Notify,
+}
+
+impl Control {
+    fn slot(&self) -> MutexGuard<'_, Slot> {
+        self.slot.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A motion is requested at that instant, ns. Returns the number of a request that it replaces.
+    pub(crate) fn hold(&self, id: u64, request: Request, at_ns: u64) -> Option<u64> {
+        let mut slot = self.slot();
+        let before = slot.begins.replace((id, request, at_ns));
+        (slot.beat_ns, slot.released) = (None, false);
+        self.notify.notify_one();
+        before.map(|(id, ..)| id)
+    }
+
+    /// The control was held at that instant, ns.
+    pub(crate) fn beat(&self, at_ns: u64) {
+        self.slot().beat_ns = Some(at_ns);
+        self.notify.notify_one();
+    }
+
+    /// The control was released. Returns the number of a request that is not made any more.
+    pub(crate) fn release(&self) -> Option<u64> {
+        let mut slot = self.slot();
+        let before = slot.begins.take();
+        (slot.beat_ns, slot.released) = (None, true);
+        self.notify.notify_one();
+        before.map(|(id, ..)| id)
+    }
+
+    /// The robot was told to stop, over another connection. Returns the number of a request that is not made any more.
+    /// `sent`: requests without an answer were sent, which the gateway may read after the stop: then it is told again.
+    pub(crate) fn stop(&self, request: &Request, sent: bool) -> Option<u64> {
+        let mut slot = self.slot();
+        let before = slot.begins.take();
+        (slot.beat_ns, slot.released) = (None, slot.released || before.is_some());
+        slot.stops += 1;
+        if sent {
+            slot.stop = Some(request.clone());
+        }
+        self.notify.notify_one();
+        before.map(|(id, ..)| id)
+    }
+
+    /// Number of stops so far: what was asked before the last one is not sent any more.
+    pub(crate) fn stops(&self) -> u64 {
+        self.slot().stops
+    }
+
+    /// Waits for something that [`Control::take`] returns.
+    pub(crate) async fn changed(&self) {
+        self.notify.notified().await;
+    }
+
+    /// The next call to the gateway.
+    pub(crate) fn take(&self) -> Option<Call> {
+        let mut slot = self.slot();
+        if let Some(request) = slot.stop.take() {
+            return Some(Call::Ask { id: UNHEARD, request, process: None, held: false, at_ns: None });
+        }
+        if std::mem::take(&mut slot.released) {
+            return Some(Call::Release { id: UNHEARD });
+        }
+        if let Some((id, request, at_ns)) = slot.begins.take() {
+            return Some(Call::Ask { id, request, process: None, held: true, at_ns: Some(at_ns) });
+        }
+        slot.beat_ns.take().map(|at_ns| Call::Beat { at_ns: Some(at_ns) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn jog() -> Request {
+        Request::Jog { cable: 1, distance_m: 0.1 }
+    }
+
+    #[test]
+    fn only_the_newest_waits() {
+        let control = Control::default();
+        assert_eq!((control.take(), control.hold(1, jog(), 5)), (None, None));
+        for at_ns in 6..100 {
+            control.beat(at_ns);
+        }
+        let held = Call::Ask { id: 1, request: jog(), process: None, held: true, at_ns: Some(5) };
+        assert_eq!(control.take(), Some(held));
+        assert_eq!((control.take(), control.take()), (Some(Call::Beat { at_ns: Some(99) }), None));
+        // A motion that is released or replaced before the gateway got it is not requested.
+        assert_eq!((control.hold(2, jog(), 100), control.hold(3, jog(), 101)), (None, Some(2)));
+        assert_eq!(control.release(), Some(3));
+        control.beat(102);
+        assert_eq!(control.take(), Some(Call::Release { id: UNHEARD }));
+        // A sign that follows belongs to no motion, and begins none.
+        assert_eq!((control.take(), control.take()), (Some(Call::Beat { at_ns: Some(102) }), None));
+    }
+
+    #[test]
+    fn a_stop_comes_before_what_waits_and_ends_what_was_sent() {
+        let control = Control::default();
+        control.hold(1, jog(), 5);
+        assert_eq!((control.stop(&Request::Stop, false), control.stops()), (Some(1), 1));
+        assert_eq!((control.take(), control.take()), (Some(Call::Release { id: UNHEARD }), None));
+        control.hold(2, jog(), 5);
+        control.take();
+        assert_eq!(control.stop(&Request::Estop, true), None);
+        control.hold(3, jog(), 6);
+        let told = control.take();
+        assert!(matches!(told, Some(Call::Ask { request: Request::Estop, held: false, .. })), "{told:?}");
+        assert!(matches!(control.take(), Some(Call::Ask { id: 3, held: true, .. })));
+    }
+
+    #[test]
+    fn a_sign_counts_while_it_is_young_and_the_picture_is_seen() {
+        let old = |made_ms, seen_ms| Sign { made_ms, seen_ms }.too_old(10_000.0);
+        assert_eq!((old(9_900.0, 9_800.0), old(9_701.0, 9_001.0)), (None, None));
+        assert_eq!((old(9_700.0, 9_900.0), old(9_900.0, 9_000.0)), (Some(0.3), Some(1.0)));
+        assert_eq!(old(10_050.0, 10_050.0), None);
+        assert!(old(f64::NAN, 9_900.0).is_some() && old(9_900.0, f64::NAN).is_some());
+    }
+}
