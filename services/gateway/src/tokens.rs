@@ -43,6 +43,9 @@ impl Tokens {
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), String> {
         let text = serde_json::to_string(self).map_err(|error| error.to_string())?;
+        // The robot makes its state folder when it is started, which may come later.
+        let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        made.map_err(|error| format!("the folder of {} cannot be created: {error}", path.display()))?;
         config::file::replace(path, &text).map_err(|error| format!("{} cannot be written: {error}", path.display()))
     }
 
@@ -123,7 +126,7 @@ mod tests {
     #[test]
     fn a_token_is_valid_until_it_is_revoked_and_its_secret_is_not_stored() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("tokens.json");
+        let path = folder.path().join("state/tokens.json");
         let mut tokens = Tokens::read(&path).unwrap();
         let (tablet, phone) = (tokens.add("tablet", "fly").unwrap(), tokens.add("phone", "stop").unwrap());
         assert!(tablet != phone && tablet.len() == 2 * SECRET);
