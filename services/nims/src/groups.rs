@@ -8,7 +8,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Before a flight", &["check", "doctor", "bench", "setup", "calibrate", "loads", "motor-table"]),
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
     ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "hold", "stop", "estop"]),
-    ("Look", &["status", "top", "channel"]),
+    ("Look", &["status", "top", "channel", "page"]),
     (
         "Change in flight",
         &["swap", "set", "start", "stop-process", "restart", "plug", "unplug", "new-sensor", "fault", "token"],
@@ -35,7 +35,8 @@ pub fn text(commands: &[(String, String)]) -> String {
     let mut lines = Vec::new();
     for (title, names) in GROUPS {
         lines.push(format!("{title}:"));
-        for name in names {
+        // The page is built apart from the other programs.
+        for name in names.iter().filter(|name| **name != "page" || programs::sibling("nims-page").is_ok()) {
             let mut name = *name;
             for part in wrapped(short(about(name).unwrap_or_default())) {
                 lines.push(format!("  {name:<width$}{part}", width = NAMES - 2));

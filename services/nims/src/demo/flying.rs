@@ -18,7 +18,7 @@ const STUCK_S: f64 = 30.0;
 /// Multiple of the planned time after which the mission is aborted.
 const LATENESS: f64 = 5.0;
 /// Time between two updates of the progress.
-const POLL: Duration = Duration::from_millis(100);
+pub(super) const POLL: Duration = Duration::from_millis(100);
 /// Time for the robot to hold after the last segment.
 const REST: Duration = Duration::from_secs(15);
 /// Faults after which the robot holds and keeps the motion, and which a lack of CPU time alone can cause.

@@ -4,6 +4,7 @@ mod flying;
 mod robot;
 
 use crate::operate::MissionText;
+use crate::programs::sibling;
 use analysis::accuracy::{self, Analysis};
 use analysis::report::world_of;
 use analysis::{accuracy_plot, portrait};
@@ -14,6 +15,7 @@ use planner::mission::Mission;
 use robot::{Ending, Robot, StartOptions};
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
@@ -26,6 +28,9 @@ pub struct Args {
     /// Run folder; default: a new one in the runs folder of the system file.
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
+    /// Also show and fly it in a browser, until Ctrl-C.
+    #[arg(long)]
+    pub page: bool,
 }
 
 /// The default system file, in the project's folder.
@@ -66,8 +71,14 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
 
     let domain = domain.unwrap_or(&file.name);
     let options = StartOptions { config: &config, domain, run: args.run.as_deref(), mission: &path };
+    // It ends when this process closes its standard input.
+    let page = args.page.then(|| start_page(&config, domain)).transpose()?;
     let mut robot = Robot::start(&options, command::stop_flag()?)?;
     let flown = flying::fly(&mut robot, &text, &start, flight.duration_s);
+    if page.is_some() {
+        eprintln!("nims: the robot stays for the page; Ctrl-C ends it");
+        while !robot.is_stopping() && robot.poll_after(flying::POLL).is_ok() {}
+    }
     let because = flown.as_ref().err().map_or_else(|| "the mission is done".to_owned(), ToString::to_string);
     let ending = robot.end(&because)?;
     let report = Report { mission, flight: &flight, file: &file, ending: &ending };
@@ -79,6 +90,13 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
             Err(failure(aborted, &ending, Err(why)).unwrap_or(report_failure))
         }
     }
+}
+
+fn start_page(config: &Path, domain: &str) -> Answer<Child> {
+    let unbuilt = |_| Failure::NotNow("the page is not built; build it with scripts/page".to_owned());
+    let mut command = Command::new(sibling("nims-page").map_err(unbuilt)?);
+    command.args(["start", "--parent", "--domain", domain]).arg(config).stdin(Stdio::piped());
+    command.spawn().map_err(Failure::not_now)
 }
 
 /// Returns everything that failed, and where the run is, as one sentence; `None` if nothing failed.
