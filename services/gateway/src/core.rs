@@ -1,13 +1,16 @@
 //! The decisions of the gateway: bytes, peers and answers in, actions out. No clock, no I/O.
 
 mod holding;
+mod seats;
 mod token_calls;
 
 use crate::budget::Budget;
+use crate::codes::Codes;
 pub use crate::events::{Action, ClientId, Done, Event, Motion, Question, Ticket, TokenChange};
 use crate::held::{Held, begins, end_of, is_old, may_begin};
 use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed};
+use crate::seat::Seat;
 use crate::sensors::Sensors;
 use crate::tokens::Tokens;
 use config::PluginSection;
@@ -107,7 +110,13 @@ pub struct Core {
     ends: BTreeMap<Ticket, Box<OperatorRequest>>,
     /// What motor-io did last.
     motion: Option<Motion>,
+    /// It is observed.
+    observed: bool,
     now_ns: u64,
+    /// Since when a motion has run without a person who may fly, ns.
+    alone_ns: Option<u64>,
+    seat: Seat,
+    codes: Codes,
     last_ticket: Ticket,
     /// A change of the tokens is being stored.
     changing: bool,
@@ -128,7 +137,11 @@ impl Core {
             tickets: BTreeMap::new(),
             ends: BTreeMap::new(),
             motion: None,
+            observed: false,
             now_ns: 0,
+            alone_ns: None,
+            seat: Seat::default(),
+            codes: Codes::default(),
             last_ticket: 0,
             changing: false,
             actions: Vec::new(),
@@ -144,6 +157,7 @@ impl Core {
     /// Evaluates an event; returns what has to be done, in this order.
     pub fn step(&mut self, now_ns: u64, event: Event<'_>) -> Vec<Action> {
         self.now_ns = now_ns;
+        let seat = self.seat.clone();
         match event {
             Event::Connected { client, peer } => self.connect(now_ns, client, peer),
             Event::Received { client, bytes } => self.receive(now_ns, client, bytes),
@@ -151,11 +165,10 @@ impl Core {
                 // What still waits of its calls is not carried out any more.
                 self.tickets.retain(|_, asked| asked.client != client);
                 self.release(client);
-                let held = self.connections.remove(&client).is_some_and(|one| one.holds);
+                let user = self.connections.remove(&client).and_then(|one| one.holder).map(|holder| holder.user);
                 self.sensors.free(client);
-                if held && !self.observes() {
-                    self.motion = None;
-                    self.actions.push(Action::Unsubscribe { client: NO_CLIENT, id: 0 });
+                if let Some(user) = user {
+                    self.left(&user);
                 }
             }
             Event::Moved(motion) => {
@@ -175,8 +188,12 @@ impl Core {
                 let over: Vec<_> =
                     self.connections.iter().filter(|(_, one)| over(one)).map(|(client, _)| *client).collect();
                 over.into_iter().for_each(|client| self.release(client));
+                self.seat.tick(now_ns);
+                self.hold_without_operator();
             }
         }
+        self.tell_seat(&seat);
+        self.observe();
         std::mem::take(&mut self.actions)
     }
 
@@ -295,6 +312,10 @@ impl Core {
         connection.holder = Some(Holder { user: user.clone(), role, origin, by_token });
         let (robot, role) = (self.robot.clone(), role.name().to_owned());
         self.send(client, Reply::Welcome { version: VERSION, robot, user, role });
+        if origin == Origin::Page && self.seat != Seat::default() {
+            let seat = self.seat_now();
+            self.send(client, seat);
+        }
     }
 
     fn ask(&mut self, client: ClientId, id: u64, holder: &Holder, asked: (Request, Option<String>), body: Vec<u8>) {
@@ -311,6 +332,12 @@ impl Core {
                     _ => Reason::NotPermitted { verb, needs: needs_word, user, has },
                 },
             );
+        }
+        if needs >= Role::Fly
+            && holder.origin == Origin::Page
+            && let Err(reason) = self.seat.request(&holder.user)
+        {
+            return self.refuse(client, id, reason);
         }
         if let Some((verb, name)) = of_plugin(&request).filter(|(_, name)| self.sensors.declares(name)) {
             let name = name.to_owned();
@@ -365,7 +392,9 @@ impl Core {
                 self.actions.push(Action::Unsubscribe { client, id: subscription });
                 return self.send(client, Reply::Done { id });
             }
-            Call::TokenAdd { .. } | Call::TokenList { .. } | Call::TokenRevoke { .. } => {
+            Call::Seat { what, .. } => return self.seat_call(client, id, holder, what),
+            Call::CodeUse { code, .. } => return self.code_use(client, id, &code),
+            Call::CodeAdd { .. } | Call::TokenAdd { .. } | Call::TokenList { .. } | Call::TokenRevoke { .. } => {
                 return self.token_call(client, holder, call);
             }
             // They were carried out before.

@@ -14,10 +14,12 @@
 //!   as a path. A plug-in that the system file declares is started by the service manager, as another user.
 //! * A plug-in delivers readings of its declared sensor, at its declared rate, and nothing else: the kernel names the
 //!   unit in which its process runs. Its channel stays as long as the robot, however often it connects.
+//! * One person at a time flies from pages, and both see it when another one takes over. A stop is open to all of them.
 //! * The recorded request names the user at the other end of the connection, not the gateway.
 #![forbid(unsafe_code)]
 
 mod budget;
+mod codes;
 pub mod core;
 mod disk;
 mod events;
@@ -30,6 +32,7 @@ pub mod plugin;
 mod robot;
 pub mod roles;
 mod runs;
+mod seat;
 mod sensors;
 mod server;
 pub mod settings;

@@ -110,6 +110,13 @@ impl Roles {
 }
 
 impl Roles {
+    /// Returns the time without a person who may fly after which a motion is held, ns; `None`: it goes on.
+    #[must_use]
+    pub fn hold_without_operator_ns(&self) -> Option<u64> {
+        let after_s = self.section.hold_without_operator_s;
+        (after_s > 0.0).then_some((after_s * 1e9) as u64)
+    }
+
     /// Returns the role of a connection that names no person. A page acts for everyone who opens it, so without a token
     /// it stops at most, also where it runs as the robot's user.
     #[must_use]

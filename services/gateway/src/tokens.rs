@@ -13,6 +13,9 @@ const MOST: usize = 256;
 /// Longest name of a holder, bytes: it is recorded with each request.
 const NAME: usize = 32;
 
+/// Without random numbers there is no secret.
+pub(crate) const NO_RANDOM: &str = "the kernel gives no random numbers now; try again";
+
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct Token {
     name: String,
@@ -67,7 +70,7 @@ impl Tokens {
         if self.0.len() >= MOST {
             return Err(format!("there are {MOST} tokens already; revoke one"));
         }
-        let secret = secret().ok_or("the kernel gives no random numbers now; try again")?;
+        let secret = secret().ok_or(NO_RANDOM)?;
         let created = runlog::utc(bus::clock::unix_ns());
         self.0.push(Token { name: name.to_owned(), role: role.to_owned(), sha256: hash(&secret), created });
         self.0.sort_by(|a, b| a.name.cmp(&b.name));
@@ -110,9 +113,14 @@ impl Tokens {
 }
 
 fn secret() -> Option<String> {
-    let mut bytes = [0_u8; SECRET];
+    random::<SECRET>().map(|bytes| messages::hex(&bytes))
+}
+
+/// Random bytes of the kernel.
+pub(crate) fn random<const N: usize>() -> Option<[u8; N]> {
+    let mut bytes = [0_u8; N];
     let filled = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()).ok()?;
-    (filled == SECRET).then(|| messages::hex(&bytes))
+    (filled == N).then_some(bytes)
 }
 
 fn hash(secret: &str) -> String {

@@ -18,7 +18,8 @@ const SECOND: u64 = 1_000_000_000;
 
 fn core() -> Core {
     let list = |name: &str| vec![name.to_owned()];
-    let section = GatewaySection { fly: list("ada"), stop: list("bob"), look: list("eve"), publish: list("plugin") };
+    let (fly, stop, look, publish) = (list("ada"), list("bob"), list("eve"), list("plugin"));
+    let section = GatewaySection { fly, stop, look, publish, ..GatewaySection::default() };
     Core::new("lab".to_owned(), Roles::new(OWNER, section), Tokens::default())
 }
 

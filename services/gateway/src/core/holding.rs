@@ -9,19 +9,28 @@ use messages::OperatorRequest;
 const SEEN_NS: u64 = 300_000_000;
 
 impl Core {
-    /// Stores the held motion of a client, and observes what motor-io does from the first one on.
+    /// Stores the held motion of a client.
     pub(super) fn hold(&mut self, client: ClientId, held: Held) {
-        let observed = self.observes();
-        let Some(connection) = self.connections.get_mut(&client) else { return };
-        (connection.held, connection.holds) = (Some(held), true);
-        if !observed {
-            let (channel, rate_hz) = (OBSERVED.to_owned(), None);
-            self.actions.push(Action::Subscribe { client: NO_CLIENT, id: 0, channel, rate_hz });
+        if let Some(connection) = self.connections.get_mut(&client) {
+            (connection.held, connection.holds) = (Some(held), true);
         }
     }
 
-    pub(super) fn observes(&self) -> bool {
-        self.connections.values().any(|one| one.holds)
+    /// Observes what motor-io does while a client is there that has held a motion, and always where a motion without an
+    /// operator is held.
+    pub(super) fn observe(&mut self) {
+        let needed = self.roles.hold_without_operator_ns().is_some() || self.connections.values().any(|one| one.holds);
+        if needed == self.observed {
+            return;
+        }
+        self.observed = needed;
+        let (client, id) = (NO_CLIENT, 0);
+        self.actions.push(if needed {
+            Action::Subscribe { client, id, channel: OBSERVED.to_owned(), rate_hz: None }
+        } else {
+            self.motion = None;
+            Action::Unsubscribe { client, id }
+        });
     }
 
     /// Ends the held motion of a client, in its name.

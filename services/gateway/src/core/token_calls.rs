@@ -1,8 +1,10 @@
 //! The calls that manage tokens, and what they end.
 
 use super::{Connection, Core, Holder};
+use crate::codes::Codes;
 use crate::events::{Action, ClientId, TokenChange};
 use crate::roles::Role;
+use crate::tokens::{NO_RANDOM, Tokens, random};
 use gateway_protocol::{Call, Reply};
 use robot_state::Reason;
 use robot_state::answers::detail;
@@ -18,6 +20,13 @@ impl Core {
         if self.changing && !matches!(call, Call::TokenList { .. }) {
             return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
         }
+        if let Call::CodeAdd { name, role, .. } = call {
+            let code = self.code(&name, &role);
+            return match code {
+                Ok(code) => self.send(client, Reply::Code { id, code, valid_s: Codes::VALID_S }),
+                Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
+            };
+        }
         let mut tokens = self.tokens.clone();
         let changed = match call {
             Call::TokenAdd { name, role, .. } => {
@@ -26,6 +35,10 @@ impl Core {
             Call::TokenRevoke { name, .. } => tokens.revoke(&name).map(|()| (Reply::Done { id }, Some(name))),
             _ => return self.send(client, Reply::Tokens { id, tokens: self.tokens.rows() }),
         };
+        self.store(client, id, tokens, changed);
+    }
+
+    fn store(&mut self, client: ClientId, id: u64, tokens: Tokens, changed: Result<(Reply, Option<String>), String>) {
         match changed {
             Ok((reply, revoked)) => {
                 self.changing = true;
@@ -33,6 +46,27 @@ impl Core {
                 self.actions.push(Action::StoreTokens(Box::new(change)));
             }
             Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
+        }
+    }
+
+    fn code(&mut self, name: &str, role: &str) -> Result<String, String> {
+        // So that the code cannot fail later.
+        self.tokens.clone().add(name, role)?;
+        self.codes.add(self.now_ns, name, role, random().ok_or(NO_RANDOM)?)
+    }
+
+    /// A token for a code: everyone who opens a page may try, a few times.
+    pub(super) fn code_use(&mut self, client: ClientId, id: u64, code: &str) {
+        if self.changing {
+            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
+        }
+        match self.codes.take(self.now_ns, code) {
+            Ok((name, role)) => {
+                let mut tokens = self.tokens.clone();
+                let added = tokens.add(&name, &role).map(|secret| (Reply::Token { id, secret }, None));
+                self.store(client, id, tokens, added);
+            }
+            Err(reason) => self.refuse(client, id, reason),
         }
     }
 

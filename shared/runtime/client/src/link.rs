@@ -350,6 +350,18 @@ impl Gateway {
         }
     }
 
+    /// Creates a code with which one browser gets a token; returns it with the time for which it is valid, s.
+    ///
+    /// # Errors
+    /// Refused.
+    pub fn add_code(&self, name: &str, role: &str) -> Answer<(String, f64)> {
+        let call = Call::CodeAdd { id: self.0.next_id(), name: name.to_owned(), role: role.to_owned() };
+        match self.0.call(&call, &[])?.0 {
+            Reply::Code { code, valid_s, .. } => Ok((code, valid_s)),
+            other => Err(unexpected(&other)),
+        }
+    }
+
     /// The tokens, without their secrets.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! `[gateway]`: who may do what through the gateway.
 
 use crate::Problem;
+use crate::section::between;
 
 crate::section! {
     /// `[gateway]`: the roles of users who reach the robot through the gateway, see `docs/access.md`. An entry is the
@@ -16,6 +17,9 @@ crate::section! {
         pub look: Vec<String> = Vec::new(),
         /// Users that may also publish readings of the declared plug-ins; it gives them no other role.
         pub publish: Vec<String> = vec!["nims-plugin".to_owned()],
+        /// Time without a connected person who may fly, by page or command, after which a motion is held, s; 0: it goes
+        /// on.
+        pub hold_without_operator_s: f64 = 0.0 => between(0.0, 3600.0, "s"),
     }
 }
 

@@ -68,6 +68,18 @@ pub struct Published {
     pub age_s: Option<f64>,
 }
 
+/// What is done about the seat of the one who flies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SeatCall {
+    /// Asks to fly: at once if the seat is free, otherwise when it is given, or not kept for ten seconds.
+    Ask,
+    /// Gives it to the one who asks, or leaves it.
+    Give,
+    /// Keeps it, or asks no more.
+    Keep,
+}
+
 /// A call of a client. The first one is [`Call::Hello`]; the reply to every other one has the same `id`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "call", rename_all = "kebab-case", deny_unknown_fields)]
@@ -170,6 +182,29 @@ pub enum Call {
         /// Name of the file in the list.
         file: String,
     },
+    /// Asks for the seat of the one who flies from a page, or answers who asks.
+    Seat {
+        /// Number that the reply repeats.
+        id: u64,
+        /// What about it.
+        what: SeatCall,
+    },
+    /// Creates a code with which one browser gets a token; the robot's user and root only.
+    CodeAdd {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of the holder.
+        name: String,
+        /// Role of the holder.
+        role: String,
+    },
+    /// Uses a code.
+    CodeUse {
+        /// Number that the reply repeats.
+        id: u64,
+        /// The code, as a person reads it.
+        code: String,
+    },
     /// Creates a token; the robot's user and root only.
     TokenAdd {
         /// Number that the reply repeats.
@@ -210,6 +245,9 @@ impl Call {
             | Self::Runs { id }
             | Self::Files { id, .. }
             | Self::Open { id, .. }
+            | Self::Seat { id, .. }
+            | Self::CodeAdd { id, .. }
+            | Self::CodeUse { id, .. }
             | Self::TokenAdd { id, .. }
             | Self::TokenList { id }
             | Self::TokenRevoke { id, .. } => *id,

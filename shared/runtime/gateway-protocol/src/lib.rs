@@ -13,7 +13,7 @@ mod call;
 mod frame;
 mod reply;
 
-pub use call::{Call, Origin, Published, ReadingQuality};
+pub use call::{Call, Origin, Published, ReadingQuality, SeatCall};
 pub use frame::{CALL_LIMITS, Decoder, Frame, FrameError, Limits, REPLY_LIMITS, encode};
 pub use reply::{Accepted, ChannelRow, FileRow, MemoryFigures, Reply, RobotFacts, RunRow, TokenRow};
 

@@ -133,7 +133,27 @@ pub enum Reply {
         /// Size of the file, bytes.
         bytes: u64,
     },
-    /// To `token-add`.
+    /// To clients that are pages, whenever it changes: who flies from a page.
+    Seat {
+        /// 0.
+        id: u64,
+        /// Who flies; null: the seat is free.
+        flyer: Option<String>,
+        /// Who asks to take over.
+        asks: Option<String>,
+        /// Time until that happens, s.
+        within_s: f64,
+    },
+    /// To `code-add`.
+    Code {
+        /// Of the call.
+        id: u64,
+        /// The code.
+        code: String,
+        /// Time for which it is valid, s.
+        valid_s: f64,
+    },
+    /// To `token-add` and `code-use`.
     Token {
         /// Of the call.
         id: u64,
@@ -278,6 +298,8 @@ impl Reply {
             | Self::Runs { id, .. }
             | Self::Files { id, .. }
             | Self::Opened { id, .. }
+            | Self::Seat { id, .. }
+            | Self::Code { id, .. }
             | Self::Token { id, .. }
             | Self::Tokens { id, .. } => *id,
         }
@@ -298,6 +320,8 @@ impl Reply {
             | Self::Runs { id, .. }
             | Self::Files { id, .. }
             | Self::Opened { id, .. }
+            | Self::Seat { id, .. }
+            | Self::Code { id, .. }
             | Self::Token { id, .. }
             | Self::Tokens { id, .. } => *id = number,
         }

@@ -115,6 +115,9 @@ fn every_call_is_read_as_it_was_written() {
         Call::TokenAdd { id: 13, name: "tablet".to_owned(), role: "stop".to_owned() },
         Call::TokenList { id: 14 },
         Call::TokenRevoke { id: 15, name: "tablet".to_owned() },
+        Call::Seat { id: 16, what: SeatCall::Ask },
+        Call::CodeAdd { id: 17, name: "tablet".to_owned(), role: "fly".to_owned() },
+        Call::CodeUse { id: 18, code: "0128-7ZGZ".to_owned() },
     ];
     for (number, call) in calls.iter().enumerate() {
         assert_eq!(Call::read(&call.header().unwrap()).unwrap(), *call);

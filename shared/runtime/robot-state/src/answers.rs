@@ -365,6 +365,10 @@ answers! {
     476 WaitedTooLong { within_s: f64 } REFUSED, "the request has waited for {within_s:.0} s and was not sent; look at the robot, then ask again";
     477 RequesterGone REFUSED, "its client is gone, so the request was not sent";
     478 HeldTooOld { age_s: f64 } REFUSED, "the connection stood still: this motion was asked for {age_s:.1} s ago, so it was not begun; press again";
+    479 SeatTaken { flyer: Detail } REFUSED, "{flyer} flies now; ask to take over, then try again";
+    480 SeatAsked { asks: Detail } REFUSED, "{asks} has asked to take over already; try again in ten seconds";
+    481 CodeInvalid { left: usize } REFUSED, "the code is unknown, was used, or is older than ten minutes; {left} more attempts, or ask for a new code";
+    482 PairingLocked { for_s: f64 } REFUSED, "too many wrong codes were given; wait for {for_s:.0} s, then try again";
 
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.
