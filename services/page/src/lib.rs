@@ -33,6 +33,6 @@ pub mod settings;
 mod start;
 mod stops;
 
-pub use pair::pair;
+pub use pair::{pair, revoke, tokens};
 pub use server::serve;
 pub use start::start;

@@ -13,5 +13,7 @@ fn run(args: &Args) -> Answer {
         Command::Serve(serve) => page::serve(serve, &args.place),
         Command::Start(start) => page::start(start, &args.place),
         Command::Pair(pair) => page::pair(pair, &args.place),
+        Command::Tokens => page::tokens(&args.place),
+        Command::Revoke { holder } => page::revoke(holder, &args.place),
     }
 }

@@ -1,7 +1,7 @@
 //! What browsers send, as JSON; `docs/page.md` describes it.
 
 use crate::control::Sign;
-use gateway_protocol::Call;
+use gateway_protocol::{Call, SeatCall};
 use messages::Request;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -31,6 +31,10 @@ pub(crate) enum FromBrowser {
         #[serde(default)]
         continues: bool,
     },
+    /// Uses a code: the reply has a token for this browser.
+    Pair { id: u64, code: String },
+    /// Asks to fly, or answers who asks.
+    Seat { id: u64, what: SeatCall },
     /// Asks whether the node can hang at a point.
     Check { id: u64, to_m: [f64; 3] },
     /// Asks for the list of finished runs.

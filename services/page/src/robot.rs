@@ -170,7 +170,7 @@ impl Robot {
             value["mission"] = json!({
                 "state": sentences::mission_state(plan.state), "name": text_of(&plan.mission), "leg": plan.leg,
                 "legs": plan.legs, "progress": plan.progress, "time_left_s": plan.time_left_s,
-                "reason": text_of(&plan.reason), "target_m": plan.target_m,
+                "reason": text_of(&plan.reason), "reason_code": plan.reason_code, "target_m": plan.target_m,
             });
         }
         value

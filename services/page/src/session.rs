@@ -300,6 +300,8 @@ impl Inbound<'_> {
                 let request = Request::Run { mission: name, hash: config::mission_hash(&text), continues };
                 self.call(ask(id, request), text.into_bytes());
             }
+            FromBrowser::Pair { id, code } => self.call(Call::CodeUse { id, code }, Vec::new()),
+            FromBrowser::Seat { id, what } => self.call(Call::Seat { id, what }, Vec::new()),
             FromBrowser::Check { id, to_m } => {
                 let (possible, sentence) = match self.app.topics.scene() {
                     Some(scene) => scene.check(to_m),

@@ -42,8 +42,16 @@ pub enum Command {
     Serve(ServeArgs),
     /// Serves the page of a robot of this user, with a gateway of its own, and opens it where there is a desktop.
     Start(StartArgs),
-    /// Prints the address with which a browser becomes the holder of a new token, also as a QR code.
+    /// Prints a code that pairs one browser, and an address with it, also as a QR code.
     Pair(PairArgs),
+    /// Lists the browsers that are paired.
+    Tokens,
+    /// Ends the pairing of a browser.
+    Revoke {
+        /// Name of the holder.
+        #[arg(value_name = "NAME")]
+        holder: String,
+    },
 }
 
 /// The arguments of `serve`.

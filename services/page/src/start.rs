@@ -1,6 +1,6 @@
 //! The page of a robot of this user in one command: a gateway of its own, the page, a paired browser.
 
-use crate::pair::{Listening, print_pairing};
+use crate::pair::{Listening, address, print_pairing};
 use crate::server::serve_with;
 use crate::settings::{PlaceArgs, StartArgs};
 use command::{Answer, Failure};
@@ -14,8 +14,9 @@ use std::time::{Duration, Instant};
 const OPENED: Duration = Duration::from_secs(20);
 /// Time between two looks for it.
 const LOOK: Duration = Duration::from_millis(50);
-/// Name of the token of the browser that is opened.
-const HOLDER: &str = "here";
+/// Names of the browser that is opened, and of the one that is paired by the printed code.
+const HERE: &str = "here";
+const TABLET: &str = "tablet";
 
 /// A gateway that is ended with this process, and the folder of its socket.
 struct Gateway {
@@ -99,12 +100,16 @@ pub fn start(args: &StartArgs, place: &PlaceArgs) -> Answer {
 
 /// Prints how a browser is paired, and opens one where there is a desktop.
 fn introduce(listening: &Listening, place: &PlaceArgs, opens: bool) -> Answer {
-    // That of an earlier start.
-    let _ = client::gateway(place.place())?.revoke_token(HOLDER);
-    let address = print_pairing(listening, place, HOLDER, "fly")?;
+    let gateway = client::gateway(place.place())?;
+    for holder in [HERE, TABLET] {
+        // That of an earlier start.
+        let _ = gateway.revoke_token(holder);
+    }
+    print_pairing(listening, place, TABLET, "fly")?;
     let desktop =
         ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()));
     if opens && desktop {
+        let (address, ..) = address(listening, place, HERE, "fly")?;
         let mut command = Command::new("xdg-open");
         command.arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         if let Err(error) = command.spawn() {

@@ -60,7 +60,13 @@ pub(crate) async fn stop(app: &App, token: Option<String>, request: Request) -> 
         };
         let (mut incoming, mut outgoing, _) = connected?;
         outgoing.send(&ask(1, request), &[]).await?;
-        Ok(incoming.next().await?.0)
+        loop {
+            // Who flies is told to every page.
+            match incoming.next().await?.0 {
+                Reply::Seat { .. } => {}
+                reply => return Ok(reply),
+            }
+        }
     })
     .await
 }

@@ -27,10 +27,10 @@ fn a_person_with_a_tablet_pairs_flies_and_stops() {
     assert!(web.join("node_modules").is_dir(), "the packages of the page are missing: run scripts/page");
     // As on a robot's network: over HTTPS, with the page's own certificate.
     let rig = Rig::up_at("0.0.0.0");
-    let token = rig.token("tablet", "fly");
+    let code = rig.code("tablet", "fly");
     // Without a graphics processor the browser computes its pictures, and would take the time of the robot's processes.
     let mut walk = Command::new("nice");
-    walk.args(["-n", "19", "node"]).arg(web.join("walk/walk.mjs")).arg(format!("https://{}", rig.address)).arg(token);
+    walk.args(["-n", "19", "node"]).arg(web.join("walk/walk.mjs")).arg(format!("https://{}", rig.address)).arg(code);
     walk.env("NIMS_CHROMIUM", chromium);
     if let Some(folder) = std::env::var_os(PICTURES) {
         walk.arg(folder);

@@ -92,6 +92,38 @@ fn a_motion_that_is_not_held_any_more_ends() {
 }
 
 #[test]
+fn a_code_pairs_one_browser_and_one_person_flies_at_a_time() {
+    let rig = Rig::up();
+    let code = rig.code("ada", "fly");
+    let mut visitor = rig.browser(None);
+    let wrong = visitor.call(json!({ "call": "pair", "code": "0000-0000" }));
+    assert_eq!(wrong["reason"], 481, "{wrong}");
+    let paired = visitor.call(json!({ "call": "pair", "code": code.to_lowercase() }));
+    let mut ada = rig.browser(paired["secret"].as_str());
+    assert_eq!((&ada.welcome["user"], &ada.welcome["role"]), (&json!("ada"), &json!("fly")), "{paired}");
+    let mut bob = rig.browser(Some(&rig.token("bob", "fly")));
+    ready(&mut ada, START);
+    // Both see who flies, and who asks to take over; a stop is open to all.
+    bob.until("who flies", |told| told["reply"] == "seat" && told["flyer"] == "ada");
+    let go = json!({ "verb": "goto", "to_m": [5.4, 3.6, 0.7], "path": { "shape": "line" }, "speed_m_s": 0.1 });
+    assert_eq!(bob.ask(go.clone())["reason"], 479);
+    assert_eq!(ada.ask(go.clone())["accepted"], "accepted");
+    assert_eq!(bob.ask(plain("stop"))["accepted"], "accepted");
+    assert_eq!(bob.call(json!({ "call": "seat", "what": "ask" }))["reply"], "done");
+    ada.until("who asks", |told| told["reply"] == "seat" && told["asks"] == "bob");
+    assert_eq!(ada.call(json!({ "call": "seat", "what": "give" }))["reply"], "done");
+    bob.until_state("it holds", |state| state["mode"] == "holding");
+    assert_eq!(bob.ask(go)["accepted"], "accepted");
+    assert_eq!(ada.ask(plain("resume"))["reason"], 479);
+    // Wrong codes close the pairing for a time, also for the right one.
+    let open = rig.code("eve", "fly");
+    let reasons: Vec<Value> =
+        (0..5).map(|_| visitor.call(json!({ "call": "pair", "code": "0000-0000" }))["reason"].clone()).collect();
+    assert_eq!(reasons, [481, 481, 481, 481, 482]);
+    assert_eq!(visitor.call(json!({ "call": "pair", "code": open }))["reason"], 482);
+}
+
+#[test]
 fn what_comes_late_begins_and_holds_no_motion() {
     let rig = Rig::up();
     let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));

@@ -125,21 +125,28 @@ impl Rig {
         }
     }
 
-    /// A new token, as `nims page pair` prints it.
+    /// A new token.
     pub fn token(&self, holder: &str, role: &str) -> String {
         let printed = self.nims(&["token", "list"]);
         if printed.lines().any(|line| line.split_whitespace().next() == Some(holder)) {
             self.revoke(holder);
         }
+        let printed = self.nims(&["token", "add", holder, role]);
+        let token = printed.split_whitespace().find(|word| word.len() == 64);
+        token.unwrap_or_else(|| panic!("no token: {printed}")).to_owned()
+    }
+
+    /// A code for one browser, as `nims page pair` prints it.
+    pub fn code(&self, holder: &str, role: &str) -> String {
         let mut command = Command::new(program("nims-page"));
         command.args(["pair", holder, "--role", role, "--gateway"]).arg(&self.socket);
         let output = command.arg("--state").arg(self.folder.path().join("page")).output().unwrap();
         let printed = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let port = self.address.rsplit(':').next().unwrap();
-        assert!(printed.contains(&format!(":{port}/#token=")), "{printed}");
-        let token = printed.split("#token=").nth(1).unwrap().lines().next().unwrap();
-        token.to_owned()
+        assert!(printed.contains(&format!(":{port}/#code=")), "{printed}");
+        let code = printed.split("#code=").nth(1).unwrap().lines().next().unwrap();
+        code.to_owned()
     }
 
     pub fn revoke(&self, holder: &str) {

@@ -5,6 +5,7 @@ import { h } from "./dom.js";
 import type { Store } from "./link.js";
 import type { Figures } from "./protocol.js";
 import { colours } from "./view.js";
+import { t } from "./lang.js";
 
 /** Length of the charts, and time between two points, s. */
 const LENGTH_S = 600, STEP_S = 0.5;
@@ -18,11 +19,11 @@ interface Chart { name: string; unit: string; lines: (cables: number) => string[
 
 const CABLES = (cables: number) => Array.from({ length: cables }, (_, i) => `cable ${i + 1}`);
 const CHARTS: Chart[] = [
-    { name: "Position", unit: "m", lines: () => ["x", "y", "z"], values: (figures) => figures.position_m },
-    { name: "Tensions", unit: "N", lines: CABLES, values: (figures) => figures.tensions_n },
-    { name: "Currents", unit: "A", lines: CABLES, values: (figures) => figures.currents_a },
-    { name: "Uncertainty of the position", unit: "mm", lines: () => ["within"], values: ({ within_m }) => [within_m == null ? null : within_m * 1000] },
-    { name: "Supply", unit: "V", lines: () => ["lowest unit"], values: (figures) => [figures.supply_v] },
+    { name: t("Position"), unit: "m", lines: () => ["x", "y", "z"], values: (figures) => figures.position_m },
+    { name: t("Tensions"), unit: "N", lines: CABLES, values: (figures) => figures.tensions_n },
+    { name: t("Currents"), unit: "A", lines: CABLES, values: (figures) => figures.currents_a },
+    { name: t("Uncertainty of the position"), unit: "mm", lines: () => [t("within")], values: ({ within_m }) => [within_m == null ? null : within_m * 1000] },
+    { name: t("Supply"), unit: "V", lines: () => [t("lowest unit")], values: (figures) => [figures.supply_v] },
 ];
 
 /** Seconds of this browser's clock, which the charts use. */
@@ -37,7 +38,7 @@ export class Charts {
     private plots: { chart: Chart; plot: uPlot; count: number }[] = [];
 
     constructor(private readonly store: Store) {
-        this.element.append(h("section", { class: "card" }, h("p", { class: "soft" }, "Nothing has come from the robot yet.")));
+        this.element.append(h("section", { class: "card" }, h("p", { class: "soft" }, t("Nothing has come from the robot yet."))));
     }
 
     /** Keeps what has come, also while another view is shown. */
@@ -89,7 +90,7 @@ export class Charts {
             cards.push(h("section", { class: "card" }, h("h2", {}, `${chart.name}, ${chart.unit}`), place));
             return { chart, plot, count: names.length };
         });
-        this.element.replaceChildren(h("p", { class: "soft" }, "A vertical line marks a change of the mode; red: a fault or an emergency stop."), h("div", { class: "columns table" }, ...cards));
+        this.element.replaceChildren(h("p", { class: "soft" }, t("A vertical line marks a change of the mode; red: a fault or an emergency stop.")), h("div", { class: "columns table" }, ...cards));
     }
 
     /** Marks each change of the mode. */

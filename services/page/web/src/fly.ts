@@ -1,11 +1,12 @@
 // The view from which the robot is flown.
 
-import { h, metres, duration, renew, write } from "./dom.js";
+import { h, metres, renew, write } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
 import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
 import { Space } from "./space.js";
-import { type Drawn, bounds, extend, nodeOf } from "./view.js";
+import { type Drawn, bounds, extend, missionText, nodeOf } from "./view.js";
+import { sentence, t } from "./lang.js";
 
 /** Time without a change after which a target is checked, ms. */
 const SETTLED_MS = 120;
@@ -13,10 +14,12 @@ const SETTLED_MS = 120;
 const REACHES_M = [1, 0.3, 0.1], SLOW_M_S = 0.08;
 /** Deflection of a stick below which it rests, and time between two looks at it, ms. */
 const RESTS = 0.35, STICK_MS = 50;
+/** The views of the drawing. */
+const LOOKS: Record<string, string> = { "3-D": t("3-D"), Top: t("Top"), Side: t("Side") };
 /** The six directions of the pad. */
 const DIRECTIONS: [string, string, Point][] = [
-    ["−x", "to the left: x falls", [-1, 0, 0]], ["+x", "to the right: x grows", [1, 0, 0]], ["−y", "to the front: y falls", [0, -1, 0]], ["+y", "to the back: y grows", [0, 1, 0]],
-    ["▲ up", "up: z grows", [0, 0, 1]], ["▼ down", "down: z falls", [0, 0, -1]],
+    ["−x", t("to the left: x falls"), [-1, 0, 0]], ["+x", t("to the right: x grows"), [1, 0, 0]], ["−y", t("to the front: y falls"), [0, -1, 0]], ["+y", t("to the back: y grows"), [0, 1, 0]],
+    [t("▲ up"), t("up: z grows"), [0, 0, 1]], [t("▼ down"), t("down: z falls"), [0, 0, -1]],
 ];
 
 export class Fly {
@@ -32,10 +35,10 @@ export class Fly {
     private readonly acts = h("div", { class: "row" });
     private readonly progress = h("i");
     private readonly mission = h("p");
-    private readonly heightSlider = h("input", { type: "range", step: 0.05, "aria-label": "height of the target", input: () => this.aim({ 2: this.heightSlider.valueAsNumber }) });
-    private readonly fields = (["x", "y", "z"] as const).map((name, axis) => h("input", { inputmode: "decimal", "aria-label": `${name} of the target in metres`, change: () => this.aim({ [axis]: Number(this.fields[axis]!.value.replace(",", ".")) }) }));
-    private readonly finding = h("p", { class: "soft", role: "status" }, "Tap a point in the drawing, or enter one.");
-    private readonly go = h("button", { class: "button main wide", type: "button", disabled: true, click: () => this.fly() }, "Go there");
+    private readonly heightSlider = h("input", { type: "range", step: 0.05, "aria-label": t("height of the target"), input: () => this.aim({ 2: this.heightSlider.valueAsNumber }) });
+    private readonly fields = (["x", "y", "z"] as const).map((name, axis) => h("input", { inputmode: "decimal", "aria-label": t("{axis} of the target in metres", { axis: name }), change: () => this.aim({ [axis]: Number(this.fields[axis]!.value.replace(",", ".")) }) }));
+    private readonly finding = h("p", { class: "soft", role: "status" }, t("Tap a point in the drawing, or enter one."));
+    private readonly go = h("button", { class: "button main wide", type: "button", disabled: true, click: () => this.fly() }, t("Go there"));
     private readonly cables = h("div", { class: "table" });
     private readonly pad = h("div", { class: "pad" });
     private checking = 0;
@@ -49,16 +52,16 @@ export class Fly {
         } catch {
             this.look = "Top"; // no WebGL here
         }
-        const choice = h("div", { class: "choice", role: "group", "aria-label": "view" }, ...["3-D", "Top", "Side"].filter((look) => look !== "3-D" || this.space).map((look) => {
-            this.looks[look] = h("button", { type: "button", click: () => this.show(look) }, look);
+        const choice = h("div", { class: "choice", role: "group", "aria-label": t("view") }, ...["3-D", "Top", "Side"].filter((look) => look !== "3-D" || this.space).map((look) => {
+            this.looks[look] = h("button", { type: "button", click: () => this.show(look) }, LOOKS[look] ?? look);
             return this.looks[look]!;
         }));
-        const stage = h("section", { class: "card stage", "aria-label": "the robot" }, choice, this.legend, this.flat.canvas, this.space?.canvas ?? null);
+        const stage = h("section", { class: "card stage", "aria-label": t("the robot") }, choice, this.legend, this.flat.canvas, this.space?.canvas ?? null);
         const panel = h("div", { class: "panel table" },
             h("section", { class: "card" }, this.answer, this.place, this.told, this.acts, this.mission, h("div", { class: "bar", "aria-hidden": true }, this.progress)),
-            h("section", { class: "card" }, h("h2", {}, "Go to a point"), h("div", { class: "fields" }, ...this.fields.map((field, i) => h("label", {}, `${"xyz"[i]}, m`, field))),
-                h("label", {}, "height", this.heightSlider), this.finding, h("div", { class: "row" }, this.go, h("button", { class: "button", type: "button", click: () => this.aim(null) }, "Clear"))),
-            h("section", { class: "card" }, h("h2", {}, "Move while held"), this.pad, this.cables));
+            h("section", { class: "card" }, h("h2", {}, t("Go to a point")), h("div", { class: "fields" }, ...this.fields.map((field, i) => h("label", {}, `${"xyz"[i]}, m`, field))),
+                h("label", {}, t("height"), this.heightSlider), this.finding, h("div", { class: "row" }, this.go, h("button", { class: "button", type: "button", click: () => this.aim(null) }, t("Clear")))),
+            h("section", { class: "card" }, h("h2", {}, t("Move while held")), this.pad, this.cables));
         this.element = h("div", { class: "view fly" }, stage, panel);
         this.show(this.look);
         for (const [name, words, along] of DIRECTIONS) this.pad.append(this.heldButton(name, words, (held) => this.along(along, held)));
@@ -97,8 +100,8 @@ export class Fly {
     said(answer: Answer): void {
         this.answer.hidden = false;
         this.answer.classList.toggle("refused", answer.accepted !== "accepted");
-        const sentence = answer.sentence.charAt(0).toUpperCase() + answer.sentence.slice(1);
-        write(this.answer, answer.accepted === "accepted" ? `✓ ${sentence}` : `✕ ${sentence}`);
+        const text = sentence(answer.reason, answer.sentence), shown = text.charAt(0).toUpperCase() + text.slice(1);
+        write(this.answer, answer.accepted === "accepted" ? `✓ ${shown}` : `✕ ${shown}`);
     }
 
     private async ask(request: Request): Promise<void> { this.said(await this.conversation.ask(request)); }
@@ -116,7 +119,7 @@ export class Fly {
         this.fields.forEach((field, axis) => { field.value = target ? target.at[axis as 0].toFixed(2) : ""; });
         if (target) this.heightSlider.value = String(target.at[2]);
         this.finding.className = "soft";
-        write(this.finding, target ? "checking …" : "Tap a point in the drawing, or enter one.");
+        write(this.finding, target ? t("checking …") : t("Tap a point in the drawing, or enter one."));
         clearTimeout(this.checking);
         if (target) this.checking = window.setTimeout(() => void this.check(target), SETTLED_MS);
     }
@@ -133,8 +136,8 @@ export class Fly {
         const possible = reply.reply === "check" && reply.possible;
         target.possible = possible;
         this.finding.className = possible ? "good" : "bad";
-        const sentence = "sentence" in reply ? reply.sentence : "the check gave no finding";
-        write(this.finding, `${possible ? "✓" : "✕"} ${sentence.charAt(0).toUpperCase()}${sentence.slice(1)}.`);
+        const finding = "sentence" in reply ? reply.sentence : t("the check gave no finding");
+        write(this.finding, `${possible ? "✓" : "✕"} ${finding.charAt(0).toUpperCase()}${finding.slice(1)}.`);
     }
 
     private fly(): void {
@@ -147,7 +150,7 @@ export class Fly {
     /** A move by direction, as far as the ground and the planner permit, while `held`. */
     private async along(direction: Point, held: () => boolean): Promise<void> {
         const at = nodeOf(this.store.state), ground = this.store.scene?.ground_m ?? 0;
-        let answer = refused("the position of the node is not known: zero it first");
+        let answer = refused(t("the position of the node is not known: zero it first"));
         for (const reach of at ? REACHES_M : []) {
             const to = at!.map((value, axis) => value + reach * direction[axis as 0]) as Point;
             to[2] = Math.max(to[2], Math.min(at![2], ground + 0.1));
@@ -169,7 +172,7 @@ export class Fly {
 
     /** A button whose motion ends when it is released. */
     private heldButton(name: string, words: string, move: (held: () => boolean) => Promise<void>): HTMLButtonElement {
-        const button = h("button", { class: "button hold", type: "button", "aria-label": `${words}, while held` }, name);
+        const button = h("button", { class: "button hold", type: "button", "aria-label": t("{what}, while held", { what: words }) }, name);
         const begin = () => {
             button.classList.add("held");
             void move(() => button.classList.contains("held"));
@@ -193,29 +196,29 @@ export class Fly {
 
     /** The actions of the mode, the one that leads on first. */
     private actions(): HTMLElement[] {
-        const { state } = this.store, rest = [this.action("Disarm", { verb: "disarm" })];
+        const { state } = this.store, rest = [this.action(t("Disarm"), { verb: "disarm" })];
         if (!this.store.flies) return [];
         switch (state?.mode) {
-            case "disarmed": return [this.action("Arm", { verb: "arm" }, true)];
+            case "disarmed": return [this.action(t("Arm"), { verb: "arm" }, true)];
             case "faulted":
-            case "emergency stop": return [this.action("Reset", { verb: "reset" }, true), ...rest];
+            case "emergency stop": return [this.action(t("Reset"), { verb: "reset" }, true), ...rest];
             case "holding": {
                 const paused = state.mission?.state === "paused" || (state.rate_target === 0 && state.mission?.state === "running");
-                const first = paused ? [this.action("Resume", { verb: "resume" }, true)] : [];
-                const confirm = state.position_known === 1 ? [this.action("The position is right", { verb: "confirm-position" }, true)] : [];
-                const zero = h("button", { class: state.position_known ? "button" : "button main wide", type: "button", click: () => this.zero() }, "The node is at …");
+                const first = paused ? [this.action(t("Resume"), { verb: "resume" }, true)] : [];
+                const confirm = state.position_known === 1 ? [this.action(t("The position is right"), { verb: "confirm-position" }, true)] : [];
+                const zero = h("button", { class: state.position_known ? "button" : "button main wide", type: "button", click: () => this.zero() }, t("The node is at …"));
                 return [...first, ...confirm, zero, ...rest];
             }
-            case "following": return [this.action("Pause", { verb: "pause" }, true), ...[25, 50, 100].map((percent) => this.action(`${percent} %`, { verb: "speed", rate: percent / 100 }))];
-            case "stopping": return state.mission?.state === "paused" ? [this.action("Resume", { verb: "resume" }, true)] : [];
+            case "following": return [this.action(t("Pause"), { verb: "pause" }, true), ...[25, 50, 100].map((percent) => this.action(`${percent} %`, { verb: "speed", rate: percent / 100 }))];
+            case "stopping": return state.mission?.state === "paused" ? [this.action(t("Resume"), { verb: "resume" }, true)] : [];
             default: return [];
         }
     }
 
     private zero(): void {
         const target = this.drawn.target?.at;
-        if (!target) { this.said(refused("enter where the node is below first, or tap there: the button then sets it")); return; }
-        if (confirm(`Set that the node is now at ${target.map((m) => metres(m)).join(", ")} m?`)) void this.ask({ verb: "zero-at", position_m: target });
+        if (!target) { this.said(refused(t("enter where the node is below first, or tap there: the button then sets it"))); return; }
+        if (confirm(t("Set that the node is now at {place} m?", { place: target.map((m) => metres(m)).join(", ") }))) void this.ask({ verb: "zero-at", position_m: target });
     }
 
     /** Draws what has changed; `visible`: whether this view is shown. */
@@ -226,12 +229,12 @@ export class Fly {
         if (this.look === "3-D") this.space?.draw();
         else this.flat.draw();
         const at = nodeOf(state);
-        write(this.place, at ? `${at.map((m) => metres(m, 3)).join("  ")} m` : "position not known");
+        write(this.place, at ? `${at.map((m) => metres(m, 3)).join("  ")} m` : t("position not known"));
         const faults = state?.faults ?? [], needs = state?.position_known === 2 || !state?.position ? [] : [state.position];
         renew(this.told, [...faults, ...needs].join("\n"), () => [...faults.map((fault) => h("p", { class: "bad" }, fault)), ...needs.map((need) => h("p", { class: "warn" }, need))]);
         renew(this.acts, [state?.mode, state?.mission?.state, state?.position_known, state?.rate_target === 0, this.store.flies].join(), () => this.actions());
         const mission = state?.mission, active = mission && ["running", "paused", "ready"].includes(mission.state);
-        write(this.mission, !mission || mission.state === "idle" ? "" : active ? `${mission.name || "move"}: ${mission.state}, leg ${mission.leg} of ${mission.legs}, ${duration(mission.time_left_s ?? 0)} left` : `${mission.name || "move"}: ${mission.state}${mission.reason ? `. ${mission.reason}` : ""}`);
+        write(this.mission, !mission || mission.state === "idle" ? "" : `${missionText(mission)}${!active && mission.reason ? `. ${sentence(mission.reason_code, mission.reason)}` : ""}`);
         this.progress.style.width = `${100 * (active ? mission.progress : 0)}%`;
         this.go.disabled = !(this.drawn.target?.possible && this.store.flies);
         for (const button of this.pad.children) (button as HTMLButtonElement).disabled = !this.store.flies;
@@ -240,20 +243,20 @@ export class Fly {
         this.heightSlider.min = String(low[2]);
         this.heightSlider.max = String(high[2]);
         const limits = scene.tension_limits_n;
-        renew(this.legend, limits.join(), () => ["tension", h("i"), h("span", {}, `${limits[0]}`, h("span", {}, `${limits[1]} N`))]);
+        renew(this.legend, limits.join(), () => [t("tension"), h("i"), h("span", {}, `${limits[0]}`, h("span", {}, `${limits[1]} N`))]);
         renew(this.cables, `${scene.anchors_m.length} ${this.store.flies}`, () => scene.anchors_m.map((_, i) => this.cable(i)));
         this.cables.querySelectorAll(".cable").forEach((row, i) => {
             const tension = state?.tensions_n?.[i], slack = state?.slack?.[i] === 1;
             (row.querySelector("meter") as HTMLMeterElement).value = tension ?? 0;
-            write(row.querySelector("span")!, slack ? "slack" : tension == null ? "–" : `${tension.toFixed(1)} N`);
+            write(row.querySelector("span")!, slack ? t("slack") : tension == null ? "–" : `${tension.toFixed(1)} N`);
         });
     }
 
     private cable(i: number): HTMLElement {
         const [least, most] = this.store.scene?.tension_limits_n ?? [0, 1];
-        const out = this.heldButton("Out", `cable ${i + 1}: pay out`, (held) => this.jog(i + 1, 1, held)), reel = this.heldButton("In", `cable ${i + 1}: reel in`, (held) => this.jog(i + 1, -1, held));
+        const out = this.heldButton(t("Out"), t("cable {n}: pay out", { n: i + 1 }), (held) => this.jog(i + 1, 1, held)), reel = this.heldButton(t("In"), t("cable {n}: reel in", { n: i + 1 }), (held) => this.jog(i + 1, -1, held));
         out.disabled = reel.disabled = !this.store.flies;
-        return h("div", { class: "cable" }, h("b", {}, String(i + 1)), h("div", {}, h("meter", { min: 0, max: most, low: least, high: 0.8 * most, optimum: (least + most) / 2, "aria-label": `tension of cable ${i + 1}` }), h("span", {}, "–")), reel, out);
+        return h("div", { class: "cable" }, h("b", {}, String(i + 1)), h("div", {}, h("meter", { min: 0, max: most, low: least, high: 0.8 * most, optimum: (least + most) / 2, "aria-label": t("tension of cable {n}", { n: i + 1 }) }), h("span", {}, "–")), reel, out);
     }
 }
 

@@ -1,7 +1,9 @@
 // The line at the top of every view.
 
 import { bytes, h, write } from "./dom.js";
-import type { Store } from "./link.js";
+import type { Conversation, Store } from "./link.js";
+import { SeatBar } from "./seat.js";
+import { LANGUAGES, choose, chosen, t } from "./lang.js";
 
 /** Age from which the data is old, s. */
 const OLD_S = 1;
@@ -10,6 +12,9 @@ const SCARCE = 2e9;
 /** Signs beside the colours of the modes. */
 const SIGNS: Record<string, string> = { disarmed: "○", holding: "■", jogging: "▸", following: "▶", stopping: "▾", faulted: "!", "emergency stop": "✕" };
 
+/** Names of the figures. */
+const FACTS: Record<string, string> = { node: t("node"), supply: t("supply"), disk: t("disk"), cycles: t("cycles"), flies: t("flies"), you: t("you") };
+
 /** The mode and the figures by which the robot can be trusted. */
 export class Head {
     readonly element: HTMLElement;
@@ -17,14 +22,17 @@ export class Head {
     private readonly mode = h("span", { class: "mode", role: "status" }, "…");
     private readonly facts = new Map<string, { row: HTMLElement; value: HTMLElement }>();
 
-    constructor(private readonly store: Store) {
-        const theme = h("button", { class: "theme", type: "button", "aria-label": "Bright or dark", click: () => dress(document.documentElement.dataset.theme === "dark" ? "bright" : "dark") }, "◐");
-        const facts = ["node", "supply", "disk", "cycles", "flies", "you"].map((name) => {
-            const value = h("b"), row = h("span", { class: "fact" }, name, value);
+    private readonly seat: SeatBar;
+
+    constructor(private readonly store: Store, conversation: Conversation) {
+        const theme = h("button", { class: "theme", type: "button", "aria-label": t("Bright or dark"), click: () => dress(document.documentElement.dataset.theme === "dark" ? "bright" : "dark") }, "◐");
+        const facts = Object.keys(FACTS).map((name) => {
+            const value = h("b"), row = h("span", { class: "fact" }, FACTS[name] ?? name, value);
             this.facts.set(name, { row, value });
             return row;
         });
-        this.element = h("header", { class: "head" }, this.mode, ...facts, theme);
+        this.seat = new SeatBar(store, conversation);
+        this.element = h("header", { class: "head" }, this.mode, ...facts, language(), theme, this.seat.element);
         dress(localStorage.getItem("nims-theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "bright"));
     }
 
@@ -37,27 +45,35 @@ export class Head {
     }
 
     draw(): void {
-        const { state, robot, scene, welcome, link, trouble } = this.store, mode = state?.mode ?? "unknown";
+        const { state, robot, scene, seat, welcome, link, trouble } = this.store, mode = state?.mode ?? "unknown";
         this.mode.dataset.mode = mode;
         this.mode.dataset.sign = SIGNS[mode] ?? "?";
-        write(this.mode, mode);
+        write(this.mode, t(mode));
         this.mode.title = state?.mode_sentence ?? "";
         const within = state?.within_m;
-        this.set("node", within == null ? "not known" : `±${Math.round(within * 1000)} mm`, within == null || within > 0.1);
+        this.set("node", within == null ? t("not known") : `±${Math.round(within * 1000)} mm`, within == null || within > 0.1);
         this.set("supply", state?.supply_v == null ? null : `${state.supply_v.toFixed(1)} V`, (state?.supply_v ?? 0) < (scene?.supply_min_v ?? 0) + 1);
         const disk = robot?.recorder?.disk_free_bytes;
-        this.set("disk", robot?.recorder?.problem ? "NOT RECORDING" : disk ? bytes(disk) : null, !!robot?.recorder?.problem || (disk ?? SCARCE) < SCARCE);
+        this.set("disk", robot?.recorder?.problem ? t("NOT RECORDING") : disk ? bytes(disk) : null, !!robot?.recorder?.problem || (disk ?? SCARCE) < SCARCE);
         const cycle = state?.cycle;
-        this.set("cycles", cycle ? (cycle.unsteered ? `${cycle.unsteered} lost` : `${cycle.hz.toFixed(0)} Hz`) : null, (cycle?.unsteered ?? 0) > 0);
-        this.set("flies", robot?.flyer?.name ?? null);
-        this.set("you", welcome ? `${welcome.paired ? `${welcome.user}, ` : ""}${{ look: "may look and stop", stop: "may stop" }[welcome.role] ?? "may fly"}` : null);
+        this.set("cycles", cycle ? (cycle.unsteered ? t("{n} lost", { n: cycle.unsteered }) : `${cycle.hz.toFixed(0)} Hz`) : null, (cycle?.unsteered ?? 0) > 0);
+        this.set("flies", seat.flyer ?? robot?.flyer?.name ?? null);
+        this.seat.draw();
+        this.set("you", welcome ? `${welcome.paired ? `${welcome.user}, ` : ""}${{ look: t("may look and stop"), stop: t("may stop") }[welcome.role] ?? t("may fly")}` : null);
         const age_s = this.store.age_s(), old = !(age_s < OLD_S) || trouble !== null;
         document.body.classList.toggle("old", old);
         this.note.hidden = !old;
-        const waited = Number.isFinite(age_s) ? `The data is ${age_s < 10 ? age_s.toFixed(1) : Math.round(age_s)} s old` : "Nothing has come from the robot";
-        const why = trouble ?? link?.sentence ?? (link && link.run === null ? "no robot runs" : null);
+        const waited = Number.isFinite(age_s) ? t("The data is {s} s old", { s: age_s < 10 ? age_s.toFixed(1) : Math.round(age_s) }) : t("Nothing has come from the robot");
+        const why = trouble ?? link?.sentence ?? (link && link.run === null ? t("no robot runs") : null);
         write(this.note, old ? (why ? `${waited}: ${why}` : waited) : "");
     }
+}
+
+/** The choice of the language. */
+function language(): HTMLElement {
+    const options = Object.entries(LANGUAGES).map(([code, one]) => h("option", { value: code, selected: code === chosen }, one.name));
+    const select = h("select", { class: "language", "aria-label": t("language"), change: () => choose(select.value) }, ...options);
+    return select;
 }
 
 function dress(theme: string): void {

@@ -1,6 +1,7 @@
 // The conversation with the server: it opens itself again, and every call ends.
 
-import type { Answer, Asked, Call, History, Link, Log, Plan, Reply, Request, Robot, Scene, Sign, State, Told, Welcome } from "./protocol.js";
+import type { Answer, Asked, Call, History, Link, Log, Plan, Reply, Request, Robot, Scene, Seat, Sign, State, Told, Welcome } from "./protocol.js";
+import { sentence, t } from "./lang.js";
 
 /** Time until a lost conversation is opened again, ms. */
 const AGAIN_MS = 700;
@@ -17,6 +18,7 @@ const REST_MS = 4000, ATTEMPT_MS = 60;
 /** Time until a stop is seen in the state, ms. */
 const SEEN_MS = 500;
 const TOKEN = "nims-token";
+const FREE: Seat = { reply: "seat", id: 0, flyer: null, asks: null, within_s: 0 };
 const EVENTS = 200;
 
 /** What is known of the robot; each part is replaced as a whole. */
@@ -29,8 +31,13 @@ export class Store {
     plan: Plan | null = null;
     link: Link | null = null;
     welcome: Welcome | null = null;
+    /** Who flies, and when that came, ms of the page's clock. */
+    seat: Seat = FREE;
+    seatAt = 0;
+    /** Why this browser is not paired. */
+    unpaired: string | null = null;
     /** Why there is no conversation. */
-    trouble: string | null = "connecting";
+    trouble: string | null = t("connecting");
     events: (Log | Asked)[] = [];
     history: History | null = null;
     private readonly listeners: (() => void)[] = [];
@@ -60,7 +67,7 @@ export class Store {
             case "robot": this.robot = told; break;
             case "plan": this.plan = told; break;
             case "link": this.link = told; break;
-            case "welcome": this.welcome = told; this.trouble = null; break;
+            case "welcome": this.welcome = told; this.trouble = null; this.seat = FREE; break;
             case "unreachable": this.trouble = told.sentence; break;
             case "history": this.history = told; break;
             case "log":
@@ -82,18 +89,19 @@ export class Conversation {
     private heardAt = 0;
     private readonly waiting = new Map<number, Waiting>();
     private beats: number | null = null;
+    /** The code of the address by which this page was opened. */
+    private code: string | null;
     /** Number of stops by this browser. */
     private stops = 0;
     /** When it ended a motion last, by a stop or a release, ms of the page's clock. */
     private endedAt = -Infinity;
 
     constructor(private readonly store: Store) {
-        const given = /[#&]token=([0-9a-f]{16,128})/.exec(location.hash);
-        if (given?.[1]) {
-            localStorage.setItem(TOKEN, given[1]);
-            // The secret does not stay in the address bar.
-            history.replaceState(null, "", location.pathname);
-        }
+        const token = /[#&]token=([0-9a-f]{16,128})/.exec(location.hash)?.[1];
+        if (token) localStorage.setItem(TOKEN, token);
+        this.code = /[#&]code=([0-9A-Za-z-]{8,12})/.exec(location.hash)?.[1] ?? null;
+        // No secret stays in the address bar.
+        if (token || this.code) history.replaceState(null, "", location.pathname);
         this.open();
         setInterval(() => { if (performance.now() - this.heardAt > SILENT_MS) this.socket?.close(); }, 1000);
     }
@@ -101,8 +109,22 @@ export class Conversation {
     /** Forgets the token of this browser. */
     unpair(): void { localStorage.removeItem(TOKEN); this.socket?.close(); }
 
-    /** Uses another token. */
-    pair(token: string): void { localStorage.setItem(TOKEN, token.trim()); this.socket?.close(); }
+    /** Gets a token for a code, or uses a token. */
+    async pair(secret: string): Promise<void> {
+        let token: string | null = /^[0-9a-f]{64}$/.test(secret.trim()) ? secret.trim() : null;
+        if (token === null) {
+            const reply = await this.call({ call: "pair", code: secret });
+            if (reply.reply === "token") token = reply.secret;
+            else this.store.unpaired = "sentence" in reply ? sentence("reason" in reply ? reply.reason : 0, reply.sentence) : t("the code was not taken");
+        }
+        if (token === null) { this.store.changed(); return; }
+        this.store.unpaired = null;
+        localStorage.setItem(TOKEN, token);
+        this.socket?.close();
+    }
+
+    /** Asks to fly, or answers who asks. */
+    async seat(what: "ask" | "give" | "keep"): Promise<Reply> { return this.call({ call: "seat", what }); }
 
     get isOpen(): boolean { return this.socket?.readyState === WebSocket.OPEN && this.store.trouble === null; }
 
@@ -116,8 +138,8 @@ export class Conversation {
             this.take(JSON.parse(event.data as string) as Told | Reply);
         };
         socket.onclose = () => {
-            this.store.trouble ??= "the connection to the robot is lost; it is made again by itself";
-            for (const id of [...this.waiting.keys()]) this.end(id, refusal(id, "the connection was lost before the answer came; look what the robot does"));
+            this.store.trouble ??= t("the connection to the robot is lost; it is made again by itself");
+            for (const id of [...this.waiting.keys()]) this.end(id, refusal(id, t("the connection was lost before the answer came; look what the robot does")));
             this.store.events = [];
             this.store.changed();
             setTimeout(() => this.open(), AGAIN_MS);
@@ -125,10 +147,20 @@ export class Conversation {
     }
 
     private take(message: Told | Reply): void {
-        if ("reply" in message) this.end(message.id, message);
-        else {
+        if ("reply" in message) {
+            if (message.reply === "seat") {
+                this.store.seat = message;
+                this.store.seatAt = performance.now();
+                this.store.changed();
+            } else this.end(message.id, message);
+        } else {
             if (message.type === "welcome" && message.sentence) localStorage.removeItem(TOKEN);
             this.store.take(message);
+            const code = this.code;
+            if (message.type === "welcome" && code !== null) {
+                this.code = null;
+                if (!message.paired) void this.pair(code);
+            }
         }
     }
 
@@ -144,8 +176,8 @@ export class Conversation {
     call(call: Call): Promise<Reply> {
         const id = ++this.lastId;
         return new Promise((done) => {
-            if (!this.isOpen) { done(refusal(id, this.store.trouble ?? "there is no connection to the robot")); return; }
-            const timer = window.setTimeout(() => this.end(id, refusal(id, "no answer has come; look what the robot does")), REPLY_MS);
+            if (!this.isOpen) { done(refusal(id, this.store.trouble ?? t("there is no connection to the robot"))); return; }
+            const timer = window.setTimeout(() => this.end(id, refusal(id, t("no answer has come; look what the robot does"))), REPLY_MS);
             this.waiting.set(id, { done, timer });
             this.socket?.send(JSON.stringify({ ...call, id }));
         });
@@ -154,7 +186,7 @@ export class Conversation {
     /** Requests something of the robot. */
     async ask(request: Request): Promise<Answer> {
         const reply = await this.call({ call: "ask", request });
-        return reply.reply === "answer" ? reply : refusal(reply.id, "the reply is of another kind; load the page again");
+        return reply.reply === "answer" ? reply : refusal(reply.id, t("the reply is of another kind; load the page again"));
     }
 
     /**
@@ -186,7 +218,7 @@ export class Conversation {
             const text = new DOMParser().parseFromString(await response.text(), "text/html").querySelector("#answer")?.textContent ?? "";
             return { reply: "answer", id: 0, accepted: response.ok && !text.startsWith("refused") ? "accepted" : "refused", reason: 0, sentence: text };
         } catch {
-            return refusal(0, "the robot cannot be reached: use the hardware stop");
+            return refusal(0, t("the robot cannot be reached: use the hardware stop"));
         }
     }
 
@@ -196,7 +228,7 @@ export class Conversation {
         const answered = this.call({ call: "held", request, sign: this.store.sign() });
         this.beats = window.setInterval(() => this.send({ call: "beat", sign: this.store.sign() }), BEAT_MS);
         const reply = await answered;
-        return reply.reply === "answer" ? reply : refusal(reply.id, "the reply is of another kind; load the page again");
+        return reply.reply === "answer" ? reply : refusal(reply.id, t("the reply is of another kind; load the page again"));
     }
 
     release(): void {

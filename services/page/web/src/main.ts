@@ -5,6 +5,7 @@ import { h } from "./dom.js";
 import { Fly } from "./fly.js";
 import { Head } from "./head.js";
 import { Conversation, Store } from "./link.js";
+import { t } from "./lang.js";
 import { Missions } from "./missions.js";
 import { RobotView } from "./robot.js";
 import { Runs } from "./runs.js";
@@ -15,7 +16,7 @@ const DRAW_MS = 50;
 
 const store = new Store();
 const conversation = new Conversation(store);
-const head = new Head(store);
+const head = new Head(store, conversation);
 const fly = new Fly(store, conversation);
 const missions = new Missions(store, conversation, fly.drawn);
 const charts = new Charts(store);
@@ -30,17 +31,18 @@ const views: Record<string, { element: HTMLElement; draw: (visible: boolean) => 
     Runs: { element: runs.element, draw: () => {}, shown: () => void runs.load() },
     Robot: { element: robot.element, draw: (visible) => { if (visible) robot.draw(); } },
 };
+const NAMES: Record<string, string> = { Fly: t("Fly"), Missions: t("Missions"), Charts: t("Charts"), Runs: t("Runs"), Robot: t("Robot") };
 let shown = "Fly";
-const tabs = h("nav", { class: "tabs", role: "tablist", "aria-label": "views" });
+const tabs = h("nav", { class: "tabs", role: "tablist", "aria-label": t("views") });
 
 function show(name: string): void {
     shown = name;
     for (const [other, view] of Object.entries(views)) view.element.hidden = other !== name;
-    for (const tab of tabs.children) tab.setAttribute("aria-selected", String(tab.textContent === name));
+    for (const tab of tabs.children) tab.setAttribute("aria-selected", String((tab as HTMLElement).dataset.view === name));
     views[name]?.shown?.();
 }
 
-for (const name of Object.keys(views)) tabs.append(h("button", { type: "button", role: "tab", click: () => show(name) }, name));
+for (const name of Object.keys(views)) tabs.append(h("button", { type: "button", role: "tab", "data-view": name, click: () => show(name) }, NAMES[name] ?? name));
 document.querySelector(".early")?.remove();
 document.body.append(head.element, h("main", {}, ...Object.values(views).map((view) => view.element)), head.note, tabs, stop.element);
 show(shown);

@@ -1,26 +1,27 @@
 // Missions that this browser keeps: made by a form, drawn, flown.
 
-import { h, duration, renew, write } from "./dom.js";
+import { h, renew, write } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
 import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
-import { type Drawn, nodeOf } from "./view.js";
+import { type Drawn, missionText, nodeOf } from "./view.js";
+import { sentence, t } from "./lang.js";
 
 interface Kept { name: string; text: string }
 
 const KEPT = "nims-missions";
 /** Time without a change after which a mission is checked, ms, and the largest number of points that are checked. */
 const SETTLED_MS = 400, MOST_CHECKED = 60;
-const RASTER = ["from x, m", "from y, m", "to x, m", "to y, m", "height, m", "strip, m"];
+const RASTER = [t("from x, m"), t("from y, m"), t("to x, m"), t("to y, m"), t("height, m"), t("strip, m")];
 
 export class Missions {
     readonly element: HTMLElement;
     private kept: Kept[] = JSON.parse(localStorage.getItem(KEPT) ?? "[]") as Kept[];
     private readonly list = h("div", { class: "table" });
-    private readonly name = h("input", { type: "text", value: "field", maxlength: 32, "aria-label": "name of the mission" });
-    private readonly text = h("textarea", { spellcheck: false, "aria-label": "the mission as text", input: () => this.preview() });
+    private readonly name = h("input", { type: "text", value: "field", maxlength: 32, "aria-label": t("name of the mission") });
+    private readonly text = h("textarea", { spellcheck: false, "aria-label": t("the mission as text"), input: () => this.preview() });
     private readonly raster = RASTER.map((name) => h("input", { inputmode: "decimal", "aria-label": name }));
-    private readonly height = h("input", { inputmode: "decimal", value: "0.8", "aria-label": "height of tapped points, m" });
+    private readonly height = h("input", { inputmode: "decimal", value: "0.8", "aria-label": t("height of tapped points, m") });
     private tapped: Point[] = [];
     private readonly map: FlatMap;
     private readonly answer = h("p", { class: "answer", role: "status", hidden: true });
@@ -34,18 +35,18 @@ export class Missions {
     constructor(private readonly store: Store, private readonly conversation: Conversation, private readonly drawn: Drawn) {
         const button = (name: string, act: () => void, main = false) => h("button", { class: main ? "button main" : "button", type: "button", click: act }, name);
         this.map = new FlatMap(store, drawn, (at) => this.add(at[0], at[1]));
-        this.flights = [button("Fly it", () => void this.fly(false), true), button("Fly the rest", () => void this.fly(true))];
+        this.flights = [button(t("Fly it"), () => void this.fly(false), true), button(t("Fly the rest"), () => void this.fly(true))];
         this.element = h("div", { class: "view" },
             h("section", { class: "card" }, this.answer, this.now, this.reason, this.acts),
             h("div", { class: "columns table" },
-                h("section", { class: "card" }, h("h2", {}, "A raster over a rectangle"), h("div", { class: "fields" }, ...this.raster.map((field, i) => h("label", {}, RASTER[i]!, field))),
-                    h("div", { class: "row" }, button("Around the node", () => this.suggest()), button("Write it", () => this.write(), true)),
-                    h("h2", {}, "Or straight lines: tap one point after the other"),
+                h("section", { class: "card" }, h("h2", {}, t("A raster over a rectangle")), h("div", { class: "fields" }, ...this.raster.map((field, i) => h("label", {}, RASTER[i]!, field))),
+                    h("div", { class: "row" }, button(t("Around the node"), () => this.suggest()), button(t("Write it"), () => this.write(), true)),
+                    h("h2", {}, t("Or straight lines: tap one point after the other")),
                     h("div", { class: "stage" }, this.map.canvas),
-                    h("div", { class: "row" }, h("label", {}, "height, m", this.height), button("Take the last one back", () => this.undo()))),
-                h("section", { class: "card" }, h("label", {}, "name", this.name), h("label", {}, "the mission as text: name, speed_m_s, and one [[leg]] after the other", this.text),
-                    this.finding, h("div", { class: "row" }, ...this.flights, button("Keep", () => this.keep())),
-                    h("h2", {}, "Kept in this browser"), this.list)));
+                    h("div", { class: "row" }, h("label", {}, t("height, m"), this.height), button(t("Take the last one back"), () => this.undo()))),
+                h("section", { class: "card" }, h("label", {}, t("name"), this.name), h("label", {}, t("the mission as text: name, speed_m_s, and one [[leg]] after the other"), this.text),
+                    this.finding, h("div", { class: "row" }, ...this.flights, button(t("Keep"), () => this.keep())),
+                    h("h2", {}, t("Kept in this browser")), this.list)));
         this.rows();
         this.preview();
     }
@@ -68,12 +69,12 @@ export class Missions {
     private said(answer: Answer): void {
         this.answer.hidden = false;
         this.answer.classList.toggle("refused", answer.accepted !== "accepted");
-        write(this.answer, `${answer.accepted === "accepted" ? "✓" : "✕"} ${answer.sentence}`);
+        write(this.answer, `${answer.accepted === "accepted" ? "✓" : "✕"} ${sentence(answer.reason, answer.sentence)}`);
     }
 
     private suggest(): void {
         const at = nodeOf(this.store.state);
-        if (!at) { this.said({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence: "the position of the node is not known: zero it in the view Fly first" }); return; }
+        if (!at) { this.said({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence: t("the position of the node is not known: zero it in the view Fly first") }); return; }
         [at[0] - 0.6, at[1] - 0.4, at[0] + 0.6, at[1] + 0.4, Math.max(at[2], 0.5), 0.25].forEach((value, i) => { this.raster[i]!.value = value.toFixed(2); });
         this.write();
     }
@@ -94,7 +95,7 @@ export class Missions {
         this.drawn.preview = drawn.length && at ? [at, ...drawn] : drawn;
         clearTimeout(this.checking);
         this.finding.className = "soft";
-        write(this.finding, drawn.length ? "checking …" : "The points of a mission are drawn and checked here; the planner checks all of it before it flies.");
+        write(this.finding, drawn.length ? t("checking …") : t("The points of a mission are drawn and checked here; the planner checks all of it before it flies."));
         if (drawn.length) this.checking = window.setTimeout(() => void this.check(drawn), SETTLED_MS);
     }
 
@@ -106,11 +107,11 @@ export class Missions {
             if (this.drawn.preview !== before) return;
             if (reply.reply === "check" && reply.possible) continue;
             this.finding.className = "bad";
-            write(this.finding, `✕ ${"sentence" in reply ? reply.sentence : "the check gave no finding"}`);
+            write(this.finding, `✕ ${"sentence" in reply ? reply.sentence : t("the check gave no finding")}`);
             return;
         }
         this.finding.className = "good";
-        write(this.finding, `✓ The node can hang at ${some.length === points.length ? "each of" : "the first"} ${some.length} points; the planner checks the way before it flies.`);
+        write(this.finding, `✓ ${some.length === points.length ? t("The node can hang at each of {n} points; the planner checks the way before it flies.", { n: some.length }) : t("The node can hang at the first {n} points; the planner checks the way before it flies.", { n: some.length })}`);
     }
 
     private keep(): void {
@@ -122,13 +123,13 @@ export class Missions {
     private rows(): void {
         const load = (one: Kept) => { this.name.value = one.name; this.text.value = one.text; this.preview(); };
         const remove = (one: Kept) => {
-            if (!confirm(`Delete the mission ${one.name} from this browser?`)) return;
+            if (!confirm(t("Delete the mission {name} from this browser?", { name: one.name }))) return;
             this.kept = this.kept.filter((other) => other !== one);
             localStorage.setItem(KEPT, JSON.stringify(this.kept));
             this.rows();
         };
         this.list.replaceChildren(...(this.kept.length ? this.kept.map((one) => h("div", { class: "line" }, h("b", {}, one.name), h("div", { class: "row" },
-            h("button", { class: "button", type: "button", click: () => load(one) }, "Open"), h("button", { class: "button", type: "button", click: () => remove(one) }, "Delete")))) : [h("p", { class: "soft" }, "none yet")]));
+            h("button", { class: "button", type: "button", click: () => load(one) }, t("Open")), h("button", { class: "button", type: "button", click: () => remove(one) }, t("Delete"))))) : [h("p", { class: "soft" }, t("none yet"))]));
     }
 
     private async fly(continues: boolean): Promise<void> {
@@ -139,8 +140,8 @@ export class Missions {
     draw(): void {
         const { state } = this.store, mission = state?.mission;
         const active = mission && ["running", "paused", "ready"].includes(mission.state);
-        write(this.now, !mission || mission.state === "idle" ? "No mission" : `${mission.name || "move"}: ${mission.state}${active ? `, leg ${mission.leg} of ${mission.legs}, ${Math.round(100 * mission.progress)} %, ${duration(mission.time_left_s ?? 0)} left` : ""}`);
-        write(this.reason, mission?.reason ?? "");
+        write(this.now, !mission || mission.state === "idle" ? t("No mission") : missionText(mission));
+        write(this.reason, mission?.reason ? sentence(mission.reason_code, mission.reason) : "");
         const act = (name: string, request: Request) => h("button", { class: "button", type: "button", click: async () => this.said(await this.conversation.ask(request)) }, name);
         const flies = this.store.flies;
         for (const flight of this.flights) flight.disabled = !flies || this.text.value.trim() === "";

@@ -5,7 +5,7 @@ export type Point = [number, number, number];
 export interface Cycle { number: number; hz: number; summary: string; unsteered: number; all: number }
 
 export interface Mission {
-    state: string; name: string; leg: number; legs: number; progress: number; time_left_s: number | null; reason: string;
+    state: string; name: string; leg: number; legs: number; progress: number; time_left_s: number | null; reason: string; reason_code: number;
     target_m: (number | null)[];
 }
 
@@ -73,7 +73,11 @@ export interface FileRow { name: string; bytes: number }
 export interface Runs { reply: "runs"; id: number; runs: RunRow[] }
 export interface Files { reply: "files"; id: number; files: FileRow[] }
 export interface Download { reply: "download"; id: number; path: string; bytes: number }
-export type Reply = Answer | Checked | Runs | Files | Download;
+/** Who flies and who asks to, told whenever it changes. */
+export interface Seat { reply: "seat"; id: number; flyer: string | null; asks: string | null; within_s: number }
+export interface Done { reply: "done"; id: number }
+export interface Token { reply: "token"; id: number; secret: string }
+export type Reply = Answer | Checked | Runs | Files | Download | Seat | Done | Token;
 
 export type Request =
     | { verb: "arm" | "disarm" | "hold" | "stop" | "estop" | "reset" | "confirm-position" | "pause" | "resume" }
@@ -92,6 +96,8 @@ export type Call =
     | { call: "ask"; request: Request }
     | { call: "held"; request: Request; sign: Sign }
     | { call: "fly"; name: string; text: string; continues: boolean }
+    | { call: "pair"; code: string }
+    | { call: "seat"; what: "ask" | "give" | "keep" }
     | { call: "check"; to_m: Point }
     | { call: "runs" }
     | { call: "files"; run: string }

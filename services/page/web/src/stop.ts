@@ -3,6 +3,7 @@
 import { h, write } from "./dom.js";
 import type { Conversation } from "./link.js";
 import type { Answer } from "./protocol.js";
+import { t } from "./lang.js";
 
 /** Time for which STOP is held until it is the emergency stop, ms. */
 const HELD_MS = 1000;
@@ -12,12 +13,12 @@ const GAMEPAD_STOPS = [1];
 export class Stop {
     readonly element: HTMLButtonElement;
     private readonly word = h("span", { class: "stop-word" }, "STOP");
-    private readonly hint = h("span", { class: "stop-hint" }, "hold 1 s: emergency stop");
+    private readonly hint = h("span", { class: "stop-hint" }, t("hold 1 s: emergency stop"));
     private timer: number | null = null;
     private gamepadDown = false;
 
     constructor(private readonly conversation: Conversation, private readonly answered: (answer: Answer) => void) {
-        this.element = h("button", { class: "stop", type: "button", id: "stop", "aria-label": "Stop the robot. Hold for one second for the emergency stop." }, this.word, this.hint);
+        this.element = h("button", { class: "stop", type: "button", id: "stop", "aria-label": t("Stop the robot. Hold for one second for the emergency stop.") }, this.word, this.hint);
         this.element.addEventListener("pointerdown", (event) => { event.preventDefault(); this.press(); });
         for (const end of ["pointerup", "pointercancel", "pointerleave"]) this.element.addEventListener(end, () => this.release());
         // A screen reader or a switch control clicks without a pointer.
@@ -39,11 +40,11 @@ export class Stop {
     private press(): void {
         if (this.timer !== null) return;
         this.element.classList.add("pressed");
-        write(this.word, "STOPPING");
+        write(this.word, t("STOPPING"));
         void this.conversation.stop("stop").then(this.answered);
         this.timer = window.setTimeout(() => {
             this.element.classList.add("emergency");
-            write(this.word, "EMERGENCY STOP");
+            write(this.word, t("EMERGENCY STOP"));
             void this.conversation.stop("estop").then(this.answered);
         }, HELD_MS);
     }

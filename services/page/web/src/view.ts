@@ -1,6 +1,8 @@
 // Colours and geometry that the drawings share.
 
-import type { Obstacle, Point, Scene, State } from "./protocol.js";
+import { duration } from "./dom.js";
+import { t } from "./lang.js";
+import type { Mission, Obstacle, Point, Scene, State } from "./protocol.js";
 
 /** What the drawings show beside the robot. */
 export interface Drawn {
@@ -59,4 +61,12 @@ export function extend(trail: Point[], at: Point | null): void {
     if (!at || (last && Math.hypot(at[0] - last[0], at[1] - last[1], at[2] - last[2]) < 0.01)) return;
     trail.push(at);
     if (trail.length > 1500) trail.shift();
+}
+
+/** What a mission does, in words. */
+export function missionText(mission: Mission): string {
+    const name = mission.name || t("move"), state = t(mission.state);
+    if (!["running", "paused", "ready"].includes(mission.state)) return `${name}: ${state}`;
+    const { leg, legs } = mission, percent = Math.round(100 * mission.progress), left = duration(mission.time_left_s ?? 0);
+    return t("{name}: {state}, leg {leg} of {legs}, {percent} %, {left} left", { name, state, leg, legs, percent, left });
 }

@@ -1,13 +1,13 @@
 // Walks through the page in a real browser, as a person with a tablet does: opens it, pairs, arms, zeroes, flies to a
 // tapped point, and stops. The caller has started a robot with its gateway and its page.
 //
-//     node walk.mjs ADDRESS TOKEN [FOLDER]      FOLDER: for pictures of each view in three sizes, bright and dark
+//     node walk.mjs ADDRESS CODE [FOLDER]      FOLDER: for pictures of each view in three sizes, bright and dark
 
 import assert from "node:assert/strict";
 import { mkdirSync } from "node:fs";
 import { chromium } from "playwright-core";
 
-const [address, token, folder] = process.argv.slice(2);
+const [address, code, folder] = process.argv.slice(2);
 const START = [4.8, 3.0, 0.3];
 // Longest wait for an event, ms: the machine may stand still for seconds.
 const LONG = 60_000;
@@ -69,11 +69,11 @@ console.log(`first paint after ${Math.round(painted)} ms`);
 assert.equal(await page.getByRole("button", { name: "Arm", exact: true }).count(), 0, "a visitor cannot arm");
 said("a visitor looks");
 
-// The address that `nims page pair` prints makes this browser the holder of the token, which leaves the address bar.
+// The address that `nims page pair` prints pairs this browser; its code leaves the address bar and works once.
 await page.goto("about:blank");
-await page.goto(`${address}/#token=${token}`);
+await page.goto(`${address}/#code=${code}`);
 await page.getByText("may fly").waitFor();
-assert.ok(!page.url().includes(token), page.url());
+assert.ok(!page.url().includes(code), page.url());
 said("paired");
 
 await press("Arm");

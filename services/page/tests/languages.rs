@@ -1,0 +1,104 @@
+//! The languages of the page are complete: every label, and every reason of the catalogue of answers with its parameters.
+
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use robot_state::answers::CATALOGUE;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+const LANGUAGES: [&str; 3] = ["de", "es", "fr"];
+
+fn sources() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("web/src")
+}
+
+/// A sentence with the names of its parameters alone; those without a name are counted from 1.
+fn template(text: &str) -> String {
+    let (mut made, mut rest, mut unnamed) = (String::new(), text, 0);
+    while let Some((before, inside)) = rest.split_once('{') {
+        let (parameter, after) = inside.split_once('}').unwrap();
+        let name = parameter.split(':').next().unwrap();
+        if name.is_empty() {
+            unnamed += 1;
+        }
+        let name = if name.is_empty() { unnamed.to_string() } else { name.to_owned() };
+        made.push_str(&format!("{before}{{{name}}}"));
+        rest = after;
+    }
+    made + rest
+}
+
+fn parameters(text: &str) -> BTreeSet<&str> {
+    text.split('{').skip(1).filter_map(|inside| Some(inside.split_once('}')?.0)).collect()
+}
+
+/// The English sentences by their numbers, as the page compares them with what comes.
+fn templates() -> BTreeMap<u16, String> {
+    CATALOGUE.iter().map(|(code, _, text)| (*code, template(text))).collect()
+}
+
+#[test]
+fn the_page_has_the_sentences_of_the_catalogue() {
+    let path = sources().join("lang/reasons.json");
+    let rows: Vec<String> =
+        templates().iter().map(|(code, text)| format!("  \"{code}\": {}", Value::from(text.as_str()))).collect();
+    let text = format!("{{\n{}\n}}\n", rows.join(",\n"));
+    if std::env::var_os("NIMS_RENEW").is_some() {
+        std::fs::write(&path, &text).unwrap();
+    }
+    let kept = std::fs::read_to_string(&path).unwrap();
+    assert!(kept == text, "{} is of another catalogue: run this test with NIMS_RENEW=1", path.display());
+}
+
+/// The labels of the page: each `t("…")`.
+fn labels() -> BTreeSet<String> {
+    let mut labels = BTreeSet::new();
+    for entry in std::fs::read_dir(sources()).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|ending| ending == "ts") {
+            let text = std::fs::read_to_string(&path).unwrap();
+            for (at, _) in text.match_indices("t(\"") {
+                let begins = text[..at].chars().last().is_none_or(|before| !before.is_alphanumeric());
+                let label = text[at + 3..].split('"').next().unwrap();
+                if begins {
+                    labels.insert(label.to_owned());
+                }
+            }
+        }
+    }
+    labels
+}
+
+#[test]
+fn every_language_has_every_label_and_every_reason() {
+    let (templates, labels) = (templates(), labels());
+    assert!(templates.len() > 200 && labels.len() > 80, "{} {}", templates.len(), labels.len());
+    for language in LANGUAGES {
+        let path = sources().join(format!("lang/{language}.json"));
+        let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+        let of = |key: &str| -> BTreeMap<String, String> {
+            let rows = file[key].as_object().unwrap().iter();
+            rows.map(|(key, value)| (key.clone(), value.as_str().unwrap().to_owned())).collect()
+        };
+        let (own_labels, own_reasons) = (of("labels"), of("reasons"));
+        let missing: Vec<_> = labels.iter().filter(|label| !own_labels.contains_key(*label)).collect();
+        assert!(missing.is_empty(), "{language} has no {missing:#?}");
+        let unused: Vec<_> = own_labels.keys().filter(|label| !labels.contains(*label)).collect();
+        assert!(unused.is_empty(), "{language}: no label of the page is {unused:#?}");
+        for (label, own) in &own_labels {
+            assert_eq!(parameters(label), parameters(own), "{language}: {label}");
+        }
+        for (code, text) in &templates {
+            // A sentence that is a parameter alone has no words of its own.
+            let words = !matches!(text.strip_prefix('{').and_then(|rest| rest.strip_suffix('}')), Some(one) if !one.contains('{'));
+            match own_reasons.get(&code.to_string()) {
+                Some(own) => assert_eq!(parameters(text), parameters(own), "{language} {code}: {text}"),
+                None => assert!(!words, "{language} has no {code}: {text}"),
+            }
+        }
+        let unknown: Vec<_> =
+            own_reasons.keys().filter(|code| !code.parse().is_ok_and(|code| templates.contains_key(&code))).collect();
+        assert!(unknown.is_empty(), "{language}: there is no reason {unknown:?}");
+    }
+}
