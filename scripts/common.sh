@@ -51,10 +51,10 @@ make_manual() {
     gzip -9nf "$made"/man/*.[18]
 }
 
-# Puts the files of configs/host/files below $1, the programs in the folder $2; $3 has the built programs, $4 the made
-# files. Everything is there before the first file is put.
+# Puts the files of the list $5 below $1, the programs in the folder $2; $3 has the built programs, $4 the made files.
+# Everything is there before the first file is put.
 put_files() {
-    local root=$1 version=$2 bin=$3 made=$4 put mode from to flag source name
+    local root=$1 version=$2 bin=$3 made=$4 list=$5 put mode from to flag source name
     for put in "" yes; do
         while read -r mode from to; do
             case $mode in '' | '#'*) continue ;; esac
@@ -70,7 +70,7 @@ put_files() {
                 if [ -z "$put" ] || { [ "$flag" = k ] && [ -e "$root$name" ]; }; then continue; fi
                 install -D -m "$mode" "$source" "$root$name"
             done
-        done <configs/host/files
+        done <"$list"
     done
 }
 
@@ -84,15 +84,15 @@ put_links() { # below a root
     done
 }
 
-# Prints the path of each file that `put_files` may have put outside the folder of a version.
+# Prints the path of each file of all lists that `put_files` may have put outside the folder of a version.
 named_files() {
     local mode from to source
-    while read -r mode from to; do
+    cat configs/host/files configs/host/files-* | while read -r mode from to; do
         case $mode in '' | '#'* | *k) continue ;; esac
         case $to in @version@*) continue ;; */) ;; *) echo "$to"; continue ;; esac
         case $from in @made@*) continue ;; esac
         for source in $from; do echo "$to$(basename "$source")"; done
-    done <configs/host/files
+    done
 }
 
 # Whether version $1 is at least $2.
