@@ -5,7 +5,7 @@ use serial::{Device, Random, WireQueue};
 use crate::virtual_units::VirtualUnits;
 
 /// Currents that the units measure, A: exact in every protocol's unit.
-pub(crate) const CURRENTS_A: [f64; 2] = [1.5, -0.25];
+pub(crate) const CURRENTS_A: [f64; 2] = [1.5, -0.5];
 
 /// Virtual units whose motor 1 counts microseconds and whose motor 2 counts them backwards.
 #[derive(Debug)]

@@ -32,6 +32,8 @@ pub trait Family {
     const EXCHANGES: u32 = 1;
     /// Smallest difference of speeds that its commands can express, counts per second.
     const SPEED_STEP_COUNTS_S: f64 = 1.0;
+    /// Steps up to the highest speed that its commands can express.
+    const SPEED_STEPS: u32 = u32::MAX;
     /// Width of the unit's counter, bits.
     const COUNTER_BITS: u32 = 32;
     /// The counter continues at its smallest number after its largest; false: it stays at its largest.

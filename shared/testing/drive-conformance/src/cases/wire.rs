@@ -20,7 +20,8 @@ fn endure<F: Family>(case: &str, begin: impl FnOnce(&mut Robot<F>), end: impl Fn
     let mut good = 0;
     let mut last = vec![i64::MIN; F::UNITS];
     for cycle in 1..=CYCLES {
-        let command = Command::Velocity(f64::from(cycle) * F::SPEED_STEP_COUNTS_S);
+        let steps = (cycle - 1) % F::SPEED_STEPS + 1;
+        let command = Command::Velocity(f64::from(steps) * F::SPEED_STEP_COUNTS_S);
         let start_ns = robot.exchange(Some(command));
         for (unit, last) in last.iter_mut().enumerate() {
             let answer = robot.answers[unit].clone();
