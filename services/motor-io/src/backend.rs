@@ -61,6 +61,20 @@ pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Resul
             };
             Ok(Box::new(odrive::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
         }
+        DriveProtocol::Roboteq => {
+            let watchdog_ms = roboteq::watchdog_ms(config.watchdog_s).map_err(wrong)?;
+            let controller = port.units.first().ok_or_else(|| wrong(InvalidConfig::NoUnits))?;
+            let bus = roboteq::BusConfig {
+                baud: if port.wire == Wire::Usb { 0 } else { port.baud },
+                margin_ns: roboteq::driver::USB_MARGIN_NS,
+                address: controller.address,
+                axes: controller.cables.len(),
+                watchdog_ms,
+                bound: odometry::count_bound(config, &controller.cables),
+                stop_pin: stop_pin(port),
+            };
+            Ok(Box::new(roboteq::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
+        }
     }
 }
 
@@ -82,12 +96,13 @@ mod tests {
                 DriveProtocol::Roboclaw => assert_eq!(family.addresses, roboclaw::codec::ADDRESSES),
                 DriveProtocol::Moteus => assert_eq!(family.addresses, moteus::codec::ADDRESSES),
                 // A name for messages.
-                DriveProtocol::Odrive => {}
+                DriveProtocol::Odrive | DriveProtocol::Roboteq => {}
             }
             let accepts = |seconds| match protocol {
                 DriveProtocol::Roboclaw => roboclaw::watchdog_tenths(seconds).is_ok(),
                 DriveProtocol::Moteus => moteus::watchdog_ms(seconds).is_ok(),
                 DriveProtocol::Odrive => odrive::watchdog_ms(seconds).is_ok(),
+                DriveProtocol::Roboteq => roboteq::watchdog_ms(seconds).is_ok(),
             };
             for (seconds, accepted) in [
                 (shortest_s, true),

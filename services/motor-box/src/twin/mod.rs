@@ -6,6 +6,7 @@ mod interface;
 mod moteus;
 mod odrive;
 mod roboclaw;
+mod roboteq;
 
 use config::DriveProtocol;
 
@@ -18,6 +19,7 @@ pub(crate) fn new(port: &PortConfig, turnaround_ns: u64) -> Box<dyn Twin> {
     match port.family {
         DriveProtocol::Roboclaw => Box::new(roboclaw::RoboclawTwin::new(port, turnaround_ns)),
         DriveProtocol::Odrive => Box::new(odrive::OdriveTwin::new(port, turnaround_ns)),
+        DriveProtocol::Roboteq => Box::new(roboteq::RoboteqTwin::new(port, turnaround_ns)),
         DriveProtocol::Moteus => Box::new(moteus::MoteusTwin::new(port, turnaround_ns)),
     }
 }

@@ -11,6 +11,8 @@ crate::choice! {
         Moteus = "moteus",
         /// ODrive ASCII protocol, firmware 0.5.
         Odrive = "odrive",
+        /// Roboteq text protocol.
+        Roboteq = "roboteq",
     }
 }
 
@@ -129,6 +131,24 @@ impl DriveProtocol {
                 unit_bytes: 196.0 + 26.0 + 216.0 + 26.0,
                 unit_exchanges: 1.0,
                 slow_bytes: 0.0,
+            },
+            DriveProtocol::Roboteq => DriveFamily {
+                // The rates of its serial port.
+                bauds: &[9600, 19_200, 38_400, 57_600, 115_200],
+                addresses: 0..=127,
+                addresses_in_words: "0 to 127, a name for messages: the protocol has none",
+                watchdog_s: [0.02, 65.0],
+                watchdog_step_s: 0.001,
+                motors: 2,
+                units: [1, 1],
+                // One round trip of USB frames, and the controller's own time; estimated, not measured.
+                usb_s: Some([0.002, 0.001]),
+                // Until the last answer: a number, twice two counters of six digits, an acknowledgement and two
+                // commands read back; then flags and one of currents, outputs and voltages. Other questions are sent
+                // meanwhile.
+                unit_bytes: 16.0 + 36.0 + 2.0 + 15.0,
+                unit_exchanges: 1.0,
+                slow_bytes: 16.0,
             },
         }
     }

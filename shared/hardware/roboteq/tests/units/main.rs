@@ -1,0 +1,7 @@
+//! Codec, virtual controller and driver.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod codec;
+mod conformance;
+mod unit;
