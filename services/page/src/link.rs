@@ -3,6 +3,7 @@
 use client::Place;
 use command::{Answer, Failure};
 use gateway_protocol::{Call, Decoder, Frame, Origin, REPLY_LIMITS, Reply, VERSION, encode};
+use robot_state::Reason;
 use rustix::io::Errno;
 use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
 use std::collections::VecDeque;
@@ -22,6 +23,30 @@ const PIECE: usize = 64 << 10;
 const GREETED: Duration = Duration::from_secs(5);
 /// Time between two attempts while more connections wait for the gateway than its socket keeps.
 const AGAIN: Duration = Duration::from_millis(10);
+
+/// Why there is no connection.
+#[derive(Debug)]
+pub(crate) enum NoLink {
+    /// The token is unknown or was revoked, which no later attempt changes. With the gateway's sentence.
+    TokenInvalid(String),
+    /// Anything else, which may pass.
+    Failed(Failure),
+}
+
+impl From<Failure> for NoLink {
+    fn from(failure: Failure) -> Self {
+        Self::Failed(failure)
+    }
+}
+
+impl From<NoLink> for Failure {
+    fn from(no_link: NoLink) -> Self {
+        match no_link {
+            NoLink::TokenInvalid(sentence) => Self::NotNow(sentence),
+            NoLink::Failed(failure) => failure,
+        }
+    }
+}
 
 /// The gateway's reply to `hello`.
 #[derive(Debug, Clone)]
@@ -52,7 +77,7 @@ pub(crate) struct Outgoing(OwnedWriteHalf);
 ///
 /// # Errors
 /// There is no gateway, it may not be trusted, it does not answer, or it refuses the connection.
-pub(crate) async fn connect(place: Place<'_>, token: Option<String>) -> Answer<(Incoming, Outgoing, Welcome)> {
+pub(crate) async fn connect(place: Place<'_>, token: Option<String>) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
     let socket = client::gateway_socket(place)?;
     greeted_within(GREETED, &socket, token).await
 }
@@ -61,12 +86,12 @@ async fn greeted_within(
     limit: Duration,
     socket: &Path,
     token: Option<String>,
-) -> Answer<(Incoming, Outgoing, Welcome)> {
+) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
     let greeted = timeout(limit, greet(socket, token)).await;
-    greeted.unwrap_or_else(|_| Err(unusable(format_args!("it has not answered for {} s", limit.as_secs()))))
+    greeted.unwrap_or_else(|_| Err(unusable(format_args!("it has not answered for {} s", limit.as_secs())).into()))
 }
 
-async fn greet(socket: &Path, token: Option<String>) -> Answer<(Incoming, Outgoing, Welcome)> {
+async fn greet(socket: &Path, token: Option<String>) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
     let stream = loop {
         match UnixStream::connect(socket).await {
             // Its queue of connections is full.
@@ -82,8 +107,11 @@ async fn greet(socket: &Path, token: Option<String>) -> Answer<(Incoming, Outgoi
     outgoing.send(&Call::Hello { version: VERSION, origin: Origin::Page, token }, &[]).await?;
     match incoming.next().await?.0 {
         Reply::Welcome { robot, user, role, .. } => Ok((incoming, outgoing, Welcome { robot, user, role })),
-        Reply::Answer { sentence, .. } => Err(Failure::NotNow(sentence)),
-        _ => Err(unusable("its first reply is of another kind; use the page of the same installation")),
+        Reply::Answer { reason, sentence, .. } if reason == Reason::TokenInvalid.code() => {
+            Err(NoLink::TokenInvalid(sentence))
+        }
+        Reply::Answer { sentence, .. } => Err(Failure::NotNow(sentence).into()),
+        _ => Err(unusable("its first reply is of another kind; use the page of the same installation").into()),
     }
 }
 

@@ -247,6 +247,10 @@ impl Observation<'_> {
                     &json!({ "type": "link", "gateway": true, "robot": self.name,
                     "run": run.as_ref().and_then(|run| run.file_name()).map(|name| name.to_string_lossy()) }),
                 );
+                if run.is_none() && self.run.take().is_some() {
+                    // Its processes have ended with it.
+                    *locked(&self.topics.robot) = Robot::default();
+                }
                 if run.is_some() && run != self.run {
                     let id = self.next_id();
                     self.outgoing.send(&Call::Configuration { id }, &[]).await?;

@@ -2,11 +2,12 @@
 
 use crate::app::App;
 use crate::control::Control;
-use crate::link::{self, Incoming, Outgoing};
+use crate::link::{self, Incoming, NoLink, Outgoing};
 use crate::protocol::{FromBrowser, ask, refusal, stops};
 use crate::stops::Stops;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
 use bus::clock::now_ns;
+use command::Failure;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
 use gateway_protocol::{Call, Reply};
@@ -55,13 +56,15 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, place: OwnedSemap
     let (mut sink, mut stream) = socket.split();
     let Some(token) = hello(&mut stream).await else { return };
     let (link, refused) = match link::connect(app.place.place(), token.clone()).await {
-        Err(failure) if token.is_some() => (link::connect(app.place.place(), None).await, Some(failure.to_string())),
+        // Only then does the browser forget its token: other failures pass.
+        Err(NoLink::TokenInvalid(sentence)) => (link::connect(app.place.place(), None).await, Some(sentence)),
         link => (link, None),
     };
     let (incoming, outgoing, welcome) = match link {
         Ok(link) => link,
-        Err(failure) => {
-            let _ = send(&mut sink, &json!({ "type": "unreachable", "sentence": failure.to_string() })).await;
+        Err(no_link) => {
+            let sentence = Failure::from(no_link).to_string();
+            let _ = send(&mut sink, &json!({ "type": "unreachable", "sentence": sentence })).await;
             let _ = sink.close().await;
             return;
         }

@@ -15,6 +15,8 @@ const BEAT_MS = 75;
 const NOT_AT_REST = [203, 206, 209];
 /** Longest wait for the rest, and time between two attempts, ms. */
 const REST_MS = 4000, ATTEMPT_MS = 60;
+/** Time without an answer to a stop after which it is sent over plain HTTP too, ms: a connection may be dead and look alive. */
+const STOP_MS = 500;
 /** Time until a stop is seen in the state, ms. */
 const SEEN_MS = 500;
 const TOKEN = "nims-token";
@@ -208,11 +210,22 @@ export class Conversation {
         return this.store.state?.mode !== "following" || performance.now() - this.endedAt < SEEN_MS;
     }
 
-    /** Stops the robot: over the conversation, and without one over plain HTTP. */
+    /** Stops the robot: over the conversation, and over plain HTTP where that is not there or does not answer. */
     async stop(verb: "stop" | "estop"): Promise<Answer> {
         this.stops += 1;
         this.endedAt = performance.now();
-        if (this.isOpen) return this.ask({ verb });
+        if (!this.isOpen) return this.plainStop(verb);
+        const asked = this.ask({ verb });
+        const late = new Promise<null>((done) => setTimeout(() => done(null), STOP_MS));
+        const answer = await Promise.race([asked, late]);
+        // A refusal without a number is the page's own: the connection was lost.
+        if (answer !== null && (answer.accepted === "accepted" || answer.reason !== 0)) return answer;
+        const plain = await this.plainStop(verb);
+        return plain.accepted === "accepted" ? plain : asked;
+    }
+
+    /** Stops the robot without the conversation. */
+    private async plainStop(verb: "stop" | "estop"): Promise<Answer> {
         try {
             const response = await fetch(`/plain/${verb}`, { method: "POST" });
             const text = new DOMParser().parseFromString(await response.text(), "text/html").querySelector("#answer")?.textContent ?? "";
