@@ -52,6 +52,7 @@ impl Codes {
     }
 
     /// Uses a code: it is not valid any more. Returns its holder and role.
+    #[allow(clippy::result_large_err)] // it is the answer
     pub(crate) fn take(&mut self, now_ns: u64, given: &str) -> Result<(String, String), Reason> {
         if now_ns < self.locked_ns {
             return Err(Reason::PairingLocked { for_s: seconds(self.locked_ns - now_ns) });

@@ -1,13 +1,13 @@
 //! What touches the disk, on a thread of its own: a disk can block for seconds, and a stop must not wait for it.
 
-use crate::events::{Done, Ticket};
+use crate::events::{Done, Ticket, TokenChange};
 use crate::plugin::{self, Verb};
 use crate::runs;
 use gateway_protocol::{FileRow, Reply};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
 
 /// Largest number of waiting jobs.
 const WAITING: usize = 64;
@@ -29,6 +29,8 @@ pub(crate) enum Job {
     Plugin { unit: String, plugin: String, verb: Verb },
     /// Stores the text of a mission in a run.
     Mission(PathBuf, String),
+    /// Stores changed tokens in this file.
+    Tokens(PathBuf, Box<TokenChange>),
 }
 
 /// A finished job.
@@ -38,6 +40,8 @@ pub(crate) enum Outcome {
     Done(Ticket, Done),
     /// The mission of this call is stored, and its request can be sent.
     Stored(Ticket),
+    /// The tokens are stored, or one sentence says why not.
+    Tokens(Box<TokenChange>, Result<(), String>),
 }
 
 /// The thread.
@@ -56,11 +60,15 @@ impl Disk {
         Ok(Self { jobs, outcomes, waiting: 0 })
     }
 
-    /// Begins a job; false if too many wait.
-    pub(crate) fn begin(&mut self, ticket: Ticket, job: Job) -> bool {
-        let begun = self.jobs.try_send((ticket, job)).is_ok();
-        self.waiting += usize::from(begun);
-        begun
+    /// Begins a job; returns it if too many wait.
+    pub(crate) fn begin(&mut self, ticket: Ticket, job: Job) -> Result<(), Job> {
+        match self.jobs.try_send((ticket, job)) {
+            Ok(()) => {
+                self.waiting += 1;
+                Ok(())
+            }
+            Err(TrySendError::Full((_, job)) | TrySendError::Disconnected((_, job))) => Err(job),
+        }
     }
 
     /// Returns a finished job, if there is one.
@@ -86,6 +94,10 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                 Ok(()) => Outcome::Stored(ticket),
                 Err(reason) => Outcome::Done(ticket, answered(reason)),
             },
+            Job::Tokens(file, change) => {
+                let stored = change.tokens().write(&file);
+                Outcome::Tokens(change, stored)
+            }
             Job::Plugin { unit, plugin, verb } => {
                 Outcome::Done(ticket, answered(plugin::carry_out(&unit, &plugin, verb)))
             }

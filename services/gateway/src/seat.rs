@@ -27,6 +27,7 @@ impl Seat {
     }
 
     /// Somebody requests something that only who flies may: a free seat is taken by that.
+    #[allow(clippy::result_large_err)] // it is the answer
     pub(crate) fn request(&mut self, user: &str) -> Result<(), Reason> {
         match &self.flyer {
             Some(flyer) if flyer != user => Err(Reason::SeatTaken { flyer: detail(flyer) }),
@@ -40,6 +41,7 @@ impl Seat {
     }
 
     /// Somebody asks to fly.
+    #[allow(clippy::result_large_err)] // it is the answer
     pub(crate) fn ask(&mut self, now_ns: u64, user: &str) -> Result<(), Reason> {
         if self.request(user).is_ok() {
             return Ok(());

@@ -1,6 +1,6 @@
 //! The process around the core: sockets, the robot, the disk.
 
-use crate::core::{Action, ClientId, Core, Done, Event, Motion, NO_CLIENT, Question, Ticket};
+use crate::core::{Action, ClientId, Core, Done, Event, Motion, NO_CLIENT, Question, Ticket, TokenChange};
 use crate::disk::{Disk, Job, Outcome};
 use crate::hub::{Delivery, count};
 use crate::lane::stops;
@@ -247,11 +247,8 @@ impl Server {
                     self.robot.hub().subscribe(client, id, channel, rate_hz);
                 }
                 Action::Unsubscribe { client, id } => self.robot.hub().unsubscribe(client, id),
-                Action::StoreTokens(change) => {
-                    let stored = change.tokens().write(&self.tokens);
-                    let actions = self.core.step(now_ns(), Event::Stored { change, stored });
-                    self.carry_out(actions);
-                }
+                // No call has this ticket: the core knows of one change at a time.
+                Action::StoreTokens(change) => self.begin(Ticket::MAX, Job::Tokens(self.tokens.clone(), change)),
             }
         }
     }
@@ -331,11 +328,20 @@ impl Server {
             Job::Plugin { .. } => &mut self.units,
             _ => &mut self.disk,
         };
-        if !disk.begin(ticket, job) {
-            self.missions.remove(&ticket);
-            let reason = Reason::GatewayBusy { most: crate::core::UNANSWERED };
-            self.answer(ticket, Box::new(reason.answer()));
+        match disk.begin(ticket, job) {
+            Ok(()) => {}
+            Err(Job::Tokens(_, change)) => self.stored(change, Err("too much waits for the disk".to_owned())),
+            Err(_) => {
+                self.missions.remove(&ticket);
+                let reason = Reason::GatewayBusy { most: crate::core::UNANSWERED };
+                self.answer(ticket, Box::new(reason.answer()));
+            }
         }
+    }
+
+    fn stored(&mut self, change: Box<TokenChange>, stored: Result<(), String>) {
+        let actions = self.core.step(now_ns(), Event::Stored { change, stored });
+        self.carry_out(actions);
     }
 
     fn robot_answers(&mut self) {
@@ -378,6 +384,7 @@ impl Server {
                 self.missions.remove(&ticket);
                 self.done(ticket, done);
             }
+            Outcome::Tokens(change, stored) => self.stored(change, stored),
             Outcome::Stored(ticket) => {
                 if let Some((process, request, asked_ns)) = self.missions.remove(&ticket) {
                     self.ask(ticket, &process, request, asked_ns);
