@@ -55,29 +55,31 @@ impl Limits {
     ///
     /// The result lies between the last and the wanted vector, so it also keeps the velocity limits. But the position
     /// changes between cycles, and with it the node's velocity for the same vector: if that alone exceeds the node's
-    /// speed limit, the result is scaled.
+    /// speed limit, the change begins by scaling the last vector. Both are one change, for which a cable's limit holds;
+    /// it also goes before the node's speed.
     pub fn toward(&mut self, wanted: &[f64; CABLES], node: Option<&NodeLimit<'_>>) -> ([f64; CABLES], f64) {
         debug_assert!(wanted.iter().all(|v| v.is_finite()), "a wanted velocity is not finite: {wanted:?}");
         let within = |size: f64, limit: f64| if size > limit { limit / size } else { 1.0 };
         let factor = within(largest(wanted), self.speed_m_s);
         let factor = node.map_or(factor, |node| factor.min(within(node.size(wanted), node.speed_m_s)));
-        let mut change = [0.0; CABLES];
-        for i in 0..CABLES {
-            change[i] = wanted[i] * factor - self.last[i];
-        }
-        let share = within(largest(&change), self.step_m_s);
-        let share = node.map_or(share, |node| share.min(within(node.size(&change), node.step_m_s)));
+        let target = wanted.map(|v| v * factor);
+        let shrink = node.map_or(1.0, |node| within(node.size(&self.last), node.speed_m_s));
+        // At most a step: so much of the fastest cable.
+        let shrink = if shrink < 1.0 { shrink.max(1.0 - self.step_m_s / self.last_speed()) } else { shrink };
+        let begin = self.last.map(|v| v * shrink);
+        let (scaled, way) = (difference(&begin, &self.last), difference(&target, &begin));
+        let left = |limit: f64, scaled: f64, way: f64| {
+            if scaled + way > limit { ((limit - scaled) / way).clamp(0.0, 1.0) } else { 1.0 }
+        };
+        let of_cables = (0..CABLES).map(|i| left(self.step_m_s, scaled[i].abs(), way[i].abs())).fold(1.0, f64::min);
+        let share =
+            node.map_or(of_cables, |node| of_cables.min(left(node.step_m_s, node.size(&scaled), node.size(&way))));
         if share >= 1.0 {
             // Exactly the wanted vector, so that standstill is exactly zero.
-            self.last = wanted.map(|v| v * factor);
+            self.last = target;
         } else {
-            for (last, change) in self.last.iter_mut().zip(change) {
-                *last = (*last + change * share).clamp(-self.speed_m_s, self.speed_m_s);
-            }
-            if let Some(node) = node {
-                let shrink = within(node.size(&self.last), node.speed_m_s);
-                self.last = self.last.map(|v| v * shrink);
-            }
+            let speed_m_s = self.speed_m_s;
+            self.last = std::array::from_fn(|i| (begin[i] + way[i] * share).clamp(-speed_m_s, speed_m_s));
         }
         debug_assert!(factor > 0.0 && factor <= 1.0, "the velocity vector is scaled by {factor}");
         (self.last, factor)
@@ -89,6 +91,10 @@ impl Limits {
     }
 }
 
+fn difference(a: &[f64; CABLES], b: &[f64; CABLES]) -> [f64; CABLES] {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
 /// Largest magnitude.
 #[must_use]
 pub fn largest(values: &[f64; CABLES]) -> f64 {
@@ -98,6 +104,7 @@ pub fn largest(values: &[f64; CABLES]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cable_robot::Vector3;
     use proptest::prelude::*;
 
     proptest! {
@@ -112,6 +119,30 @@ mod tests {
                     prop_assert!(v[i].abs() <= 0.8 + 1e-12);
                     prop_assert!((v[i] - last[i]).abs() <= 0.02 + 1e-12);
                 }
+                last = v;
+            }
+        }
+
+        /// The node moves, so the same cable velocities make it faster from cycle to cycle.
+        #[test]
+        fn the_limits_hold_together_while_the_node_moves(
+            wanted in prop::collection::vec(prop::array::uniform3(-0.6..0.6f64), 2..60),
+            turn in prop::array::uniform3(-0.004..0.004f64),
+        ) {
+            let mut limits = Limits::new(0.8, 2.0, 0.01);
+            let (mut last, mut gain) = ([0.0; CABLES], 0.6);
+            for w in &wanted {
+                gain *= 1.0 + turn[0].abs();
+                let columns: Vec<Vector3<f64>> = (0..3)
+                    .map(|k| Vector3::from_fn(|axis, _| if axis == k { gain } else { turn[axis] }))
+                    .collect();
+                let sensitivity = NodeJacobian::from_columns(&columns);
+                let node = NodeLimit { sensitivity: &sensitivity, speed_m_s: 0.3, step_m_s: 0.02 };
+                let (v, _) = limits.toward(&std::array::from_fn(|i| w.get(i).copied().unwrap_or(0.0)), Some(&node));
+                for i in 0..CABLES {
+                    prop_assert!((v[i] - last[i]).abs() <= 0.02 + 1e-12, "{last:?} to {v:?}");
+                }
+                prop_assert!(node.size(&v) <= 0.3 + 1e-9, "{} m/s", node.size(&v));
                 last = v;
             }
         }

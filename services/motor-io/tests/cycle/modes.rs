@@ -373,6 +373,32 @@ fn the_position_from_before_the_cut_has_to_be_confirmed() {
     rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
 }
 
+/// The node is at its speed limit, and at its new place the same cable velocities are a little faster. What takes the
+/// node back to its limit and a new command together keep the limit of a cable's acceleration.
+#[test]
+fn at_the_speed_limit_of_the_node_a_new_command_keeps_the_acceleration_of_a_cable() {
+    let config = rig::config();
+    let most_m_s = config.cable_acceleration_m_s2 * config.period_s + 1e-12;
+    let mut rig = Rig::new(config).ready();
+    let command = |v: [f64; 3]| Some([v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0, 0.0]);
+    rig.offer(11.759_301_072_106_826);
+    rig.step_after(0, 0);
+    rig.controller = command([0.266_395_668_240_470_95, 0.424_498_403_726_251_47, 0.215_063_633_540_831_22]);
+    for _ in 0..191 {
+        rig.step_after(0, 0);
+    }
+    assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+    let mut before_m_s = rig.last.as_ref().unwrap().sent.speed_m_s;
+    rig.controller = command([0.251_763_454_684_670_2, 0.0, 0.328_918_206_485_084_4]);
+    for _ in 0..20 {
+        let sent_m_s = rig.step_after(0, 0).sent.speed_m_s;
+        for (i, (now, before)) in sent_m_s.iter().zip(before_m_s).enumerate() {
+            assert!((now - before).abs() <= most_m_s, "cable {i}: {before} to {now}");
+        }
+        before_m_s = sent_m_s;
+    }
+}
+
 #[test]
 fn a_stall_counts_as_the_computers_and_the_plan_catches_up_with_the_drives() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
