@@ -1,7 +1,7 @@
 //! The estimator: one step per cycle, from measured lengths to predicted lengths, position and tensions.
 
 use cable_robot::LengthErrors;
-use cable_robot::{CableVec, Matrix3, Robot, Vector3, elastic};
+use cable_robot::{CableVec, Robot, Vector3, elastic};
 use config::EstimatorSection;
 use messages::{CABLES, Header, MotorAuthority, MotorState, NodeEstimate, same_life};
 
@@ -287,10 +287,8 @@ impl Estimator {
             },
         );
         let (robot, zero) = (&self.config.robot, self.zero.errors.as_ref());
-        let covariance = found.covariance(sigma_m)
-            + found.covariance_by_anchors(robot).unwrap_or_else(Matrix3::zeros)
-            + robot.uncertainty().covariance_m2(robot, &found, zero)
-            + swing.covariance_m2;
+        let covariance =
+            found.covariance(sigma_m) + robot.uncertainty().covariance_m2(robot, &found, zero) + swing.covariance_m2;
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !(finite(&found.position) && finite(&velocity) && covariance.iter().all(|x| x.is_finite())) {
             return;

@@ -2,12 +2,15 @@
 //! then zeroed once in the middle. The node then hangs at places over the workspace, in the plant at rest, and the
 //! robot computes from its counts where it is.
 //!
+//! The intervals are those of a robot that knows that nothing has warmed or crept since it was zeroed, as it is here, and
+//! beside them those with the `expansion` of its file.
+//!
 //! Takes minutes, so it runs by hand:
 //! `cargo test --workspace --test lockstep calibrated_worlds -- --ignored --nocapture`.
 
 use crate::calibrations::{DrawnRobot, median};
-use cable_robot::{Anchors, Distribution, LengthErrors, Matrix3, Robot, Vector3, elastic};
-use calibration::calibrate;
+use cable_robot::{Anchors, Distribution, Robot, Uncertainty, Vector3, elastic};
+use calibration::{LengthCovariance, calibrate};
 use commissioning::calibrate::{CalibrationResult, MeasurementsFile, judge};
 use config::{CalibrationFile, PulleyKind, RobotFile, SystemFile};
 use motor_box::BoxConfig;
@@ -17,8 +20,11 @@ use plant::{Plant, PlantConfig};
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 
-/// Worlds of each robot. The tolerances of calibrations were chosen in the worlds 1 to 100.
-const SEEDS: std::ops::Range<u64> = 1001..1101;
+/// First world of each robot, unless `NIMS_SEED` gives another one. No tolerance was chosen in these worlds.
+const FIRST_SEED: u64 = 1001;
+
+/// Number of worlds, unless `NIMS_WORLDS` gives another one.
+const WORLDS: u64 = 100;
 
 /// Weather after zeroing, in the second table.
 const WARMING_K: f64 = 15.0;
@@ -41,8 +47,18 @@ struct World {
 struct NodeErrors {
     calm_m: f64,
     weather_m: f64,
-    /// Of each coordinate at each place without weather: error, and the half-width that the robot states, m.
-    coordinates: Vec<(f64, f64)>,
+    /// Of each coordinate at each place without weather.
+    coordinates: Vec<NodeCoordinate>,
+}
+
+/// A coordinate of the node.
+#[derive(Debug, Clone, Copy)]
+struct NodeCoordinate {
+    error_m: f64,
+    /// What the robot states if it knows that nothing has warmed or crept since its lengths were set, m.
+    at_once_half_m: f64,
+    /// What it states as its file is, m.
+    half_m: f64,
 }
 
 /// One 95 % half-width of a normal error, in standard deviations.
@@ -88,6 +104,8 @@ impl World {
         anchors_m.truncate(cables);
         file.robot.anchors_m = anchors_m.into();
         file.lines.routed_length_m.truncate(cables);
+        // What the idlers of these worlds do, and a robot file has to say.
+        file.lines.counts_stretched = config::CountsStretched::All(true);
         Self { drawn, plant, file }
     }
 
@@ -117,7 +135,7 @@ impl World {
     }
 
     /// RMS of the node error over the workspace with this model, and error and stated half-width of each coordinate.
-    fn node_error_m(&self, robot: &Robot, scale: f64, weather: bool) -> Option<(f64, Vec<(f64, f64)>)> {
+    fn node_error_m(&self, robot: &Robot, scale: f64, weather: bool) -> Option<(f64, Vec<NodeCoordinate>)> {
         let middle = self.middle();
         let zero_m = Vector3::new(middle.x, middle.y, ZERO_HEIGHT * middle.z);
         let (zero, at_zero) = (self.hang(zero_m, false)?, hold(robot, &zero_m)?);
@@ -140,9 +158,17 @@ impl World {
                 let hung = elastic::equilibrium(robot, &unstretched_m, &Vector3::zeros(), Some(&at_m)).ok()?;
                 squares += (hung.position - at_m).norm_squared();
                 count += 1;
-                let stated_m2 = stated_m2(robot, &hung, &errors_at_zero);
-                let of = |k: usize| ((hung.position - at_m)[k].abs(), HALF_WIDTH_95 * stated_m2[(k, k)].sqrt());
-                coordinates.extend((0..3).map(of));
+                let half_m = |uncertainty: &Uncertainty| {
+                    let covariance_m2 = uncertainty.covariance_m2(robot, &hung, Some(&errors_at_zero));
+                    [0, 1, 2].map(|k| HALF_WIDTH_95 * covariance_m2[(k, k)].sqrt())
+                };
+                let stated_m = half_m(robot.uncertainty());
+                let at_once_m = half_m(&Uncertainty { expansion: 0.0, ..*robot.uncertainty() });
+                coordinates.extend((0..3).map(|k| NodeCoordinate {
+                    error_m: (hung.position - at_m)[k].abs(),
+                    at_once_half_m: at_once_m[k],
+                    half_m: stated_m[k],
+                }));
             }
         }
         (count > 0).then(|| ((squares / f64::from(count)).sqrt(), coordinates))
@@ -161,7 +187,8 @@ impl World {
             date: String::new(),
             verdict: String::new(),
             anchors_m: anchors_m.to_vec(),
-            covariance_m2: judged.covariance.matrix().row_iter().map(|row| row.iter().copied().collect()).collect(),
+            covariance_m2: judged.covariance.rows(),
+            length_covariance: judged.lengths.as_ref().map_or_else(Vec::new, LengthCovariance::rows),
             scale: 1.0,
             scale_std: 0.0,
             counts_per_m: None,
@@ -178,6 +205,8 @@ impl World {
         let mut with = plain.clone();
         let ruler_m = (1e3 * self.drawn.radius_m(0)).round() / 1e3;
         self.drawn.state(&mut with, ruler_m, 0.001);
+        // The lengths are the robot's own.
+        with.counts_per_m = Some(self.drawn.believed_counts[..self.drawn.anchors_m.len()].to_vec());
         let known = judge(&with, with.usual_method()).ok().map(|judged| {
             let anchors_m: Vec<[f64; 3]> = serde_json::from_value(judged.value["anchors_m"].clone()).unwrap();
             let radii_m: Vec<f64> = serde_json::from_value(judged.value["pulley_radius_m"].clone()).unwrap();
@@ -204,12 +233,6 @@ impl World {
     }
 }
 
-/// What the estimate states of its position: the calibration and `[uncertainty]`, as the estimator adds them.
-fn stated_m2(robot: &Robot, hung: &elastic::Equilibrium, at_zero: &LengthErrors) -> Matrix3<f64> {
-    let by_anchors = hung.covariance_by_anchors(robot).unwrap_or_else(Matrix3::zeros);
-    by_anchors + robot.uncertainty().covariance_m2(robot, hung, Some(at_zero))
-}
-
 /// How the robot would hold the node here, by its model.
 fn hold(robot: &Robot, at_m: &Vector3<f64>) -> Option<elastic::Realisation> {
     elastic::realise(robot, at_m, &Vector3::zeros(), Distribution::LeastNorm).ok()
@@ -218,7 +241,9 @@ fn hold(robot: &Robot, at_m: &Vector3<f64>) -> Option<elastic::Realisation> {
 /// All worlds of a robot, over the cores, with the progress on a terminal.
 fn outcomes(name: &str, cables: usize, points: usize) -> Vec<Outcome> {
     let shows = std::io::stderr().is_terminal();
-    let seeds: Vec<u64> = SEEDS.collect();
+    let number = |name: &str, usual: u64| std::env::var(name).map_or(usual, |text| text.parse().unwrap());
+    let first = number("NIMS_SEED", FIRST_SEED);
+    let seeds: Vec<u64> = (first..first + number("NIMS_WORLDS", WORLDS)).collect();
     command::parallel(&seeds, command::processors(), |&seed| {
         let outcome = World::new(name, cables, seed).outcome(points);
         if shows {
@@ -233,7 +258,7 @@ fn outcomes(name: &str, cables: usize, points: usize) -> Vec<Outcome> {
 fn calibrated_worlds_state_where_the_node_is() {
     println!(
         "| robot | cables | refused | node RMS, median mm | with weather | point model | with weather |\n  \
-         | robot | cables | coordinates | in their 95 % interval | half-width, median mm | error, median mm | ratio |"
+         | robot | cables | coordinates | in their 95 % interval | half-width, median mm | error, median mm | ratio | RMS of error / stated |"
     );
     for (name, size, cables, points) in [
         ("demo3", "10 m", 3, 9),
@@ -263,24 +288,30 @@ fn calibrated_worlds_state_where_the_node_is() {
             let of = known.iter().flat_map(|k| &k.coordinates);
             of.filter(|c| c.level == level).map(|c| (c.error_m, c.half_m)).collect::<Vec<_>>()
         };
-        let node = |level: bool| {
+        let node = |level: bool, half_m: fn(&NodeCoordinate) -> f64| {
             let of = node.iter().flat_map(|n| n.coordinates.chunks(3));
-            of.flat_map(|at| if level { at[..2].to_vec() } else { at[2..].to_vec() }).collect::<Vec<_>>()
+            let of = of.flat_map(|at| if level { at[..2].to_vec() } else { at[2..].to_vec() });
+            of.map(|c| (c.error_m, half_m(&c))).collect::<Vec<_>>()
         };
         interval_row(size, cables, "anchors, x and y", &anchors(true));
         interval_row(size, cables, "anchors, heights", &anchors(false));
-        interval_row(size, cables, "node, x and y", &node(true));
-        interval_row(size, cables, "node, height", &node(false));
+        interval_row(size, cables, "node, x and y", &node(true, |c| c.at_once_half_m));
+        interval_row(size, cables, "node, height", &node(false, |c| c.at_once_half_m));
+        interval_row(size, cables, "node, x and y, with expansion", &node(true, |c| c.half_m));
+        interval_row(size, cables, "node, height, with expansion", &node(false, |c| c.half_m));
     }
 }
 
-/// Prints how often 95 % intervals hold the truth, and how wide they are beside the errors.
+/// Prints how often 95 % intervals hold the truth, how wide they are beside the errors, and the RMS of the errors in
+/// stated standard deviations, which is 1 if what is stated is right.
 fn interval_row(size: &str, cables: usize, what: &str, all: &[(f64, f64)]) {
     let inside = all.iter().filter(|(error, half)| error <= half).count() as f64 / all.len() as f64;
+    let squares = all.iter().map(|(error, half)| (error / half * HALF_WIDTH_95).powi(2)).sum::<f64>();
+    let rms = (squares / all.len() as f64).sqrt();
     let error_mm = 1e3 * median(&all.iter().map(|c| c.0).collect::<Vec<f64>>());
     let half_mm = 1e3 * median(&all.iter().map(|c| c.1).collect::<Vec<f64>>());
     println!(
-        "  | {size} | {cables} | {what} | {:.1} % | {half_mm:.1} | {error_mm:.1} | {:.1} |",
+        "  | {size} | {cables} | {what} | {:.1} % | {half_mm:.1} | {error_mm:.1} | {:.1} | {rms:.2} |",
         100.0 * inside,
         half_mm / error_mm
     );

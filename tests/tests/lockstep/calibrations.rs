@@ -31,7 +31,8 @@ pub struct DrawnRobot {
     truth: TruthSection,
     /// True anchors in the frame of a calibration.
     pub anchors_m: Vec<Vector3<f64>>,
-    believed_counts: Vec<f64>,
+    /// Counts per metre with which the robot computes lengths.
+    pub believed_counts: Vec<f64>,
     random: Random,
 }
 

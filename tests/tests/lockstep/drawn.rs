@@ -51,6 +51,7 @@ impl Drawn {
             verdict: "good".to_owned(),
             anchors_m: self.robot.robot.anchors_m.to_vec(),
             covariance_m2: (0..n).map(row).collect(),
+            length_covariance: Vec::new(),
             scale: 1.0,
             scale_std: 0.0,
             counts_per_m: None,

@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use cable_robot::kinematics::{Jacobian, forward_kinematics, inverse_kinematics};
-use cable_robot::{Anchors, CableVec, Robot, RobotError, RobotParts, Vector3, elastic};
+use cable_robot::{Anchors, CableVec, NodeJacobian, Robot, RobotError, RobotParts, Vector3, elastic, tension};
 
 const ANCHORS_M: [[f64; 3]; 8] = [
     [0.0, 0.0, 3.05],
@@ -32,8 +32,50 @@ fn time_ns(mut round: impl FnMut()) -> f64 {
     times[ROUNDS / 2]
 }
 
+/// The same with eyes (0) and with pulleys (1).
+fn each(round: &dyn Fn(usize)) -> [f64; 2] {
+    [0, 1].map(|which| time_ns(|| round(which)))
+}
+
 fn row(name: &str, [eyes, pulleys]: [f64; 2]) {
     println!("{name:>24} {eyes:>9.0} {pulleys:>9.0} {:>6.1}", pulleys / eyes);
+}
+
+/// Rows of lengths, Jacobians and positions for these anchors with eyes and with pulleys.
+fn geometry_rows(n: usize, both: &[Anchors; 2], poses: &[Vector3<f64>]) {
+    let lengths = both.map(|a| poses.iter().map(|at| inverse_kinematics(&a, at)).collect::<Vec<CableVec>>());
+    row(
+        &format!("lengths, {n} cables"),
+        each(&|k| {
+            for at in poses {
+                let _ = black_box(inverse_kinematics(&both[k], black_box(at)));
+            }
+        }),
+    );
+    row(
+        &format!("Jacobian, {n} cables"),
+        each(&|k| {
+            for at in poses {
+                let _ = black_box(Jacobian::at(&both[k], black_box(at)));
+            }
+        }),
+    );
+    row(
+        &format!("inverse of it, {n} cables"),
+        each(&|k| {
+            for at in poses {
+                let _ = black_box(NodeJacobian::at(&both[k], black_box(at)));
+            }
+        }),
+    );
+    row(
+        &format!("position, {n} cables"),
+        each(&|k| {
+            for l in &lengths[k] {
+                let _ = black_box(forward_kinematics(&both[k], black_box(l), None));
+            }
+        }),
+    );
 }
 
 fn main() -> Result<(), RobotError> {
@@ -47,32 +89,7 @@ fn main() -> Result<(), RobotError> {
                 Vector3::new(3.0 + 3.0 * share, 2.0 + 2.0 * (7.0 * share).fract(), 0.3 + 1.5 * (13.0 * share).fract())
             })
             .collect();
-        let lengths = both.map(|a| poses.iter().map(|at| inverse_kinematics(&a, at)).collect::<Vec<CableVec>>());
-        let each = |f: &dyn Fn(usize)| [0, 1].map(|which| time_ns(|| f(which)));
-        row(
-            &format!("lengths, {n} cables"),
-            each(&|k| {
-                for at in &poses {
-                    let _ = black_box(inverse_kinematics(&both[k], black_box(at)));
-                }
-            }),
-        );
-        row(
-            &format!("Jacobian, {n} cables"),
-            each(&|k| {
-                for at in &poses {
-                    let _ = black_box(Jacobian::at(&both[k], black_box(at)));
-                }
-            }),
-        );
-        row(
-            &format!("position, {n} cables"),
-            each(&|k| {
-                for l in &lengths[k] {
-                    let _ = black_box(forward_kinematics(&both[k], black_box(l), None));
-                }
-            }),
-        );
+        geometry_rows(n, &both, &poses);
         let robot = Robot::new(RobotParts {
             anchors_m: ANCHORS_M[..n].to_vec(),
             node_mass_kg: 1.2,
@@ -90,6 +107,14 @@ fn main() -> Result<(), RobotError> {
             let held: Vec<_> = poses.iter().filter_map(|at| Some((*at, hold(at)?.unstretched_m))).collect();
             held
         });
+        row(
+            &format!("tensions, {n} cables"),
+            each(&|k| {
+                for at in &poses {
+                    let _ = black_box(tension::at(&robots[k], black_box(at), &Vector3::zeros(), distribution));
+                }
+            }),
+        );
         let near = Vector3::new(0.002, -0.001, 0.001);
         let hang = |k: usize| {
             for (at, l) in &held[k] {

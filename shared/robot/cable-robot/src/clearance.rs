@@ -49,7 +49,7 @@ struct Margins {
 
 impl Robot {
     /// Half-width of the 95 % interval of a position that the lengths determine, m, under these tensions of the cables,
-    /// N, by the covariance of the anchors in the calibration and by what the robot file states of its uncertainty. It
+    /// N, by the covariance of the calibration and by what the robot file states of its uncertainty. It
     /// is an upper bound: the larger of the variances is bounded by the sum of a row.
     pub fn position_bound_m(&self, position: &Vector3<f64>, tensions_n: &CableVec) -> f64 {
         let calibrated = self.anchor_covariance_m2(0, 0).is_some();
@@ -58,19 +58,8 @@ impl Robot {
             return 0.0;
         }
         let Ok(inverse) = NodeJacobian::at(self.anchors(), position) else { return MOST_M };
-        let mut covariance = Matrix3::zeros();
-        if calibrated {
-            let unit =
-                |cable: usize| self.anchors().pulley(cable).direction(position).unwrap_or_else(|_| Vector3::zeros());
-            for (i, column_i) in inverse.iter().enumerate() {
-                for (j, column_j) in inverse.iter().enumerate() {
-                    let Some(between) = self.anchor_covariance_m2(i, j) else { return MOST_M };
-                    covariance += column_i * column_j.transpose() * unit(i).dot(&(between * unit(j)));
-                }
-            }
-        }
         let errors = uncertainty.length_errors_at(self, position, tensions_n);
-        covariance += uncertainty.covariance_of(self, &errors, &inverse, self.errors_at_zero());
+        let covariance = uncertainty.covariance_of(self, &errors, &inverse, self.errors_at_zero());
         bound_95_m(&covariance)
     }
 

@@ -165,32 +165,6 @@ impl Equilibrium {
         self.sensitivity.covariance(sigma_length_m)
     }
 
-    /// Covariance of the position, m², caused by the covariance of the anchors: Σ B_i B_j' (e_i' C_ij e_j) with the
-    /// unit vectors e of the cables. The error is the same in every cycle, so averaging does not reduce it. None if the
-    /// robot's calibration has no covariance. The rotation of elastic cables with their anchors is neglected: a few
-    /// percent of the standard deviation, a sixth close below the anchors. If the position was set by the operator and
-    /// the lengths were computed from it, the true error is smaller.
-    pub fn covariance_by_anchors(&self, robot: &Robot) -> Option<Matrix3<f64>> {
-        robot.anchor_covariance_m2(0, 0)?;
-        // The length depends on the difference of node and anchor only, also over a pulley.
-        let mut units = [Vector3::zeros(); MAX_CABLES];
-        for (unit, pulley) in units.iter_mut().zip(robot.anchors().pulleys()) {
-            *unit = if pulley.radius_m == 0.0 {
-                (self.position - pulley.anchor).normalize()
-            } else {
-                pulley.direction(&self.position).unwrap_or_else(|_| Vector3::zeros())
-            };
-        }
-        let mut sum = Matrix3::zeros();
-        for (i, column_i) in self.sensitivity.iter().enumerate() {
-            for (j, column_j) in self.sensitivity.iter().enumerate() {
-                let between = robot.anchor_covariance_m2(i, j)?;
-                sum += linalg::outer(column_i, column_j) * units[i].dot(&(between * units[j]));
-            }
-        }
-        Some(sum)
-    }
-
     /// True if any cable is slack.
     pub fn any_slack(&self) -> bool {
         self.slack.iter().any(|s| *s)

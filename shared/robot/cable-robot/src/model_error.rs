@@ -3,7 +3,8 @@
 //! Each source has one standard deviation in [`Uncertainty`]. Its effect is the error of the cables' lengths that it
 //! makes at a pose, and the sensitivity of the equilibrium turns lengths into positions. Lengths were set where the
 //! node was known to be, so an error counts by how much it differs from the one that it made there: a wrong scale
-//! counts by the cable that has passed since, and a wrong anchor by the angle by which its cable has turned since.
+//! counts by the cable that has passed since, and a wrong anchor by the angle by which its cable has turned since. What a
+//! calibration was uncertain about counts in the same way, with all its correlations.
 //!
 //! To first order; independent sources. Wind, slack cables and what the operator stated wrongly are not in it.
 
@@ -12,6 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::elastic::Equilibrium;
 use crate::modes::stiffness_n_m;
 use crate::pulley::Pulley;
+use crate::robot_parts::{LengthGradient, RADIUS, SCALE};
 use crate::uncertainty::{COMMON, LengthErrors};
 use crate::{CableVec, NodeJacobian, Robot, Uncertainty, linalg, tension};
 
@@ -36,11 +38,11 @@ impl Uncertainty {
             let strain = robot.stiffness_n().map_or(0.0, |ea| tension_n / ea);
             let level_sq = cable.direction.x * cable.direction.x + cable.direction.y * cable.direction.y;
             errors.directions[i] = cable.direction;
-            errors.common_m[0][i] = self.pulley_radius_m * length_by_radius(&pulley, position);
-            errors.common_m[1][i] = self.stiffness * strain * total_m;
-            errors.common_m[2][i] = self.node_weight * cable.direction.dot(&yields_m);
-            errors.common_m[3][i] = self.expansion * total_m;
-            errors.scale_m[i] = self.cable_scale * cable.length_m;
+            errors.lengths_m[i] = cable.length_m;
+            errors.by_radius[i] = length_by_radius(&pulley, position);
+            errors.common_m[0][i] = self.stiffness * strain * total_m;
+            errors.common_m[1][i] = self.node_weight * cable.direction.dot(&yields_m);
+            errors.common_m[2][i] = self.expansion * total_m;
             errors.pole_m[i] = self.pole_m_n * tension_n * level_sq;
             errors.friction_m[i] = self.pulley_friction * strain * robot.routed_length_m()[i];
         }
@@ -53,7 +55,7 @@ impl Uncertainty {
         softness.map_or_else(Vector3::zeros, |softness| softness * Vector3::new(0.0, 0.0, robot.net_weight_n()))
     }
 
-    /// Covariance of the position of an equilibrium, m². `zero`: the errors where the lengths were set; `None` if that
+    /// Covariance of the position of an equilibrium, m², with that of the robot's calibration. `zero`: the errors where the lengths were set; `None` if that
     /// is unknown, so that every error counts whole.
     pub fn covariance_m2(&self, robot: &Robot, at: &Equilibrium, zero: Option<&LengthErrors>) -> Matrix3<f64> {
         self.covariance_of(robot, &self.length_errors(robot, at), &at.sensitivity, zero)
@@ -79,18 +81,65 @@ impl Uncertainty {
             }
             sum += linalg::outer(&shift_m, &shift_m);
         }
-        let anchors_m2 = if robot.anchor_covariance_m2(0, 0).is_some() { 0.0 } else { self.anchors_m * self.anchors_m };
+        sum += geometry_m2(robot, errors, sensitivity, zero);
+        let stated = self.not_calibrated(robot);
+        let mut by_radius_m = Vector3::zeros();
         let square = |x: f64| x * x;
         for (i, column) in sensitivity.iter().enumerate() {
-            let variance_m2 = anchors_m2 * (errors.directions[i] - zero.directions[i]).norm_squared()
-                + square(errors.scale_m[i] - zero.scale_m[i])
+            by_radius_m += column * (stated.pulley_radius_m * (errors.by_radius[i] - zero.by_radius[i]));
+            let variance_m2 = square(stated.anchors_m) * (errors.directions[i] - zero.directions[i]).norm_squared()
+                + square(stated.cable_scale * (errors.lengths_m[i] - zero.lengths_m[i]))
                 + square(errors.pole_m[i] - zero.pole_m[i])
                 + square(errors.friction_m[i])
                 + square(zero.friction_m[i]);
             sum += linalg::outer(column, column) * variance_m2;
         }
-        sum
+        sum + linalg::outer(&by_radius_m, &by_radius_m)
     }
+
+    /// The same without what the calibration of the robot covers: its anchors, and of the scales and the radii those
+    /// that it has a variance for.
+    fn not_calibrated(&self, robot: &Robot) -> Self {
+        let mut stated = *self;
+        if robot.anchor_covariance_m2(0, 0).is_some() {
+            stated.anchors_m = 0.0;
+        }
+        if let Some(own) = robot.length_covariance(0, 0) {
+            if own[(SCALE, SCALE)] > 0.0 {
+                stated.cable_scale = 0.0;
+            }
+            if own[(RADIUS, RADIUS)] > 0.0 {
+                stated.pulley_radius_m = 0.0;
+            }
+        }
+        stated
+    }
+}
+
+/// Covariance of the position by that of the calibration, m². What the lengths depend on is wrong by the same at the
+/// place where they were set, so only the difference counts. The rotation of elastic cables with their anchors is
+/// neglected: a few percent of the standard deviation, a sixth close below the anchors. A calibration that states its anchors alone counts whole:
+/// how its anchors and the points where the cables are tied are wrong together is unknown then.
+fn geometry_m2(robot: &Robot, errors: &LengthErrors, sensitivity: &NodeJacobian, zero: &LengthErrors) -> Matrix3<f64> {
+    let mut sum = Matrix3::zeros();
+    let by = |i: usize| {
+        let turned = zero.directions[i] - errors.directions[i];
+        let (paid_m, by_radius) = (errors.lengths_m[i] - zero.lengths_m[i], errors.by_radius[i] - zero.by_radius[i]);
+        LengthGradient::new(turned.x, turned.y, turned.z, paid_m, by_radius)
+    };
+    for (i, column_i) in sensitivity.iter().enumerate() {
+        for (j, column_j) in sensitivity.iter().enumerate() {
+            let variance_m2 = if let Some(between) = robot.length_covariance(i, j) {
+                by(i).dot(&(between * by(j)))
+            } else if let Some(between) = robot.anchor_covariance_m2(i, j) {
+                errors.directions[i].dot(&(between * errors.directions[j]))
+            } else {
+                continue;
+            };
+            sum += linalg::outer(column_i, column_j) * variance_m2;
+        }
+    }
+    sum
 }
 
 impl Robot {

@@ -1,6 +1,6 @@
 //! The checked configuration of a robot for all processes: geometry, mass, limits, cables and motors.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix5, Vector3};
 
 use crate::energy::{Current, MotorTable, Motors};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
@@ -8,8 +8,8 @@ use crate::motor::{DriveLimits, DriveLoad, Motor};
 use crate::obstacle::{MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
 use crate::robot_parts::{
-    AnchorBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_limits, motors, obstacle_places, routed_lengths,
-    stretched_counts, with_pulleys,
+    AnchorBlocks, LengthBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_blocks, length_limits, motors,
+    obstacle_places, routed_lengths, stretched_counts, with_pulleys,
 };
 use crate::sag::{self, Load};
 use crate::uncertainty::LengthErrors;
@@ -42,6 +42,7 @@ pub struct Robot {
     motors: Motors,
     drive_limits: DriveLimits,
     anchor_covariance: Option<AnchorBlocks>,
+    length_covariance: Option<LengthBlocks>,
     uncertainty: Uncertainty,
     /// Errors of the lengths where they were set; `None`: unknown.
     errors_at_zero: Option<LengthErrors>,
@@ -86,6 +87,7 @@ impl Robot {
         let motors = motors(parts.motor, &parts.motor_tables, n)?;
         parts.uncertainty.check()?;
         let anchor_covariance = parts.anchor_covariance_m2.as_deref().map(|rows| anchor_blocks(rows, n)).transpose()?;
+        let length_covariance = parts.length_covariance.as_deref().map(|rows| length_blocks(rows, n)).transpose()?;
         Ok(Self {
             anchors,
             node_mass_kg: parts.node_mass_kg,
@@ -109,6 +111,7 @@ impl Robot {
             motors,
             drive_limits: parts.drive_limits,
             anchor_covariance,
+            length_covariance,
             uncertainty: parts.uncertainty,
             errors_at_zero: None,
         })
@@ -274,6 +277,12 @@ impl Robot {
     /// Covariance between the positions of two anchors, counted from 0, m²; None if unknown.
     pub fn anchor_covariance_m2(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
         self.anchor_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
+    }
+
+    /// Covariance between what the lengths of two cables depend on, counted from 0, in the order of
+    /// [`RobotParts::length_covariance`]; None if unknown.
+    pub(crate) fn length_covariance(&self, i: usize, j: usize) -> Option<&Matrix5<f64>> {
+        self.length_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
     }
 
     /// Standard deviations of what the robot file states.
@@ -459,6 +468,8 @@ mod tests {
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![1.0; 8]; 9])),
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![f64::NAN; 9]; 9])),
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![-1.0; 9]; 9])),
+            ("length_covariance", |p| p.length_covariance = Some(vec![vec![0.0; 9]; 9])),
+            ("length_covariance", |p| p.length_covariance = Some(vec![vec![-1.0; 15]; 15])),
         ];
         for (key, spoil) in cases {
             let mut bad = parts();

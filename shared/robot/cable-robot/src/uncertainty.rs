@@ -41,7 +41,7 @@ impl Uncertainty {
 }
 
 /// Sources with the same error for all cables.
-pub(crate) const COMMON: usize = 4;
+pub(crate) const COMMON: usize = 3;
 
 /// Errors of the cables' lengths at one pose, each by one standard deviation of its source.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,10 +49,12 @@ pub struct LengthErrors {
     pub(crate) count: usize,
     /// Unit vector of each cable, for the errors of its anchor.
     pub(crate) directions: [Vector3<f64>; MAX_CABLES],
-    /// Common to all cables, m: radius, stiffness, weight of the node, expansion.
+    /// Lengths of the cables, m, for the errors of their scales; and their derivatives with respect to the radius.
+    pub(crate) lengths_m: [f64; MAX_CABLES],
+    pub(crate) by_radius: [f64; MAX_CABLES],
+    /// Common to all cables, m: stiffness, weight of the node, expansion.
     pub(crate) common_m: [[f64; MAX_CABLES]; COMMON],
-    /// Independent for each cable, m: scale, pole.
-    pub(crate) scale_m: [f64; MAX_CABLES],
+    /// Independent for each cable, m: pole.
     pub(crate) pole_m: [f64; MAX_CABLES],
     /// Independent, with a sign that changes with the motion, m.
     pub(crate) friction_m: [f64; MAX_CABLES],
@@ -63,8 +65,9 @@ impl LengthErrors {
         Self {
             count,
             directions: [Vector3::zeros(); MAX_CABLES],
+            lengths_m: [0.0; MAX_CABLES],
+            by_radius: [0.0; MAX_CABLES],
             common_m: [[0.0; MAX_CABLES]; COMMON],
-            scale_m: [0.0; MAX_CABLES],
             pole_m: [0.0; MAX_CABLES],
             friction_m: [0.0; MAX_CABLES],
         }

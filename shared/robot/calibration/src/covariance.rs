@@ -55,6 +55,11 @@ impl AnchorCovariance {
         &self.matrix
     }
 
+    /// The rows of the matrix, m².
+    pub fn rows(&self) -> Vec<Vec<f64>> {
+        rows(&self.matrix)
+    }
+
     /// Number of anchors.
     pub fn anchor_count(&self) -> usize {
         self.matrix.nrows() / 3
@@ -131,4 +136,54 @@ impl AnchorCovariance {
         let shift = DVector::from_column_slice(standard_m);
         Self { matrix: &self.matrix + &shift * shift.transpose() }
     }
+}
+
+/// Quantities per cable in a [`LengthCovariance`], and among them the scale and the radius.
+pub(super) const PER_CABLE: usize = 5;
+pub(super) const SCALE: usize = 3;
+pub(super) const RADIUS: usize = 4;
+
+/// Covariance of what the lengths of a calibrated robot depend on: per cable x, y and z of the anchor less those of the
+/// point where the cable is tied to the node (m), the scale of the length as a share, and the radius of the pulley (m),
+/// which is wrong by the same for all cables. The errors of one calibration are wrong together, and where the lengths
+/// of the robot were set, they count nothing; the deviations of the anchors alone say neither.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LengthCovariance {
+    matrix: DMatrix<f64>,
+}
+
+impl LengthCovariance {
+    pub(super) fn new(matrix: DMatrix<f64>) -> Self {
+        Self { matrix }
+    }
+
+    /// The 5N rows of the matrix.
+    pub fn rows(&self) -> Vec<Vec<f64>> {
+        rows(&self.matrix)
+    }
+
+    /// The same covariance with every standard deviation multiplied by `factor`.
+    pub(super) fn widened(&self, factor: f64) -> Self {
+        Self { matrix: &self.matrix * (factor * factor) }
+    }
+
+    /// The same covariance with an error of its own that moves the anchors and changes all radii together: one standard
+    /// deviation of each coordinate, with sign, and of the radius, m.
+    pub(super) fn with_shift(&self, anchors_m: &[[f64; 3]], radius_m: f64) -> Self {
+        let of = |anchor: &[f64; 3]| [anchor[0], anchor[1], anchor[2], 0.0, radius_m];
+        let shift = DVector::from_iterator(PER_CABLE * anchors_m.len(), anchors_m.iter().flat_map(of));
+        Self { matrix: &self.matrix + &shift * shift.transpose() }
+    }
+
+    /// The same covariance without the scales, for lengths that the encoders of the robot did not count.
+    #[must_use]
+    pub fn without_scales(&self) -> Self {
+        let scale = |k: usize| k % PER_CABLE == SCALE;
+        let kept = |a: usize, b: usize| if scale(a) || scale(b) { 0.0 } else { self.matrix[(a, b)] };
+        Self { matrix: DMatrix::from_fn(self.matrix.nrows(), self.matrix.ncols(), kept) }
+    }
+}
+
+fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }

@@ -155,6 +155,7 @@ fn assess_fit(measured: &Measurements, found: &mut Calibration, fit: Fit) {
         if normal > IMPLAUSIBLE_QUANTILE && ratio > 1.0 {
             found.widened_by = ratio;
             found.covariance = found.covariance.widened(ratio);
+            found.lengths = found.lengths.as_ref().map(|lengths| lengths.widened(ratio));
             found.scale_std *= ratio;
             found.offset_std_m = found.offset_std_m.map(|s| s * ratio);
             found.pulley_radius_std_m *= ratio;
@@ -174,6 +175,7 @@ fn without_scale(method: Method, anchors_m: Vec<[f64; 3]>, covariance: AnchorCov
         method,
         anchors_m,
         covariance,
+        lengths: None,
         points_m: Vec::new(),
         residuals_m: Vec::new(),
         scale: 1.0,

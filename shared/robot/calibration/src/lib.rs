@@ -99,7 +99,7 @@ mod undetermined;
 mod unmeasured;
 mod wheels;
 
-pub use covariance::AnchorCovariance;
+pub use covariance::{AnchorCovariance, LengthCovariance};
 pub use determination::{Freed, Undecided, undecided};
 pub use error::CalibrationError;
 pub use estimate::calibrate;

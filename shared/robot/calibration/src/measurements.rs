@@ -1,7 +1,7 @@
 //! Measurements of a site, and the calibration that results from them. Lengths and ranges in m with standard deviations
 //! in m; anchors, cables and points count from 0.
 
-use super::covariance::AnchorCovariance;
+use super::covariance::{AnchorCovariance, LengthCovariance};
 use super::joint::{DirectHeight, Loss};
 use super::survey::{Range, Side};
 use cable_robot::CableVec;
@@ -116,6 +116,9 @@ pub struct Calibration {
     pub anchors_m: Vec<[f64; 3]>,
     /// Covariance of the anchors, widened by `widened_by`.
     pub covariance: AnchorCovariance,
+    /// Covariance of what the lengths depend on, widened alike. None unless the joint method knows how exact the scales
+    /// of the cables and the points are where they are tied.
+    pub lengths: Option<LengthCovariance>,
     /// Positions of the points, m.
     pub points_m: Vec<[f64; 3]>,
     /// Measured minus modelled length, one set per point, m.

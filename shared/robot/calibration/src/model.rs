@@ -10,7 +10,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::covariance::AnchorCovariance;
+use super::covariance::{AnchorCovariance, LengthCovariance, PER_CABLE, RADIUS, SCALE};
 use super::joint::Loss;
 use super::measurements::{Calibration, Measurements, Method};
 use super::survey::free_index;
@@ -459,6 +459,44 @@ pub(crate) fn anchor_covariance(layout: &Layout, covariance: &DMatrix<f64>) -> A
         (Some(p), Some(q)) => covariance[(p, q)],
         _ => 0.0,
     }))
+}
+
+/// Covariance of what the lengths of the calibrated robot depend on, in the order of [`super::LengthCovariance`], from
+/// that of the shared unknowns. None unless ties and scales of cables are among these: without them, it is unknown how
+/// they are wrong together with the anchors.
+///
+/// The robot takes the estimated anchors, scale and radius, and neither the estimated ties nor the scales of the
+/// cables: these are known to their stated deviations only. Their estimates are independent of the errors that remain
+/// of all others, as for every estimate of this kind, so a tie covaries with them as the error of its estimate does,
+/// with the opposite sign.
+pub(crate) fn length_covariance(
+    layout: &Layout,
+    measured: &Measurements,
+    covariance: &DMatrix<f64>,
+) -> Option<LengthCovariance> {
+    let (tie_m, scale) = (measured.sigma_attachment_m?, measured.sigma_cable_scale?);
+    let of = |p: Option<usize>, q: Option<usize>| match (p, q) {
+        (Some(p), Some(q)) => covariance[(p, q)],
+        _ => 0.0,
+    };
+    let entry = |a: usize, b: usize| {
+        let own = if a == b { 1.0 } else { 0.0 };
+        // Estimated unknowns, and the one that stays at zero with its sign in the error of this quantity.
+        let parts = |k: usize| match (k / PER_CABLE, k % PER_CABLE) {
+            (i, SCALE) => (layout.scale(), layout.cable_scale(i), -1.0),
+            (_, RADIUS) => (layout.radius(), None, 1.0),
+            (i, axis) => (layout.anchor(i, axis), layout.attachment(i, axis), 1.0),
+        };
+        let ((p, p_zero, p_sign), (q, q_zero, q_sign)) = (parts(a), parts(b));
+        let prior = match a % PER_CABLE {
+            SCALE => scale * scale,
+            RADIUS => 0.0,
+            _ => tie_m * tie_m,
+        };
+        of(p, q) - q_sign * of(p, q_zero) - p_sign * of(p_zero, q) + own * prior
+    };
+    let size = PER_CABLE * layout.n;
+    Some(LengthCovariance::new(DMatrix::from_fn(size, size, entry)))
 }
 
 /// Residuals: measured minus modelled length, m.

@@ -4,7 +4,7 @@
 use super::Undetermined;
 use super::error::{CalibrationError, undetermined};
 use super::measurements::{Calibration, Measurements, Method};
-use super::model::{Layout, Model, State, anchor_covariance, residuals_m};
+use super::model::{Layout, Model, State, anchor_covariance, length_covariance, residuals_m};
 use cable_robot::CableVec;
 
 /// Bound of the iteration, which needs about five steps.
@@ -77,6 +77,7 @@ fn finished(model: &Model, state: &State, start: Calibration) -> Result<(Calibra
     let found = Calibration {
         anchors_m: state.anchors_m.clone(),
         covariance: anchor_covariance(&layout, &solution.covariance),
+        lengths: length_covariance(&layout, measured, &solution.covariance),
         points_m: state.points_m.iter().map(|c| [c[0], c[1], 0.0]).collect(),
         residuals_m: residuals_m(model, state),
         scale: state.scale,

@@ -29,6 +29,8 @@ const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
 pub struct UnmeasuredRadius {
     /// Mean radius of the farthest alternative that the measurements leave possible, m.
     pub radius_m: f64,
+    /// Its difference from the stated one, m.
+    pub change_m: f64,
     /// The coordinate that would move most: anchor from 0.
     pub anchor: usize,
     /// Axis of that coordinate: 0 x, 1 y, 2 z.
@@ -79,7 +81,7 @@ fn alternative(measured: &Measurements, found: &Calibration, stated_m: f64, radi
     let (share, other) = SHARES.iter().find_map(|share| Some((share, with(*share)?)))?;
     let shift = |a: &[f64; 3], b: &[f64; 3]| [0, 1, 2].map(|k| (a[k] - b[k]) / share);
     let shifts_m: Vec<[f64; 3]> = other.anchors_m.iter().zip(&found.anchors_m).map(|(a, b)| shift(a, b)).collect();
-    let mut worst = UnmeasuredRadius { radius_m, anchor: 0, axis: 2, shift_m: 0.0, shifts_m };
+    let mut worst = UnmeasuredRadius { radius_m, change_m, anchor: 0, axis: 2, shift_m: 0.0, shifts_m };
     for i in 0..n {
         for k in 0..3 {
             let shift_m = worst.shifts_m[i][k].abs();
@@ -98,6 +100,10 @@ impl Calibration {
     pub fn widened_to(mut self, other: &UnmeasuredRadius) -> Self {
         let standard_m: Vec<f64> = other.shifts_m.iter().flatten().map(|m| m / HALF_WIDTH_95).collect();
         self.covariance = self.covariance.with_shift(&standard_m);
+        let standard = |anchor: &[f64; 3]| anchor.map(|m| m / HALF_WIDTH_95);
+        let anchors_m: Vec<_> = other.shifts_m.iter().map(standard).collect();
+        let radius_m = other.change_m / HALF_WIDTH_95;
+        self.lengths = self.lengths.map(|lengths| lengths.with_shift(&anchors_m, radius_m));
         self
     }
 }

@@ -144,6 +144,8 @@ impl RobotFile {
                 voltage_v: self.supply_min_v.map_or(f64::INFINITY, |supply_v| supply_v * (1.0 - DRIVE_RESERVE)),
             },
             anchor_covariance_m2: self.calibration.as_ref().map(|file| file.covariance_m2.clone()),
+            length_covariance: (self.calibration.as_ref())
+                .and_then(|file| (!file.length_covariance.is_empty()).then(|| file.length_covariance.clone())),
             // The covariance of a calibration contains the pulleys that it could not exclude.
             uncertainty: self.uncertainty.uncertainty(self.robot.pulley.is_some() || self.calibration.is_some()),
         })
@@ -158,7 +160,7 @@ fn robot_problem(error: &RobotError) -> Problem {
         | "transition_m_s" | "table" => "motor",
         "obstacle" => return Problem::with_sentence("obstacle", error.to_string()),
         "uncertainty" => return Problem::with_sentence("uncertainty", error.to_string()),
-        "covariance_m2" => return Problem::with_sentence("robot.calibration", error.to_string()),
+        "covariance_m2" | "length_covariance" => return Problem::with_sentence("robot.calibration", error.to_string()),
         _ => "robot",
     };
     Problem::with_sentence(format!("{table}.{}", error.key), error.to_string())

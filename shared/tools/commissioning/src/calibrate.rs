@@ -11,7 +11,8 @@ pub use file::{HeightBy, HeightEntry, MeasurementsFile, PointDecision, PointEntr
 pub use tape::{TapeEntry, scales as tape_scales};
 
 use calibration::{
-    self, AnchorCovariance, Calibration, CalibrationError, Holdout, Measurements, Method, UnmeasuredRadius,
+    self, AnchorCovariance, Calibration, CalibrationError, Holdout, LengthCovariance, Measurements, Method,
+    UnmeasuredRadius,
 };
 use clap::ValueEnum;
 use command::values::above_zero;
@@ -74,11 +75,11 @@ pub fn run(args: &Args) -> Answer<Output> {
             .map_err(|refusal| Failure::bad(format!("{}: {refusal}", path.display())))?;
         return Ok(Output { aside: words, ..Output::json(value) });
     }
-    let CalibrationResult { value, words, covariance } = judge(&file, method).map_err(refuse)?;
+    let result = judge(&file, method).map_err(refuse)?;
     if let Some(out) = &args.out {
-        write(out, path, &value, &covariance)?;
+        write(out, path, &result)?;
     }
-    Ok(Output { aside: words, ..Output::json(value) })
+    Ok(Output { aside: result.words, ..Output::json(result.value) })
 }
 
 /// Result of a calibration.
@@ -89,6 +90,8 @@ pub struct CalibrationResult {
     pub words: String,
     /// Covariance of the anchors.
     pub covariance: AnchorCovariance,
+    /// Covariance of what the lengths of the robot depend on, if the measurements state enough for it.
+    pub lengths: Option<LengthCovariance>,
 }
 
 /// Calibrates, cross-validates by leaving points out, and gives a verdict.
@@ -114,7 +117,10 @@ pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResul
     let scales = tape::scales(&file.tape, file.counts_per_m.as_deref(), measured.cable_count)?;
     value["cable_scale"] = json!(tape::factors(&scales));
     let words = tape::words(&scales) + &text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
-    Ok(CalibrationResult { value, words, covariance: found.covariance })
+    // Only the robot's own lengths have the scales of its encoders.
+    let counted = file.counts_per_m.is_some();
+    let lengths = found.lengths.map(|lengths| if counted { lengths } else { lengths.without_scales() });
+    Ok(CalibrationResult { value, words, covariance: found.covariance, lengths })
 }
 
 /// Calibrates, as uncertain as wheels that were not measured make the result.
@@ -170,22 +176,28 @@ fn answer(found: &Calibration, numbers: &[usize], holdout: Option<&Holdout>, ver
 }
 
 /// Writes the calibration and the measurements that it was computed from to a new file.
-fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCovariance) -> Answer {
+fn write(out: &Path, measurements: &Path, result: &CalibrationResult) -> Answer {
     let cannot = |why: String| Failure::NotNow(format!("{} cannot be written: {why}", out.display()));
     let raw: toml::Table = config::toml_file::load(measurements).map_err(Failure::bad)?;
     let mut table = toml::Table::new();
     table.insert("date".to_owned(), toml::Value::String(runlog::utc(bus::clock::unix_ns())));
-    for (key, value) in value.as_object().into_iter().flatten() {
+    for (key, value) in result.value.as_object().into_iter().flatten() {
         // TOML has no null: unknown values are omitted.
         if !value.is_null() {
             table.insert(key.clone(), toml::Value::try_from(value).map_err(|e| cannot(e.to_string()))?);
         }
     }
-    let rows: Vec<Vec<f64>> = covariance.matrix().row_iter().map(|row| row.iter().copied().collect()).collect();
-    table.insert("covariance_m2".to_owned(), toml::Value::try_from(rows).map_err(|e| cannot(e.to_string()))?);
+    let matrices = [
+        ("covariance_m2", Some(result.covariance.rows())),
+        ("length_covariance", result.lengths.as_ref().map(LengthCovariance::rows)),
+    ];
+    for (key, rows) in matrices.into_iter().filter_map(|(key, rows)| Some((key, rows?))) {
+        table.insert(key.to_owned(), toml::Value::try_from(rows).map_err(|e| cannot(e.to_string()))?);
+    }
     table.insert("measurements".to_owned(), toml::Value::Table(raw));
     let body = toml::to_string(&table).map_err(|e| cannot(e.to_string()))?;
-    let head = "# A calibration. covariance_m2 is that of x1, y1, z1, x2, .. in m²; coordinates fixed by the choice of frame have rows of zeros.\n";
+    let head = "# A calibration. covariance_m2 is that of x1, y1, z1, x2, .. in m²; coordinates fixed by the choice of frame have rows of zeros.\n\
+        # length_covariance is that of what the lengths depend on: per cable x, y, z of the anchor less those of its tie (m), scale, radius (m).\n";
     // create_new never overwrites a file that was created in the meantime.
     let mut file = std::fs::File::create_new(out).map_err(|e| cannot(e.to_string()))?;
     file.write_all(format!("{head}{body}").as_bytes()).and_then(|()| file.sync_all()).map_err(|e| cannot(e.to_string()))

@@ -102,7 +102,7 @@ proptest! {
             equilibrium(&other, &lengths, &Vector3::zeros(), Some(&found.position)).unwrap().position
         };
         let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
-        let stated = found.covariance_by_anchors(&robot).unwrap();
+        let stated = robot.uncertainty().covariance_m2(&robot, &found, None);
         // The covariance neglects the rotation of elastic cables.
         let tolerance = if rigid { 1e-4 } else { 0.1 };
         prop_assert!((stated - slope * slope.transpose()).norm() < tolerance * (0.05 + slope.norm_squared()), "{stated} {slope}");

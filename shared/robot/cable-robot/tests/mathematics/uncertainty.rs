@@ -34,6 +34,15 @@ enum Source {
     Stiffness,
     Weight,
     Expansion,
+    /// Anchors, scales and radius by the two patterns of [`patterns`].
+    Calibration,
+}
+
+/// Two errors of a calibration by one standard deviation each, in the order of `length_covariance`.
+fn patterns(size: f64) -> [[f64; 15]; 2] {
+    let first = [0.9, -0.3, 1.8, 0.02, 0.4, 0.2, 0.5, 2.1, -0.03, 0.4, -0.6, 0.1, 1.6, 0.01, 0.4];
+    let second = [-0.4, 0.7, -0.8, 0.04, -0.3, 1.1, -0.2, 0.6, 0.05, -0.3, 0.1, -0.9, 0.3, -0.06, -0.3];
+    [first, second].map(|pattern| pattern.map(|x| size * x))
 }
 
 /// Displacement of the node of a drawn robot from where the model has it: its lengths were set at `zero`, where the
@@ -58,6 +67,17 @@ fn displacement_m(
         Source::Stiffness => given.stiffness_n = given.stiffness_n.map(|ea| ea * (1.0 + size * normal(random))),
         Source::Weight => given.node_mass_kg *= 1.0 + size * normal(random),
         Source::Expansion => warm += size * normal(random),
+        Source::Calibration => {
+            for pattern in patterns(size) {
+                // The model is wrong by this, so the truth is not.
+                let error = normal(random);
+                for (i, of) in pattern.chunks(5).enumerate() {
+                    (0..3).for_each(|k| given.anchors_m[i][k] -= error * of[k]);
+                    scales[i] += error * of[3];
+                }
+                given.pulley_radius_m.iter_mut().flatten().for_each(|radius_m| *radius_m -= error * pattern[4]);
+            }
+        }
     }
     let truth = Robot::new(given).unwrap();
     let lengths_m = |robot: &Robot, at: &Vector3<f64>| {
@@ -84,6 +104,8 @@ fn stated(source: Source, size: f64) -> Uncertainty {
         Source::Stiffness => stated.stiffness = size,
         Source::Weight => stated.node_weight = size,
         Source::Expansion => stated.expansion = size,
+        // The covariance of the calibration counts in place of these.
+        Source::Calibration => (stated.anchors_m, stated.cable_scale, stated.pulley_radius_m) = (1.0, 1.0, 1.0),
     }
     stated
 }
@@ -93,11 +115,10 @@ fn stated(source: Source, size: f64) -> Uncertainty {
 fn drawn_robots_deviate_as_stated() {
     let mut random = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
     let (zero, place) = (Vector3::new(14.0, 5.0, 1.0), Vector3::new(19.0, 9.0, 2.2));
-    let robot = Robot::new(parts()).unwrap();
-    let at = |position: &Vector3<f64>| {
+    let at = |robot: &Robot, position: &Vector3<f64>| {
         let realised =
-            elastic::realise(&robot, position, &Vector3::zeros(), robot.default_distribution()).unwrap().unstretched_m;
-        elastic::equilibrium(&robot, &realised, &Vector3::zeros(), Some(position)).unwrap()
+            elastic::realise(robot, position, &Vector3::zeros(), robot.default_distribution()).unwrap().unstretched_m;
+        elastic::equilibrium(robot, &realised, &Vector3::zeros(), Some(position)).unwrap()
     };
     for (source, size) in [
         (Source::Anchors, 0.005),
@@ -106,10 +127,19 @@ fn drawn_robots_deviate_as_stated() {
         (Source::Stiffness, 0.05),
         (Source::Weight, 0.03),
         (Source::Expansion, 1e-4),
+        (Source::Calibration, 0.005),
     ] {
         let uncertainty = stated(source, size);
-        let errors = uncertainty.length_errors(&robot, &at(&zero));
-        let covariance_m2 = uncertainty.covariance_m2(&robot, &at(&place), Some(&errors));
+        let mut given = parts();
+        if source == Source::Calibration {
+            let [a, b] = patterns(size);
+            let entry = |i: usize, j: usize| a[i] * a[j] + b[i] * b[j];
+            given.length_covariance = Some((0..15).map(|i| (0..15).map(|j| entry(i, j)).collect()).collect());
+            given.anchor_covariance_m2 = Some(vec![vec![1.0; 9]; 9]);
+        }
+        let robot = Robot::new(given).unwrap();
+        let errors = uncertainty.length_errors(&robot, &at(&robot, &zero));
+        let covariance_m2 = uncertainty.covariance_m2(&robot, &at(&robot, &place), Some(&errors));
         let draws: Vec<_> = (0..400).map(|_| displacement_m(source, size, &zero, &place, &mut random)).collect();
         let largest_m = (0..3).map(|k| covariance_m2[(k, k)].sqrt()).fold(0.0, f64::max);
         for k in 0..3 {
@@ -121,10 +151,10 @@ fn drawn_robots_deviate_as_stated() {
             );
         }
         // Where the lengths were set, nothing is wrong but what changes with time.
-        let there_m2 = uncertainty.covariance_m2(&robot, &at(&zero), Some(&errors)).trace();
+        let there_m2 = uncertainty.covariance_m2(&robot, &at(&robot, &zero), Some(&errors)).trace();
         assert!(source == Source::Expansion || there_m2 < 1e-16, "{source:?}: {there_m2}");
         // Without a known zero every error counts.
-        assert!(uncertainty.covariance_m2(&robot, &at(&zero), None).trace() > 0.0, "{source:?}");
+        assert!(uncertainty.covariance_m2(&robot, &at(&robot, &zero), None).trace() > 0.0, "{source:?}");
     }
 }
 

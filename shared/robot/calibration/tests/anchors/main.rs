@@ -6,6 +6,7 @@
 mod heights;
 mod joint;
 mod length_check;
+mod lengths;
 mod paper;
 mod patterns;
 mod pulleys;
