@@ -21,6 +21,7 @@ def fields(definition):
 
     def walk(text, path, offset):
         for line in text.splitlines():
+            line = line.partition("#")[0].strip()
             if "=" in line or not line:
                 continue
             kind, name = line.split()

@@ -1,6 +1,7 @@
 //! Collects what arrives between two cycles into the [`MotorInput`] that the core receives.
 
 use crate::core::REQUESTS;
+use crate::odometry::Position;
 use crate::setpoint::Setpoints;
 use messages::{
     CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, Request, RequestBody,
@@ -39,13 +40,14 @@ impl Inbox {
         self
     }
 
-    /// Sets the input of the first cycle: the epoch, and the lengths and counts stored by the previous life.
-    pub fn first(&mut self, epoch: u32, restored: Option<([f64; CABLES], [i64; CABLES])>) {
+    /// Sets the input of the first cycle: the epoch, and the position stored by the previous life.
+    pub fn first(&mut self, epoch: u32, restored: Option<Position>) {
         self.input.first_epoch = epoch;
-        if let Some((lengths_m, counts)) = restored {
+        if let Some(position) = restored {
             self.input.restored = 1;
-            self.input.restored_m = lengths_m;
-            self.input.restored_counts = counts;
+            self.input.restored_m = position.lengths_m;
+            self.input.restored_counts = position.counts;
+            self.input.restored_zeroed_m = position.zeroed_m;
         }
     }
 
@@ -163,5 +165,6 @@ impl Inbox {
         self.input.restored = 0;
         self.input.restored_m = [0.0; CABLES];
         self.input.restored_counts = [0; CABLES];
+        self.input.restored_zeroed_m = [0.0; CABLES];
     }
 }

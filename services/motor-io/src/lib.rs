@@ -46,6 +46,7 @@ pub use answer::Answer;
 pub use arbiter::{Arbiter, ArbiterInput, ChosenCommand};
 pub use core::{Core, DriveCommand, Observation};
 pub use inbox::Inbox;
+pub use odometry::Position;
 pub use process::run;
 pub use setpoint::Setpoints;
 pub use settings::{ConfigError, CoreConfig};

@@ -69,6 +69,17 @@ struct Cable {
     held: usize,
 }
 
+/// What the next life of motor-io needs to know about the lengths.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Position {
+    /// Unstretched length of each cable beyond the routed part, m.
+    pub lengths_m: [f64; CABLES],
+    /// Encoder count of each cable at that time.
+    pub counts: [i64; CABLES],
+    /// The lengths as they were last set, m; NaN: unknown.
+    pub zeroed_m: [f64; CABLES],
+}
+
 /// Lengths and velocities of all cables from their counts.
 #[derive(Debug, Clone)]
 pub struct Odometry {
@@ -77,12 +88,12 @@ pub struct Odometry {
     counts_per_m: [f64; CABLES],
     fastest_m_s: f64,
     position: u8,
-    restore: Option<([f64; CABLES], [i64; CABLES])>,
+    restore: Option<Position>,
     /// Cables whose unit has been counting since the last life of motor-io.
     alive: [bool; CABLES],
     /// The lengths were restored, and not confirmed since.
     only_restored: bool,
-    /// The lengths as they were set; NaN before that, also after a restart.
+    /// The lengths as they were set, perhaps in the life before; NaN before that.
     zeroed_m: [f64; CABLES],
 }
 
@@ -103,10 +114,10 @@ impl Odometry {
         }
     }
 
-    /// Sets lengths and counts of the last life; used as soon as every cable has been read.
-    pub fn restore(&mut self, lengths_m: [f64; CABLES], counts: [i64; CABLES]) {
-        if lengths_m[..self.count].iter().all(|l| l.is_finite()) {
-            self.restore = Some((lengths_m, counts));
+    /// Sets the position of the last life; used as soon as every cable has been read.
+    pub fn restore(&mut self, position: Position) {
+        if position.lengths_m[..self.count].iter().all(|l| l.is_finite()) {
+            self.restore = Some(position);
         }
     }
 
@@ -194,7 +205,7 @@ impl Odometry {
         if !self.cables[..self.count].iter().all(|it| it.seen) {
             return;
         }
-        if let Some((lengths_m, counts)) = self.restore.take() {
+        if let Some(Position { lengths_m, counts, zeroed_m }) = self.restore.take() {
             // A unit that was running all the time has continued to count. The count of a unit that was switched on
             // since says nothing about the time before, however near it is to the stored one.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
@@ -203,6 +214,7 @@ impl Odometry {
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }
+            self.zeroed_m = zeroed_m;
             self.position = MotorState::POSITION_RESTORED;
             self.only_restored = true;
         }
@@ -246,7 +258,7 @@ impl Odometry {
         self.cables[cable].length_m
     }
 
-    /// The lengths as they were last set, m; NaN if that was in another life.
+    /// The lengths as they were last set, m; NaN: unknown.
     #[must_use]
     pub fn zeroed_m(&self) -> [f64; CABLES] {
         self.zeroed_m

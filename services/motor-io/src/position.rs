@@ -3,6 +3,7 @@
 //! A separate thread writes; the loop hands over a copy and never waits. After a restart the stored position needs
 //! confirmation by the operator.
 
+use crate::odometry::Position;
 use crate::settings::CoreConfig;
 use config::file;
 use messages::CABLES;
@@ -22,17 +23,23 @@ const WORTH_M: f64 = 1e-4;
 /// First line of the file.
 const HEAD: &str = "# Where the lines were when motor-io last looked; written by motor-io.\n";
 
-/// Lengths (m) and encoder counts at one time.
-pub type Position = ([f64; CABLES], [i64; CABLES]);
+/// Version of the file. 1: without `zeroed_m`, and without its number.
+const VERSION: u32 = 2;
 
 /// Content of the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionFile {
+    /// Version of the file.
+    #[serde(default = "first_version")]
+    pub version: u32,
     /// Unstretched length of each cable beyond the routed part, m.
     pub lengths_m: Vec<f64>,
     /// Encoder count of each cable at that time.
     pub counts: Vec<i64>,
+    /// The lengths as they were last set, m, from which the errors of the robot's model count; empty: unknown.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub zeroed_m: Vec<f64>,
     /// Encoder scale at that time; with another one the counts are meaningless.
     pub counts_per_m: Vec<f64>,
     /// Anchors at that time; for another robot the lengths are meaningless.
@@ -40,6 +47,10 @@ pub struct PositionFile {
     /// Radii of the pulleys at that time, m, which the lengths include; empty for eyes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub pulley_radius_m: Vec<f64>,
+}
+
+fn first_version() -> u32 {
+    1
 }
 
 /// Reason why no stored position can be used or kept.
@@ -90,9 +101,12 @@ pub struct PositionWriter {
 impl PositionFile {
     fn new(config: &CoreConfig, position: &Position) -> Self {
         let (n, anchors) = (config.cable_count(), config.robot.anchors());
+        let zeroed_m = &position.zeroed_m[..n];
         Self {
-            lengths_m: position.0[..n].to_vec(),
-            counts: position.1[..n].to_vec(),
+            version: VERSION,
+            lengths_m: position.lengths_m[..n].to_vec(),
+            counts: position.counts[..n].to_vec(),
+            zeroed_m: if zeroed_m.iter().all(|m| m.is_finite()) { zeroed_m.to_vec() } else { Vec::new() },
             counts_per_m: config.counts_per_m[..n].to_vec(),
             anchors_m: anchors.iter().map(|a| [a.x, a.y, a.z]).collect(),
             pulley_radius_m: if anchors.have_pulleys() { anchors.radii_m().to_vec() } else { Vec::new() },
@@ -114,20 +128,31 @@ impl PositionFile {
             Ok(kept) => kept,
             Err(error) => return Err(PositionError::Unreadable { path, why: error.message().to_owned() }),
         };
+        if !(1..=VERSION).contains(&kept.version) {
+            let why = format!("its version is {}, and this program reads 1 to {VERSION}", kept.version);
+            return Err(PositionError::Unreadable { path, why });
+        }
         let n = config.cable_count();
+        let nowhere = Position { lengths_m: [0.0; CABLES], counts: [0; CABLES], zeroed_m: [f64::NAN; CABLES] };
         let same = Self {
+            version: kept.version,
             lengths_m: kept.lengths_m.clone(),
             counts: kept.counts.clone(),
-            ..Self::new(config, &([0.0; CABLES], [0; CABLES]))
+            zeroed_m: kept.zeroed_m.clone(),
+            ..Self::new(config, &nowhere)
         };
-        let sound = kept.lengths_m.len() == n && kept.counts.len() == n && kept.lengths_m.iter().all(|l| l.is_finite());
-        if kept != same || !sound {
+        let finite = |lengths_m: &[f64]| lengths_m.len() == n && lengths_m.iter().all(|l| l.is_finite());
+        let zeroed = kept.zeroed_m.is_empty() || finite(&kept.zeroed_m);
+        if kept != same || !(kept.counts.len() == n && finite(&kept.lengths_m) && zeroed) {
             return Err(PositionError::OtherRobot { path });
         }
-        let (mut lengths_m, mut counts) = ([0.0; CABLES], [0; CABLES]);
-        lengths_m[..n].copy_from_slice(&kept.lengths_m);
-        counts[..n].copy_from_slice(&kept.counts);
-        Ok(Some((lengths_m, counts)))
+        let mut position = Position { zeroed_m: [0.0; CABLES], ..nowhere };
+        position.lengths_m[..n].copy_from_slice(&kept.lengths_m);
+        position.counts[..n].copy_from_slice(&kept.counts);
+        for (i, zeroed_m) in position.zeroed_m.iter_mut().enumerate().take(n) {
+            *zeroed_m = kept.zeroed_m.get(i).copied().unwrap_or(f64::NAN);
+        }
+        Ok(Some(position))
     }
 
     /// Writes the file as a whole or not at all.
@@ -197,7 +222,11 @@ impl PositionWriter {
     }
 
     fn has_moved(&self, position: &Position) -> bool {
-        self.kept.as_ref().is_none_or(|kept| (0..self.cables).any(|i| (position.0[i] - kept.0[i]).abs() > WORTH_M))
+        let bits = |lengths_m: &[f64; CABLES]| lengths_m.map(f64::to_bits);
+        self.kept.as_ref().is_none_or(|kept| {
+            let far = |i: usize| (position.lengths_m[i] - kept.lengths_m[i]).abs() > WORTH_M;
+            (0..self.cables).any(far) || bits(&position.zeroed_m) != bits(&kept.zeroed_m)
+        })
     }
 
     /// Writes the last position and ends.
@@ -230,22 +259,66 @@ mod tests {
         CoreConfig::new(robot, 0.01, &[10_000.0; 3], &[vec![0, 1], vec![2]]).unwrap()
     }
 
+    fn somewhere() -> Position {
+        Position { lengths_m: [2.5; CABLES], counts: [9; CABLES], zeroed_m: [f64::NAN; CABLES] }
+    }
+
     #[test]
     fn a_stored_position_is_read_exactly() {
         let folder = tempfile::tempdir().unwrap();
         let config = config(3.0);
         assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap(), None);
-        let mut position = ([0.0; CABLES], [0; CABLES]);
-        position.0[..3].copy_from_slice(&[0.1 + 0.2, 5.0, 1.0 / 3.0]);
-        position.1[..3].copy_from_slice(&[-7, i64::MAX, 12]);
+        let mut position = Position { lengths_m: [0.0; CABLES], counts: [0; CABLES], zeroed_m: [0.0; CABLES] };
+        position.lengths_m[..3].copy_from_slice(&[0.1 + 0.2, 5.0, 1.0 / 3.0]);
+        position.counts[..3].copy_from_slice(&[-7, i64::MAX, 12]);
+        position.zeroed_m[..3].copy_from_slice(&[4.0, 0.7, 2.0 / 3.0]);
         let mut keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
         keeper.store(Some(position), 1_000_000_000);
-        position.0[0] += 0.5;
+        position.lengths_m[0] += 0.5;
         keeper.store(Some(position), 1_100_000_000); // too soon
         keeper.finish(None);
         let back = PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap();
-        position.0[0] = 0.1 + 0.2;
+        position.lengths_m[0] = 0.1 + 0.2;
         assert_eq!(back, position);
+    }
+
+    #[test]
+    fn lengths_that_are_set_at_rest_are_stored() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = config(3.0);
+        let mut keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
+        let unknown = somewhere();
+        keeper.store(Some(unknown), 1_000_000_000);
+        let set = Position { zeroed_m: unknown.lengths_m, ..unknown };
+        let stored = || PositionFile::load(folder.path(), "lab", &config).unwrap();
+        // While a write is not finished, a later cycle tries again.
+        for cycle in 2..10_000 {
+            keeper.store(Some(set), cycle * 1_000_000_000);
+            if stored().is_some_and(|back| back.zeroed_m[..3] == set.zeroed_m[..3]) {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        assert_eq!(stored().unwrap().zeroed_m[..3], set.zeroed_m[..3]);
+        keeper.finish(None);
+    }
+
+    #[test]
+    fn a_file_of_an_older_version_does_not_say_where_the_lengths_were_set() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = config(3.0);
+        let keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
+        keeper.finish(Some(Position { zeroed_m: [2.0; CABLES], ..somewhere() }));
+        let path = path_of(folder.path(), "lab");
+        let text = fs::read_to_string(&path).unwrap();
+        let old = |line: &&str| !line.starts_with("version") && !line.starts_with("zeroed_m");
+        fs::write(&path, text.lines().filter(old).collect::<Vec<_>>().join("\n")).unwrap();
+        let back = PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap();
+        assert_eq!(back.lengths_m[..3], [2.5; 3]);
+        assert!(back.zeroed_m[..3].iter().all(|m| m.is_nan()), "{back:?}");
+        fs::write(&path, text.replace("version = 2", "version = 3")).unwrap();
+        let newer = PositionFile::load(folder.path(), "lab", &config).unwrap_err();
+        assert!(matches!(newer, PositionError::Unreadable { .. }) && newer.to_string().contains('3'), "{newer}");
     }
 
     #[test]
@@ -253,8 +326,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let config = config(3.0);
         let keeper = PositionWriter::start(folder.path(), "lab", &config).unwrap();
-        keeper.finish(Some(([2.5; CABLES], [9; CABLES])));
-        assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap().1[2], 9);
+        keeper.finish(Some(somewhere()));
+        assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap().counts[2], 9);
     }
 
     #[test]
@@ -272,7 +345,7 @@ mod tests {
     fn another_robot_or_a_damaged_file_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let keeper = PositionWriter::start(folder.path(), "lab", &config(3.0)).unwrap();
-        keeper.finish(Some(([2.5; CABLES], [9; CABLES])));
+        keeper.finish(Some(somewhere()));
         let other = PositionFile::load(folder.path(), "lab", &config(3.1)).unwrap_err();
         assert!(matches!(other, PositionError::OtherRobot { .. }), "{other}");
         fs::write(path_of(folder.path(), "lab"), "lengths_m = 3").unwrap();

@@ -25,12 +25,13 @@ use crate::limits::Limits;
 use crate::mode::{Braking, Following, Mode, Stop};
 use crate::motion::Motion;
 use crate::node::Node;
-use crate::odometry::Odometry;
+use crate::odometry::{Odometry, Position};
 use crate::plan_clock::PlanClock;
 use crate::safety::Safety;
 use crate::settings::CoreConfig;
 use crate::watch::Watch;
 use arrayvec::ArrayVec;
+use cable_robot::{CableVec, Vector3, elastic};
 use messages::{CABLES, Energy, MotorAuthority, MotorInput, MotorSlots, MotorState};
 
 /// Requests per cycle; further ones wait for the next cycle.
@@ -293,12 +294,25 @@ impl Core {
         self.arbiter.in_charge()
     }
 
-    /// Lengths and counts to store on disk, if the lengths are valid.
+    /// Position to store on disk, if the lengths are valid.
     #[must_use]
-    pub fn position(&self) -> Option<([f64; CABLES], [i64; CABLES])> {
-        (self.odometry.position() != MotorState::POSITION_UNKNOWN && !self.odometry.only_restored()).then(|| {
-            (std::array::from_fn(|i| self.odometry.length_m(i)), std::array::from_fn(|i| self.odometry.counts(i)))
+    pub fn position(&self) -> Option<Position> {
+        (self.odometry.position() != MotorState::POSITION_UNKNOWN && !self.odometry.only_restored()).then(|| Position {
+            lengths_m: std::array::from_fn(|i| self.odometry.length_m(i)),
+            counts: std::array::from_fn(|i| self.odometry.counts(i)),
+            zeroed_m: self.odometry.zeroed_m(),
         })
+    }
+
+    /// Takes over the position of the last life. The margins of obstacles count the errors of the lengths from where
+    /// they were set then.
+    fn restore(&mut self, position: Position) {
+        let robot = &self.config.robot;
+        let lengths_m = CableVec::from_array8(&position.zeroed_m, robot.cable_count());
+        let set = lengths_m.is_finite().then(|| elastic::equilibrium(robot, &lengths_m, &Vector3::zeros(), None).ok());
+        let set_at = set.flatten().map(|found| found.position);
+        self.config.robot = robot.with_lengths_set_at(set_at.as_ref());
+        self.odometry.restore(position);
     }
 
     /// Handles late begins, gaps, and the input of the first cycle.
@@ -310,7 +324,11 @@ impl Core {
                 self.safety.begin_epoch(input.first_epoch);
             }
             if input.restored == 1 {
-                self.odometry.restore(input.restored_m, input.restored_counts);
+                self.restore(Position {
+                    lengths_m: input.restored_m,
+                    counts: input.restored_counts,
+                    zeroed_m: input.restored_zeroed_m,
+                });
             }
         }
         self.record_evidence(input);

@@ -169,7 +169,7 @@ fn a_jog_with_a_restored_position_ends_at_a_box() {
     let (mut rig, robot) = rig_with(|parts| parts.keep_out_m = vec![boxed]);
     rig.length_m[..3].copy_from_slice(&lengths_m);
     let restored = [5.9, 5.8, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    rig.inbox.first(99, Some((restored, [0; 8])));
+    rig.inbox.first(99, Some(rig::stored(restored, [0; 8])));
     rig.steps(3);
     assert_eq!(rig.seen().state.position_known, MotorState::POSITION_RESTORED);
     // What needs a known position is as before.

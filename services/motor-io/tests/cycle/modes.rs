@@ -358,7 +358,8 @@ fn the_position_from_before_the_cut_has_to_be_confirmed() {
     // Unit 1 was running all the time, and its encoder 1 has counted on for 0.1 m; unit 2 has been switched off and
     // starts elsewhere.
     rig.alive[0] = 1;
-    rig.inbox.first(99, Some(([4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], [49_000, -50_000, 900_000, 0, 0, 0, 0, 0])));
+    let lengths_m = [4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    rig.inbox.first(99, Some(rig::stored(lengths_m, [49_000, -50_000, 900_000, 0, 0, 0, 0, 0])));
     rig.steps(2);
     let state = rig.seen().state;
     assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
@@ -371,6 +372,26 @@ fn the_position_from_before_the_cut_has_to_be_confirmed() {
     rig.demand(Request::ConfirmPosition);
     rig.offer(5.0);
     rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
+}
+
+/// The errors of the robot's model count from where its lengths were set, also in a later life.
+#[test]
+fn where_the_lengths_were_set_outlives_motor_io() {
+    let mut rig = Rig::default();
+    rig.steps(2);
+    assert!(rig.seen().state.zeroed_m[..3].iter().all(|m| m.is_nan()));
+    rig.demand(rig::lengths([5.0, 6.0, 7.0]));
+    let stored = rig.core.position().unwrap();
+    let mut later = Rig::default();
+    later.inbox.first(99, Some(stored));
+    later.steps(2);
+    let state = later.seen().state;
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
+    assert_eq!(state.zeroed_m[..3], [5.0, 6.0, 7.0]);
+    later.demand(Request::ConfirmPosition);
+    assert_eq!(later.core.position().unwrap().zeroed_m[..3], [5.0, 6.0, 7.0]);
+    later.demand(rig::lengths([5.5, 6.0, 7.0]));
+    assert_eq!(later.seen().state.zeroed_m[..3], [5.5, 6.0, 7.0]);
 }
 
 /// The node is at its speed limit, and at its new place the same cable velocities are a little faster. What takes the

@@ -178,7 +178,7 @@ proptest! {
     fn a_replay_gives_the_same_bytes(events in prop::collection::vec(event(), 10..60)) {
         let config = rig::config();
         let mut rig = Rig::new(config.clone());
-        rig.inbox.first(42, Some(([5.0; 8], [50_000, -50_000, 60_000, 0, 0, 0, 0, 0])));
+        rig.inbox.first(42, Some(rig::stored([5.0; 8], [50_000, -50_000, 60_000, 0, 0, 0, 0, 0])));
         let mut replayed = Core::new(config);
         for event in events {
             let mut steps = 1;

@@ -13,7 +13,7 @@ message! {
         counts: [i64; CABLES],
         /// Unstretched cable paid out beyond the routed part, m.
         length_m: [f64; CABLES],
-        /// The lengths as the operator set them last, m; NaN: in another life, or never.
+        /// The lengths as the operator set them last, perhaps in an earlier life, m; NaN: unknown.
         zeroed_m: [f64; CABLES],
         /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large
         /// velocity.
@@ -258,6 +258,8 @@ message! {
         restored_m: [f64; CABLES],
         /// Encoder counts of the last life.
         restored_counts: [i64; CABLES],
+        /// The lengths as the operator set them last, m; NaN: unknown.
+        restored_zeroed_m: [f64; CABLES],
         /// Tensions of the last estimate, row 0 from node/estimate/a, row 1 from /b.
         estimate_tension_n: [f64; 16],
         /// Position of the last estimate, m, row by row.
@@ -306,7 +308,7 @@ message! {
         cable_count: u8,
         /// Number of drive units.
         unit_count: u8,
-        /// 1: `restored_m` and `restored_counts` are valid.
+        /// 1: `restored_m`, `restored_counts` and `restored_zeroed_m` are valid.
         restored: u8,
         /// 1: `setpoint_m` and `setpoint_velocity_m_s` are valid.
         setpoint_known: u8,

@@ -16,7 +16,7 @@ use anyhow::{Context, Result, ensure};
 use cable_robot::CableVec;
 use controller::{Controller, Notice};
 use messages::{CABLES, Header, MotorAuthority, MotorInput, NodeEstimate, PlanMotion, PlanStatus, Request, UNITS};
-use motor_io::{Answer, Core, Setpoints};
+use motor_io::{Answer, Core, Position, Setpoints};
 use planner::{Mission, Planner};
 use plant::{MotorInput as DriveInput, Plant};
 use robot_state::Reason;
@@ -37,7 +37,7 @@ const PLANNER_CYCLES: u64 = 10;
 #[derive(Debug, Clone, Copy)]
 struct LifeStart {
     epoch: u32,
-    restored: Option<([f64; CABLES], [i64; CABLES])>,
+    restored: Option<Position>,
     /// Whether the drives were powered without interruption.
     alive: bool,
 }
@@ -209,8 +209,9 @@ impl Lockstep {
         let LifeStart { epoch, restored, alive } = self.beginning;
         let mut input = MotorInput { tick_ns, begin_ns: tick_ns, first_epoch: epoch, ..MotorInput::default() };
         input.header = Header { life: self.life, cycle, seq: cycle, ..Header::at(tick_ns) };
-        if let Some((lengths_m, counts)) = restored {
+        if let Some(Position { lengths_m, counts, zeroed_m }) = restored {
             (input.restored, input.restored_m, input.restored_counts) = (1, lengths_m, counts);
+            input.restored_zeroed_m = zeroed_m;
         }
         input.unit_alive = [u8::from(alive); UNITS];
         input.supervisor_beat = self.beat();

@@ -4,7 +4,7 @@
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3};
 use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, Request, RequestBody, UNITS};
-use motor_io::{Answer, Core, CoreConfig, DriveCommand, Inbox, Observation};
+use motor_io::{Answer, Core, CoreConfig, DriveCommand, Inbox, Observation, Position};
 use robot_state::Reason;
 use segments::segment_message;
 use std::collections::VecDeque;
@@ -37,6 +37,11 @@ pub fn config() -> CoreConfig {
 /// Sets the lengths of the three cables, m.
 pub fn lengths(lengths_m: [f64; 3]) -> Request {
     Request::ZeroLengths { lengths_m: lengths_m.into_iter().collect() }
+}
+
+/// A position of the last life, which does not say where its lengths were set.
+pub fn stored(lengths_m: [f64; CABLES], counts: [i64; CABLES]) -> Position {
+    Position { lengths_m, counts, zeroed_m: [f64::NAN; CABLES] }
 }
 
 /// A request of any verb with these numbers in every field that it may read.
