@@ -262,16 +262,14 @@ check_links() {
     RUSTDOCFLAGS="-D warnings" cargo "${LINT_WITH[@]}" doc "${QUIET[@]}" --no-deps --workspace --document-private-items
 }
 
-# The workspaces beside the main one. The page, which brings a web server along, is compiled by its own script only.
+# The workspaces beside the main one: their format, and that their lock files are those of their manifests. What they
+# bring along (a web server, Foxglove's library, the peers of the benchmarks) is compiled by their own scripts only.
 check_separate_workspaces() {
     local workspace
-    cargo fmt --manifest-path services/page/Cargo.toml --check
-    if ! cargo metadata --locked --format-version 1 --manifest-path services/page/Cargo.toml >/dev/null; then
-        give_up "services/page/Cargo.lock is older than the manifests: build the page with scripts/page, and add the lock file"
-    fi
-    for workspace in services/viewer tests/benchmarks; do
+    for workspace in services/page services/viewer tests/benchmarks; do
         cargo fmt --manifest-path $workspace/Cargo.toml --check
-        cargo check "${QUIET[@]}" --manifest-path $workspace/Cargo.toml --all-targets --target-dir "${CARGO_TARGET_DIR:-target}"
+        cargo metadata --locked --format-version 1 --manifest-path $workspace/Cargo.toml >/dev/null ||
+            give_up "$workspace/Cargo.lock is older than the manifests: run its script (scripts/page, scripts/viewer or scripts/bench), and add the lock file"
     done
 }
 
