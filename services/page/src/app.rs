@@ -3,7 +3,7 @@
 use crate::assets::Assets;
 use crate::observer::Topics;
 use crate::settings::PlaceArgs;
-use crate::stops::Places;
+use messages::Request;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,6 +13,11 @@ use tokio::sync::Semaphore;
 /// Downloads that wait to be fetched, and the time for it.
 const DOWNLOADS: usize = 32;
 const FETCHED: Duration = Duration::from_secs(60);
+
+/// Connections for stops at once, and those that only emergency stops take. Together with those of the browsers and of
+/// the observer they are not more than the gateway grants one user.
+const STOPS: usize = 4;
+const EMERGENCY_STOPS: usize = 2;
 
 /// What all requests share.
 #[derive(Debug)]
@@ -25,6 +30,26 @@ pub(crate) struct App {
     pub(crate) names: Vec<String>,
     pub(crate) browsers: Arc<Semaphore>,
     pub(crate) stops: Places,
+}
+
+/// The places for stops.
+#[derive(Debug)]
+pub(crate) struct Places {
+    stops: Semaphore,
+    emergency: Semaphore,
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self { stops: Semaphore::new(STOPS), emergency: Semaphore::new(EMERGENCY_STOPS) }
+    }
+}
+
+impl Places {
+    /// Those for a request that stops the robot.
+    pub(crate) fn of(&self, request: &Request) -> &Semaphore {
+        if *request == Request::Estop { &self.emergency } else { &self.stops }
+    }
 }
 
 /// Files of finished runs that can be fetched once.
@@ -78,5 +103,13 @@ mod tests {
             downloads.fetch("0").is_none() && downloads.fetch(ticket).is_some() && downloads.fetch(ticket).is_none()
         );
         assert_eq!((0..DOWNLOADS + 3).filter(|_| offer().is_some()).count(), DOWNLOADS);
+    }
+
+    #[test]
+    fn an_emergency_stop_has_a_place_when_all_others_are_taken() {
+        let places = Places::default();
+        let taken: Vec<_> = std::iter::from_fn(|| places.of(&Request::Stop).try_acquire().ok()).collect();
+        assert_eq!(taken.len(), STOPS);
+        assert!(places.of(&Request::Hold).try_acquire().is_err() && places.of(&Request::Estop).try_acquire().is_ok());
     }
 }

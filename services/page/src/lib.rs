@@ -2,8 +2,8 @@
 //!
 //! Invariants:
 //! * The page is a client of the gateway's socket and nothing else: it joins no shared memory, and only `start` starts
-//!   programs, the gateway and a browser. The gateway decides what a browser may do, by the token that the browser holds; one without a token can look and
-//!   stop.
+//!   programs, the gateway and a browser. The gateway decides what a browser may do, by the token that the browser
+//!   holds; one without a token can look and stop.
 //! * What a browser sends is bounded in size and rate, and what it does not take is replaced by what is newer: no
 //!   browser delays the page, another browser or the robot.
 //! * A stop waits for nothing that was asked before it: it goes over a connection of its own, and what was asked before

@@ -1,6 +1,6 @@
 //! The process: opens the port, observes the robot, serves until it is ended.
 
-use crate::app::{App, Downloads};
+use crate::app::{App, Downloads, Places};
 use crate::assets::{Assets, folder};
 use crate::certificate::certificate;
 use crate::http::{BROWSERS, router};
@@ -8,7 +8,6 @@ use crate::listener::listen;
 use crate::observer::{Topics, observe};
 use crate::pair::Listening;
 use crate::settings::{PlaceArgs, ServeArgs, state_folder};
-use crate::stops::Places;
 use command::{Answer, Failure};
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;

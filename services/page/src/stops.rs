@@ -10,36 +10,13 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::time::timeout;
 
-/// Connections for stops at once, and those that only emergency stops take. Together with those of the browsers and of
-/// the observer they are not more than the gateway grants one user.
-const STOPS: usize = 4;
-const EMERGENCY_STOPS: usize = 2;
 /// Time for a stop: its place, its connection and its answer.
 const ANSWERED: Duration = Duration::from_secs(3);
 /// Presses of a browser that one stop under way answers.
 const PRESSES: usize = 32;
-
-/// The places for stops.
-#[derive(Debug)]
-pub(crate) struct Places {
-    stops: Semaphore,
-    emergency: Semaphore,
-}
-
-impl Default for Places {
-    fn default() -> Self {
-        Self { stops: Semaphore::new(STOPS), emergency: Semaphore::new(EMERGENCY_STOPS) }
-    }
-}
-
-impl Places {
-    fn of(&self, request: &Request) -> &Semaphore {
-        if *request == Request::Estop { &self.emergency } else { &self.stops }
-    }
-}
 
 /// Stops the robot, for the holder of a token or for everyone who opens the page.
 ///
@@ -154,13 +131,5 @@ mod tests {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
         let failure = runtime.block_on(within(Duration::from_secs(1), std::future::pending())).unwrap_err().to_string();
         assert!(failure.contains("1 s") && failure.contains("hardware stop"), "{failure}");
-    }
-
-    #[test]
-    fn an_emergency_stop_has_a_place_when_all_others_are_taken() {
-        let places = Places::default();
-        let taken: Vec<_> = std::iter::from_fn(|| places.of(&Request::Stop).try_acquire().ok()).collect();
-        assert_eq!(taken.len(), STOPS);
-        assert!(places.of(&Request::Hold).try_acquire().is_err() && places.of(&Request::Estop).try_acquire().is_ok());
     }
 }

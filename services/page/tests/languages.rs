@@ -1,4 +1,5 @@
-//! The languages of the page are complete: every label, and every reason of the catalogue of answers with its parameters.
+//! The languages of the page are complete: every label, and every reason of the catalogue of answers with its
+//! parameters.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 

@@ -41,8 +41,8 @@ impl Core {
         holder.sign(&mut sample, peer);
         let seen = self.motion.filter(|motion| motion.stamp_ns.saturating_add(SEEN_NS) > self.now_ns);
         if held.is_asked() && seen.is_some_and(|motion| motion.under_way().is_some()) {
-            // The motion under way is that of another client, and the planner refuses a second one: only if it does not,
-            // there is something to end.
+            // The motion under way is that of another client, and the planner refuses a second one. Only if it does
+            // not, there is something to end.
             self.ends.insert(held.ticket, Box::new(sample));
             return;
         }

@@ -3,7 +3,7 @@
 import { bytes, h, write } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
 import { SeatBar } from "./seat.js";
-import { LANGUAGES, choose, chosen, t } from "./lang.js";
+import { t } from "./lang.js";
 
 /** Age from which the data is old, s. */
 const OLD_S = 1;
@@ -32,7 +32,7 @@ export class Head {
             return row;
         });
         this.seat = new SeatBar(store, conversation);
-        this.element = h("header", { class: "head" }, this.mode, ...facts, language(), theme, this.seat.element);
+        this.element = h("header", { class: "head" }, this.mode, ...facts, theme, this.seat.element);
         dress(localStorage.getItem("nims-theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "bright"));
     }
 
@@ -67,13 +67,6 @@ export class Head {
         const why = trouble ?? link?.sentence ?? (link && link.run === null ? t("no robot runs") : null);
         write(this.note, old ? (why ? `${waited}: ${why}` : waited) : "");
     }
-}
-
-/** The choice of the language. */
-function language(): HTMLElement {
-    const options = Object.entries(LANGUAGES).map(([code, one]) => h("option", { value: code, selected: code === chosen }, one.name));
-    const select = h("select", { class: "language", "aria-label": t("language"), change: () => choose(select.value) }, ...options);
-    return select;
 }
 
 function dress(theme: string): void {

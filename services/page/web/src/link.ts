@@ -19,6 +19,8 @@ const REST_MS = 4000, ATTEMPT_MS = 60;
 const STOP_MS = 500;
 /** Time until a stop is seen in the state, ms. */
 const SEEN_MS = 500;
+/** Time for which the fastest state counts in the comparison of the clocks, ms. */
+const COMPARED_MS = 5_000;
 const TOKEN = "nims-token";
 const FREE: Seat = { reply: "seat", id: 0, flyer: null, asks: null, within_s: 0 };
 const EVENTS = 200;
@@ -42,6 +44,10 @@ export class Store {
     trouble: string | null = t("connecting");
     events: (Log | Asked)[] = [];
     history: History | null = null;
+    /** By how much the clock of the server is ahead of that of the page, ms: in this part of the time, and in the one before. */
+    private ahead = -Infinity;
+    private aheadBefore = -Infinity;
+    private comparedAt = -Infinity;
     private readonly listeners: (() => void)[] = [];
 
     onChange(listener: () => void): void { this.listeners.push(listener); }
@@ -53,10 +59,18 @@ export class Store {
         return age_s == null ? Infinity : age_s + (performance.now() - this.stateAt) / 1000;
     }
 
+    /** Compares the clock of the server with this one: the state that came fastest counts, of the last seconds. */
+    private compare(ahead_ms: number): void {
+        if (this.stateAt - this.comparedAt > COMPARED_MS) {
+            this.comparedAt = this.stateAt;
+            [this.aheadBefore, this.ahead] = [this.ahead, -Infinity];
+        }
+        this.ahead = Math.max(this.ahead, ahead_ms);
+    }
+
     /** What a sign that a control is held carries: when it was made, and what could be seen, in time of the server. */
     sign(): Sign {
-        const seen_ms = this.state?.at_ms ?? 0;
-        return { made_ms: seen_ms + performance.now() - this.stateAt, seen_ms };
+        return { made_ms: performance.now() + Math.max(this.ahead, this.aheadBefore), seen_ms: this.state?.at_ms ?? 0 };
     }
 
     /** Whether this browser's role permits to fly. */
@@ -64,12 +78,12 @@ export class Store {
 
     take(told: Told): void {
         switch (told.type) {
-            case "state": this.state = told; this.stateAt = performance.now(); break;
+            case "state": this.state = told; this.stateAt = performance.now(); this.compare(told.at_ms - this.stateAt); break;
             case "scene": this.scene = told; break;
             case "robot": this.robot = told; break;
             case "plan": this.plan = told; break;
             case "link": this.link = told; break;
-            case "welcome": this.welcome = told; this.trouble = null; this.seat = FREE; break;
+            case "welcome": this.welcome = told; this.trouble = null; this.seat = FREE; this.ahead = this.aheadBefore = -Infinity; break;
             case "unreachable": this.trouble = told.sentence; break;
             case "history": this.history = told; break;
             case "log":

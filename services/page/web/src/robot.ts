@@ -3,7 +3,7 @@
 import { bytes, h, renew } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
 import type { Answer } from "./protocol.js";
-import { sentence, t } from "./lang.js";
+import { LANGUAGES, choose, chosen, sentence, t } from "./lang.js";
 
 export class RobotView {
     readonly element: HTMLElement;
@@ -17,7 +17,7 @@ export class RobotView {
     constructor(private readonly store: Store, private readonly conversation: Conversation) {
         const card = (name: string, ...children: HTMLElement[]) => h("section", { class: "card" }, h("h2", {}, name), ...children);
         this.element = h("div", { class: "view" }, this.answer, h("div", { class: "columns table" },
-            card(t("This browser"), this.pairing), card(t("Run"), this.facts), card(t("Processes"), this.processes, this.slots), card(t("What happened"), this.log)));
+            card(t("This browser"), this.pairing, language()), card(t("Run"), this.facts), card(t("Processes"), this.processes, this.slots), card(t("What happened"), this.log)));
     }
 
     private said(answer: Answer): void {
@@ -54,4 +54,11 @@ export class RobotView {
             ? h("p", { class: event.level }, h("b", {}, event.process), ` ${event.sentence}`)
             : h("p", { class: event.accepted ? "" : "refused" }, h("b", {}, event.who), ` ${event.accepted ? "" : `${t("refused")}: `}${sentence(event.reason, event.sentence)}`))));
     }
+}
+
+/** The choice of the language. */
+function language(): HTMLElement {
+    const options = Object.entries(LANGUAGES).map(([code, one]) => h("option", { value: code, selected: code === chosen }, one.name));
+    const select = h("select", { "aria-label": t("language"), change: () => choose(select.value) }, ...options);
+    return h("label", {}, t("language"), select);
 }

@@ -317,9 +317,9 @@ fn connect(path: &Path) -> Answer<UnixStream> {
     Ok(stream)
 }
 
-/// Checks that a connection leads to a gateway that may be trusted. It gets missions and secrets, so it has to be root's,
-/// this user's, or that of the user whose folder its socket is in: another user may have created a socket in a folder
-/// that all users may write to.
+/// Checks that a connection leads to a gateway that may be trusted. It gets missions and secrets, so it has to be
+/// root's, this user's, or that of the user whose folder its socket is in: another user may have created a socket in a
+/// folder that all users may write to.
 ///
 /// # Errors
 /// Another user runs it.
