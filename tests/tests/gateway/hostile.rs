@@ -177,8 +177,9 @@ fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
             }
         }
         for round in 0..30_usize {
-            let frame =
-                |id, request| encode(&Call::Ask { id, request, process: None, held: false, at_ns: None }.header().unwrap(), &[]);
+            let frame = |id, request| {
+                encode(&Call::Ask { id, request, process: None, held: false, at_ns: None }.header().unwrap(), &[])
+            };
             let mut bytes = Vec::new();
             let motions = 1 + round % 4;
             for id in 0..motions {

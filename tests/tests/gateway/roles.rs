@@ -56,16 +56,17 @@ fn actions() -> Vec<(&'static str, &'static str, Call, Vec<u8>)> {
         ("look", "subscribe", Call::Subscribe { id: 1, channel: "motor/state".to_owned(), rate_hz: Some(1.0) }),
         ("look", "runs", Call::Runs { id: 1 }),
         ("owner", "tokens", Call::TokenList { id: 1 }),
+        ("owner", "code", Call::CodeAdd { id: 1, name: nothing(), role: "look".to_owned() }),
     ];
     actions.extend(plain.map(|(role, name, call)| (role, name, call, Vec::new())));
     actions
 }
 
 #[test]
-fn thirty_actions_pass_or_not_by_the_role() {
+fn every_action_passes_or_not_by_the_role() {
     let robot = Robot::up("");
     let order = ["look", "stop", "fly", "owner"];
-    assert_eq!(actions().len(), 30);
+    assert_eq!(actions().len(), 31);
     for role in order {
         let gateway = Gateway::joined(&robot, &if role == "owner" { OWNER.to_owned() } else { me(role) });
         let mut requests = robot.bus.subscriber::<OperatorRequest>("operator/request").unwrap();
@@ -88,7 +89,7 @@ fn thirty_actions_pass_or_not_by_the_role() {
             "look" => 5,
             "stop" => 9,
             "fly" => 28,
-            _ => 30,
+            _ => 31,
         };
         assert_eq!(passed, expected, "{role}");
         // The run names the user, not the gateway.
