@@ -29,6 +29,13 @@ fn programs(folder: &Path, word: &str) -> PathBuf {
     folder
 }
 
+/// Adds the page to the programs of a folder, as `scripts/page` does.
+fn build_page(programs: &Path) {
+    fs::create_dir(programs.join("page")).unwrap();
+    fs::write(programs.join("page/index.html"), "page").unwrap();
+    fs::copy(programs.join("nims"), programs.join("nims-page")).unwrap();
+}
+
 fn install(root: &Path, more: &[&str]) -> Output {
     Command::new(project().join("scripts/install")).arg("--root").arg(root).args(more).output().unwrap()
 }
@@ -56,6 +63,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().join("root");
     let old = programs(folder.path(), "old");
+    build_page(&old);
     let output = install(&root, &["--programs", old.to_str().unwrap()]);
     assert!(output.status.success(), "{}", printed(&output));
     assert!(current_output(&root).contains("old"));
@@ -63,6 +71,12 @@ fn installed_upgraded_rolled_back_and_removed() {
     // Operators use the gateway, and no rule of sudo.
     assert!(root.join("usr/lib/systemd/system/nims-gateway@.service").is_file());
     assert!(!root.join("etc/sudoers.d/nims").exists());
+    // The page was built, and the live view was not.
+    let bin = root.join("opt/nims").join(fs::read_link(root.join("opt/nims/current")).unwrap()).join("bin");
+    assert!(bin.join("nims-page").is_file() && bin.join("page/index.html").is_file());
+    assert!(root.join("usr/lib/systemd/system/nims-page@.service").is_file());
+    assert!(root.join("usr/lib/sysusers.d/nims-page.conf").is_file());
+    assert!(!bin.join("viewer").exists());
     let boxed = root.join("etc/nims/systems/demo3.toml");
     let text = fs::read_to_string(&boxed).unwrap();
     assert!(text.contains("\nruns = \"/var/lib/nims/runs\""), "{text}");
@@ -155,6 +169,10 @@ fn the_list_of_files_names_every_program_of_the_robot() {
     for program in workspace() {
         assert!(list.contains(&format!("@bin@/{program} ")), "configs/host/files lacks {program}");
     }
+    for (part, program) in [("viewer", "viewer"), ("page", "nims-page")] {
+        let list = fs::read_to_string(project().join("configs/host").join(format!("files-{part}"))).unwrap();
+        assert!(list.contains(&format!("@bin@/{program} ")), "configs/host/files-{part} lacks {program}");
+    }
 }
 
 #[test]
@@ -183,7 +201,9 @@ fn exposure(unit: &Path) -> Output {
 fn the_service_manager_accepts_the_units() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().join("root");
-    assert!(install(&root, &["--programs", programs(folder.path(), "some").to_str().unwrap()]).status.success());
+    let some = programs(folder.path(), "some");
+    build_page(&some);
+    assert!(install(&root, &["--programs", some.to_str().unwrap()]).status.success());
     if Command::new("systemd-analyze").arg("--version").output().is_err() {
         return notes::left_out("the service manager accepts the units", "there is no systemd-analyze");
     }
@@ -196,6 +216,7 @@ fn the_service_manager_accepts_the_units() {
         ("nims-gateway@.service", "nims-gateway@lab.service"),
         ("nims-plugin@.service", "nims-plugin@lab_soil.service"),
         ("nims-plugin-network@.service", "nims-plugin-network@lab_soil.service"),
+        ("nims-page@.service", "nims-page@lab.service"),
         ("run-nims-shm.mount", "run-nims-shm.mount"),
         ("nims-runs.service", "nims-runs.service"),
         ("nims-runs.timer", "nims-runs.timer"),
@@ -218,6 +239,7 @@ fn the_service_manager_accepts_the_units() {
         "nims-gateway@lab.service",
         "nims-plugin@lab_soil.service",
         "nims-plugin-network@lab_soil.service",
+        "nims-page@lab.service",
         "run-nims-shm.mount",
         "nims-runs.service",
         "nims-runs.timer",
@@ -226,7 +248,9 @@ fn the_service_manager_accepts_the_units() {
         let ours: Vec<&str> = complaints.lines().filter(|line| line.contains("nims")).collect();
         assert!(ours.is_empty(), "{ours:?}");
     }
-    for unit in ["nims@.service", "nims-gateway@.service", "nims-plugin@.service", "nims-runs.service"] {
+    for unit in
+        ["nims@.service", "nims-gateway@.service", "nims-plugin@.service", "nims-page@.service", "nims-runs.service"]
+    {
         let judged = exposure(&root.join("usr/lib/systemd/system").join(unit));
         assert!(judged.status.success(), "{unit}: {}", String::from_utf8_lossy(&judged.stdout));
     }
