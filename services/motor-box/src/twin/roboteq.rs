@@ -44,8 +44,8 @@ impl Twin for RoboteqTwin {
         self
     }
 
-    /// Sets the encoders and the speeds of full commands. The loops of a tuned controller follow; their gains are none of
-    /// the wire's.
+    /// Sets the encoders and the speeds of full commands. The loops of a tuned controller follow; their gains are none
+    /// of the wire's.
     fn commission(&mut self, plant: &Plant, winches: &[[Option<Winch>; MOTORS]], _: f64) {
         for (controller, winches) in self.0.iter_mut().zip(winches) {
             for (motor, winch) in winches.iter().enumerate() {
