@@ -1,4 +1,4 @@
-//! Conformance of the virtual motor box with the drive makers' unmodified clients.
+//! Conformance of the virtual motor box with unmodified clients, of the drives' makers and of others.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -68,6 +68,12 @@ fn the_makers_client_of_moteus_reports_no_errors() {
     let system = folder.path().join("uart4.toml");
     std::fs::write(&system, text).unwrap();
     Judge { system, script: "conformance_moteus.py", arguments: &["1", "2000"], cycles: 2000 }.judge();
+}
+
+#[test]
+fn a_client_of_others_agrees_with_the_virtual_roboteq() {
+    let system = workspace().join("configs/systems/roboteq3.toml");
+    Judge { system, script: "conformance_roboteq.py", arguments: &["2000"], cycles: 2000 }.judge();
 }
 
 /// An exchange about which the client reported errors.
