@@ -9,7 +9,7 @@ use robot_state::sentences::mode_name;
 use serde_json::{Value, json};
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -36,6 +36,10 @@ pub struct Args {
     /// first. A service calls it after its end.
     #[arg(long, conflicts_with_all = ["seconds", "run"])]
     pub end_remaining: bool,
+    /// Also show and fly the robot in a browser, by the program nims-page, which scripts/page builds. Nothing depends on
+    /// it.
+    #[arg(long)]
+    pub page: bool,
     /// Mission that will be flown; a copy is stored in the run folder.
     #[arg(long, hide = true)]
     pub mission: Option<PathBuf>,
@@ -121,6 +125,19 @@ fn accepted(config: &Path) -> Answer {
     Err(Failure::BadInput(sentence.trim().trim_start_matches("nims: ").to_owned()))
 }
 
+/// Starts the page beside the robot, with a gateway of its own.
+fn start_page(config: &Path, domain: Option<&str>) -> Answer<Child> {
+    let program = std::env::current_exe().map_err(Failure::not_now)?.with_file_name("nims-page");
+    if !program.is_file() {
+        return Err(Failure::NotNow(
+            "the page is not built; build it with scripts/page, or leave --page out".to_owned(),
+        ));
+    }
+    let mut command = Command::new(program);
+    command.args(["start", "--parent"]).args(domain.into_iter().flat_map(|domain| ["--domain", domain]));
+    command.arg(config).stdin(Stdio::piped()).stdout(std::io::stderr()).spawn().map_err(Failure::not_now)
+}
+
 /// Makes the page of a run with the `nims` beside this program; the error names the command that makes it.
 fn page(run: &Path) -> Result<PathBuf, String> {
     let cure = || format!("`nims report {}` makes its page", run.display());
@@ -154,6 +171,8 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
     accepted(&asked.config)?;
     let stop = command::stop_flag()?;
     let reason = if asked.parent { parent_reason(&stop) } else { Arc::default() };
+    // It ends when this process closes its standard input.
+    let _page = asked.page.then(|| start_page(&asked.config, domain)).transpose()?;
     let mut supervisor = Supervisor::start(&wanted, stop.clone())?;
     let limit = asked.seconds.map(Duration::from_secs_f64).unwrap_or(Duration::MAX / 4);
     let started = clock::now_ns();

@@ -95,7 +95,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
 fn start_page(config: &Path, domain: &str) -> Answer<Child> {
     let unbuilt = |_| Failure::NotNow("the page is not built; build it with scripts/page".to_owned());
     let mut command = Command::new(sibling("nims-page").map_err(unbuilt)?);
-    command.args(["start", "--parent", "--domain", domain]).arg(config).stdin(Stdio::piped());
+    command.args(["start", "--parent", "--domain", domain]).arg(config).stdin(Stdio::piped()).stdout(std::io::stderr());
     command.spawn().map_err(Failure::not_now)
 }
 
