@@ -124,6 +124,12 @@ fn a_code_pairs_one_browser_and_one_person_flies_at_a_time() {
 }
 
 #[test]
+fn one_command_starts_page_and_gateway_and_ends_with_its_parent() {
+    let (printed, well) = rig::started_and_ended();
+    assert!(printed.contains("http://127.0.0.1:") && well, "{printed}");
+}
+
+#[test]
 fn what_comes_late_begins_and_holds_no_motion() {
     let rig = Rig::up();
     let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));

@@ -68,6 +68,22 @@ fn copy_configs(folder: &Path) {
     }
 }
 
+/// Starts the page and its gateway by one command, which ends with its standard input. Returns what it prints first, up
+/// to the code, and whether it ends well.
+pub fn started_and_ended() -> (String, bool) {
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::for_test());
+    copy_configs(folder.path());
+    let mut command = Command::new(program("nims-page"));
+    command.args(["start", "--parent", "--no-browser", "--port", "0", "--domain", domain.name(), "--state"]);
+    command.arg(folder.path().join("page")).arg(folder.path().join("configs/systems/demo3.toml"));
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
+    let printed = lines.by_ref().find(|line| line.contains("#code=")).unwrap_or_default();
+    drop(child.stdin.take());
+    lines.for_each(drop);
+    (printed, child.wait().unwrap().success())
+}
+
 impl Rig {
     /// Starts all three; the page is for this machine only.
     pub fn up() -> Self {
