@@ -36,8 +36,8 @@ pub struct Args {
     /// first. A service calls it after its end.
     #[arg(long, conflicts_with_all = ["seconds", "run"])]
     pub end_remaining: bool,
-    /// Also show and fly the robot in a browser, by the program nims-page, which scripts/page builds. Nothing depends on
-    /// it.
+    /// Also show and fly the robot in a browser, by the program nims-page, which scripts/page builds. Nothing depends
+    /// on it.
     #[arg(long)]
     pub page: bool,
     /// Mission that will be flown; a copy is stored in the run folder.
