@@ -16,7 +16,7 @@ import roboteq
 from roboteq.roboteq_constants import _G as GO
 
 # Longer than a virtual machine stands still.
-PATIENCE_S = 2.0
+PATIENCE_S = 5.0
 WATCHDOG_MS = 500
 
 
