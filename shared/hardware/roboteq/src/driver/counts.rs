@@ -1,9 +1,10 @@
 //! Counts that no checksum protects.
 
-use drives::{CountBound, Error};
+use drives::{CommandName, CountBound, Error, reply_text};
 use serial::Transport;
 
 use super::Bus;
+use super::cycle::NOISY;
 use super::filter::middle;
 use super::parts::Answers;
 use crate::codec::{AXES, Name};
@@ -54,11 +55,19 @@ impl<T: Transport> Bus<T> {
         expected || again
     }
 
+    /// The error of counters that are not used.
+    fn unclear_counters(&mut self, said: &'static str) -> Error {
+        self.counters.garbled += 1;
+        let asked = CommandName { words: "read counters (?C)", code: None };
+        let said = reply_text(format_args!("{said}"));
+        self.error(|port, unit| Error::Unexpected { port, unit, asked, said })
+    }
+
     /// Uses the two answers about the counters.
     pub(super) fn use_counts(&mut self, answers: &Answers) -> Result<(), Error> {
         let Some([first, second]) = self.two_counters(answers) else {
-            self.counters.garbled += 1;
-            return Err(self.missing("read counters", true, 0));
+            self.noisy = NOISY;
+            return Err(self.unclear_counters("two that disagree"));
         };
         let at_ns = answers.counts_at_ns;
         let Some(last) = self.track.raw else {
@@ -77,8 +86,7 @@ impl<T: Transport> Bus<T> {
         });
         let raw = std::array::from_fn(|axis| last[axis].wrapping_add(moved[axis]));
         if !self.is_sure(moved, raw, passed_ns, at_ns) {
-            self.counters.garbled += 1;
-            return Err(self.missing("read counters", true, 0));
+            return Err(self.unclear_counters("an abrupt change, read again"));
         }
         let since_ns = passed_ns + SAMPLE_JITTER_NS;
         let explains = |axis: &usize| self.config.bound.explains(f64::from(moved[*axis]), since_ns);

@@ -11,7 +11,7 @@ use crate::codec::{AXES, FULL_SPEED, Line, Name, mode};
 const TOO_FAST: &str = "speed above its MXRPM; raise that in the maker's program, or lower cable_speed_limit_m_s";
 
 /// Batches after an answer with an error in which a command is read back twice.
-const NOISY: u32 = 500;
+pub(super) const NOISY: u32 = 500;
 
 /// Commands in the controller's terms.
 #[derive(Debug, Clone, Copy, Default)]
