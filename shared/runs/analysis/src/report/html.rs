@@ -27,13 +27,14 @@ figcaption{font-size:.9rem;margin-left:.2rem}figcaption b{font-weight:600;margin
 .key{white-space:nowrap;color:var(--soft);margin-right:.8rem;font-size:.84rem}.key i{color:var(--black);display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.35em;vertical-align:-.05em}\
 svg{display:block;width:100%;height:auto;font:12px system-ui,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;fill:var(--label);color:var(--black)}\
 svg .grid{stroke:var(--grid);fill:none}svg .frame{fill:none;stroke:var(--frame)}\
-.scroll{overflow:auto;max-height:36rem;margin:.3rem 0 .8rem}table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;min-width:50%}\
+.scroll{overflow:auto;max-height:60rem;margin:.3rem 0 .8rem}table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;min-width:50%}\
 caption{text-align:left;font-weight:600;padding:.2rem 0}th,td{border-bottom:1px solid var(--line);padding:.28rem .6rem;text-align:right;vertical-align:top}\
 th{color:var(--soft);font-weight:600;background:var(--tint);position:sticky;top:0}td:first-child,th:first-child{text-align:left}\
 table.words td,table.words th{text-align:left}table.words td:first-child{text-align:right}\
 footer{margin-top:3rem;color:var(--soft);font-size:.82rem;border-top:1px solid var(--line);padding-top:.8rem}\
-@media(max-width:900px){th,td{padding:.28rem .35rem;overflow-wrap:anywhere}table{font-size:.8rem}}\
-@media(max-width:760px){figure.half{width:100%}.runs{grid-template-columns:minmax(0,1fr)}th,td{padding:.2rem}table{font-size:.72rem}}\
+@media(min-width:1200px){table:not(.words) td{white-space:nowrap}}\
+@media(max-width:900px){th,td{padding:.28rem .22rem}td:first-child{position:sticky;left:0;background:var(--paper)}table.words td{overflow-wrap:anywhere}table{font-size:.8rem}}\
+@media(max-width:760px){figure.half{width:100%}.runs{grid-template-columns:minmax(0,1fr)}table{font-size:.72rem}}\
 @media print{main{max-width:none;padding:0}h2{break-after:avoid}.scroll{overflow:visible;max-height:none}body{font-size:12px}table{font-size:.75rem}}";
 
 /// A run with its assessment.
