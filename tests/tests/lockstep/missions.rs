@@ -2,8 +2,8 @@
 //! without a fault and without a slack cable, and it has to accept most of what the world allows.
 //!
 //! A few of them are flown with every change, and by hand a thousand of each kind, with the seeds 1 to 1000:
-//! `cargo test -p nims-tests --test lockstep missions::a_thousand -- --ignored --nocapture`. `NIMS_SEED` is another first
-//! seed.
+//! `cargo test -p nims-tests --test lockstep missions::a_thousand -- --ignored --nocapture`. `NIMS_SEED` is another
+//! first seed.
 
 use crate::drawn::{Drawn, number};
 use cable_robot::{CableVec, Obstacle, Vector3};

@@ -1,5 +1,5 @@
-//! Flights among random trunks and walls: a mission that the planner accepts touches none of them, with the node or with
-//! a cable, in the true motion of the plant.
+//! Flights among random trunks and walls: a mission that the planner accepts touches none of them, with the node or
+//! with a cable, in the true motion of the plant.
 
 use cable_robot::{Obstacle, Vector3};
 use config::{ObstacleSection, RobotFile};

@@ -91,8 +91,8 @@ fn a_long_robot_does_not_swing_at_its_limits() {
     assert!(flight.truth.max_m < 0.010, "{flight:?}");
 }
 
-/// A move across the span of the long robot ends at its limits of speed and acceleration: shaped profiles divide the swing that is left
-/// by more than five.
+/// A move across the span of the long robot at its limits of speed and acceleration leaves 2.5 mm of swing after its
+/// end, and 18.8 mm without shaped profiles.
 #[test]
 fn shaped_profiles_leave_a_fifth_of_the_swing_after_a_stop() {
     let folder = tempfile::tempdir().unwrap();

@@ -35,8 +35,8 @@ pub(crate) struct Planned {
     pub distribution: Distribution,
 }
 
-/// Loads what decides which moves the planner accepts from a system file; for a robot file, with the default values of a
-/// system file.
+/// Loads what decides which moves the planner accepts from a system file; for a robot file, with the default values of
+/// a system file.
 ///
 /// # Errors
 /// A file that cannot be used.
