@@ -71,9 +71,13 @@ fn a_site_is_calibrated_from_a_pipe() {
     }
     // The same numbers and words as those of `nims calibrate` for the same file.
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
-    let again = Command::new(program).args(["calibrate", "site.toml"]).current_dir(folder.path()).output().unwrap();
-    assert_eq!(serde_json::from_slice::<Value>(&again.stdout).unwrap(), value);
-    assert!(asked.contains(&text(&again.stderr)), "{}\n{asked}", text(&again.stderr));
+    let again = |args: &[&str]| {
+        let again = Command::new(&program).args(args).arg("site.toml").current_dir(folder.path()).output().unwrap();
+        text(&again.stdout)
+    };
+    assert_eq!(serde_json::from_str::<Value>(&again(&["--json", "calibrate"])).unwrap(), value);
+    let words = again(&["calibrate"]);
+    assert!(words.contains("good: ") && asked.contains(&words), "{words}\n{asked}");
     // A robot file can name the written file, and the next run does not overwrite it.
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let written: toml::Table = toml::from_str(&read("site-calibration.toml")).unwrap();
@@ -86,6 +90,41 @@ fn a_site_is_calibrated_from_a_pipe() {
     let refused = setup(folder.path(), &["--out", "site-calibration.toml"], &[String::new()]);
     assert_eq!(refused.status.code(), Some(2));
     assert_eq!(read("site-calibration.toml"), first, "{}", text(&refused.stderr));
+}
+
+/// After the calibration the same command measures with a known weight, and writes the robot file.
+#[test]
+fn a_known_weight_renews_the_robot_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+    let robot = folder.path().join("lab3.toml");
+    std::fs::copy(configs.join("robots/lab3.toml"), &robot).unwrap();
+    let mut lines = answers();
+    lines.extend(["", "lab3.toml", "2 kg", "5.246 6.884 6.855", "63.5 mm", "3.840 8.001 7.987"].map(str::to_owned));
+    let left = setup(folder.path(), &[], &lines);
+    assert_eq!(left.status.code(), Some(1), "{}", text(&left.stderr));
+    // The calibration is written, and the same command goes on with the weight.
+    assert!(text(&left.stdout).contains("site-calibration.toml"), "{}", text(&left.stdout));
+    let rest = ["46 mm", "", "4.9 6.7 7.1", "0.545 0.549 0.566", "-0.065 -0.065 -0.063", "1.254 1.264 1.308"];
+    let last = ["-0.006 -0.005 -0.001", ""];
+    let lines: Vec<String> = rest.into_iter().chain(last).map(str::to_owned).collect();
+    let done = setup(folder.path(), &["--json"], &lines);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let value: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert!(value["loads"]["written"].as_str().unwrap().contains("lab3.toml"), "{value}");
+    let found_n = value["loads"]["stiffness_n"]["value"].as_f64().unwrap();
+    let [before, now] = [configs.join("robots/lab3.toml"), robot].map(|path| std::fs::read_to_string(path).unwrap());
+    let parsed: toml::Table = toml::from_str(&now).unwrap();
+    let written_n = parsed["lines"]["stiffness_n"].as_float().unwrap();
+    assert!((written_n / found_n - 1.0).abs() < 1e-3 && written_n != 6000.0, "{written_n} {value}");
+    // Comments stay.
+    let comments = |text: &str| text.lines().filter(|line| line.contains('#')).count();
+    assert_eq!(comments(&now), comments(&before));
+    assert!(!folder.path().join("site-calibration-2.toml").exists());
+    // A complete file is that of `nims loads`, and is not asked for again.
+    let again = setup(folder.path(), &[], &[String::new()]);
+    assert_eq!(again.status.code(), Some(0), "{}", text(&again.stderr));
+    assert!(text(&again.stderr).contains("`nims loads site-loads.toml`"), "{}", text(&again.stderr));
 }
 
 #[test]

@@ -97,6 +97,7 @@ pub mod survey;
 pub mod touch_down;
 mod undetermined;
 mod unmeasured;
+mod up_and_down;
 mod wheels;
 
 pub use covariance::{AnchorCovariance, LengthCovariance};
@@ -117,4 +118,5 @@ pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_netw
 pub use touch_down::{Paying, TouchDown};
 pub use undetermined::{Ambiguity, Undetermined};
 pub use unmeasured::{LARGEST_RADIUS_M, UnmeasuredRadius, unmeasured_radius};
+pub use up_and_down::{Moving, UpAndDown};
 pub use wheels::{calibrate_heights_with_pulleys, calibrate_joint_with_pulleys};

@@ -73,13 +73,13 @@ pub fn run(args: &Args) -> Answer<Output> {
         let measured = file.measurements(method).map_err(refuse)?;
         let (value, words) = places::places(&measured, method, count.into(), args.height)
             .map_err(|refusal| Failure::bad(format!("{}: {refusal}", path.display())))?;
-        return Ok(Output { aside: words, ..Output::json(value) });
+        return Ok(Output::new(value, words.trim_end()));
     }
     let result = judge(&file, method).map_err(refuse)?;
     if let Some(out) = &args.out {
         write(out, path, &result)?;
     }
-    Ok(Output { aside: result.words, ..Output::json(result.value) })
+    Ok(Output::new(result.value, result.words.trim_end()))
 }
 
 /// Result of a calibration.

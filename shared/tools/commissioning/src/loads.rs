@@ -4,7 +4,7 @@
 mod file;
 mod robot_file;
 
-use file::LoadsFile;
+pub(crate) use file::{LoadsFile, LoadsSetup, SinkingEntry, WeighingEntry, position};
 
 use cable_robot::{Robot, STANDARD_GRAVITY};
 use calibration::{Found, Loads};
@@ -36,22 +36,25 @@ pub fn run(args: &Args) -> Answer<Output> {
     let file: LoadsFile = toml_file::load(path).map_err(Failure::bad)?;
     let folder = files::folder_of(path);
     let found = judge(&file, folder).map_err(|why| Failure::bad(format!("{}: {why}", path.display())))?;
-    let mut output = Output::json(found.value.clone());
-    output.aside.clone_from(&found.words);
+    let mut output = Output::new(found.value.clone(), found.words.trim_end());
     if args.write {
         let written = write(&found)?;
-        output.value["written"] = json!(written.then(|| found.robot_path.display().to_string()));
-        output.words = output.value.to_string();
+        let robot = found.robot_path.display().to_string();
+        output.words += &match written {
+            true => format!("\nWritten into {robot}."),
+            false => format!("\n{robot} stays as it is."),
+        };
+        output.value["written"] = json!(written.then_some(robot));
     }
     Ok(output)
 }
 
 /// What the measurements determine.
-struct LoadsResult {
+pub(crate) struct LoadsResult {
     /// The result as JSON.
     value: Value,
     /// The result as text lines.
-    words: String,
+    pub words: String,
     /// The robot file.
     robot_path: PathBuf,
     /// Its text now.
@@ -64,7 +67,7 @@ struct LoadsResult {
 ///
 /// # Errors
 /// One sentence: why it cannot be used.
-fn robot(path: &Path) -> Result<(Robot, RobotFile, String), String> {
+fn load(path: &Path) -> Result<(Robot, RobotFile, String), String> {
     let file = RobotFile::load(path).map_err(|error| error.to_string())?;
     let text = files::read_text(path).map_err(|error| format!("{} cannot be read: {error}", path.display()))?;
     let robot = file.robot().map_err(|error| error.to_string())?;
@@ -77,13 +80,21 @@ fn robot(path: &Path) -> Result<(Robot, RobotFile, String), String> {
     Ok((robot, file, text))
 }
 
+/// The robot of a robot file that loads are measured for.
+///
+/// # Errors
+/// One sentence: why it cannot be used.
+pub(crate) fn robot(path: &Path) -> Result<Robot, String> {
+    load(path).map(|(robot, ..)| robot)
+}
+
 /// Estimates what the measurements determine. `folder`: that of their file.
 ///
 /// # Errors
 /// One clause without the file name: what cannot be used.
-fn judge(file: &LoadsFile, folder: &Path) -> Result<LoadsResult, String> {
+pub(crate) fn judge(file: &LoadsFile, folder: &Path) -> Result<LoadsResult, String> {
     let robot_path = folder.join(&file.robot);
-    let (robot, robot_file, text) = robot(&robot_path)?;
+    let (robot, robot_file, text) = load(&robot_path)?;
     let measured = file.measurements(&robot)?;
     let parts = robot_file.parts().map_err(|error| error.to_string())?;
     let found = calibration::loads(&parts, &measured).map_err(|error| error.to_string())?;
@@ -175,7 +186,7 @@ mod tests {
         let looked = run(&args).unwrap();
         assert_eq!(read(), before);
         let written = run(&Args { write: true, ..args }).unwrap();
-        assert!(written.value["written"].is_string());
+        assert!(written.value["written"].is_string() && written.words.contains("lab3.toml"), "{}", written.words);
         let robot = RobotFile::load(&folder.path().join("lab3.toml")).unwrap();
         // What the example was computed from: 6600 N and 1.25 kg. The intervals contain it, unlike the robot file.
         let number = |key: &str, of: &str| looked.value[key][of].as_f64().unwrap();
@@ -191,7 +202,7 @@ mod tests {
         }
         assert!(looked.value["routed_change_m"]["undetermined"].is_string());
         for words in ["stiffness EA", "95 %", "weight of the node", "not determined"] {
-            assert!(looked.aside.contains(words), "{}", looked.aside);
+            assert!(looked.words.contains(words), "{}", looked.words);
         }
     }
 

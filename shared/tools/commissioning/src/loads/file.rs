@@ -4,14 +4,14 @@
 use cable_robot::{CableVec, Robot, STANDARD_GRAVITY, kinematics};
 use calibration::{LoadMeasurements, Sinking, Weighing};
 use config::Point;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Heaviest accepted weight, kg: a person.
 const HEAVIEST_KG: f64 = 200.0;
 
 /// The file.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LoadsFile {
     /// The robot file, relative to the folder of this file.
@@ -25,21 +25,43 @@ pub struct LoadsFile {
     /// Standard deviation of the routed lengths of the robot file, m; the same error for all.
     pub sigma_routed_m: Option<f64>,
     /// Sinkings under the weight.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sinking: Vec<SinkingEntry>,
     /// Motions up and down.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub weighing: Vec<WeighingEntry>,
+    /// Progress of `nims setup`; absent in a complete file.
+    pub setup: Option<LoadsSetup>,
+}
+
+/// Progress of the questions about the weight.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoadsSetup {
+    /// The open place: a position, m.
+    pub position_m: Option<Point>,
+    /// Or the straight lengths of its cables, m.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lengths_m: Vec<f64>,
+    /// The currents upwards of the open motion, A.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub up_a: Vec<f64>,
+    /// There are no further places.
+    #[serde(default)]
+    pub places_done: bool,
+    /// There are no further motions.
+    #[serde(default)]
+    pub motions_done: bool,
 }
 
 /// A weight that was hung on the node while all drums were at rest.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SinkingEntry {
     /// Where the node hung before: its position, m.
     pub position_m: Option<Point>,
     /// Or the straight lengths of its cables, m.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths_m: Vec<f64>,
     /// Mass of the weight, kg.
     pub added_kg: Option<f64>,
@@ -48,13 +70,13 @@ pub struct SinkingEntry {
 }
 
 /// Mean currents while the node moved up and down through a place.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WeighingEntry {
     /// The middle of the motion, m.
     pub position_m: Option<Point>,
     /// Or the straight lengths of its cables, m.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths_m: Vec<f64>,
     /// Mass of the weight that hung on the node, kg; 0: none.
     pub added_kg: f64,
@@ -65,7 +87,7 @@ pub struct WeighingEntry {
 }
 
 /// Returns a position, m, given as such or by the lengths of the cables.
-fn position(position_m: Option<&Point>, lengths_m: &[f64], robot: &Robot) -> Result<[f64; 3], String> {
+pub(crate) fn position(position_m: Option<&Point>, lengths_m: &[f64], robot: &Robot) -> Result<[f64; 3], String> {
     match (position_m, lengths_m) {
         (Some(at), []) => at.resolve(robot.is_planar()),
         (None, lengths_m) if lengths_m.len() == robot.cable_count() => {

@@ -1,7 +1,7 @@
-//! Lengths of a running robot, in place of typed ones.
+//! Lengths, places and currents of a running robot, in place of typed ones.
 
-use cable_robot::CableVec;
-use calibration::{Paying, TouchDown};
+use cable_robot::{CableVec, STANDARD_GRAVITY};
+use calibration::{Moving, Paying, TouchDown, UpAndDown, Weighing};
 use client::{Place, RobotLink, Samples, link, newest, system_of};
 use command::{Answer, Failure};
 use messages::MotorState;
@@ -32,6 +32,65 @@ pub fn capture(domain: Option<&str>) -> Answer<CapturedLengths> {
     let state = newest::<MotorState>(&link, "motor/state", PATIENCE)?
         .ok_or_else(|| Failure::NotNow("the robot publishes no lengths; `nims status` says why".to_owned()))?;
     lengths(&state, counts_per_m).map_err(Failure::NotNow)
+}
+
+/// Returns the place at which the robot in this domain, or the only running one, hangs, m.
+///
+/// # Errors
+/// No robot runs, or its position cannot be used now.
+pub fn place(domain: Option<&str>) -> Answer<[f64; 3]> {
+    let link = link(Place { domain, ..Place::default() })?;
+    let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
+    let state = newest::<MotorState>(&link, "motor/state", PATIENCE)?
+        .ok_or_else(|| Failure::NotNow("the robot publishes no position; `nims status` says why".to_owned()))?;
+    lengths(&state, counts_per_m).map_err(Failure::NotNow)?;
+    if !state.node_m.iter().all(|m| m.is_finite()) {
+        return Err(Failure::NotNow("the lengths of the robot fit no position; `nims status` says why".to_owned()));
+    }
+    Ok(state.node_m)
+}
+
+/// Takes the currents of a running robot that goes up and down.
+pub struct MotionWatch {
+    states: Samples<MotorState>,
+    motion: UpAndDown,
+}
+
+impl MotionWatch {
+    /// Begins to watch the robot in this domain, or the only running one.
+    ///
+    /// # Errors
+    /// No robot runs.
+    pub fn begin(domain: Option<&str>) -> Answer<Self> {
+        let link = link(Place { domain, ..Place::default() })?;
+        let mut states = link.subscriber::<MotorState>("motor/state")?;
+        // Samples of before are of another motion.
+        states.latest()?;
+        Ok(Self { states, motion: UpAndDown::default() })
+    }
+
+    /// Takes the samples since the last call.
+    ///
+    /// # Errors
+    /// The channel cannot be read.
+    pub fn poll(&mut self) -> Answer<()> {
+        while let Some(state) = self.states.receive()? {
+            self.motion.take(&Moving {
+                position_m: state.node_m,
+                velocity_m_s: state.node_command_m_s,
+                current_a: CableVec::from_array8(&state.current_a, usize::from(state.cable_count)),
+            });
+        }
+        Ok(())
+    }
+
+    /// Returns the mean currents of the motion with this weight on the node, kg.
+    ///
+    /// # Errors
+    /// One clause: why the motion cannot be used, and what to do.
+    pub fn weighing(&self, added_kg: f64) -> Result<Weighing, String> {
+        self.motion.weighing(added_kg * STANDARD_GRAVITY)
+    }
 }
 
 /// What a [`TouchDownWatch`] has seen.

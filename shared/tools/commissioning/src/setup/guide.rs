@@ -258,12 +258,12 @@ impl Guide {
 const HELP: &str = "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
                     points, quit stops. capture takes the lengths of the running robot, and touch those at which it sets the node down. All answers are saved, and the same command continues.";
 
-fn refused(message: String) -> Reply {
+pub(super) fn refused(message: String) -> Reply {
     Reply { message, changed: false, next_step: NextStep::Ask }
 }
 
 /// Adds a capital letter and a full stop.
-fn sentence(clause: &str) -> String {
+pub(super) fn sentence(clause: &str) -> String {
     let mut letters = clause.chars();
     let begun: String = letters.next().into_iter().flat_map(char::to_uppercase).chain(letters).collect();
     if begun.ends_with(['.', '?', '!']) { begun } else { begun + "." }

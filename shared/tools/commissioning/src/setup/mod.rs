@@ -1,15 +1,18 @@
-//! `nims setup`: a guided field calibration for beginners, one question at a time.
+//! `nims setup`: a guided field calibration for beginners, one question at a time, and after it the measurements with a
+//! known weight.
 //!
 //! Invariants:
-//! * The measurements file is the whole state: it is on the disk before the next question, and the same command
-//!   continues from it.
-//! * It causes no motion, and needs a running robot only for `capture`, which takes the lengths that it shows, and for
-//!   `touch`, which takes those of a touch-down and stops the motion there.
+//! * The files of measurements are the whole state: an answer is on the disk before the next question, and the same
+//!   command continues from it.
+//! * It causes no motion, and needs a running robot only for `capture`, which takes the lengths that it shows, for
+//!   `touch`, which takes those of a touch-down and stops the motion there, and for `watch`, which takes currents.
 
 mod capture;
+mod dialogue;
 mod doubt;
 mod guide;
 mod input;
+mod loads;
 mod numbers;
 mod question;
 mod shape;
@@ -25,9 +28,12 @@ use command::{Answer, Failure, Output};
 
 use capture::{CapturedLengths, Seen, TouchDownWatch};
 use config::file;
+use dialogue::LoadsEnd;
 use guide::{Guide, NextStep};
 use input::{InputEvent, LineReader};
 use numbers::clean;
+use serde::de::DeserializeOwned;
+use serde_json::json;
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -46,8 +52,8 @@ pub struct Args {
 /// Number of default names that are tried for the calibrations of a site.
 const NAMES: usize = 1000;
 
-/// Asks until the measurements are complete, then writes the calibration. Returns the JSON of `nims calibrate` and the
-/// next steps as text. `domain`: that of the robot whose lengths are captured; None for the only running one.
+/// Asks until the measurements are complete, then writes the calibration, and then the same with a known weight. Returns
+/// the JSON of `nims calibrate`, with that of `nims loads`, and the next steps as text. `domain`: that of the robot whose lengths are captured; None for the only running one.
 ///
 /// # Errors
 /// A file that cannot be continued or written, or input that ends early; saved answers are kept.
@@ -57,35 +63,47 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
         return Err(Failure::BadInput(format!("{} already exists; name a new file or move this one", out.display())));
     }
     let stop = command::stop_flag()?;
-    let mut stored = StoredMeasurements::open(path)?;
+    let stdin = io::stdin();
+    let mut terminal = Terminal {
+        lines: LineReader::new(stdin.as_fd()),
+        echoes: stdin.is_terminal(),
+        stopped: &|| stop.load(Ordering::Relaxed),
+        domain,
+    };
+    let mut output = if dialogue::is_open(path) {
+        print_message(&format!("Continuing with {}.", dialogue::file_name(path).display()));
+        Output::new(json!({}), String::new())
+    } else {
+        ask(args, &mut terminal)?
+    };
+    match dialogue::run(path, &mut terminal) {
+        Ok(LoadsEnd::Skipped) => Ok(output),
+        Ok(LoadsEnd::Done(value, words)) => {
+            output.value["loads"] = value;
+            output.words = format!("{words}\n{}", output.words).trim_end().to_owned();
+            Ok(output)
+        }
+        // The calibration is written already.
+        Err(failure) => Ok(output.failing(Some(failure))),
+    }
+}
+
+/// Asks until the measurements of the calibration are complete, and writes it.
+fn ask(args: &Args, terminal: &mut Terminal<'_>) -> Answer<Output> {
+    let path = args.measurements.as_path();
+    let mut stored = Stored::open(path)?;
     let mut guide = match stored.file()? {
         None => Guide::default(),
         Some(file) => Guide::resume(file).map_err(|why| Failure::bad(format!("{}: {why}", path.display())))?,
     };
     print_message(&welcome(path, stored.text.is_some()));
-    let stdin = io::stdin();
-    let mut lines = LineReader::new(stdin.as_fd());
-    // A terminal echoes what is typed; input from a pipe is echoed here, so that answers appear between the questions.
-    let echoes = stdin.is_terminal();
+    let left = || Failure::NotNow(continue_hint(path));
     loop {
-        print_question(&guide.question());
-        let left = || Failure::NotNow(continue_hint(path));
-        let line = match lines.next(&|| stop.load(Ordering::Relaxed)).map_err(Failure::not_now)? {
-            InputEvent::Line(line) => {
-                if !echoes {
-                    print_message(&clean(&line));
-                }
-                line
-            }
-            InputEvent::End | InputEvent::Stopped => {
-                print_message("");
-                return Err(left());
-            }
-        };
+        let line = terminal.ask(&guide.question())?.ok_or_else(left)?;
         let captured = if guide.takes_capture(&line) {
-            Some(capture::capture(domain).map(Some))
+            Some(capture::capture(terminal.domain).map(Some))
         } else if guide.takes_touch_down(&line) {
-            Some(touch_down(domain, &mut lines, &|| stop.load(Ordering::Relaxed)))
+            Some(touch_down(terminal))
         } else {
             None
         };
@@ -99,7 +117,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
             }
         };
         if reply.changed {
-            stored.save(guide.file())?;
+            stored.save(to_toml(guide.file(), path).map_err(|error| Failure::NotNow(error.to_string()))?)?;
         }
         if !reply.message.is_empty() {
             print_message(&reply.message);
@@ -112,26 +130,58 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
     }
 }
 
+/// What both dialogues read from and print to.
+struct Terminal<'a> {
+    lines: LineReader<'a>,
+    /// A terminal echoes what is typed; input from a pipe is echoed here, so that answers appear between the questions.
+    echoes: bool,
+    stopped: &'a dyn Fn() -> bool,
+    /// That of the robot whose lengths are captured; None for the only running one.
+    domain: Option<&'a str>,
+}
+
+impl Terminal<'_> {
+    /// Asks a question; `None` at the end of the input and after Ctrl-C.
+    fn ask(&mut self, question: &str) -> Answer<Option<String>> {
+        print_question(question);
+        match self.lines.next(self.stopped).map_err(Failure::not_now)? {
+            InputEvent::Line(line) => {
+                if !self.echoes {
+                    print_message(&clean(&line));
+                }
+                Ok(Some(line))
+            }
+            InputEvent::End | InputEvent::Stopped => {
+                print_message("");
+                Ok(None)
+            }
+        }
+    }
+
+    /// Waits for a line; `ended` is called every few cycles of the robot and ends the wait too.
+    fn until_line(&mut self, ended: &mut dyn FnMut() -> bool) -> Answer<()> {
+        let stopped = self.stopped;
+        self.lines.next_while_watching(&mut || ended() || stopped()).map_err(Failure::not_now)?;
+        Ok(())
+    }
+}
+
 /// Waits until the running robot has set the node down on the floor; `None` if a line was typed, or at the end of the
 /// input.
-fn touch_down(
-    domain: Option<&str>,
-    lines: &mut LineReader<'_>,
-    stopped: &dyn Fn() -> bool,
-) -> Answer<Option<CapturedLengths>> {
-    let mut watch = TouchDownWatch::begin(domain)?;
+fn touch_down(terminal: &mut Terminal<'_>) -> Answer<Option<CapturedLengths>> {
+    let mut watch = TouchDownWatch::begin(terminal.domain)?;
     print_message(
         "Lower the node slowly, straight down onto the floor and on (nims goto to a place below the floor, at 0.05 m/s); the lengths are \
          taken when all cables are slack, and the motion is stopped. Enter ends the wait.",
     );
     let mut seen = Ok(Seen::Nothing);
-    let event = lines.next_while_watching(&mut || {
+    terminal.until_line(&mut || {
         seen = watch.poll();
-        stopped() || !matches!(seen, Ok(Seen::Nothing))
-    });
-    match (seen?, event.map_err(Failure::not_now)?) {
-        (Seen::Touched(captured), _) => Ok(Some(captured)),
-        (Seen::Nothing, _) => {
+        !matches!(seen, Ok(Seen::Nothing))
+    })?;
+    match seen? {
+        Seen::Touched(captured) => Ok(Some(captured)),
+        Seen::Nothing => {
             print_message("No touch-down was seen.");
             Ok(None)
         }
@@ -184,6 +234,7 @@ fn finish(measurements: &Path, out: Option<&Path>) -> Answer<Output> {
         out.display(),
         out.file_name().unwrap_or_default().to_string_lossy()
     );
+    print_message(&format!("The calibration is written to {}.", out.display()));
     Ok(Output::new(value, words))
 }
 
@@ -200,14 +251,14 @@ fn free_name(measurements: &Path) -> Answer<PathBuf> {
         .ok_or_else(|| Failure::NotNow(format!("{stem} already has {NAMES} calibrations; name a new file with --out")))
 }
 
-/// Measurements file on the disk.
-struct StoredMeasurements<'a> {
+/// File of measurements on the disk.
+struct Stored<'a> {
     path: &'a Path,
     /// Text as last read or written; `None` if the file does not exist.
     text: Option<String>,
 }
 
-impl<'a> StoredMeasurements<'a> {
+impl<'a> Stored<'a> {
     /// Reads the file if it exists.
     fn open(path: &'a Path) -> Answer<Self> {
         let there = |why: String| Failure::bad(format!("{}: {why}", path.display()));
@@ -218,13 +269,13 @@ impl<'a> StoredMeasurements<'a> {
         Ok(Self { path, text })
     }
 
-    fn file(&self) -> Answer<Option<MeasurementsFile>> {
+    fn file<T: DeserializeOwned>(&self) -> Answer<Option<T>> {
         let parsed = self.text.as_ref().map(|text| config::toml_file::parse(text, self.path));
         parsed.transpose().map_err(Failure::bad)
     }
 
-    /// Writes the measurements atomically and syncs them to the disk.
-    fn save(&mut self, measured: &MeasurementsFile) -> Answer {
+    /// Writes the text of the measurements atomically and syncs it to the disk.
+    fn save(&mut self, text: String) -> Answer {
         let cannot = |why: String| {
             Failure::NotNow(format!(
                 "{} cannot be written ({why}); it contains the answers before this one",
@@ -237,7 +288,6 @@ impl<'a> StoredMeasurements<'a> {
                 "another program changed it; run the command again to continue with that version".to_owned(),
             ));
         }
-        let text = to_toml(measured, self.path).map_err(|error| cannot(error.to_string()))?;
         file::replace(self.path, &text).map_err(|error| cannot(error.to_string()))?;
         self.text = Some(text);
         Ok(())
