@@ -52,7 +52,7 @@ impl Robot {
     /// N, by the covariance of the calibration and by what the robot file states of its uncertainty. It
     /// is an upper bound: the larger of the variances is bounded by the sum of a row.
     pub fn position_bound_m(&self, position: &Vector3<f64>, tensions_n: &CableVec) -> f64 {
-        let calibrated = self.anchor_covariance_m2(0, 0).is_some();
+        let calibrated = self.calibrated().is_some();
         let uncertainty = self.uncertainty();
         if !calibrated && *uncertainty == Uncertainty::default() {
             return 0.0;
@@ -68,7 +68,7 @@ impl Robot {
     fn margins(&self, position: &Vector3<f64>, tensions_n: &CableVec) -> Margins {
         let node_m = self.position_bound_m(position, tensions_n);
         let stated_m = SIGMAS_95 * self.uncertainty().anchors_m;
-        let anchor_m = |cable| self.anchor_covariance_m2(cable, cable).map_or(stated_m, bound_95_m);
+        let anchor_m = |cable| self.anchor_covariance_m2(cable).map_or(stated_m, bound_95_m);
         let clearance_m = self.clearance_m();
         Margins {
             node_m: clearance_m + node_m,

@@ -42,6 +42,7 @@
 pub mod anchors;
 mod angle;
 pub mod cables;
+mod calibrated;
 pub mod catenary;
 mod clearance;
 pub mod control_bounds;

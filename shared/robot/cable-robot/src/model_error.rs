@@ -10,10 +10,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::calibrated::{LengthGradient, RADIUS, SCALE};
 use crate::elastic::Equilibrium;
 use crate::modes::stiffness_n_m;
 use crate::pulley::Pulley;
-use crate::robot_parts::{LengthGradient, RADIUS, SCALE};
 use crate::uncertainty::{COMMON, LengthErrors};
 use crate::{CableVec, NodeJacobian, Robot, Uncertainty, linalg, tension};
 
@@ -101,14 +101,12 @@ impl Uncertainty {
     /// that it has a variance for.
     fn not_calibrated(&self, robot: &Robot) -> Self {
         let mut stated = *self;
-        if robot.anchor_covariance_m2(0, 0).is_some() {
+        if let Some(calibrated) = robot.calibrated() {
             stated.anchors_m = 0.0;
-        }
-        if let Some(own) = robot.length_covariance(0, 0) {
-            if own[(SCALE, SCALE)] > 0.0 {
+            if calibrated.variance(0, SCALE) > 0.0 {
                 stated.cable_scale = 0.0;
             }
-            if own[(RADIUS, RADIUS)] > 0.0 {
+            if calibrated.variance(0, RADIUS) > 0.0 {
                 stated.pulley_radius_m = 0.0;
             }
         }
@@ -122,6 +120,9 @@ impl Uncertainty {
 /// how its anchors and the points where the cables are tied are wrong together is unknown then.
 fn geometry_m2(robot: &Robot, errors: &LengthErrors, sensitivity: &NodeJacobian, zero: &LengthErrors) -> Matrix3<f64> {
     let mut sum = Matrix3::zeros();
+    let Some(calibrated) = robot.calibrated() else { return sum };
+    let unknown = LengthErrors::none(errors.count);
+    let zero = if calibrated.anchors_alone { &unknown } else { zero };
     let by = |i: usize| {
         let turned = zero.directions[i] - errors.directions[i];
         let (paid_m, by_radius) = (errors.lengths_m[i] - zero.lengths_m[i], errors.by_radius[i] - zero.by_radius[i]);
@@ -129,14 +130,7 @@ fn geometry_m2(robot: &Robot, errors: &LengthErrors, sensitivity: &NodeJacobian,
     };
     for (i, column_i) in sensitivity.iter().enumerate() {
         for (j, column_j) in sensitivity.iter().enumerate() {
-            let variance_m2 = if let Some(between) = robot.length_covariance(i, j) {
-                by(i).dot(&(between * by(j)))
-            } else if let Some(between) = robot.anchor_covariance_m2(i, j) {
-                errors.directions[i].dot(&(between * errors.directions[j]))
-            } else {
-                continue;
-            };
-            sum += linalg::outer(column_i, column_j) * variance_m2;
+            sum += linalg::outer(column_i, column_j) * calibrated.between((i, &by(i)), (j, &by(j)));
         }
     }
     sum

@@ -1,15 +1,15 @@
 //! The checked configuration of a robot for all processes: geometry, mass, limits, cables and motors.
 
-use nalgebra::{Matrix3, Matrix5, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
+use crate::calibrated::Calibrated;
 use crate::energy::{Current, MotorTable, Motors};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, DriveLoad, Motor};
 use crate::obstacle::{MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
 use crate::robot_parts::{
-    AnchorBlocks, LengthBlocks, RobotParts, anchor_blocks, keep_out_boxes, length_blocks, length_limits, motors,
-    obstacle_places, routed_lengths, stretched_counts, with_pulleys,
+    RobotParts, keep_out_boxes, length_limits, motors, obstacle_places, routed_lengths, stretched_counts, with_pulleys,
 };
 use crate::sag::{self, Load};
 use crate::uncertainty::LengthErrors;
@@ -41,8 +41,7 @@ pub struct Robot {
     motor: Motor,
     motors: Motors,
     drive_limits: DriveLimits,
-    anchor_covariance: Option<AnchorBlocks>,
-    length_covariance: Option<LengthBlocks>,
+    calibrated: Option<Calibrated>,
     uncertainty: Uncertainty,
     /// Errors of the lengths where they were set; `None`: unknown.
     errors_at_zero: Option<LengthErrors>,
@@ -86,8 +85,7 @@ impl Robot {
         parts.drive_limits.check()?;
         let motors = motors(parts.motor, &parts.motor_tables, n)?;
         parts.uncertainty.check()?;
-        let anchor_covariance = parts.anchor_covariance_m2.as_deref().map(|rows| anchor_blocks(rows, n)).transpose()?;
-        let length_covariance = parts.length_covariance.as_deref().map(|rows| length_blocks(rows, n)).transpose()?;
+        let calibrated = Calibrated::new(parts.anchor_covariance_m2.as_deref(), parts.length_covariance.as_deref(), n)?;
         Ok(Self {
             anchors,
             node_mass_kg: parts.node_mass_kg,
@@ -110,8 +108,7 @@ impl Robot {
             motor: parts.motor,
             motors,
             drive_limits: parts.drive_limits,
-            anchor_covariance,
-            length_covariance,
+            calibrated,
             uncertainty: parts.uncertainty,
             errors_at_zero: None,
         })
@@ -274,15 +271,14 @@ impl Robot {
         DriveLoad { tension_n, reel_in_m_s, current_a, voltage_v: self.motor.voltage_v(current_a, reel_in_m_s) }
     }
 
-    /// Covariance between the positions of two anchors, counted from 0, m²; None if unknown.
-    pub fn anchor_covariance_m2(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
-        self.anchor_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
+    /// Covariance of the position of an anchor, counted from 0, by a calibration, m²; None if unknown.
+    pub fn anchor_covariance_m2(&self, anchor: usize) -> Option<&Matrix3<f64>> {
+        self.calibrated.as_ref().and_then(|calibrated| calibrated.anchor_m2(anchor))
     }
 
-    /// Covariance between what the lengths of two cables depend on, counted from 0, in the order of
-    /// [`RobotParts::length_covariance`]; None if unknown.
-    pub(crate) fn length_covariance(&self, i: usize, j: usize) -> Option<&Matrix5<f64>> {
-        self.length_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
+    /// What a calibration states of the lengths; None without one.
+    pub(crate) fn calibrated(&self) -> Option<&Calibrated> {
+        self.calibrated.as_ref()
     }
 
     /// Standard deviations of what the robot file states.

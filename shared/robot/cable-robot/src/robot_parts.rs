@@ -1,6 +1,6 @@
 //! The parts of a robot, and their checks.
 
-use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
+use nalgebra::Vector3;
 
 use crate::energy::{CurrentTable, Motors};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
@@ -11,20 +11,6 @@ use crate::{Anchors, CableVec, MAX_CABLES, Uncertainty};
 
 /// Length limits if the robot file has none, m: the width of a hand, and longer than any winch holds.
 pub const DEFAULT_LENGTH_LIMITS_M: [f64; 2] = [0.05, 1e3];
-
-/// Covariance between any two anchors, m².
-pub(crate) type AnchorBlocks = [[Matrix3<f64>; MAX_CABLES]; MAX_CABLES];
-
-/// Number of quantities per cable in [`RobotParts::length_covariance`]; of these, the scale and the radius.
-pub(crate) const PER_CABLE: usize = 5;
-pub(crate) const SCALE: usize = 3;
-pub(crate) const RADIUS: usize = 4;
-
-/// Derivatives of a length with respect to these quantities of its cable.
-pub(crate) type LengthGradient = Vector5<f64>;
-
-/// Covariance between these quantities of any two cables.
-pub(crate) type LengthBlocks = [[Matrix5<f64>; MAX_CABLES]; MAX_CABLES];
 
 /// Kind of the points where the cables of a robot leave for the node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -91,7 +77,7 @@ pub struct RobotParts {
     pub anchor_covariance_m2: Option<Vec<Vec<f64>>>,
     /// Covariance of what the lengths depend on, by a calibration; None if unknown. Per cable five rows: x, y and z of
     /// the anchor less those of the point where the cable is tied to the node (m), the scale of the length as a share
-    /// (0: not calibrated), and the radius of the pulley (m; 0: not calibrated).
+    /// (0: not calibrated), and the radius of the pulley (m; 0: not calibrated), by which all are wrong together.
     pub length_covariance: Option<Vec<Vec<f64>>>,
     /// Standard deviations of the other parts; default 0: they are exact.
     pub uncertainty: Uncertainty,
@@ -202,53 +188,6 @@ pub(crate) fn length_limits(
         length_limits_m[i] = [*min, *max];
     }
     Ok(length_limits_m)
-}
-
-pub(crate) fn anchor_blocks(rows: &[Vec<f64>], anchors: usize) -> Result<AnchorBlocks, RobotError> {
-    check_covariance("covariance_m2", rows, 3, anchors, "a symmetric matrix of x1, y1, z1, x2, .. in m²")?;
-    let mut blocks = [[Matrix3::zeros(); MAX_CABLES]; MAX_CABLES];
-    for (i, blocks) in blocks.iter_mut().enumerate().take(anchors) {
-        for (j, block) in blocks.iter_mut().enumerate().take(anchors) {
-            *block = Matrix3::from_fn(|row, column| rows[3 * i + row][3 * j + column]);
-        }
-    }
-    Ok(blocks)
-}
-
-pub(crate) fn length_blocks(rows: &[Vec<f64>], cables: usize) -> Result<LengthBlocks, RobotError> {
-    let accepted = "a symmetric matrix of x, y, z, scale and radius of cable 1, of cable 2, ..";
-    check_covariance("length_covariance", rows, PER_CABLE, cables, accepted)?;
-    let mut blocks = [[Matrix5::zeros(); MAX_CABLES]; MAX_CABLES];
-    for (i, blocks) in blocks.iter_mut().enumerate().take(cables) {
-        for (j, block) in blocks.iter_mut().enumerate().take(cables) {
-            *block = Matrix5::from_fn(|row, column| rows[PER_CABLE * i + row][PER_CABLE * j + column]);
-        }
-    }
-    Ok(blocks)
-}
-
-/// Refuses a matrix that is no covariance of `each` quantities of every cable.
-fn check_covariance(
-    key: &'static str,
-    rows: &[Vec<f64>],
-    each: usize,
-    cables: usize,
-    accepted: &'static str,
-) -> Result<(), RobotError> {
-    let size = each * cables;
-    if rows.len() != size || rows.iter().any(|row| row.len() != size) {
-        return refuse(key, format!("is not {size} x {size} for {cables} anchors"), accepted);
-    }
-    let sound = |i: usize, j: usize| {
-        let (value, largest) = (rows[i][j], (rows[i][i] * rows[j][j]).sqrt());
-        // Also false for NaN.
-        rows[i][i] >= 0.0 && value.abs() <= largest * (1.0 + 1e-6) && (value - rows[j][i]).abs() <= 1e-6 * largest
-    };
-    if let Some(at) = (0..size * size).find(|at| !sound(at / size, at % size)) {
-        let (i, j) = (at / size, at % size);
-        return refuse(key, format!("has {} in row {}, column {}", rows[i][j], i + 1, j + 1), accepted);
-    }
-    Ok(())
 }
 
 pub(crate) fn keep_out_boxes(given: &[[[f64; 3]; 2]]) -> Result<([KeepOut; MAX_KEEP_OUT], usize), RobotError> {

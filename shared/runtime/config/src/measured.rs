@@ -253,7 +253,7 @@ mod tests {
         let file = load(folder.path(), ROBOT).unwrap();
         let robot = file.robot().unwrap();
         assert_eq!(robot.anchors()[2].y, 8.0);
-        assert_eq!(robot.anchor_covariance_m2(1, 1).unwrap()[(2, 2)], 4e-4);
+        assert_eq!(robot.anchor_covariance_m2(1).unwrap()[(2, 2)], 4e-4);
         assert_eq!(robot.current().current_a(40.0, 0.5), Ok(3.0));
         assert_eq!(robot.current().resistance_ohm(), 2.0);
         assert_eq!(file.calibration.as_ref().unwrap().worst(), (1, 'x', 0.02));
