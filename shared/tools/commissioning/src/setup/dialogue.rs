@@ -3,7 +3,8 @@
 use super::capture::{self, MotionWatch};
 use super::guide::NextStep;
 use super::loads::LoadsGuide;
-use super::{Stored, Terminal, print_message};
+use super::stored::Stored;
+use super::terminal::{Terminal, print_message};
 use crate::loads::{self, LoadsFile};
 use command::{Answer, Failure};
 use config::file;

@@ -16,7 +16,9 @@ mod loads;
 mod numbers;
 mod question;
 mod shape;
+mod stored;
 mod tape;
+mod terminal;
 
 #[cfg(test)]
 mod tests;
@@ -27,17 +29,16 @@ use crate::calibrate::{self, MeasurementsFile};
 use command::{Answer, Failure, Output};
 
 use capture::{CapturedLengths, Seen, TouchDownWatch};
-use config::file;
 use dialogue::LoadsEnd;
 use guide::{Guide, NextStep};
-use input::{InputEvent, LineReader};
-use numbers::clean;
-use serde::de::DeserializeOwned;
+use input::LineReader;
 use serde_json::json;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
+use stored::Stored;
+use terminal::{Terminal, print_message};
 
 /// `nims setup`.
 #[derive(Debug, clap::Args)]
@@ -130,42 +131,6 @@ fn ask(args: &Args, terminal: &mut Terminal<'_>) -> Answer<Output> {
     }
 }
 
-/// What both dialogues read from and print to.
-struct Terminal<'a> {
-    lines: LineReader<'a>,
-    /// A terminal echoes what is typed; input from a pipe is echoed here, so that answers appear between the questions.
-    echoes: bool,
-    stopped: &'a dyn Fn() -> bool,
-    /// That of the robot whose lengths are captured; None for the only running one.
-    domain: Option<&'a str>,
-}
-
-impl Terminal<'_> {
-    /// Asks a question; `None` at the end of the input and after Ctrl-C.
-    fn ask(&mut self, question: &str) -> Answer<Option<String>> {
-        print_question(question);
-        match self.lines.next(self.stopped).map_err(Failure::not_now)? {
-            InputEvent::Line(line) => {
-                if !self.echoes {
-                    print_message(&clean(&line));
-                }
-                Ok(Some(line))
-            }
-            InputEvent::End | InputEvent::Stopped => {
-                print_message("");
-                Ok(None)
-            }
-        }
-    }
-
-    /// Waits for a line; `ended` is called every few cycles of the robot and ends the wait too.
-    fn until_line(&mut self, ended: &mut dyn FnMut() -> bool) -> Answer<()> {
-        let stopped = self.stopped;
-        self.lines.next_while_watching(&mut || ended() || stopped()).map_err(Failure::not_now)?;
-        Ok(())
-    }
-}
-
 /// Waits until the running robot has set the node down on the floor; `None` if a line was typed, or at the end of the
 /// input.
 fn touch_down(terminal: &mut Terminal<'_>) -> Answer<Option<CapturedLengths>> {
@@ -207,16 +172,6 @@ fn continue_hint(path: &Path) -> String {
     format!("no question was answered; `nims setup {file}` starts again")
 }
 
-/// Prints to stderr, because stdout carries the result.
-fn print_message(words: &str) {
-    let _ = writeln!(io::stderr().lock(), "{words}");
-}
-
-fn print_question(question: &str) {
-    let mut err = io::stderr().lock();
-    let _ = write!(err, "{question} ").and_then(|()| err.flush());
-}
-
 /// Writes the calibration and returns the result with the next steps.
 fn finish(measurements: &Path, out: Option<&Path>) -> Answer<Output> {
     let out = out.map_or_else(|| free_name(measurements), |out| Ok(out.to_owned()))?;
@@ -249,49 +204,6 @@ fn free_name(measurements: &Path) -> Answer<PathBuf> {
         .map(name)
         .find(|path| !path.exists())
         .ok_or_else(|| Failure::NotNow(format!("{stem} already has {NAMES} calibrations; name a new file with --out")))
-}
-
-/// File of measurements on the disk.
-struct Stored<'a> {
-    path: &'a Path,
-    /// Text as last read or written; `None` if the file does not exist.
-    text: Option<String>,
-}
-
-impl<'a> Stored<'a> {
-    /// Reads the file if it exists.
-    fn open(path: &'a Path) -> Answer<Self> {
-        let there = |why: String| Failure::bad(format!("{}: {why}", path.display()));
-        let text = file::read_text_if_there(path).map_err(|why| there(format!("it cannot be read: {why}")))?;
-        if path.file_name().is_none() || !file::folder_of(path).is_dir() {
-            return Err(there("its folder does not exist; create it first".to_owned()));
-        }
-        Ok(Self { path, text })
-    }
-
-    fn file<T: DeserializeOwned>(&self) -> Answer<Option<T>> {
-        let parsed = self.text.as_ref().map(|text| config::toml_file::parse(text, self.path));
-        parsed.transpose().map_err(Failure::bad)
-    }
-
-    /// Writes the text of the measurements atomically and syncs it to the disk.
-    fn save(&mut self, text: String) -> Answer {
-        let cannot = |why: String| {
-            Failure::NotNow(format!(
-                "{} cannot be written ({why}); it contains the answers before this one",
-                self.path.display()
-            ))
-        };
-        let there = file::read_text_if_there(self.path).map_err(|why| cannot(why.to_string()))?;
-        if there != self.text {
-            return Err(cannot(
-                "another program changed it; run the command again to continue with that version".to_owned(),
-            ));
-        }
-        file::replace(self.path, &text).map_err(|error| cannot(error.to_string()))?;
-        self.text = Some(text);
-        Ok(())
-    }
 }
 
 /// Formats the measurements as a file with an explanatory header.
