@@ -2,8 +2,8 @@
 //! then zeroed once in the middle. The node then hangs at places over the workspace, in the plant at rest, and the
 //! robot computes from its counts where it is.
 //!
-//! The intervals are those of a robot that knows that nothing has warmed or crept since it was zeroed, as it is here, and
-//! beside them those with the `expansion` of its file.
+//! The intervals are those of a robot that knows that nothing has warmed or crept since it was zeroed, as it is here,
+//! and beside them those with the `expansion` of its file.
 //!
 //! Takes minutes, so it runs by hand:
 //! `cargo test --workspace --test lockstep calibrated_worlds -- --ignored --nocapture`.

@@ -3,8 +3,8 @@
 //! Each source has one standard deviation in [`Uncertainty`]. Its effect is the error of the cables' lengths that it
 //! makes at a pose, and the sensitivity of the equilibrium turns lengths into positions. Lengths were set where the
 //! node was known to be, so an error counts by how much it differs from the one that it made there: a wrong scale
-//! counts by the cable that has passed since, and a wrong anchor by the angle by which its cable has turned since. What a
-//! calibration was uncertain about counts in the same way, with all its correlations.
+//! counts by the cable that has passed since, and a wrong anchor by the angle by which its cable has turned since. What
+//! a calibration was uncertain about counts in the same way, with all its correlations.
 //!
 //! To first order; independent sources. Wind, slack cables and what the operator stated wrongly are not in it.
 
@@ -55,8 +55,8 @@ impl Uncertainty {
         softness.map_or_else(Vector3::zeros, |softness| softness * Vector3::new(0.0, 0.0, robot.net_weight_n()))
     }
 
-    /// Covariance of the position of an equilibrium, m², with that of the robot's calibration. `zero`: the errors where the lengths were set; `None` if that
-    /// is unknown, so that every error counts whole.
+    /// Covariance of the position of an equilibrium, m², with that of the robot's calibration. `zero`: the errors where
+    /// the lengths were set; `None` if that is unknown, so that every error counts whole.
     pub fn covariance_m2(&self, robot: &Robot, at: &Equilibrium, zero: Option<&LengthErrors>) -> Matrix3<f64> {
         self.covariance_of(robot, &self.length_errors(robot, at), &at.sensitivity, zero)
     }
@@ -116,8 +116,9 @@ impl Uncertainty {
 
 /// Covariance of the position by that of the calibration, m². What the lengths depend on is wrong by the same at the
 /// place where they were set, so only the difference counts. The rotation of elastic cables with their anchors is
-/// neglected: a few percent of the standard deviation, a sixth close below the anchors. A calibration that states its anchors alone counts whole:
-/// how its anchors and the points where the cables are tied are wrong together is unknown then.
+/// neglected: a few percent of the standard deviation, a sixth close below the anchors. A calibration that states its
+/// anchors alone counts whole: how its anchors and the points where the cables are tied are wrong together is unknown
+/// then.
 fn geometry_m2(robot: &Robot, errors: &LengthErrors, sensitivity: &NodeJacobian, zero: &LengthErrors) -> Matrix3<f64> {
     let mut sum = Matrix3::zeros();
     let Some(calibrated) = robot.calibrated() else { return sum };

@@ -29,9 +29,9 @@ pub struct CalibrationFile {
     pub anchors_m: Vec<[f64; 3]>,
     /// Covariance of x1, y1, z1, x2, .., m².
     pub covariance_m2: Vec<Vec<f64>>,
-    /// Covariance of what the lengths depend on, per cable: x, y, z of the anchor less those of the point where the cable
-    /// is tied (m), scale (share), radius (m); see [`cable_robot::RobotParts::length_covariance`]. Empty in older files
-    /// and if the measurements do not state how exact scales and ties are.
+    /// Covariance of what the lengths depend on, per cable: x, y, z of the anchor less those of the point where the
+    /// cable is tied (m), scale (share), radius (m); see [`cable_robot::RobotParts::length_covariance`]. Empty in older
+    /// files and if the measurements do not state how exact scales and ties are.
     #[serde(default)]
     pub length_covariance: Vec<Vec<f64>>,
     /// Ratio of the measured lengths to the true lengths.

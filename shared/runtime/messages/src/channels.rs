@@ -163,9 +163,9 @@ pub trait ChannelVisitor {
     fn visit<T: Payload>(&mut self, name: &'static str);
 }
 
-/// Declares the table. A row is `pattern: type by publisher, quality;` with the type `any` for samples of any type. The names after
-/// `first` are channels whose first sample is recorded: the recorder creates them before their publishers do. Other
-/// channels are discovered when they appear; their history bridges the time until then.
+/// Declares the table. A row is `pattern: type by publisher, quality;` with the type `any` for samples of any type. The
+/// names after `first` are channels whose first sample is recorded: the recorder creates them before their publishers
+/// do. Other channels are discovered when they appear; their history bridges the time until then.
 macro_rules! channels {
     (@row $pattern:literal any $publisher:literal $quality:ident) => {
         Channel { pattern: $pattern, publisher: $publisher, type_name: None, schema: None, quality: $quality }

@@ -53,8 +53,9 @@ pub struct Args {
 /// Number of default names that are tried for the calibrations of a site.
 const NAMES: usize = 1000;
 
-/// Asks until the measurements are complete, then writes the calibration, and then the same with a known weight. Returns
-/// the JSON of `nims calibrate`, with that of `nims loads`, and the next steps as text. `domain`: that of the robot whose lengths are captured; None for the only running one.
+/// Asks until the measurements are complete, then writes the calibration, and then the same with a known weight.
+/// Returns the JSON of `nims calibrate`, with that of `nims loads`, and the next steps as text. `domain`: that of the
+/// robot whose lengths are captured; None for the only running one.
 ///
 /// # Errors
 /// A file that cannot be continued or written, or input that ends early; saved answers are kept.
