@@ -11,8 +11,6 @@ pub struct Output {
     pub value: Value,
     /// Text, printed without `--json`.
     pub words: String,
-    /// Additional text, printed on stderr without `--json`.
-    pub aside: String,
     /// Why the command fails although it has an output, e.g. because a check found an error.
     pub failure: Option<Failure>,
 }
@@ -20,7 +18,7 @@ pub struct Output {
 impl Output {
     /// Creates an output in both forms.
     pub fn new(value: Value, words: impl Into<String>) -> Self {
-        Self { value, words: words.into(), aside: String::new(), failure: None }
+        Self { value, words: words.into(), failure: None }
     }
 
     /// Creates an output that is printed as JSON in both cases.
@@ -44,9 +42,6 @@ impl Output {
 
     /// Prints the output. A closed pipe (`nims status | head -1`) is no failure.
     pub fn print(&self, json: bool) {
-        if !json {
-            eprint!("{}", self.aside);
-        }
         let mut out = std::io::stdout().lock();
         let _ = if json { writeln!(out, "{}", self.value) } else { writeln!(out, "{}", self.words) };
     }
