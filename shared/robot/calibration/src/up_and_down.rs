@@ -1,5 +1,5 @@
 //! Mean motor currents while the node moves up and down at one speed, from samples of a robot: a
-//! [`Weighing`](crate::Weighing).
+//! [`Weighing`].
 //!
 //! Both ways count in the middle half of the height that the node covers at full speed, so their mean height is the
 //! same. Lengths in m, forces in N, currents in A.
