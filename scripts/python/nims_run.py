@@ -392,7 +392,8 @@ def _joined(parts, places=None):
             kinds = {np.result_type(*kinds)}
         except TypeError as problem:
             raise RunError(f"samples have lists of different lengths, so read this channel with mcap-ros2-support: {problem}") from None
-    whole, at = np.empty(sum(map(len, parts)), kinds.pop()), 0
+    # Zeros, so that what lies between fields is the same each time.
+    whole, at = np.zeros(sum(map(len, parts)), kinds.pop()), 0
     for number, part in enumerate(parts):
         whole[places[number] if places else slice(at, at + len(part))] = part
         at += len(part)
