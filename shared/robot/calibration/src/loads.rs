@@ -32,6 +32,13 @@ const FORCE_CONSTANT: f64 = 0.05;
 /// Gauss-Newton steps; the problem is nearly linear.
 const STEPS: usize = 8;
 
+/// Last step, in standard deviations, below which an unknown is found.
+const SETTLED: f64 = 1e-6;
+
+/// Deviation of a measurement from what was found, in its standard deviations, beyond which it is no chance: one in
+/// 16,000, of a handful.
+const CHANCE: f64 = 4.0;
+
 /// Change of an unknown for the difference quotient, in its standard deviations.
 const PROBE: f64 = 0.05;
 
@@ -185,15 +192,11 @@ fn stretch(parts: &RobotParts, robot: &Robot, measured: &LoadMeasurements) -> Re
     let read = DVector::from_iterator(measured.sinkings.len(), measured.sinkings.iter().map(|s| s.sunk_m));
     let mut x = Stretch::zeros();
     let mut covariance = SMatrix::<f64, 3, 3>::identity();
-    if !measured.sinkings.is_empty() {
+    let mut settled = measured.sinkings.is_empty();
+    if !settled {
         for _ in 0..STEPS {
             let here = predict(&x)?;
-            let mut slope = DMatrix::zeros(read.len(), 3);
-            for k in 0..3 {
-                let mut probe = x;
-                probe[k] += PROBE;
-                slope.set_column(k, &((predict(&probe)? - &here) / PROBE));
-            }
+            let slope = slopes(&x, &here, predict)?;
             let per_variance = 1.0 / (measured.sigma_sunk_m * measured.sigma_sunk_m);
             let information = slope.transpose() * &slope * per_variance + DMatrix::identity(3, 3);
             let information = SMatrix::<f64, 3, 3>::from_iterator(information.iter().copied());
@@ -201,9 +204,15 @@ fn stretch(parts: &RobotParts, robot: &Robot, measured: &LoadMeasurements) -> Re
             let Some(inverse) = information.try_inverse() else { break };
             let step = inverse * (Stretch::from_iterator(pull.iter().copied()) - x);
             (x, covariance) = (x + step, inverse);
-            if step.norm() < 1e-6 {
+            settled = step.norm() < SETTLED;
+            if settled {
                 break;
             }
+        }
+        let here = predict(&x)?;
+        let (why, by_chance) = worst_sinking(&read, &here, measured.sigma_sunk_m);
+        if !(settled && by_chance) {
+            return Ok((Found::Undetermined(why.clone()), Found::Undetermined(why)));
         }
     }
     let remaining = |k: usize| covariance[(k, k)].max(0.0).sqrt();
@@ -232,6 +241,36 @@ fn stretch(parts: &RobotParts, robot: &Robot, measured: &LoadMeasurements) -> Re
         Found::Determined { value: x[1] * priors[1], std: remaining(1) * priors[1] }
     };
     Ok((stiffness, routed))
+}
+
+/// By how much each sinking changes with each unknown.
+fn slopes(
+    x: &Stretch,
+    here: &DVector<f64>,
+    predict: impl Fn(&Stretch) -> Result<DVector<f64>, CalibrationError>,
+) -> Result<DMatrix<f64>, CalibrationError> {
+    let mut slope = DMatrix::zeros(here.len(), 3);
+    for k in 0..3 {
+        let mut probe = *x;
+        probe[k] += PROBE;
+        slope.set_column(k, &((predict(&probe)? - here) / PROBE));
+    }
+    Ok(slope)
+}
+
+/// The sinking that fits worst, in words, and whether that is chance. `found`: by how much the node would sink.
+fn worst_sinking(read: &DVector<f64>, found: &DVector<f64>, sigma_m: f64) -> (String, bool) {
+    // The cables differ from their reel, which is none of the unknowns.
+    let off = (read - found).zip_map(found, |off, sunk| off / sigma_m.hypot(EACH_CABLE * sunk));
+    let worst = off.icamax();
+    let words = format!(
+        "sinking {} is {:.0} mm, but with the others the node would sink by {:.0} mm there; measure it again, or state \
+         the standard deviation of the ruler",
+        worst + 1,
+        1e3 * read[worst],
+        1e3 * found[worst]
+    );
+    (words, off[worst].abs() <= CHANCE)
 }
 
 /// By how much the node of a robot sinks, m.
@@ -281,6 +320,19 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
         }
         let Some(inverse) = information.try_inverse() else { break };
         (x, covariance) = (x + inverse * pull, inverse);
+    }
+    let (c, weight_n) = (1.0 + x[0] * priors[0], stated_n * (1.0 + x[1] * priors[1]));
+    for (k, w) in measured.weighings.iter().enumerate() {
+        let (force_n, sigma_n) = vertical_n(robot, w, measured.sigma_current_a)?;
+        let held_n = c * (weight_n + w.added_n + cables_n(robot, w)?);
+        // The motors differ in their force constants, which are one of the unknowns.
+        if (force_n - held_n).abs() > CHANCE * sigma_n.hypot(FORCE_CONSTANT * held_n) {
+            return Ok(Found::Undetermined(format!(
+                "the currents of weighing {} lift {force_n:.1} N, but with the others it would be {held_n:.1} N; move \
+                 the node up and down again with that weight",
+                k + 1
+            )));
+        }
     }
     let remaining = covariance[(1, 1)].max(0.0).sqrt();
     if remaining > REMAINING {
@@ -400,6 +452,24 @@ mod tests {
             let true_n = Robot::new(truth).unwrap().net_weight_n();
             prop_assert!((weight_n / true_n - 1.0).abs() < 1e-3, "{weight_n} {true_n}");
         }
+    }
+
+    #[test]
+    fn a_measurement_that_contradicts_the_others_is_named() {
+        let truth = parts();
+        for slip in [10.0, 0.1] {
+            let mut sinkings = sinkings(&truth, 20.0);
+            sinkings[1].sunk_m *= slip;
+            let found = loads(&parts(), &LoadMeasurements { sinkings, ..LoadMeasurements::default() }).unwrap();
+            let Found::Undetermined(why) = found.stiffness_n else { panic!("{found:?}") };
+            assert!(why.contains("sinking 2"), "{why}");
+        }
+        let at = [4.0, 3.0, 1.0];
+        let mut weighings =
+            vec![weighing(&truth, at, 0.0, 1.0), weighing(&truth, at, 20.0, 1.0), weighing(&truth, at, 20.0, 1.0)];
+        weighings[2].up_a.iter_mut().for_each(|current_a| *current_a *= 3.0);
+        let found = loads(&parts(), &LoadMeasurements { weighings, ..LoadMeasurements::default() }).unwrap();
+        assert!(matches!(&found.node_weight_n, Found::Undetermined(why) if why.contains("weighing")), "{found:?}");
     }
 
     #[test]
