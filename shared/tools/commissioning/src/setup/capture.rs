@@ -136,7 +136,12 @@ impl TouchDownWatch {
         while let Some(state) = self.states.receive()? {
             let Some(lengths_m) = touched(&mut self.detector, &state) else { continue };
             // A winch that goes on would let out loose cable. The robot stops for that by itself, a moment later.
-            self.link.ask("motor-io", &messages::Request::Stop)?;
+            let answer = self.link.ask("motor-io", &messages::Request::Stop)?;
+            Failure::unless_accepted(&answer).map_err(|why| {
+                Failure::NotNow(format!(
+                    "the node has touched the floor, and the robot was not stopped: {why}; stop it by hand"
+                ))
+            })?;
             let at_rest = MotorState { velocity_m_s: [0.0; messages::CABLES], ..state };
             let taken = lengths(&at_rest, self.counts_per_m.clone()).map_err(Failure::NotNow)?;
             return Ok(Seen::Touched(CapturedLengths { lengths_m: lengths_m.to_vec(), ..taken }));

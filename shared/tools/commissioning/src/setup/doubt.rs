@@ -1,7 +1,7 @@
 //! Detects the point that does not fit the others.
 
 use crate::calibrate::MeasurementsFile;
-use cable_robot::{Anchors, CableVec, kinematics};
+use cable_robot::{Anchors, kinematics};
 use calibration::{
     JointInput, Measurements, Method, calibrate, calibrate_joint, calibrate_joint_with_pulleys, survey_network,
 };
@@ -30,10 +30,12 @@ pub struct DoubtfulPoint {
 /// newest. Points that were kept despite their misfit are excluded, so that no other point is blamed for them.
 pub fn find(file: &MeasurementsFile) -> Option<DoubtfulPoint> {
     let kept = |index: &usize| file.doubt.iter().any(|doubt| doubt.point == index + 1);
-    let open: Vec<usize> = file.used(file.usual_method()).into_iter().filter(|index| !kept(index)).collect();
+    let used = file.used(file.usual_method());
+    let open: Vec<usize> = used.iter().copied().filter(|index| !kept(index)).collect();
     let mut measured = file.measurements(file.usual_method()).ok()?;
-    measured.lengths_m =
-        open.iter().map(|index| CableVec::from_slice(&file.point[*index].lengths_m).ok()).collect::<Option<_>>()?;
+    // With the scale that a tape has given.
+    let rows = used.iter().zip(std::mem::take(&mut measured.lengths_m));
+    measured.lengths_m = rows.filter(|(index, _)| !kept(index)).map(|(_, lengths_m)| lengths_m).collect();
     // Each point adds `cable_count` lengths and two unknowns, x and y.
     let limit = quantile(measured.cable_count.checked_sub(2)?);
     let all = best_fit(&measured);
@@ -76,6 +78,8 @@ fn best_fit(measured: &Measurements) -> Option<(f64, f64)> {
     let input = JointInput {
         ranges: &measured.ranges,
         heights: &measured.heights,
+        sigma_scale: measured.sigma_scale,
+        sigma_offset_m: measured.sigma_offset_m,
         ..JointInput::new(&survey.anchors_xy_m, &measured.lengths_m, measured.sigma_length_m)
     };
     let best = if measured.pulley_radius_m.is_empty() {
