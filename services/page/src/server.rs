@@ -8,9 +8,10 @@ use crate::listener::listen;
 use crate::observer::{Topics, observe};
 use crate::pair::Listening;
 use crate::settings::{PlaceArgs, ServeArgs, state_folder};
-use command::{Answer, Failure};
+use command::{Answer, Failure, StopFlag};
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::Semaphore;
@@ -20,22 +21,35 @@ use tokio::sync::Semaphore;
 /// # Errors
 /// The address is in use or not of this machine, or the certificate cannot be made.
 pub fn serve(args: &ServeArgs, place: &PlaceArgs) -> Answer {
-    serve_with(args, place, |_| {})
+    serve_with(args, place, &command::stop_flag()?, |_| {})
 }
 
-/// Serves the page; `listens` is told where, before the first browser.
+/// Serves the page; `listens` is told where, before the first browser. `stop`: a signal has come since the program began.
 ///
 /// # Errors
 /// As [`serve`].
-pub(crate) fn serve_with(args: &ServeArgs, place: &PlaceArgs, listens: impl FnOnce(Listening)) -> Answer {
+pub(crate) fn serve_with(
+    args: &ServeArgs,
+    place: &PlaceArgs,
+    stop: &StopFlag,
+    listens: impl FnOnce(Listening),
+) -> Answer {
     bus::make_private();
     // The page must not delay the robot's processes.
     let _ = rustix::process::nice(10);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::not_now)?;
-    runtime.block_on(run(args, place, listens))
+    runtime.block_on(run(args, place, stop, listens))
 }
 
-async fn run(args: &ServeArgs, place: &PlaceArgs, listens: impl FnOnce(Listening)) -> Answer {
+async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl FnOnce(Listening)) -> Answer {
+    let awaited = |kind| signal(kind).map_err(Failure::not_now);
+    let mut interrupted = awaited(SignalKind::interrupt())?;
+    let mut terminated = awaited(SignalKind::terminate())?;
+    let mut hung_up = awaited(SignalKind::hangup())?;
+    // What comes from here on is seen below.
+    if stop.load(Ordering::Relaxed) {
+        return Ok(());
+    }
     let address = SocketAddr::new(args.address, args.port);
     let refused = |error: std::io::Error| {
         Failure::NotNow(format!("cannot listen at {address}: {error}; choose others with --address and --port"))
@@ -82,15 +96,12 @@ async fn run(args: &ServeArgs, place: &PlaceArgs, listens: impl FnOnce(Listening
         browsers: Arc::new(Semaphore::new(BROWSERS)),
         stops: Places::default(),
     };
-    let (mut interrupted, mut terminated) = (
-        signal(SignalKind::interrupt()).map_err(Failure::not_now)?,
-        signal(SignalKind::terminate()).map_err(Failure::not_now)?,
-    );
     tokio::select! {
         () = observe(topics, place.clone()) => {}
         () = listen(listener, made.map(|made| made.config), router(Arc::new(app)), names.into()) => {}
         _ = interrupted.recv() => {}
         _ = terminated.recv() => {}
+        _ = hung_up.recv() => {}
     }
     Ok(())
 }

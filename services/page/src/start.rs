@@ -3,11 +3,12 @@
 use crate::pair::{Listening, address, print_pairing};
 use crate::server::serve_with;
 use crate::settings::{PlaceArgs, StartArgs};
-use command::{Answer, Failure};
+use command::{Answer, Failure, StopFlag};
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// Time for the gateway to open its socket.
@@ -51,9 +52,12 @@ impl Gateway {
     }
 
     /// Waits for its socket.
-    fn opened(&mut self) -> Answer {
+    fn opened(&mut self, stop: &StopFlag) -> Answer {
         let begun = Instant::now();
         while !self.socket.exists() {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Failure::NotNow("a signal has ended the start".to_owned()));
+            }
             if self.child.try_wait().map_err(Failure::not_now)?.is_some() {
                 return Err(Failure::NotNow("the gateway has ended; its message above says why".to_owned()));
             }
@@ -80,8 +84,10 @@ impl Drop for Gateway {
 /// The gateway cannot be started, or the page cannot be served.
 pub fn start(args: &StartArgs, place: &PlaceArgs) -> Answer {
     bus::make_private();
+    // A signal must not end this process before it has ended its gateway.
+    let stop = command::stop_flag()?;
     let mut gateway = Gateway::start(&args.system, place.domain.as_deref())?;
-    gateway.opened()?;
+    gateway.opened(&stop)?;
     let place = PlaceArgs { gateway: Some(gateway.socket.clone()), domain: None };
     if args.parent {
         let pid = rustix::process::getpid();
@@ -91,7 +97,7 @@ pub fn start(args: &StartArgs, place: &PlaceArgs) -> Answer {
             let _ = kill_process(pid, Signal::TERM);
         });
     }
-    serve_with(&args.serve, &place, |listening| {
+    serve_with(&args.serve, &place, &stop, |listening| {
         if let Err(failure) = introduce(&listening, &place, !args.no_browser) {
             eprintln!("nims-page: {failure}");
         }
