@@ -24,7 +24,8 @@ pub fn serve(args: &ServeArgs, place: &PlaceArgs) -> Answer {
     serve_with(args, place, &command::stop_flag()?, |_| {})
 }
 
-/// Serves the page; `listens` is told where, before the first browser. `stop`: a signal has come since the program began.
+/// Serves the page; `listens` is told where, before the first browser. `stop`: a signal has come since the program
+/// began.
 ///
 /// # Errors
 /// As [`serve`].
