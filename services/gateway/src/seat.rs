@@ -26,7 +26,7 @@ impl Seat {
         Some((user, at_ns.saturating_sub(now_ns) as f64 * 1e-9))
     }
 
-    /// Somebody requests something that only who flies may: a free seat is taken by that.
+    /// A user requests something that only the flyer may: that takes a free seat.
     #[allow(clippy::result_large_err)] // it is the answer
     pub(crate) fn request(&mut self, user: &str) -> Result<(), Reason> {
         match &self.flyer {
@@ -40,7 +40,7 @@ impl Seat {
         }
     }
 
-    /// Somebody asks to fly.
+    /// A user asks to fly.
     #[allow(clippy::result_large_err)] // it is the answer
     pub(crate) fn ask(&mut self, now_ns: u64, user: &str) -> Result<(), Reason> {
         if self.request(user).is_ok() {
@@ -96,7 +96,7 @@ mod tests {
         assert!(seat.ask(5, "bob").is_ok() && seat.ask(6, "bob").is_ok());
         assert_eq!(seat.ask(7, "eve"), Err(Reason::SeatAsked { asks: detail("bob") }));
         assert_eq!((seat.flyer(), seat.asks(5)), (Some("ada"), Some(("bob", 10.0))));
-        // Nobody but the flyer keeps or gives it.
+        // Only the flyer keeps or gives it.
         seat.keep("eve");
         seat.give("eve");
         assert!(seat.asks(5).is_some());
