@@ -1,6 +1,7 @@
 //! Failures between this program and a unit, classified by their remedy.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use arrayvec::ArrayString;
@@ -182,4 +183,17 @@ impl Error {
                 | Error::Stray { .. }
         )
     }
+}
+
+/// A watchdog time in ms, for families that count in them.
+///
+/// # Errors
+/// It is none of the `range`, ms, or no whole number of ms. `accepted`: the range in words.
+pub fn watchdog_ms(seconds: f64, range: RangeInclusive<u16>, accepted: &'static str) -> Result<u16, InvalidConfig> {
+    // `as` saturates, and turns a NaN into 0.
+    let ms = (seconds * 1e3).round() as u16;
+    if range.contains(&ms) && (seconds * 1e3 - f64::from(ms)).abs() < 1e-6 {
+        return Ok(ms);
+    }
+    Err(InvalidConfig::Watchdog { given_ms: (seconds * 1e3) as u32, accepted })
 }

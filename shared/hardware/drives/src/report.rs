@@ -1,6 +1,7 @@
 //! Readings of units and ports, in SI units and neutral terms.
 
 use arrayvec::ArrayString;
+use serial::{StatusPin, Transport};
 
 use crate::{DriveStatus, Error};
 
@@ -70,6 +71,15 @@ pub enum StopInput {
 }
 
 impl StopInput {
+    /// Reads the contact on a pin. One that cannot be read is a stop.
+    pub fn read(transport: &mut impl Transport, pin: StatusPin) -> StopInput {
+        match transport.is_on(pin) {
+            Ok(true) => StopInput::Released,
+            Ok(false) => StopInput::Pressed,
+            Err(error) => StopInput::Unreadable(Error::Serial(error)),
+        }
+    }
+
     /// True where the robot has to stop.
     #[must_use]
     pub fn requires_stop(&self) -> bool {

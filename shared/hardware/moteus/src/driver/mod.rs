@@ -18,7 +18,6 @@
 mod clock;
 mod cycle;
 mod family;
-mod inbox;
 mod question;
 mod receive;
 mod round;
@@ -27,12 +26,11 @@ mod setup;
 use std::sync::Arc;
 
 use arrayvec::ArrayString;
-use drives::{CountBound, Counters, Error, InvalidConfig, Noise, Setup, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
-use crate::codec::{ADDRESSES, Checksums, Mode};
+use crate::codec::{ADDRESSES, Checksums, MAX_LINE, Mode};
 use clock::ClockReading;
-use inbox::Inbox;
 
 /// Most units on one port: one for each of the most cables of a robot.
 pub const MAX_UNITS: usize = 8;
@@ -54,12 +52,7 @@ const ACCEPTED_WATCHDOGS: &str = "20 to 30000 ms";
 /// # Errors
 /// The units cannot be set to this time.
 pub fn watchdog_ms(seconds: f64) -> Result<u16, InvalidConfig> {
-    let ms = (seconds * 1e3).round();
-    if (20.0..=30_000.0).contains(&ms) && (seconds * 1e3 - ms).abs() < 1e-6 {
-        return Ok(ms as u16);
-    }
-    // `as` saturates, and turns a NaN into 0.
-    Err(InvalidConfig::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
+    drives::watchdog_ms(seconds, 20..=30_000, ACCEPTED_WATCHDOGS)
 }
 
 /// Settings of a unit.
@@ -122,7 +115,7 @@ pub struct Bus<T> {
     margin_ns: u64,
     checksums: Checksums,
     units: Vec<Unit>,
-    inbox: Inbox,
+    inbox: Inbox<MAX_LINE>,
     connection: u32,
     /// Number of the last question.
     asked: u32,
@@ -185,7 +178,7 @@ impl<T: Transport> Bus<T> {
             margin_ns: config.margin_ns,
             checksums: config.checksums,
             units: config.units.iter().map(|unit| Unit::new(unit, tag)).collect(),
-            inbox: Inbox::new(),
+            inbox: Inbox::default(),
             connection: 0,
             asked: 0,
             noise: Noise::default(),
@@ -222,11 +215,7 @@ impl<T: Transport> Bus<T> {
     /// Reads the stop input. One that cannot be read is a stop.
     fn read_stop(&mut self) {
         if let Some(pin) = self.stop_pin {
-            self.stop = match self.transport.is_on(pin) {
-                Ok(true) => StopInput::Released,
-                Ok(false) => StopInput::Pressed,
-                Err(error) => StopInput::Unreadable(Error::Serial(error)),
-            };
+            self.stop = StopInput::read(&mut self.transport, pin);
         }
     }
 

@@ -23,16 +23,8 @@ const SHORT: usize = 12;
 impl<T: Transport> Bus<T> {
     /// Discards what arrived before a question.
     pub(super) fn discard(&mut self) -> Result<(), Error> {
-        let mut stray = self.inbox.waiting();
-        self.inbox.clear();
-        // Noise that does not end must not keep the cycle.
-        for _ in 0..4 {
-            let got = self.transport.read(&mut self.inbox.bytes, 0).map_err(|error| self.port_failed(error))?;
-            stray += got;
-            if got == 0 {
-                break;
-            }
-        }
+        let discarded = self.inbox.discard(&mut self.transport);
+        let stray = discarded.map_err(|error| self.port_failed(error))?;
         if stray > 0 {
             self.count_stray(stray);
         }
@@ -48,47 +40,28 @@ impl<T: Transport> Bus<T> {
     /// The next text line; `None` after `until_ns`.
     pub(super) fn hear(&mut self, until_ns: u64) -> Result<Option<Heard>, Error> {
         loop {
-            while self.inbox.from < self.inbox.to {
-                let byte = self.inbox.bytes[self.inbox.from];
-                self.inbox.from += 1;
-                if matches!(byte, b'\r' | b'\n') {
-                    if let Some(heard) = self.end_of_line() {
-                        return Ok(Some(heard));
-                    }
-                } else if self.inbox.line.try_push(byte).is_err() {
-                    self.count_stray(self.inbox.line.len() + 1);
+            let heard = self.inbox.hear(&mut self.transport, until_ns).map_err(|error| self.port_failed(error))?;
+            match heard {
+                drives::Heard::Line(bytes) => return Ok(Some(self.parsed(&bytes))),
+                drives::Heard::Nothing => return Ok(None),
+                drives::Heard::TooLong(bytes) => {
+                    self.count_stray(bytes);
                     self.noise.is(Instead::Foreign);
-                    self.inbox.line.clear();
                 }
-            }
-            // The first condition ends a stream of bytes without a pause.
-            if self.transport.now_ns() > until_ns {
-                return Ok(None);
-            }
-            let got = self.transport.read(&mut self.inbox.bytes, until_ns).map_err(|error| self.port_failed(error))?;
-            (self.inbox.from, self.inbox.to) = (0, got);
-            if got == 0 {
-                return Ok(None);
             }
         }
     }
 
-    fn end_of_line(&mut self) -> Option<Heard> {
-        let length = self.inbox.line.len();
-        if length == 0 {
-            return None;
-        }
-        let heard = match Line::parse(&self.inbox.line, self.checksums) {
+    fn parsed(&mut self, bytes: &[u8]) -> Heard {
+        match Line::parse(bytes, self.checksums) {
             Ok(line) => Heard::Line(line),
             Err(_) => {
-                let echo = self.inbox.line.starts_with(b"can send ");
+                let echo = bytes.starts_with(b"can send ");
                 self.noise.is(if echo { Instead::Echo } else { Instead::Foreign });
                 self.counters.garbled += 1;
-                self.count_stray(length);
-                Heard::Garbled { short: length <= SHORT }
+                self.count_stray(bytes.len());
+                Heard::Garbled { short: bytes.len() <= SHORT }
             }
-        };
-        self.inbox.line.clear();
-        Some(heard)
+        }
     }
 }

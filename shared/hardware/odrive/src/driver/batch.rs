@@ -7,7 +7,7 @@ use serial::Transport;
 use super::Bus;
 use super::ask::{Ask, MAX_ASKS, MAX_ORDERS, Value};
 use crate::codec::{Line, MARKS, MAX_LINE, mark, unseal};
-use drives::Instead;
+use drives::{Heard, Instead};
 
 /// Batches of one exchange: at a byte error in every hundred bytes, a third of the cycles succeed.
 const ATTEMPTS: u32 = 8;
@@ -204,17 +204,8 @@ impl<T: Transport> Bus<T> {
 
     /// Discards what arrived before a batch.
     pub(super) fn discard(&mut self) -> Result<(), Error> {
-        let mut stray = self.inbox_to - self.inbox_from + self.line.len();
-        (self.inbox_from, self.inbox_to) = (0, 0);
-        self.line.clear();
-        // Noise that does not end must not keep the cycle.
-        for _ in 0..4 {
-            let got = self.transport.read(&mut self.inbox, 0).map_err(|error| self.port_failed(error))?;
-            stray += got;
-            if got == 0 {
-                break;
-            }
-        }
+        let discarded = self.inbox.discard(&mut self.transport);
+        let stray = discarded.map_err(|error| self.port_failed(error))?;
         if stray > 0 {
             self.count_stray(stray);
         }
@@ -224,27 +215,14 @@ impl<T: Transport> Bus<T> {
     /// The next text line; `None` after `until_ns`.
     fn hear(&mut self, until_ns: u64) -> Result<Option<ArrayVec<u8, MAX_LINE>>, Error> {
         loop {
-            while self.inbox_from < self.inbox_to {
-                let byte = self.inbox[self.inbox_from];
-                self.inbox_from += 1;
-                if matches!(byte, b'\r' | b'\n') {
-                    if !self.line.is_empty() {
-                        return Ok(Some(std::mem::take(&mut self.line)));
-                    }
-                } else if self.line.try_push(byte).is_err() {
+            let heard = self.inbox.hear(&mut self.transport, until_ns).map_err(|error| self.port_failed(error))?;
+            match heard {
+                Heard::Line(line) => return Ok(Some(line)),
+                Heard::Nothing => return Ok(None),
+                Heard::TooLong(bytes) => {
                     self.noise.is(Instead::Foreign);
-                    self.count_stray(self.line.len() + 1);
-                    self.line.clear();
+                    self.count_stray(bytes);
                 }
-            }
-            // The first condition ends a stream of bytes without a pause.
-            if self.transport.now_ns() > until_ns {
-                return Ok(None);
-            }
-            let got = self.transport.read(&mut self.inbox, until_ns).map_err(|error| self.port_failed(error))?;
-            (self.inbox_from, self.inbox_to) = (0, got);
-            if got == 0 {
-                return Ok(None);
             }
         }
     }

@@ -20,8 +20,8 @@ mod ask;
 
 use std::sync::Arc;
 
-use arrayvec::{ArrayString, ArrayVec};
-use drives::{CountBound, Counters, Error, InvalidConfig, Noise, Setup, StopInput, UnitReport};
+use arrayvec::ArrayString;
+use drives::{CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{AXES, MARKS, MAX_LINE};
@@ -40,12 +40,7 @@ const ACCEPTED_WATCHDOGS: &str = "20 to 30000 ms";
 /// # Errors
 /// The boards cannot be set to this time.
 pub fn watchdog_ms(seconds: f64) -> Result<u16, InvalidConfig> {
-    let ms = (seconds * 1e3).round();
-    if (20.0..=30_000.0).contains(&ms) && (seconds * 1e3 - ms).abs() < 1e-6 {
-        return Ok(ms as u16);
-    }
-    // `as` saturates, and turns a NaN into 0.
-    Err(InvalidConfig::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
+    drives::watchdog_ms(seconds, 20..=30_000, ACCEPTED_WATCHDOGS)
 }
 
 /// Settings of a port and its board.
@@ -87,11 +82,7 @@ pub struct Bus<T> {
     errors: [u32; AXES],
     /// An axis left its closed loop by itself, and why has not been read.
     tripped: bool,
-    /// Bytes of the text line that is not complete yet.
-    line: ArrayVec<u8, MAX_LINE>,
-    inbox: [u8; 256],
-    inbox_from: usize,
-    inbox_to: usize,
+    inbox: Inbox<MAX_LINE>,
     connection: u32,
     next_mark: u32,
     noise: Noise,
@@ -126,10 +117,7 @@ impl<T: Transport> Bus<T> {
             states: [0; AXES],
             errors: [0; AXES],
             tripped: false,
-            line: ArrayVec::new(),
-            inbox: [0; 256],
-            inbox_from: 0,
-            inbox_to: 0,
+            inbox: Inbox::default(),
             connection: 0,
             next_mark,
             noise: Noise::default(),
@@ -163,11 +151,7 @@ impl<T: Transport> Bus<T> {
     /// Reads the stop input. One that cannot be read is a stop.
     fn read_stop(&mut self) {
         if let Some(pin) = self.config.stop_pin {
-            self.stop = match self.transport.is_on(pin) {
-                Ok(true) => StopInput::Released,
-                Ok(false) => StopInput::Pressed,
-                Err(error) => StopInput::Unreadable(Error::Serial(error)),
-            };
+            self.stop = StopInput::read(&mut self.transport, pin);
         }
     }
 
@@ -195,8 +179,7 @@ impl<T: Transport> Bus<T> {
 
     /// Marks the board as unknown, after the connection was lost.
     fn lose(&mut self) {
-        (self.inbox_from, self.inbox_to) = (0, 0);
-        self.line.clear();
+        self.inbox.clear();
         self.setup.lost();
     }
 }

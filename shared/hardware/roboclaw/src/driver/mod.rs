@@ -284,11 +284,7 @@ impl<T: Transport> Bus<T> {
     /// Reads the stop input. One that cannot be read is a stop.
     fn read_stop(&mut self) {
         if let Some(pin) = self.stop_pin {
-            self.stop = match self.transport.is_on(pin) {
-                Ok(true) => StopInput::Released,
-                Ok(false) => StopInput::Pressed,
-                Err(error) => StopInput::Unreadable(Error::Serial(error)),
-            };
+            self.stop = StopInput::read(&mut self.transport, pin);
         }
     }
 

@@ -35,8 +35,10 @@ mod track;
 
 use std::sync::Arc;
 
-use arrayvec::{ArrayString, ArrayVec};
-use drives::{CountBound, Counters, Error, InvalidConfig, Noise, ReplyText, Setup, SetupStep, StopInput, UnitReport};
+use arrayvec::ArrayString;
+use drives::{
+    CountBound, Counters, Error, Inbox, InvalidConfig, Noise, ReplyText, Setup, SetupStep, StopInput, UnitReport,
+};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{AXES, MAX_LINE};
@@ -55,12 +57,7 @@ const ACCEPTED_WATCHDOGS: &str = "20 to 65000 ms";
 /// # Errors
 /// The controllers cannot be set to this time.
 pub fn watchdog_ms(seconds: f64) -> Result<u16, InvalidConfig> {
-    let ms = (seconds * 1e3).round();
-    if (20.0..=65_000.0).contains(&ms) && (seconds * 1e3 - ms).abs() < 1e-6 {
-        return Ok(ms as u16);
-    }
-    // `as` saturates, and turns a NaN into 0.
-    Err(InvalidConfig::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
+    drives::watchdog_ms(seconds, 20..=65_000, ACCEPTED_WATCHDOGS)
 }
 
 /// Settings of a port and its controller.
@@ -115,11 +112,7 @@ pub struct Bus<T> {
     flags: flags::Flags,
     /// Questions of the last batch whose answers are still to come.
     tail: Option<parts::Tail>,
-    /// Bytes of the text line that is not complete yet.
-    line: ArrayVec<u8, MAX_LINE>,
-    inbox: [u8; 256],
-    inbox_from: usize,
-    inbox_to: usize,
+    inbox: Inbox<MAX_LINE>,
     connection: u32,
     /// Batches until the wire is without errors again.
     noisy: u32,
@@ -164,10 +157,7 @@ impl<T: Transport> Bus<T> {
             track: track::Track::default(),
             flags: flags::Flags::default(),
             tail: None,
-            line: ArrayVec::new(),
-            inbox: [0; 256],
-            inbox_from: 0,
-            inbox_to: 0,
+            inbox: Inbox::default(),
             connection: 0,
             noisy: 0,
             turn,
@@ -202,11 +192,7 @@ impl<T: Transport> Bus<T> {
     /// Reads the stop input. One that cannot be read is a stop.
     fn read_stop(&mut self) {
         if let Some(pin) = self.config.stop_pin {
-            self.stop = match self.transport.is_on(pin) {
-                Ok(true) => StopInput::Released,
-                Ok(false) => StopInput::Pressed,
-                Err(error) => StopInput::Unreadable(Error::Serial(error)),
-            };
+            self.stop = StopInput::read(&mut self.transport, pin);
         }
     }
 
@@ -234,8 +220,7 @@ impl<T: Transport> Bus<T> {
 
     /// Marks the controller as unknown, after the connection was lost.
     fn lose(&mut self) {
-        (self.inbox_from, self.inbox_to) = (0, 0);
-        self.line.clear();
+        self.inbox.clear();
         (self.hushed, self.tail, self.unfit) = (false, None, None);
         self.setup.lost();
     }
