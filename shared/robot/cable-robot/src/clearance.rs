@@ -279,13 +279,14 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+        #![proptest_config(ProptestConfig { failure_persistence: None, cases: 4000, ..ProptestConfig::default() })]
 
-        /// The top of a trunk stands between the wet cable and the dry one, within the margin of the dry one.
+        /// The top of a trunk stands between the wet cable and the dry one, within the margin of the dry one, and low
+        /// enough that the slope of the cable does not touch its rim.
         #[test]
         fn a_dry_cable_is_checked_where_the_wet_one_touches(
             x in 12.0..28.0f64, y in 6.0..16.0f64, z in 5.0..9.0f64,
-            at in 0.3..0.8f64, below_m in 0.01..0.08f64, lower_m in 0.02..0.2f64,
+            at in 0.3..0.8f64, below_m in 0.035..0.09f64, lower_m in 0.02..0.2f64,
         ) {
             let bare = heavy(Vec::new());
             let from_m = Vector3::new(x, y, z);
@@ -297,8 +298,7 @@ mod tests {
             let body = Obstacle::cylinder([chord.x, chord.y], 0.05, [-20.0, top_m]).unwrap();
             let robot = heavy(vec![body]);
             prop_assert!(wet.is_blocked(&body, 0.0));
-            // The pieces that stand for a cable may hang a few centimetres lower than it.
-            prop_assume!(!wet.with_sag(1.0 / sag::WET).is_blocked(&body, 0.0));
+            prop_assert!(!wet.with_sag(1.0 / sag::WET).is_blocked(&body, 0.0));
             let held = |down_m: f64| Held { position_m: from_m - Vector3::new(0.0, 0.0, down_m), tensions_n: &tensions_n };
             let border = Border::Obstacle(Contact { obstacle: 0, cable: Some(0) });
             prop_assert_eq!(robot.approached(&held(0.0), &held(lower_m), 0.0), Some(border));
