@@ -99,6 +99,11 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
     config.line.stiffness_n = section.stiffness_n;
     config.drum.radius_m = section.drum_radius_m;
     config.drum.line_diameter_m = section.line_diameter_m;
+    if let Some(drum) = &robot.drum {
+        config.drum.radius_m = 0.5 * drum.diameter_m;
+        config.drum.line_diameter_m = drum.cable_diameter_m;
+        config.drum.turns_per_layer = drum.turns_per_layer;
+    }
     let longest_m = robot.robot.length_limits_m[1].min(100.0);
     config.drum.capacity_m = config.drum.capacity_m.max(longest_m + 10.0);
     config.drive.delay_s = section.delay_s;
@@ -123,7 +128,10 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
     // Without the section, wheels, weight and counts of the robot file are part of the world too.
     let truth = section.truth.as_ref();
     let lines = &robot.lines;
-    let more = !robot.robot.pulley_radius_m.is_empty() || lines.mass_kg_m > 0.0 || lines.counts_stretched.any();
+    let more = !robot.robot.pulley_radius_m.is_empty()
+        || lines.mass_kg_m > 0.0
+        || lines.counts_stretched.any()
+        || robot.drum.is_some();
     if truth.is_some() || more {
         world::apply(truth.unwrap_or(&TruthSection::default()), robot, counts_per_m, &mut config);
     }

@@ -67,6 +67,7 @@ fn cable(
     };
     let (mut line, mut drum) = (config.line, config.drum);
     line.stiffness_n = or(&truth.stiffness_n, line.stiffness_n);
+    drum.capacity_m = robot.drum.as_ref().and_then(|drum| drum.cable_m.get(i).copied()).unwrap_or(drum.capacity_m);
     drum.radius_m = or(&truth.drum_radius_m, drum.radius_m);
     let dry_kg_m = or(&truth.line_mass_kg_m, robot.lines.mass_kg_m);
     let wet_kg_m = or(&truth.line_wet_mass_kg_m, dry_kg_m);
@@ -81,6 +82,7 @@ fn cable(
             .counts_stretched
             .as_ref()
             .map_or(robot.lines.counts_stretched.at(i), |cables| cables[i]),
+        counts_turns: robot.drum.is_some(),
         attachment_m: truth.attachments_m.as_ref().map_or([0.0; 3], |points| points[i]),
         mass_kg_m: dry_kg_m + truth.wetness * (wet_kg_m - dry_kg_m),
         expansion_per_k: or(&truth.thermal_expansion_per_k, plain.expansion_per_k),

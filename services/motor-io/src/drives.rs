@@ -133,7 +133,7 @@ impl Drives {
             units[unit][motor] = Some(if command.released[i] {
                 Command::Release
             } else {
-                Command::Velocity(command.speed_m_s[i] * self.counts_per_m[i])
+                Command::Velocity(command.encoder_m_s(i) * self.counts_per_m[i])
             });
         }
         let reply = self.fleet.exchange(&FleetCommand { cycle, units }, deadline_ns);

@@ -6,10 +6,14 @@
 //! sum: a cable that is reeled in tight and paid out loose has not the same length as before when its counts are. The
 //! sum is here and not in an estimator, because lengths outlive estimators, and the store keeps them across restarts.
 //!
+//! An encoder on the motor counts turns of the drum, which winds the more cable the more of it is on the drum already: with
+//! `[drum]` in the robot file, the counts from a known length are converted with the mean radius of the layers.
+//!
 //! This is the only place that judges whether a count is credible, by `OVER_SPEED` and `JUMP_MARGIN_M`. A count
 //! beyond them is used only when the next one agrees with it, and then the position needs confirmation.
 
 use crate::settings::CoreConfig;
+use cable_robot::Drum;
 use drives::CountBound;
 use messages::{CABLES, MotorState};
 
@@ -85,7 +89,7 @@ pub struct Position {
 pub struct Odometry {
     cables: [Cable; CABLES],
     count: usize,
-    counts_per_m: [f64; CABLES],
+    winds: [Wind; CABLES],
     fastest_m_s: f64,
     position: u8,
     restore: Option<Position>,
@@ -104,7 +108,7 @@ impl Odometry {
         Self {
             cables: [Cable::default(); CABLES],
             count: config.cable_count(),
-            counts_per_m: config.counts_per_m,
+            winds: std::array::from_fn(|i| Wind { counts_per_m: config.counts_per_m[i], drum: config.robot.drum(i) }),
             fastest_m_s: config.cable_speed_m_s,
             position: MotorState::POSITION_UNKNOWN,
             restore: None,
@@ -142,11 +146,11 @@ impl Odometry {
         away: bool,
         drift_m_s: Option<[f64; 2]>,
     ) -> Reading {
-        let scale = self.counts_per_m[cable];
+        let wind = self.winds[cable];
         let it = &mut self.cables[cable];
         if !it.seen {
             *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, ..*it };
-            it.apply(counts, sampled_ns, scale);
+            it.apply(counts, sampled_ns, wind);
             self.try_restore();
             return Reading::Good;
         }
@@ -154,10 +158,10 @@ impl Odometry {
         let fastest_m_s = OVER_SPEED * self.fastest_m_s;
         let [low_m_s, high_m_s] = drift_m_s.unwrap_or([-fastest_m_s, fastest_m_s]);
         let explained = low_m_s * passed_s - JUMP_MARGIN_M..=high_m_s * passed_s + JUMP_MARGIN_M;
-        let moved = metres(counts, it.counts, scale);
+        let moved = wind.metres(it.length_m, counts, it.counts);
         if explained.contains(&moved) {
             it.candidate = None;
-            it.apply(counts, sampled_ns, scale);
+            it.apply(counts, sampled_ns, wind);
             if away && moved.abs() > RETURN_TOLERANCE_M {
                 self.doubt();
                 return Reading::MovedWhileAway;
@@ -167,7 +171,7 @@ impl Odometry {
         // The cable can have moved here from the last doubtful count: two agree, so the count has jumped.
         let reach = fastest_m_s * passed_s + JUMP_MARGIN_M;
         match it.candidate {
-            Some(candidate) if metres(counts, candidate, scale).abs() <= reach => {
+            Some(candidate) if wind.metres(it.length_m, counts, candidate).abs() <= reach => {
                 self.rebase(cable, counts, sampled_ns);
                 Reading::Jumped
             }
@@ -181,10 +185,10 @@ impl Odometry {
     /// Restarts the counts of a cable, for instance after a reboot of its unit: the length stays and needs
     /// confirmation.
     pub fn rebase(&mut self, cable: usize, counts: i64, sampled_ns: u64) {
-        let scale = self.counts_per_m[cable];
+        let wind = self.winds[cable];
         let it = &mut self.cables[cable];
         *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, candidate: None, held: 0, ..*it };
-        it.apply(counts, sampled_ns, scale);
+        it.apply(counts, sampled_ns, wind);
         it.velocity_m_s = 0.0;
         self.doubt();
     }
@@ -209,7 +213,7 @@ impl Odometry {
             // A unit that was running all the time has continued to count. The count of a unit that was switched on
             // since says nothing about the time before, however near it is to the stored one.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
-                let moved_m = metres(it.counts, counts[i], self.counts_per_m[i]);
+                let moved_m = self.winds[i].metres(lengths_m[i], it.counts, counts[i]);
                 it.zero_m = lengths_m[i] + if self.alive[i] { moved_m } else { 0.0 };
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
@@ -270,6 +274,12 @@ impl Odometry {
         self.cables[cable].velocity_m_s
     }
 
+    /// Radius of a cable's drum relative to that of the bare one; 1 for an idler.
+    #[must_use]
+    pub fn radius_ratio(&self, cable: usize) -> f64 {
+        self.winds[cable].drum.radius_ratio(self.cables[cable].length_m)
+    }
+
     /// Last used count.
     #[must_use]
     pub fn counts(&self, cable: usize) -> i64 {
@@ -284,13 +294,13 @@ impl Odometry {
 }
 
 impl Cable {
-    fn apply(&mut self, counts: i64, sampled_ns: u64, scale: f64) {
+    fn apply(&mut self, counts: i64, sampled_ns: u64, wind: Wind) {
         if self.strain != 0.0 {
             // What was counted before had other strains.
             (self.zero_m, self.zero_counts) = (self.length_m, self.counts);
-            self.length_m = self.zero_m + metres(counts, self.zero_counts, scale) / (1.0 + self.strain);
+            self.length_m = self.zero_m + wind.metres(self.zero_m, counts, self.zero_counts) / (1.0 + self.strain);
         } else {
-            self.length_m = self.zero_m + metres(counts, self.zero_counts, scale);
+            self.length_m = self.zero_m + wind.metres(self.zero_m, counts, self.zero_counts);
         }
         self.counts = counts;
         self.sampled_ns = sampled_ns;
@@ -307,13 +317,26 @@ impl Cable {
         }
         let (then_ns, then) = self.history[(self.newest + HISTORY - back) % HISTORY];
         let passed_ns = sampled_ns.saturating_sub(then_ns);
-        let counted_m_s = if passed_ns > 0 { metres(counts, then, scale) / (passed_ns as f64 * 1e-9) } else { 0.0 };
+        // Back from the present length.
+        let counted_m = -wind.metres(self.length_m, then, counts);
+        let counted_m_s = if passed_ns > 0 { counted_m / (passed_ns as f64 * 1e-9) } else { 0.0 };
         self.velocity_m_s = if self.strain != 0.0 { counted_m_s / (1.0 + self.strain) } else { counted_m_s };
     }
 }
 
-fn metres(counts: i64, from: i64, counts_per_m: f64) -> f64 {
-    counts.wrapping_sub(from) as f64 / counts_per_m
+/// What the counts of a cable mean.
+#[derive(Debug, Clone, Copy)]
+struct Wind {
+    /// Of an idler, or of the bare drum.
+    counts_per_m: f64,
+    drum: Drum,
+}
+
+impl Wind {
+    /// Cable paid out between two counts, m; at the first of them `length_m` was.
+    fn metres(&self, length_m: f64, counts: i64, from: i64) -> f64 {
+        self.drum.paid_out_m(length_m, counts.wrapping_sub(from) as f64 / self.counts_per_m)
+    }
 }
 
 #[cfg(test)]
@@ -324,7 +347,7 @@ mod tests {
     /// the stretched cable; the length has to be that of the cable, however often the loop is flown.
     #[test]
     fn stretched_counts_lose_no_cable_in_loops() {
-        let counts_per_m = 10_000.0;
+        let wind = Wind { counts_per_m: 10_000.0, drum: Drum::default() };
         let mut cable = Cable { seen: true, zero_m: 5.0, length_m: 5.0, ..Cable::default() };
         let (mut turned_m, mut off_drum_m, mut sampled_ns) = (0.0_f64, 5.0_f64, 0);
         for step in 0..20_000 {
@@ -335,7 +358,7 @@ mod tests {
             turned_m += moved_m * (1.0 + strain);
             cable.strain = strain;
             sampled_ns += 10_000_000;
-            cable.apply((turned_m * counts_per_m).round() as i64, sampled_ns, counts_per_m);
+            cable.apply((turned_m * wind.counts_per_m).round() as i64, sampled_ns, wind);
         }
         // Half a count per reading would be 0.05 mm; the counts alone are 0.3 m of cable off.
         assert!((cable.length_m - off_drum_m).abs() < 5e-5, "{} for {off_drum_m}", cable.length_m);

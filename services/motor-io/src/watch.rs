@@ -79,6 +79,8 @@ pub struct SafetySnapshot {
     pub sent_m_s: [f64; CABLES],
     /// Cables at duty 0.
     pub released: [bool; CABLES],
+    /// Radius of each drum relative to that of the bare one, of which the motor model is.
+    pub radius_ratio: [f64; CABLES],
     /// Least and largest velocity that commands explain, m/s.
     pub excused_m_s: [[f64; 2]; CABLES],
     /// The computer had no processor in this cycle for this process or for those that answer it, so a low estimated
@@ -256,7 +258,8 @@ impl Watch {
             }
             // Largest current of a cable at its limit at this speed: reeling in against the whole friction of the gear.
             let motor = config.robot.motor();
-            let most = (strongest * (1.0 + motor.gear_friction) + motor.coulomb_n + motor.viscous_n_s_m * v.abs())
+            let pull_n = strongest * situation.radius_ratio[i];
+            let most = (pull_n * (1.0 + motor.gear_friction) + motor.coulomb_n + motor.viscous_n_s_m * v.abs())
                 / motor.force_constant_n_a;
             self.straining[i].advance(new_current.then_some(driven && current > most));
             if situation.following {
@@ -270,7 +273,15 @@ impl Watch {
                     self.ease = self.ease.min(headroom(-tensions[i], -least, -config.slack_n));
                 }
                 if judged {
-                    self.load(i, config, tensions[i], v, new_current, situation.following && driven);
+                    let ratio = situation.radius_ratio[i];
+                    let winding = Winding {
+                        tension_n: tensions[i] * ratio,
+                        reel_in_m_s: -v / ratio,
+                        // The velocity of a cable rises when it is reeled in more slowly.
+                        slowing_m_s2: ((v - self.smooth_m_s[i]) / SMOOTHED_S).max(0.0) / ratio,
+                        current_a: new_current.then_some(self.current_a[i]),
+                    };
+                    self.load(i, config, &winding, situation.following && driven);
                     count(&mut self.slack[i], situation.following && tensions[i] < config.slack_n);
                 }
                 count(&mut self.tight[i], situation.following && tensions[i] > strongest);
@@ -323,20 +334,13 @@ impl Watch {
         self.load.iter_mut().for_each(LoadEvidence::clear);
     }
 
-    /// Compares the current of a cable that the motion reels in with its estimated tension.
-    fn load(&mut self, i: usize, config: &CoreConfig, tension_n: f64, v: f64, new_current: bool, counts: bool) {
+    /// Compares the current of a cable that the motion reels in with its estimated tension, both as on the bare drum.
+    fn load(&mut self, i: usize, config: &CoreConfig, winding: &Winding, counts: bool) {
         if !counts {
             self.load[i].clear();
             return;
         }
-        let winding = Winding {
-            tension_n,
-            reel_in_m_s: -v,
-            // The velocity of a cable rises when it is reeled in more slowly.
-            slowing_m_s2: ((v - self.smooth_m_s[i]) / SMOOTHED_S).max(0.0),
-            current_a: new_current.then_some(self.current_a[i]),
-        };
-        self.load[i].advance(config.robot.motor(), &winding, config.period_s);
+        self.load[i].advance(config.robot.motor(), winding, config.period_s);
     }
 
     /// Factor for the speed of the motion, because a tension or a current approaches its fault; 1: full speed.

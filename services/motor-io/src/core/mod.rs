@@ -48,9 +48,17 @@ pub struct DriveCommand {
     pub speed_m_s: [f64; CABLES],
     /// Cables whose drive is off: duty 0 instead of a speed.
     pub released: [bool; CABLES],
+    /// Radius of each drum relative to that of the bare one; 1 for encoders on idlers.
+    pub radius_ratio: [f64; CABLES],
 }
 
 impl DriveCommand {
+    /// Speed of a cable's encoder, m/s: of the idler's rim, or of the bare drum's.
+    #[must_use]
+    pub fn encoder_m_s(&self, cable: usize) -> f64 {
+        self.speed_m_s[cable] / self.radius_ratio[cable]
+    }
+
     /// Returns true if no cable moves.
     #[must_use]
     pub fn is_hold(&self) -> bool {
@@ -184,7 +192,7 @@ impl Core {
             timing: Timing::default(),
             account: Account::default(),
             starved: Starved::default(),
-            sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES] },
+            sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES], radius_ratio: [1.0; CABLES] },
             decision: Decision::new(false, [0.0; CABLES]),
             config,
         }
@@ -245,7 +253,8 @@ impl Core {
         self.decision.scale = scale;
         self.settle(before, &speed_m_s);
         let released = if self.resets_loops(&speed_m_s) { [true; CABLES] } else { self.safety.released() };
-        self.sent = DriveCommand { speed_m_s, released };
+        let radius_ratio = std::array::from_fn(|cable| self.odometry.radius_ratio(cable));
+        self.sent = DriveCommand { speed_m_s, released, radius_ratio };
         self.check_decision(&at_begin, before);
         self.sent
     }

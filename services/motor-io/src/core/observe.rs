@@ -46,6 +46,7 @@ impl Core {
             following: self.safety.mode().on_motion(),
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
+            radius_ratio: self.sent.radius_ratio,
             excused_m_s: std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
             starved: self.chain_starves(),
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),

@@ -3,13 +3,15 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::calibrated::Calibrated;
+use crate::drum::Drum;
 use crate::energy::{Current, MotorTable, Motors};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, DriveLoad, Motor};
 use crate::obstacle::{MAX_OBSTACLES, Obstacle};
 use crate::robot_error::{FARTHEST_M, RobotError, not_negative, positive, refuse};
 use crate::robot_parts::{
-    RobotParts, keep_out_boxes, length_limits, motors, obstacle_places, routed_lengths, stretched_counts, with_pulleys,
+    RobotParts, drums, keep_out_boxes, length_limits, motors, obstacle_places, routed_lengths, stretched_counts,
+    with_pulleys,
 };
 use crate::sag::{self, Load};
 use crate::uncertainty::LengthErrors;
@@ -37,6 +39,7 @@ pub struct Robot {
     /// Bit i: the idler of cable i counts the cable as stretched as it passes.
     counts_stretched: u8,
     routed_length_m: CableVec,
+    drums: [Drum; MAX_CABLES],
     length_limits_m: [[f64; 2]; MAX_CABLES],
     motor: Motor,
     motors: Motors,
@@ -80,6 +83,7 @@ impl Robot {
         not_negative("mass_kg_m", parts.cable_mass_kg_m, "a finite mass of 0 or more, in kilograms per metre")?;
         let counts_stretched = stretched_counts(parts.counts_stretched.as_deref(), n)?;
         let routed_length_m = routed_lengths(parts.routed_length_m.as_deref(), n)?;
+        let drums = drums(parts.drum.as_ref(), &routed_length_m, counts_stretched)?;
         let length_limits_m = length_limits(parts.length_limits_m.as_deref(), n)?;
         parts.motor.check()?;
         parts.drive_limits.check()?;
@@ -104,6 +108,7 @@ impl Robot {
             cable_weight_n_m: parts.cable_mass_kg_m * STANDARD_GRAVITY,
             counts_stretched,
             routed_length_m,
+            drums,
             length_limits_m,
             motor: parts.motor,
             motors,
@@ -238,6 +243,11 @@ impl Robot {
         &self.routed_length_m
     }
 
+    /// Drum of a cable, counted from 0: what its encoder counts, and how hard a tension pulls on the motor.
+    pub fn drum(&self, cable: usize) -> Drum {
+        self.drums.get(cable).copied().unwrap_or_default()
+    }
+
     /// Shortest and longest measured length per cable, m.
     pub fn length_limits_m(&self) -> &[[f64; 2]] {
         &self.length_limits_m[..self.cable_count()]
@@ -264,11 +274,19 @@ impl Robot {
     }
 
     /// Computes what the motor of a cable, counted from 0, needs at a tension, N, and a reel-in speed, m/s: by its
-    /// measured table where it covers the point, otherwise by the friction model.
+    /// measured table where it covers the point, otherwise by the friction model. A drum with layers draws most current
+    /// where it is full and most voltage where it is empty; both are of the length at which they are largest.
     pub fn drive_load(&self, cable: usize, tension_n: f64, reel_in_m_s: f64) -> DriveLoad {
-        let modelled = |_| self.motor.current_a(tension_n, reel_in_m_s);
-        let current_a = self.motors.current_of_a(cable, tension_n, reel_in_m_s).unwrap_or_else(modelled);
-        DriveLoad { tension_n, reel_in_m_s, current_a, voltage_v: self.motor.voltage_v(current_a, reel_in_m_s) }
+        let drum = self.drum(cable);
+        let [full, empty] = self.length_limits_m[cable].map(|length_m| {
+            let ratio = drum.radius_ratio(length_m);
+            let (pull_n, turn_m_s) = (tension_n * ratio, reel_in_m_s / ratio);
+            let modelled = |_| self.motor.current_a(pull_n, turn_m_s);
+            let current_a = self.motors.current_of_a(cable, pull_n, turn_m_s).unwrap_or_else(modelled);
+            (current_a, self.motor.voltage_v(current_a, turn_m_s))
+        });
+        let larger = |a: f64, b: f64| if a.abs() >= b.abs() { a } else { b };
+        DriveLoad { tension_n, reel_in_m_s, current_a: larger(full.0, empty.0), voltage_v: larger(full.1, empty.1) }
     }
 
     /// Covariance of the position of an anchor, counted from 0, by a calibration, m²; None if unknown.

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use crate::drum::{Drum, DrumParts};
 use crate::energy::{CurrentTable, Motors};
 use crate::keep_out::{KeepOut, MAX_KEEP_OUT};
 use crate::motor::{DriveLimits, Motor};
@@ -64,6 +65,8 @@ pub struct RobotParts {
     pub counts_stretched: Option<Vec<bool>>,
     /// Cable between drum and anchor per cable, m, which also stretches; default 0.
     pub routed_length_m: Option<Vec<f64>>,
+    /// The drums whose turns the encoders count; None: encoders on idlers, or drums whose radius does not matter.
+    pub drum: Option<DrumParts>,
     /// Shortest and longest measured length per cable, m; default [`DEFAULT_LENGTH_LIMITS_M`].
     pub length_limits_m: Option<Vec<[f64; 2]>>,
     /// The winch motors, with quantities at the cable.
@@ -105,6 +108,7 @@ impl Default for RobotParts {
             cable_mass_kg_m: 0.0,
             counts_stretched: None,
             routed_length_m: None,
+            drum: None,
             length_limits_m: None,
             motor: Motor::default(),
             motor_tables: Vec::new(),
@@ -128,6 +132,23 @@ pub(crate) fn with_pulleys(anchors: Anchors, kind: PulleyKind, radii_m: Option<&
         },
         (PulleyKind::Swivel, Some(radii_m)) => anchors.with_pulleys(radii_m),
     }
+}
+
+/// The drum of each cable. Turns of a drum are not turned by stretch.
+pub(crate) fn drums(
+    given: Option<&DrumParts>,
+    routed_length_m: &CableVec,
+    counts_stretched: u8,
+) -> Result<[Drum; MAX_CABLES], RobotError> {
+    let mut drums = [Drum::default(); MAX_CABLES];
+    let Some(given) = given else { return Ok(drums) };
+    if counts_stretched != 0 {
+        let accepted = "no counts_stretched with the section [drum], whose turns do not depend on the stretch";
+        return refuse("counts_stretched", "is true beside encoders on drums".to_owned(), accepted);
+    }
+    let of_cables = Drum::of(given, routed_length_m)?;
+    drums[..of_cables.len()].copy_from_slice(&of_cables);
+    Ok(drums)
 }
 
 pub(crate) fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result<CableVec, RobotError> {

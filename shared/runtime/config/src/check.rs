@@ -35,6 +35,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
         let clause = "is given for rigid cables; give `stiffness_n` too, or remove it";
         return Err(Problem::with_clause("lines.counts_stretched", clause));
     }
+    file.drum.as_ref().map_or(Ok(()), |drum| drum.check_ranges("drum"))?;
     file.motor.check_ranges("motor")?;
     if let TablePaths::Each(paths) = &file.motor.table
         && !(paths.is_empty() || paths.len() == robot.anchors_m.len())

@@ -9,7 +9,7 @@ use crate::file::join_normalized;
 use crate::file_kind::FileKind;
 use crate::toml_file::{ConfigError, Source};
 use cable_robot::motor::{DriveLimits, Motor};
-use cable_robot::{Obstacle, Robot, RobotError, RobotParts};
+use cable_robot::{DrumParts, Obstacle, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
 
 /// Share of the supply voltage that does not reach the motor, or that the drive's speed loop needs to correct: a bridge
@@ -132,6 +132,12 @@ impl RobotFile {
             cable_mass_kg_m: self.lines.mass_kg_m,
             counts_stretched: Some(self.lines.counts_stretched.list(cables)),
             routed_length_m: (!self.lines.routed_length_m.is_empty()).then(|| self.lines.routed_length_m.clone()),
+            drum: self.drum.as_ref().map(|drum| DrumParts {
+                diameter_m: drum.diameter_m,
+                cable_diameter_m: drum.cable_diameter_m,
+                turns_per_layer: drum.turns_per_layer,
+                cable_m: drum.cable_m.clone(),
+            }),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
             motor: self.motor.motor(),
             motor_tables: self
@@ -156,6 +162,7 @@ impl RobotFile {
 fn robot_problem(error: &RobotError) -> Problem {
     let table = match error.key {
         "stiffness_n" | "routed_length_m" | "mass_kg_m" | "counts_stretched" => "lines",
+        "diameter_m" | "cable_diameter_m" | "turns_per_layer" | "cable_m" => "drum",
         "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
         | "transition_m_s" | "table" => "motor",
         "obstacle" => return Problem::with_sentence("obstacle", error.to_string()),

@@ -38,6 +38,8 @@ pub struct RobotFile {
     /// The cables; omit it for rigid cables without routing.
     #[serde(default)]
     pub lines: LinesSection,
+    /// The drums, if the encoders count their turns; omit it for encoders on idlers.
+    pub drum: Option<DrumSection>,
     /// The motors, with all quantities at the cable.
     #[serde(default)]
     pub motor: MotorSection,
@@ -127,6 +129,21 @@ crate::section! {
         /// Length from the drum to the pulley, which stretches too, m per cable; default 0.
         #[serde(default)]
         pub routed_length_m: Vec<f64> => between(0.0, 1000.0, "m").each("lengths"),
+    }
+}
+
+crate::section! {
+    /// `[drum]`: the encoders are on the motors or on the drums. A turn winds the more cable the more of it is on the
+    /// drum already. `counts_per_m` of the system file, and all of `[motor]`, are those of the bare drum.
+    pub struct DrumSection {
+        /// Diameter of the circle on which the middle of the cable runs on the bare drum, m: drum plus cable.
+        pub diameter_m: f64 => between(0.005, 2.0, "m (are these millimetres?)"),
+        /// Diameter of the cable, m.
+        pub cable_diameter_m: f64 => between(0.0, 0.05, "m (are these millimetres?)"),
+        /// Turns of cable that lie side by side in a layer.
+        pub turns_per_layer: f64 => between(1.0, 1e4, "turns"),
+        /// Cable from its end on the drum to the node, m per cable.
+        pub cable_m: Vec<f64> => between(0.1, 2000.0, "m").each("lengths"),
     }
 }
 

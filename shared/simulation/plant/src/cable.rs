@@ -180,7 +180,9 @@ impl Cable {
         if self.world.counts_stretched {
             self.idler.stretch = 1.0 + self.tension_n * self.drum_side() / self.line.stiffness_n;
         }
-        self.idler.follow(self.paid_out_m, if self.broken { 0.0 } else { stretched_m / warm });
+        if !self.world.counts_turns {
+            self.idler.follow(self.paid_out_m, if self.broken { 0.0 } else { stretched_m / warm });
+        }
         let half_n = if self.broken { Vector3::zeros() } else { load_n_m * (0.5 * path.free_m) };
         half_n - path.direction * self.tension_n
     }
@@ -193,6 +195,9 @@ impl Cable {
         let load_n = self.drum_tension_n();
         self.motor.step(h, bridge, load_n * ratio);
         let gear_m_s = -self.motor.reel_in_m_s() * ratio;
+        if self.world.counts_turns {
+            self.idler.turn(-h * self.motor.reel_in_m_s());
+        }
         if self.world.backlash_m > 0.0 {
             self.turn_through_play(h, gear_m_s, load_n);
         } else {

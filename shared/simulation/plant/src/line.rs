@@ -121,6 +121,13 @@ impl Idler {
         self.passed_m = passed_m;
     }
 
+    /// Updates an encoder on the motor: the bare drum would have paid out `bare_m`.
+    pub(crate) fn turn(&mut self, bare_m: f64) {
+        if !self.dead {
+            self.turned_m += bare_m;
+        }
+    }
+
     /// Encoder count; it increases as cable is paid out.
     pub fn counts(&self) -> i64 {
         (self.turned_m * self.counts_per_m).floor() as i64 + self.offset_counts

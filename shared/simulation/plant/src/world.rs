@@ -36,6 +36,8 @@ pub struct CableWorld {
     pub count_scale: f64,
     /// Whether the idler counts the cable as stretched as it passes, instead of its unstretched length.
     pub counts_stretched: bool,
+    /// Whether the encoder is on the motor and counts turns of the bare drum, instead of cable.
+    pub counts_turns: bool,
     /// Where the cable is tied, relative to the node's position, m.
     pub attachment_m: [f64; 3],
     /// Mass of the cable, kg/m.
@@ -58,6 +60,7 @@ impl Default for CableWorld {
             pulley_friction: 0.0,
             count_scale: 1.0,
             counts_stretched: false,
+            counts_turns: false,
             attachment_m: [0.0; 3],
             mass_kg_m: 0.0,
             expansion_per_k: 0.0,
