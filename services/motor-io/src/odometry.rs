@@ -6,8 +6,8 @@
 //! sum: a cable that is reeled in tight and paid out loose has not the same length as before when its counts are. The
 //! sum is here and not in an estimator, because lengths outlive estimators, and the store keeps them across restarts.
 //!
-//! An encoder on the motor counts turns of the drum, which winds the more cable the more of it is on the drum already: with
-//! `[drum]` in the robot file, the counts from a known length are converted with the mean radius of the layers.
+//! An encoder on the motor counts turns of the drum, which winds the more cable the more of it is on the drum already:
+//! with `[drum]` in the robot file, the counts from a known length are converted with the mean radius of the layers.
 //!
 //! This is the only place that judges whether a count is credible, by `OVER_SPEED` and `JUMP_MARGIN_M`. A count
 //! beyond them is used only when the next one agrees with it, and then the position needs confirmation.

@@ -30,8 +30,8 @@ pub struct CoreConfig {
     pub robot: Robot,
     /// Control period, s.
     pub period_s: f64,
-    /// Encoder counts per metre of cable, one per cable, on a drum those of the bare one; negative if the count falls as
-    /// the cable pays out.
+    /// Encoder counts per metre of cable, one per cable, on a drum those of the bare one; negative if the count falls
+    /// as the cable pays out.
     pub counts_per_m: [f64; CABLES],
     /// Drive unit of each cable.
     pub unit_of_cable: [usize; CABLES],

@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// The programs `nims-X` that come with nims: X, and what it does.
-pub const COMPANIONS: [(&str, &str); 5] = [
+pub const COMPANIONS: [(&str, &str); 6] = [
     ("bench", "Measure whether this machine is good enough for a robot"),
+    ("drive-capture", "Record what a drive says on its serial port, or answer as it did"),
     ("page", "Show and fly a robot on a tablet"),
     ("paper", "Compute every figure and table of the paper"),
     ("sim", "Fly a virtual robot much faster than real time: laws, parameters and worlds side by side"),

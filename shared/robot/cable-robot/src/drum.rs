@@ -1,4 +1,5 @@
-//! A drum on which the cable lies in layers: how its radius, and with it the cable per turn, depends on the cable on it.
+//! A drum on which the cable lies in layers: how its radius, and with it the cable per turn, depends on the cable on
+//! it.
 
 use std::f64::consts::PI;
 

@@ -11,9 +11,9 @@ crate::section! {
     pub struct MotorIoSection {
         /// Serial ports with their drive units.
         pub ports: Vec<PortSection> = Vec::new(),
-        /// Encoder counts per metre of cable, one value per cable, with `[drum]` of the robot file those of the bare drum;
-        /// negative if the count decreases while the cable pays out. A calibration with the robot's encoders, named in the robot file, replaces them when the file is
-        /// loaded.
+        /// Encoder counts per metre of cable, one value per cable, with `[drum]` of the robot file those of the bare
+        /// drum; negative if the count decreases while the cable pays out. A calibration with the robot's encoders,
+        /// named in the robot file, replaces them when the file is loaded.
         pub counts_per_m: Vec<f64> = Vec::new(),
         /// Time without a packet after which the drives stop their motors, s; in steps of 0.1.
         pub watchdog_s: f64 = 0.3,

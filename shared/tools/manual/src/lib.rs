@@ -27,6 +27,7 @@ pub fn complete_command() -> clap::Command {
         let program = clap::Command::new(name).about(about);
         command = command.subcommand(match name {
             "bench" => nims_bench::Args::augment_args(program),
+            "drive-capture" => nims_drive_capture::Args::augment_args(program),
             "paper" => nims_paper::Args::augment_args(program),
             "sim" => nims_sim::Args::augment_args(program),
             "truth" => nims_truth::Args::augment_args(program),
