@@ -9,15 +9,20 @@ mod counting;
 mod method;
 
 use cable_control::law::PFeedforward;
-use config::EstimatorSection;
+use config::{EstimatorSection, SystemFile};
 use controller::Law;
 use counting::allocations;
+use drives::{AXES, Command, DriveBus, UnitAnswer, UnitCommand, UnitReport};
 use estimator::{Estimator, Method};
 use messages::Request;
+use motor_box::{BoxConfig, MotorBox};
+use motor_io::{CoreConfig, open_port};
 use nims_tests::lockstep::{Chain, Cycle, Lockstep};
 use nims_tests::scenarios::{self, Case};
 use planner::mission::PathShape;
+use std::array::from_fn;
 use std::hint::black_box;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A flight with all kinds of events: zeroing, arming, moving, a pause, resuming, a stop.
 fn flight(robot: &'static str, shape: PathShape, law: Option<Law>, method: &str) -> (Chain, Vec<Cycle>) {
@@ -84,4 +89,61 @@ fn estimation_control_and_arbitration_allocate_nothing() {
         assert_eq!(count, 0, "{robot}, {shape:?}, {law:?}, {method}");
         assert!(cycles.iter().any(|cycle| cycle.control.error_norm_m > 0.0));
     }
+}
+
+/// Cycles in which a bus is counted, after as many in which its buffers grow.
+const COUNTED: usize = 100;
+
+/// Every family on a pseudo-terminal: command and counts, and the readings between cycles. The virtual units are in
+/// another thread.
+#[test]
+fn the_drives_of_every_family_are_driven_without_allocations() {
+    for name in ["demo3", "moteus4", "odrive4", "roboteq3"] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../configs/systems/{name}.toml"));
+        let file = SystemFile::load(&path).unwrap();
+        let robot = file.robot_file().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let mut motor_box = MotorBox::new(&BoxConfig::from_files(&file, &robot, folder.path()).unwrap()).unwrap();
+        let config = CoreConfig::from_files(&file, &robot).unwrap();
+        let stop = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !stop.load(Ordering::Relaxed) {
+                    motor_box.run_until(motor_box.real_ns() + 10_000_000).unwrap();
+                }
+            });
+            let port = &file.motor_io.ports[0];
+            let at = port.path.replace("{domain}", &folder.path().to_string_lossy());
+            let connected = port.units.iter().map(|unit| unit.cables.len());
+            let hold: Vec<_> =
+                connected.map(|n| from_fn::<_, AXES, _>(|motor| (motor < n).then_some(Command::HOLD))).collect();
+            let counted = counted_cycles(open_port(port, &at, &config).unwrap(), &hold);
+            stop.store(true, Ordering::Relaxed);
+            assert_eq!(counted, Ok(0), "{name}");
+        });
+    }
+}
+
+/// Allocations of [`COUNTED`] cycles in which every unit answered in time.
+fn counted_cycles(mut bus: Box<dyn DriveBus>, hold: &[UnitCommand]) -> Result<u64, String> {
+    let blank = UnitAnswer { outcome: Ok(()), report: UnitReport::default() };
+    let mut answers = vec![blank; bus.unit_count()];
+    let (mut good, mut counted) = (0, 0);
+    for _ in 0..5000 {
+        let (begin_ns, timeouts) = (bus.now_ns(), bus.counters().timeouts);
+        let count = allocations(|| {
+            bus.exchange(hold, begin_ns + 9_000_000, &mut answers);
+            bus.spend(begin_ns + 10_000_000);
+        });
+        if !bus.is_settled() {
+            let _ = bus.settle(bus.now_ns() + 5_000_000);
+        } else if bus.counters().timeouts == timeouts && answers.iter().all(|answer| answer.outcome.is_ok()) {
+            good += 1;
+            counted += if good > COUNTED { count } else { 0 };
+            if good == 2 * COUNTED {
+                return Ok(counted);
+            }
+        }
+    }
+    Err(format!("only {good} good cycles: {answers:?}"))
 }

@@ -11,7 +11,7 @@ use serial::{ReopeningPort, StatusPin};
 ///
 /// # Errors
 /// A setting that the family does not have.
-pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<dyn DriveBus>, Error> {
+pub fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<dyn DriveBus>, Error> {
     let wrong = |what| Error::Configuration { port: path.into(), what };
     match port.protocol {
         DriveProtocol::Roboclaw => {

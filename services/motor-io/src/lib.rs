@@ -44,6 +44,7 @@ mod watch;
 
 pub use answer::Answer;
 pub use arbiter::{Arbiter, ArbiterInput, ChosenCommand};
+pub use backend::open as open_port;
 pub use core::{Core, DriveCommand, Observation};
 pub use inbox::Inbox;
 pub use odometry::Position;

@@ -102,7 +102,8 @@ impl Transport for Port {
     }
 
     fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
-        if buffer.is_empty() {
+        // Without time to wait the port is asked first: serialport reports the end of a wait by an error on the heap.
+        if buffer.is_empty() || (monotonic_ns() >= deadline_ns && self.pending()? == 0) {
             return Ok(0);
         }
         loop {

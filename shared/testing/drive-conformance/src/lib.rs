@@ -57,6 +57,12 @@ pub use virtual_units::VirtualUnits;
 macro_rules! conformance {
     ($family:ty) => {
         $crate::conformance!($family, in packets);
+        /// Takes up to three minutes.
+        #[test]
+        #[ignore = "two hours of traffic: `cargo test -p FAMILY two_hours -- --ignored --nocapture`"]
+        fn two_hours_of_traffic() {
+            $crate::cases::two_hours_of_traffic::<$family>();
+        }
         $crate::conformance!($family:
             bytes_that_answer_nothing_are_discarded,
             a_lost_answer_costs_few_cycles,

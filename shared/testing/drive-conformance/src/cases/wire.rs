@@ -3,6 +3,7 @@
 use drives::{Command, DriveBus, Error};
 use serial::Faults;
 
+use crate::clockwork::Clockwork;
 use crate::family::{Family, WATCHDOG_MS};
 use crate::robot::{BUDGET_NS, MS, PERIOD_NS, Robot};
 use crate::virtual_units::VirtualUnits;
@@ -17,9 +18,14 @@ const RECOVERY: usize = 120;
 fn endure<F: Family>(case: &str, begin: impl FnOnce(&mut Robot<F>), end: impl FnOnce(&mut Robot<F>)) {
     let mut robot = Robot::<F>::connected(F::UNITS);
     begin(&mut robot);
+    endure_cycles(case, robot, CYCLES, end);
+}
+
+fn endure_cycles<F: Family>(case: &str, mut robot: Robot<F>, cycles: u32, end: impl FnOnce(&mut Robot<F>)) {
+    let offset = robot.clockwork().offset;
     let mut good = 0;
     let mut last = vec![i64::MIN; F::UNITS];
-    for cycle in 1..=CYCLES {
+    for cycle in 1..=cycles {
         let steps = (cycle - 1) % F::SPEED_STEPS + 1;
         let command = Command::Velocity(f64::from(steps) * F::SPEED_STEP_COUNTS_S);
         let start_ns = robot.exchange(Some(command));
@@ -29,14 +35,14 @@ fn endure<F: Family>(case: &str, begin: impl FnOnce(&mut Robot<F>), end: impl Fn
             *last = answer.report.counts.value[0];
             if answer.outcome.is_ok() {
                 good += 1;
-                robot.assert_fresh(unit, start_ns, 0, case);
+                robot.assert_fresh(unit, start_ns, offset, case);
                 // It counts as commanded, so it was.
                 robot.assert_drive(unit, 0, command, case);
             }
         }
         robot.spend(start_ns);
     }
-    let all = CYCLES * F::UNITS as u32;
+    let all = cycles * F::UNITS as u32;
     println!("{case}: {good} of {all} answers good, {:?}", robot.bus.counters());
     assert!(good > all / 3, "{case}: only {good} of {all} answers");
     assert!(robot.answers.iter().all(|answer| answer.report.reboots == 0), "{case}: a restart that was none");
@@ -138,6 +144,24 @@ pub fn byte_errors_neither_acknowledge_nor_age<F: Family>() {
         ("1 % of the bytes inserted", Faults { insert: 0.01, ..Faults::default() }),
         ("everything at once", mixed),
     ]);
+}
+
+/// Two hours at 100 Hz, with the faults that a long flight has now and then. The counter passes its ends where it wraps;
+/// where it does not, each hour begins far below zero.
+pub fn two_hours_of_traffic<F: Family>() {
+    const HOUR: u32 = 360_000;
+    let rare = Faults { corrupt: 2e-5, drop: 1e-5, duplicate: 1e-5, insert: 1e-5, late: 1e-4, late_ns: 20 * MS };
+    for hour in 1..=2 {
+        let mut clockwork = Clockwork::new(F::units(F::UNITS), F::UNITS);
+        clockwork.offset = if F::COUNTER_WRAPS { 0 } else { -1_800_000_000 };
+        let mut robot = Robot::<F>::at(clockwork, F::UNITS);
+        robot.connect();
+        robot.cycle(Command::HOLD);
+        F::pipe(&mut robot.bus).set_faults(rare, hour);
+        endure_cycles(&format!("hour {hour}"), robot, HOUR, |robot| {
+            F::pipe(&mut robot.bus).set_faults(Faults::default(), 0);
+        });
+    }
 }
 
 /// A unit that does not answer is named, is asked rarely, and delays the others little.
