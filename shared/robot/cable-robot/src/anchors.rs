@@ -44,6 +44,16 @@ pub struct Anchors {
     radii_m: [f64; MAX_CABLES],
     len: usize,
     planar: bool,
+    /// Whether any, and whether every cable runs over a pulley.
+    pulleys: [bool; 2],
+}
+
+/// Two cables over pulleys.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PairOfPulleys<'a> {
+    pub anchors: &'a [Vector3<f64>; 2],
+    pub radii_m: &'a [f64; 2],
+    pub planar: bool,
 }
 
 impl Anchors {
@@ -77,7 +87,8 @@ impl Anchors {
     }
 
     fn from_points(points: impl Iterator<Item = [f64; 3]>, len: usize, planar: bool) -> Result<Self, RobotError> {
-        let mut result = Self { points: [Vector3::zeros(); MAX_CABLES], radii_m: [0.0; MAX_CABLES], len, planar };
+        let (zeros, radii_m) = ([Vector3::zeros(); MAX_CABLES], [0.0; MAX_CABLES]);
+        let mut result = Self { points: zeros, radii_m, len, planar, pulleys: [false; 2] };
         for (i, p) in points.enumerate() {
             if !p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST_M) {
                 let problem = format!("number {} is [{}, {}, {}]", i + 1, p[0], p[1], p[2]);
@@ -88,7 +99,8 @@ impl Anchors {
                 let problem = format!("numbers {} and {} coincide", j + 1, i + 1);
                 return refuse(KEY, problem, "points at least 1 mm apart");
             }
-            result.points[i] = point;
+            // Unused places have the last point, for pairs of pulleys.
+            result.points[i..].fill(point);
         }
         Ok(result)
     }
@@ -114,7 +126,10 @@ impl Anchors {
             return refuse(RADIUS_KEY, problem, "radii of 0 (an eye) to 0.5 m");
         }
         let mut result = *self;
-        result.radii_m[..self.len].copy_from_slice(radii_m);
+        for (i, radius_m) in radii_m.iter().enumerate() {
+            result.radii_m[i..].fill(*radius_m);
+        }
+        result.pulleys = [radii_m.iter().any(|r| *r != 0.0), radii_m.iter().all(|r| *r != 0.0)];
         Ok(result)
     }
 
@@ -125,7 +140,14 @@ impl Anchors {
 
     /// True if any cable runs over a pulley instead of through an eye.
     pub fn have_pulleys(&self) -> bool {
-        self.radii_m().iter().any(|r| *r != 0.0)
+        self.pulleys[0]
+    }
+
+    /// The pulleys two by two, with their anchors and their radii, for a robot that has only pulleys; None if any cable
+    /// runs through an eye. An odd last one is in a pair with itself.
+    pub(crate) fn pairs_of_pulleys(&self) -> Option<impl Iterator<Item = PairOfPulleys<'_>>> {
+        let pairs = self.points.as_chunks().0.iter().zip(self.radii_m.as_chunks().0).take(self.len.div_ceil(2));
+        self.pulleys[1].then(|| pairs.map(|(anchors, radii_m)| PairOfPulleys { anchors, radii_m, planar: self.planar }))
     }
 
     /// The eye or pulley of a cable, counted from 0 and below the number of cables.

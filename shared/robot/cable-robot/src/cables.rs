@@ -67,6 +67,20 @@ impl CableVec {
         result
     }
 
+    /// Takes the values of `n` cables two by two; an odd last one is the first of a pair. `n` above [`MAX_CABLES`] counts
+    /// as [`MAX_CABLES`].
+    #[inline]
+    pub(crate) fn from_pairs(n: usize, pairs: impl Iterator<Item = [f64; 2]>) -> Self {
+        let mut result = Self::zeros(n);
+        for (values, pair) in result.values.as_chunks_mut().0.iter_mut().zip(pairs) {
+            *values = pair;
+        }
+        if let Some(unused) = result.values.get_mut(result.len) {
+            *unused = 0.0;
+        }
+        result
+    }
+
     /// Returns the values padded with zeros, as messages carry them.
     pub const fn to_array8(&self) -> [f64; MAX_CABLES] {
         self.values

@@ -16,7 +16,7 @@ use crate::kinematics::{
     Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, check_pulleys, forward_kinematics,
     inverse_kinematics,
 };
-use crate::pulley::CableGeometry;
+use crate::pulley::{CableGeometry, Pulley, Tangents};
 use crate::sag::{self, Load};
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
@@ -235,20 +235,6 @@ struct ElasticCables<'a> {
     wrench: Vector3<f64>,
 }
 
-/// One cable at a position.
-struct Stretched {
-    /// Unstretched length from drum to node, m.
-    total: f64,
-    /// Stretch of all of it, m; negative for a slack cable.
-    stretch: f64,
-    /// Unit vector toward the node.
-    u: Vector3<f64>,
-    /// Length from the anchor, m.
-    length: f64,
-    /// Curvature of the length; None for an eye.
-    cable: Option<CableGeometry>,
-}
-
 /// What the weight of each cable does at the start of a step.
 type Loads = [Load; MAX_CABLES];
 
@@ -285,22 +271,23 @@ impl ElasticCables<'_> {
         load.rise_n * self.robot.routed_length_m()[i] / self.stiffness
     }
 
-    /// Geometry of a cable at a position.
-    fn geometry(&self, i: usize, x: &Vector3<f64>) -> Stretched {
-        let pulley = self.robot.anchors().pulley(i);
-        let (length, u, cable) = if pulley.radius_m == 0.0 {
-            let d = x - pulley.anchor;
-            let length = d.norm();
-            (length, if length > 0.0 { d / length } else { Vector3::zeros() }, None)
-        } else {
-            match pulley.cable_to(x) {
-                Ok(cable) => (cable.length_m, cable.direction, Some(cable)),
-                // No step ends here, because NaN is never lower.
-                Err(_) => (f64::NAN, Vector3::repeat(f64::NAN), None),
+    /// Calls a function for the geometry of each cable at a position.
+    #[inline(always)]
+    fn for_each_cable(&self, x: &Vector3<f64>, mut then: impl FnMut(usize, &CableGeometry)) {
+        let (anchors, n) = (self.robot.anchors(), self.robot.cable_count());
+        let Some(pairs) = anchors.pairs_of_pulleys() else {
+            for (i, pulley) in anchors.pulleys().enumerate() {
+                then(i, &geometry(&pulley, x));
             }
+            return;
         };
-        // The routed part cancels: L + Lx - (l + Lx).
-        Stretched { total: self.total(i), stretch: length - self.unstretched_m[i], u, length, cable }
+        for (k, pair) in pairs.enumerate() {
+            let tangents = Tangents::of(&pair, x);
+            let both = if tangents.have_directions() { tangents.cables() } else { [NOWHERE; 2] };
+            for (i, cable) in (2 * k..n).zip(&both) {
+                then(i, cable);
+            }
+        }
     }
 
     /// Loads of the cables at a position; None without weight.
@@ -311,8 +298,9 @@ impl ElasticCables<'_> {
 
     fn evaluate(&self, x: &Vector3<f64>, loads: Option<&Loads>) -> Balance {
         let mut balance = Balance { gradient: self.wrench, hessian: Matrix3::zeros(), potential: self.wrench.dot(x) };
-        for i in 0..self.robot.cable_count() {
-            let Stretched { total, stretch, u, length, cable } = self.geometry(i, x);
+        self.for_each_cable(x, |i, cable| {
+            let CableGeometry { length_m: length, direction: u, free_m, bend_per_m, across: a } = cable;
+            let (total, stretch) = (self.total(i), length - self.unstretched_m[i]);
             let mut k = self.stiffness / total;
             let tension;
             if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
@@ -322,21 +310,19 @@ impl ElasticCables<'_> {
                 balance.potential += load.energy_j(tension, softness) + load.half_n * x.z;
                 balance.gradient.z += load.half_n;
             } else {
-                if stretch <= 0.0 || length == 0.0 {
-                    continue;
+                if stretch <= 0.0 || *length == 0.0 {
+                    return;
                 }
                 tension = k * stretch;
                 balance.potential += 0.5 * tension * stretch;
             }
             balance.gradient += u * tension;
-            balance.hessian += match cable {
-                None => {
-                    let across = tension / length;
-                    linalg::outer(&u, &u) * (k - across) + Matrix3::identity() * across
-                }
-                Some(cable) => linalg::outer(&u, &u) * k + cable.curvature() * tension,
-            };
-        }
+            let across = tension / free_m;
+            balance.hessian += linalg::outer(u, u) * (k - across) + Matrix3::identity() * across;
+            if *bend_per_m != 0.0 {
+                balance.hessian += linalg::outer(a, a) * (bend_per_m * tension);
+            }
+        });
         balance
     }
 
@@ -405,9 +391,9 @@ impl ElasticCables<'_> {
         let mut columns = [Vector3::zeros(); MAX_CABLES];
         let mut tensions_n = CableVec::zeros(n);
         let mut lengths_m = CableVec::zeros(n);
-        for i in 0..n {
-            let Stretched { total, stretch, u, length, .. } = self.geometry(i, &x);
-            lengths_m[i] = length;
+        self.for_each_cable(&x, |i, cable| {
+            let (total, stretch, u) = (self.total(i), cable.length_m - self.unstretched_m[i], &cable.direction);
+            lengths_m[i] = cable.length_m;
             if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
                 let softness = total / self.stiffness;
                 tensions_n[i] = load.tension_n(stretch - self.carried_m(i, load), softness);
@@ -415,7 +401,7 @@ impl ElasticCables<'_> {
                 // H dX = u (-dT/dl) dl, with softness T = L + bow(T) - l and the softness (l + Lx) / EA.
                 let pull = (1.0 + tensions_n[i] / self.stiffness) / load.softness_m_n(tensions_n[i], softness);
                 columns[i] = linalg::solve_spd(&balance.hessian, &(u * pull)).unwrap_or_else(Vector3::zeros);
-                continue;
+                return;
             }
             slack[i] = stretch <= 0.0;
             if !slack[i] {
@@ -424,7 +410,7 @@ impl ElasticCables<'_> {
                 let pull = self.stiffness * (total + stretch) / (total * total);
                 columns[i] = linalg::solve_spd(&balance.hessian, &(u * pull)).unwrap_or_else(Vector3::zeros);
             }
-        }
+        });
         Equilibrium {
             position: x,
             tensions_n,
@@ -435,6 +421,23 @@ impl ElasticCables<'_> {
             sensitivity: NodeJacobian { columns, len: n, planar: self.robot.is_planar() },
         }
     }
+}
+
+/// A cable without a direction. No step ends there, because NaN is never lower.
+const NOWHERE: CableGeometry = {
+    const NOT: Vector3<f64> = Vector3::new(f64::NAN, f64::NAN, f64::NAN);
+    CableGeometry { length_m: f64::NAN, direction: NOT, free_m: f64::NAN, bend_per_m: f64::NAN, across: NOT }
+};
+
+/// Geometry of a cable at a position. At an eye it has no direction, and its length is 0.
+fn geometry(pulley: &Pulley, x: &Vector3<f64>) -> CableGeometry {
+    if pulley.radius_m != 0.0 {
+        return pulley.cable_to(x).unwrap_or(NOWHERE);
+    }
+    let d = x - pulley.anchor;
+    let length_m = d.norm();
+    let direction = if length_m > 0.0 { d / length_m } else { Vector3::zeros() };
+    CableGeometry { length_m, direction, free_m: length_m, bend_per_m: 0.0, across: Vector3::zeros() }
 }
 
 /// Rigid cables with weight: the bows follow from the tensions, and these from the position. A step changes a bow by

@@ -18,6 +18,7 @@ pub use trilateration::{Pair, trilaterate};
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::pulley::Tangents;
 use crate::{Anchors, CableVec, linalg, planar};
 use trilateration::{best_pair, choose, residuals};
 
@@ -31,7 +32,14 @@ const MAX_ITERATIONS: usize = 50;
 /// Computes the lengths from the anchors to a position, m (6): straight lines from eyes, and for pulleys the part on
 /// the wheel in addition. NaN for a node inside a wheel; [`lengths_at`] is the same with an error.
 pub fn inverse_kinematics(anchors: &Anchors, position: &Vector3<f64>) -> CableVec {
-    CableVec::from_fn(anchors.len(), |i| anchors.pulley(i).length_m(position))
+    if let Some(pairs) = anchors.pairs_of_pulleys() {
+        let lengths_m = pairs.map(|pair| Tangents::of(&pair, position).lengths_m());
+        return CableVec::from_pairs(anchors.len(), lengths_m);
+    }
+    CableVec::from_fn(anchors.len(), |i| match anchors.radii_m()[i] {
+        0.0 => (position - anchors[i]).norm(),
+        _ => anchors.pulley(i).length_m(position),
+    })
 }
 
 /// Like [`inverse_kinematics`], and rejects positions inside a wheel or on the axis of a pulley, m.
@@ -42,6 +50,9 @@ pub fn lengths_at(anchors: &Anchors, position: &Vector3<f64>) -> Result<CableVec
 
 /// Rejects positions at which the cable over a pulley has no direction; eyes are not checked.
 pub(crate) fn check_pulleys(anchors: &Anchors, position: &Vector3<f64>) -> Result<(), KinematicsError> {
+    if !anchors.have_pulleys() {
+        return Ok(());
+    }
     for (i, pulley) in anchors.pulleys().enumerate().filter(|(_, pulley)| pulley.radius_m != 0.0) {
         pulley.direction(position).map_err(|why| KinematicsError::without_direction(why, i, &pulley, position))?;
     }

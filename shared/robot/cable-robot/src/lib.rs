@@ -40,7 +40,6 @@
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 pub mod anchors;
-mod angle;
 pub mod cables;
 mod calibrated;
 pub mod catenary;

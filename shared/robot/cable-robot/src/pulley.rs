@@ -15,7 +15,7 @@
 //! The wrapped part and the free part exchange cable without change of length at the touching point, so dL/dX = u. The
 //! touching point moves with the node, u turns by n·dX / t in the plane (n = (-u_up, u_out), from the wheel's centre to
 //! the touching point) and by 1 / p about the axis: the second derivative of L is n nᵀ / t + (u_out / p) a aᵀ with the
-//! horizontal unit vector a across the plane. It is positive semidefinite, and L convex, where the node is farther from
+//! horizontal unit vector a across the plane, which is (1 - u uᵀ) / t + (u_out / p - 1 / t) a aᵀ. It is positive semidefinite, and L convex, where the node is farther from
 //! the axis than the touching point (u_out >= 0); below the wheel that is p >= about 2 r.
 //!
 //! At p = 0 the direction outward is undefined: the pulley may turn to any side, L has a kink, and the pose is
@@ -24,9 +24,13 @@
 //!
 //! Positions and lengths in m. [`NoDirection`] states why a position has no direction.
 
+mod tangents;
+
 use nalgebra::{Matrix3, Vector3};
 
-use crate::angle;
+use crate::anchors::PairOfPulleys;
+
+pub(crate) use tangents::Tangents;
 
 /// Smallest distance at which a direction is defined, m.
 const SMALLEST_M: f64 = 1e-9;
@@ -62,40 +66,21 @@ pub struct CableGeometry {
     pub direction: Vector3<f64>,
     /// Length of the free cable, m.
     pub free_m: f64,
-    /// How fast the direction turns about the axis: u_out / p, 1/m; for an eye 1 / length.
-    sideways_per_m: f64,
-    /// Unit vector across the plane of the wheel; None for an eye.
-    across: Option<Vector3<f64>>,
+    /// How much faster the direction turns about the axis than in the plane: u_out / p - 1 / t, 1/m. 0 for an eye and
+    /// for a planar robot.
+    pub(crate) bend_per_m: f64,
+    /// Unit vector across the plane of the wheel; zero for an eye.
+    pub(crate) across: Vector3<f64>,
 }
 
 impl CableGeometry {
     /// Second derivative of the length with respect to the position, 1/m; symmetric. For a planar robot the entry of y,
     /// which has no effect, is 1 / `free_m`.
     pub fn curvature(&self) -> Matrix3<f64> {
-        let u = &self.direction;
-        match &self.across {
-            None => (Matrix3::identity() - u * u.transpose()) * self.sideways_per_m,
-            Some(a) => {
-                let n = a.cross(u);
-                n * n.transpose() * (1.0 / self.free_m) + a * a.transpose() * self.sideways_per_m
-            }
-        }
+        let (u, a) = (&self.direction, &self.across);
+        let as_from_an_eye = (Matrix3::identity() - u * u.transpose()) * (1.0 / self.free_m);
+        if self.bend_per_m == 0.0 { as_from_an_eye } else { as_from_an_eye + a * a.transpose() * self.bend_per_m }
     }
-}
-
-/// The tangent in the plane of the wheel.
-struct Tangent {
-    /// Horizontal distance from the axis, m.
-    p: f64,
-    /// Unit vector outward in x and y; zero on the axis.
-    outward: [f64; 2],
-    /// Free length, m; NaN inside the wheel.
-    free: f64,
-    /// Unit vector of the free cable: outward and up.
-    out: f64,
-    up: f64,
-    /// Height of the node above the anchor, m.
-    z: f64,
 }
 
 impl Pulley {
@@ -110,7 +95,7 @@ impl Pulley {
         if self.radius_m == 0.0 {
             return (position - self.anchor).norm();
         }
-        self.length_of(&self.tangent(position))
+        self.tangent(position).lengths_m()[0]
     }
 
     /// Computes length, direction and curvature at a position.
@@ -129,15 +114,7 @@ impl Pulley {
         if self.radius_m == 0.0 {
             return self.straight(position);
         }
-        let at = self.tangent(position);
-        let [ex, ey] = at.outward;
-        Ok(CableGeometry {
-            direction: self.direction_of(&at)?,
-            length_m: self.length_of(&at),
-            free_m: at.free,
-            sideways_per_m: if self.planar { 1.0 / at.free } else { at.out / at.p },
-            across: Some(Vector3::new(-ey, ex, 0.0)),
-        })
+        Ok(self.checked(position)?.cables()[0])
     }
 
     /// Computes the direction alone, which needs no trigonometric function.
@@ -145,7 +122,7 @@ impl Pulley {
         if self.radius_m == 0.0 {
             return self.straight(position).map(|cable| cable.direction);
         }
-        self.direction_of(&self.tangent(position))
+        Ok(self.checked(position)?.directions()[0])
     }
 
     /// Computes the direction and the length of the free cable, m, which need no trigonometric function.
@@ -153,8 +130,8 @@ impl Pulley {
         if self.radius_m == 0.0 {
             return self.straight(position).map(|cable| (cable.direction, cable.free_m));
         }
-        let at = self.tangent(position);
-        Ok((self.direction_of(&at)?, at.free))
+        let tangent = self.checked(position)?;
+        Ok((tangent.directions()[0], tangent.free_m()[0]))
     }
 
     /// The cable of an eye.
@@ -165,44 +142,28 @@ impl Pulley {
         if !(length_m >= SMALLEST_M && length_m.is_finite()) {
             return Err(NoDirection::AtAnchor);
         }
-        let (direction, sideways_per_m) = (d / length_m, 1.0 / length_m);
-        Ok(CableGeometry { length_m, direction, free_m: length_m, sideways_per_m, across: None })
+        let (direction, across) = (d / length_m, Vector3::zeros());
+        Ok(CableGeometry { length_m, direction, free_m: length_m, bend_per_m: 0.0, across })
     }
 
     #[inline]
-    fn tangent(&self, position: &Vector3<f64>) -> Tangent {
-        let (d, r) = (position - self.anchor, self.radius_m);
-        let (p, outward) = if self.planar {
-            (d.x.abs(), [if d.x < 0.0 { -1.0 } else { 1.0 }, 0.0])
+    fn tangent(&self, position: &Vector3<f64>) -> Tangents {
+        let Self { anchor, radius_m, planar } = *self;
+        Tangents::of(&PairOfPulleys { anchors: &[anchor; 2], radii_m: &[radius_m; 2], planar }, position)
+    }
+
+    /// The tangent if it has a direction.
+    fn checked(&self, position: &Vector3<f64>) -> Result<Tangents, NoDirection> {
+        let tangent = self.tangent(position);
+        if tangent.have_directions() {
+            return Ok(tangent);
+        }
+        Err(if !(position - self.anchor).iter().all(|d| d.is_finite()) {
+            NoDirection::AtAnchor
+        } else if !(tangent.free_m()[0] >= SMALLEST_M) {
+            NoDirection::InsidePulley
         } else {
-            let p = (d.x * d.x + d.y * d.y).sqrt();
-            let per_p = if p > 0.0 { 1.0 / p } else { 0.0 };
-            (p, [d.x * per_p, d.y * per_p])
-        };
-        let (q, z) = (p - r, d.z);
-        let free = (p * (p - 2.0 * r) + z * z).sqrt();
-        let per_square = 1.0 / (q * q + z * z);
-        Tangent { p, outward, free, out: (r * z + free * q) * per_square, up: (free * z - r * q) * per_square, z }
-    }
-
-    fn direction_of(&self, at: &Tangent) -> Result<Vector3<f64>, NoDirection> {
-        if !at.p.is_finite() || !at.z.is_finite() {
-            return Err(NoDirection::AtAnchor);
-        }
-        if !(at.free >= SMALLEST_M) {
-            return Err(NoDirection::InsidePulley);
-        }
-        if at.p < SMALLEST_M {
-            return Err(NoDirection::OnAxis);
-        }
-        Ok(Vector3::new(at.outward[0] * at.out, at.outward[1] * at.out, at.up))
-    }
-
-    #[inline]
-    fn length_of(&self, at: &Tangent) -> f64 {
-        let turn = angle::from_unit(at.out, at.up);
-        // Only below the wheel the cable wraps more than half a turn; above, a negative angle is rounding.
-        let wrapped = if turn < 0.0 && at.z < 0.0 { turn + 2.0 * std::f64::consts::PI } else { turn };
-        at.free + self.radius_m * wrapped
+            NoDirection::OnAxis
+        })
     }
 }

@@ -5,6 +5,7 @@ use std::ops::Deref;
 use nalgebra::{Matrix3, Vector3};
 
 use super::solution::KinematicsError;
+use crate::pulley::Tangents;
 use crate::{Anchors, CableVec, MAX_CABLES, linalg};
 
 /// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector of a free cable toward the node; dL/dt = J dX/dt.
@@ -21,6 +22,9 @@ impl Jacobian {
     /// a pulley, and on its axis.
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         let mut rows = [Vector3::zeros(); MAX_CABLES];
+        if pairs_of_pulleys(anchors, position, &mut rows) {
+            return Ok(Self { rows, len: anchors.len(), planar: anchors.is_planar() });
+        }
         for (i, (row, anchor)) in rows.iter_mut().zip(anchors.iter()).enumerate() {
             let pulley = anchors.pulley(i);
             if pulley.radius_m != 0.0 {
@@ -64,6 +68,21 @@ impl Jacobian {
         }
         StructureMatrix { columns, len: self.len, planar: self.planar }
     }
+}
+
+/// Computes the rows of a robot that has only pulleys. False if a cable runs through an eye or has no direction.
+fn pairs_of_pulleys(anchors: &Anchors, position: &Vector3<f64>, rows: &mut [Vector3<f64>; MAX_CABLES]) -> bool {
+    let Some(pairs) = anchors.pairs_of_pulleys() else { return false };
+    let mut all = true;
+    for (rows, pair) in rows.as_chunks_mut().0.iter_mut().zip(pairs) {
+        let tangents = Tangents::of(&pair, position);
+        *rows = tangents.directions();
+        all &= tangents.have_directions();
+    }
+    if let Some(unused) = rows.get_mut(anchors.len()) {
+        *unused = Vector3::zeros();
+    }
+    all
 }
 
 /// Slice of the rows.
