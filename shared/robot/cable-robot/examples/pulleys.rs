@@ -17,24 +17,23 @@ const ANCHORS_M: [[f64; 3]; 8] = [
     [-0.5, 4.4, 2.99],
 ];
 const POSES: usize = 200;
-const ROUNDS: usize = 200;
+const ROUNDS: usize = 400;
+/// How far a hint is from the position: a cycle or two of motion.
+const NEAR_M: Vector3<f64> = Vector3::new(0.002, -0.001, 0.001);
 
-/// Median time of one operation, ns.
-fn time_ns(mut round: impl FnMut()) -> f64 {
-    let mut times: Vec<f64> = (0..ROUNDS)
-        .map(|_| {
-            let from = Instant::now();
-            round();
-            from.elapsed().as_nanos() as f64 / POSES as f64
-        })
-        .collect();
-    times.sort_by(f64::total_cmp);
-    times[ROUNDS / 2]
-}
-
-/// The same with eyes (0) and with pulleys (1).
+/// Median times of one operation with eyes (0) and with pulleys (1), ns. Rounds of the two alternate, so that both have
+/// the same machine.
 fn each(round: &dyn Fn(usize)) -> [f64; 2] {
-    [0, 1].map(|which| time_ns(|| round(which)))
+    let mut times_ns = [const { Vec::new() }; 2];
+    for k in 0..2 * ROUNDS {
+        let from = Instant::now();
+        round(k % 2);
+        times_ns[k % 2].push(from.elapsed().as_nanos() as f64 / POSES as f64);
+    }
+    times_ns.map(|mut times_ns| {
+        times_ns.sort_by(f64::total_cmp);
+        times_ns[ROUNDS / 2]
+    })
 }
 
 fn row(name: &str, [eyes, pulleys]: [f64; 2]) {
@@ -73,6 +72,14 @@ fn geometry_rows(n: usize, both: &[Anchors; 2], poses: &[Vector3<f64>]) {
         each(&|k| {
             for l in &lengths[k] {
                 let _ = black_box(forward_kinematics(&both[k], black_box(l), None));
+            }
+        }),
+    );
+    row(
+        &format!("position near, {n} cables"),
+        each(&|k| {
+            for (l, at) in lengths[k].iter().zip(poses) {
+                let _ = black_box(forward_kinematics(&both[k], black_box(l), Some(&(at + NEAR_M))));
             }
         }),
     );
@@ -115,10 +122,9 @@ fn main() -> Result<(), RobotError> {
                 }
             }),
         );
-        let near = Vector3::new(0.002, -0.001, 0.001);
         let hang = |k: usize| {
             for (at, l) in &held[k] {
-                let near = at + near;
+                let near = at + NEAR_M;
                 let _ = black_box(elastic::equilibrium(&robots[k], black_box(l), &Vector3::zeros(), Some(&near)));
             }
         };

@@ -5,7 +5,7 @@ use std::ops::{Deref, RangeInclusive};
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
-use crate::pulley::Pulley;
+use crate::pulley::{CableGeometry, Pulley, Tangents};
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// Key of the robot file.
@@ -54,6 +54,15 @@ pub(crate) struct PairOfPulleys<'a> {
     pub anchors: &'a [Vector3<f64>; 2],
     pub radii_m: &'a [f64; 2],
     pub planar: bool,
+}
+
+impl PairOfPulleys<'_> {
+    /// Both cables to a position.
+    #[inline(always)]
+    pub(crate) fn cables_to(&self, position: &Vector3<f64>) -> [CableGeometry; 2] {
+        let tangents = Tangents::of(self, position);
+        if tangents.have_directions() { tangents.cables() } else { [CableGeometry::NONE; 2] }
+    }
 }
 
 impl Anchors {
@@ -145,9 +154,33 @@ impl Anchors {
 
     /// The pulleys two by two, with their anchors and their radii, for a robot that has only pulleys; None if any cable
     /// runs through an eye. An odd last one is in a pair with itself.
+    #[inline]
     pub(crate) fn pairs_of_pulleys(&self) -> Option<impl Iterator<Item = PairOfPulleys<'_>>> {
-        let pairs = self.points.as_chunks().0.iter().zip(self.radii_m.as_chunks().0).take(self.len.div_ceil(2));
-        self.pulleys[1].then(|| pairs.map(|(anchors, radii_m)| PairOfPulleys { anchors, radii_m, planar: self.planar }))
+        let [_, only] = self.pulleys;
+        only.then(|| (0..self.len.div_ceil(2)).map_while(|k| self.pair_of_pulleys(k)))
+    }
+
+    #[inline]
+    fn pair_of_pulleys(&self, k: usize) -> Option<PairOfPulleys<'_>> {
+        let (anchors, radii_m) = (self.points.as_chunks().0.get(k)?, self.radii_m.as_chunks().0.get(k)?);
+        Some(PairOfPulleys { anchors, radii_m, planar: self.planar })
+    }
+
+    /// Calls a function for each cable at a position. At an eye the direction is zero, and over a pulley everything is
+    /// NaN where it has no direction.
+    #[inline(always)]
+    pub(crate) fn each_cable(&self, position: &Vector3<f64>, mut then: impl FnMut(usize, &CableGeometry)) {
+        let Some(pairs) = self.pairs_of_pulleys() else {
+            for (i, pulley) in self.pulleys().enumerate() {
+                then(i, &pulley.cable_at(position));
+            }
+            return;
+        };
+        for (k, pair) in pairs.enumerate() {
+            for (i, cable) in (2 * k..self.len).zip(&pair.cables_to(position)) {
+                then(i, cable);
+            }
+        }
     }
 
     /// The eye or pulley of a cable, counted from 0 and below the number of cables.

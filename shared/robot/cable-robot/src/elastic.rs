@@ -16,10 +16,11 @@ use crate::kinematics::{
     Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, check_pulleys, forward_kinematics,
     inverse_kinematics,
 };
-use crate::pulley::{CableGeometry, Pulley, Tangents};
+use crate::linalg::{self, Cholesky};
+use crate::pulley::CableGeometry;
 use crate::sag::{self, Load};
 use crate::tension::{self, TensionError};
-use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
+use crate::{CableVec, Distribution, MAX_CABLES, Robot};
 
 /// Coordinates (m) and forces (N) beyond this are in a wrong unit or erroneous.
 const LARGEST: f64 = 1e6;
@@ -271,25 +272,6 @@ impl ElasticCables<'_> {
         load.rise_n * self.robot.routed_length_m()[i] / self.stiffness
     }
 
-    /// Calls a function for the geometry of each cable at a position.
-    #[inline(always)]
-    fn for_each_cable(&self, x: &Vector3<f64>, mut then: impl FnMut(usize, &CableGeometry)) {
-        let (anchors, n) = (self.robot.anchors(), self.robot.cable_count());
-        let Some(pairs) = anchors.pairs_of_pulleys() else {
-            for (i, pulley) in anchors.pulleys().enumerate() {
-                then(i, &geometry(&pulley, x));
-            }
-            return;
-        };
-        for (k, pair) in pairs.enumerate() {
-            let tangents = Tangents::of(&pair, x);
-            let both = if tangents.have_directions() { tangents.cables() } else { [NOWHERE; 2] };
-            for (i, cable) in (2 * k..n).zip(&both) {
-                then(i, cable);
-            }
-        }
-    }
-
     /// Loads of the cables at a position; None without weight.
     fn loads(&self, x: &Vector3<f64>) -> Option<Loads> {
         let weight_n_m = self.robot.cable_weight_n_m();
@@ -297,33 +279,49 @@ impl ElasticCables<'_> {
     }
 
     fn evaluate(&self, x: &Vector3<f64>, loads: Option<&Loads>) -> Balance {
+        let anchors = self.robot.anchors();
         let mut balance = Balance { gradient: self.wrench, hessian: Matrix3::zeros(), potential: self.wrench.dot(x) };
-        self.for_each_cable(x, |i, cable| {
-            let CableGeometry { length_m: length, direction: u, free_m, bend_per_m, across: a } = cable;
-            let (total, stretch) = (self.total(i), length - self.unstretched_m[i]);
-            let mut k = self.stiffness / total;
-            let tension;
-            if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
-                let softness = total / self.stiffness;
-                tension = load.tension_n(stretch - self.carried_m(i, load), softness);
-                k = 1.0 / load.softness_m_n(tension, softness);
-                balance.potential += load.energy_j(tension, softness) + load.half_n * x.z;
-                balance.gradient.z += load.half_n;
-            } else {
-                if stretch <= 0.0 || *length == 0.0 {
-                    return;
-                }
-                tension = k * stretch;
-                balance.potential += 0.5 * tension * stretch;
+        // No step ends where a cable has no direction, because NaN is never lower.
+        let Some(pairs) = anchors.pairs_of_pulleys() else {
+            for (i, pulley) in anchors.pulleys().enumerate() {
+                self.add(&mut balance, x, loads, i, &pulley.cable_at(x));
             }
-            balance.gradient += u * tension;
-            let across = tension / free_m;
-            balance.hessian += linalg::outer(u, u) * (k - across) + Matrix3::identity() * across;
-            if *bend_per_m != 0.0 {
-                balance.hessian += linalg::outer(a, a) * (bend_per_m * tension);
+            return balance;
+        };
+        for (k, pair) in pairs.enumerate() {
+            for (i, cable) in (2 * k..anchors.len()).zip(&pair.cables_to(x)) {
+                self.add(&mut balance, x, loads, i, cable);
             }
-        });
+        }
         balance
+    }
+
+    /// Adds the pull of a cable.
+    #[inline(always)]
+    fn add(&self, balance: &mut Balance, x: &Vector3<f64>, loads: Option<&Loads>, i: usize, cable: &CableGeometry) {
+        let CableGeometry { length_m: length, direction: u, free_m, bend_per_m, across: a } = cable;
+        let (total, stretch) = (self.total(i), length - self.unstretched_m[i]);
+        let mut k = self.stiffness / total;
+        let tension;
+        if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
+            let softness = total / self.stiffness;
+            tension = load.tension_n(stretch - self.carried_m(i, load), softness);
+            k = 1.0 / load.softness_m_n(tension, softness);
+            balance.potential += load.energy_j(tension, softness) + load.half_n * x.z;
+            balance.gradient.z += load.half_n;
+        } else {
+            if stretch <= 0.0 || *length == 0.0 {
+                return;
+            }
+            tension = k * stretch;
+            balance.potential += 0.5 * tension * stretch;
+        }
+        balance.gradient += u * tension;
+        let across = tension / free_m;
+        balance.hessian += linalg::outer(u, u) * (k - across) + Matrix3::identity() * across;
+        if *bend_per_m != 0.0 {
+            balance.hessian += linalg::outer(a, a) * (bend_per_m * tension);
+        }
     }
 
     fn balance(&self, start: Vector3<f64>) -> Result<Equilibrium, ElasticError> {
@@ -391,7 +389,9 @@ impl ElasticCables<'_> {
         let mut columns = [Vector3::zeros(); MAX_CABLES];
         let mut tensions_n = CableVec::zeros(n);
         let mut lengths_m = CableVec::zeros(n);
-        self.for_each_cable(&x, |i, cable| {
+        let factor = Cholesky::decompose(&balance.hessian);
+        let moved = |pull: &Vector3<f64>| factor.as_ref().map_or_else(Vector3::zeros, |factor| factor.solve(pull));
+        self.robot.anchors().each_cable(&x, |i, cable| {
             let (total, stretch, u) = (self.total(i), cable.length_m - self.unstretched_m[i], &cable.direction);
             lengths_m[i] = cable.length_m;
             if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
@@ -400,7 +400,7 @@ impl ElasticCables<'_> {
                 slack[i] = tensions_n[i] < load.half_n;
                 // H dX = u (-dT/dl) dl, with softness T = L + bow(T) - l and the softness (l + Lx) / EA.
                 let pull = (1.0 + tensions_n[i] / self.stiffness) / load.softness_m_n(tensions_n[i], softness);
-                columns[i] = linalg::solve_spd(&balance.hessian, &(u * pull)).unwrap_or_else(Vector3::zeros);
+                columns[i] = moved(&(u * pull));
                 return;
             }
             slack[i] = stretch <= 0.0;
@@ -408,7 +408,7 @@ impl ElasticCables<'_> {
                 tensions_n[i] = self.stiffness * stretch / total;
                 // H dX = u (-dT/dl) dl, with dT/dl = -EA (L + Lx) / (l + Lx)².
                 let pull = self.stiffness * (total + stretch) / (total * total);
-                columns[i] = linalg::solve_spd(&balance.hessian, &(u * pull)).unwrap_or_else(Vector3::zeros);
+                columns[i] = moved(&(u * pull));
             }
         });
         Equilibrium {
@@ -421,23 +421,6 @@ impl ElasticCables<'_> {
             sensitivity: NodeJacobian { columns, len: n, planar: self.robot.is_planar() },
         }
     }
-}
-
-/// A cable without a direction. No step ends there, because NaN is never lower.
-const NOWHERE: CableGeometry = {
-    const NOT: Vector3<f64> = Vector3::new(f64::NAN, f64::NAN, f64::NAN);
-    CableGeometry { length_m: f64::NAN, direction: NOT, free_m: f64::NAN, bend_per_m: f64::NAN, across: NOT }
-};
-
-/// Geometry of a cable at a position. At an eye it has no direction, and its length is 0.
-fn geometry(pulley: &Pulley, x: &Vector3<f64>) -> CableGeometry {
-    if pulley.radius_m != 0.0 {
-        return pulley.cable_to(x).unwrap_or(NOWHERE);
-    }
-    let d = x - pulley.anchor;
-    let length_m = d.norm();
-    let direction = if length_m > 0.0 { d / length_m } else { Vector3::zeros() };
-    CableGeometry { length_m, direction, free_m: length_m, bend_per_m: 0.0, across: Vector3::zeros() }
 }
 
 /// Rigid cables with weight: the bows follow from the tensions, and these from the position. A step changes a bow by

@@ -124,20 +124,39 @@ pub fn outer(a: &Vector3<f64>, b: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[a * b.x, a * b.y, a * b.z])
 }
 
+/// Cholesky decomposition of a symmetric positive definite matrix.
+pub struct Cholesky {
+    /// The lower triangle, by rows.
+    l: [f64; 6],
+}
+
+impl Cholesky {
+    /// None if a pivot is not positive.
+    pub fn decompose(m: &Matrix3<f64>) -> Option<Self> {
+        let l00 = positive_root(m[(0, 0)])?;
+        let (l10, l20) = (m[(1, 0)] / l00, m[(2, 0)] / l00);
+        let l11 = positive_root(m[(1, 1)] - l10 * l10)?;
+        let l21 = (m[(2, 1)] - l20 * l10) / l11;
+        let l22 = positive_root(m[(2, 2)] - l20 * l20 - l21 * l21)?;
+        Some(Self { l: [l00, l10, l11, l20, l21, l22] })
+    }
+
+    /// Solves the system with this right-hand side.
+    pub fn solve(&self, b: &Vector3<f64>) -> Vector3<f64> {
+        let [l00, l10, l11, l20, l21, l22] = self.l;
+        let y0 = b.x / l00;
+        let y1 = (b.y - l10 * y0) / l11;
+        let y2 = (b.z - l20 * y0 - l21 * y1) / l22;
+        let z = y2 / l22;
+        let y = (y1 - l21 * z) / l11;
+        let x = (y0 - l10 * y - l20 * z) / l00;
+        Vector3::new(x, y, z)
+    }
+}
+
 /// Solves a symmetric positive definite system by Cholesky decomposition; None if a pivot is not positive.
 pub fn solve_spd(m: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
-    let l00 = positive_root(m[(0, 0)])?;
-    let (l10, l20) = (m[(1, 0)] / l00, m[(2, 0)] / l00);
-    let l11 = positive_root(m[(1, 1)] - l10 * l10)?;
-    let l21 = (m[(2, 1)] - l20 * l10) / l11;
-    let l22 = positive_root(m[(2, 2)] - l20 * l20 - l21 * l21)?;
-    let y0 = b.x / l00;
-    let y1 = (b.y - l10 * y0) / l11;
-    let y2 = (b.z - l20 * y0 - l21 * y1) / l22;
-    let z = y2 / l22;
-    let y = (y1 - l21 * z) / l11;
-    let x = (y0 - l10 * y - l20 * z) / l00;
-    Some(Vector3::new(x, y, z))
+    Cholesky::decompose(m).map(|factor| factor.solve(b))
 }
 
 fn positive_root(x: f64) -> Option<f64> {

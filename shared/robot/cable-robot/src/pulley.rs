@@ -74,6 +74,12 @@ pub struct CableGeometry {
 }
 
 impl CableGeometry {
+    /// A cable without a direction.
+    pub(crate) const NONE: Self = {
+        let not = Vector3::new(f64::NAN, f64::NAN, f64::NAN);
+        Self { length_m: f64::NAN, direction: not, free_m: f64::NAN, bend_per_m: f64::NAN, across: not }
+    };
+
     /// Second derivative of the length with respect to the position, 1/m; symmetric. For a planar robot the entry of y,
     /// which has no effect, is 1 / `free_m`.
     pub fn curvature(&self) -> Matrix3<f64> {
@@ -114,6 +120,11 @@ impl Pulley {
         if self.radius_m == 0.0 {
             return self.straight(position);
         }
+        self.cable_over_wheel(position)
+    }
+
+    #[inline(never)]
+    fn cable_over_wheel(&self, position: &Vector3<f64>) -> Result<CableGeometry, NoDirection> {
         Ok(self.checked(position)?.cables()[0])
     }
 
@@ -132,6 +143,18 @@ impl Pulley {
         }
         let tangent = self.checked(position)?;
         Ok((tangent.directions()[0], tangent.free_m()[0]))
+    }
+
+    /// The cable to a position, with the direction zero at an eye, and [`CableGeometry::NONE`] where a pulley has none.
+    #[inline(always)]
+    pub(crate) fn cable_at(&self, position: &Vector3<f64>) -> CableGeometry {
+        if self.radius_m != 0.0 {
+            return self.cable_over_wheel(position).unwrap_or(CableGeometry::NONE);
+        }
+        let d = position - self.anchor;
+        let length_m = d.norm();
+        let direction = if length_m > 0.0 { d / length_m } else { Vector3::zeros() };
+        CableGeometry { length_m, direction, free_m: length_m, bend_per_m: 0.0, across: Vector3::zeros() }
     }
 
     /// The cable of an eye.
