@@ -5,7 +5,7 @@ use std::ops::{Deref, RangeInclusive};
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
-use crate::pulley::{CableGeometry, Pulley, Tangents};
+use crate::pulley::{Both, CableGeometry, Pulley, Tangents};
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// Key of the robot file.
@@ -158,6 +158,20 @@ impl Anchors {
     pub(crate) fn pairs_of_pulleys(&self) -> Option<impl Iterator<Item = PairOfPulleys<'_>>> {
         let [_, only] = self.pulleys;
         only.then(|| (0..self.len.div_ceil(2)).map_while(|k| self.pair_of_pulleys(k)))
+    }
+
+    /// Two cables of any kind, from the pair with this number.
+    #[inline(always)]
+    pub(crate) fn both_cables(&self, k: usize, position: &Vector3<f64>) -> Option<Both> {
+        let pair = self.pair_of_pulleys(k)?;
+        Some(match self.pulleys {
+            [false, _] => Both::from_eyes(&pair, position),
+            [_, true] => Tangents::of(&pair, position).both(),
+            [true, false] => {
+                let cable = |lane: usize| self.pulley((2 * k + lane).min(self.len - 1)).cable_at(position);
+                Both::from_cables(&[cable(0), cable(1)])
+            }
+        })
     }
 
     #[inline]

@@ -7,6 +7,7 @@
 //! a singular pose and anchors on one line are a [`KinematicsError`].
 
 mod matrices;
+mod newton;
 mod pulleys;
 mod solution;
 mod trilateration;
@@ -80,10 +81,7 @@ pub fn forward_kinematics(
     lengths_m: &[f64],
     near: Option<&Vector3<f64>>,
 ) -> Result<Forward, KinematicsError> {
-    if anchors.have_pulleys() {
-        return pulleys::forward_kinematics(anchors, lengths_m, near);
-    }
-    if anchors.is_planar() {
+    if anchors.is_planar() && !anchors.have_pulleys() {
         return planar::forward_kinematics(anchors, lengths_m, near);
     }
     if lengths_m.len() != anchors.len() {
@@ -92,7 +90,7 @@ pub fn forward_kinematics(
     if let Some(i) = lengths_m.iter().position(|l| !(0.0..=LONGEST_M).contains(l)) {
         return Err(KinematicsError::InvalidArgument { what: "length", cable: i + 1, value: lengths_m[i] });
     }
-    if anchors.len() == 3 {
+    if anchors.len() == 3 && !anchors.have_pulleys() {
         let pair = trilaterate([anchors[0], anchors[1], anchors[2]], [lengths_m[0], lengths_m[1], lengths_m[2]])?;
         let tolerance = TOUCH_TOLERANCE * lengths_m.iter().fold(0.0, |m: f64, l| m.max(l * l));
         if pair.height_squared < -tolerance {
@@ -100,6 +98,13 @@ pub fn forward_kinematics(
         }
         let (position, mirror) = choose(pair.points, near)?;
         return Ok(Forward { position, mirror: Some(mirror), residual_rms_m: 0.0 });
+    }
+    if let Some(found) = near.filter(|_| !anchors.is_planar()).and_then(|near| newton::near(anchors, lengths_m, near)) {
+        let residual_rms_m = if anchors.len() == 3 { 0.0 } else { (found.cost / anchors.len() as f64).sqrt() };
+        return Ok(Forward { position: found.position, mirror: None, residual_rms_m });
+    }
+    if anchors.have_pulleys() {
+        return pulleys::forward_kinematics(anchors, lengths_m, near);
     }
     least_squares(anchors, lengths_m, near)
 }

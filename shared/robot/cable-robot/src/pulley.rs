@@ -30,7 +30,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::anchors::PairOfPulleys;
 
-pub(crate) use tangents::Tangents;
+pub(crate) use tangents::{Both, Tangents};
 
 /// Smallest distance at which a direction is defined, m.
 const SMALLEST_M: f64 = 1e-9;

@@ -6,8 +6,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::solution::{Forward, KinematicsError, LONGEST_M};
-use super::trilateration::{best_pair, choose, fits_worse};
+use super::newton::{Found, newton};
+use super::solution::{Forward, KinematicsError};
+use super::trilateration::{best_pair, choose, fits_worse, trilaterate};
 use crate::{Anchors, CableVec, linalg, planar};
 
 /// Residuals below this share of the longest cable count as zero: spheres that touch miss each other by rounding.
@@ -29,26 +30,20 @@ const STATIONARY_M: f64 = 1e-8;
 /// Offset of a starting point without directions, on the axis of a pulley or inside its wheel, m.
 const ASIDE_M: [f64; 3] = [0.011, 0.013, -0.017];
 
-/// Computes the position with these lengths for anchors with pulleys, as [`super::forward_kinematics`] states.
+/// Computes the position with these lengths for anchors with pulleys, as [`super::forward_kinematics`] states, which has
+/// checked the lengths.
 pub(super) fn forward_kinematics(
     anchors: &Anchors,
     lengths_m: &[f64],
     near: Option<&Vector3<f64>>,
 ) -> Result<Forward, KinematicsError> {
     let n = anchors.len();
-    if lengths_m.len() != n {
-        return Err(KinematicsError::WrongCount { given: lengths_m.len(), cables: n });
-    }
-    if let Some(i) = lengths_m.iter().position(|l| !(0.0..=LONGEST_M).contains(l)) {
-        return Err(KinematicsError::InvalidArgument { what: "length", cable: i + 1, value: lengths_m[i] });
-    }
-    let straight = CableVec::from_fn(n, |i| (lengths_m[i] - anchors.radii_m()[i]).max(0.0));
-    let starts =
-        if anchors.is_planar() { planar::starting_points(anchors, &straight) } else { best_pair(anchors, &straight) };
-    let (first, second) = choose(starts.ok_or(KinematicsError::DegenerateGeometry)?, near)?;
+    let starts = starting_points(anchors, lengths_m).ok_or(KinematicsError::DegenerateGeometry)?;
+    let (first, second) = choose(starts, near)?;
     if n == 3
+        && !anchors.is_planar()
         && are_apart(anchors, [&first, &second], near)
-        && let Some(position) = newton(anchors, lengths_m, first)
+        && let Some(Found { position, .. }) = newton(anchors, lengths_m, &first)
     {
         return Ok(Forward { position, mirror: None, residual_rms_m: 0.0 });
     }
@@ -91,14 +86,23 @@ pub(super) fn mirror(anchors: &Anchors, lengths_m: &[f64], position: &Vector3<f6
     if lengths_m.len() != n || n != anchors.dimensions() {
         return None;
     }
-    let straight = CableVec::from_fn(n, |i| (lengths_m[i] - anchors.radii_m()[i]).max(0.0));
-    let starts =
-        if anchors.is_planar() { planar::starting_points(anchors, &straight) } else { best_pair(anchors, &straight) };
-    let (_, other) = choose(starts?, Some(position)).ok()?;
+    let (_, other) = choose(starting_points(anchors, lengths_m)?, Some(position)).ok()?;
     let fit = refine(anchors, lengths_m, other);
     let longest = lengths_m.iter().fold(0.0, |m: f64, l| m.max(*l));
     let fits = (fit.cost / n as f64).sqrt() <= EXACT * longest;
     (fits && (fit.position - position).norm() > SAME_M).then_some(fit.position)
+}
+
+/// The two positions of straight cables that are shorter by a radius; None if the anchors lie on one line.
+fn starting_points(anchors: &Anchors, lengths_m: &[f64]) -> Option<[Vector3<f64>; 2]> {
+    let straight = CableVec::from_fn(anchors.len(), |i| (lengths_m[i] - anchors.radii_m()[i]).max(0.0));
+    if anchors.is_planar() {
+        return planar::starting_points(anchors, &straight);
+    }
+    match (&**anchors, &*straight) {
+        ([a, b, c], [la, lb, lc]) => trilaterate([*a, *b, *c], [*la, *lb, *lc]).ok().map(|pair| pair.points),
+        _ => best_pair(anchors, &straight),
+    }
 }
 
 /// True if each starting point can only lead to its own position, and the choice between the positions is that between
@@ -114,49 +118,6 @@ fn are_apart(anchors: &Anchors, [first, second]: [&Vector3<f64>; 2], near: Optio
     // A starting point is off by three radii per cable; in a flat pyramid of cables by several times that.
     apart_m > 40.0 * largest_m && decides_m > 40.0 * largest_m
 }
-
-/// Bound of Newton's iteration, which needs three steps; more are left to [`refine`].
-const MAX_NEWTON: usize = 6;
-
-/// Newton's iteration for three cables; None if it does not converge quickly, as near the plane of the anchors.
-fn newton(anchors: &Anchors, lengths_m: &[f64], start: Vector3<f64>) -> Option<Vector3<f64>> {
-    let mut x = start;
-    let mut before = f64::INFINITY;
-    for _ in 0..MAX_NEWTON {
-        let mut rows = [Vector3::zeros(); 3];
-        let mut off_m = [0.0; 3];
-        for (i, (row, off_m)) in rows.iter_mut().zip(&mut off_m).enumerate() {
-            let cable = anchors.pulley(i).cable_to(&x).ok()?;
-            (*row, *off_m) = (cable.direction, cable.length_m - lengths_m[i]);
-        }
-        let [u, v, w] = rows;
-        let across = [v.cross(&w), w.cross(&u), u.cross(&v)];
-        let volume = u.dot(&across[0]);
-        if !(volume.abs() >= LEAST_VOLUME) {
-            return None;
-        }
-        let step = (across[0] * off_m[0] + across[1] * off_m[1] + across[2] * off_m[2]) * (1.0 / volume);
-        x -= step;
-        let size = step.norm();
-        // With quadratic convergence the next step is C size², and C = size / before².
-        if size * size * size <= NEXT_STEP_M * before * before && before.is_finite() || size <= NEXT_STEP_M {
-            return Some(x);
-        }
-        // Also true for NaN.
-        if !(size <= 0.25 * before) {
-            return None;
-        }
-        before = size;
-    }
-    None
-}
-
-/// Volume of the unit vectors of three cables below which the pose is too near the plane of the anchors for plain
-/// Newton steps: there the sine of the angle between plane and cables is about this.
-const LEAST_VOLUME: f64 = 1e-2;
-
-/// The iteration ends if the next step would be smaller, m.
-const NEXT_STEP_M: f64 = 1e-13;
 
 /// The positions of as many cables as directions from two starting points.
 fn exact(

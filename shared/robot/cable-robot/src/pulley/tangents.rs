@@ -40,6 +40,22 @@ struct Wheels {
     turning: f64,
 }
 
+impl Wheels {
+    #[inline(always)]
+    fn of(pair: &PairOfPulleys, position: &Vector3<f64>) -> Self {
+        let [a, b] = pair.anchors;
+        let x = f64x2::splat(position.x) - f64x2::new([a.x, b.x]);
+        let y = f64x2::splat(position.y) - f64x2::new([a.y, b.y]);
+        let z = f64x2::splat(position.z) - f64x2::new([a.z, b.z]);
+        let radius = f64x2::new(*pair.radii_m);
+        if pair.planar {
+            Self { x, y: f64x2::ZERO, z, radius, turning: 0.0 }
+        } else {
+            Self { x, y, z, radius, turning: 1.0 }
+        }
+    }
+}
+
 /// The tangents to two wheels in their planes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tangents {
@@ -59,16 +75,7 @@ impl Tangents {
     /// Computes the tangents of two cables of a robot. In the plane the y of the position does not count.
     #[inline(always)]
     pub(crate) fn of(pair: &PairOfPulleys, position: &Vector3<f64>) -> Self {
-        let [a, b] = pair.anchors;
-        let x = f64x2::splat(position.x) - f64x2::new([a.x, b.x]);
-        let y = f64x2::splat(position.y) - f64x2::new([a.y, b.y]);
-        let z = f64x2::splat(position.z) - f64x2::new([a.z, b.z]);
-        let radius = f64x2::new(*pair.radii_m);
-        Self::new(if pair.planar {
-            Wheels { x, y: f64x2::ZERO, z, radius, turning: 0.0 }
-        } else {
-            Wheels { x, y, z, radius, turning: 1.0 }
-        })
+        Self::new(Wheels::of(pair, position))
     }
 
     #[inline(always)]
@@ -98,6 +105,11 @@ impl Tangents {
     /// which everything waits.
     #[inline(always)]
     pub(crate) fn lengths_m(&self) -> [f64; 2] {
+        self.lengths().to_array()
+    }
+
+    #[inline(always)]
+    fn lengths(&self) -> f64x2 {
         let Self { wheels: Wheels { z, radius: r, .. }, free, out, up, square, .. } = *self;
         let (a, b) = (out.abs(), up.abs());
         let down = up.simd_lt(f64x2::ZERO);
@@ -116,7 +128,7 @@ impl Tangents {
         let pair = |k: usize| c(k) + w * c(k + 1);
         let third = arc * w;
         let first = ((free + r * diagonal) + arc) + third * (pair(0) + w2 * pair(2));
-        (first + (third * w4) * ((pair(4) + w2 * pair(6)) + w4 * pair(8))).to_array()
+        first + (third * w4) * ((pair(4) + w2 * pair(6)) + w4 * pair(8))
     }
 
     /// Computes the unit vectors of the free cables; without meaning unless [`Self::have_directions`].
@@ -130,18 +142,30 @@ impl Tangents {
 
     /// Computes everything of both cables; without meaning unless [`Self::have_directions`].
     #[inline(always)]
-    pub(crate) fn cables(&self) -> [CableGeometry; 2] {
+    pub(crate) fn both(&self) -> Both {
         let Self { wheels: Wheels { x, y, turning, .. }, p, free, out, up, square } = *self;
         let scale = f64x2::splat(1.0) / (p * square);
         let sideways = out * scale;
-        let directions = lanes([x * sideways, y * sideways, up * (p * scale)]);
         let per_p = square * scale;
-        let across = lanes([-(y * per_p), x * per_p, f64x2::ZERO]);
-        let bend = (sideways - f64x2::splat(1.0) / free) * f64x2::splat(turning);
-        let ([free, bend], lengths_m) = ([free, bend].map(f64x2::to_array), self.lengths_m());
+        let per_free = f64x2::splat(1.0) / free;
+        Both {
+            length: self.lengths(),
+            direction: [x * sideways, y * sideways, up * (p * scale)],
+            per_free,
+            bend: (sideways - per_free) * f64x2::splat(turning),
+            across: [-(y * per_p), x * per_p],
+        }
+    }
+
+    /// As [`Self::both`], cable by cable.
+    #[inline(always)]
+    pub(crate) fn cables(&self) -> [CableGeometry; 2] {
+        let Both { length, direction, bend, across: [ax, ay], .. } = self.both();
+        let ([length, free, bend], direction) = ([length, self.free, bend].map(f64x2::to_array), lanes(direction));
+        let across = lanes([ax, ay, f64x2::ZERO]);
         [0, 1].map(|k| CableGeometry {
-            length_m: lengths_m[k],
-            direction: directions[k],
+            length_m: length[k],
+            direction: direction[k],
             free_m: free[k],
             bend_per_m: bend[k],
             across: across[k],
@@ -152,6 +176,55 @@ impl Tangents {
     #[inline(always)]
     pub(crate) fn free_m(&self) -> [f64; 2] {
         self.free.to_array()
+    }
+}
+
+/// Two cables in two lanes, with the symbols of [`CableGeometry`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Both {
+    pub length: f64x2,
+    pub direction: [f64x2; 3],
+    /// 1 / free length, 1/m.
+    pub per_free: f64x2,
+    pub bend: f64x2,
+    /// x and y; z is 0.
+    pub across: [f64x2; 2],
+}
+
+impl Both {
+    /// No cables.
+    pub(crate) const NONE: Self = Self {
+        length: f64x2::ZERO,
+        direction: [f64x2::ZERO; 3],
+        per_free: f64x2::ZERO,
+        bend: f64x2::ZERO,
+        across: [f64x2::ZERO; 2],
+    };
+
+    /// Computes two cables of a robot without pulleys.
+    #[inline(always)]
+    pub(crate) fn from_eyes(pair: &PairOfPulleys, position: &Vector3<f64>) -> Self {
+        let Wheels { x, y, z, .. } = Wheels::of(pair, position);
+        let length = (x * x + y * y + z * z).sqrt();
+        let per_free = f64x2::splat(1.0) / length;
+        let across = [f64x2::ZERO; 2];
+        Self { length, direction: [x * per_free, y * per_free, z * per_free], per_free, bend: f64x2::ZERO, across }
+    }
+
+    /// Two cables of any kind.
+    pub(crate) fn from_cables(cables: &[CableGeometry; 2]) -> Self {
+        let both = |of: fn(&CableGeometry) -> f64| f64x2::new(cables.each_ref().map(of));
+        Self {
+            length: both(|cable| cable.length_m),
+            direction: [
+                both(|cable| cable.direction.x),
+                both(|cable| cable.direction.y),
+                both(|cable| cable.direction.z),
+            ],
+            per_free: both(|cable| 1.0 / cable.free_m),
+            bend: both(|cable| cable.bend_per_m),
+            across: [both(|cable| cable.across.x), both(|cable| cable.across.y)],
+        }
     }
 }
 
