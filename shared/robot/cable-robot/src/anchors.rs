@@ -5,6 +5,7 @@ use std::ops::{Deref, RangeInclusive};
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
+use crate::kinematics::Frame;
 use crate::pulley::{Both, CableGeometry, Pulley, Tangents};
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
@@ -46,6 +47,8 @@ pub struct Anchors {
     planar: bool,
     /// Whether any, and whether every cable runs over a pulley.
     pulleys: [bool; 2],
+    /// Of three anchors in space that are not on one line.
+    frame: Option<Frame>,
 }
 
 /// Two cables over pulleys.
@@ -97,7 +100,7 @@ impl Anchors {
 
     fn from_points(points: impl Iterator<Item = [f64; 3]>, len: usize, planar: bool) -> Result<Self, RobotError> {
         let (zeros, radii_m) = ([Vector3::zeros(); MAX_CABLES], [0.0; MAX_CABLES]);
-        let mut result = Self { points: zeros, radii_m, len, planar, pulleys: [false; 2] };
+        let mut result = Self { points: zeros, radii_m, len, planar, pulleys: [false; 2], frame: None };
         for (i, p) in points.enumerate() {
             if !p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST_M) {
                 let problem = format!("number {} is [{}, {}, {}]", i + 1, p[0], p[1], p[2]);
@@ -111,7 +114,17 @@ impl Anchors {
             // Unused places have the last point, for pairs of pulleys.
             result.points[i..].fill(point);
         }
+        if let ([a, b, c], false) = (&*result, planar) {
+            result.frame = Frame::of([*a, *b, *c]);
+        }
         Ok(result)
+    }
+
+    /// The frame in which three spheres around the anchors intersect; None for another number of anchors, for anchors on
+    /// one line, and in the plane.
+    #[inline]
+    pub(crate) fn frame(&self) -> Option<&Frame> {
+        self.frame.as_ref()
     }
 
     /// The same anchors with swivelling pulleys of these radii, m; 0 for an eye. See [`crate::pulley`].

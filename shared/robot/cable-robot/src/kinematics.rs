@@ -14,7 +14,7 @@ mod trilateration;
 
 pub use matrices::{Jacobian, NodeJacobian, StructureMatrix};
 pub use solution::{Forward, KinematicsError, LONGEST_M};
-pub(crate) use trilateration::fits_worse;
+pub(crate) use trilateration::{Frame, fits_worse};
 pub use trilateration::{Pair, trilaterate};
 
 use nalgebra::{Matrix3, Vector3};
@@ -91,7 +91,8 @@ pub fn forward_kinematics(
         return Err(KinematicsError::InvalidArgument { what: "length", cable: i + 1, value: lengths_m[i] });
     }
     if anchors.len() == 3 && !anchors.have_pulleys() {
-        let pair = trilaterate([anchors[0], anchors[1], anchors[2]], [lengths_m[0], lengths_m[1], lengths_m[2]])?;
+        let frame = anchors.frame().ok_or(KinematicsError::DegenerateGeometry)?;
+        let pair = frame.intersect([lengths_m[0], lengths_m[1], lengths_m[2]]);
         let tolerance = TOUCH_TOLERANCE * lengths_m.iter().fold(0.0, |m: f64, l| m.max(l * l));
         if pair.height_squared < -tolerance {
             return Err(KinematicsError::Unreachable { shortfall_m: (-pair.height_squared).sqrt() });

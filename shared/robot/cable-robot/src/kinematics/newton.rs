@@ -11,7 +11,10 @@
 //! position fits better than its surroundings. A starting point within R / 2 is nearer to this position than to any
 //! other.
 
+mod square;
+
 use nalgebra::Vector3;
+use square::Square;
 use wide::f64x2;
 
 use crate::Anchors;
@@ -37,11 +40,19 @@ pub(super) struct Found {
     pub alone_m: f64,
 }
 
-/// Computes the position of a robot in space with these lengths, one per cable, from a starting point. None if the
+/// Computes the position of a robot in space with these lengths, one for each of its cables, from a starting point. None if the
 /// iteration does not converge quickly.
 pub(super) fn newton(anchors: &Anchors, lengths_m: &[f64], start: &Vector3<f64>) -> Option<Found> {
-    // Most robots have three or four cables.
-    if anchors.len() <= 4 { iterate::<2>(anchors, lengths_m, start) } else { iterate::<4>(anchors, lengths_m, start) }
+    if let [a, b, c] = *lengths_m {
+        return iterate(start, |x| Square::at(anchors, &[a, b, c], x));
+    }
+    // Most other robots have four cables.
+    if lengths_m.len() <= 4 { least::<2>(anchors, lengths_m, start) } else { least::<4>(anchors, lengths_m, start) }
+}
+
+fn least<const PAIRS: usize>(anchors: &Anchors, lengths_m: &[f64], start: &Vector3<f64>) -> Option<Found> {
+    let given: [Given; PAIRS] = std::array::from_fn(|k| Given::of(lengths_m, 2 * k));
+    iterate(start, |x| Differences::at(anchors, &given, x))
 }
 
 /// Computes the position near a hint; None unless it is certain that no other position is nearer to the hint.
@@ -50,27 +61,42 @@ pub(super) fn near(anchors: &Anchors, lengths_m: &[f64], hint: &Vector3<f64>) ->
     ((found.position - hint).norm_squared() <= 0.25 * found.alone_m * found.alone_m).then_some(found)
 }
 
-fn iterate<const PAIRS: usize>(anchors: &Anchors, lengths_m: &[f64], start: &Vector3<f64>) -> Option<Found> {
-    let given: [Given; PAIRS] = std::array::from_fn(|k| Given::of(lengths_m, 2 * k));
+/// The equations of a step from a position.
+trait Equations {
+    /// Solution of H d = g, m.
+    fn step(&self) -> Vector3<f64>;
+    /// Solution with the gradient at the end of a step, m, and the sum of the squared differences there, m².
+    fn correction(&self, step: &Vector3<f64>) -> (Vector3<f64>, f64);
+    /// Sum of the squared differences after a step so small that it needs no correction, m².
+    fn cost_after(&self, step: &Vector3<f64>) -> f64;
+    /// Lower bound of λ.
+    fn least_eigenvalue(&self) -> f64;
+    /// Bound of Σ |e| / t.
+    fn curved(&self) -> f64;
+    /// K, 1/m.
+    fn change_per_m(&self) -> f64;
+}
+
+#[inline(always)]
+fn iterate<E: Equations>(start: &Vector3<f64>, at: impl Fn(&Vector3<f64>) -> Option<E>) -> Option<Found> {
     let mut x = *start;
     let mut before_m = f64::INFINITY;
     for _ in 0..MAX_EVALUATIONS {
-        let at = Differences::at(anchors, &given, &x)?;
-        let inverse = Inverse::of(&at.hessian)?;
-        let first = inverse.times(&at.gradient);
-        let (eigenvalue, first_m) = (inverse.least_eigenvalue, first.norm());
-        let alone_m = (eigenvalue - at.curved).max(0.0) / at.change_per_m;
-        if first_m * (first_m * at.change_per_m + at.curved) <= NEXT_STEP_M * eigenvalue {
-            let cost = (at.cost - at.gradient.dot(&first)).max(0.0);
-            return Some(Found { position: x - first, cost, alone_m });
+        let at = at(&x)?;
+        let step = at.step();
+        let (eigenvalue, curved, change_per_m, step_m) =
+            (at.least_eigenvalue(), at.curved(), at.change_per_m(), step.norm());
+        let alone_m = (eigenvalue - curved).max(0.0) / change_per_m;
+        if step_m * (step_m * change_per_m + curved) <= NEXT_STEP_M * eigenvalue {
+            return Some(Found { position: x - step, cost: at.cost_after(&step), alone_m });
         }
-        let (gradient, cost) = at.after(&first);
-        let step = first + inverse.times(&gradient);
-        x -= step;
-        let size_m = step.norm();
+        let (correction, cost) = at.correction(&step);
+        let both = step + correction;
+        x -= both;
+        let size_m = both.norm();
         // With cubic convergence the next step is C size³, and C = size / before³. Where lengths do not fit, each of the
         // two solutions also leaves a share of the step.
-        let share = at.curved / eigenvalue;
+        let share = curved / eigenvalue;
         let next_m = size_m * (size_m * size_m * size_m / (before_m * before_m * before_m) + share * share);
         if before_m.is_finite() && next_m <= NEXT_STEP_M {
             return Some(Found { position: x, cost, alone_m });
@@ -112,12 +138,10 @@ struct Differences<const PAIRS: usize> {
     counts: [f64x2; PAIRS],
     /// Half of the derivative of `cost`, m.
     gradient: Vector3<f64>,
-    hessian: Symmetric,
+    inverse: Inverse,
     /// Sum of the squared differences, m².
     cost: f64,
-    /// Bound of Σ |e| C.
     curved: f64,
-    /// Bound of the change of `hessian` per metre.
     change_per_m: f64,
 }
 
@@ -152,16 +176,22 @@ impl<const PAIRS: usize> Differences<PAIRS> {
             off,
             counts: given.map(|given| given.counts),
             gradient: Vector3::from(gradient.map(sum)),
-            hessian: hessian.map(sum),
+            inverse: Inverse::of(&hessian.map(sum))?,
             cost: sum(cost),
             curved: sum(curved),
             change_per_m: 2.0 * sum(change),
         })
     }
+}
 
-    /// Gradient, and sum of the squared differences, after a step from the position.
+impl<const PAIRS: usize> Equations for Differences<PAIRS> {
     #[inline(always)]
-    fn after(&self, step: &Vector3<f64>) -> (Vector3<f64>, f64) {
+    fn step(&self) -> Vector3<f64> {
+        self.inverse.times(&self.gradient)
+    }
+
+    #[inline(always)]
+    fn correction(&self, step: &Vector3<f64>) -> (Vector3<f64>, f64) {
         let [x, y, z] = [step.x, step.y, step.z].map(f64x2::splat);
         let square = f64x2::splat(step.norm_squared());
         let (mut gradient, mut cost) = ([f64x2::ZERO; 3], f64x2::ZERO);
@@ -182,7 +212,23 @@ impl<const PAIRS: usize> Differences<PAIRS> {
             }
             cost += off * off;
         }
-        (Vector3::from(gradient.map(sum)), sum(cost))
+        (self.inverse.times(&Vector3::from(gradient.map(sum))), sum(cost))
+    }
+
+    fn cost_after(&self, step: &Vector3<f64>) -> f64 {
+        (self.cost - self.gradient.dot(step)).max(0.0)
+    }
+
+    fn least_eigenvalue(&self) -> f64 {
+        self.inverse.least_eigenvalue
+    }
+
+    fn curved(&self) -> f64 {
+        self.curved
+    }
+
+    fn change_per_m(&self) -> f64 {
+        self.change_per_m
     }
 }
 

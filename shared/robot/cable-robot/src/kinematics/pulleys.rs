@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::newton::{Found, newton};
 use super::solution::{Forward, KinematicsError};
-use super::trilateration::{best_pair, choose, fits_worse, trilaterate};
+use super::trilateration::{best_pair, choose, fits_worse};
 use crate::{Anchors, CableVec, linalg, planar};
 
 /// Residuals below this share of the longest cable count as zero: spheres that touch miss each other by rounding.
@@ -99,8 +99,8 @@ fn starting_points(anchors: &Anchors, lengths_m: &[f64]) -> Option<[Vector3<f64>
     if anchors.is_planar() {
         return planar::starting_points(anchors, &straight);
     }
-    match (&**anchors, &*straight) {
-        ([a, b, c], [la, lb, lc]) => trilaterate([*a, *b, *c], [*la, *lb, *lc]).ok().map(|pair| pair.points),
+    match *straight {
+        [a, b, c] => anchors.frame().map(|frame| frame.intersect([a, b, c]).points),
         _ => best_pair(anchors, &straight),
     }
 }

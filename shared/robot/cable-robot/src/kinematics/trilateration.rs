@@ -25,29 +25,53 @@ pub struct Pair {
     pub height_squared: f64,
 }
 
+/// The frame of the plane of three centres, which stays the same for all lengths.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Frame {
+    origin: Vector3<f64>,
+    /// Unit vectors toward the second centre, across it in the plane, and across the plane.
+    axes: [Vector3<f64>; 3],
+    /// The second centre is (d, 0) and the third one (qx, qy), m.
+    d: f64,
+    qx: f64,
+    qy: f64,
+}
+
+impl Frame {
+    /// None if the centres lie on one line.
+    pub(crate) fn of(a: [Vector3<f64>; 3]) -> Option<Self> {
+        let (p, q) = (a[1] - a[0], a[2] - a[0]);
+        let normal = p.cross(&q);
+        let longest = p.norm_squared().max(q.norm_squared()).max((q - p).norm_squared());
+        if normal.norm() < COLLINEAR_TOLERANCE * longest {
+            return None;
+        }
+        let d = p.norm();
+        let ex = p / d;
+        let ez = normal / normal.norm();
+        let ey = ez.cross(&ex);
+        Some(Self { origin: a[0], axes: [ex, ey, ez], d, qx: q.dot(&ex), qy: q.dot(&ey) })
+    }
+
+    /// Computes the intersection of spheres with these radii, m.
+    pub(crate) fn intersect(&self, l: [f64; 3]) -> Pair {
+        let Self { origin, axes: [ex, ey, ez], d, qx, qy } = *self;
+        let x = ((l[0] - l[1]) * (l[0] + l[1]) + d * d) / (2.0 * d);
+        let y = ((l[0] - l[2]) * (l[0] + l[2]) + qx * qx + qy * qy - 2.0 * qx * x) / (2.0 * qy);
+        let height_squared = (l[0] - x) * (l[0] + x) - y * y;
+        let foot = origin + ex * x + ey * y;
+        let h = height_squared.max(0.0).sqrt();
+        Pair { points: [foot - ez * h, foot + ez * h], height_squared }
+    }
+}
+
 /// Computes the intersection of three spheres in the frame of their plane. Solves (7)-(9) without the division of
 /// (10)-(12) by the horizontal distance of the anchors, which fails for anchors above each other.
 ///
 /// # Errors
 /// The centres lie on one line.
 pub fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, KinematicsError> {
-    let (p, q) = (a[1] - a[0], a[2] - a[0]);
-    let normal = p.cross(&q);
-    let longest = p.norm_squared().max(q.norm_squared()).max((q - p).norm_squared());
-    if normal.norm() < COLLINEAR_TOLERANCE * longest {
-        return Err(KinematicsError::DegenerateGeometry);
-    }
-    let d = p.norm();
-    let ex = p / d;
-    let ez = normal / normal.norm();
-    let ey = ez.cross(&ex);
-    let (qx, qy) = (q.dot(&ex), q.dot(&ey));
-    let x = ((l[0] - l[1]) * (l[0] + l[1]) + d * d) / (2.0 * d);
-    let y = ((l[0] - l[2]) * (l[0] + l[2]) + qx * qx + qy * qy - 2.0 * qx * x) / (2.0 * qy);
-    let height_squared = (l[0] - x) * (l[0] + x) - y * y;
-    let foot = a[0] + ex * x + ey * y;
-    let h = height_squared.max(0.0).sqrt();
-    Ok(Pair { points: [foot - ez * h, foot + ez * h], height_squared })
+    Ok(Frame::of(a).ok_or(KinematicsError::DegenerateGeometry)?.intersect(l))
 }
 
 /// Returns the chosen one of two mirror points, and the other.
