@@ -315,6 +315,14 @@ fn missions_among_trunks_in_drawn_worlds_touch_none() {
     judge_trunks(number("NIMS_TRUNKS", EVERYDAY));
 }
 
+/// The motor of a sound cable whose readings alternate between two low phases of its ripple, for a second.
+#[test]
+fn a_motor_that_is_read_at_two_low_phases_is_no_slack_cable() {
+    let outcome = among_trunks(963);
+    let flown = outcome.accepted.unwrap();
+    assert!(!flown.has_failed(), "{}: {flown:?}", outcome.words);
+}
+
 #[test]
 #[ignore = "takes minutes; docs/measured.md has the results"]
 fn a_thousand_missions_among_trunks_touch_none() {
