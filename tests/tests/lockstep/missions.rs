@@ -141,6 +141,9 @@ struct Tally {
     failed: u32,
     /// Accepted ones during which a limit of the robot file was exceeded by the truth.
     beyond: u32,
+    /// By how much at most, N: below the least tension, and above the largest one.
+    below_n: f64,
+    above_n: f64,
     feasible: u32,
     feasible_accepted: u32,
     least_n: f64,
@@ -160,6 +163,8 @@ impl Tally {
         self.failed += u32::from(flown.has_failed());
         self.beyond += u32::from(!outcome.feasible);
         self.feasible_accepted += u32::from(outcome.feasible);
+        self.below_n = self.below_n.max(outcome.limits_n[0] - flown.tensions_n[0]);
+        self.above_n = self.above_n.max(flown.tensions_n[1] - outcome.limits_n[1]);
         self.least_n = self.least_n.min(flown.tensions_n[0]);
         self.duty = self.duty.max(flown.duty);
         self.distance_m = self.distance_m.min(flown.distance_m);
@@ -174,6 +179,8 @@ struct Outcome {
     accepted: Option<Flown>,
     /// Whether the world allows it by the limits of the robot file, as far as that was tried.
     feasible: bool,
+    /// Limits of the tensions in the robot file, N.
+    limits_n: [f64; 2],
     /// The mission, with all that it takes to fly it again.
     words: String,
 }
@@ -191,6 +198,16 @@ fn outcomes(count: u64, each: fn(u64) -> Outcome) -> Vec<Outcome> {
         }
         outcome
     })
+}
+
+/// In how many accepted missions the truth was beyond a limit, and by how much.
+fn beyond(tallies: &[(&str, Tally)]) -> String {
+    let count: u32 = tallies.iter().map(|(_, tally)| tally.beyond).sum();
+    let most_n = |of: fn(&Tally) -> f64| tallies.iter().map(|(_, tally)| of(tally)).fold(0.0, f64::max);
+    let (below_n, above_n) = (most_n(|tally| tally.below_n), most_n(|tally| tally.above_n));
+    format!(
+        "{count} beyond a limit of the robot file, at most {below_n:.1} N below and {above_n:.1} N above a tension's"
+    )
 }
 
 /// The results of each system, with the missions that failed printed.
@@ -219,17 +236,18 @@ fn in_a_drawn_world(seed: u64) -> Outcome {
         fly(&drawn, drawn.lockstep_with(chain), &mission, &Bodies::default())
     });
     let feasible = tried.is_some_and(|flown| flown.is_feasible(&drawn.robot));
-    Outcome { system, accepted, feasible, words: format!("NIMS_SEED={seed} {}, {mission:?}", SYSTEMS[system]) }
+    let words = format!("NIMS_SEED={seed} {}, {mission:?}", SYSTEMS[system]);
+    Outcome { system, accepted, feasible, limits_n: drawn.robot.robot.tension_limits_n, words }
 }
 
 fn judge_missions(count: u64) {
     let tallies = tallied(&outcomes(count, in_a_drawn_world));
     println!("{tallies:#?}");
     let sum = |of: fn(&Tally) -> u32| tallies.iter().map(|(_, tally)| of(tally)).sum::<u32>();
-    let (flown, failed, beyond) = (sum(|t| t.accepted), sum(|t| t.failed), sum(|t| t.beyond));
+    let (flown, failed, beyond) = (sum(|t| t.accepted), sum(|t| t.failed), beyond(&tallies));
     let (accepted, feasible) = (sum(|t| t.feasible_accepted), sum(|t| t.feasible));
     println!(
-        "of {count} missions {flown} accepted, {failed} of them failed, {beyond} beyond a limit of the robot file; \
+        "of {count} missions {flown} accepted, {failed} of them failed, {beyond}; \
          {accepted} of {feasible} feasible ones accepted"
     );
     assert_eq!(failed, 0);
@@ -294,7 +312,7 @@ fn among_trunks(seed: u64) -> Outcome {
     let accepted = fly(&drawn, drawn.lockstep(), &mission, &bodies);
     let feasible = accepted.is_some_and(|flown| flown.is_feasible(&drawn.robot));
     let words = format!("NIMS_SEED={seed} {}, {mission:?} {:?}", SYSTEMS[system], drawn.robot.obstacle);
-    Outcome { system, accepted, feasible, words }
+    Outcome { system, accepted, feasible, limits_n: drawn.robot.robot.tension_limits_n, words }
 }
 
 fn judge_trunks(count: u64) {
@@ -302,7 +320,8 @@ fn judge_trunks(count: u64) {
     println!("{tallies:#?}");
     let flown: u32 = tallies.iter().map(|(_, tally)| tally.accepted).sum();
     let least_m = tallies.iter().map(|(_, tally)| tally.distance_m).fold(f64::INFINITY, f64::min);
-    println!("of {count} missions among trunks {flown} accepted, at least {least_m:.3} m left");
+    let beyond = beyond(&tallies);
+    println!("of {count} missions among trunks {flown} accepted, at least {least_m:.3} m left, {beyond}");
     let rejected = count - u64::from(flown);
     assert!(u64::from(flown) * 8 >= count && rejected * 8 >= count, "{flown} flown, {rejected} rejected");
     for (name, tally) in &tallies {
