@@ -107,7 +107,7 @@ impl LoadEvidence {
         self.lacking > 0.0 && self.lacking >= self.enough
     }
 
-    /// Drops the sum of evidence; the spread of the motor's current stays known.
+    /// Drops the sum of evidence; the ripple of the motor's current stays known.
     pub(crate) fn clear(&mut self) {
         self.lacking = 0.0;
     }
