@@ -7,8 +7,8 @@
 //! readings have to contradict the tension for the longer, the larger their spread is beside the tension's current.
 //!
 //! Near half a step the readings alternate between two phases. So a low reading that repeats one of the last two counts
-//! less, unless it is lower than the ripple was a second before: without load the whole ripple is lower by the current of
-//! the tension, and only then are its low phases lower than they were.
+//! less, unless it is lower than the ripple was a second before: without load the whole ripple is lower by the current
+//! of the tension, and only then are its low phases lower than they were.
 
 use cable_robot::motor::Motor;
 

@@ -77,9 +77,9 @@ fn a_robot_that_knows_its_wheels_flies_as_over_eyes() {
     }
 }
 
-/// A robot file that gives weightless cables a weight, and stretch to counts without it, makes tensions and place wrong.
-/// The robot flies to the end all the same, within what it states of its own doubt: a current that is a fifth lower than
-/// that of the estimated tension is no slack cable.
+/// A robot file that gives weightless cables a weight, and stretch to counts without it, makes tensions and place
+/// wrong. The robot flies to the end all the same, within what it states of its own doubt: a current that is a fifth
+/// lower than that of the estimated tension is no slack cable.
 #[test]
 fn a_wrong_belief_about_weight_and_counts_is_no_slack_cable() {
     let (name, points_m) = &WIDE[1];
