@@ -20,7 +20,7 @@ use std::process::{Child, Command, Stdio};
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// System file; default: configs/systems/field3.toml.
+    /// System file; default: configs/systems/field3.toml, or /usr/share/nims/systems/field3.toml.
     pub config: Option<PathBuf>,
     /// Mission file; default: `planner.demo` of the system file.
     #[arg(long)]
@@ -171,14 +171,12 @@ impl Report<'_> {
     }
 }
 
-/// Returns the default system file in the current folder, or in a folder above this program.
+/// Returns the default system file in the current folder, in a folder above this program, or of the installation.
 fn default_system() -> Answer<PathBuf> {
-    let here = PathBuf::from(DEFAULT_SYSTEM);
-    if here.is_file() {
-        return Ok(here);
-    }
     let program = std::env::current_exe().map_err(Failure::not_now)?;
-    program.ancestors().map(|folder| folder.join(DEFAULT_SYSTEM)).find(|path| path.is_file()).ok_or_else(|| {
+    let projects = [Path::new("")].into_iter().chain(program.ancestors()).map(|folder| folder.join(DEFAULT_SYSTEM));
+    let installed = Path::new(config::EXAMPLES).join("systems/field3.toml");
+    projects.chain([installed]).find(|path| path.is_file()).ok_or_else(|| {
         Failure::BadInput(format!(
             "there is no {DEFAULT_SYSTEM} here: run `nims demo` in the project's folder, or give a system file"
         ))

@@ -51,6 +51,7 @@ pub use estimator::{EstimatorMethod, EstimatorSection};
 pub use exactly::{each_exactly, each_exactly_if_given, exactly, exactly_if_given, table_if_given};
 pub use file_kind::FileKind;
 pub use gateway::GatewaySection;
+pub use load::EXAMPLES;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
 pub use mission_copy::{

@@ -7,6 +7,7 @@ use super::{
 use crate::Problem;
 use crate::file::join_normalized;
 use crate::file_kind::FileKind;
+use crate::system_file::default_runs;
 use crate::toml_file::{ConfigError, Source};
 use cable_robot::motor::{DriveLimits, Motor};
 use cable_robot::{DrumParts, Obstacle, Robot, RobotError, RobotParts};
@@ -199,6 +200,15 @@ impl MotorSection {
     }
 }
 
+/// The example files of an installation; in them, `systems`, `robots` and others.
+pub const EXAMPLES: &str = "/usr/share/nims";
+
+/// Returns whether a system file of this folder is an example of an installation. It is flown where it is, so its runs
+/// go below the current folder: users cannot write beside it.
+fn is_installed_example(folder: &Path) -> bool {
+    std::path::absolute(folder).is_ok_and(|folder| folder.starts_with(EXAMPLES))
+}
+
 impl SystemFile {
     /// Returns the default folder for the position that motor-io stores across restarts: next to the runs folder.
     #[must_use]
@@ -218,7 +228,8 @@ impl SystemFile {
     }
 
     /// Reads and checks a system file and the robot file that it names. The paths `robot`, `runs` and
-    /// `planner.missions` of the result are no longer relative to the folder of the file.
+    /// `planner.missions` of the result are no longer relative to the folder of the file. An example of an installation
+    /// that states no `runs` has them in `nims/runs` of the current folder.
     ///
     /// # Errors
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
@@ -228,6 +239,9 @@ impl SystemFile {
         let mut file: Self = source.parse()?;
         let refuse = |problem: Problem| source.error(&problem);
         let folder = path.parent().unwrap_or(Path::new(""));
+        if file.runs == default_runs() && is_installed_example(folder) {
+            file.runs = std::env::current_dir().unwrap_or_default().join("nims/runs");
+        }
         for inner in [&mut file.robot, &mut file.runs, &mut file.planner.missions] {
             *inner = join_normalized(folder, inner);
         }
@@ -286,6 +300,17 @@ impl SystemFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_examples_of_an_installation_keep_their_runs_in_the_current_folder() {
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems");
+        assert!(is_installed_example(Path::new("/usr/share/nims/systems")));
+        for other in ["", "systems", "/etc/nims/systems", "/usr/share/nims-other/systems"].map(Path::new) {
+            assert!(!is_installed_example(other), "{}", other.display());
+        }
+        let file = SystemFile::load(&configs.join("demo3.toml")).unwrap();
+        assert_eq!(file.runs, join_normalized(&configs, Path::new("../../runs")));
+    }
 
     #[test]
     fn a_resolved_system_file_has_every_key_and_the_same_values() {
