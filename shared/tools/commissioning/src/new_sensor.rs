@@ -1,4 +1,5 @@
-//! `nims new-sensor`: writes an example sensor that runs unchanged, as a Rust crate or as one Python file.
+//! `nims new-sensor`: writes an example sensor that runs unchanged, as a Rust crate or as one Python file, on shared
+//! memory or through the gateway.
 
 use command::{Answer, Failure, Output};
 use serde_json::json;
@@ -14,8 +15,12 @@ pub struct Args {
     /// Write one Python file instead of a Rust crate.
     #[arg(long)]
     pub python: bool,
+    /// Write a Python file that publishes numbers through the gateway: without packages, on any machine, and without the
+    /// rights of the robot.
+    #[arg(long, conflicts_with = "python")]
+    pub plugin: bool,
     /// The sources of nims, for a sensor in Rust. Default: the folder from which this program was built.
-    #[arg(long, value_name = "FOLDER", conflicts_with = "python")]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["python", "plugin"])]
     pub nims: Option<PathBuf>,
 }
 
@@ -24,8 +29,10 @@ const MANIFEST: &str = include_str!("../../../../scripts/templates/sensor/Cargo.
 const MAIN: &str = include_str!("../../../../scripts/templates/sensor/src/main.rs");
 const DRIVER: &str = include_str!("../../../../scripts/templates/sensor/src/driver.rs");
 const PYTHON: &str = include_str!("../../../../scripts/templates/sensor.py");
-/// The Python module that a Python sensor imports.
+const PLUGIN: &str = include_str!("../../../../scripts/templates/plugin.py");
+/// The Python modules that a Python sensor and a plug-in import.
 const PYTHON_BUS: &str = include_str!("../../../../scripts/python/nims_bus.py");
+const PYTHON_GATEWAY: &str = include_str!("../../../../scripts/python/nims_gateway.py");
 /// Path from the Rust template to the libraries of nims.
 const SHARED_IN_TEMPLATE: &str = "../../../shared";
 /// Longest name, characters; the same as for `nims plug`.
@@ -43,21 +50,44 @@ pub fn new_sensor(asked: &Args) -> Answer<Output> {
             "the name is \"{name}\"; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`, starting with a letter"
         )));
     }
-    let (written, next) = if asked.python { python(name)? } else { rust(name, asked.nims.as_deref())? };
+    let (written, next) = match asked {
+        Args { python: true, .. } => python(name)?,
+        Args { plugin: true, .. } => plugin(name)?,
+        _ => rust(name, asked.nims.as_deref())?,
+    };
     let files: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
     let words = format!("wrote {}\nnext, while the robot runs:\n  {}", files.join(", "), next.join("\n  "));
     Ok(Output::new(json!({ "written": files, "next": next }), words))
 }
 
-fn python(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {
-    let file = PathBuf::from(format!("{name}.py"));
-    write_new(&file, &renamed(PYTHON, name))?;
-    let mut written = vec![file];
-    let bus = PathBuf::from("nims_bus.py");
-    if !bus.exists() {
-        write_new(&bus, PYTHON_BUS)?;
-        written.push(bus);
+/// Writes a Python file, and beside it the module that it imports, unless that is there.
+fn python_files(name: &str, template: &str, module: &str, text: &str) -> Answer<Vec<PathBuf>> {
+    let (file, module) = (PathBuf::from(format!("{name}.py")), PathBuf::from(module));
+    write_new(&file, &renamed(template, name))?;
+    if module.exists() {
+        return Ok(vec![file]);
     }
+    write_new(&module, text)?;
+    Ok(vec![file, module])
+}
+
+fn plugin(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {
+    let written = python_files(name, PLUGIN, "nims_gateway.py", PYTHON_GATEWAY)?;
+    let gateway = std::env::current_exe().map_err(Failure::not_now)?.with_file_name("gateway");
+    Ok((
+        written,
+        vec![
+            "add this to SYSTEM.toml, and start the gateway again, which reads it:".to_owned(),
+            format!("  [[plugin]]\n    name = \"{name}\"\n    quantity = [\"value\"]\n    unit = [\"V\"]"),
+            format!("{} --system SYSTEM.toml --socket FOLDER", gateway.display()),
+            format!("NIMS_GATEWAY=FOLDER/SYSTEM.sock python3 {name}.py"),
+            format!("nims channel echo sensor/{name}"),
+        ],
+    ))
+}
+
+fn python(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {
+    let written = python_files(name, PYTHON, "nims_bus.py", PYTHON_BUS)?;
     let version = PYTHON_BUS.lines().find_map(|line| line.strip_prefix("ICEORYX2 = ")).unwrap_or_default();
     Ok((
         written,
@@ -144,7 +174,7 @@ mod tests {
 
     #[test]
     fn the_name_is_replaced_everywhere_in_the_templates() {
-        for template in [MANIFEST, MAIN, DRIVER, PYTHON] {
+        for template in [MANIFEST, MAIN, DRIVER, PYTHON, PLUGIN] {
             let text = renamed(template, "soil-probe-2");
             assert!(!text.contains("xample"), "{text}");
         }
