@@ -81,7 +81,7 @@ fn fitting(mut lines: Vec<Line<'static>>, height: u16) -> Vec<Line<'static>> {
 fn key_line(snapshot: &Snapshot) -> Line<'static> {
     if snapshot.answer.is_empty() {
         Line::styled(
-            "q quit   p pause, keeps the mission   s stop, drops the mission; the cables stay taut",
+            "q quit   p pause, keeps the mission   s stop, drops it; the cables stay taut",
             Style::new().fg(Color::DarkGray),
         )
     } else {

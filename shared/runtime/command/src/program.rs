@@ -47,6 +47,8 @@ fn execute<C: FromArgMatches>(
     let name = name.as_str();
     // `nims up` is a separate program, but its messages start with `nims`.
     let prefix = name.split(' ').next().unwrap_or(name);
+    let args: Vec<OsString> = args.into_iter().collect();
+    let help = help_of(&command, &args);
     let cli = match command.try_get_matches_from(args).and_then(|given| C::from_arg_matches(&given)) {
         Ok(cli) => cli,
         Err(error) if error.exit_code() == 0 => {
@@ -55,7 +57,7 @@ fn execute<C: FromArgMatches>(
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("{prefix}: {}", usage(&error, name));
+            eprintln!("{prefix}: {}", usage(&error, &help));
             return ExitCode::from(2);
         }
     };
@@ -80,15 +82,27 @@ fn execute<C: FromArgMatches>(
     }
 }
 
+/// Returns the clause that names the help of the command in these arguments.
+fn help_of(command: &clap::Command, args: &[OsString]) -> String {
+    let (mut command, mut path) = (command, command.get_name().to_owned());
+    for word in args.iter().skip(1) {
+        let Some(inner) = command.find_subcommand(word) else { continue };
+        command = inner;
+        path = format!("{path} {}", inner.get_name());
+    }
+    let what = if command.has_subcommands() { "lists the commands" } else { "explains the command" };
+    format!("`{path} --help` {what}")
+}
+
 /// Returns the first paragraph of clap's message about wrong arguments, on one text line.
-fn usage(error: &clap::Error, name: &str) -> String {
+fn usage(error: &clap::Error, help: &str) -> String {
     use clap::error::ErrorKind;
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return format!("the command is missing; `{name} --help` lists the commands");
+        return format!("the command is missing; {help}");
     }
     let text = error.to_string();
     let first: Vec<&str> =
         text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more")).collect();
     let sentence = first.join(" ").split_whitespace().collect::<Vec<_>>().join(" ");
-    format!("{}; `{name} --help` lists the commands", sentence.trim_start_matches("error: "))
+    format!("{}; {help}", sentence.trim_start_matches("error: "))
 }

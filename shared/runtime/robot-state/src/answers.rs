@@ -255,7 +255,7 @@ answers! {
     146 NotQuarantined { role: SlotRole, slot: Slot } ACCEPTED, "The {} in slot {} was not quarantined.", role_name(*role), slot.name();
 
     // planner; 220 held the sentence alone
-    200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} segments, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "continues" } else { "accepted" }, Energy(*energy_j), Later(*later, *energy_j);
+    200 Planned { continues: bool, segments: usize, length_m: f64, duration_s: f64, energy_j: Option<f64>, later: Option<(f64, Option<f64>)>, mission: Detail } ACCEPTED, "mission \"{mission}\" {}: {segments} {}, {length_m:.2} m, {duration_s:.1} s{}{}", if *continues { "continues" } else { "accepted" }, if *segments == 1 { "segment" } else { "segments" }, Energy(*energy_j), Later(*later, *energy_j);
     201 MotorIoAbsent REFUSED, "motor-io does not answer; start the robot with nims up";
     202 MissionPaused { mission: Detail } REFUSED, "mission \"{mission}\" is paused; resume it with nims resume, or give it up with nims stop";
     203 MissionRuns { mission: Detail } REFUSED, "mission \"{mission}\" is being flown; wait for its end, or give it up with nims stop";

@@ -1,7 +1,7 @@
 //! `nims check`: findings about a configuration, each with its remedy.
 
 use crate::config_kind::config_kind;
-use crate::finding::{Finding, error, errors, note, to_json, to_text, verdict, warning};
+use crate::finding::{Finding, counted, error, errors, note, to_json, to_text, verdict, warning};
 use crate::robot_findings::{middle, robot};
 use crate::swing;
 use cable_robot::{Distribution, Vector3};
@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     let errors = errors(&found);
     let failure = (errors > 0).then(|| {
         let file = args.config.display();
-        Failure::BadInput(format!("{file} cannot be used: {errors} error(s), listed on stdout"))
+        Failure::BadInput(format!("{file} cannot be used: {}, listed on stdout", counted(errors, "error")))
     });
     Ok(Output::new(to_json(&found), format!("{}\n{}", to_text(&found), verdict(&found))).failing(failure))
 }
@@ -222,7 +222,7 @@ impl Flight {
     #[must_use]
     pub fn line(&self) -> String {
         let energy = self.energy_j.map_or(String::new(), |joules| format!(", about {joules:.0} J in the motors"));
-        format!("{} segments, {:.2} m, {:.1} s{energy}", self.segments, self.length_m, self.duration_s)
+        format!("{}, {:.2} m, {:.1} s{energy}", counted(self.segments, "segment"), self.length_m, self.duration_s)
     }
 }
 

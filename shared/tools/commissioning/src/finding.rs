@@ -75,8 +75,17 @@ pub(crate) fn verdict(findings: &[Finding]) -> String {
     let warnings = findings.iter().filter(|finding| finding.level == Level::Warning).count();
     match (errors(findings), warnings) {
         (0, 0) => "fine: no errors, no warnings".to_owned(),
-        (0, warnings) => format!("usable: no errors, {warnings} warning(s)"),
-        (errors, warnings) => format!("not usable: {errors} error(s), {warnings} warning(s)"),
+        (0, warnings) => format!("usable: no errors, {}", counted(warnings, "warning")),
+        (errors, warnings) => format!("not usable: {}, {}", counted(errors, "error"), counted(warnings, "warning")),
+    }
+}
+
+/// Returns a number of things in words.
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    match count {
+        0 => format!("no {what}s"),
+        1 => format!("1 {what}"),
+        _ => format!("{count} {what}s"),
     }
 }
 

@@ -48,8 +48,12 @@ pub fn run(args: &Args) -> Answer<Output> {
     found.extend(examined.into_iter().map(|examined| examined.finding));
     found.sort_by_key(|finding| std::cmp::Reverse(finding.level as u8));
     let errors = finding::errors(&found);
-    let failure = (errors > 0)
-        .then(|| Failure::NotNow(format!("{errors} error(s) on this machine would stop the robot, listed on stdout")));
+    let failure = (errors > 0).then(|| {
+        Failure::NotNow(format!(
+            "{} on this machine would stop the robot, listed on stdout",
+            finding::counted(errors, "error")
+        ))
+    });
     let lines: Vec<String> = changes.iter().map(fix::Change::line).collect();
     let output = if args.fix {
         let text = lines.iter().chain([&finding::to_text(&found)]).cloned().collect::<Vec<_>>().join("\n");
