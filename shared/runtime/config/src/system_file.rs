@@ -18,8 +18,8 @@ pub struct SystemFile {
     /// Control cycles per second, 10 to 250.
     #[serde(default = "default_rate")]
     pub rate_hz: f64,
-    /// Folder in which run folders are created; for an example in /usr/share/nims, by default `nims/runs` of the current
-    /// folder.
+    /// Folder in which run folders are created; for an example in /usr/share/nims, by default `nims/runs` of the
+    /// current folder.
     #[serde(default = "default_runs")]
     pub runs: PathBuf,
     /// Drives and safety limits.

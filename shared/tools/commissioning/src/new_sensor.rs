@@ -15,8 +15,8 @@ pub struct Args {
     /// Write one Python file instead of a Rust crate.
     #[arg(long)]
     pub python: bool,
-    /// Write a Python file that publishes numbers through the gateway: without packages, on any machine, and without the
-    /// rights of the robot.
+    /// Write a Python file that publishes numbers through the gateway: without packages, on any machine, and without
+    /// the rights of the robot.
     #[arg(long, conflicts_with = "python")]
     pub plugin: bool,
     /// The sources of nims, for a sensor in Rust. Default: the folder from which this program was built.
