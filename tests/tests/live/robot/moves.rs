@@ -54,6 +54,14 @@ impl Robot {
         panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
     }
 
+    /// Polls, and requests a resume if the machine starved the robot and it stopped for that.
+    pub fn keep_flying(&mut self) {
+        self.poll();
+        if self.last.mode == MotorAuthority::MODE_HOLDING && self.last.faults & STARVED != 0 {
+            self.ask("motor-io", Request::Resume);
+        }
+    }
+
     /// Armed, at a known position.
     pub fn arm(&mut self) {
         self.ask("motor-io", Request::Arm);
