@@ -93,6 +93,10 @@ proptest! {
             for column in 0..20 {
                 let [x, y] = map.spec().centre(column, row);
                 let cell = map.cell(column, row).unwrap();
+                if cell.samples == 0 {
+                    // never beyond its neighbours, so not exact beside the border
+                    continue;
+                }
                 prop_assert!((cell.value - (a + b * x + c * y)).abs() < 1e-5 * size, "{cell:?}");
                 prop_assert!((cell.gradient_per_m[0] - b).abs() < 1e-3 * size);
                 prop_assert!((cell.gradient_per_m[1] - c).abs() < 1e-3 * size);
@@ -113,6 +117,27 @@ proptest! {
             if let (Some(a), Some(b)) = (a, b) && a.radius_m == b.radius_m {
                 prop_assert!((by * a.value + plus - b.value).abs() < 1e-5 * by + 1e-9);
                 prop_assert!((by * a.sigma - b.sigma).abs() < 1e-4 * by);
+            }
+        }
+    }
+
+    #[test]
+    fn a_cell_without_samples_is_within_the_samples_around_it(seed in 1_u64..1_000_000) {
+        let (_, samples) = crate::fields::survey(seed);
+        let (cell_m, reach_m) = (0.1, 0.4);
+        let map = GridMap::from_samples(spec(cell_m), options(cell_m, reach_m), &samples).unwrap();
+        for row in 0..30 {
+            for column in 0..30 {
+                let Some(cell) = map.cell(column, row) else { continue };
+                prop_assert!(cell.sigma > 0.0, "{cell:?}");
+                if cell.samples == 0 {
+                    let [x, y] = map.spec().centre(column, row);
+                    // the samples of a cell count at their mean position
+                    let near = |s: &&GridSample| (s.position_m[0] - x).hypot(s.position_m[1] - y) < 1.5 * reach_m + 2.0 * cell_m;
+                    let range = samples.iter().filter(near).map(|s| s.value);
+                    let [low, high] = range.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+                    prop_assert!((low - 1e-9..=high + 1e-9).contains(&cell.value), "{cell:?} {low} {high}");
+                }
             }
         }
     }
@@ -188,10 +213,7 @@ fn standard_deviations_match_errors_on_smooth_ground_and_beside_edges() {
             within(&edges, 2.0),
             map.noise()
         );
-        if true {
-            continue;
-        }
-        assert!(within(&smooth, 2.0) > 0.9, "smooth ground, noise {noise}");
+        assert!(within(&smooth, 2.0) > 0.8, "smooth ground, noise {noise}");
         assert!((0.4..1.5).contains(&spread), "smooth ground, noise {noise}: {spread}");
         assert!(within(&edges, 2.0) > 0.8, "edges, noise {noise}");
         assert!(rms < 0.7 * noise, "noise {noise} is averaged: {rms}");
@@ -275,6 +297,45 @@ fn unsampled_cells_are_unknown_and_cells_between_tracks_less_certain() {
     );
     assert_eq!((sigma(1.45), sigma(0.05), map.at([9.0, 1.0])), (None, None, None));
     assert_eq!((map.counts().inside, map.counts().outside), (300, 1));
+}
+
+/// One track on which the field rises faster and faster; the plane through its end leads far beyond.
+#[test]
+fn a_map_does_not_continue_a_slope_beyond_its_samples() {
+    let samples: Vec<GridSample> = (0..100)
+        .map(|i| 0.02 * f64::from(i))
+        .map(|t| GridSample::at([0.5 + t, 0.5 + 0.2 * t], 2.57 + 1.38 * (t / 1.98).powi(2)))
+        .collect();
+    let map = GridMap::from_samples(spec(0.05), options(0.05, 0.4), &samples).unwrap();
+    for cell in map.cells().iter().flatten().filter(|cell| cell.samples == 0) {
+        assert!((2.57 - 1e-9..=3.95 + 1e-9).contains(&cell.value) && cell.sigma > 0.0, "{cell:?}");
+    }
+}
+
+#[test]
+fn without_differences_only_a_stated_deviation_gives_a_map() {
+    for count in [1, 40] {
+        let readings = |value_sigma| {
+            let places = (0..count).map(|i| [0.5 + 0.02 * f64::from(i), 1.0]);
+            places.map(move |at| GridSample { value_sigma, ..GridSample::at(at, 21.5) }).collect::<Vec<_>>()
+        };
+        let map = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &readings(None)).unwrap();
+        assert!(map.cells().iter().all(Option::is_none) && !map.has_scale(), "{count} readings");
+        let map = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &readings(Some(0.2))).unwrap();
+        let own = map.at([0.55, 1.05]).unwrap();
+        let beside = map.at([0.55, 1.35]).unwrap();
+        assert!((own.value - 21.5).abs() < 1e-9 && own.sigma > 0.0 && beside.sigma > 0.0, "{own:?} {beside:?}");
+    }
+}
+
+#[test]
+fn a_resolution_does_not_average_out() {
+    let samples: Vec<GridSample> = (0..4000)
+        .map(|i| [f64::from(i % 63) / 21.0, f64::from(i / 63) / 21.2])
+        .map(|at| GridSample::at(at, (21.0 + 0.3 * at[0]).round()))
+        .collect();
+    let map = GridMap::from_samples(spec(0.1), options(0.1, 0.4), &samples).unwrap();
+    assert!(map.cells().iter().flatten().all(|cell| cell.sigma >= 0.99 / 12.0_f64.sqrt()));
 }
 
 #[test]

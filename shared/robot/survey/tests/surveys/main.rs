@@ -2,5 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod adaptive;
+mod coverage;
+mod fields;
 mod grid;
 mod track;

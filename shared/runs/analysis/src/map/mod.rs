@@ -188,6 +188,9 @@ fn sensor_map(config: &LoggerConfig, args: &Args, name: &str, measured: &SensorS
     let grid = GridMap::new(spec, options).map_err(|error| error.to_string())?;
     let mut map = empty.with_grid(grid);
     measured.samples.iter().for_each(|sample| map.add(sample));
+    if !map.grid().has_scale() {
+        return Err("all its readings are equal, so they do not show how large an error may be; state its standard deviation with --sigma".to_owned());
+    }
     map.grid_mut().refresh_all();
     Ok(map)
 }
