@@ -85,17 +85,40 @@ fn geometry_rows(n: usize, both: &[Anchors; 2], poses: &[Vector3<f64>]) {
     );
 }
 
+/// What one cable cannot do without: one root for an eye; for a pulley two roots, a quotient and an angle, each of which
+/// waits for the one before.
+fn bare_row(poses: &[Vector3<f64>]) {
+    row(
+        "bare operations, 1 cable",
+        each(&|k| {
+            for at in poses {
+                let at = black_box(at);
+                let root = (at.x * at.x + at.y * at.y).sqrt();
+                black_box(if k == 0 {
+                    root
+                } else {
+                    let free = (at.z * at.z + root).sqrt();
+                    libm::atan2(free, root / free)
+                });
+            }
+        }),
+    );
+}
+
+fn poses() -> Vec<Vector3<f64>> {
+    let at = |share: f64| {
+        Vector3::new(3.0 + 3.0 * share, 2.0 + 2.0 * (7.0 * share).fract(), 0.3 + 1.5 * (13.0 * share).fract())
+    };
+    (0..POSES).map(|i| at(i as f64 / POSES as f64)).collect()
+}
+
 fn main() -> Result<(), RobotError> {
     println!("{:>24} {:>9} {:>9} {:>6}", "ns", "eyes", "pulleys", "ratio");
+    let poses = poses();
+    bare_row(&poses);
     for n in [3, 4, 8] {
         let eyes = Anchors::new(&ANCHORS_M[..n])?;
         let both = [eyes, eyes.with_pulleys(&[0.04; 8][..n])?];
-        let poses: Vec<Vector3<f64>> = (0..POSES)
-            .map(|i| {
-                let share = i as f64 / POSES as f64;
-                Vector3::new(3.0 + 3.0 * share, 2.0 + 2.0 * (7.0 * share).fract(), 0.3 + 1.5 * (13.0 * share).fract())
-            })
-            .collect();
         geometry_rows(n, &both, &poses);
         let robot = Robot::new(RobotParts {
             anchors_m: ANCHORS_M[..n].to_vec(),

@@ -51,15 +51,15 @@ pub struct Anchors {
     frame: Option<Frame>,
 }
 
-/// Two cables over pulleys.
+/// Two cables with their anchors and their radii; an odd last one twice.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct PairOfPulleys<'a> {
+pub(crate) struct PairOfCables<'a> {
     pub anchors: &'a [Vector3<f64>; 2],
     pub radii_m: &'a [f64; 2],
     pub planar: bool,
 }
 
-impl PairOfPulleys<'_> {
+impl PairOfCables<'_> {
     /// Both cables to a position.
     #[inline(always)]
     pub(crate) fn cables_to(&self, position: &Vector3<f64>) -> [CableGeometry; 2] {
@@ -165,18 +165,29 @@ impl Anchors {
         self.pulleys[0]
     }
 
-    /// The pulleys two by two, with their anchors and their radii, for a robot that has only pulleys; None if any cable
-    /// runs through an eye. An odd last one is in a pair with itself.
+    /// The cables two by two for a robot that has only pulleys; None if any cable runs through an eye.
     #[inline]
-    pub(crate) fn pairs_of_pulleys(&self) -> Option<impl Iterator<Item = PairOfPulleys<'_>>> {
+    pub(crate) fn pairs_of_pulleys(&self) -> Option<impl Iterator<Item = PairOfCables<'_>>> {
         let [_, only] = self.pulleys;
-        only.then(|| (0..self.len.div_ceil(2)).map_while(|k| self.pair_of_pulleys(k)))
+        only.then(|| self.pairs())
     }
 
-    /// Two cables of any kind, from the pair with this number.
+    /// The same for a robot that has only pulleys or only eyes; None if it has both.
+    #[inline]
+    pub(crate) fn pairs_of_a_kind(&self) -> Option<impl Iterator<Item = PairOfCables<'_>>> {
+        let [any, only] = self.pulleys;
+        (any == only).then(|| self.pairs())
+    }
+
+    #[inline]
+    fn pairs(&self) -> impl Iterator<Item = PairOfCables<'_>> {
+        (0..self.len.div_ceil(2)).map_while(|k| self.pair(k))
+    }
+
+    /// The cables of the pair with this number, of any kind.
     #[inline(always)]
     pub(crate) fn both_cables(&self, k: usize, position: &Vector3<f64>) -> Option<Both> {
-        let pair = self.pair_of_pulleys(k)?;
+        let pair = self.pair(k)?;
         Some(match self.pulleys {
             [false, _] => Both::from_eyes(&pair, position),
             [_, true] => Tangents::of(&pair, position).both(),
@@ -188,9 +199,9 @@ impl Anchors {
     }
 
     #[inline]
-    fn pair_of_pulleys(&self, k: usize) -> Option<PairOfPulleys<'_>> {
+    fn pair(&self, k: usize) -> Option<PairOfCables<'_>> {
         let (anchors, radii_m) = (self.points.as_chunks().0.get(k)?, self.radii_m.as_chunks().0.get(k)?);
-        Some(PairOfPulleys { anchors, radii_m, planar: self.planar })
+        Some(PairOfCables { anchors, radii_m, planar: self.planar })
     }
 
     /// Calls a function for each cable at a position. At an eye the direction is zero, and over a pulley everything is

@@ -28,7 +28,7 @@ mod tangents;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::anchors::PairOfPulleys;
+use crate::anchors::PairOfCables;
 
 pub(crate) use tangents::{Both, Tangents};
 
@@ -172,7 +172,7 @@ impl Pulley {
     #[inline]
     fn tangent(&self, position: &Vector3<f64>) -> Tangents {
         let Self { anchor, radius_m, planar } = *self;
-        Tangents::of(&PairOfPulleys { anchors: &[anchor; 2], radii_m: &[radius_m; 2], planar }, position)
+        Tangents::of(&PairOfCables { anchors: &[anchor; 2], radii_m: &[radius_m; 2], planar }, position)
     }
 
     /// The tangent if it has a direction.

@@ -5,7 +5,7 @@ use std::ops::Deref;
 use nalgebra::{Matrix3, Vector3};
 
 use super::solution::KinematicsError;
-use crate::pulley::Tangents;
+use crate::pulley::{Both, Tangents};
 use crate::{Anchors, CableVec, MAX_CABLES, linalg};
 
 /// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector of a free cable toward the node; dL/dt = J dX/dt.
@@ -22,7 +22,7 @@ impl Jacobian {
     /// a pulley, and on its axis.
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         let mut rows = [Vector3::zeros(); MAX_CABLES];
-        if pairs_of_pulleys(anchors, position, &mut rows) {
+        if rows_by_pairs(anchors, position, &mut rows) {
             return Ok(Self { rows, len: anchors.len(), planar: anchors.is_planar() });
         }
         for (i, (row, anchor)) in rows.iter_mut().zip(anchors.iter()).enumerate() {
@@ -70,14 +70,21 @@ impl Jacobian {
     }
 }
 
-/// Computes the rows of a robot that has only pulleys. False if a cable runs through an eye or has no direction.
-fn pairs_of_pulleys(anchors: &Anchors, position: &Vector3<f64>, rows: &mut [Vector3<f64>; MAX_CABLES]) -> bool {
-    let Some(pairs) = anchors.pairs_of_pulleys() else { return false };
+/// Computes the rows two by two. False for a robot that has both eyes and pulleys, and if a cable has no direction.
+fn rows_by_pairs(anchors: &Anchors, position: &Vector3<f64>, rows: &mut [Vector3<f64>; MAX_CABLES]) -> bool {
+    let Some(pairs) = anchors.pairs_of_a_kind() else { return false };
+    let pulleys = anchors.have_pulleys();
     let mut all = true;
     for (rows, pair) in rows.as_chunks_mut().0.iter_mut().zip(pairs) {
-        let tangents = Tangents::of(&pair, position);
-        *rows = tangents.directions();
-        all &= tangents.have_directions();
+        if pulleys {
+            let tangents = Tangents::of(&pair, position);
+            *rows = tangents.directions();
+            all &= tangents.have_directions();
+        } else {
+            let eyes = Both::from_eyes(&pair, position);
+            *rows = eyes.directions();
+            all &= eyes.have_lengths();
+        }
     }
     if let Some(unused) = rows.get_mut(anchors.len()) {
         *unused = Vector3::zeros();

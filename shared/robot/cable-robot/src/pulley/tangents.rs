@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use wide::f64x2;
 
 use super::{CableGeometry, SMALLEST_M};
-use crate::anchors::PairOfPulleys;
+use crate::anchors::PairOfCables;
 
 /// Coefficients of (arctan x / x - 1) / x² over the powers of x², for |x| up to tan(π / 8): interpolation at the points
 /// of Chebyshev in 50 digits. The error of twice the arc tangent is at most 1.1e-16.
@@ -42,7 +42,7 @@ struct Wheels {
 
 impl Wheels {
     #[inline(always)]
-    fn of(pair: &PairOfPulleys, position: &Vector3<f64>) -> Self {
+    fn of(pair: &PairOfCables, position: &Vector3<f64>) -> Self {
         let [a, b] = pair.anchors;
         let x = f64x2::splat(position.x) - f64x2::new([a.x, b.x]);
         let y = f64x2::splat(position.y) - f64x2::new([a.y, b.y]);
@@ -74,7 +74,7 @@ pub(crate) struct Tangents {
 impl Tangents {
     /// Computes the tangents of two cables of a robot. In the plane the y of the position does not count.
     #[inline(always)]
-    pub(crate) fn of(pair: &PairOfPulleys, position: &Vector3<f64>) -> Self {
+    pub(crate) fn of(pair: &PairOfCables, position: &Vector3<f64>) -> Self {
         Self::new(Wheels::of(pair, position))
     }
 
@@ -203,12 +203,25 @@ impl Both {
 
     /// Computes two cables of a robot without pulleys.
     #[inline(always)]
-    pub(crate) fn from_eyes(pair: &PairOfPulleys, position: &Vector3<f64>) -> Self {
+    pub(crate) fn from_eyes(pair: &PairOfCables, position: &Vector3<f64>) -> Self {
         let Wheels { x, y, z, .. } = Wheels::of(pair, position);
         let length = (x * x + y * y + z * z).sqrt();
         let per_free = f64x2::splat(1.0) / length;
         let across = [f64x2::ZERO; 2];
         Self { length, direction: [x * per_free, y * per_free, z * per_free], per_free, bend: f64x2::ZERO, across }
+    }
+
+    /// True if no length of an eye is too small for a direction, infinite or NaN.
+    #[inline(always)]
+    pub(crate) fn have_lengths(&self) -> bool {
+        let finite = self.length.simd_lt(f64x2::splat(f64::INFINITY));
+        (self.length.simd_ge(f64x2::splat(SMALLEST_M)) & finite).all()
+    }
+
+    /// Unit vectors of the free cables.
+    #[inline(always)]
+    pub(crate) fn directions(&self) -> [Vector3<f64>; 2] {
+        lanes(self.direction)
     }
 
     /// Two cables of any kind.
@@ -242,7 +255,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn tangents(anchors: [Vector3<f64>; 2], radii_m: [f64; 2], position: &Vector3<f64>) -> Tangents {
-        Tangents::of(&PairOfPulleys { anchors: &anchors, radii_m: &radii_m, planar: false }, position)
+        Tangents::of(&PairOfCables { anchors: &anchors, radii_m: &radii_m, planar: false }, position)
     }
 
     /// From where the cable enters to the node, most of all where the tangent points along an axis or a diagonal.
