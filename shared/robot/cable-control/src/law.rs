@@ -4,7 +4,7 @@
 //! eᵀQe + uᵀRu over Δ cycles with e = 0 at their end. Its cost-to-go is infinite at the end, so the recursion uses its
 //! inverse W, which is 0 there: M = (W + S)⁻¹, S = Ts² B R⁻¹ Bᵀ; P = Q + M; W = P⁻¹; u = Ts R⁻¹ Bᵀ M e.
 //!
-//! With Q = 0 and as many cables as directions, u = J e / (Δ Ts) for any R.
+//! With Q = 0, M is (Δ S)⁻¹; with as many cables as directions, u = J e / (Δ Ts) for any R.
 //!
 //! Errors in m, velocities in m/s, the period in s; B is 3 x N, Q 3 x 3, R N x N or a number, the gain K N x 3. Invalid
 //! weights, a horizon of 0 and a B of deficient rank are a [`LawError`].
@@ -15,7 +15,8 @@ use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
 use cable_robot::kinematics::NodeJacobian;
-use cable_robot::{CableVec, MAX_CABLES, linalg};
+use cable_robot::linalg::{self, Cholesky};
+use cable_robot::{CableVec, MAX_CABLES};
 
 /// Longest horizon, cycles: ten seconds at 100 Hz. Bounds the recursion.
 pub const MAX_HORIZON: u32 = 1000;
@@ -121,14 +122,13 @@ impl LqGain {
                 (state_weight[(1, k)], state_weight[(k, 1)]) = (0.0, 0.0);
             }
         }
-        let mut w = Matrix3::zeros();
-        let mut m = Matrix3::zeros();
-        for k in 0..horizon {
-            m = inverse_spd(&(w + s)).ok_or(LawError::Singular)?;
-            if k + 1 < horizon {
-                w = inverse_spd(&(state_weight + m)).ok_or(LawError::Singular)?;
-            }
-        }
+        let m = if state_weight.iter().all(|q| *q == 0.0) {
+            // W = 0, S, 2 S, ..
+            inverse_spd(&(s * f64::from(horizon)))
+        } else {
+            recursion(&s, &state_weight, horizon)
+        };
+        let m = m.ok_or(LawError::Singular)?;
         let mut gain = Self { rows: [Vector3::zeros(); MAX_CABLES], len: n };
         for (row, g) in gain.rows.iter_mut().zip(&rows).take(n) {
             // M is symmetric: gᵀM = (M g)ᵀ.
@@ -207,6 +207,16 @@ fn is_positive_semidefinite(q: &Matrix3<f64>) -> bool {
     scale == 0.0 || symmetric && linalg::solve_spd(&shifted, &Vector3::zeros()).is_some()
 }
 
+/// M after as many steps as the horizon; None if a matrix has no inverse.
+fn recursion(s: &Matrix3<f64>, state_weight: &Matrix3<f64>, horizon: u32) -> Option<Matrix3<f64>> {
+    let mut m = inverse_spd(s)?;
+    for _ in 1..horizon {
+        let w = inverse_spd(&(state_weight + m))?;
+        m = inverse_spd(&(w + s))?;
+    }
+    Some(m)
+}
+
 /// Inverse of a symmetric positive definite matrix, exactly symmetric. The matrix is scaled to unit size first, because
 /// Ts² makes its entries small.
 fn inverse_spd(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
@@ -216,9 +226,8 @@ fn inverse_spd(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     }
     let unit = m / scale;
     // The determinant of a matrix with trace 1 is at most 1/27; this bound is a condition number of about 1e12.
-    let columns = [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| linalg::solve_spd(&unit, &e));
-    let [Some(x), Some(y), Some(z)] = columns else { return None };
-    let inverse = Matrix3::from_columns(&[x, y, z]);
+    let factor = Cholesky::decompose(&unit)?;
+    let inverse = Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(|e| factor.solve(&e)));
     let largest = inverse.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
     (largest < 1e13).then(|| (inverse + inverse.transpose()) * (0.5 / scale))
 }
@@ -358,6 +367,21 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
+
+        #[test]
+        fn without_a_state_weight_the_closed_form_is_the_end_of_the_recursion(
+            four in any::<bool>(), p in inside(), horizon in 1u32..=200, period_s in 1e-3..0.1f64, r in 0.01..100.0f64,
+        ) {
+            let b = jacobian(four, &p).node_jacobian().unwrap();
+            let zero = Matrix3::zeros();
+            let gain = LqGain::new(&b, period_s, &zero, &InputWeight::Scalar(r), horizon).unwrap();
+            let s = b.iter().fold(zero, |s, b| s + linalg::outer(b, b)) * (period_s * period_s / r);
+            let m = recursion(&s, &zero, horizon).unwrap();
+            for (row, b) in gain.rows().iter().zip(b.iter()) {
+                let expected = m * b * (period_s / r);
+                prop_assert!((row - expected).norm() <= 1e-9 * expected.norm(), "{row} {expected}");
+            }
+        }
 
         #[test]
         fn first_input_is_that_of_the_whole_problem(
