@@ -1,7 +1,7 @@
 //! From a flight over known ground to its map: the error is below the map's standard deviations, whether the sensor
 //! logger ran in flight or not, and independent software can read the map.
 
-use analysis::map::{Args, run as map};
+use analysis::map::{Args, logger_config, maps_of_run, run as map};
 use command::{Failure, Output};
 use config::SensorLoggerSection;
 use georeference::{Decoder, Logger, LoggerConfig};
@@ -123,6 +123,7 @@ fn asked(run: &Path, out: &Path) -> Args {
         looks_down: true,
         sigma: None,
         footprint: None,
+        between: None,
         recompute: false,
     }
 }
@@ -209,6 +210,29 @@ fn the_report_of_the_flight_shows_the_map() {
     let text = std::fs::read_to_string(&page).unwrap();
     // The captions themselves: map, quantity and the beginning of its range.
     assert!(text.contains("Map of range: distance from 0.") && text.contains("Map of soil: moisture_percent from "));
+}
+
+/// The page draws the map that the command writes.
+#[test]
+fn the_report_and_the_command_compute_the_same_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    fly(&run, true);
+    let all = Args { sensor: Vec::new(), cell: None, reach: None, looks_down: false, ..asked(&run, folder.path()) };
+    map(&all).unwrap();
+    let maps = maps_of_run(&run, &logger_config(&run).unwrap()).unwrap();
+    assert_eq!(maps.keys().collect::<Vec<_>>(), ["range", "soil"]);
+    for (name, drawn) in &maps {
+        let written = cells(folder.path(), name);
+        let known = drawn.grid().cells().iter().flatten().count();
+        assert_eq!(known, written.len(), "{name}");
+        for [x, y, value, sigma] in written {
+            let (column, row) = drawn.grid().spec().cell_at([x, y]).unwrap();
+            let (shown, shown_sigma) = drawn.value(column, row).unwrap();
+            // the table has four digits of the deviation
+            assert!((shown - value).abs() <= 1e-8 * value.abs() && (shown_sigma / sigma - 1.0).abs() < 1e-3);
+        }
+    }
 }
 
 #[test]

@@ -41,6 +41,33 @@ impl Mapping {
     }
 }
 
+/// Coordinates across the plane of a map, m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Across {
+    low: f64,
+    high: f64,
+    mean: f64,
+    /// Sum of the squared differences from the mean.
+    squares: f64,
+    count: f64,
+}
+
+impl Across {
+    const NONE: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY, mean: 0.0, squares: 0.0, count: 0.0 };
+
+    /// Adds one (Welford 1962).
+    fn add(&mut self, at: f64) {
+        (self.low, self.high, self.count) = (self.low.min(at), self.high.max(at), self.count + 1.0);
+        let before = at - self.mean;
+        self.mean += before / self.count;
+        self.squares += before * (at - self.mean);
+    }
+
+    fn deviation(&self) -> f64 {
+        if self.count > 0.0 { (self.squares / self.count).sqrt() } else { 0.0 }
+    }
+}
+
 /// Map of one sensor that is updated with each sample.
 #[derive(Debug, Clone)]
 pub struct SensorMap {
@@ -49,6 +76,8 @@ pub struct SensorMap {
     /// Sum of the variances of the node's height, m², and their count; a sensor that looks down has this height error
     /// in its map.
     heights_m2: (f64, u64),
+    /// Coordinates of the samples across the plane.
+    across: Across,
     names: [String; 2],
     updated: bool,
 }
@@ -62,13 +91,20 @@ impl SensorMap {
         let Some(mapping) = Mapping::new(config.plane, sensor) else { return Ok(None) };
         let spec = config.grid(side)?;
         let grid = GridMap::new(spec, config.options(sensor, spec.cell_m))?;
-        Ok(Some(Self { mapping, grid, heights_m2: (0.0, 0), names: Default::default(), updated: false }))
+        Ok(Some(Self {
+            mapping,
+            grid,
+            heights_m2: (0.0, 0),
+            across: Across::NONE,
+            names: Default::default(),
+            updated: false,
+        }))
     }
 
     /// Returns an empty map with the same settings on another grid.
     #[must_use]
     pub fn with_grid(&self, grid: GridMap) -> Self {
-        Self { grid, heights_m2: (0.0, 0), updated: false, ..self.clone() }
+        Self { grid, heights_m2: (0.0, 0), across: Across::NONE, updated: false, ..self.clone() }
     }
 
     /// Adds a sample.
@@ -79,6 +115,8 @@ impl SensorMap {
         if self.mapping.looks_down {
             self.heights_m2.0 += sample.position_std_m[2] * sample.position_std_m[2];
             self.heights_m2.1 += 1;
+        } else {
+            self.across.add(self.mapping.plane.across(sample.position_m));
         }
         if self.names[0].is_empty() {
             self.names = self.names_from(sample);
@@ -127,12 +165,21 @@ impl SensorMap {
         &mut self.grid
     }
 
-    /// Returns the standard deviation common to all cells, m: that of the node's height if the sensor looks down, else
-    /// 0.
+    /// Returns the lowest and the highest coordinate of the samples across the plane, m, if they are farther apart than
+    /// a cell is wide, so that the map is that of no single plane; never for a sensor that looks down.
+    #[must_use]
+    pub fn mixed_m(&self) -> Option<[f64; 2]> {
+        let Across { low, high, .. } = self.across;
+        (high - low > self.grid.spec().cell_m).then_some([low, high])
+    }
+
+    /// Returns the standard deviation common to all cells, in the unit of the map: that of the node's height if the
+    /// sensor looks down, else what the field changes over the distance of the samples from their mean plane, if it
+    /// changes across the plane as in it.
     #[must_use]
     pub fn common_sigma(&self) -> f64 {
         let (sum, count) = self.heights_m2;
-        if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
+        if count == 0 { self.grid.change_over(self.across.deviation()) } else { (sum / count as f64).sqrt() }
     }
 
     /// Returns value and standard deviation of a cell.
@@ -175,5 +222,40 @@ impl SensorMap {
         put_text(&mut into.quantity, &self.names[0]);
         put_text(&mut into.unit, &self.names[1]);
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use config::{LoggedSensorSection, SensorLoggerSection};
+
+    /// A raster at each of these heights over a field that grows with x and, as much, with z.
+    fn map_of(heights_m: &[f64]) -> SensorMap {
+        let section = SensorLoggerSection { map_cell_m: Some(0.1), ..SensorLoggerSection::default() };
+        let config = LoggerConfig { section, plane: Plane::Level, area_m: [[0.0; 2], [2.0; 2]] };
+        let sensor = SensorConfig { section: LoggedSensorSection::default(), time_sigma_s: 0.0 };
+        let mut map = SensorMap::new(&config, &sensor, 64).unwrap().unwrap();
+        for z in heights_m {
+            for i in 0..2000 {
+                let (x, y) = (f64::from(i % 100) * 0.02, 0.05 + f64::from(i / 100) * 0.1);
+                let mut sample = Sample { count: 1, position_m: [x, y, *z], ..Sample::default() };
+                sample.value[0] = 2.0 + 0.5 * x + 0.5 * z + 0.01 * (f64::from(i) * 1.7).sin();
+                map.add(&sample);
+            }
+        }
+        map.grid_mut().refresh_all();
+        map
+    }
+
+    #[test]
+    fn samples_of_several_heights_are_noticed_and_counted_in_the_deviation() {
+        let (level, mixed) = (map_of(&[0.8]), map_of(&[0.3, 0.8, 1.3]));
+        assert_eq!((level.mixed_m(), mixed.mixed_m()), (None, Some([0.3, 1.3])));
+        assert!(level.common_sigma() < 1e-9);
+        let (_, sigma) = mixed.value(10, 10).unwrap();
+        let (_, alone) = level.value(10, 10).unwrap();
+        // heights differ by 0.41 m RMS from their mean; over that the field changes by 0.14 in a mean direction of the plane
+        assert!((0.1..0.3).contains(&sigma) && alone < 0.02, "{sigma} {alone}");
     }
 }

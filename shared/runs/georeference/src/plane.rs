@@ -19,6 +19,24 @@ impl Plane {
         }
     }
 
+    /// Returns the coordinate across the plane.
+    #[must_use]
+    pub fn across(self, [_, y, z]: [f64; 3]) -> f64 {
+        match self {
+            Self::Level => z,
+            Self::Upright => y,
+        }
+    }
+
+    /// Returns the name of the coordinate across the plane.
+    #[must_use]
+    pub fn across_axis(self) -> &'static str {
+        match self {
+            Self::Level => "z",
+            Self::Upright => "y",
+        }
+    }
+
     /// Returns the names of its coordinates.
     #[must_use]
     pub fn axes(self) -> [&'static str; 2] {

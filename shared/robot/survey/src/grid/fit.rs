@@ -17,11 +17,11 @@ const SMALLEST_RADIUS: f64 = 0.8;
 const CONFIDENCE: f64 = 1.5;
 /// Number of samples beyond those that determine the plane, so that the scatter is meaningful.
 const MIN_FREEDOM: f64 = 3.0;
-/// Shares of three terms in the variance of a cell with samples. Noise counts more than through a fit of a given radius,
-/// by this share of it, because the radius is selected with the same samples. Scatter beyond the noise lies partly elsewhere in the circle. The
-/// largest change of the last enlargements bounds the effect of curvature more than it estimates it. With these shares
-/// the standard deviations cover as many errors as normal ones, over drawn fields of other seeds than those that judge
-/// them (`tests/surveys/coverage.rs`).
+/// Shares of three terms in the variance of a cell with samples. Noise counts by this share of it more than through a
+/// fit of a given radius, because the radius is selected with the same samples. Scatter beyond the noise lies partly
+/// elsewhere in the circle. The largest change of the last enlargements bounds the effect of curvature more than it
+/// estimates it. With these shares the standard deviations cover as many errors as normal ones, over drawn fields of
+/// other seeds than those that judge them (`tests/surveys/coverage.rs`).
 const NOISE_EXCESS: f64 = 0.35;
 const STRUCTURE_SHARE: f64 = 0.42;
 const BEND_SHARE: f64 = 0.085;

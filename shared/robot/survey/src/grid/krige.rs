@@ -9,8 +9,8 @@ const PER_OCTANT: usize = 2;
 const MOST: usize = 8 * PER_OCTANT + 1;
 /// Shapes of the variogram, see [`shapes`].
 const SHAPES: usize = 4;
-/// Scales of the variogram, and the ratio of the variance of each to the next: from two of those ratios above the variance
-/// of all values down to seven below it.
+/// Scales of the variogram, and the ratio of the variance of each to the next: from two of those ratios above the
+/// variance of all values down to seven below it.
 const SCALES: usize = 10;
 const SCALE_RATIO: f64 = 4.0;
 const SCALES_ABOVE: i32 = 2;
@@ -71,8 +71,8 @@ pub(super) struct Search<'a> {
 }
 
 /// Values of the variograms of every shape at a distance squared: linear, as a field with edges has it, and three
-/// differentiable ones (the Cauchy model with exponent 2) of growing range. No function beyond quotient and root, so every
-/// processor computes the same bits.
+/// differentiable ones (the Cauchy model with exponent 2) of growing range. They need no function beyond quotient and
+/// root, so every processor computes the same bits.
 fn shapes(square: f64, range: f64) -> [f64; SHAPES] {
     let cauchy = |ranges: f64| {
         let u = square / (ranges * ranges * range * range);
@@ -91,8 +91,8 @@ pub(super) struct Kriged {
 }
 
 impl Search<'_> {
-    /// The nearest cells with samples in each octant around a cell, farther than `beyond` cells from its centre; `None` if
-    /// there is none.
+    /// The nearest cells with samples in each octant around a cell, farther than `beyond` cells from its centre;
+    /// `None` if there is none.
     pub fn around(&self, at: usize, beyond: f64) -> Option<Neighbours> {
         let (column, row) = ((at % self.spec.columns) as isize, (at / self.spec.columns) as isize);
         let cells = (self.reach + 0.5).ceil() as isize;
@@ -199,9 +199,8 @@ impl Neighbours {
             if prior.is_some_and(|prior| prior[of] < LEAST_WEIGHT) {
                 return None;
             }
-            let (shape, scale) = (of / SCALES, of % SCALES);
-            let variance = unit / full[shape] * SCALE_RATIO.powi(SCALES_ABOVE - scale as i32);
-            krige(data, &apart[shape], &centre[shape], PLATEAU * most[shape], variance)
+            let shape = of / SCALES;
+            krige(data, &apart[shape], &centre[shape], PLATEAU * most[shape], scaled(unit, full[shape], of))
         })
     }
 }
@@ -256,6 +255,18 @@ fn krige(
         value: mean * short + dot(values, covariances),
         variance: (variance * plateau - dot(covariances, covariances) + short * short / information).max(0.0),
     })
+}
+
+/// Mean square of the change of the field over a distance in cells, over all variograms.
+pub(super) fn change(weights: &Weights, unit: f64, cells: f64, range: f64) -> f64 {
+    let (here, full) = (shapes(cells * cells, range), shapes(range * range, range));
+    let of = |(of, weight): (usize, &f64)| weight * 2.0 * here[of / SCALES] * scaled(unit, full[of / SCALES], of);
+    weights.iter().enumerate().map(of).sum()
+}
+
+/// Factor of a variogram's shape whose value at the range is `full`.
+fn scaled(unit: f64, full: f64, of: usize) -> f64 {
+    unit / full * SCALE_RATIO.powi(SCALES_ABOVE - (of % SCALES) as i32)
 }
 
 /// Posterior weights of the variograms from logarithms of their likelihoods; `None` if none is possible.

@@ -1,12 +1,12 @@
 //! A map of a scalar field on a regular grid, from samples at uncertain positions.
 //!
 //! # Method
-//! The value of a cell with samples is that of a plane, fitted to the samples around the cell's centre by weighted least
-//! squares (local linear regression, as in Fan and Gijbels, *Local Polynomial Modelling and Its Applications*, 1996). The
-//! radius is a compromise: a small one preserves edges, a large one averages noise. It is selected for each cell by the
-//! intersection of confidence intervals (Goldenshluger and Nemirovski 1997; Katkovnik 1999): starting with the smallest
-//! circle, it grows as long as the intervals of all circles so far have a value in common. On smooth ground the result
-//! is a large circle, beside an edge a circle that ends before the edge.
+//! The value of a cell with samples is that of a plane, fitted to the samples around the cell's centre by weighted
+//! least squares (local linear regression, as in Fan and Gijbels, *Local Polynomial Modelling and Its Applications*,
+//! 1996). The radius is a compromise: a small one preserves edges, a large one averages noise. It is selected for each
+//! cell by the intersection of confidence intervals (Goldenshluger and Nemirovski 1997; Katkovnik 1999): starting with
+//! the smallest circle, it grows as long as the intervals of all circles so far have a value in common. On smooth ground
+//! the result is a large circle, beside an edge a circle that ends before the edge.
 //!
 //! * The weight of a sample is `1 / sigma^2` of its value, times a kernel `(1 - u^2)^2` of the distance `u`
 //!   over the radius.
@@ -17,12 +17,13 @@
 //! * Slopes that the samples do not determine (one straight track) follow a prior: zero, with the standard deviation of
 //!   the values over the largest radius.
 //!
-//! A plane leads anywhere beyond its samples, so a cell without samples is estimated by ordinary kriging (Matheron 1963)
-//! from the nearest cells with samples in each octant, and its value is limited to theirs. Kriging needs the variogram of
-//! the field. A set of them, rough and smooth with scales over a factor of 500, has prior weights that make the samples of
-//! the whole map likely (empirical Bayes; expectation and maximization over the restricted likelihoods of neighbourhoods).
-//! In each cell the restricted likelihood of its neighbours turns them into posterior weights, as in Handcock and Stein, *A
-//! Bayesian Analysis of Kriging*, 1993. So the deviation is small where the neighbours agree and large where they do not.
+//! A plane leads anywhere beyond its samples, so a cell without samples is estimated by ordinary kriging (Matheron
+//! 1963) from the nearest cells with samples in each octant, and its value is limited to theirs. Kriging needs the
+//! variogram of the field. A set of them, rough and smooth with scales over a factor of 500, has prior weights that
+//! make the samples of the whole map likely (empirical Bayes; expectation and maximization over the restricted
+//! likelihoods of neighbourhoods). In each cell the restricted likelihood of its neighbours turns them into posterior
+//! weights, as in Handcock and Stein, *A Bayesian Analysis of Kriging*, 1993. So the deviation is small where the
+//! neighbours agree and large where they do not.
 //!
 //! # Uncertainty
 //! The variance of a cell with samples is the sum of five terms:
@@ -36,12 +37,13 @@
 //! * the uncertainty of the positions, times the slope. Averaging does not reduce it either, because most of it
 //!   (anchors, cable lengths) is common to all samples of a neighbourhood.
 //!
-//! Without samples it is that of the mixture of variograms, and the last term. In all cells the resolution of the sensor is
-//! added, as the smallest change between two readings if many are equal. Factors of these terms were chosen with drawn fields (edges, plumes,
-//! gradients), and fields of other seeds judge how many errors the deviations cover (`tests/surveys/coverage.rs`).
+//! Without samples it is that of the mixture of variograms, and the last term. In all cells the resolution of the
+//! sensor is added, as the smallest change between two readings if many are equal. Factors of these terms were chosen
+//! with drawn fields (edges, plumes, gradients), and fields of other seeds judge how many errors the deviations cover
+//! (`tests/surveys/coverage.rs`).
 //!
-//! Samples that neither state a deviation nor differ from each other do not show how large an error may be. The whole map
-//! is then unknown ([`GridMap::has_scale`]).
+//! Samples that neither state a deviation nor differ from each other do not show how large an error may be. The whole
+//! map is then unknown ([`GridMap::has_scale`]).
 //!
 //! A cell without any sample within [`GridOptions::reach_m`] is unknown.
 
@@ -69,10 +71,11 @@ const MOST_NEIGHBOURHOODS: usize = 150;
 const NEIGHBOUR_REACHES: f64 = 1.5;
 /// Standard deviation of a cell without samples over that of the mixture of variograms, by the distance of the nearest
 /// datum in cells. The mixture has longer tails than a normal distribution, so its own standard deviation contains more
-/// than 68 % of the errors. Found with drawn fields of other seeds than those that judge it (`tests/surveys/coverage.rs`).
+/// than 68 % of the errors. Found with drawn fields of other seeds than those that judge it
+/// (`tests/surveys/coverage.rs`).
 const MIXTURE_FACTORS: [(f64, f64); 4] = [(1.0, 0.9), (2.0, 0.865), (3.0, 0.84), (5.0, 0.895)];
 
-/// Share of values equal to the previous one from which the smallest change is a resolution, not the slope of the field.
+/// Share of values equal to the previous one from which the smallest change is a resolution, not a slope of the field.
 const REPEATED_SHARE: f64 = 0.1;
 /// Changes below this share of the value are rounding.
 const ROUNDING: f64 = 1e-12;
@@ -125,7 +128,8 @@ pub struct GridMap {
     sigmas_given: bool,
     /// Smallest standard deviation of a sample.
     finest_sigma: f64,
-    /// The previous value, the smallest change from one value to the next, and the number of values that equal the previous.
+    /// The previous value, the smallest change from one value to the next, and the number of values that equal the
+    /// previous one.
     previous: f64,
     step: f64,
     repeated: u64,
@@ -283,8 +287,8 @@ impl GridMap {
         Some(cell)
     }
 
-    /// Resolution of the sensor: the smallest change, if values repeat as those of a coarse sensor do; else 0. Rounding to it
-    /// is the same for all samples of a level place, so it does not average out.
+    /// Resolution of the sensor: the smallest change, if values repeat as those of a coarse sensor do; else 0. Rounding
+    /// to it is the same for all samples of a level place, so it does not average out.
     fn resolution(&self) -> f64 {
         let repeats = self.repeated as f64 >= REPEATED_SHARE * self.counts.inside as f64;
         if repeats && self.step.is_finite() { self.step } else { 0.0 }
@@ -294,6 +298,12 @@ impl GridMap {
     #[must_use]
     pub fn has_scale(&self) -> bool {
         self.step.is_finite() || self.finest_sigma.is_finite() || self.options.least_sigma > 0.0
+    }
+
+    /// Standard deviation of the change of the field over a distance in the plane, m, as the samples show it.
+    #[must_use]
+    pub fn change_over(&self, distance_m: f64) -> f64 {
+        krige::change(&self.variograms, self.unit(), distance_m / self.spec.cell_m, self.scales.widest()).sqrt()
     }
 
     fn search(&self) -> Search<'_> {

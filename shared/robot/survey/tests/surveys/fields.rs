@@ -158,8 +158,8 @@ impl Field {
     }
 }
 
-/// Places of readings, one every few centimetres: rasters with straight lines, random places, a wandering path, or lines
-/// across each other.
+/// Places of readings, one every few centimetres: rasters with straight lines, random places, a wandering path, or
+/// lines across each other.
 pub fn places(random: &mut Random) -> Vec<[f64; 2]> {
     let step_m = random.between(0.01, 0.03);
     let mut places = Vec::new();

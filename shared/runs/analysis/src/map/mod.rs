@@ -50,6 +50,9 @@ pub struct Args {
     /// Diameter of the sensor's footprint, m; default: from the system file, otherwise a point.
     #[arg(long, value_name = "M", requires = "sensor", value_parser = above_zero)]
     pub footprint: Option<f64>,
+    /// Only samples between these coordinates across the plane of the map, m: heights, or y for a planar robot.
+    #[arg(long, num_args = 2, value_names = ["LOW", "HIGH"], allow_negative_numbers = true)]
+    pub between: Option<Vec<f64>>,
     /// Recompute the position of every reading, also of those that the sensor logger recorded.
     #[arg(long)]
     pub recompute: bool,
@@ -77,12 +80,13 @@ pub fn run(args: &Args) -> Answer<Output> {
     let mut config = read::config(&robot, &section)?;
     let globe = robot.site.as_ref().map(Globe::new);
     override_settings(&mut config, args);
+    let plane = config.plane;
     let mut measured: BTreeMap<String, SensorSamples> = BTreeMap::new();
     let mut sensors = Vec::new();
     let track = read_samples(&args.run, &config, &mut sensors, &mut |name, origin, sample| {
         if args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name) {
             let sensor = measured.entry(name.to_owned()).or_default();
-            if args.recompute && origin == Origin::Recorded {
+            if args.recompute && origin == Origin::Recorded || !is_between(args, plane.across(sample.position_m)) {
                 return;
             }
             // Samples recorded in flight have priority; computed ones are used if there are none.
@@ -121,42 +125,64 @@ pub fn run(args: &Args) -> Answer<Output> {
     Ok(Output::new(json!({ "run": args.run, "folder": folder, "maps": values }), words.join("\n")))
 }
 
-/// Computes maps of the sensors of a run within these areas, by name, with about `cells` cells along the longer side,
-/// in memory that does not grow with the run.
+/// Computes maps of the sensors of a run by name, as `nims map` without options does, in memory that does not grow with
+/// the run.
 ///
 /// # Errors
 /// The run cannot be read.
-pub fn maps_within(
-    run: &Path,
-    config: &LoggerConfig,
-    areas: &BTreeMap<String, [[f64; 2]; 2]>,
-    cells: f64,
-) -> Answer<BTreeMap<String, SensorMap>> {
-    let empty = |name: &str| -> Option<SensorMap> {
-        let sensor = config.sensor(name)?;
-        let [low, high] = areas.get(name)?;
-        let map = SensorMap::new(config, &sensor, 8).ok()??;
-        let longest_m = (high[0] - low[0]).max(high[1] - low[1]).max(0.01);
-        let spec = grid_around(&[*low, *high], Some(longest_m / cells))?.ok()?;
-        let options = GridOptions { reach_m: 4.0 * spec.cell_m, ..config.options(&sensor, spec.cell_m) };
-        Some(map.with_grid(GridMap::new(spec, options).ok()?))
-    };
+pub fn maps_of_run(run: &Path, config: &LoggerConfig) -> Answer<BTreeMap<String, SensorMap>> {
     // For each sensor, one map of recorded and one of computed samples; the choice is possible only at the end.
-    let mut both: BTreeMap<String, [Option<SensorMap>; 2]> = BTreeMap::new();
+    let mut areas: BTreeMap<(String, bool), Area> = BTreeMap::new();
     read_samples(run, config, &mut Vec::new(), &mut |name, origin, sample| {
-        if !both.contains_key(name) {
-            both.insert(name.to_owned(), [empty(name), empty(name)]);
-        }
-        if let Some(Some(map)) = both.get_mut(name).map(|maps| &mut maps[usize::from(origin == Origin::Computed)]) {
+        let area =
+            areas.entry((name.to_owned(), origin == Origin::Computed)).or_insert_with(|| Area::new(config, name));
+        area.add(sample);
+    })?;
+    let fill = |(key, area): (&(String, bool), &Area)| {
+        let corners = area.corners_m?;
+        Some((key.clone(), empty_map(config, &key.0, &corners, None, None).ok()?))
+    };
+    let mut maps: BTreeMap<(String, bool), SensorMap> = areas.iter().filter_map(fill).collect();
+    read_samples(run, config, &mut Vec::new(), &mut |name, origin, sample| {
+        if let Some(map) = maps.get_mut(&(name.to_owned(), origin == Origin::Computed)) {
             map.add(sample);
         }
     })?;
-    let filled = both.into_iter().filter_map(|(name, maps)| {
-        let mut map = maps.into_iter().flatten().find(|map| map.grid().counts().inside > 0)?;
-        map.grid_mut().refresh_all();
-        Some((name, map))
-    });
-    Ok(filled.collect())
+    let mut chosen = BTreeMap::new();
+    // recorded ones come first
+    for ((name, _), mut map) in maps {
+        if map.grid().has_scale() && !chosen.contains_key(&name) {
+            map.grid_mut().refresh_all();
+            chosen.insert(name, map);
+        }
+    }
+    Ok(chosen)
+}
+
+/// Smallest rectangle around the samples of a sensor.
+struct Area {
+    /// The map whose conversion selects the samples.
+    map: Option<SensorMap>,
+    corners_m: Option<[[f64; 2]; 2]>,
+}
+
+impl Area {
+    fn new(config: &LoggerConfig, name: &str) -> Self {
+        let map = config.sensor(name).and_then(|sensor| SensorMap::new(config, &sensor, 1).ok().flatten());
+        Self { map, corners_m: None }
+    }
+
+    fn add(&mut self, sample: &Sample) {
+        let Some((place, _)) = self.map.as_ref().and_then(|map| map.point(sample)) else { return };
+        let [low, high] = self.corners_m.get_or_insert([place; 2]);
+        for k in 0..2 {
+            (low[k], high[k]) = (low[k].min(place[k]), high[k].max(place[k]));
+        }
+    }
+}
+
+fn is_between(args: &Args, across_m: f64) -> bool {
+    args.between.as_deref().is_none_or(|between| matches!(between, [low, high] if (*low..=*high).contains(&across_m)))
 }
 
 /// Overrides the settings of the system file with the command's arguments.
@@ -176,23 +202,36 @@ fn override_settings(config: &mut LoggerConfig, args: &Args) {
 
 /// Computes the map of one sensor, or returns the reason why it has none.
 fn sensor_map(config: &LoggerConfig, args: &Args, name: &str, measured: &SensorSamples) -> Result<SensorMap, String> {
-    let sensor = config.sensor(name).ok_or("the system file excludes it")?;
-    let Some(empty) = SensorMap::new(config, &sensor, 8).map_err(|error| error.to_string())? else {
-        return Err("its `map_value` is 0".to_owned());
-    };
-    let points: Vec<[f64; 2]> =
-        measured.samples.iter().filter_map(|sample| empty.point(sample)).map(|(place, _)| place).collect();
-    let spec = grid_around(&points, args.cell).ok_or("none of its readings has a value and a position")??;
-    let options =
-        GridOptions { reach_m: args.reach.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
-    let grid = GridMap::new(spec, options).map_err(|error| error.to_string())?;
-    let mut map = empty.with_grid(grid);
+    let mut area = Area::new(config, name);
+    measured.samples.iter().for_each(|sample| area.add(sample));
+    let corners = area.corners_m.unwrap_or([[f64::NAN; 2]; 2]);
+    let mut map = empty_map(config, name, &corners, args.cell, args.reach)?;
     measured.samples.iter().for_each(|sample| map.add(sample));
     if !map.grid().has_scale() {
-        return Err("all its readings are equal, so they do not show how large an error may be; state its standard deviation with --sigma".to_owned());
+        return Err(
+            "all its readings are equal, so they do not show how large an error may be; state its standard deviation with --sigma"
+                .to_owned(),
+        );
     }
     map.grid_mut().refresh_all();
     Ok(map)
+}
+
+/// Returns an empty map around these corners, or the reason why the sensor has none.
+fn empty_map(
+    config: &LoggerConfig,
+    name: &str,
+    corners_m: &[[f64; 2]],
+    cell_m: Option<f64>,
+    reach_m: Option<f64>,
+) -> Result<SensorMap, String> {
+    let sensor = config.sensor(name).ok_or("the system file excludes it")?;
+    let Some(empty) = SensorMap::new(config, &sensor, 1).map_err(|error| error.to_string())? else {
+        return Err("its `map_value` is 0".to_owned());
+    };
+    let spec = grid_around(corners_m, cell_m).ok_or("none of its readings has a value and a position")??;
+    let options = GridOptions { reach_m: reach_m.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
+    Ok(empty.with_grid(GridMap::new(spec, options).map_err(|error| error.to_string())?))
 }
 
 /// Returns a grid around the points; without a given cell size, with cells of a round size.
@@ -236,8 +275,9 @@ fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[Pa
         Origin::Recorded => "recorded",
         Origin::Computed => "computed",
     };
+    let mixed_m = map.mixed_m();
     let value = json!({
-        "sensor": name, "samples_are": origin, "samples": counts.inside, "left_out": measured.samples.len() as u64 - counts.inside,
+        "sensor": name, "samples_are": origin, "across_axis": map.plane().across_axis(), "mixed_m": mixed_m, "samples": counts.inside, "left_out": measured.samples.len() as u64 - counts.inside,
         "quantity": quantity, "unit": unit, "axes": map.plane().axes(),
         "origin_m": spec.origin_m, "cell_m": spec.cell_m, "columns": spec.columns, "rows": spec.rows,
         "reach_m": map.grid().options().reach_m, "known_cells": known.len(), "low": low, "high": high,
@@ -252,8 +292,18 @@ fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[Pa
         spec.cell_m,
         if quantity.is_empty() { "value" } else { quantity },
         median.unwrap_or(f64::NAN)
-    );
+    ) + &mixed_sentence(name, map);
     (value, sentence)
+}
+
+/// Returns a warning as a line of its own if samples of different heights are in one plane.
+fn mixed_sentence(name: &str, map: &SensorMap) -> String {
+    let Some([low, high]) = map.mixed_m() else { return String::new() };
+    let axis = map.plane().across_axis();
+    format!(
+        "\n{name}: the samples are from {axis} = {low:.2} to {high:.2} m in one map; its standard deviations contain what the field may change over that, {:.2e}; map a part with --between LOW HIGH",
+        map.common_sigma()
+    )
 }
 
 /// Returns `map` in the run folder, or in the folder of a run file.

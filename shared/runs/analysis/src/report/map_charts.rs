@@ -43,6 +43,13 @@ fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
     let caption = format!(
         "Map of {name}: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
     );
+    let caption = match map.mixed_m() {
+        Some([low, high]) => {
+            let axis = map.plane().across_axis();
+            format!("{caption}; samples from {axis} = {low:.2} to {high:.2} m in one map, which its deviations contain")
+        }
+        None => caption,
+    };
     let [x, y] = map.plane().axes().map(|axis| Axis::auto(&format!("{axis}, m")));
     Some(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }))
 }
