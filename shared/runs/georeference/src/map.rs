@@ -255,7 +255,7 @@ mod tests {
         assert!(level.common_sigma() < 1e-9);
         let (_, sigma) = mixed.value(10, 10).unwrap();
         let (_, alone) = level.value(10, 10).unwrap();
-        // heights differ by 0.41 m RMS from their mean; over that the field changes by 0.14 in a mean direction of the plane
+        // heights differ by 0.41 m RMS from their mean, over which the field changes by 0.14 in a mean direction
         assert!((0.1..0.3).contains(&sigma) && alone < 0.02, "{sigma} {alone}");
     }
 }

@@ -5,8 +5,8 @@
 //! least squares (local linear regression, as in Fan and Gijbels, *Local Polynomial Modelling and Its Applications*,
 //! 1996). The radius is a compromise: a small one preserves edges, a large one averages noise. It is selected for each
 //! cell by the intersection of confidence intervals (Goldenshluger and Nemirovski 1997; Katkovnik 1999): starting with
-//! the smallest circle, it grows as long as the intervals of all circles so far have a value in common. On smooth ground
-//! the result is a large circle, beside an edge a circle that ends before the edge.
+//! the smallest circle, it grows as long as the intervals of all circles so far have a value in common. On smooth
+//! ground the result is a large circle, beside an edge a circle that ends before the edge.
 //!
 //! * The weight of a sample is `1 / sigma^2` of its value, times a kernel `(1 - u^2)^2` of the distance `u`
 //!   over the radius.
