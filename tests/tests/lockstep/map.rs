@@ -193,7 +193,14 @@ fn ground_that_was_flown_over_is_on_the_map() {
     let output = Command::new(&python).arg(root.join("python/check_map.py")).arg(&out).arg("range").output();
     let output = output.unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(out.join("range.geojson").is_file());
+    let geojson = std::fs::read_to_string(out.join("range.geojson")).unwrap();
+    let cells: Value = serde_json::from_str(&geojson).unwrap();
+    assert_eq!(cells["features"][0]["properties"]["unit"], "m");
+    let table = std::fs::read_to_string(out.join("range.csv")).unwrap();
+    assert!(table.lines().next().unwrap().ends_with(",utc,t_s"));
+    let times = table.lines().skip(1).map(|row| row.rsplit_once(',').unwrap().1.parse::<f64>().unwrap());
+    let times: Vec<f64> = times.collect();
+    assert!(times[0] >= 0.0 && times.windows(2).all(|two| two[0] < two[1]), "{:?}", &times[..2]);
     for ending in [".png", ".svg", "-sigma.png", "-sigma.svg"] {
         assert!(std::fs::metadata(out.join(format!("range{ending}"))).unwrap().len() > 5_000, "{ending}");
     }

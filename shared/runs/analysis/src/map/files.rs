@@ -2,6 +2,7 @@
 
 use super::draw::{self, Plot};
 use super::globe::{self, Globe};
+use super::read::RunTime;
 use command::{Answer, Failure};
 use georeference::{Plane, SensorMap};
 use messages::Sample;
@@ -21,6 +22,7 @@ pub(super) fn write(
     map: &SensorMap,
     samples: &[Sample],
     track: &[[f64; 3]],
+    time: &RunTime,
     globe: Option<&Globe>,
 ) -> Answer<Vec<PathBuf>> {
     let mut written = Vec::new();
@@ -39,7 +41,7 @@ pub(super) fn write(
     file(format!("{name}.asc"), ascii_grid(map, &values))?;
     file(format!("{name}-sigma.asc"), ascii_grid(map, &sigmas))?;
     file(format!("{name}-grid.csv"), grid_table(map))?;
-    file(format!("{name}.csv"), sample_table(samples, globe))?;
+    file(format!("{name}.csv"), sample_table(samples, time, globe))?;
     if let Some(cells) = globe.and_then(|globe| globe::cells(map, globe)) {
         file(format!("{name}.geojson"), cells.to_string())?;
     }
@@ -115,7 +117,7 @@ fn grid_table(map: &SensorMap) -> String {
 }
 
 /// Formats the samples, one row each.
-fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
+fn sample_table(samples: &[Sample], time: &RunTime, globe: Option<&Globe>) -> String {
     let count = samples.iter().map(|sample| usize::from(sample.count).min(8)).max().unwrap_or(0);
     let mut text = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality".to_owned();
     for number in 1..=count {
@@ -124,7 +126,7 @@ fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
     if globe.is_some() {
         text.push_str(",latitude_deg,longitude_deg");
     }
-    text.push('\n');
+    text.push_str(",utc,t_s\n");
     for sample in samples {
         let [x, y, z] = sample.position_m;
         let [sx, sy, sz] = sample.position_std_m;
@@ -137,7 +139,12 @@ fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
             // Nine decimals resolve a millimetre.
             let _ = write!(text, ",{latitude:.9},{longitude:.9}");
         }
-        text.push('\n');
+        match time.of(stamp_ns) {
+            Some((utc, t_s)) => {
+                let _ = writeln!(text, ",{utc},{t_s:.6}");
+            }
+            None => text.push_str(",,\n"),
+        }
     }
     text
 }

@@ -53,6 +53,7 @@ pub(super) fn cells(map: &SensorMap, globe: &Globe) -> Option<Value> {
     }
     let spec = map.grid().spec();
     let half_m = 0.5 * spec.cell_m;
+    let [quantity, unit] = map.names();
     let mut features = Vec::new();
     for row in 0..spec.rows {
         for column in 0..spec.columns {
@@ -66,7 +67,7 @@ pub(super) fn cells(map: &SensorMap, globe: &Globe) -> Option<Value> {
             features.push(json!({
                 "type": "Feature",
                 "geometry": { "type": "Polygon", "coordinates": [ring] },
-                "properties": { "value": value, "sigma": sigma },
+                "properties": { "value": value, "sigma": sigma, "quantity": quantity, "unit": unit },
             }));
         }
     }

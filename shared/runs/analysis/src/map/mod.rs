@@ -76,7 +76,7 @@ struct SensorSamples {
 /// The run does not exist or has no such sensor, or a file cannot be written.
 pub fn run(args: &Args) -> Answer<Output> {
     require_run(&args.run)?;
-    let (robot, section) = read::files_of(&args.run)?;
+    let (robot, section, time) = read::files_of(&args.run)?;
     let mut config = read::config(&robot, &section)?;
     let globe = robot.site.as_ref().map(Globe::new);
     override_settings(&mut config, args);
@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     for (name, measured) in &measured {
         match sensor_map(&config, args, name, measured) {
             Ok(map) => {
-                let written = files::write(&folder, name, &map, &measured.samples, &track, globe.as_ref())?;
+                let written = files::write(&folder, name, &map, &measured.samples, &track, &time, globe.as_ref())?;
                 let (value, sentence) = describe(name, &map, measured, &written);
                 values.push(value);
                 words.push(sentence);

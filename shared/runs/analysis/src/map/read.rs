@@ -7,7 +7,7 @@ use command::{Answer, Failure};
 use config::{RobotFile, SensorLoggerSection};
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{MotorAuthority, NodeEstimate, Sample};
-use runlog::{Attachment, RecordedSample, RunReader, system_file_text};
+use runlog::{Attachment, RecordedSample, RunClock, RunReader, system_file_text, utc};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -29,7 +29,7 @@ pub enum Origin {
 /// # Errors
 /// The run has no robot file, or a system file that cannot be used.
 pub fn logger_config(run: &Path) -> Answer<LoggerConfig> {
-    let (robot, section) = files_of(run)?;
+    let (robot, section, _) = files_of(run)?;
     config(&robot, &section)
 }
 
@@ -38,18 +38,37 @@ pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer
     Ok(LoggerConfig::from_section(section, &robot.robot().map_err(Failure::not_now)?))
 }
 
-/// Reads the robot file of a run and the section `[sensor_logger]` of its system file.
-pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
+/// Time of a run.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RunTime {
+    clock: Option<RunClock>,
+    /// UNIX time of its first sample, ns.
+    begin_ns: u64,
+}
+
+impl RunTime {
+    /// Returns UTC by ISO 8601 and the seconds since the run began of a stamp; `None` if the run has no clock.
+    pub(super) fn of(&self, stamp_ns: u64) -> Option<(String, f64)> {
+        let unix_ns = self.clock?.unix_of(stamp_ns);
+        let seconds = utc(unix_ns).trim_end_matches(" UTC").replace(' ', "T");
+        let since_s = (i128::from(unix_ns) - i128::from(self.begin_ns)) as f64 * 1e-9;
+        Some((format!("{seconds}.{:06}Z", unix_ns % 1_000_000_000 / 1000), since_s))
+    }
+}
+
+/// Reads the robot file of a run, the section `[sensor_logger]` of its system file, and its time.
+pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection, RunTime)> {
     let mut reader = RunReader::open(run)?;
     // The attachments precede the first sample.
-    reader.next_sample().map_err(Failure::not_now)?;
+    let begin_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(0, |first| first.log_time_ns);
+    let time = RunTime { clock: reader.clock(), begin_ns };
     let Some(robot) = load_robot_file(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
             "{} has no robot.toml that this program accepts, so the robot is unknown",
             run.display()
         )));
     };
-    Ok((robot, section_of(run, reader.attachments())?))
+    Ok((robot, section_of(run, reader.attachments())?, time))
 }
 
 fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> {
