@@ -15,7 +15,8 @@
 //! The wrapped part and the free part exchange cable without change of length at the touching point, so dL/dX = u. The
 //! touching point moves with the node, u turns by n·dX / t in the plane (n = (-u_up, u_out), from the wheel's centre to
 //! the touching point) and by 1 / p about the axis: the second derivative of L is n nᵀ / t + (u_out / p) a aᵀ with the
-//! horizontal unit vector a across the plane, which is (1 - u uᵀ) / t + (u_out / p - 1 / t) a aᵀ. It is positive semidefinite, and L convex, where the node is farther from
+//! horizontal unit vector a across the plane, which is (1 - u uᵀ) / t + (u_out / p - 1 / t) a aᵀ.
+//! It is positive semidefinite, and L convex, where the node is farther from
 //! the axis than the touching point (u_out >= 0); below the wheel that is p >= about 2 r.
 //!
 //! At p = 0 the direction outward is undefined: the pulley may turn to any side, L has a kink, and the pose is

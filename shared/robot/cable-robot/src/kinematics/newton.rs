@@ -7,7 +7,8 @@
 //!
 //! H changes by at most K = 2 Σ 1 / t per metre, with the free lengths t: the derivative of u uᵀ is at most √2 / t. The
 //! second derivative of half the sum of the squares is H + Σ e C, with the curvatures C of at most 1 / t. So within R =
-//! (λ - Σ |e| / t) / K of the position, with the smallest eigenvalue λ of H there, it is positive definite, and no other
+//! (λ - Σ |e| / t) / K of the position, with the smallest eigenvalue λ of H there, it is positive definite, and no
+//! other
 //! position fits better than its surroundings. A starting point within R / 2 is nearer to this position than to any
 //! other.
 
@@ -40,7 +41,8 @@ pub(super) struct Found {
     pub alone_m: f64,
 }
 
-/// Computes the position of a robot in space with these lengths, one for each of its cables, from a starting point. None if the
+/// Computes the position of a robot in space with these lengths, one for each of its cables, from a starting point.
+/// None if the
 /// iteration does not converge quickly.
 pub(super) fn newton(anchors: &Anchors, lengths_m: &[f64], start: &Vector3<f64>) -> Option<Found> {
     if let [a, b, c] = *lengths_m {
