@@ -96,7 +96,8 @@ fn iterate<E: Equations>(start: &Vector3<f64>, at: impl Fn(&Vector3<f64>) -> Opt
         let both = step + correction;
         x -= both;
         let size_m = both.norm();
-        // With cubic convergence the next step is C size³, and C = size / before³. Where lengths do not fit, each of the
+        // With cubic convergence the next step is C size³, and C = size / before³. Where lengths do not fit,
+        // each of the
         // two solutions also leaves a share of the step.
         let share = curved / eigenvalue;
         let next_m = size_m * (size_m * size_m * size_m / (before_m * before_m * before_m) + share * share);
