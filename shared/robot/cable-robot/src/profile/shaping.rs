@@ -9,11 +9,14 @@ const WEIGHTS: [f64; 3] = [0.25, 0.5, 0.25];
 
 /// Times closer than this are one knot, s.
 const SAME_S: f64 = 1e-9;
+/// Share of half a period that counts as rounding.
+const ROUNDING: f64 = 1e-10;
 
 impl Profile {
     /// Returns the profile convolved with three impulses half a period apart. It ends one period later at the same
     /// place, its speed and acceleration nowhere exceed the largest of this profile, and a swing of that period that
-    /// its accelerations excite has ended with it. None if it does not begin and end at rest, or if it would have more
+    /// its accelerations excite has ended with it. A profile shorter than half a period is slowed down to that first:
+    /// otherwise the copies leave rests between them, which knots cannot express. None if it does not begin and end at rest, or if it would have more
     /// than [`MAX_KNOTS`] knots.
     ///
     /// ```
@@ -30,6 +33,14 @@ impl Profile {
         let at_rest = |knot: Option<&Knot>| knot.is_some_and(|knot| knot.v_m_s == 0.0);
         if knots.len() < 2 || !at_rest(knots.first()) || !at_rest(knots.last()) || !(period_s > 0.0) {
             return None;
+        }
+        let slower = self.duration() / delay_s(1, period_s);
+        if slower < 1.0 - ROUNDING {
+            let mut slow = [Knot::default(); MAX_KNOTS];
+            for (slow, knot) in slow.iter_mut().zip(knots) {
+                *slow = Knot { v_m_s: knot.v_m_s * slower, ..*knot };
+            }
+            return Self::from_knots(&slow[..knots.len()]).ok()?.shaped(period_s);
         }
         let mut times = [0.0; WEIGHTS.len() * MAX_KNOTS];
         let mut count = 0;
