@@ -213,6 +213,19 @@ fn bad_arguments_are_answered_by_one_sentence() {
 }
 
 #[test]
+fn every_installed_program_states_its_version() {
+    let list = std::fs::read_to_string(root().join("configs/host/files")).unwrap();
+    let names = list.split_whitespace().filter_map(|word| word.strip_prefix("@bin@/"));
+    for name in names {
+        let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join(name);
+        let output = Command::new(program).arg("--version").output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        let own = said.starts_with(name) || ["supervisor", "nims-"].iter().any(|other| name.starts_with(other));
+        assert!(output.status.success() && own && said.contains(env!("CARGO_PKG_VERSION")), "{name}: {said}");
+    }
+}
+
+#[test]
 fn sensor_and_scene_files_are_checked_too() {
     let finding = |file: &str| answer(&["check", file, "--json"])["findings"][0]["finding"].to_string();
     assert!(finding("configs/sensors/tfmini.toml").contains("distance"));

@@ -392,7 +392,15 @@ pub fn main_as<A>(role: &str, party: Participant, body: impl FnOnce(&A, &mut Cha
 where
     A: clap::Parser + AsRef<CommonArgs>,
 {
-    let args = A::parse();
+    // A definition that several roles share has no name of its own.
+    let command = A::command().display_name(role);
+    let version = build::described(command.get_version().unwrap_or(build::VERSION));
+    let command = if command.get_version().is_none() { command.version(build::description()) } else { command };
+    let args = match command.try_get_matches().and_then(|given| A::from_arg_matches(&given)) {
+        Ok(args) => args,
+        // Also --help and --version.
+        Err(error) => error.exit(),
+    };
     bus::make_private();
     let mut chassis = match Chassis::start_as(role, args.as_ref(), party) {
         Ok(chassis) => chassis,
@@ -401,8 +409,6 @@ where
             return exit_code(&error);
         }
     };
-    let version = <A as clap::CommandFactory>::command().get_version().unwrap_or(build::VERSION).to_owned();
-    let version = build::described(&version);
     put_text(&mut chassis.beat.version, &version);
     chassis.declared.set_version(&version);
     match body(&args, &mut chassis) {
