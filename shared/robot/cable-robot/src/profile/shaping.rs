@@ -16,8 +16,8 @@ impl Profile {
     /// Returns the profile convolved with three impulses half a period apart. It ends one period later at the same
     /// place, its speed and acceleration nowhere exceed the largest of this profile, and a swing of that period that
     /// its accelerations excite has ended with it. A profile shorter than half a period is slowed down to that first:
-    /// otherwise the copies leave rests between them, which knots cannot express. None if it does not begin and end at rest, or if it would have more
-    /// than [`MAX_KNOTS`] knots.
+    /// otherwise the copies leave rests between them, which knots cannot express. None if it does not begin and end at
+    /// rest, or if it would have more than [`MAX_KNOTS`] knots.
     ///
     /// ```
     /// use cable_robot::{Path, Profile, Vector3, profile::ProfileLimits};

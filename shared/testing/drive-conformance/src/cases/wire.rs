@@ -146,8 +146,8 @@ pub fn byte_errors_neither_acknowledge_nor_age<F: Family>() {
     ]);
 }
 
-/// Two hours at 100 Hz, with the faults that a long flight has now and then. The counter passes its ends where it wraps;
-/// where it does not, each hour begins far below zero.
+/// Two hours at 100 Hz, with the faults that a long flight has now and then. The counter passes its ends where it
+/// wraps; where it does not, each hour begins far below zero.
 pub fn two_hours_of_traffic<F: Family>() {
     const HOUR: u32 = 360_000;
     let rare = Faults { corrupt: 2e-5, drop: 1e-5, duplicate: 1e-5, insert: 1e-5, late: 1e-4, late_ns: 20 * MS };
