@@ -5,15 +5,12 @@ use std::ops::{Deref, RangeInclusive};
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
-use crate::kinematics::Frame;
-use crate::pulley::{Both, CableGeometry, Pulley, Tangents};
+use crate::kinematics::{COLLINEAR_TOLERANCE, Frame};
+use crate::pulley::{Both, CableGeometry, PairOfCables, Pulley, Tangents};
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// Key of the robot file.
 const KEY: &str = "anchors_m";
-
-/// Anchors count as collinear if the area of their triangle is below this share of its squared longest side.
-pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
 /// Key of the radii of the pulleys.
 const RADIUS_KEY: &str = "pulley_radius_m";
@@ -49,23 +46,6 @@ pub struct Anchors {
     pulleys: [bool; 2],
     /// Of three anchors in space that are not on one line.
     frame: Option<Frame>,
-}
-
-/// Two cables with their anchors and their radii; an odd last one twice.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct PairOfCables<'a> {
-    pub anchors: &'a [Vector3<f64>; 2],
-    pub radii_m: &'a [f64; 2],
-    pub planar: bool,
-}
-
-impl PairOfCables<'_> {
-    /// Both cables to a position.
-    #[inline(always)]
-    pub(crate) fn cables_to(&self, position: &Vector3<f64>) -> [CableGeometry; 2] {
-        let tangents = Tangents::of(self, position);
-        if tangents.have_directions() { tangents.cables() } else { [CableGeometry::NONE; 2] }
-    }
 }
 
 impl Anchors {

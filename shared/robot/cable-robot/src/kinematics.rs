@@ -14,7 +14,7 @@ mod trilateration;
 
 pub use matrices::{Jacobian, NodeJacobian, StructureMatrix};
 pub use solution::{Forward, KinematicsError, LONGEST_M};
-pub(crate) use trilateration::{Frame, fits_worse};
+pub(crate) use trilateration::{COLLINEAR_TOLERANCE, Frame, fits_worse};
 pub use trilateration::{Pair, trilaterate};
 
 use nalgebra::{Matrix3, Vector3};

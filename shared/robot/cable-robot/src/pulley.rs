@@ -29,9 +29,7 @@ mod tangents;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::anchors::PairOfCables;
-
-pub(crate) use tangents::{Both, Tangents};
+pub(crate) use tangents::{Both, PairOfCables, Tangents};
 
 /// Smallest distance at which a direction is defined, m.
 const SMALLEST_M: f64 = 1e-9;

@@ -3,7 +3,9 @@
 use nalgebra::Vector3;
 
 use super::solution::KinematicsError;
-use crate::anchors::COLLINEAR_TOLERANCE;
+
+/// Anchors count as collinear if the area of their triangle is below this share of its squared longest side.
+pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
 /// With anchors at nearly one height, the mirror image fits the lengths nearly as well as the true position, and with
 /// noise sometimes better. The lower point is chosen unless its residual is larger by more than this share of the

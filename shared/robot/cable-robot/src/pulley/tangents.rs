@@ -12,7 +12,6 @@ use nalgebra::Vector3;
 use wide::f64x2;
 
 use super::{CableGeometry, SMALLEST_M};
-use crate::anchors::PairOfCables;
 
 /// Coefficients of (arctan x / x - 1) / x² over the powers of x², for |x| up to tan(π / 8): interpolation at the points
 /// of Chebyshev in 50 digits. The error of twice the arc tangent is at most 1.1e-16.
@@ -28,6 +27,23 @@ const ARC_TANGENT: [f64; 10] = [
     -0.044_833_346_222_728_86,
     0.022_750_526_993_361_67,
 ];
+
+/// Two cables with their anchors and their radii; an odd last one twice.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PairOfCables<'a> {
+    pub anchors: &'a [Vector3<f64>; 2],
+    pub radii_m: &'a [f64; 2],
+    pub planar: bool,
+}
+
+impl PairOfCables<'_> {
+    /// Both cables to a position.
+    #[inline(always)]
+    pub(crate) fn cables_to(&self, position: &Vector3<f64>) -> [CableGeometry; 2] {
+        let tangents = Tangents::of(self, position);
+        if tangents.have_directions() { tangents.cables() } else { [CableGeometry::NONE; 2] }
+    }
+}
 
 /// Two wheels, and the node relative to where the cables enter them.
 #[derive(Debug, Clone, Copy)]
