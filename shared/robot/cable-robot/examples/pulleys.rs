@@ -85,9 +85,8 @@ fn geometry_rows(n: usize, both: &[Anchors; 2], poses: &[Vector3<f64>]) {
     );
 }
 
-/// What one cable cannot do without: one root for an eye; for a pulley two roots, a quotient and an angle,
-/// each of which
-/// waits for the one before.
+/// What one cable cannot do without: one root for an eye; for a pulley two roots, a quotient and an angle, each of
+/// which waits for the one before.
 fn bare_row(poses: &[Vector3<f64>]) {
     row(
         "bare operations, 1 cable",

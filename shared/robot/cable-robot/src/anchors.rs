@@ -100,9 +100,8 @@ impl Anchors {
         Ok(result)
     }
 
-    /// The frame in which three spheres around the anchors intersect; None for another number of anchors, for
-    /// anchors on
-    /// one line, and in the plane.
+    /// The frame in which three spheres around the anchors intersect; None for another number of anchors, for anchors
+    /// on one line, and in the plane.
     #[inline]
     pub(crate) fn frame(&self) -> Option<&Frame> {
         self.frame.as_ref()

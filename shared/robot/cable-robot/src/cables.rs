@@ -67,9 +67,8 @@ impl CableVec {
         result
     }
 
-    /// Takes the values of `n` cables two by two; an odd last one is the first of a pair. `n` above
-    /// [`MAX_CABLES`] counts
-    /// as [`MAX_CABLES`].
+    /// Takes the values of `n` cables two by two; an odd last one is the first of a pair. `n` above [`MAX_CABLES`]
+    /// counts as [`MAX_CABLES`].
     #[inline]
     pub(crate) fn from_pairs(n: usize, pairs: impl Iterator<Item = [f64; 2]>) -> Self {
         let mut result = Self::zeros(n);

@@ -8,12 +8,13 @@
 //! H changes by at most K = 2 Σ 1 / t per metre, with the free lengths t: the derivative of u uᵀ is at most √2 / t. The
 //! second derivative of half the sum of the squares is H + Σ e C, with the curvatures C of at most 1 / t. So within R =
 //! (λ - Σ |e| / t) / K of the position, with the smallest eigenvalue λ of H there, it is positive definite, and no
-//! other
-//! position fits better than its surroundings. A starting point within R / 2 is nearer to this position than to any
-//! other.
+//! other position fits better than its surroundings. A starting point within R / 2 is nearer to this position than to
+//! any other.
 
+mod equations;
 mod square;
 
+use equations::{Equations, sum};
 use nalgebra::Vector3;
 use square::Square;
 use wide::f64x2;
@@ -42,8 +43,7 @@ pub(super) struct Found {
 }
 
 /// Computes the position of a robot in space with these lengths, one for each of its cables, from a starting point.
-/// None if the
-/// iteration does not converge quickly.
+/// None if the iteration does not converge quickly.
 pub(super) fn newton(anchors: &Anchors, lengths_m: &[f64], start: &Vector3<f64>) -> Option<Found> {
     if let [a, b, c] = *lengths_m {
         return iterate(start, |x| Square::at(anchors, &[a, b, c], x));
@@ -63,22 +63,6 @@ pub(super) fn near(anchors: &Anchors, lengths_m: &[f64], hint: &Vector3<f64>) ->
     ((found.position - hint).norm_squared() <= 0.25 * found.alone_m * found.alone_m).then_some(found)
 }
 
-/// The equations of a step from a position.
-trait Equations {
-    /// Solution of H d = g, m.
-    fn step(&self) -> Vector3<f64>;
-    /// Solution with the gradient at the end of a step, m, and the sum of the squared differences there, m².
-    fn correction(&self, step: &Vector3<f64>) -> (Vector3<f64>, f64);
-    /// Sum of the squared differences after a step so small that it needs no correction, m².
-    fn cost_after(&self, step: &Vector3<f64>) -> f64;
-    /// Lower bound of λ.
-    fn least_eigenvalue(&self) -> f64;
-    /// Bound of Σ |e| / t.
-    fn curved(&self) -> f64;
-    /// K, 1/m.
-    fn change_per_m(&self) -> f64;
-}
-
 #[inline(always)]
 fn iterate<E: Equations>(start: &Vector3<f64>, at: impl Fn(&Vector3<f64>) -> Option<E>) -> Option<Found> {
     let mut x = *start;
@@ -96,9 +80,8 @@ fn iterate<E: Equations>(start: &Vector3<f64>, at: impl Fn(&Vector3<f64>) -> Opt
         let both = step + correction;
         x -= both;
         let size_m = both.norm();
-        // With cubic convergence the next step is C size³, and C = size / before³. Where lengths do not fit,
-        // each of the
-        // two solutions also leaves a share of the step.
+        // With cubic convergence the next step is C size³, and C = size / before³. Where lengths do not fit, each of
+        // the two solutions also leaves a share of the step.
         let share = curved / eigenvalue;
         let next_m = size_m * (size_m * size_m * size_m / (before_m * before_m * before_m) + share * share);
         if before_m.is_finite() && next_m <= NEXT_STEP_M {
@@ -233,13 +216,6 @@ impl<const PAIRS: usize> Equations for Differences<PAIRS> {
     fn change_per_m(&self) -> f64 {
         self.change_per_m
     }
-}
-
-/// Sum of the two lanes.
-#[inline(always)]
-fn sum(lanes: f64x2) -> f64 {
-    let [a, b] = lanes.to_array();
-    a + b
 }
 
 /// Inverse of a symmetric positive definite matrix.

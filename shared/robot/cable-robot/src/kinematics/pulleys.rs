@@ -30,9 +30,8 @@ const STATIONARY_M: f64 = 1e-8;
 /// Offset of a starting point without directions, on the axis of a pulley or inside its wheel, m.
 const ASIDE_M: [f64; 3] = [0.011, 0.013, -0.017];
 
-/// Computes the position with these lengths for anchors with pulleys, as [`super::forward_kinematics`] states,
-/// which has
-/// checked the lengths.
+/// Computes the position with these lengths for anchors with pulleys, as [`super::forward_kinematics`] states, which
+/// has checked the lengths.
 pub(super) fn forward_kinematics(
     anchors: &Anchors,
     lengths_m: &[f64],

@@ -11,7 +11,7 @@ use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, SQRT_2, TAU};
 use nalgebra::Vector3;
 use wide::f64x2;
 
-use super::{CableGeometry, SMALLEST_M};
+use super::geometry::{CableGeometry, SMALLEST_M};
 
 /// Coefficients of (arctan x / x - 1) / x² over the powers of x², for |x| up to tan(π / 8): interpolation at the points
 /// of Chebyshev in 50 digits. The error of twice the arc tangent is at most 1.1e-16.

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use wide::f64x2;
 
-use super::{Equations, sum};
+use super::equations::{Equations, sum};
 use crate::Anchors;
 use crate::pulley::Both;
 
