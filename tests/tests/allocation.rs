@@ -91,6 +91,15 @@ fn estimation_control_and_arbitration_allocate_nothing() {
     }
 }
 
+/// Ends the other thread when the test is over or has failed.
+struct Ends<'a>(&'a AtomicBool);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// Cycles in which a bus is counted, after as many in which its buffers grow.
 const COUNTED: usize = 100;
 
@@ -107,6 +116,7 @@ fn the_drives_of_every_family_are_driven_without_allocations() {
         let config = CoreConfig::from_files(&file, &robot).unwrap();
         let stop = AtomicBool::new(false);
         std::thread::scope(|scope| {
+            let _ends = Ends(&stop);
             scope.spawn(|| {
                 while !stop.load(Ordering::Relaxed) {
                     motor_box.run_until(motor_box.real_ns() + 10_000_000).unwrap();
@@ -118,7 +128,6 @@ fn the_drives_of_every_family_are_driven_without_allocations() {
             let hold: Vec<_> =
                 connected.map(|n| from_fn::<_, AXES, _>(|motor| (motor < n).then_some(Command::HOLD))).collect();
             let counted = counted_cycles(open_port(port, &at, &config).unwrap(), &hold);
-            stop.store(true, Ordering::Relaxed);
             assert_eq!(counted, Ok(0), "{name}");
         });
     }

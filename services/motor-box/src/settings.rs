@@ -99,6 +99,7 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
     config.line.stiffness_n = section.stiffness_n;
     config.drum.radius_m = section.drum_radius_m;
     config.drum.line_diameter_m = section.line_diameter_m;
+    // The drum of the robot file; a world has its own radius.
     if let Some(drum) = &robot.drum {
         config.drum.radius_m = 0.5 * drum.diameter_m;
         config.drum.line_diameter_m = drum.cable_diameter_m;

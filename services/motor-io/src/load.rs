@@ -8,7 +8,9 @@
 //!
 //! Near half a step the readings alternate between two phases. So a low reading that repeats one of the last two counts
 //! less, unless it is lower than the ripple was a second before: without load the whole ripple is lower by the current
-//! of the tension, and only then are its low phases lower than they were.
+//! of the tension, and only then are its low phases lower than they were. In the first three seconds of reeling in that
+//! is not known: a cable that breaks then is found later, and not at all under a ripple as large as the tension's
+//! current.
 
 use cable_robot::motor::Motor;
 
@@ -41,6 +43,8 @@ const LONGER_MOST: f64 = 4.0;
 /// Difference relative to the spread below which a reading repeats one of the last two, and the weight of a low one.
 const REPEATED_SHARE: f64 = 0.1;
 const REPEATED_WEIGHT: f64 = 0.25;
+/// The same before the lowest readings of the ripple are known, when nothing tells a broken cable from its low phases.
+const EARLY_WEIGHT: f64 = 0.5;
 /// Time over which the lowest reading is taken, s: several times the period at which the phases come around again. The
 /// last whole one is left out, because a cable that has broken in it must not be taken for ripple before it is found.
 const LOWEST_S: f64 = 1.0;
@@ -130,12 +134,13 @@ impl LoadEvidence {
         self.mean_a += (deviation_a - self.mean_a) * (elapsed_s / MEAN_S).min(1.0);
         self.spread_a += ((deviation_a - self.mean_a).abs() - self.spread_a) * (elapsed_s / SPREAD_S).min(1.0);
         let repeats = self.repeats(current_a) && !self.is_lowest(deviation_a);
+        let repeated_weight = if self.knows_ripple() { REPEATED_WEIGHT } else { EARLY_WEIGHT };
         self.last_a = [current_a, self.last_a[0]];
         self.remember(deviation_a, elapsed_s);
         let loaded_share = 1.0 - LACKING_SHARE;
         let least_a = idle_a + loaded_share * drawn_a - margin_a(motor, tension_n, reel_in_m_s, loaded_share);
         let lacking = ((least_a - current_a) / drawn_a).clamp(-DRAWN_MOST, LACKING_MOST);
-        let weight = if repeats && lacking > 0.0 { REPEATED_WEIGHT } else { 1.0 };
+        let weight = if repeats && lacking > 0.0 { repeated_weight } else { 1.0 };
         self.lacking = (self.lacking + lacking * weight * cycles).max(0.0);
         self.enough = LACKING_CYCLES * (LONGER * self.spread_a / drawn_a).clamp(1.0, LONGER_MOST);
     }
@@ -143,6 +148,11 @@ impl LoadEvidence {
     /// Whether a reading, A, has the phase of one of the last two.
     fn repeats(&self, current_a: f64) -> bool {
         self.last_a.iter().any(|last_a| (current_a - last_a).abs() < REPEATED_SHARE * self.spread_a)
+    }
+
+    /// Whether the lowest readings of the ripple are known.
+    fn knows_ripple(&self) -> bool {
+        self.lowest_a.iter().all(|lowest_a| lowest_a.is_finite())
     }
 
     /// Whether a deviation from the model, A, is lower than the ripple was before.

@@ -317,8 +317,7 @@ impl Cable {
         }
         let (then_ns, then) = self.history[(self.newest + HISTORY - back) % HISTORY];
         let passed_ns = sampled_ns.saturating_sub(then_ns);
-        // Back from the present length.
-        let counted_m = -wind.metres(self.length_m, then, counts);
+        let counted_m = wind.metres_near(self.length_m, counts, then);
         let counted_m_s = if passed_ns > 0 { counted_m / (passed_ns as f64 * 1e-9) } else { 0.0 };
         self.velocity_m_s = if self.strain != 0.0 { counted_m_s / (1.0 + self.strain) } else { counted_m_s };
     }
@@ -336,6 +335,11 @@ impl Wind {
     /// Cable paid out between two counts, m; at the first of them `length_m` was.
     fn metres(&self, length_m: f64, counts: i64, from: i64) -> f64 {
         self.drum.paid_out_m(length_m, counts.wrapping_sub(from) as f64 / self.counts_per_m)
+    }
+
+    /// Cable paid out between two counts that are at most some turns from `length_m`, m.
+    fn metres_near(&self, length_m: f64, counts: i64, from: i64) -> f64 {
+        self.drum.radius_ratio(length_m) * (counts.wrapping_sub(from) as f64 / self.counts_per_m)
     }
 }
 

@@ -258,9 +258,9 @@ impl Watch {
             }
             // Largest current of a cable at its limit at this speed: reeling in against the whole friction of the gear.
             let motor = config.robot.motor();
-            let pull_n = strongest * situation.radius_ratio[i];
-            let most = (pull_n * (1.0 + motor.gear_friction) + motor.coulomb_n + motor.viscous_n_s_m * v.abs())
-                / motor.force_constant_n_a;
+            let ratio = situation.radius_ratio[i];
+            let friction_n = motor.coulomb_n + motor.viscous_n_s_m * v.abs() / ratio;
+            let most = (strongest * ratio * (1.0 + motor.gear_friction) + friction_n) / motor.force_constant_n_a;
             self.straining[i].advance(new_current.then_some(driven && current > most));
             if situation.following {
                 let limit = config.current_limit_a.min(most);

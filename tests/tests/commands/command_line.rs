@@ -215,7 +215,10 @@ fn bad_arguments_are_answered_by_one_sentence() {
 #[test]
 fn every_installed_program_states_its_version() {
     let list = std::fs::read_to_string(root().join("configs/host/files")).unwrap();
-    let names = list.split_whitespace().filter_map(|word| word.strip_prefix("@bin@/"));
+    let names: Vec<_> = list.split_whitespace().filter_map(|word| word.strip_prefix("@bin@/")).collect();
+    for (companion, _) in nims::programs::COMPANIONS {
+        assert!(companion == "page" || names.contains(&format!("nims-{companion}").as_str()), "{companion}");
+    }
     for name in names {
         let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join(name);
         let output = Command::new(program).arg("--version").output().unwrap();

@@ -61,7 +61,8 @@ pub(crate) fn check_pulleys(anchors: &Anchors, position: &Vector3<f64>) -> Resul
 }
 
 /// Computes the position with these lengths: closed form for eyes and as many cables as directions, least squares in
-/// length for more. With pulleys, Newton steps from the solution for eyes.
+/// length for more or with pulleys. The search starts at `near` if that position is certainly the nearest solution,
+/// otherwise at the intersections of spheres around eyes.
 ///
 /// Of two mirror solutions, the one nearer to `near` if given, otherwise the lower one. With more than three cables the
 /// mirror solutions do not fit equally well; the lower one is chosen unless the upper one fits clearly better.

@@ -84,7 +84,7 @@ impl Robot {
         let counts_stretched = stretched_counts(parts.counts_stretched.as_deref(), n)?;
         let routed_length_m = routed_lengths(parts.routed_length_m.as_deref(), n)?;
         let drums = drums(parts.drum.as_ref(), &routed_length_m, counts_stretched)?;
-        let length_limits_m = length_limits(parts.length_limits_m.as_deref(), n)?;
+        let length_limits_m = length_limits(parts.length_limits_m.as_deref(), &drums[..n])?;
         parts.motor.check()?;
         parts.drive_limits.check()?;
         let motors = motors(parts.motor, &parts.motor_tables, n)?;
@@ -274,15 +274,16 @@ impl Robot {
     }
 
     /// Computes what the motor of a cable, counted from 0, needs at a tension, N, and a reel-in speed, m/s: by its
-    /// measured table where it covers the point, otherwise by the friction model. A drum with layers draws most current
-    /// where it is full and most voltage where it is empty; both are of the length at which they are largest.
+    /// measured table where it covers the point, with the drum as full as where it was measured, otherwise by the
+    /// friction model. A drum with layers draws most current where it is full and most voltage where it is empty; both
+    /// are of the length at which they are largest.
     pub fn drive_load(&self, cable: usize, tension_n: f64, reel_in_m_s: f64) -> DriveLoad {
         let drum = self.drum(cable);
         let [full, empty] = self.length_limits_m[cable].map(|length_m| {
             let ratio = drum.radius_ratio(length_m);
             let (pull_n, turn_m_s) = (tension_n * ratio, reel_in_m_s / ratio);
-            let modelled = |_| self.motor.current_a(pull_n, turn_m_s);
-            let current_a = self.motors.current_of_a(cable, pull_n, turn_m_s).unwrap_or_else(modelled);
+            let measured = self.motors.table(cable).map(|_| self.motors.current_of_a(cable, tension_n, reel_in_m_s));
+            let current_a = measured.and_then(Result::ok).unwrap_or_else(|| self.motor.current_a(pull_n, turn_m_s));
             (current_a, self.motor.voltage_v(current_a, turn_m_s))
         });
         let larger = |a: f64, b: f64| if a.abs() >= b.abs() { a } else { b };

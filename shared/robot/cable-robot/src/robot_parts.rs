@@ -190,23 +190,29 @@ pub(crate) fn obstacle_places(obstacles: &[Obstacle]) -> Result<[Option<Obstacle
     Ok(std::array::from_fn(|i| obstacles.get(i).copied()))
 }
 
+/// Limits of the lengths; no cable is longer than what its drum holds.
 pub(crate) fn length_limits(
     limits_m: Option<&[[f64; 2]]>,
-    cables: usize,
+    drums: &[Drum],
 ) -> Result<[[f64; 2]; MAX_CABLES], RobotError> {
     const KEY: &str = "length_limits_m";
     let mut length_limits_m = [DEFAULT_LENGTH_LIMITS_M; MAX_CABLES];
-    let Some(limits) = limits_m else { return Ok(length_limits_m) };
-    if limits.len() != cables {
-        let problem = format!("has {} pairs for {cables} cables", limits.len());
+    let limits = limits_m.unwrap_or(&length_limits_m[..drums.len()]).to_vec();
+    if limits.len() != drums.len() {
+        let problem = format!("has {} pairs for {} cables", limits.len(), drums.len());
         return refuse(KEY, problem, "one [min, max] per cable, in metres");
     }
-    for (i, [min, max]) in limits.iter().enumerate() {
+    for (i, ([min, max], drum)) in limits.iter().zip(drums).enumerate() {
         if !(*min > 0.0 && max > min && *max <= FARTHEST_M) {
             let problem = format!("number {} is [{min}, {max}]", i + 1);
             return refuse(KEY, problem, "[min, max] in metres with 0 < min < max <= 1e5");
         }
-        length_limits_m[i] = [*min, *max];
+        let longest_m = max.min(drum.longest_m());
+        if longest_m <= *min {
+            let accepted = "more than routed_length_m and the least length of length_limits_m together, in metres";
+            return refuse("cable_m", format!("leaves {longest_m} m beyond anchor {}", i + 1), accepted);
+        }
+        length_limits_m[i] = [*min, longest_m];
     }
     Ok(length_limits_m)
 }

@@ -350,9 +350,11 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
 /// Upward force of the mean currents up and down, and its standard deviation, N.
 fn vertical_n(robot: &Robot, weighing: &Weighing, sigma_a: f64) -> Result<(f64, f64), CalibrationError> {
     let structure = structure(robot, weighing)?;
-    let constant = robot.motor().force_constant_n_a;
+    let at = Vector3::from(weighing.position_m);
     let (mut force_n, mut variance_n2) = (0.0, 0.0);
     for (i, column) in structure.iter().enumerate() {
+        let ratio = robot.drum(i).radius_ratio(robot.anchors().pulley(i).length_m(&at));
+        let constant = robot.motor().force_constant_n_a / ratio;
         force_n += column.z * constant * 0.5 * (weighing.up_a[i] + weighing.down_a[i]);
         variance_n2 += 0.5 * (column.z * constant * sigma_a) * (column.z * constant * sigma_a);
     }

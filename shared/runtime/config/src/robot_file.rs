@@ -142,7 +142,8 @@ crate::section! {
         pub cable_diameter_m: f64 => between(0.0, 0.05, "m (are these millimetres?)"),
         /// Turns of cable that lie side by side in a layer.
         pub turns_per_layer: f64 => between(1.0, 1e4, "turns"),
-        /// Cable from its end on the drum to the node, m per cable.
+        /// Cable from its end on the drum to the node, m per cable, which also limits the length; without the turns
+        /// that have to stay on the drum.
         pub cable_m: Vec<f64> => between(0.1, 2000.0, "m").each("lengths"),
     }
 }

@@ -187,7 +187,7 @@ fn sinking_finding(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Find
         let beyond = match unpowered_m_s(robot, most) {
             0.0 => "at any load".to_owned(),
             speed => {
-                let holds = motor.coulomb_n / (1.0 - motor.gear_friction);
+                let holds = motor.coulomb_n / (1.0 - motor.gear_friction) / fullest_ratio(robot);
                 format!("up to {holds:.1} N per cable; at {most} N a cable would unwind at {:.1} mm/s", 1000.0 * speed)
             }
         };
@@ -212,12 +212,19 @@ fn sinking_finding(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Find
 }
 
 /// Returns the speed at which a cable unwinds from a motor with shorted leads, m/s: the load less friction, divided by
-/// the motor's braking.
+/// the motor's braking; of the fullest drum, on which the load pulls hardest.
 fn unpowered_m_s(robot: &Robot, tension_n: f64) -> f64 {
-    let motor = robot.motor();
-    let drives = tension_n - (motor.gear_friction * tension_n + motor.coulomb_n);
+    let (motor, ratio) = (robot.motor(), fullest_ratio(robot));
+    let pull_n = tension_n * ratio;
+    let drives = pull_n - (motor.gear_friction * pull_n + motor.coulomb_n);
     let braking = motor.viscous_n_s_m + motor.force_constant_n_a.powi(2) / motor.resistance_ohm;
-    drives.max(0.0) / braking
+    ratio * drives.max(0.0) / braking
+}
+
+/// Radius of the fullest drum relative to that of the bare one.
+fn fullest_ratio(robot: &Robot) -> f64 {
+    let limits_m = robot.length_limits_m().iter().enumerate();
+    limits_m.map(|(cable, [shortest_m, _])| robot.drum(cable).radius_ratio(*shortest_m)).fold(0.0, f64::max)
 }
 
 /// Finds the greatest feasible height of the node above `from`.

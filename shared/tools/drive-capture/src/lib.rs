@@ -7,7 +7,8 @@
 //! Invariants:
 //! * Bytes pass as they are, in order, also those that no known drive would send.
 //! * Nothing is sent to the drive that the program did not send.
-//! * A recording is text that people can read and shorten; a part of one is a recording too.
+//! * A recording is text that people can read; any of its lines but the first may be removed, and a last one that was
+//!   cut off is passed over.
 #![forbid(unsafe_code)]
 
 mod recording;

@@ -38,12 +38,12 @@ impl fmt::Display for Chunk {
     }
 }
 
-/// What a program and a drive said.
+/// The bytes between a program and a drive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     /// Baud rate of the port; a USB port ignores it.
     pub baud: u32,
-    /// What was said, in the order of time.
+    /// The bytes, in the order of time.
     pub chunks: Vec<Chunk>,
 }
 
@@ -67,7 +67,9 @@ impl Recording {
         if text.lines().next() != Some(HEAD) {
             return Err(format!("is no recording: its first line must be `{HEAD}`"));
         }
-        for (number, line) in (1..).zip(text.lines()).map(|(number, line)| (number, line.trim())) {
+        // A recorder that was killed leaves a line without its end.
+        let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+        for (number, line) in (1..).zip(whole.lines()).map(|(number, line)| (number, line.trim())) {
             if let Some(baud) = line.strip_prefix(BAUD) {
                 recording.baud = baud.parse().map_err(|_| format!("line {number} has no baud rate but `{baud}`"))?;
             } else if !line.is_empty() && !line.starts_with('#') {
@@ -143,5 +145,7 @@ mod tests {
         }
         assert_eq!(with("0.2 > 00\n0.1 < 00"), "line 3 is earlier than the one before");
         assert!(Recording::parse("0.1 > 00").unwrap_err().starts_with("is no recording"));
+        let cut = Recording::parse(&format!("{HEAD}\n0.1 > 00\n0.2 < 0")).unwrap();
+        assert_eq!(cut.chunks.len(), 1);
     }
 }

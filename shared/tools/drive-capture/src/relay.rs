@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Longest wait for the drive before the program is heard again, ns: what a question is later by.
+/// Longest wait for the drive before bytes of the program are read, ns: what a question is later by.
 const TURN_NS: u64 = 300_000;
 /// Time for writing to the drive, ns.
 const WRITE_NS: u64 = 100_000_000;
@@ -43,6 +43,8 @@ pub struct Counts {
 /// The port or the link cannot be opened, or the file is there or cannot be written.
 pub fn record(port: &Path, baud: u32, link: &Path, out: &Path, stop: &AtomicBool) -> Answer<Ended> {
     let name: Arc<str> = Arc::from(port.to_string_lossy());
+    let mut jack = PtyLink::new(link);
+    jack.plug().map_err(Failure::not_now)?;
     let mut drive = Port::open(&name, baud).map_err(Failure::not_now)?;
     let unwritable = |error: std::io::Error| Failure::NotNow(format!("{}: cannot be written ({error})", out.display()));
     let file = File::create_new(out).map_err(|error| {
@@ -50,8 +52,6 @@ pub fn record(port: &Path, baud: u32, link: &Path, out: &Path, stop: &AtomicBool
     })?;
     let mut file = BufWriter::new(file);
     file.write_all(Recording::begin(baud).as_bytes()).map_err(unwritable)?;
-    let mut jack = PtyLink::new(link);
-    jack.plug().map_err(Failure::not_now)?;
     let begin_ns = monotonic_ns();
     let mut tidied_ns = begin_ns;
     let mut buffer = [0; 4096];
@@ -70,11 +70,11 @@ pub fn record(port: &Path, baud: u32, link: &Path, out: &Path, stop: &AtomicBool
         }
         match drive.read(&mut buffer, monotonic_ns() + TURN_NS) {
             Ok(0) => {}
-            Ok(said) => {
+            Ok(answered) => {
                 let at_ns = monotonic_ns();
                 // What does not fit is lost, as on a wire without a reader.
-                program.write(&buffer[..said]).map_err(Failure::not_now)?;
-                note(&mut file, at_ns - begin_ns, Side::Drive, &buffer[..said]).map_err(unwritable)?;
+                program.write(&buffer[..answered]).map_err(Failure::not_now)?;
+                note(&mut file, at_ns - begin_ns, Side::Drive, &buffer[..answered]).map_err(unwritable)?;
             }
             Err(error) => break Ended::Gone(error.to_string()),
         }
@@ -107,11 +107,11 @@ pub fn answer(recording: &Recording, link: &Path, stop: &AtomicBool) -> Answer<C
     let mut tidied_ns = monotonic_ns();
     while !stop.load(Ordering::Relaxed) {
         let Some(program) = jack.pty() else { break };
-        let heard = program.read(&mut buffer).map_err(Failure::not_now)?;
+        let asked = program.read(&mut buffer).map_err(Failure::not_now)?;
         let now_ns = monotonic_ns();
-        for byte in &buffer[..heard] {
-            let said = replay.hear(*byte).unwrap_or_default();
-            due.extend(said.iter().map(|(after_s, bytes)| (now_ns + (after_s * 1e9) as u64, bytes.clone())));
+        for byte in &buffer[..asked] {
+            let answer = replay.receive(*byte).unwrap_or_default();
+            due.extend(answer.iter().map(|(after_s, bytes)| (now_ns + (after_s * 1e9) as u64, bytes.clone())));
         }
         while let Some(at) = due.iter().position(|(due_ns, _)| *due_ns <= now_ns) {
             program.write(&due.remove(at).1).map_err(Failure::not_now)?;

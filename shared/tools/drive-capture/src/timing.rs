@@ -16,8 +16,8 @@ pub struct Timing {
     pub questions: usize,
     /// Those that nothing followed before the next question.
     pub unanswered: usize,
-    /// From the end of a question on the wire to the first bytes of its answer, s: least, median, 99 %, largest. The
-    /// wire time of an answer's first bytes is part of it.
+    /// From the end of a question to the begin of its answer on the wire, s: least, median, 99 %, largest. The latency
+    /// of an adapter is part of it.
     pub turnaround_s: Option<[f64; 4]>,
     /// Longest pause within an answer, s.
     pub longest_pause_s: f64,
@@ -50,7 +50,10 @@ pub fn timing(recording: &Recording) -> Timing {
             Side::Drive => {
                 match (asked_s, answered_s) {
                     (None, _) => timing.unasked_bytes += chunk.bytes.len(),
-                    (Some(over_s), None) => turnarounds_s.push((chunk.at_s - over_s).max(0.0)),
+                    (Some(over_s), None) => {
+                        let began_s = chunk.at_s - chunk.bytes.len() as f64 * byte_s;
+                        turnarounds_s.push((began_s - over_s).max(0.0));
+                    }
                     (Some(_), Some(last_s)) => timing.longest_pause_s = timing.longest_pause_s.max(chunk.at_s - last_s),
                 }
                 answered_s = Some(chunk.at_s);
@@ -84,12 +87,9 @@ impl fmt::Display for Timing {
         write!(f, "{} questions in {:.1} s, {} without an answer", self.questions, self.recorded_s, self.unanswered)?;
         if let Some(turnaround_s) = self.turnaround_s {
             let [least, median, most, largest] = turnaround_s.map(|s| 1e3 * s);
-            write!(
-                f,
-                "\nfirst bytes of an answer after {least:.2} to {largest:.2} ms, median {median:.2}, 99 % {most:.2} ms"
-            )?;
+            write!(f, "\nan answer begins after {least:.2} to {largest:.2} ms, median {median:.2}, 99 % {most:.2} ms")?;
             write!(f, "\nlongest pause within an answer {:.2} ms", 1e3 * self.longest_pause_s)?;
-            write!(f, "\n[motor_box] turnaround_s = {:.4} makes the virtual drive as fast", turnaround_s[1])?;
+            write!(f, "\n[motor_box] turnaround_s = {:.6} makes the virtual drive as fast", turnaround_s[1])?;
         }
         if self.unasked_bytes > 0 {
             write!(f, "\n{} bytes came before the first question", self.unasked_bytes)?;
@@ -112,7 +112,7 @@ mod tests {
         let found = timing(&Recording::parse(&text).unwrap());
         assert_eq!((found.questions, found.unanswered, found.unasked_bytes), (4, 2, 1));
         let [least, _, _, largest] = found.turnaround_s.unwrap();
-        assert!((least - 0.001).abs() < 1e-9 && (largest - 0.003).abs() < 1e-9, "{found:?}");
+        assert!((least - 0.0009).abs() < 1e-9 && (largest - 0.0029).abs() < 1e-9, "{found:?}");
         assert!((found.longest_pause_s - 0.0008).abs() < 1e-9);
         assert_eq!(found.recorded_s, 4.0);
         assert_eq!(timing(&Recording { baud: 0, chunks: Vec::new() }), Timing::default());

@@ -15,6 +15,15 @@ const MS: u64 = 1_000_000;
 const PATIENCE_NS: u64 = 400 * MS;
 const COUNTS: [i64; AXES] = [123_456, -77];
 
+/// Ends the other thread when the test is over or has failed.
+struct Ends<'a>(&'a AtomicBool);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// A virtual unit on a pseudo-terminal until `stop`.
 fn drive(jack: &mut PtyLink, stop: &AtomicBool) {
     let mut unit = UnitBus::new(vec![Unit::new(UnitOptions::new(0x80))]);
@@ -67,6 +76,7 @@ fn a_driver_speaks_through_the_recorder_and_with_the_recording() {
         })
     };
     thread::scope(|scope| {
+        let _ends = Ends(&stop);
         let unit = scope.spawn(|| drive(&mut jack, &stop));
         let recorder = scope.spawn(|| record(&device, 115_200, &link, &file, &stop));
         assert!(until_linked(&link));
@@ -82,6 +92,7 @@ fn a_driver_speaks_through_the_recorder_and_with_the_recording() {
     // The virtual unit again, this time by the file alone.
     stop.store(false, Ordering::Relaxed);
     thread::scope(|scope| {
+        let _ends = Ends(&stop);
         let replayed = scope.spawn(|| answer(&recording, &again, &stop));
         assert!(until_linked(&again));
         assert_eq!(hold(&again), COUNTS);

@@ -1,8 +1,8 @@
 //! Positions from lengths of cables over pulleys: least squares from the intersections of spheres around eyes.
 //!
 //! A pulley of radius r adds to the straight length between 0.57 r (node at the height of the anchor) and about 3 r
-//! (node below it), so the starting points are within a few radii, and three Newton steps suffice. For three cables
-//! whose two positions are far apart, only the chosen one is computed.
+//! (node below it), so the starting points are within a few radii, and two or three evaluations suffice. For three
+//! cables whose two positions are far apart, only the chosen one is computed.
 
 use nalgebra::{Matrix3, Vector3};
 

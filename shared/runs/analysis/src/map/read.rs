@@ -60,8 +60,11 @@ impl RunTime {
 pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection, RunTime)> {
     let mut reader = RunReader::open(run)?;
     // The attachments precede the first sample.
-    let begin_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(0, |first| first.log_time_ns);
-    let time = RunTime { clock: reader.clock(), begin_ns };
+    let first_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(0, |first| first.log_time_ns);
+    let clock = reader.clock();
+    // As in every other table of a run.
+    let begin_ns = clock.map_or(first_ns, |clock| clock.t0_unix_ns);
+    let time = RunTime { clock, begin_ns };
     let Some(robot) = load_robot_file(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
             "{} has no robot.toml that this program accepts, so the robot is unknown",
