@@ -2,10 +2,14 @@
 
 use std::fs;
 use std::io::{Read, Write};
+use std::os::fd::OwnedFd;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::time::Timespec;
 use serialport::{ClearBuffer, SerialPort, TTYPort};
 
 use crate::Error;
@@ -29,6 +33,8 @@ pub enum Latency {
 pub struct Port {
     name: Arc<str>,
     tty: TTYPort,
+    /// The same device, to wait for bytes: serialport reports the end of a wait by an error on the heap.
+    waiter: OwnedFd,
     latency: Latency,
 }
 
@@ -39,12 +45,17 @@ impl Port {
     /// A protocol on top should still wait for silence and ask something harmless first: the far side may be in the
     /// middle of an answer.
     pub fn open(name: &Arc<str>, baud: u32) -> Result<Port, Error> {
+        // Before the exclusive mode, which refuses it.
+        let flags = OFlags::RDONLY | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let waiter = rustix::fs::open(&**name, flags, Mode::empty());
         let tty = serialport::new(&**name, baud)
             .timeout(Duration::ZERO)
             .exclusive(true)
             .open_native()
             .map_err(|error| Error::from_open(name, baud, &error))?;
-        let mut port = Port { name: Arc::clone(name), tty, latency: lower_latency(Path::new(&**name)) };
+        let waiter = waiter.map_err(|_| Error::Gone { port: Arc::clone(name), doing: "opening" })?;
+        let latency = lower_latency(Path::new(&**name));
+        let mut port = Port { name: Arc::clone(name), tty, waiter, latency };
         port.clear()?;
         Ok(port)
     }
@@ -57,6 +68,20 @@ impl Port {
 
     fn gone(&self, doing: &'static str) -> Error {
         Error::Gone { port: Arc::clone(&self.name), doing }
+    }
+
+    /// Waits until the device has bytes or is gone; false after the deadline.
+    fn is_readable(&self, deadline_ns: u64) -> bool {
+        loop {
+            let left_ns = deadline_ns.saturating_sub(monotonic_ns());
+            let left = Timespec { tv_sec: (left_ns / 1_000_000_000) as i64, tv_nsec: (left_ns % 1_000_000_000) as i64 };
+            match poll(&mut [PollFd::new(&self.waiter, PollFlags::IN)], Some(&left)) {
+                Ok(0) => return false,
+                Err(rustix::io::Errno::INTR) => {}
+                // The next read tells what is wrong.
+                Ok(_) | Err(_) => return true,
+            }
+        }
     }
 
     fn allow_until(&mut self, deadline_ns: u64) {
@@ -102,11 +127,13 @@ impl Transport for Port {
     }
 
     fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
-        // Without time to wait the port is asked first: serialport reports the end of a wait by an error on the heap.
-        if buffer.is_empty() || (monotonic_ns() >= deadline_ns && self.pending()? == 0) {
+        if buffer.is_empty() {
             return Ok(0);
         }
         loop {
+            if !self.is_readable(deadline_ns) {
+                return Ok(0);
+            }
             self.allow_until(deadline_ns);
             match self.tty.read(buffer) {
                 // A readable terminal with no data: some adapters report unplugging like this.
