@@ -1,4 +1,4 @@
-"""Reads the files of `nims map` with NumPy alone and compares them with each other: python check_map.py FOLDER SENSOR."""
+"""Reads the files of `nims map` with NumPy and SciPy and compares them with each other: python check_map.py FOLDER SENSOR."""
 
 import csv
 import json
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from scipy.io import netcdf_file
 
 
 def ascii_grid(path):
@@ -29,8 +30,12 @@ def main(folder, sensor):
     assert len(table) == np.count_nonzero(~np.isnan(values))
     column = np.rint((table["x_m"] - head["xllcorner"]) / head["cellsize"] - 0.5).astype(int)
     row = np.rint((table["y_m"] - head["yllcorner"]) / head["cellsize"] - 0.5).astype(int)
-    assert np.allclose(values[row, column], table["value"], rtol=1e-5, atol=1e-9)
-    assert np.allclose(sigmas[row, column], table["sigma"], rtol=1e-2)
+    # The third and the fourth column are named by the quantity.
+    value, sigma = table.dtype.names[2:4]
+    assert np.allclose(values[row, column], table[value], rtol=1e-5, atol=1e-9)
+    assert np.allclose(sigmas[row, column], table[sigma], rtol=1e-2)
+    with netcdf_file(folder / f"{sensor}.nc", mmap=False) as file:
+        check_netcdf(file.variables, head, {value: values, sigma: sigmas})
 
     lines = (folder / f"{sensor}.ply").read_text().splitlines()
     end = lines.index("end_header")
@@ -46,11 +51,22 @@ def main(folder, sensor):
     assert np.allclose([float(one["x_m"]) for one in samples], points[:, 0])
     globe = folder / f"{sensor}.geojson"
     if globe.exists():
-        check_globe(json.loads(globe.read_text())["features"], table, samples)
+        check_globe(json.loads(globe.read_text())["features"], table, value, samples)
     print(f"{count} points, {len(table)} cells")
 
 
-def check_globe(features, table, samples):
+def check_netcdf(variables, head, cells):
+    for axis, corner in ("x", head["xllcorner"]), ("y", head["yllcorner"]):
+        centres = variables[axis][:]
+        assert np.allclose(centres, corner + (np.arange(len(centres)) + 0.5) * head["cellsize"]), axis
+    for name, values in cells.items():
+        variable = variables[name]
+        read = np.squeeze(variable[:]).copy()
+        read[read == variable._FillValue] = np.nan
+        assert np.allclose(read, values, rtol=1e-5, equal_nan=True), name
+
+
+def check_globe(features, table, value, samples):
     """The test's site, with degrees in metres by the usual series (NGA's; not the program's radii of curvature)."""
     latitude, longitude, azimuth = 34.0722, -118.4441, math.radians(30.0)
     phi = math.radians(latitude)
@@ -68,7 +84,7 @@ def check_globe(features, table, samples):
         assert corners[0] == corners[-1] and len(corners) == 5
         centre = np.mean([place(*corner) for corner in corners[:4]], axis=0)
         assert np.abs(centre - [row["x_m"], row["y_m"]]).max() < 1e-4, (centre, row)
-        assert math.isclose(feature["properties"]["value"], row["value"], rel_tol=1e-6, abs_tol=1e-8)
+        assert math.isclose(feature["properties"]["value"], row[value], rel_tol=1e-6, abs_tol=1e-8)
     for one in samples:
         at = place(float(one["longitude_deg"]), float(one["latitude_deg"]))
         assert math.hypot(at[0] - float(one["x_m"]), at[1] - float(one["y_m"])) < 1e-3, (one, at)

@@ -197,13 +197,33 @@ fn ground_that_was_flown_over_is_on_the_map() {
     let cells: Value = serde_json::from_str(&geojson).unwrap();
     assert_eq!(cells["features"][0]["properties"]["unit"], "m");
     let table = std::fs::read_to_string(out.join("range.csv")).unwrap();
-    assert!(table.lines().next().unwrap().ends_with(",utc,t_s"));
+    let head = table.lines().next().unwrap();
+    assert!(head.ends_with(",utc,t_s") && head.contains(",distance_m,"), "{head}");
     let times = table.lines().skip(1).map(|row| row.rsplit_once(',').unwrap().1.parse::<f64>().unwrap());
     let times: Vec<f64> = times.collect();
     assert!(times[0] >= 0.0 && times.windows(2).all(|two| two[0] < two[1]), "{:?}", &times[..2]);
     for ending in [".png", ".svg", "-sigma.png", "-sigma.svg"] {
         assert!(std::fs::metadata(out.join(format!("range{ending}"))).unwrap().len() > 5_000, "{ending}");
     }
+}
+
+#[test]
+fn only_the_samples_between_two_heights_are_mapped() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    fly(&run, false);
+    let mapped = |low_m: f64, high_m: f64| {
+        map(&Args { between: Some(vec![low_m, high_m]), ..asked(&run, &folder.path().join("map")) })
+    };
+    // the raster is at 0.8 m, and the way to it begins at 0.3 m
+    let all = mapped(0.0, 3.0).unwrap().value["maps"][0]["samples"].as_u64().unwrap();
+    let raster = mapped(0.78, 0.82).unwrap().value["maps"][0]["samples"].as_u64().unwrap();
+    assert!(raster < all && raster > all / 2, "{raster} of {all}");
+    let table = std::fs::read_to_string(folder.path().join("map/range.csv")).unwrap();
+    let heights = table.lines().skip(1).map(|row| row.split(',').nth(4).unwrap().parse::<f64>().unwrap());
+    assert!(heights.clone().count() > 100 && heights.clone().all(|z| (0.78..=0.82).contains(&z)));
+    let none = mapped(2.0, 3.0).unwrap_err();
+    assert!(matches!(none, Failure::NotNow(_)), "{none:?}");
 }
 
 #[test]

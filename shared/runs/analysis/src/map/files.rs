@@ -1,7 +1,9 @@
-//! Writes a map for other programs: ESRI ASCII grids, CSV, PLY, and plots.
+//! Writes a map for other programs: ESRI ASCII grids, CSV, NetCDF, PLY, and plots.
 
+use super::columns::{column, columns};
 use super::draw::{self, Plot};
 use super::globe::{self, Globe};
+use super::netcdf;
 use super::read::RunTime;
 use command::{Answer, Failure};
 use georeference::{Plane, SensorMap};
@@ -46,6 +48,7 @@ pub(super) fn write(
         file(format!("{name}.geojson"), cells.to_string())?;
     }
     file(format!("{name}.ply"), points(map, samples))?;
+    written.push(netcdf::write(folder, name, map, samples, time, globe)?);
     let [quantity, unit] = map.names();
     let quantity = if quantity.is_empty() { "value" } else { quantity };
     let with_unit = if unit.is_empty() { quantity.to_owned() } else { format!("{quantity}, {unit}") };
@@ -98,7 +101,8 @@ fn ascii_grid(map: &SensorMap, values: &[Option<f64>]) -> String {
 fn grid_table(map: &SensorMap) -> String {
     let spec = map.grid().spec();
     let [a, b] = map.plane().axes();
-    let mut text = format!("{a}_m,{b}_m,value,sigma,slope_{a}_per_m,slope_{b}_per_m,structure,radius_m,samples\n");
+    let (value, sigma) = (column(map.names(), ""), column(map.names(), "sigma"));
+    let mut text = format!("{a}_m,{b}_m,{value},{sigma},slope_{a}_per_m,slope_{b}_per_m,structure,radius_m,samples\n");
     for row in 0..spec.rows {
         for column in 0..spec.columns {
             let (Some(cell), Some((value, sigma))) = (map.grid().cell(column, row), map.value(column, row)) else {
@@ -120,8 +124,9 @@ fn grid_table(map: &SensorMap) -> String {
 fn sample_table(samples: &[Sample], time: &RunTime, globe: Option<&Globe>) -> String {
     let count = samples.iter().map(|sample| usize::from(sample.count).min(8)).max().unwrap_or(0);
     let mut text = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality".to_owned();
-    for number in 1..=count {
-        let _ = write!(text, ",value_{number}");
+    for name in columns(samples, count) {
+        text.push(',');
+        text.push_str(&name);
     }
     if globe.is_some() {
         text.push_str(",latitude_deg,longitude_deg");

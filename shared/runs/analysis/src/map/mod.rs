@@ -1,9 +1,11 @@
 //! `nims map`: maps the sensor readings of a run as grids with uncertainty, contour plots, point clouds and tables.
 
+mod columns;
 mod contour;
 mod draw;
 mod files;
 mod globe;
+mod netcdf;
 mod read;
 
 pub use contour::{contours, levels};

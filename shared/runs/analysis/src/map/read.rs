@@ -47,6 +47,17 @@ pub(super) struct RunTime {
 }
 
 impl RunTime {
+    /// Creates it from the clock of a run, and the time of its first sample for runs without one.
+    pub(super) fn new(clock: Option<RunClock>, first_ns: u64) -> Self {
+        // As in every other table of a run.
+        Self { clock, begin_ns: clock.map_or(first_ns, |clock| clock.t0_unix_ns) }
+    }
+
+    /// Returns the UNIX time of a stamp, s; `None` if the run has no clock.
+    pub(super) fn unix_s(&self, stamp_ns: u64) -> Option<f64> {
+        Some(self.clock?.unix_of(stamp_ns) as f64 * 1e-9)
+    }
+
     /// Returns UTC by ISO 8601 and the seconds since the run began of a stamp; `None` if the run has no clock.
     pub(super) fn of(&self, stamp_ns: u64) -> Option<(String, f64)> {
         let unix_ns = self.clock?.unix_of(stamp_ns);
@@ -61,10 +72,7 @@ pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection, Ru
     let mut reader = RunReader::open(run)?;
     // The attachments precede the first sample.
     let first_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(0, |first| first.log_time_ns);
-    let clock = reader.clock();
-    // As in every other table of a run.
-    let begin_ns = clock.map_or(first_ns, |clock| clock.t0_unix_ns);
-    let time = RunTime { clock, begin_ns };
+    let time = RunTime::new(reader.clock(), first_ns);
     let Some(robot) = load_robot_file(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
             "{} has no robot.toml that this program accepts, so the robot is unknown",
