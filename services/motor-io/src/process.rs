@@ -14,9 +14,9 @@ use messages::{
     DecodeError, Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
     PlanMotion, Request, RequestBody, SLOT_NAMES,
 };
-use robot_state::Reason;
 use robot_state::answers::detail;
 use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
+use robot_state::{DriveUnit, Reason};
 use runtime::{BadInput, Chassis};
 use std::path::Path;
 use tracing::{info, warn};
@@ -278,8 +278,13 @@ impl Process {
             let _ = self.drives.take_error(); // errors during the set-up of the units
             for (port, unit) in self.drives.units() {
                 let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
-                let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
-                info!("{port}, {}: firmware {firmware}, watchdog {watchdog_ms} ms", unit.name);
+                let line = DriveUnit {
+                    port: port.to_string(),
+                    name: unit.name.to_string(),
+                    firmware: firmware.to_owned(),
+                    watchdog_ms: unit.watchdog_ms.unwrap_or(0).into(),
+                };
+                info!("{line}");
             }
         } else if cycle >= self.patience
             && let Some(error) = self.drives.lost()

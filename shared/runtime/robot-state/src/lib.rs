@@ -10,6 +10,8 @@ mod parameter;
 pub mod periods;
 pub mod sentences;
 mod stop;
+mod unit;
 
 pub use answers::Reason;
 pub use periods::Periods;
+pub use unit::DriveUnit;
