@@ -9,6 +9,8 @@ use messages::{
     SLOTS, freshness, same_life,
 };
 
+use std::fmt;
+
 use crate::custom_law::{CableLaw, LawInput};
 use crate::instant::Instant;
 use crate::law::{self, Law};
@@ -46,6 +48,19 @@ pub struct Controller {
     life: u64,
     /// Fades from the commands with former parameters to those with the present ones.
     fades: [Fade; SLOTS],
+}
+
+/// The state between two steps, without the parameters and without that of a law by cable, which may be a custom one.
+impl fmt::Debug for Controller {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Controller")
+            .field("motion", &self.motion)
+            .field("preview", &self.preview)
+            .field("answered", &self.answered)
+            .field("life", &self.life)
+            .field("fades", &self.fades)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Controller {

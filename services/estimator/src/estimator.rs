@@ -9,6 +9,7 @@ use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instan
 use crate::method::Method;
 use crate::swing::{Rest, SwingObserver};
 use cable_control::length_filter::FilterError;
+use std::fmt;
 
 /// Configuration of an estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +63,23 @@ pub struct Estimator {
     velocity_m_s: Vector3<f64>,
     swing: SwingObserver,
     zero: Zero,
+}
+
+/// The state between two steps, without the parameters and without that of the method, which may be a custom one.
+impl fmt::Debug for Estimator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Estimator")
+            .field("last_life", &self.last_life)
+            .field("last_cycle", &self.last_cycle)
+            .field("last_stamp_ns", &self.last_stamp_ns)
+            .field("last_instant_ns", &self.last_instant_ns)
+            .field("last_epoch", &self.last_epoch)
+            .field("position", &self.position)
+            .field("velocity_m_s", &self.velocity_m_s)
+            .field("swing", &self.swing)
+            .field("zero", &self.zero)
+            .finish_non_exhaustive()
+    }
 }
 
 /// The lengths as they were set, and the errors that they had then; `None` where that is unknown.

@@ -4,8 +4,7 @@ use bus::{Participant, clock};
 use client::{LinkTap, Place, RobotLink};
 use command::values::seconds;
 use command::{Answer, Failure, Output};
-use messages::schema::{Number, Schema, Value as FieldValue};
-use serde_json::{Map, Value, json};
+use serde_json::json;
 use std::time::Duration;
 
 /// `nims channel`.
@@ -164,7 +163,7 @@ fn echo(link: &RobotLink, name: &str, count: Option<u64>, seconds: Option<f64>) 
             && let Some((bytes, _)) = tap.receive()?
         {
             left -= 1;
-            if !command::print_line(&sample(schema.as_ref(), &bytes).to_string()) {
+            if !command::print_line(&replay::sample_value(schema.as_ref(), &bytes).to_string()) {
                 return Ok(());
             }
         }
@@ -182,43 +181,5 @@ fn duration(seconds: f64) -> Answer<Duration> {
         Ok(Duration::from_secs_f64(seconds))
     } else {
         Err(Failure::BadInput(format!("--for is {seconds}; accepted: above 0, at most 86400 s")))
-    }
-}
-
-/// Returns a sample as JSON, by its schema; without a matching schema, the bytes in hexadecimal.
-fn sample(schema: Option<&Schema>, bytes: &[u8]) -> Value {
-    let Some(schema) = schema else {
-        return json!({ "bytes": messages::hex(bytes) });
-    };
-    let mut fields = Map::new();
-    for (field, value) in schema.decode(bytes) {
-        // Skip padding fields.
-        if field.path.rsplit('.').next().is_some_and(|last| last.starts_with("pad") && last[3..].parse::<u8>().is_ok())
-        {
-            continue;
-        }
-        let shown = match (value.number(), field.count) {
-            (Some(number), None) => field.name_of(number).map_or_else(|| to_json(number), |name| json!(name)),
-            _ => array(&value),
-        };
-        fields.insert(field.path.clone(), shown);
-    }
-    Value::Object(fields)
-}
-
-fn array(value: &FieldValue<'_>) -> Value {
-    match value.text() {
-        Some(text) => json!(text),
-        None => Value::Array(value.numbers().map(to_json).collect()),
-    }
-}
-
-/// Returns a number as JSON; NaN and infinities, which JSON lacks, become null.
-fn to_json(number: Number) -> Value {
-    match number {
-        Number::Unsigned(value) => json!(value),
-        Number::Signed(value) => json!(value),
-        Number::Float32(value) => json!(value),
-        Number::Float64(value) => json!(value),
     }
 }

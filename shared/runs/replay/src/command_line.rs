@@ -1,6 +1,6 @@
 //! The command `nims replay`: progress bar, table, verdict.
 
-use super::{Changes, Replayed, run};
+use super::{Changes, Replayed, instant_of, run, snapshot, state_at};
 use command::values::assignment;
 use command::{Answer, Failure, Output};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -24,6 +24,13 @@ pub struct Args {
     /// With --law or --set: plot recorded and changed velocities of each cable to this .svg or .png file.
     #[arg(long, value_name = "FILE", requires = "another")]
     pub plot: Option<PathBuf>,
+    /// Instead: show what every process had received and published at this time, in seconds since the start of the run
+    /// or as UTC.
+    #[arg(long, value_name = "TIME", conflicts_with_all = ["law", "set", "plot"], allow_negative_numbers = true)]
+    pub at: Option<String>,
+    /// With --at: also the internal state of motor-io, estimators and controllers, by a replay up to then.
+    #[arg(long, requires = "at")]
+    pub state: bool,
 }
 
 /// Steps of the progress bar.
@@ -34,11 +41,11 @@ const STEPS: f64 = 1000.0;
 /// # Errors
 /// The run cannot be read; or, without changes, samples differ from the recorded ones or none could be compared.
 pub fn replay(args: &Args) -> Answer<Output> {
+    if let Some(at) = &args.at {
+        return show_at(args, at);
+    }
     let changes = Changes { law: args.law.clone(), set: args.set.clone() };
-    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(STEPS as u64) } else { ProgressBar::hidden() };
-    let style = ProgressStyle::with_template("replaying the run {wide_bar} {percent:>3} %")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    bar.set_style(style);
+    let bar = progress_bar();
     let began = Instant::now();
     let replayed = run(&args.run, &changes, &mut |share| bar.set_position((STEPS * share) as u64))?;
     bar.finish_and_clear();
@@ -69,6 +76,32 @@ pub fn replay(args: &Args) -> Answer<Output> {
         words.push(format!("{equal} replayed samples are equal to the recorded ones, bit for bit"));
     }
     Ok(Output::new(value(args, &replayed, took_s), words.join("\n")).failing(verdict.map(Failure::NotNow)))
+}
+
+fn progress_bar() -> ProgressBar {
+    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(STEPS as u64) } else { ProgressBar::hidden() };
+    let style = ProgressStyle::with_template("replaying the run {wide_bar} {percent:>3} %");
+    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// Shows the processes at an instant.
+fn show_at(args: &Args, at: &str) -> Answer<Output> {
+    if !args.run.exists() {
+        let run = args.run.display();
+        return Err(Failure::BadInput(format!("{run} does not exist; give a run folder or a run file")));
+    }
+    let at_ns = instant_of(&args.run, at)?;
+    let snapshot = snapshot(&args.run, at_ns)?;
+    let (mut words, mut value) = (snapshot.words(), json!(snapshot));
+    if args.state {
+        let bar = progress_bar();
+        let states = state_at(&args.run, at_ns, &mut |share| bar.set_position((STEPS * share) as u64))?;
+        bar.finish_and_clear();
+        words.extend(states.iter().map(|(part, state)| format!("\n\nstate of {part}\n{state}")));
+        let states = states.into_iter().map(|(part, state)| (part, Value::String(state)));
+        value["state"] = Value::Object(states.collect());
+    }
+    Ok(Output::new(value, words))
 }
 
 fn change_list(changes: &Changes) -> String {

@@ -6,6 +6,7 @@
 //! a difference stays where it arises. A process that was started during the run begins with its first sample.
 #![forbid(unsafe_code)]
 
+mod at;
 mod changes;
 mod channel;
 mod command_line;
@@ -14,11 +15,14 @@ mod config;
 mod earlier;
 mod parts;
 mod reported;
+mod sample;
 
+pub use at::{Entry, Process, Snapshot, instant_of, snapshot};
 pub use changes::Changes;
 pub use channel::{ChannelComparison, Difference};
 pub use command_line::{Args, replay};
 pub use comparison::{Comparison, Spread};
+pub use sample::sample_value;
 
 use channel::{Channel, History};
 use command::{Answer, Failure};
@@ -103,6 +107,41 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     let damage = reader.damage().iter().map(|(file, damage)| format!("{}: {}", file.display(), damage.why));
     let damage: Vec<String> = damage.collect();
     Ok(Replayed { damage, recorded_by, ..replay.end() })
+}
+
+/// Replays a run up to a UNIX time in ns and returns the internal state of each deciding part after its last step, as
+/// text; calls `progress` with the completed share of that time, 0 to 1.
+///
+/// # Errors
+/// The run does not exist or has no configuration.
+pub fn state_at(path: &Path, at_ns: u64, progress: &mut dyn FnMut(f64)) -> Answer<Vec<(String, String)>> {
+    let mut reader = RunReader::open(path).map_err(Failure::bad)?;
+    reader.next_sample().map_err(Failure::not_now)?;
+    let configuration = Configuration::from_attachments(reader.attachments(), &Changes::default())?;
+    let mut reader = RunReader::open(path).map_err(Failure::bad)?;
+    let mut replay = Replay::new(configuration, false);
+    let mut count = 0_u64;
+    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
+        // Samples that were published by then follow in the file for some milliseconds.
+        if recorded.log_time_ns > at_ns.saturating_add(BEHIND_NS) {
+            break;
+        }
+        if recorded.log_time_ns <= at_ns {
+            replay.add(&recorded);
+        }
+        count += 1;
+        if count.is_multiple_of(4096) {
+            let begin_ns = replay.begin_ns.unwrap_or(recorded.log_time_ns);
+            let all = at_ns.saturating_sub(begin_ns).max(1) as f64;
+            progress(recorded.log_time_ns.saturating_sub(begin_ns) as f64 / all);
+        }
+    }
+    replay.process(u64::MAX);
+    let parts = std::iter::once(("motor-io".to_owned(), replay.motor_io.state()));
+    let slots = |role: &str| SLOT_NAMES.map(|slot| format!("{role} in slot {slot}"));
+    let estimators = slots("estimator").into_iter().zip(replay.estimators.iter().map(Estimators::state));
+    let controllers = slots("controller").into_iter().zip(replay.controllers.iter().map(Controllers::state));
+    Ok(parts.chain(estimators).chain(controllers).filter_map(|(name, state)| Some((name, state?))).collect())
 }
 
 /// All deciding parts and all channels.

@@ -49,6 +49,17 @@ impl<P> Incarnations<P> {
         self.part.as_mut().ok_or(self.why)
     }
 
+    /// Returns the state of the part as text; of one that does not compute now, why.
+    fn state(&self) -> Option<String>
+    where
+        P: std::fmt::Debug,
+    {
+        match &self.part {
+            Some(part) => Some(format!("{part:#?}")),
+            None => (self.seq > 0).then(|| self.why.to_owned()),
+        }
+    }
+
     /// Discards the part, because it missed an input and cannot continue.
     fn lose(&mut self, why: SkipReason) -> SkipReason {
         (self.part, self.why) = (None, why);
@@ -82,6 +93,11 @@ pub(super) struct MotorIo {
 }
 
 impl MotorIo {
+    /// Returns the internal state as text; `None` without a sample.
+    pub(super) fn state(&self) -> Option<String> {
+        self.incarnations.state()
+    }
+
     pub(super) fn new() -> Self {
         Self { incarnations: Incarnations::new(), made: History::new(), answers: History::new() }
     }
@@ -116,6 +132,11 @@ pub(super) struct Estimators {
 }
 
 impl Estimators {
+    /// Returns the internal state as text; `None` without a sample.
+    pub(super) fn state(&self) -> Option<String> {
+        self.incarnations.state()
+    }
+
     pub(super) fn new() -> Self {
         Self { incarnations: Incarnations::new() }
     }
@@ -152,6 +173,11 @@ pub(super) struct Controllers {
 }
 
 impl Controllers {
+    /// Returns the internal state as text; `None` without a sample.
+    pub(super) fn state(&self) -> Option<String> {
+        self.incarnations.state()
+    }
+
     pub(super) fn new() -> Self {
         Self { incarnations: Incarnations::new() }
     }

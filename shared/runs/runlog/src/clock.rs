@@ -100,6 +100,31 @@ pub fn utc(unix_ns: u64) -> String {
     format!("{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC", rest / 3600, rest / 60 % 60, rest % 60)
 }
 
+/// Parses a UTC time such as `2026-03-01 14:05:09.25 UTC` to UNIX time, ns; `T` and `Z` of ISO 8601 are accepted too.
+/// `None` for other texts and for times before 1970.
+#[must_use]
+pub fn unix_ns(utc: &str) -> Option<u64> {
+    let text = utc.trim();
+    let text = text.strip_suffix("UTC").or(text.strip_suffix('Z')).unwrap_or(text).trim();
+    let (date, time) = text.split_once([' ', 'T'])?;
+    let numbers = |text: &str, mark: char| text.split(mark).map(|part| part.parse().ok()).collect::<Option<Vec<u64>>>();
+    let (time, fraction) = time.split_once('.').unwrap_or((time, "0"));
+    let ([year, month, day], [hour, minute, second]) = (&numbers(date, '-')?[..], &numbers(time, ':')?[..]) else {
+        return None;
+    };
+    let within = (1970..=2500).contains(year) && (1..=12).contains(month) && (1..=31).contains(day);
+    if !within || *hour > 23 || *minute > 59 || *second > 59 || !fraction.bytes().all(|digit| digit.is_ascii_digit()) {
+        return None;
+    }
+    // years are counted from March, as in `utc`
+    let (year, month) = if *month > 2 { (*year, month - 3) } else { (year - 1, month + 9) };
+    let day_of_year = (153 * month + 2) / 5 + day - 1;
+    let day_of_era = (year % 400) * 365 + (year % 400) / 4 - (year % 400) / 100 + day_of_year;
+    let days = (year / 400 * 146_097 + day_of_era).checked_sub(719_468)?;
+    let nanoseconds: u64 = format!("{fraction:0<9}").get(..9)?.parse().ok()?;
+    Some((days * 86_400 + hour * 3600 + minute * 60 + second) * 1_000_000_000 + nanoseconds)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,6 +153,17 @@ mod tests {
         assert_eq!(utc(951_782_400_000_000_000), "2000-02-29 00:00:00 UTC");
         assert_eq!(utc(1_700_000_000_123_456_789), "2023-11-14 22:13:20 UTC");
         assert_eq!(utc(4_107_542_399_000_000_000), "2100-02-28 23:59:59 UTC");
+    }
+
+    #[test]
+    fn a_time_as_text_is_read_back() {
+        for seconds in [0, 951_782_400, 1_700_000_000, 4_107_542_399, 1_772_373_909] {
+            assert_eq!(unix_ns(&utc(seconds * 1_000_000_000)), Some(seconds * 1_000_000_000));
+        }
+        assert_eq!(unix_ns("2023-11-14T22:13:20.5Z"), Some(1_700_000_000_500_000_000));
+        for wrong in ["", "12.5", "2023-11-14", "2023-13-14 22:13:20", "2023-11-14 25:13:20", "2023-11-14 22:13:x"] {
+            assert_eq!(unix_ns(wrong), None, "{wrong}");
+        }
     }
 
     #[test]

@@ -48,6 +48,7 @@ pub mod export;
 mod finding;
 mod folder;
 mod info;
+mod instant;
 mod read;
 mod recover;
 mod scan;
@@ -58,13 +59,14 @@ mod write;
 pub use attachments::{
     ATTACHED_ENDINGS, ATTACHED_FOLDERS, SYSTEM_FILE, is_system_file, run_attachments, system_file_text,
 };
-pub use clock::{RunClock, published_ns, utc};
+pub use clock::{RunClock, published_ns, unix_ns, utc};
 pub use conversion::Conversion;
 pub use definition::{ChannelSpec, Definition, Definitions, SchemaRefusal};
 pub use error::{NotARunReason, RunError};
 pub use finding::{Finding, MissingData};
 pub use folder::{FILE_ENDING, PART_ENDING, free_bytes, next_file, segments};
 pub use info::{ChannelReport, FileReport, GapReport, RunInspection, RunReport, cause_phrase, info, info_with};
+pub use instant::{Instant, KeptSample, RECENT};
 pub use read::{RecordedChannel, RecordedSample, RunReader, read_channel};
 pub use recover::{Recovery, recover};
 pub use scan::Damage;

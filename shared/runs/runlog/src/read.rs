@@ -59,6 +59,17 @@ pub struct RecordedSample<'a> {
 }
 
 impl RecordedChannel {
+    pub(crate) fn new(one: ChannelDefinition) -> Self {
+        Self {
+            name: one.topic.strip_prefix('/').unwrap_or(&one.topic).to_owned(),
+            schema_name: one.schema_name,
+            schema: one.schema,
+            type_name: one.metadata.get("type").cloned().unwrap_or_default(),
+            refused: one.metadata.get("refused").cloned(),
+            conversion: OnceLock::new(),
+        }
+    }
+
     /// Conversion of its samples to this build's type; `None` if the channel has another type.
     #[must_use]
     pub fn conversion<T: Message>(&self) -> Option<&Conversion> {
@@ -241,19 +252,13 @@ impl RunReader {
         if self.channels.contains_key(&one.id) {
             return;
         }
-        let channel = RecordedChannel {
-            name: one.topic.strip_prefix('/').unwrap_or(&one.topic).to_owned(),
-            schema_name: one.schema_name,
-            schema: one.schema,
-            type_name: one.metadata.get("type").cloned().unwrap_or_default(),
-            refused: one.metadata.get("refused").cloned(),
-            conversion: OnceLock::new(),
-        };
+        let id = one.id;
+        let channel = RecordedChannel::new(one);
         let index = self.all.iter().position(|known| **known == channel).unwrap_or_else(|| {
             self.all.push(Arc::new(channel));
             self.all.len() - 1
         });
-        self.channels.insert(one.id, index);
+        self.channels.insert(id, index);
     }
 
     /// The channels read so far; all of them after the last sample.

@@ -169,6 +169,42 @@ impl Scanner {
         }))
     }
 
+    /// Reads the chunk at this offset alone; [`Scanner::rest`] returns its items.
+    pub(crate) fn load(&mut self, offset: u64) -> Result<(), RunError> {
+        (self.at, self.vouched, self.complete) = (offset, offset, false);
+        self.advance().map(|_| ())
+    }
+
+    /// The next item of the chunk that was read last; `None` at its end.
+    pub(crate) fn rest(&mut self) -> Result<Option<Item<'_>>, RunError> {
+        if self.next >= self.entries.len() { Ok(None) } else { self.next() }
+    }
+
+    /// The records after the data of a finished file, without its chunks: definitions and indexes. `None` for a file
+    /// that was not finished.
+    pub(crate) fn summary(&mut self) -> Result<Option<Vec<Record<'static>>>, RunError> {
+        const FOOTER: u64 = HEAD + 20;
+        let Some(footer_at) = self.length.checked_sub(FOOTER + MAGIC.len() as u64) else { return Ok(None) };
+        let mut footer = [0; FOOTER as usize + MAGIC.len()];
+        self.read_at(footer_at, &mut footer)?;
+        let (begin, magic) = (u64_at(&footer, HEAD as usize), &footer[FOOTER as usize..]);
+        let begin = begin.filter(|begin| (1..footer_at).contains(begin) && footer[0] == op::FOOTER && magic == MAGIC);
+        let Some(begin) = begin.filter(|begin| footer_at - begin <= RECORD_BYTES) else { return Ok(None) };
+        let mut bytes = vec![0; (footer_at - begin) as usize];
+        self.read_at(begin, &mut bytes)?;
+        let (mut records, mut rest) = (Vec::new(), &bytes[..]);
+        while let Some((head, body)) = rest.split_at_checked(HEAD as usize) {
+            let length = u64_at(head, 1).and_then(|length| usize::try_from(length).ok());
+            let Some((body, after)) = length.and_then(|length| body.split_at_checked(length)) else { return Ok(None) };
+            match mcap::parse_record(head[0], body) {
+                Ok(record) => records.push(record.into_owned()),
+                Err(_) => return Ok(None),
+            }
+            rest = after;
+        }
+        Ok(Some(records))
+    }
+
     /// The data of the message that [`Scanner::next`] returned last.
     pub(crate) fn last_data(&self) -> Option<&[u8]> {
         match *self.entries.get(self.next.checked_sub(1)?)? {

@@ -1,0 +1,235 @@
+//! `nims replay --at`: the inputs and outputs of every process at an instant, as the run recorded them.
+
+use crate::sample::sample_value;
+use command::{Answer, Failure};
+use messages::schema::Schema;
+use messages::{ControlStatus, Message, NodeEstimate, PlanMotion, SLOT_NAMES, channel_of};
+use runlog::{Instant, KeptSample, RunReader, utc};
+use serde::Serialize;
+use serde_json::Value;
+use std::path::Path;
+
+/// Entries of an array that text lines show at most: arrays by cable and by unit have eight.
+const SHOWN: usize = 8;
+
+/// A sample of one channel.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Entry {
+    /// Channel name.
+    pub channel: String,
+    /// Publication time, s since the start of the run.
+    pub time_s: f64,
+    /// All fields.
+    pub sample: Value,
+}
+
+/// What a process had read and what it had published.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Process {
+    /// Its name: of a controller or an estimator with the slot, of a sensor that of its channel.
+    pub process: String,
+    /// The samples that its newest answer is computed from, as far as the answer names them.
+    pub inputs: Vec<Entry>,
+    /// Its newest samples.
+    pub outputs: Vec<Entry>,
+}
+
+/// The processes at an instant.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Snapshot {
+    /// Time since the start of the run, s.
+    pub at_s: f64,
+    /// UNIX time, ns.
+    pub at_unix_ns: u64,
+    /// The same as text.
+    pub at_utc: String,
+    /// Control cycle.
+    pub cycle: Option<u64>,
+    /// The processes: the control chain, then the others by name.
+    pub processes: Vec<Process>,
+    /// Chunks of the run files that were read.
+    pub chunks: usize,
+}
+
+/// Returns the UNIX time of a time of the run in ns: seconds since its start, or UTC.
+///
+/// # Errors
+/// The text is neither, or the run has no sample.
+pub fn instant_of(run: &Path, text: &str) -> Answer<u64> {
+    let mut reader = RunReader::open(run).map_err(Failure::bad)?;
+    let first = reader.next_sample().map_err(Failure::not_now)?;
+    let begin_ns = first.ok_or_else(|| Failure::NotNow(format!("{} has no sample", run.display())))?.log_time_ns;
+    if let Some(at_ns) = runlog::unix_ns(text) {
+        return Ok(at_ns);
+    }
+    match text.trim().parse::<f64>() {
+        Ok(at_s) if (0.0..1e7).contains(&at_s) => Ok(begin_ns + (at_s * 1e9) as u64),
+        _ => Err(Failure::BadInput(format!(
+            "--at is {text}; accepted: seconds since the start of the run, or UTC like {}",
+            utc(begin_ns)
+        ))),
+    }
+}
+
+/// Reads the processes at a UNIX time, ns.
+///
+/// # Errors
+/// The run cannot be read, or the instant is before its first sample.
+pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
+    let mut reader = RunReader::open(run).map_err(Failure::bad)?;
+    let begin_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(at_ns, |first| first.log_time_ns);
+    let instant = Instant::read(run, at_ns).map_err(Failure::not_now)?;
+    if instant.samples.is_empty() {
+        let (at, begin) = (utc(at_ns), utc(begin_ns));
+        return Err(Failure::BadInput(format!("--at is {at}, and the run begins at {begin}: give a later time")));
+    }
+    let view = View { instant: &instant, begin_ns };
+    Ok(Snapshot {
+        at_s: seconds(begin_ns, at_ns),
+        at_unix_ns: at_ns,
+        at_utc: utc(at_ns),
+        cycle: view.newest::<messages::MotorAuthority>("motor/authority").map(|authority| authority.header.cycle),
+        processes: view.processes(),
+        chunks: instant.chunks,
+    })
+}
+
+fn seconds(begin_ns: u64, at_ns: u64) -> f64 {
+    (i128::from(at_ns) - i128::from(begin_ns)) as f64 * 1e-9
+}
+
+/// The samples of an instant by process.
+struct View<'a> {
+    instant: &'a Instant,
+    begin_ns: u64,
+}
+
+impl View<'_> {
+    fn newest<T: Message>(&self, channel: &str) -> Option<T> {
+        decode(self.instant.samples.get(channel)?.back()?)
+    }
+
+    fn entry(&self, kept: &KeptSample) -> Entry {
+        let schema = Schema::parse(&kept.channel.schema).ok();
+        Entry {
+            channel: kept.channel.name.clone(),
+            time_s: seconds(self.begin_ns, kept.log_time_ns),
+            sample: sample_value(schema.as_ref(), &kept.sample),
+        }
+    }
+
+    /// Returns the newest sample of each of these channels.
+    fn last(&self, channels: &[&str]) -> Vec<Entry> {
+        let newest = channels.iter().filter_map(|channel| self.instant.samples.get(*channel)?.back());
+        newest.map(|kept| self.entry(kept)).collect()
+    }
+
+    /// Returns the recent sample of a channel that an answer names by its number; 0 names none.
+    fn named<T: Message>(&self, channel: &str, number: u64, of: impl Fn(&T) -> u64) -> Option<Entry> {
+        let recent = self.instant.samples.get(channel).filter(|_| number > 0)?.iter().rev();
+        let is = |kept: &&KeptSample| decode::<T>(kept).is_some_and(|sample| of(&sample) == number);
+        recent.filter(|kept| kept.channel.conversion::<T>().is_some()).find(is).map(|kept| self.entry(kept))
+    }
+
+    fn of_cycle<T: Message>(&self, channel: &str, cycle: u64) -> Option<Entry> {
+        self.named::<T>(channel, cycle, |sample| sample.header().cycle)
+    }
+
+    fn processes(&self) -> Vec<Process> {
+        let process = |process: &str, inputs: Vec<Entry>, outputs: Vec<Entry>| Process {
+            process: process.to_owned(),
+            inputs,
+            outputs,
+        };
+        let decisions = ["motor/state", "motor/authority", "motor/slots", "energy"];
+        let mut processes = vec![process("motor-io", self.last(&["motor/input"]), self.last(&decisions))];
+        processes.extend(SLOT_NAMES.iter().filter_map(|slot| self.estimator(slot)));
+        processes.extend(SLOT_NAMES.iter().filter_map(|slot| self.controller(slot)));
+        let asked = self.last(&["operator/request", "motor/authority"]);
+        processes.push(process("planner", asked, self.last(&["plan/motion", "plan/status"])));
+        let shown = |name: &str| {
+            let cycle = ["motor/", "node/estimate/", "control/status/", "plan/"];
+            cycle.iter().any(|beginning| name.starts_with(beginning)) || name == "energy"
+        };
+        let mut others: Vec<Process> = Vec::new();
+        for (name, kept) in self.instant.samples.iter().filter(|(name, _)| !shown(name)) {
+            let own = match channel_of(name).map(|channel| channel.publisher) {
+                // The channel has the name of its process.
+                None | Some("each process" | "each sensor") => name.rsplit('/').next().unwrap_or(name),
+                Some(publisher) => publisher,
+            };
+            let entry = kept.back().map(|kept| self.entry(kept));
+            match others.iter_mut().find(|other| other.process == own) {
+                Some(other) => other.outputs.extend(entry),
+                None => others.push(process(own, Vec::new(), entry.into_iter().collect())),
+            }
+        }
+        others.sort_by(|one, other| one.process.cmp(&other.process));
+        processes.extend(others);
+        processes.retain(|process| !process.outputs.is_empty());
+        processes
+    }
+
+    fn estimator(&self, slot: &str) -> Option<Process> {
+        let output = format!("node/estimate/{slot}");
+        let estimate = self.newest::<NodeEstimate>(&output)?;
+        let state = self.of_cycle::<messages::MotorState>("motor/state", estimate.header.cycle);
+        let authority = self.of_cycle::<messages::MotorAuthority>("motor/authority", estimate.based_on_authority);
+        Some(Process {
+            process: format!("estimator in slot {slot}"),
+            inputs: state.into_iter().chain(authority).collect(),
+            outputs: self.last(&[&output]),
+        })
+    }
+
+    fn controller(&self, slot: &str) -> Option<Process> {
+        let (status, command) = (format!("control/status/{slot}"), format!("motor/command/{slot}"));
+        let answer = self.newest::<ControlStatus>(&status)?;
+        let estimates = SLOT_NAMES.iter().zip(answer.based_on_estimate);
+        let estimates = estimates
+            .filter_map(|(slot, cycle)| self.of_cycle::<NodeEstimate>(&format!("node/estimate/{slot}"), cycle));
+        let motion = self.named::<PlanMotion>("plan/motion", answer.based_on_motion, |motion| motion.beat);
+        let authority = self.of_cycle::<messages::MotorAuthority>("motor/authority", answer.based_on_authority);
+        let state = self.of_cycle::<messages::MotorState>("motor/state", answer.based_on_state);
+        Some(Process {
+            process: format!("controller in slot {slot}"),
+            inputs: estimates.chain(motion).chain(authority).chain(state).collect(),
+            outputs: self.last(&[&status, &command]),
+        })
+    }
+}
+
+fn decode<T: Message>(kept: &KeptSample) -> Option<T> {
+    kept.channel.conversion::<T>()?.apply(&kept.sample)
+}
+
+impl Snapshot {
+    /// Returns the snapshot as text: a line for each sample, and one for each of its fields.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let cycle = self.cycle.map_or_else(String::new, |cycle| format!(", cycle {cycle}"));
+        let mut lines = vec![format!("{:.3} s of the run, {}{cycle}", self.at_s, self.at_utc)];
+        for process in &self.processes {
+            lines.push(format!("\n{}", process.process));
+            let inputs = process.inputs.iter().map(|entry| ("in ", entry));
+            for (way, entry) in inputs.chain(process.outputs.iter().map(|entry| ("out", entry))) {
+                lines.push(format!("  {way} {} at {:.3} s", entry.channel, entry.time_s));
+                let fields = entry.sample.as_object().into_iter().flatten();
+                lines.extend(fields.map(|(field, value)| format!("        {field} = {}", field_text(value))));
+            }
+        }
+        lines.join("\n")
+    }
+}
+
+fn field_text(value: &Value) -> String {
+    match value {
+        Value::Array(values) if values.len() > SHOWN => {
+            let shown: Vec<String> = values.iter().take(SHOWN).map(field_text).collect();
+            format!("[{}, .. {} values]", shown.join(", "), values.len())
+        }
+        Value::Array(values) => format!("[{}]", values.iter().map(field_text).collect::<Vec<_>>().join(", ")),
+        Value::Null => "none".to_owned(),
+        other => other.to_string(),
+    }
+}
