@@ -86,8 +86,11 @@ pub enum Command {
     /// Compute a recorded run again and compare every bit; with --law or --set: compute the commands of another law or
     /// parameter.
     Replay(replay::Args),
-    /// List the finished runs of a robot with a gateway.
-    Runs,
+    /// List the finished runs of a robot with a gateway, or those in a folder with verdicts and trends.
+    Runs {
+        /// Folder of runs; default: the gateway's, or `runs` in the current folder.
+        folder: Option<PathBuf>,
+    },
     /// Copy a finished run from a robot with a gateway.
     Fetch(fetch::Args),
     /// Create, list and revoke tokens, with which a program acts through the gateway for a person.
@@ -150,7 +153,7 @@ impl Cli {
             Command::NewSensor(args) => commissioning::new_sensor::new_sensor(args),
             Command::Commissioning(command) => command.run(domain),
             Command::Analysis(command) => closed_runs::run(place, command),
-            Command::Runs => fetch::runs(place),
+            Command::Runs { folder } => fetch::runs(place, folder.as_deref()),
             Command::Fetch(args) => fetch::fetch(place, args),
             Command::Token(command) => command.run(place),
             Command::Export(args) => args.run(),

@@ -2,7 +2,7 @@
 //! that the gateway hands out, into a folder that exists as long as the command.
 
 use crate::fetch::show_progress;
-use analysis::Command;
+use analysis::{Command, report};
 use client::{Gateway, Place};
 use command::{Answer, Failure, Output};
 use rustix::fs::{Access, access};
@@ -15,15 +15,15 @@ use std::path::{Path, PathBuf};
 /// Those of the command; of a run that is not here and not at the gateway, those of its path.
 pub fn run(place: Place<'_>, command: &Command) -> Answer<Output> {
     match command {
-        Command::Report { runs, out } => {
-            let Some(copies) = Copies::of(place, runs)? else { return command.run() };
+        Command::Report(args) => {
+            let Some(copies) = Copies::of(place, &args.runs)? else { return command.run() };
             // The folder of the run is closed to the page too.
-            let name = match &runs[..] {
+            let name = match &args.runs[..] {
                 [one] => format!("{}.html", name_of(one)),
                 _ => "comparison.html".to_owned(),
             };
-            let out = out.clone().unwrap_or_else(|| PathBuf::from(name));
-            Command::Report { runs: copies.paths, out: Some(out) }.run()
+            let out = args.out.clone().or_else(|| Some(PathBuf::from(name)));
+            Command::Report(report::Args { runs: copies.paths, out, ..args.clone() }).run()
         }
         Command::Info { run } => {
             let Some(mut copies) = Copies::of(place, std::slice::from_ref(run))? else { return command.run() };

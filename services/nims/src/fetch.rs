@@ -4,7 +4,7 @@ use client::{Gateway, Place};
 use command::{Answer, Failure, Output};
 use serde_json::json;
 use std::io::{self, IsTerminal};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// `nims fetch`.
 #[derive(Debug, clap::Args)]
@@ -15,12 +15,19 @@ pub struct Args {
     pub dest: Option<PathBuf>,
 }
 
-/// Lists the finished runs.
+/// Lists the finished runs of the gateway; with a folder, or without a gateway, those of a folder.
 ///
 /// # Errors
-/// There is no gateway, or it does not answer.
-pub fn runs(place: Place<'_>) -> Answer<Output> {
-    let runs = client::gateway(place)?.runs()?;
+/// There is neither a gateway nor the folder, or the gateway does not answer.
+pub fn runs(place: Place<'_>, folder: Option<&Path>) -> Answer<Output> {
+    let gateway = match (folder, client::gateway(place)) {
+        (Some(folder), _) => return analysis::run_list::list(folder),
+        (None, Err(_)) if Path::new(analysis::run_list::FOLDER).is_dir() && place.gateway.is_none() => {
+            return analysis::run_list::list(Path::new(analysis::run_list::FOLDER));
+        }
+        (None, gateway) => gateway?,
+    };
+    let runs = gateway.runs()?;
     let width = runs.iter().map(|run| run.name.len()).max().unwrap_or(0);
     let line = |run: &client::RunRow| {
         format!("{:width$}  {:4} files  {:9.1} MB", run.name, run.files, run.bytes as f64 * 1e-6)

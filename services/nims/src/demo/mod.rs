@@ -166,7 +166,6 @@ impl Report<'_> {
             // The verdict has the figures of the completed part.
             _ => format!("{}\nrun        {}", verdict, run.display()),
         };
-        std::fs::write(run.join("report.json"), format!("{value:#}\n")).map_err(Failure::not_now)?;
         Ok((Output::new(value, words), (!report.healthy).then(|| report.verdict.join("; "))))
     }
 }

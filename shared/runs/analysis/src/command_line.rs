@@ -8,15 +8,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// A run as one page: motions, accuracy, events; several runs side by side.
-    Report {
-        /// Run folders or files, or the names of finished runs that `nims runs` lists.
-        #[arg(required = true, value_name = "RUN")]
-        runs: Vec<PathBuf>,
-        /// The page; default: report.html in the run folder (for several runs: comparison.html in the folder of the
-        /// first). Of a run from the gateway: RUN.html or comparison.html in the current folder.
-        #[arg(long, value_name = "FILE")]
-        out: Option<PathBuf>,
-    },
+    Report(report::Args),
     /// Map the sensor readings of a run with uncertainty: contour plots, grids, point clouds, tables.
     Map(map::Args),
     /// Contents of a run: length, channels, rates, gaps, health.
@@ -40,7 +32,7 @@ impl Command {
     /// One sentence that the program prints.
     pub fn run(&self) -> Answer<Output> {
         match self {
-            Self::Report { runs, out } => report::report(runs, out.as_deref()),
+            Self::Report(args) => args.run(),
             Self::Map(args) => map::run(args),
             Self::Info { run } => runs::info(run),
             Self::Recover { run } => runs::recover(run),

@@ -15,6 +15,7 @@ pub mod map;
 pub mod motor_table;
 pub mod portrait;
 pub mod report;
+pub mod run_list;
 pub mod runs;
 pub mod tracker;
 

@@ -1,9 +1,12 @@
 //! Collects all data of the page in one pass over the run, in memory that does not grow with the run.
 
+use super::deviation::Deviations;
 use super::events::Events;
+use super::in_charge::InCharge;
 use super::legs::Legs;
 use super::samples::Sensors;
 use super::trace::{DecimatedPoints, Trace};
+use super::wear::WearSum;
 use crate::accuracy::{AccuracySum, Analysis, Distances};
 use crate::counters::PeriodCounter;
 use crate::tracker::{Cycle, Tracker};
@@ -13,9 +16,9 @@ use georeference::SensorMap;
 use hdrhistogram::Histogram;
 use messages::{
     CABLES, Heartbeat, LogEvent, MotorAuthority, MotorState, OperatorRequest, PlanStatus, ProcessState, RecorderStatus,
-    text_of,
+    SystemConfig, text_of,
 };
-use robot_state::{Periods, Reason};
+use robot_state::{DriveUnit, Periods, Reason};
 use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -168,6 +171,14 @@ pub struct RunData {
     pub slots: Vec<(f64, f64, [u8; 2])>,
     /// Flown legs.
     pub legs: Legs,
+    /// Largest deviations of the run and of its legs.
+    pub deviations: Deviations,
+    /// Controllers and estimators in charge.
+    pub in_charge: InCharge,
+    /// Drive units as they answered at the start of each life of motor-io, without repetition.
+    pub units: Vec<DriveUnit>,
+    /// Sums of the figures that are compared with other runs.
+    pub wear: WearSum,
     /// Events.
     pub events: Events,
     /// Last heartbeat of each process.
@@ -197,6 +208,13 @@ impl RunData {
         self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
     }
 
+    /// Returns a time since the start of the run as UTC.
+    #[must_use]
+    pub fn utc(&self, time_s: f64) -> Option<String> {
+        let begin_ns = self.recording.started_unix_ns?;
+        Some(runlog::utc(begin_ns.saturating_add_signed((time_s * 1e9) as i64)))
+    }
+
     /// Extends the last spans of mode and slots to this cycle, or starts new ones.
     fn mode_and_slots(&mut self, time_s: f64, authority: &MotorAuthority) {
         let same = |last: Option<&mut (f64, f64, u8)>| {
@@ -222,15 +240,16 @@ impl RunData {
     }
 }
 
-/// Reads a run; calls `progress` with the completed share, 0 to 1.
+/// Reads a run and explains the deviations in it, and between two times, s since its start; calls `progress` with the completed share, 0 to 1.
 ///
 /// # Errors
 /// The run does not exist or cannot be read.
-pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<RunData> {
+pub fn gather(run: &Path, between: Option<[f64; 2]>, progress: &mut dyn FnMut(f64)) -> Answer<RunData> {
     let mut reader = RunReader::open(run)?;
     let mut inspection = RunInspection::default();
     let mut tracker = Tracker::default();
     let mut collector = Collector::new()?;
+    collector.data.deviations = Deviations::new(between);
     let mut other_version = BTreeSet::new();
     let mut number = 0_u64;
     loop {
@@ -301,6 +320,10 @@ impl Collector {
             modes: Vec::new(),
             slots: Vec::new(),
             legs: Legs::default(),
+            deviations: Deviations::default(),
+            in_charge: InCharge::default(),
+            units: Vec::new(),
+            wear: WearSum::default(),
             events: Events::default(),
             processes: BTreeMap::new(),
             sensors: Sensors::default(),
@@ -374,6 +397,9 @@ impl Collector {
         data.mode_and_slots(time_s, authority);
         data.events.cycle(time_s, authority);
         data.legs.cycle(time_s, cycle);
+        data.deviations.cycle(time_s, cycle, cycle.segment.and_then(|_| data.legs.current()));
+        data.in_charge.cycle(time_s, cycle);
+        data.wear.cycle(cycle);
         if let Some(estimate) = cycle.estimate {
             data.sensors.node_at(estimate);
         }
@@ -417,7 +443,14 @@ impl Collector {
             return true;
         }
         if name.starts_with("system/log/") {
-            return recorded.decode::<LogEvent>().map(|event| data.events.log(time_s, &event)).is_some();
+            let Some(event) = recorded.decode::<LogEvent>() else { return false };
+            let unit = DriveUnit::from_log(&text_of(&event.text)).filter(|unit| !data.units.contains(unit));
+            data.units.extend(unit);
+            data.events.log(time_s, &event);
+            return true;
+        }
+        if name.starts_with("system/config/") {
+            return recorded.decode::<SystemConfig>().map(|config| data.in_charge.config(&config)).is_some();
         }
         if name.starts_with("sensor/") || name.starts_with("sample/") {
             data.sensors.record(time_s, recorded);
@@ -505,6 +538,7 @@ impl Collector {
         data.recording = recording;
         data.robot = robot;
         data.events.close();
+        data.deviations.close();
         data
     }
 }

@@ -1,8 +1,10 @@
 //! The page: one self-contained, printable HTML file without scripts or network access, with a light and a dark theme.
 
 use super::charts::{self, Figure, cable_name};
+use super::explain::{Between, Explanation};
 use super::gather::RunData;
 use super::legs::LegReport;
+use super::tables::{self, scroll, words_table};
 use super::verdict::{Grade, Verdict};
 use messages::CABLES;
 use plot::page::{Table, html_table};
@@ -45,6 +47,10 @@ pub struct RunAssessment {
     pub verdict: Verdict,
     /// The legs.
     pub legs: Vec<LegReport>,
+    /// The largest deviations of the run.
+    pub deviations: Vec<Explanation>,
+    /// The deviations of an asked time.
+    pub between: Option<Between>,
 }
 
 /// Content of one section for one run.
@@ -88,11 +94,12 @@ pub fn page(runs: &[RunAssessment]) -> String {
     });
     section(&mut out, runs, "Tracking", |assessment| Part {
         figures: charts::tracking(&assessment.run),
+        after: tables::deviations(&assessment.deviations, assessment.between.as_ref(), &assessment.legs),
         ..Part::default()
     });
     section(&mut out, runs, "Events", |assessment| Part {
         figures: charts::timeline(&assessment.run),
-        after: event_table(&assessment.run),
+        after: tables::in_charge(&assessment.run) + &event_table(&assessment.run),
         ..Part::default()
     });
     section(&mut out, runs, "Cables", |assessment| Part {
@@ -108,7 +115,7 @@ pub fn page(runs: &[RunAssessment]) -> String {
     section(&mut out, runs, "Control cycle", |assessment| Part {
         before: timing_table(&assessment.run),
         figures: charts::timing(&assessment.run),
-        after: process_table(&assessment.run),
+        after: tables::units(&assessment.run) + &process_table(&assessment.run),
     });
     if runs.iter().any(|assessment| !assessment.run.sensors.channels().is_empty()) {
         section(&mut out, runs, "Sensors", |assessment| {
@@ -241,15 +248,6 @@ fn facts(runs: &[RunAssessment]) -> String {
         table.row(std::iter::once((*what).to_owned()).chain(all.iter().map(|facts| facts[row].1.clone())));
     }
     scroll(&html_table(&table))
-}
-
-fn scroll(table: &str) -> String {
-    format!("<div class=\"scroll\">{table}</div>\n")
-}
-
-/// Renders a table of sentences.
-fn words_table(table: &Table) -> String {
-    scroll(&html_table(table).replacen("<table>", "<table class=\"words\">", 1))
 }
 
 fn seconds(seconds: f64) -> String {
@@ -438,10 +436,16 @@ fn event_table(run: &RunData) -> String {
     if run.events.all().is_empty() {
         return String::new();
     }
-    let mut table = Table::new("", &["s", "about", "what"]);
+    let mut table = Table::new("", &["s", "UTC", "about", "what"]);
     for event in run.events.all() {
         let again = if event.times > 1 { format!(" ({} times in ten seconds)", event.times) } else { String::new() };
-        table.row([format!("{:.2}", event.time_s), event.kind.name().to_owned(), format!("{}{again}", event.text)]);
+        let utc = run.utc(event.time_s).unwrap_or_default();
+        table.row([
+            format!("{:.2}", event.time_s),
+            utc,
+            event.kind.name().to_owned(),
+            format!("{}{again}", event.text),
+        ]);
     }
     let more = match run.events.left_out {
         0 => String::new(),

@@ -1,5 +1,6 @@
 //! Flown legs: a leg is one segment of the plan, from rest to rest.
 
+use super::explain::Explanation;
 use crate::accuracy::{Distances, Error};
 use crate::tracker::Cycle;
 use cable_robot::energy::WinchEnergy;
@@ -75,6 +76,8 @@ pub struct LegReport {
     pub straight_j: Option<f64>,
     /// Whether it was flown to its end.
     pub complete: bool,
+    /// The largest deviations of estimate and truth, with what the record shows while they rose.
+    pub deviations: Vec<Explanation>,
 }
 
 impl LegReport {
@@ -204,6 +207,12 @@ impl Legs {
         }
     }
 
+    /// Returns the index of the leg of the last cycle; `None` beyond the limit.
+    pub fn current(&self) -> Option<usize> {
+        let at = self.legs.len().checked_sub(1)?;
+        (Some(self.legs[at].key()) == self.last).then_some(at)
+    }
+
     /// Returns start and end of each leg, s.
     pub fn spans(&self) -> impl Iterator<Item = (f64, f64)> {
         self.legs.iter().map(|leg| (leg.from_s, leg.to_s))
@@ -259,6 +268,7 @@ impl Leg {
                 .zip(straight.filter(|_| moves))
                 .and_then(|(robot, (path, profile))| modelled_loss(robot, &path, &profile)),
             complete: self.complete,
+            deviations: Vec::new(),
         }
     }
 }

@@ -4,6 +4,7 @@ use super::trace::{DecimatedPoints, Trace};
 use messages::schema::{Schema, SchemaField, Value};
 use messages::{NodeEstimate, Reading, Sample, text_of};
 use runlog::RecordedSample;
+use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Minimum silence of a sensor that interrupts its curve, s.
@@ -24,6 +25,15 @@ pub struct Sensor {
     /// Number of samples marked as doubtful or stale.
     pub doubtful: u64,
     schema: Option<(Schema, Vec<SchemaField>)>,
+}
+
+/// Range of one value of a sensor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Extremes {
+    /// Quantity and unit.
+    pub name: String,
+    /// Least and greatest value.
+    pub range: Option<[f64; 2]>,
 }
 
 /// All channels `sensor/*` and `sample/*`.
@@ -74,19 +84,11 @@ impl Sensors {
         sensor.samples += 1;
         let values: Vec<(String, f64)> = if let Some(reading) = reading {
             sensor.doubtful += u64::from(reading.quality != Reading::QUALITY_GOOD);
-            let (quantity, unit) = (text_of(&reading.quantity), text_of(&reading.unit));
-            let named = match (quantity.is_empty(), unit.is_empty()) {
-                (true, _) => "value".to_owned(),
-                (false, true) => quantity,
-                (false, false) => format!("{quantity}, {unit}"),
-            };
-            let count = usize::from(reading.count).min(MAX_VALUES);
-            let name = |i: usize| if count == 1 { named.clone() } else { format!("{named} [{}]", i + 1) };
-            reading.value[..count].iter().enumerate().map(|(i, value)| (name(i), *value)).collect()
+            let names = Names::new(&reading.quantity, &reading.unit, reading.count);
+            names.of(&reading.value)
         } else if let Some(sample) = sample {
             sensor.doubtful += u64::from(sample.quality != Reading::QUALITY_GOOD);
-            let count = usize::from(sample.count).min(MAX_VALUES);
-            sample.value[..count].iter().enumerate().map(|(i, value)| (format!("value [{}]", i + 1), *value)).collect()
+            Names::new(&sample.quantity, &sample.unit, sample.count).of(&sample.value)
         } else {
             sensor.fields(recorded)
         };
@@ -107,7 +109,48 @@ impl Sensors {
     }
 }
 
+/// Quantities and units of the values of a sample.
+struct Names {
+    quantities: String,
+    units: String,
+    count: usize,
+}
+
+impl Names {
+    fn new(quantities: &[u8], units: &[u8], count: u8) -> Self {
+        let (quantities, units) = (text_of(quantities), text_of(units));
+        Self { quantities, units, count: usize::from(count).min(MAX_VALUES) }
+    }
+
+    /// Returns the values with their names: the quantity and the unit of each.
+    fn of(&self, values: &[f64]) -> Vec<(String, f64)> {
+        let part = |texts: &str, i: usize| {
+            // One name for all values is the name of each.
+            let parts: Vec<&str> = texts.split(',').map(str::trim).collect();
+            parts
+                .get(i)
+                .or(parts.first().filter(|_| parts.len() == 1))
+                .map_or_else(String::new, |part| (*part).to_owned())
+        };
+        let numbered = self.count > 1 && self.quantities.split(',').count() < self.count;
+        let name = |i: usize| {
+            let (quantity, unit) = (part(&self.quantities, i), part(&self.units, i));
+            let quantity = if quantity.is_empty() { "value".to_owned() } else { quantity };
+            let quantity = if numbered { format!("{quantity} [{}]", i + 1) } else { quantity };
+            if unit.is_empty() { quantity } else { format!("{quantity}, {unit}") }
+        };
+        values.iter().take(self.count).enumerate().map(|(i, value)| (name(i), *value)).collect()
+    }
+}
+
 impl Sensor {
+    /// Returns quantity and unit of each value with its least and its greatest value.
+    #[must_use]
+    pub fn extremes(&self) -> Vec<Extremes> {
+        let row = |(name, trace): &(String, Trace)| Extremes { name: name.clone(), range: trace.extremes() };
+        self.values.iter().map(row).collect()
+    }
+
     /// Returns the first numbers of a custom type: floating-point fields, or any numbers if it has none.
     fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(String, f64)> {
         if self.schema.is_none() {

@@ -1,0 +1,78 @@
+//! The tables of sentences of the page: deviations with their causes, what was in charge, the drive units.
+
+use super::explain::{Between, Explanation};
+use super::gather::RunData;
+use super::legs::LegReport;
+use plot::page::{Table, html_table};
+
+pub(super) fn scroll(table: &str) -> String {
+    format!("<div class=\"scroll\">{table}</div>\n")
+}
+
+/// Renders a table of sentences.
+pub(super) fn words_table(table: &Table) -> String {
+    scroll(&html_table(table).replacen("<table>", "<table class=\"words\">", 1))
+}
+
+/// Renders the largest deviations of the run and of each leg, with what the record shows while they rose.
+pub fn deviations(run: &[Explanation], between: Option<&Between>, legs: &[LegReport]) -> String {
+    if run.is_empty() {
+        return String::new();
+    }
+    let mut table =
+        Table::new("Largest deviations", &["s", "of", "mm", "rose for, s", "what the record shows in the rise"]);
+    let legs = legs.iter().map(|leg| (format!("leg {} {}", leg.number, leg.kind), &leg.deviations[..]));
+    let between = between.map(|between| (format!("{} to {} s", between.from_s, between.to_s), &between.deviations[..]));
+    for (name, explanations) in std::iter::once(("the run".to_owned(), run)).chain(between).chain(legs) {
+        for explanation in explanations {
+            let causes: Vec<&str> = explanation.causes.iter().map(|cause| cause.text.as_str()).collect();
+            table.row([
+                format!("{:.2}", explanation.at_s),
+                format!("{name}, {}", explanation.of),
+                format!("{:.2}", 1e3 * explanation.max_m),
+                format!("{:.2}", explanation.at_s - explanation.rises_from_s),
+                if causes.is_empty() { "no recorded cause".to_owned() } else { causes.join("; ") },
+            ]);
+        }
+    }
+    words_table(&table)
+}
+
+/// Renders which controller and estimator were in charge, with their parameters.
+pub fn in_charge(run: &RunData) -> String {
+    let spans = run.in_charge.spans();
+    if spans.is_empty() {
+        return String::new();
+    }
+    let head = ["s", "to, s", "in charge", "law or method", "program", "parameters; later: those that changed"];
+    let mut table = Table::new("Controllers and estimators in charge", &head);
+    for span in spans {
+        let or_unknown = |text: &Option<String>| text.clone().unwrap_or_else(|| "-".to_owned());
+        let name = span.name.clone().unwrap_or_else(|| format!("{} in slot {}", span.role, span.slot));
+        let program = match (&span.program, &span.version) {
+            (Some(program), Some(version)) => format!("{program} ({version})"),
+            (program, _) => or_unknown(program),
+        };
+        table.row([
+            format!("{:.2}", span.from_s),
+            format!("{:.2}", span.to_s),
+            name,
+            or_unknown(&span.law),
+            program,
+            span.parameters_text(),
+        ]);
+    }
+    words_table(&table)
+}
+
+/// Renders the drive units as they answered at the start.
+pub fn units(run: &RunData) -> String {
+    if run.units.is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new("Drive units", &["port", "unit", "firmware", "watchdog, ms"]);
+    for unit in &run.units {
+        table.row([unit.port.clone(), unit.name.clone(), unit.firmware.clone(), unit.watchdog_ms.to_string()]);
+    }
+    words_table(&table)
+}

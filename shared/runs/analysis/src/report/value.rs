@@ -1,0 +1,53 @@
+//! The figures of a run as JSON.
+
+use super::html::RunAssessment;
+use serde_json::{Value, json};
+
+/// Returns the figures of a run.
+pub fn value(assessment: &RunAssessment) -> Value {
+    let RunAssessment { run, verdict, legs, deviations, between } = assessment;
+    let times: Vec<Value> = ["wake", "bus", "command_age"]
+        .into_iter()
+        .zip(&run.times)
+        .map(|(name, times)| {
+            let ns = |share: f64| times.all.value_at_quantile(share);
+            json!({ "what": name, "samples": times.all.len(), "p50_ns": ns(0.5), "p99_ns": ns(0.99), "max_ns": times.all.max() })
+        })
+        .collect();
+    let cables: Vec<Value> = run
+        .cables
+        .iter()
+        .map(|cable| {
+            json!({
+                "length_m": cable.length.extremes(), "velocity_m_s": cable.velocity.extremes(), "tension_n": cable.tension.extremes(),
+                "true_tension_n": cable.true_tension.extremes(), "current_a": cable.current.extremes(),
+                "energy_j": cable.energy_j, "loss_j": cable.loss_j,
+            })
+        })
+        .collect();
+    let sensors: Vec<Value> = run
+        .sensors
+        .channels()
+        .iter()
+        .map(|(name, sensor)| json!({ "channel": name, "samples": sensor.samples, "doubtful": sensor.doubtful, "values": sensor.extremes() }))
+        .collect();
+    let events: Vec<Value> = run
+        .events
+        .all()
+        .iter()
+        .map(|event| {
+            json!({
+                "time_s": event.time_s, "utc": run.utc(event.time_s), "kind": event.kind, "text": event.text,
+                "times": event.times,
+            })
+        })
+        .collect();
+    json!({
+        "run": run.name, "verdict": verdict, "analysis": run.analysis, "flown_m": run.legs.flown_m(), "legs": legs, "cables": cables,
+        "times": times, "faults": run.events.faults, "events": events, "sensors": sensors, "missions_done": run.missions,
+        "deviations": deviations, "between": between, "in_charge": run.in_charge.spans(), "drive_units": run.units, "world": run.world, "unsteered": run.periods.unsteered(), "version": runtime::build::description(),
+        "wear": run.wear.result(run.robot.as_ref()), "lacks": run.lacks, "recording": { "healthy": run.recording.healthy, "verdict": run.recording.verdict,
+            "started_utc": run.recording.started, "duration_s": run.recording.duration_s, "messages": run.recording.messages,
+            "unrecorded_s": run.unrecorded_s(), "about": run.recording.about },
+    })
+}
