@@ -35,6 +35,7 @@
 
 mod admission;
 pub mod clock;
+mod declared;
 mod definition;
 mod domain;
 mod error;
@@ -53,6 +54,7 @@ mod sweep;
 mod tap;
 mod waiter;
 
+pub use declared::DeclaredPublisher;
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
 pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, UnusableFolder};
 pub use memory::Memory;

@@ -2,18 +2,20 @@
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;
+use std::fmt::Debug;
 use std::time::Duration;
 
 use iceoryx2::node::Node;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{
-    CallbackProgression, EventId, LogLevel, MessagingPattern, NodeBuilder, NodeName, NodeState, PortFactory as _,
-    PortName, Service, ServiceName, SignalHandlingMode, ipc, set_log_level,
+    AttributeSpecifier, CallbackProgression, EventId, IceoryxSend, LogLevel, MessagingPattern, NodeBuilder, NodeName,
+    NodeState, PortFactory as _, PortName, Service, ServiceName, SignalHandlingMode, ZeroCopySend, ipc, set_log_level,
 };
 use iceoryx2::service::ServiceDetails;
+use iceoryx2::service::attribute::AttributeSet;
 use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
-use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeCreateError, PublishSubscribeOpenError};
+use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeCreateError, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::ros::Payload;
 use messages::{Quality, quality_for};
@@ -50,6 +52,26 @@ const DESCRIPTORS: u64 = 5 * 3 * PROCESSES as u64 + 1024;
 
 pub(crate) type PubSub<P> = publish_subscribe::PortFactory<ipc::Service, P, ()>;
 
+/// The type of the samples of a channel.
+pub(crate) struct SampleType<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) schema: &'a str,
+    pub(crate) quality: Quality,
+}
+
+/// An open channel, whose attributes have the schema text.
+pub(crate) trait WithAttributes {
+    fn stored_attributes(&self) -> &AttributeSet;
+}
+
+impl<P: IceoryxSend + Debug + ?Sized, H: ZeroCopySend + Debug> WithAttributes
+    for publish_subscribe::PortFactory<ipc::Service, P, H>
+{
+    fn stored_attributes(&self) -> &AttributeSet {
+        self.attributes()
+    }
+}
+
 /// The connection of a process to the bus of its robot; creates ports.
 #[derive(Debug)]
 pub struct Bus {
@@ -61,7 +83,7 @@ pub struct Bus {
     /// Announces new channels; `None` if all places are taken, which stays so.
     announcer: OnceCell<Option<Notifier<ipc::Service>>>,
     /// Continuations of long schema texts by type name, open as long as this value exists.
-    continuations: RefCell<HashMap<&'static str, Vec<SchemaContinuation>>>,
+    continuations: RefCell<HashMap<String, Vec<SchemaContinuation>>>,
 }
 
 impl Bus {
@@ -142,43 +164,47 @@ impl Bus {
     /// Opens or creates a channel with the quality of service of the channel table, and stores the schema text with it.
     pub(crate) fn open_typed<T: Payload>(&self, channel: &str) -> Result<PubSub<ShmSample<T>>, BusError> {
         let name = service_name(channel)?;
-        self.need(0, channel)?;
         let quality = quality_for(channel, size_of::<T>());
-        let text = definition::stored(T::type_name(), T::schema());
-        let attributes = definition::attributes(T::type_name(), &text)?;
-        if !self.continuations.borrow().contains_key(T::type_name()) {
+        let builder = || shared(self.node.service_builder(&name).publish_subscribe::<ShmSample<T>>());
+        self.open_or_create(
+            channel,
+            SampleType { name: T::type_name(), schema: T::schema(), quality },
+            || builder().open(),
+            |attributes| sized(builder(), &quality).create_with_attributes(attributes),
+        )
+    }
+
+    /// Opens or creates a channel by these functions, and stores the schema text with it.
+    pub(crate) fn open_or_create<S: WithAttributes>(
+        &self,
+        channel: &str,
+        sample: SampleType<'_>,
+        open: impl Fn() -> Result<S, PublishSubscribeOpenError>,
+        create: impl Fn(&AttributeSpecifier) -> Result<S, PublishSubscribeCreateError>,
+    ) -> Result<S, BusError> {
+        self.need(0, channel)?;
+        let SampleType { name: type_name, schema, quality } = sample;
+        let text = definition::stored(type_name, schema);
+        let attributes = definition::attributes(type_name, &text)?;
+        if !self.continuations.borrow().contains_key(type_name) {
             let continuations = definition::continuations(&self.node, &self.domain, &text)?;
-            self.continuations.borrow_mut().insert(T::type_name(), continuations);
+            self.continuations.borrow_mut().insert(type_name.to_owned(), continuations);
         }
-        let builder = || {
-            self.node
-                .service_builder(&name)
-                .publish_subscribe::<ShmSample<T>>()
-                .enable_safe_overflow(true)
-                .subscriber_max_borrowed_samples(BORROWS)
-        };
         let give_up = now_ns() + OPEN_TIMEOUT_NS;
         let mut cleaned = false;
         loop {
             // Open first: a peer in another language, or a tunnel, may have created the channel without the schema
             // text. Only the type name is compared.
-            let error = match builder().open() {
+            let error = match open() {
                 Ok(service) => {
-                    let others = definition::hold_others(&self.node, &text, service.attributes());
-                    self.continuations.borrow_mut().entry(T::type_name()).or_default().extend(others);
+                    let others = definition::hold_others(&self.node, &text, service.stored_attributes());
+                    self.continuations.borrow_mut().entry(type_name.to_owned()).or_default().extend(others);
                     return Ok(service);
                 }
                 Err(error) => error,
             };
             let temporary = match error {
-                PublishSubscribeOpenError::DoesNotExist => match builder()
-                    .subscriber_max_buffer_size(quality.buffer)
-                    .history_size(quality.history)
-                    .max_publishers(quality.publishers)
-                    .max_subscribers(quality.subscribers)
-                    .max_nodes(quality.nodes)
-                    .create_with_attributes(&attributes)
-                {
+                PublishSubscribeOpenError::DoesNotExist => match create(&attributes) {
                     Ok(service) => {
                         self.announce();
                         return Ok(service);
@@ -201,7 +227,7 @@ impl Bus {
                 _ => false,
             };
             if !temporary || now_ns() > give_up {
-                return Err(self.explain(channel, error, T::type_name(), &quality));
+                return Err(self.explain(channel, error, type_name, &quality));
             }
             self.domain.remove_half_made();
             sleep_until(now_ns() + 2_000_000);
@@ -375,6 +401,26 @@ impl Bus {
         self.domain.before_cleaning();
         self.node.try_cleanup_dead_nodes();
     }
+}
+
+/// The settings with which every process opens a channel.
+pub(crate) fn shared<P: IceoryxSend + Debug + ?Sized, H: ZeroCopySend + Debug>(
+    builder: Builder<P, H, ipc::Service>,
+) -> Builder<P, H, ipc::Service> {
+    builder.enable_safe_overflow(true).subscriber_max_borrowed_samples(BORROWS)
+}
+
+/// The settings with which a process creates a channel.
+pub(crate) fn sized<P: IceoryxSend + Debug + ?Sized, H: ZeroCopySend + Debug>(
+    builder: Builder<P, H, ipc::Service>,
+    quality: &Quality,
+) -> Builder<P, H, ipc::Service> {
+    builder
+        .subscriber_max_buffer_size(quality.buffer)
+        .history_size(quality.history)
+        .max_publishers(quality.publishers)
+        .max_subscribers(quality.subscribers)
+        .max_nodes(quality.nodes)
 }
 
 /// Largest number of notifiers and of processes of an event.

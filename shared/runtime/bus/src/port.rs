@@ -9,6 +9,7 @@ use iceoryx2::prelude::{
     CallbackProgression, IceoryxSend, MessagingPattern, PortFactory as _, PortName, ZeroCopySend, ipc,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use iceoryx2::service::static_config::publish_subscribe::StaticConfig;
 use messages::ros::Payload;
 use messages::{Quality, quality_for};
 use std::fmt::Debug;
@@ -48,18 +49,10 @@ impl Bus {
     /// type, and others.
     pub fn publisher<T: Payload>(&self, channel: &str) -> Result<Publisher<T>, BusError> {
         let quality = quality_for(channel, size_of::<T>());
-        let bytes = quality.samples(BORROWS, LOANS).saturating_mul(size_of::<T>());
-        self.need(bytes.saturating_add(CONNECTION_BYTES * quality.subscribers), channel)?;
+        self.need_for(channel, &quality, size_of::<T>())?;
         let service: PubSub<ShmSample<T>> = self.open_typed(channel)?;
-        // Another build or a tunnel may have created the channel with other settings.
-        let made = service.static_config();
-        let quality = Quality {
-            buffer: made.subscriber_max_buffer_size(),
-            history: made.history_size(),
-            subscribers: made.max_subscribers(),
-            ..quality
-        };
-        let samples = quality.samples(made.subscriber_max_borrowed_samples(), LOANS);
+        let made = as_made(quality, service.static_config());
+        let samples = made.samples(service.static_config().subscriber_max_borrowed_samples(), LOANS);
         let make = || {
             service
                 .publisher_builder()
@@ -68,16 +61,32 @@ impl Bus {
                 .name(&self.port_name)
                 .create()
         };
+        let port = self.take_publisher(channel, &made, make)?;
+        let publisher = Publisher { port, notifier: self.notifier(channel)?, channel: channel.to_owned(), seq: 0 };
+        self.announce();
+        Ok(publisher)
+    }
+
+    /// Refuses a publisher for whose samples there is not enough shared memory.
+    pub(crate) fn need_for(&self, channel: &str, quality: &Quality, size: usize) -> Result<(), BusError> {
+        let bytes = quality.samples(BORROWS, LOANS).saturating_mul(size);
+        self.need(bytes.saturating_add(CONNECTION_BYTES * quality.subscribers), channel)
+    }
+
+    /// Creates the port of a publisher, after a clean-up if all places are taken.
+    pub(crate) fn take_publisher<P>(
+        &self,
+        channel: &str,
+        quality: &Quality,
+        make: impl Fn() -> Result<P, PublisherCreateError>,
+    ) -> Result<P, BusError> {
         let refused = |error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
                 self.full(channel, MessagingPattern::PublishSubscribe, quality.publishers, PlaceKind::Publishers)
             }
             other => BusError::failed(channel, "be published on", &other),
         };
-        let port = self.make_complete(channel, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
-        let publisher = Publisher { port, notifier: self.notifier(channel)?, channel: channel.to_owned(), seq: 0 };
-        self.announce();
-        Ok(publisher)
+        self.make_complete(channel, || make().or_else(|_| self.after_cleaning(&make)).map_err(refused))
     }
 
     /// Creates a subscriber with a buffer of [`Quality::shallow`] samples that receives the history for late
@@ -148,6 +157,16 @@ impl Bus {
             Refused::Error(other) => BusError::failed(channel, "be subscribed to", &other),
         };
         self.make_complete(channel, || self.take_place(limit, names, make).map_err(refused))
+    }
+}
+
+/// The quality of service with which a channel exists: another build or a tunnel may have created it with other settings.
+pub(crate) fn as_made(quality: Quality, made: &StaticConfig) -> Quality {
+    Quality {
+        buffer: made.subscriber_max_buffer_size(),
+        history: made.history_size(),
+        subscribers: made.max_subscribers(),
+        ..quality
     }
 }
 

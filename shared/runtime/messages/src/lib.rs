@@ -24,6 +24,7 @@ extern crate self as messages;
 
 mod channels;
 mod config;
+mod declaration;
 pub mod faults;
 mod hexadecimal;
 mod live;
@@ -43,6 +44,7 @@ pub use channels::{
     CHANNELS, Channel, ChannelVisitor, Quality, channel_of, documented, quality_for, quality_of, visit_first_channels,
 };
 pub use config::SystemConfig;
+pub use declaration::{Declaration, DeclarationError};
 pub use live::{AUTHORITY_LAG, Freshness, Rule, blended_estimate, freshness, newer, same_life};
 #[doc(hidden)]
 pub use message::{Field, Header, Message, expanded, hash_of, schema_name};

@@ -76,8 +76,16 @@ impl Schema {
     /// # Errors
     /// The first line that is outside the subset, with the reason.
     pub fn parse(text: &str) -> Result<Self, SchemaError> {
+        Self::parse_within(text, FIELDS)
+    }
+
+    /// As [`Schema::parse`], of a definition with at most so many fields after nested types are laid out.
+    ///
+    /// # Errors
+    /// As [`Schema::parse`].
+    pub fn parse_within(text: &str, most_fields: usize) -> Result<Self, SchemaError> {
         let definitions = definitions(text)?;
-        let mut layout = Layout { definitions: &definitions, fields: Vec::new(), offset: 0 };
+        let mut layout = Layout { definitions: &definitions, fields: Vec::new(), most_fields, offset: 0 };
         layout.place(0, "", 0)?;
         Ok(Self { size: layout.offset, fields: layout.fields })
     }
@@ -380,6 +388,7 @@ fn member<'a>(
 struct Layout<'a> {
     definitions: &'a [Definition<'a>],
     fields: Vec<SchemaField>,
+    most_fields: usize,
     offset: usize,
 }
 
@@ -421,9 +430,9 @@ impl Layout<'_> {
             .unwrap_or(1)
             .checked_mul(primitive.size())
             .and_then(|size| size.checked_add(self.offset))
-            .filter(|end| *end <= BYTES && self.fields.len() < FIELDS);
+            .filter(|end| *end <= BYTES && self.fields.len() < self.most_fields);
         let Some(end) = end else {
-            return refuse(member.line, Flaw::TooLarge);
+            return refuse(member.line, Flaw::TooLarge { fields: self.most_fields });
         };
         let (count, constants) = (member.count, member.constants.clone());
         self.fields.push(SchemaField { path, primitive, offset: self.offset, count, constants });

@@ -1,6 +1,6 @@
 //! Errors in the text of a definition.
 
-use super::limits::{BYTES, DEPTH, FIELDS, SEPARATOR_LENGTH};
+use super::limits::{BYTES, DEPTH, SEPARATOR_LENGTH};
 
 /// An error in a definition, and its line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -84,6 +84,9 @@ pub enum Flaw {
         offset: usize,
     },
     /// A sample that is too large.
-    #[error("more than {BYTES} bytes or {FIELDS} fields in one sample")]
-    TooLarge,
+    #[error("more than {BYTES} bytes or {fields} fields in one sample")]
+    TooLarge {
+        /// Most fields.
+        fields: usize,
+    },
 }

@@ -139,7 +139,7 @@ fn what_a_reader_would_misread_is_refused_with_its_line() {
         ),
         (format!("uint8 a\n{separator}\nMSG: t/In\n"), 3, Flaw::Empty),
         ("uint8\n".to_owned(), 1, Flaw::NotAMember(of("uint8"))),
-        ("float64[99999999999] a\n".to_owned(), 1, Flaw::TooLarge),
+        ("float64[99999999999] a\n".to_owned(), 1, Flaw::TooLarge { fields: 65_536 }),
     ] {
         let error = Schema::parse(&text).expect_err(&text);
         assert_eq!(error, SchemaError { line, what }, "{text}: {error}");
