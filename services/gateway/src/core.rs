@@ -1,12 +1,13 @@
 //! The decisions of the gateway: bytes, peers and answers in, actions out. No clock, no I/O.
 
 mod holding;
+mod publishing;
 mod seats;
 mod token_calls;
 
 use crate::budget::Budget;
 use crate::codes::Codes;
-pub use crate::events::{Action, ClientId, Done, Event, Motion, Question, Ticket, TokenChange};
+pub use crate::events::{Action, ClientId, Done, Event, Motion, OwnMessage, Question, Ticket, TokenChange};
 use crate::held::{Held, begins, end_of, is_old, may_begin};
 use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed};
@@ -14,7 +15,7 @@ use crate::seat::Seat;
 use crate::sensors::Sensors;
 use crate::tokens::Tokens;
 use config::PluginSection;
-use gateway_protocol::{CALL_LIMITS, Call, Decoder, Frame, Origin, Published, Reply, VERSION};
+use gateway_protocol::{CALL_LIMITS, Call, Decoder, Frame, Origin, Reply, VERSION};
 use messages::{OperatorRequest, Request, put_text};
 use robot_state::Reason;
 use robot_state::answers::detail;
@@ -291,7 +292,7 @@ impl Core {
             Call::Hello { .. } => {
                 self.refuse_and_close(client, Reason::NotACall { why: detail("`hello` was sent twice") });
             }
-            other => self.other_call(now_ns, client, &holder, other),
+            other => self.other_call(now_ns, client, &holder, other, frame.body),
         }
     }
 
@@ -375,7 +376,7 @@ impl Core {
         });
     }
 
-    fn other_call(&mut self, now_ns: u64, client: ClientId, holder: &Holder, call: Call) {
+    fn other_call(&mut self, now_ns: u64, client: ClientId, holder: &Holder, call: Call, body: Vec<u8>) {
         let id = call.id();
         let what = match call {
             Call::Robot { .. } => Question::Robot,
@@ -385,7 +386,9 @@ impl Core {
             Call::Files { run, .. } => Question::Files(run),
             Call::Open { run, file, .. } => Question::Open(run, file),
             Call::Subscribe { channel, rate_hz, .. } => return self.subscribe(client, id, channel, rate_hz),
-            Call::Publish { reading, .. } => return self.publish(now_ns, client, id, &reading),
+            Call::Publish { .. } | Call::Declare { .. } | Call::Sample { .. } => {
+                return self.publish_call(now_ns, client, call, body);
+            }
             Call::Unsubscribe { subscription, .. } => {
                 let Some(connection) = self.connections.get_mut(&client) else { return };
                 connection.subscriptions.retain(|(one, _)| *one != subscription);
@@ -414,33 +417,6 @@ impl Core {
             connection.listing = Some(ticket);
         }
         self.actions.push(Action::Look { ticket, what });
-    }
-
-    fn publish(&mut self, now_ns: u64, client: ClientId, id: u64, given: &Published) {
-        let Some(connection) = self.connections.get_mut(&client) else { return };
-        let Some(holder) = &connection.holder else { return };
-        match &connection.peer.unit {
-            Some(unit) if unit.robot == self.instance && unit.plugin == given.sensor => {}
-            Some(unit) => {
-                let plugin = detail(format_args!("the plug-in {}_{}", unit.robot, unit.plugin));
-                return self.refuse(client, id, Reason::SensorOfAnother { plugin, sensor: detail(&given.sensor) });
-            }
-            // A token stands for a person, not for the program that acts for it.
-            None if holder.by_token || !self.roles.may_publish(&connection.peer, holder.origin) => {
-                let user = detail(&holder.user);
-                return self.refuse(client, id, Reason::NotPublisher { user });
-            }
-            None => {}
-        }
-        match self.sensors.reading(now_ns, client, given) {
-            Ok(reading) => {
-                connection.unanswered += 1;
-                let ticket = self.ticket(client, id);
-                let sensor = given.sensor.clone();
-                self.actions.push(Action::Publish { ticket, sensor, reading: Box::new(reading) });
-            }
-            Err(reason) => self.refuse(client, id, reason),
-        }
     }
 
     fn subscribe(&mut self, client: ClientId, id: u64, channel: String, rate_hz: Option<f64>) {

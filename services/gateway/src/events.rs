@@ -4,7 +4,8 @@ use crate::plugin::Verb;
 use crate::roles::Peer;
 use crate::tokens::Tokens;
 use gateway_protocol::Reply;
-use messages::{OperatorRequest, Reading, RequestAnswer};
+use messages::{Declaration, Header, OperatorRequest, Reading, RequestAnswer};
+use std::sync::Arc;
 
 /// Number of a connection, never used twice.
 pub type ClientId = u64;
@@ -128,6 +129,24 @@ pub enum Action {
         /// The sample.
         reading: Box<Reading>,
     },
+    /// Open the channel of a declared message.
+    Declare {
+        /// Its number.
+        ticket: Ticket,
+        /// Whose channel.
+        sensor: OwnMessage,
+    },
+    /// Publish a sample of a declared message.
+    PublishSample {
+        /// Its number.
+        ticket: Ticket,
+        /// Whose sample.
+        sensor: OwnMessage,
+        /// Its header.
+        header: Header,
+        /// The whole sample.
+        sample: Vec<u8>,
+    },
     /// Find something out.
     Look {
         /// Its number.
@@ -155,6 +174,17 @@ pub enum Action {
     },
     /// Store the tokens; they are valid, and the client gets its reply, when that is done.
     StoreTokens(Box<TokenChange>),
+}
+
+/// A sensor with its own message.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OwnMessage {
+    /// Its name.
+    pub name: String,
+    /// Its message.
+    pub message: Arc<Declaration>,
+    /// Largest number of samples per second.
+    pub rate_hz: f64,
 }
 
 /// A change of the tokens that is being stored.

@@ -12,8 +12,9 @@
 //!   needs none.
 //! * A client is no process of the robot's user: it starts no program of its own choice, and no name from it is opened
 //!   as a path. A plug-in that the system file declares is started by the service manager, as another user.
-//! * A plug-in delivers readings of its declared sensor, at its declared rate, and nothing else: the kernel names the
-//!   unit in which its process runs. Its channel stays as long as the robot, however often it connects.
+//! * A plug-in delivers readings of its declared sensor, or samples of a message that it declares itself, at its
+//!   declared rate, and nothing else: the kernel names the unit in which its process runs. Its channel stays as long as
+//!   the robot, however often it connects. A message that a sensor declares is none of the robot's own.
 //! * One person at a time flies from pages, and both see it when another one takes over. A stop is open to all of them.
 //! * The recorded request names the user at the other end of the connection, not the gateway.
 #![forbid(unsafe_code)]
@@ -28,6 +29,7 @@ mod held;
 mod hub;
 mod lane;
 mod outbox;
+mod own_channels;
 pub mod plugin;
 mod robot;
 pub mod roles;

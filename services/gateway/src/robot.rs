@@ -1,13 +1,14 @@
 //! The robot, while one runs: its place on the bus, requests to its processes, and its subscriptions.
 
-use crate::events::Ticket;
+use crate::events::{OwnMessage, Ticket};
 use crate::hub::{Delivery, Hub};
 use crate::lane::{Lane, Waiting, failed, stops};
+use crate::own_channels::OwnChannels;
 use bus::estop::Attempt;
 use bus::{Bus, BusError, Domain, Participant, Publisher};
 use client::{ANSWER, MOTOR_IO, PLANNER, Running, SUPERVISOR};
 use gateway_protocol::{ChannelRow, MemoryFigures, RobotFacts};
-use messages::{OperatorRequest, Reading, RequestAnswer, put_sentence};
+use messages::{Header, OperatorRequest, Reading, RequestAnswer, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use rustix::process::{Pid, test_kill_process};
@@ -19,7 +20,7 @@ const NAME: &str = "gateway";
 const LOOK_NS: u64 = 250_000_000;
 /// Time after an attempt to join that has failed, ns: the attempt itself takes a second.
 const REJOIN_NS: u64 = 5_000_000_000;
-/// Time between two attempts to create the channel of a plug-in, ns.
+/// Time between two attempts to create the channel of a sensor, ns.
 const AGAIN_NS: u64 = 1_000_000_000;
 /// Largest number of emergency stops under way: further ones are answered with the last of them.
 const STOPS: usize = 64;
@@ -30,6 +31,8 @@ struct Joined {
     supervisor: Option<u32>,
     /// Channels of plug-ins.
     sensors: BTreeMap<String, SensorChannel>,
+    /// Channels of sensors with their own messages.
+    declared: OwnChannels,
     /// Created first and dropped last of the two: the places reserved for a stop.
     lanes: BTreeMap<String, Lane>,
     members: Bus,
@@ -235,6 +238,33 @@ impl Robot {
         }
     }
 
+    /// Opens the channel of a sensor with its own message. It stays as long as the robot.
+    ///
+    /// # Errors
+    /// No robot runs, or as [`OwnChannels::open`]: the answer.
+    pub(crate) fn declare(&mut self, sensor: &OwnMessage, now_ns: u64) -> Result<(), Box<RequestAnswer>> {
+        let absent = self.absent();
+        let joined = self.joined.as_mut().ok_or(absent)?;
+        joined.declared.open(&joined.guests, sensor, now_ns).map(|_| ())
+    }
+
+    /// Publishes a sample of a sensor with its own message.
+    ///
+    /// # Errors
+    /// As [`Robot::declare`].
+    pub(crate) fn publish_sample(
+        &mut self,
+        sensor: &OwnMessage,
+        header: Header,
+        sample: &[u8],
+        now_ns: u64,
+    ) -> Result<(), Box<RequestAnswer>> {
+        let absent = self.absent();
+        let joined = self.joined.as_mut().ok_or(absent)?;
+        let publisher = joined.declared.open(&joined.guests, sensor, now_ns)?;
+        publisher.send(header, sample).map_err(|error| failed(&error))
+    }
+
     /// Sends an emergency stop. It needs no place on the bus, so it is sent even if the robot could not be joined.
     ///
     /// # Errors
@@ -321,7 +351,7 @@ impl Joined {
             lanes.insert(name.to_owned(), Lane::new(members.client(process)?));
         }
         let guests = Bus::join_as(domain, NAME, Participant::Guest)?;
-        Ok(Self { supervisor, sensors: BTreeMap::new(), lanes, members, guests })
+        Ok(Self { supervisor, sensors: BTreeMap::new(), declared: OwnChannels::default(), lanes, members, guests })
     }
 }
 

@@ -1,13 +1,15 @@
-//! Readings of plug-ins: what a declared sensor may publish, by whom and how often.
+//! Sensors that publish through the gateway: readings of declared quantities, and samples of an own message; by whom and
+//! how often.
 
 use crate::budget::Budget;
-use crate::events::ClientId;
+use crate::events::{ClientId, OwnMessage};
 use config::PluginSection;
 use gateway_protocol::Published;
-use messages::{Reading, put_text};
+use messages::{Declaration, Header, Reading, put_text};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Readings that may come at once after a pause.
 const BURST: f64 = 2.0;
@@ -15,15 +17,22 @@ const BURST: f64 = 2.0;
 /// is restarted, is served; one that does nothing else is not.
 const TAKES_PER_S: f64 = 1.0;
 const TAKES: f64 = 10.0;
-/// Largest age of a reading, s: an older one would be placed by estimates that are not kept.
+/// Largest age of a reading or of a sample, s: an older one would be placed by estimates that are not kept.
 const OLDEST_S: f64 = 10.0;
+const OLDEST_NS: u64 = (OLDEST_S * 1e9) as u64;
+/// Most sensors at once that the system file does not declare.
+const UNDECLARED: usize = 16;
 
 /// A declared sensor.
 #[derive(Debug)]
 struct Sensor {
     section: PluginSection,
-    /// The connection that publishes it, since its first reading.
+    /// The connection that publishes it, since its first reading or its declaration.
     holder: Option<ClientId>,
+    /// The message that this connection has declared.
+    message: Option<Arc<Declaration>>,
+    /// It is in the system file.
+    declared: bool,
     budget: Budget,
     takes: Budget,
     accepted: u64,
@@ -37,20 +46,69 @@ pub(crate) struct Sensors(BTreeMap<String, Sensor>);
 impl Sensors {
     /// The sensors that a system file declares.
     pub(crate) fn new(declared: &[PluginSection]) -> Self {
-        let sensor = |section: &PluginSection| Sensor {
-            section: section.clone(),
-            holder: None,
-            budget: Budget::new(section.rate_hz, BURST, 0),
-            takes: Budget::new(TAKES_PER_S, TAKES, 0),
-            accepted: 0,
-            refused: 0,
-        };
-        Self(declared.iter().map(|section| (section.name.clone(), sensor(section))).collect())
+        let sensor = |section: &PluginSection| (section.name.clone(), Sensor::new(section.clone(), true));
+        Self(declared.iter().map(sensor).collect())
     }
 
     /// Returns whether a plug-in has that name.
     pub(crate) fn declares(&self, name: &str) -> bool {
-        self.0.contains_key(name)
+        self.0.get(name).is_some_and(|sensor| sensor.declared)
+    }
+
+    /// Stores the message that a connection declares for its sensor. `may_add`: also for a sensor that the system file
+    /// does not declare.
+    ///
+    /// # Errors
+    /// The sensor is not declared or has quantities, another connection has it or connections take it too often; the
+    /// message cannot be published.
+    #[allow(clippy::result_large_err)] // it is the answer
+    pub(crate) fn declare(
+        &mut self,
+        now_ns: u64,
+        client: ClientId,
+        (name, message): (&str, &str),
+        definition: &[u8],
+        may_add: bool,
+    ) -> Result<OwnMessage, Reason> {
+        if !self.0.contains_key(name) && may_add {
+            if self.0.values().filter(|sensor| !sensor.declared).count() >= UNDECLARED {
+                let why = format_args!("{UNDECLARED} sensors publish that the system file does not declare; end one");
+                return Err(Reason::NotAsked { why: detail(why) });
+            }
+            let section = PluginSection::undeclared(name).map_err(|why| Reason::NotAsked { why: detail(why) })?;
+            self.0.insert(name.to_owned(), Sensor::new(section, false));
+        }
+        let unknown = || Reason::SensorNotDeclared { sensor: detail(name) };
+        let sensor = self.0.get_mut(name).ok_or_else(unknown)?;
+        let made = sensor.declare(now_ns, client, message, definition);
+        if made.is_err() {
+            self.free_undeclared();
+        }
+        made
+    }
+
+    /// Checks a sample of `size` bytes, and makes its header.
+    ///
+    /// # Errors
+    /// The connection has declared no message for the sensor, it comes too often, or it is not of its message.
+    #[allow(clippy::result_large_err)] // it is the answer
+    pub(crate) fn sample(
+        &mut self,
+        now_ns: u64,
+        client: ClientId,
+        name: &str,
+        stamp_ns: Option<u64>,
+        size: usize,
+    ) -> Result<(OwnMessage, Header), Reason> {
+        let undeclared = || {
+            let why = format_args!("this connection has declared no message of sensor/{name}; send `declare` first");
+            Reason::NotAsked { why: detail(why) }
+        };
+        let sensor = self.0.get_mut(name).filter(|sensor| sensor.holder == Some(client)).ok_or_else(undeclared)?;
+        let own = sensor.own().ok_or_else(undeclared)?;
+        sensor.check_sample(now_ns, stamp_ns, size, own.message.size())?;
+        let stamp_ns = stamp_ns.unwrap_or(now_ns);
+        Ok((own, Header { stamp_ns, oldest_input_ns: stamp_ns, ..Header::default() }))
     }
 
     /// Makes the sample of a reading.
@@ -61,6 +119,10 @@ impl Sensors {
     pub(crate) fn reading(&mut self, now_ns: u64, client: ClientId, given: &Published) -> Result<Reading, Reason> {
         let unknown = || Reason::SensorNotDeclared { sensor: detail(&given.sensor) };
         let sensor = self.0.get_mut(&given.sensor).ok_or_else(unknown)?;
+        if sensor.section.declares_a_message() {
+            let why = "the sensor has a message of its own; send samples, or add quantity and unit to its plug-in";
+            return Err(Reason::NotAsked { why: detail(why) });
+        }
         if sensor.holder.is_some_and(|holder| holder != client) {
             return Err(Reason::SensorTaken { sensor: detail(&given.sensor) });
         }
@@ -79,12 +141,78 @@ impl Sensors {
     /// Frees the sensors of a connection that is gone.
     pub(crate) fn free(&mut self, client: ClientId) {
         for sensor in self.0.values_mut().filter(|sensor| sensor.holder == Some(client)) {
-            sensor.holder = None;
+            (sensor.holder, sensor.message) = (None, None);
         }
+        self.free_undeclared();
+    }
+
+    fn free_undeclared(&mut self) {
+        self.0.retain(|_, sensor| sensor.declared || sensor.holder.is_some());
     }
 }
 
 impl Sensor {
+    fn new(section: PluginSection, declared: bool) -> Self {
+        let (budget, takes) = (Budget::new(section.rate_hz, BURST, 0), Budget::new(TAKES_PER_S, TAKES, 0));
+        Self { section, holder: None, message: None, declared, budget, takes, accepted: 0, refused: 0 }
+    }
+
+    fn own(&self) -> Option<OwnMessage> {
+        let (name, rate_hz) = (self.section.name.clone(), self.section.rate_hz);
+        self.message.clone().map(|message| OwnMessage { name, message, rate_hz })
+    }
+
+    #[allow(clippy::result_large_err)] // it is the answer
+    fn declare(
+        &mut self,
+        now_ns: u64,
+        client: ClientId,
+        message: &str,
+        definition: &[u8],
+    ) -> Result<OwnMessage, Reason> {
+        let name = detail(&self.section.name);
+        let refuse = |why: &str| Err(Reason::NotAsked { why: detail(why) });
+        if !self.section.declares_a_message() {
+            return refuse(
+                "the system file names the quantities of this sensor; publish readings, or remove quantity and unit there",
+            );
+        }
+        if self.holder.is_some_and(|holder| holder != client) {
+            return Err(Reason::SensorTaken { sensor: name });
+        }
+        if self.message.is_some() {
+            return refuse("this connection has declared the message of the sensor already; open another connection");
+        }
+        // Before the message is read: that takes time.
+        if !self.takes.spend(now_ns) {
+            return Err(Reason::SensorTakenTooOften { sensor: name });
+        }
+        let Ok(definition) = std::str::from_utf8(definition) else {
+            return refuse("the definition is not UTF-8; send the text of a ROS 2 message");
+        };
+        match Declaration::new(message, definition) {
+            Ok(message) => (self.holder, self.message) = (Some(client), Some(Arc::new(message))),
+            Err(error) => return refuse(&error.to_string()),
+        }
+        self.own().ok_or(Reason::SensorTaken { sensor: name })
+    }
+
+    #[allow(clippy::result_large_err)] // it is the answer
+    fn check_sample(&mut self, now_ns: u64, stamp_ns: Option<u64>, size: usize, wanted: usize) -> Result<(), Reason> {
+        if size != wanted {
+            let why = format_args!("the sample has {size} bytes; accepted: {wanted}, as its message has");
+            return Err(Reason::NotAsked { why: detail(why) });
+        }
+        if stamp_ns.is_some_and(|stamp_ns| stamp_ns > now_ns || stamp_ns + OLDEST_NS < now_ns) {
+            let why = format_args!("stamp_ns is not of the last {OLDEST_S} s; accepted: CLOCK_MONOTONIC, ns");
+            return Err(Reason::NotAsked { why: detail(why) });
+        }
+        if !self.budget.spend(now_ns) {
+            return Err(Reason::ReadingsTooOften { rate_hz: self.section.rate_hz });
+        }
+        Ok(())
+    }
+
     #[allow(clippy::result_large_err)] // it is the answer
     fn make(&mut self, now_ns: u64, given: &Published) -> Result<Reading, Reason> {
         let declared = self.section.quantity.len();

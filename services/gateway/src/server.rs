@@ -236,11 +236,16 @@ impl Server {
                 }
                 Action::Plugin { ticket, verb, name } => self.plugin(ticket, name, verb),
                 Action::Publish { ticket, sensor, reading } => {
-                    let done = match self.robot.publish(&sensor, *reading, now_ns()) {
-                        Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
-                        Err(answer) => Done::Answer(answer),
-                    };
-                    self.done(ticket, done);
+                    let published = self.robot.publish(&sensor, *reading, now_ns());
+                    self.published(ticket, published);
+                }
+                Action::Declare { ticket, sensor } => {
+                    let opened = self.robot.declare(&sensor, now_ns());
+                    self.published(ticket, opened);
+                }
+                Action::PublishSample { ticket, sensor, header, sample } => {
+                    let published = self.robot.publish_sample(&sensor, header, &sample, now_ns());
+                    self.published(ticket, published);
                 }
                 Action::Look { ticket, what } => self.look(ticket, what),
                 Action::Subscribe { client, id, channel, rate_hz } => {
@@ -251,6 +256,14 @@ impl Server {
                 Action::StoreTokens(change) => self.begin(Ticket::MAX, Job::Tokens(self.tokens.clone(), change)),
             }
         }
+    }
+
+    fn published(&mut self, ticket: Ticket, published: Result<(), Box<RequestAnswer>>) {
+        let done = match published {
+            Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
+            Err(answer) => Done::Answer(answer),
+        };
+        self.done(ticket, done);
     }
 
     fn plugin(&mut self, ticket: Ticket, plugin: String, verb: Verb) {

@@ -92,7 +92,7 @@ impl Bus {
 }
 
 impl DeclaredPublisher {
-    /// Numbers the sample, publishes it and wakes the waiters. `header`: its first bytes, in place of those of `sample`.
+    /// Numbers the sample, publishes it and wakes the waiters. `header` replaces the first bytes of `sample`.
     ///
     /// # Errors
     /// [`BusError::Failed`] if the sample has another size than the type, or no sample is free.

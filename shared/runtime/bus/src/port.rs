@@ -160,7 +160,8 @@ impl Bus {
     }
 }
 
-/// The quality of service with which a channel exists: another build or a tunnel may have created it with other settings.
+/// The quality of service with which a channel exists: another build or a tunnel may have created it with other
+/// settings.
 pub(crate) fn as_made(quality: Quality, made: &StaticConfig) -> Quality {
     Quality {
         buffer: made.subscriber_max_buffer_size(),

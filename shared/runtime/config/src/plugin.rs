@@ -22,13 +22,14 @@ crate::section! {
         /// Program and arguments; the program with its absolute path. It gets the gateway's socket and its own name in
         /// `NIMS_GATEWAY` and `NIMS_NAME`. Empty: started by hand.
         pub command: Vec<String> = Vec::new(),
-        /// Name of each value of its readings, e.g. `["moisture"]`; as many as there are values, at most 8.
+        /// Name of each value of its readings, e.g. `["moisture"]`; as many as there are values, at most 8. Without names
+        /// and units the sensor declares its own message when it connects.
         pub quantity: Vec<String> = Vec::new(),
         /// Unit of each value.
         pub unit: Vec<String> = Vec::new(),
-        /// Largest number of readings per second; the gateway refuses more.
+        /// Largest number of readings or samples per second; the gateway refuses more.
         pub rate_hz: f64 = 10.0 => crate::section::between(0.01, 100.0, "readings per second"),
-        /// Position of the sensor relative to the node, in the axes of the site, m.
+        /// Position of the sensor relative to the node, in the axes of the site, m; only for readings.
         pub lever_m: [f64; 3] = [0.0; 3] => crate::section::between(-10.0, 10.0, "m").each("three times"),
         /// False: started only by `nims start`.
         pub start: bool = true,
@@ -56,7 +57,26 @@ pub(crate) fn check(file: &SystemFile) -> Result<(), Problem> {
     Ok(())
 }
 
+/// Largest rate of a sensor that the system file does not declare.
+const UNDECLARED_RATE_HZ: f64 = 100.0;
+
 impl PluginSection {
+    /// A sensor of the robot's user that the system file does not declare; it declares its own message.
+    ///
+    /// # Errors
+    /// The name cannot be that of a sensor: one sentence.
+    pub fn undeclared(name: &str) -> Result<Self, String> {
+        let section = Self { name: name.to_owned(), rate_hz: UNDECLARED_RATE_HZ, ..Self::default() };
+        section.check().map_err(|problem| problem.to_string())?;
+        Ok(section)
+    }
+
+    /// Whether the sensor declares its own message, and the system file no quantities.
+    #[must_use]
+    pub fn declares_a_message(&self) -> bool {
+        self.quantity.is_empty() && self.unit.is_empty()
+    }
+
     fn check(&self) -> Result<(), Problem> {
         process_name(&self.name, Role::Other, Slot::A)?;
         self.check_ranges("")?;
@@ -64,11 +84,18 @@ impl PluginSection {
             let clause = "begins with a relative path; accepted: the absolute path of a program, then its arguments";
             return Err(Problem::with_clause("command", clause));
         }
+        if self.declares_a_message() {
+            if self.lever_m != [0.0; 3] {
+                let clause = "belongs to readings; accepted: with quantity and unit, or in the message of the sensor";
+                return Err(Problem::with_clause("lever_m", clause));
+            }
+            return Ok(());
+        }
         let values = self.quantity.len();
         if !(1..=VALUES).contains(&values) || self.unit.len() != values {
             let units = self.unit.len();
             let clause =
-                format!("has {values} names for {units} units; accepted: 1 to {VALUES} of both, as many of each");
+                format!("has {values} names for {units} units; accepted: at most {VALUES} of both, as many of each");
             return Err(Problem::with_clause("quantity", clause));
         }
         for (key, words, room) in [("quantity", &self.quantity, QUANTITY_BYTES), ("unit", &self.unit, UNIT_BYTES)] {
@@ -96,6 +123,13 @@ mod tests {
             plugin.check().unwrap_err().to_string()
         };
         assert!(toml::from_str::<PluginSection>(GOOD).unwrap().check().is_ok());
+        let own: PluginSection = toml::from_str("name = \"soil\"\n").unwrap();
+        assert!(own.check().is_ok() && own.declares_a_message());
+        assert!(PluginSection { lever_m: [0.0, 0.0, 1.0], ..own }.check().is_err());
+        assert!(PluginSection::undeclared("soil-2").is_ok());
+        for name in ["", "So il", "../x", "planner", "nims"] {
+            assert!(PluginSection::undeclared(name).is_err(), "{name}");
+        }
         for (from, to, key) in [
             ("soil\"", "So il\"", "name"),
             ("/opt/soil.py", "soil.py", "command"),

@@ -161,6 +161,25 @@ pub enum Call {
         /// The reading.
         reading: Published,
     },
+    /// Declares the message of a sensor; body: its complete ROS 2 definition, with comments.
+    Declare {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of the sensor.
+        sensor: String,
+        /// Name of the message, in CamelCase.
+        message: String,
+    },
+    /// Publishes a sample of the declared message; body: the sample as it is in memory, with room for its header.
+    Sample {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of the sensor.
+        sensor: String,
+        /// When it was true, CLOCK_MONOTONIC of this machine, ns; default: now.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        stamp_ns: Option<u64>,
+    },
     /// Asks for the list of finished runs.
     Runs {
         /// Number that the reply repeats.
@@ -242,6 +261,8 @@ impl Call {
             | Self::Subscribe { id, .. }
             | Self::Unsubscribe { id, .. }
             | Self::Publish { id, .. }
+            | Self::Declare { id, .. }
+            | Self::Sample { id, .. }
             | Self::Runs { id }
             | Self::Files { id, .. }
             | Self::Open { id, .. }

@@ -118,6 +118,8 @@ fn every_call_is_read_as_it_was_written() {
         Call::Seat { id: 16, what: SeatCall::Ask },
         Call::CodeAdd { id: 17, name: "tablet".to_owned(), role: "fly".to_owned() },
         Call::CodeUse { id: 18, code: "0128-7ZGZ".to_owned() },
+        Call::Declare { id: 19, sensor: "soil".to_owned(), message: "Soil".to_owned() },
+        Call::Sample { id: 20, sensor: "soil".to_owned(), stamp_ns: Some(5) },
     ];
     for (number, call) in calls.iter().enumerate() {
         assert_eq!(Call::read(&call.header().unwrap()).unwrap(), *call);
