@@ -5,14 +5,19 @@ import os
 import time
 from ctypes import c_double
 
-from nims_bus import Sample, Sensor
+from nims_sensor import Sample, Sensor
 
 NAME = os.environ.get("NIMS_NAME", "example")  # the channel is sensor/NAME; `nims plug NAME` sets it
 RATE_HZ = 10.0
 
 
 class Example(Sample):
-    _fields_ = [("value_v", c_double), ("samples", c_double * 4)]
+    """A reading of the device."""
+
+    _fields_ = [
+        ("value_v", c_double, "Voltage of the probe, V."),
+        ("samples", c_double * 4, "The last four counts."),
+    ]
 
 
 def read_device(count):

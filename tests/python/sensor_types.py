@@ -1,11 +1,11 @@
-"""Prints the type name and the definition that scripts/python/nims_bus.py derives from a ctypes struct, for comparison with ours."""
+"""Prints the type name and the definition that scripts/python/nims_sensor.py derives from a ctypes struct, for comparison with ours."""
 
 import sys
 from ctypes import c_double, c_uint8
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "python"))
-from nims_bus import Sample, SensorError
+from nims_sensor import Sample, SensorError
 
 
 class Spot(Sample):

@@ -13,6 +13,7 @@ use robot_state::Reason;
 use robot_state::answers::detail;
 use rustix::process::{Pid, test_kill_process};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// Name under which the gateway joins the domain.
 const NAME: &str = "gateway";
@@ -46,6 +47,8 @@ type SensorChannel = Result<Publisher<Reading>, (u64, Box<RequestAnswer>)>;
 pub(crate) struct Robot {
     name: String,
     domain: String,
+    /// The gateway's own socket.
+    socket: PathBuf,
     joined: Option<Joined>,
     hub: Hub,
     stops: Vec<(Vec<Ticket>, Attempt)>,
@@ -65,9 +68,21 @@ const STOP_LANE: &str = "stop";
 
 impl Robot {
     /// The robot of that name in that domain.
-    pub(crate) fn new(name: String, domain: String) -> Self {
+    pub(crate) fn new(name: String, domain: String, socket: PathBuf) -> Self {
         let (hub, stops, orphans) = (Hub::default(), Vec::new(), Vec::new());
-        Self { name, domain, joined: None, hub, stops, stopped: 0, again: None, orphans, look_ns: 0, unjoined: None }
+        Self {
+            name,
+            domain,
+            socket,
+            joined: None,
+            hub,
+            stops,
+            stopped: 0,
+            again: None,
+            orphans,
+            look_ns: 0,
+            unjoined: None,
+        }
     }
 
     /// The subscriptions.
@@ -94,6 +109,9 @@ impl Robot {
         };
         match Joined::new(&domain, alive.supervisor) {
             Ok(joined) => {
+                if let Err(error) = domain.set_gateway(&self.socket) {
+                    eprintln!("gateway: sensors that `nims plug` starts have to be told the socket: {error}");
+                }
                 (self.joined, self.unjoined) = (Some(joined), None);
                 Some(format!("{} runs", self.name))
             }

@@ -21,7 +21,7 @@ use rustix::io::Errno;
 use rustix::time::Timespec;
 use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 /// Longest wait: while the robot is looked for, while samples are passed on, and while an answer is awaited, ns.
@@ -89,7 +89,7 @@ impl Server {
             spare: socket::Spare::new(),
             path: settings.socket.clone(),
             core: Core::new(settings.name.clone(), roles, tokens).with_plugins(&settings.instance, &settings.plugins),
-            robot: Robot::new(settings.name.clone(), settings.domain.clone()),
+            robot: Robot::new(settings.name.clone(), settings.domain.clone(), absolute(&settings.socket)),
             disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             inbox: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             units: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
@@ -462,6 +462,11 @@ impl Server {
             self.carry_out(actions);
         }
     }
+}
+
+/// The path of the socket for processes in other folders.
+fn absolute(socket: &Path) -> PathBuf {
+    std::path::absolute(socket).unwrap_or_else(|_| socket.to_owned())
 }
 
 fn is_authority(definition: &Reply) -> bool {

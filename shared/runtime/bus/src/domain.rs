@@ -32,14 +32,19 @@ const CLAIM_FILE: &str = "owner";
 pub(crate) const ESTOP_SOCKET: &str = "estop";
 /// Marks a folder given by the user as that of a domain; nothing is removed from a folder without it.
 const MARKER_FILE: &str = ".nims-domain";
-/// Files of the supervisor (a trailing `.new` marks one that is being written) and the socket of motor-io.
-const OWN_FILES: [&str; 7] = [
+/// File with the path of the socket of the robot's gateway.
+const GATEWAY_FILE: &str = "gateway.txt";
+/// Files of the supervisor and of the gateway (a trailing `.new` marks one that is being written), and the socket of
+/// motor-io.
+const OWN_FILES: [&str; 9] = [
     "children.json",
     "children.json.new",
     "running.json",
     "running.json.new",
     CLOCK_FILE,
     "clock.txt.new",
+    GATEWAY_FILE,
+    "gateway.txt.new",
     ESTOP_SOCKET,
 ];
 /// Ending of the file that a virtual motor box stores for each of its ports (`LeftOut` of the crate `serial`). It
@@ -278,6 +283,24 @@ impl Domain {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Tells the robot's processes the socket of its gateway, through which sensors without shared memory publish. With
+    /// several gateways it is that of the last one.
+    ///
+    /// # Errors
+    /// [`BusError::DomainFolder`] if the folder cannot be written.
+    pub fn set_gateway(&self, socket: &Path) -> Result<(), BusError> {
+        let (path, fresh) = (self.root.join(GATEWAY_FILE), self.root.join(format!("{GATEWAY_FILE}.new")));
+        let written = fs::write(&fresh, format!("{}\n", socket.display())).and_then(|()| fs::rename(&fresh, &path));
+        written.map_err(|error| BusError::DomainFolder { path, why: error.into() })
+    }
+
+    /// Returns the socket of the robot's gateway, if one has joined the robot and its socket still exists.
+    #[must_use]
+    pub fn gateway(&self) -> Option<PathBuf> {
+        let text = fs::read_to_string(self.root.join(GATEWAY_FILE)).ok()?;
+        Some(PathBuf::from(text.trim_end())).filter(|socket| socket.exists())
     }
 
     pub(crate) fn config(&self) -> &Config {

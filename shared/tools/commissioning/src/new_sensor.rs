@@ -1,5 +1,4 @@
-//! `nims new-sensor`: writes an example sensor that runs unchanged, as a Rust crate or as one Python file, on shared
-//! memory or through the gateway.
+//! `nims new-sensor`: writes an example sensor that runs unchanged, as one Python file or as a Rust crate.
 
 use command::{Answer, Failure, Output};
 use serde_json::json;
@@ -12,15 +11,11 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Name of the sensor and of its channel sensor/NAME: 1 to 16 of a-z, 0-9, dash.
     pub name: String,
-    /// Write one Python file instead of a Rust crate.
+    /// Write a Rust crate instead of one Python file.
     #[arg(long)]
-    pub python: bool,
-    /// Write a Python file that publishes numbers through the gateway: without packages, on any machine, and without
-    /// the rights of the robot.
-    #[arg(long, conflicts_with = "python")]
-    pub plugin: bool,
+    pub rust: bool,
     /// The sources of nims, for a sensor in Rust. Default: the folder from which this program was built.
-    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["python", "plugin"])]
+    #[arg(long, value_name = "FOLDER", requires = "rust")]
     pub nims: Option<PathBuf>,
 }
 
@@ -29,10 +24,8 @@ const MANIFEST: &str = include_str!("../../../../scripts/templates/sensor/Cargo.
 const MAIN: &str = include_str!("../../../../scripts/templates/sensor/src/main.rs");
 const DRIVER: &str = include_str!("../../../../scripts/templates/sensor/src/driver.rs");
 const PYTHON: &str = include_str!("../../../../scripts/templates/sensor.py");
-const PLUGIN: &str = include_str!("../../../../scripts/templates/plugin.py");
-/// The Python modules that a Python sensor and a plug-in import.
-const PYTHON_BUS: &str = include_str!("../../../../scripts/python/nims_bus.py");
-const PYTHON_GATEWAY: &str = include_str!("../../../../scripts/python/nims_gateway.py");
+/// The Python module that a Python sensor imports.
+const PYTHON_MODULE: &str = include_str!("../../../../scripts/python/nims_sensor.py");
 /// Path from the Rust template to the libraries of nims.
 const SHARED_IN_TEMPLATE: &str = "../../../shared";
 /// Longest name, characters; the same as for `nims plug`.
@@ -50,53 +43,28 @@ pub fn new_sensor(asked: &Args) -> Answer<Output> {
             "the name is \"{name}\"; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`, starting with a letter"
         )));
     }
-    let (written, next) = match asked {
-        Args { python: true, .. } => python(name)?,
-        Args { plugin: true, .. } => plugin(name)?,
-        _ => rust(name, asked.nims.as_deref())?,
-    };
+    let (written, next) = if asked.rust { rust(name, asked.nims.as_deref())? } else { python(name)? };
     let files: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
     let words = format!("wrote {}\nnext, while the robot runs:\n  {}", files.join(", "), next.join("\n  "));
     Ok(Output::new(json!({ "written": files, "next": next }), words))
 }
 
 /// Writes a Python file, and beside it the module that it imports, unless that is there.
-fn python_files(name: &str, template: &str, module: &str, text: &str) -> Answer<Vec<PathBuf>> {
-    let (file, module) = (PathBuf::from(format!("{name}.py")), PathBuf::from(module));
-    write_new(&file, &renamed(template, name))?;
-    if module.exists() {
-        return Ok(vec![file]);
-    }
-    write_new(&module, text)?;
-    Ok(vec![file, module])
-}
-
-fn plugin(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {
-    let written = python_files(name, PLUGIN, "nims_gateway.py", PYTHON_GATEWAY)?;
-    let gateway = std::env::current_exe().map_err(Failure::not_now)?.with_file_name("gateway");
-    Ok((
-        written,
-        vec![
-            "add this to SYSTEM.toml, and start the gateway again, which reads it:".to_owned(),
-            format!("  [[plugin]]\n    name = \"{name}\"\n    quantity = [\"value\"]\n    unit = [\"V\"]"),
-            format!("{} --system SYSTEM.toml --socket FOLDER", gateway.display()),
-            format!("NIMS_GATEWAY=FOLDER/SYSTEM.sock python3 {name}.py"),
-            format!("nims channel echo sensor/{name}"),
-        ],
-    ))
-}
-
 fn python(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {
-    let written = python_files(name, PYTHON, "nims_bus.py", PYTHON_BUS)?;
-    let version = PYTHON_BUS.lines().find_map(|line| line.strip_prefix("ICEORYX2 = ")).unwrap_or_default();
-    Ok((
-        written,
-        vec![
-            format!("python3 -m venv venv && venv/bin/pip install iceoryx2=={}", version.trim_matches('"')),
-            format!("nims plug {name} -- venv/bin/python {name}.py"),
-            format!("nims channel echo sensor/{name}"),
-        ],
-    ))
+    let (file, module) = (PathBuf::from(format!("{name}.py")), PathBuf::from("nims_sensor.py"));
+    write_new(&file, &renamed(PYTHON, name))?;
+    let mut written = vec![file];
+    if !module.exists() {
+        write_new(&module, PYTHON_MODULE)?;
+        written.push(module);
+    }
+    let next = vec![
+        "nims plug gateway -- gateway --system SYSTEM.toml    # once; on a control box a service is the gateway"
+            .to_owned(),
+        format!("nims plug {name} -- python3 {name}.py"),
+        format!("nims channel echo sensor/{name}"),
+    ];
+    Ok((written, next))
 }
 
 fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> {
@@ -136,7 +104,7 @@ fn shared_of(nims: Option<&Path>) -> Answer<PathBuf> {
     let shared = root.join("shared");
     if !shared.join("runtime/messages/Cargo.toml").is_file() {
         return Err(Failure::BadInput(format!(
-            "the sources of nims are not in {}: give their folder with --nims FOLDER, or write the sensor in Python with --python",
+            "the sources of nims are not in {}: give their folder with --nims FOLDER, or leave --rust out for a sensor in Python",
             root.display()
         )));
     }
@@ -174,7 +142,7 @@ mod tests {
 
     #[test]
     fn the_name_is_replaced_everywhere_in_the_templates() {
-        for template in [MANIFEST, MAIN, DRIVER, PYTHON, PLUGIN] {
+        for template in [MANIFEST, MAIN, DRIVER, PYTHON] {
             let text = renamed(template, "soil-probe-2");
             assert!(!text.contains("xample"), "{text}");
         }

@@ -1,10 +1,15 @@
-"""Publishes the samples of a sensor to nims from Python: one file, no build.
+"""A sensor in Python: one file, no build, no packages.
 
     from ctypes import c_double
-    from nims_bus import Sample, Sensor
+    from nims_sensor import Sample, Sensor
 
     class Soil(Sample):
-        _fields_ = [("moisture_percent", c_double), ("temperature_c", c_double)]
+        "A probe in the ground."
+
+        _fields_ = [
+            ("moisture_percent", c_double, "Water by volume, %."),
+            ("temperature_c", c_double, "Temperature, degC."),
+        ]
 
     with Sensor("soil", Soil) as sensor:
         while sensor.running():
@@ -12,25 +17,29 @@
             sensor.send(moisture_percent=moisture, temperature_c=temperature)
 
 The struct is the message: its definition for run files and its type name are derived from it, so the recorder and
-`nims channel echo` have the names of its fields. Needs the package `iceoryx2` in exactly the version of the robot's
-programs.
+`nims channel info|echo` have the names of its fields, and what they mean.
 
-The domain of the robot is the first of: the argument `domain`, `--domain NAME`, the variable NIMS_DOMAIN, the only
-running robot. `nims plug NAME -- python3 FILE` starts the file as one of the robot's processes, and sets NIMS_DOMAIN
-and NIMS_NAME.
+The samples go through the gateway of the robot. Its socket is the first of: the argument `gateway`, `--gateway PATH`,
+the variable NIMS_GATEWAY, the gateway that has joined the robot of the domain, the only one in /run/nims-gateway. With
+`--shared-memory` (or the argument `shared_memory`) the sensor is one of the robot's own processes and publishes in shared
+memory; that needs the package `iceoryx2` in exactly the version of the robot's programs.
+
+The domain is the first of: the argument `domain`, `--domain NAME`, the variable NIMS_DOMAIN, the only running robot.
+`nims plug NAME -- python3 FILE` starts the file with the robot, and sets NIMS_DOMAIN and NIMS_NAME.
 """
 
 import ctypes
+import json
 import keyword
 import math
 import os
 import re
 import signal
+import socket
+import struct
 import sys
 import time
 from pathlib import Path
-
-import iceoryx2
 
 ICEORYX2 = "0.10.0"
 SHARED_MEMORY = "/dev/shm"
@@ -52,6 +61,12 @@ PRIMITIVES = {
     ctypes.c_int8: "int8", ctypes.c_int16: "int16", ctypes.c_int32: "int32", ctypes.c_int64: "int64",
     ctypes.c_uint8: "uint8", ctypes.c_uint16: "uint16", ctypes.c_uint32: "uint32", ctypes.c_uint64: "uint64",
 }
+# The folder of the gateways' sockets, and reasons of a gateway: no robot runs; the sensor is taken; samples, and
+# connections, come too often.
+GATEWAYS = "/run/nims-gateway"
+NO_ROBOT, TAKEN, TOO_OFTEN, TAKEN_TOO_OFTEN = 452, 466, 467, 473
+# Time for which a sensor waits for its predecessor to leave, s.
+PATIENCE_S = 5.0
 # Names of fields that readers of run files reject.
 RESERVED = {"name", "type", "fields", "encode", "decode"}
 
@@ -74,45 +89,58 @@ class Header(ctypes.Structure):
 
 
 class _WithHeader(type(ctypes.Structure)):
-    """Adds the header before the fields, and explicit padding after them in place of hidden padding."""
+    """Adds the header before the fields, and explicit padding after them in place of hidden padding; takes the comments
+    of the fields out of what ctypes sees."""
 
     def __new__(mcs, name, bases, body):
-        if bases != (ctypes.Structure,) and "_fields_" in body:
-            fields = [("header", Header), *body["_fields_"]]
-            size = sum(ctypes.sizeof(kind) for _, kind in fields)
-            if size % 8:
-                fields.append(("pad0", ctypes.c_uint8 * (8 - size % 8)))
+        if "_fields_" in body:
+            given = body["_fields_"]
+            body["_comments_"] = {field[0]: field[2] for field in given if len(field) > 2 and isinstance(field[2], str)}
+            fields = [field[:2] if field[0] in body["_comments_"] else field for field in given]
+            if bases != (ctypes.Structure,):
+                fields.insert(0, ("header", Header))
+                size = sum(ctypes.sizeof(field[1]) for field in fields)
+                if size % 8:
+                    fields.append(("pad0", ctypes.c_uint8 * (8 - size % 8)))
             body["_fields_"] = fields
         return super().__new__(mcs, name, bases, body)
 
 
+class Part(ctypes.Structure, metaclass=_WithHeader):
+    """Base of a struct inside of a message that has comments too; without them a ctypes.Structure does."""
+
+
 class Sample(ctypes.Structure, metaclass=_WithHeader):
-    """Base of your message: a `_fields_` of numbers, fixed arrays of numbers, and structs of those."""
+    """Base of your message: a `_fields_` of numbers, fixed arrays of numbers, and structs of those, each with a comment
+    that says what it is and in which unit. The documentation of the class is that of the message."""
 
     @classmethod
     def definition(cls):
-        """The ROS 2 definition of the struct."""
+        """The ROS 2 definition of the struct, with its comments."""
         nested = {}
         own = _lines(cls, nested)
         return own + "".join(f"{'=' * 80}\nMSG: nims_msgs/{name}\n{text}" for name, text in nested.items())
 
     @classmethod
     def type_name(cls):
-        """The type name that both ends of a channel compare; it ends in a hash of the definition."""
-        return f"nims_msgs/{cls.__name__}/{_hash(cls.definition()):08x}"
+        """The type name that both ends of a channel compare; it ends in a hash of the definition without comments."""
+        return f"nims_msgs/{cls.__name__}/{_hash(_plain(cls.definition())):08x}"
 
 
-def _lines(struct, nested):
-    text, end = "", 0
-    if not re.fullmatch(r"[A-Z][A-Za-z0-9]*", struct.__name__):
-        raise SensorError(f"the name of the struct `{struct.__name__}` is not in CamelCase: rename it")
-    for name, kind in struct._fields_:
+def _lines(struct_type, nested):
+    name_of = struct_type.__name__
+    if not re.fullmatch(r"[A-Z][A-Za-z0-9]*", name_of):
+        raise SensorError(f"the name of the struct `{name_of}` is not in CamelCase: rename it")
+    documented = struct_type.__dict__.get("__doc__") if isinstance(struct_type, _WithHeader) else None
+    comments = getattr(struct_type, "_comments_", {})
+    text, end = _comment(documented, name_of), 0
+    for name, kind in struct_type._fields_:
         if not re.fullmatch(r"[a-z](?:[a-z0-9]|_(?=[a-z0-9]))*", name) or keyword.iskeyword(name) or name in RESERVED:
-            raise SensorError(f"the field `{name}` of `{struct.__name__}` has a name that readers reject: use another lower_case name")
-        at = getattr(struct, name).offset
+            raise SensorError(f"the field `{name}` of `{name_of}` has a name that readers reject: use another lower_case name")
+        at = getattr(struct_type, name).offset
         if at != end:
             raise SensorError(
-                f"there are {at - end} hidden bytes before `{name}` of `{struct.__name__}`: put wide fields first, or add pad0 = c_uint8 * {at - end} there"
+                f"there are {at - end} hidden bytes before `{name}` of `{name_of}`: put wide fields first, or add pad0 = c_uint8 * {at - end} there"
             )
         end = at + ctypes.sizeof(kind)
         element, length = (kind._type_, f"[{kind._length_}]") if hasattr(kind, "_length_") else (kind, "")
@@ -124,11 +152,28 @@ def _lines(struct, nested):
                 nested[element.__name__] = ""
                 nested[element.__name__] = _lines(element, nested)
         else:
-            raise SensorError(f"the field `{name}` of `{struct.__name__}` is not a number, array of numbers or struct of those")
-        text += f"{ros}{length} {name}\n"
-    if end != ctypes.sizeof(struct):
-        raise SensorError(f"there are {ctypes.sizeof(struct) - end} hidden bytes at the end of `{struct.__name__}`: fill them with a field pad0")
+            raise SensorError(f"the field `{name}` of `{name_of}` is not a number, array of numbers or struct of those")
+        text += f"{_comment(comments.get(name), f'{name_of}.{name}')}{ros}{length} {name}\n"
+    if end != ctypes.sizeof(struct_type):
+        raise SensorError(f"there are {ctypes.sizeof(struct_type) - end} hidden bytes at the end of `{name_of}`: fill them with a field pad0")
     return text
+
+
+def _comment(words, of):
+    """The lines of a comment. A channel stores ASCII only, so that every program can read it."""
+    if not words:
+        return ""
+    lines = [line.strip() for line in words.strip().splitlines()]
+    for line in lines:
+        foreign = [character for character in line if not character.isascii() or not character.isprintable()]
+        if foreign:
+            raise SensorError(f"the comment of `{of}` has the character `{foreign[0]}`: use ASCII, e.g. degC, um or m2")
+    return "".join(f"# {line}".rstrip() + "\n" for line in lines)
+
+
+def _plain(text):
+    """A definition without its comments."""
+    return "".join(line for line in text.splitlines(keepends=True) if not line.startswith("#"))
 
 
 def _hash(text):
@@ -142,12 +187,156 @@ def _hash(text):
 class Sensor:
     """Publishes samples of one type on `sensor/NAME`."""
 
-    def __init__(self, name, message, domain=None, rate_hz=None):
-        """`rate_hz`: samples per second, if known; limits the buffer of the channel."""
-        _need_version()
-        self.channel = f"sensor/{name}"
-        self._message, self._seq, self._ended = message, 0, False
+    def __init__(self, name, message, domain=None, gateway=None, rate_hz=None, shared_memory=False):
+        """`rate_hz`: samples per second, if known; in shared memory it limits the buffer of the channel."""
+        self._message, self._ended = message, False
         self._kinds = dict(message._fields_)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._end)
+        if shared_memory or "--shared-memory" in sys.argv[1:]:
+            self._way = _SharedMemory(name, message, domain, rate_hz)
+        else:
+            self._way = _Gateway(name, message, domain, gateway)
+
+    def running(self):
+        """False after SIGINT or SIGTERM."""
+        self._way.look()
+        return not self._ended
+
+    def send(self, stamp_ns=None, **fields):
+        """Publishes one sample; returns False while no robot or no gateway takes it.
+
+        `stamp_ns`: when it was true, on CLOCK_MONOTONIC; default: now. Arrays take any sequence."""
+        sample = self._message()
+        for name, value in fields.items():
+            kind = self._kinds.get(name)
+            if kind is None:
+                raise SensorError(f"`{self._message.__name__}` has no field `{name}`")
+            if hasattr(kind, "_length_"):
+                _fill(getattr(sample, name), value, name)
+            else:
+                setattr(sample, name, value)
+        return self._way.publish(sample, now_ns() if stamp_ns is None else stamp_ns)
+
+    def _end(self, *_):
+        self._ended = True
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._way.close()
+
+
+class _Gateway:
+    """The way through the gateway, which needs nothing but its socket. It connects again when the gateway was started
+    again, and declares the message on each connection."""
+
+    def __init__(self, name, message, domain, gateway):
+        self._name, self._message, self._definition = name, message, message.definition()
+        self._given, self._domain = gateway, domain
+        self._link, self._declared, self._number, self._told = None, False, 0, set()
+        self._socket()
+
+    def _socket(self):
+        given = self._given or _argument("--gateway") or os.environ.get("NIMS_GATEWAY")
+        return given or _gateway_of(self._domain)
+
+    def look(self):
+        """Nothing to do between two samples."""
+
+    def publish(self, sample, stamp_ns):
+        try:
+            if not self._declare():
+                return False
+            answer = self._call({"call": "sample", "sensor": self._name, "stamp_ns": stamp_ns}, bytes(sample))
+        except OSError as error:
+            self.close()
+            self._tell(f"the gateway is out of reach ({error}); samples are lost until it is back")
+            return False
+        if answer["reply"] == "done":
+            self._told.clear()
+            return True
+        if answer.get("reason") == NO_ROBOT:
+            return False
+        if answer.get("reason") != TOO_OFTEN:
+            raise SensorError(_sentence(answer))
+        self._tell(_sentence(answer))
+        return False
+
+    def _declare(self):
+        """Declares the message once for each connection; False while no robot runs."""
+        give_up = time.monotonic() + PATIENCE_S
+        while not self._declared:
+            call = {"call": "declare", "sensor": self._name, "message": self._message.__name__}
+            answer = self._call(call, self._definition.encode())
+            if answer["reply"] == "done":
+                self._declared = True
+            elif answer.get("reason") == NO_ROBOT:
+                # Stored by the gateway; the channel is opened with the first sample of the next robot.
+                self._declared = True
+                return False
+            elif answer.get("reason") in (TAKEN, TAKEN_TOO_OFTEN) and time.monotonic() < give_up:
+                time.sleep(0.2)  # its predecessor is just ending
+            else:
+                raise SensorError(_sentence(answer))
+        return True
+
+    def _tell(self, sentence):
+        """Prints a sentence, once until samples are taken again."""
+        if sentence not in self._told:
+            self._told.add(sentence)
+            print(f"{self._name}: {sentence}", file=sys.stderr, flush=True)
+
+    def _call(self, call, body):
+        if self._link is None:
+            self._link = socket.socket(socket.AF_UNIX)
+            self._link.settimeout(10)
+            self._link.connect(self._socket())
+            answer = self._exchange({"call": "hello", "version": 1, "origin": "python"}, b"")
+            if answer["reply"] != "welcome":
+                self.close()
+                raise SensorError(_sentence(answer))
+        self._number += 1
+        return self._exchange({**call, "id": self._number}, body)
+
+    def _exchange(self, call, body):
+        header = json.dumps(call).encode()
+        self._link.sendall(struct.pack("<II", len(header), len(body)) + header + body)
+        header, body = struct.unpack("<II", self._exactly(8))
+        answer = json.loads(self._exactly(header))
+        self._exactly(body)
+        return answer
+
+    def _exactly(self, count):
+        data = bytearray()
+        while len(data) < count:
+            piece = self._link.recv(count - len(data))
+            if not piece:
+                raise ConnectionError("it has closed the connection")
+            data += piece
+        return bytes(data)
+
+    def close(self):
+        if self._link is not None:
+            self._link.close()
+        self._link, self._declared = None, False
+
+
+def _sentence(answer):
+    return answer.get("sentence", str(answer))
+
+
+class _SharedMemory:
+    """The way through shared memory, as one of the robot's own processes."""
+
+    def __init__(self, name, message, domain, rate_hz):
+        global iceoryx2
+        _need_version()
+        import iceoryx2
+
+        self.channel = f"sensor/{name}"
+        self._message, self._seq = message, 0
         self._buffer, self._history, self._subscribers = _quality(ctypes.sizeof(message), rate_hz)
         self._bytes = (self._subscribers * (self._buffer + BORROWS) + self._history + 1) * ctypes.sizeof(message)
         _need_room(self.channel, self._bytes)
@@ -184,8 +373,6 @@ class Sensor:
             raise SensorError(f"`{self.channel}` cannot be published: {error}; other sensors of this name may run") from None
         # Wakes the processes that look for new channels, above all the recorder.
         self._event("system/channels").notify()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._end)
 
     def _builder(self):
         return (
@@ -272,39 +459,22 @@ class Sensor:
             time.sleep(0.01)
         raise last
 
-    def running(self):
-        """False after SIGINT or SIGTERM."""
+    def look(self):
+        """Connects to new subscribers."""
         self._publisher.update_connections()
         if time.monotonic() > self._reserve_at:
             self._reserve_at = time.monotonic() + 1.0
             self._reserve()
-        return not self._ended
 
-    def send(self, stamp_ns=None, **fields):
-        """Publishes one sample. `stamp_ns`: when it was true, on CLOCK_MONOTONIC; default: now. Arrays take any sequence."""
+    def publish(self, sample, stamp_ns):
         self._seq += 1
-        stamp_ns = now_ns() if stamp_ns is None else stamp_ns
-        sample = self._message()
         header = sample.header
         header.seq, header.stamp_ns, header.oldest_input_ns, header.published_ns = self._seq, stamp_ns, stamp_ns, now_ns()
-        for name, value in fields.items():
-            kind = self._kinds.get(name)
-            if kind is None:
-                raise SensorError(f"`{self._message.__name__}` has no field `{name}`")
-            if hasattr(kind, "_length_"):
-                _fill(getattr(sample, name), value, name)
-            else:
-                setattr(sample, name, value)
         self._publisher.loan_uninit().write_payload(sample).send()
         self._notifier.notify()
+        return True
 
-    def _end(self, *_):
-        self._ended = True
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
+    def close(self):
         del self._publisher, self._notifier, self._sheets, self._node
 
 
@@ -380,17 +550,40 @@ def now_ns():
 
 
 def _need_version():
-    from importlib.metadata import version
+    from importlib.metadata import PackageNotFoundError, version
 
-    found = version("iceoryx2")
+    try:
+        found = version("iceoryx2")
+    except PackageNotFoundError:
+        raise SensorError(
+            f"shared memory needs the package iceoryx2: pip install iceoryx2=={ICEORYX2}, or leave --shared-memory out and publish through the gateway"
+        ) from None
     if found != ICEORYX2:
         raise SensorError(f"the package iceoryx2 is {found}, but the robot's programs need {ICEORYX2}: pip install iceoryx2=={ICEORYX2}")
 
 
+def _argument(option):
+    """The value of an option of the command line."""
+    return sys.argv[sys.argv.index(option) + 1] if option in sys.argv[1:-1] else None
+
+
+def _gateway_of(domain):
+    """The socket of the gateway of a robot on this machine."""
+    start = "start one with `nims plug gateway -- gateway --system SYSTEM.toml`, or name its socket with --gateway PATH"
+    try:
+        known = Path(_root(domain), "gateway.txt").read_text().strip()
+        if os.path.exists(known):
+            return known
+    except (SensorError, OSError):
+        pass  # the robot of another user
+    found = [str(path) for path in Path(GATEWAYS).glob("*.sock")] if os.path.isdir(GATEWAYS) else []
+    if len(found) != 1:
+        raise SensorError(f"several gateways run ({', '.join(found)}): choose one with --gateway PATH" if found else f"no gateway runs here: {start}")
+    return found[0]
+
+
 def _root(domain):
-    if domain is None and "--domain" in sys.argv[1:-1]:
-        domain = sys.argv[sys.argv.index("--domain") + 1]
-    domain = domain or os.environ.get("NIMS_DOMAIN")
+    domain = domain or _argument("--domain") or os.environ.get("NIMS_DOMAIN")
     beginning = f"{SHARED_MEMORY}/nims-{os.geteuid()}-"
     if domain:
         root = domain if domain.startswith("/") else beginning + domain
