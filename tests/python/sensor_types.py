@@ -9,7 +9,14 @@ from nims_sensor import Sample, SensorError
 
 
 class Spot(Sample):
-    _fields_ = [("value", c_double * 8), ("latency_s", c_double), ("count", c_uint8), ("quality", c_uint8)]
+    """A spot."""
+
+    _fields_ = [
+        ("value", c_double * 8, "Values, m."),
+        ("latency_s", c_double, "Time since the measurement, s."),
+        ("count", c_uint8),
+        ("quality", c_uint8),
+    ]
 
 
 class Hidden(Sample):
@@ -20,9 +27,13 @@ class Named(Sample):
     _fields_ = [("class", c_double)]
 
 
+class Foreign(Sample):
+    _fields_ = [("a", c_double, "A width, \u00b5m.")]
+
+
 print(Spot.type_name())
 print(Spot.definition(), end="")
-for refused in (Hidden, Named):
+for refused in (Hidden, Named, Foreign):
     try:
         refused.definition()
         print(f"{refused.__name__} was accepted")

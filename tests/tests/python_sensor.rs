@@ -51,7 +51,7 @@ fn new_sensor(folder: &Path, args: &[&str]) -> (bool, String) {
 #[test]
 fn a_new_sensor_in_rust_is_the_tested_template_under_its_name_and_nothing_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
-    let (done, said) = new_sensor(folder.path(), &["soil-probe"]);
+    let (done, said) = new_sensor(folder.path(), &["soil-probe", "--rust"]);
     // The command that plugs it in.
     assert!(done && said.contains("nims plug soil-probe -- soil-probe/target/debug/soil-probe"), "{said}");
     for file in ["src/main.rs", "src/driver.rs"] {
@@ -70,12 +70,12 @@ fn a_new_sensor_in_rust_is_the_tested_template_under_its_name_and_nothing_is_ove
         assert!(Path::new(path).is_absolute() && Path::new(path).join("Cargo.toml").is_file(), "{path}");
     }
     std::fs::write(folder.path().join("leaf.py"), "mine").unwrap();
-    for args in [&["soil-probe"][..], &["leaf", "--python"]] {
+    for args in [&["soil-probe", "--rust"][..], &["leaf"]] {
         let (done, said) = new_sensor(folder.path(), args);
         assert!(!done, "{said}");
     }
     assert_eq!(std::fs::read_to_string(folder.path().join("leaf.py")).unwrap(), "mine");
-    for args in [&["Soil"][..], &["2soil"], &["soil/probe"], &["soil", "--nims", "/nowhere"]] {
+    for args in [&["Soil"][..], &["2soil"], &["soil/probe"], &["soil", "--rust", "--nims", "/nowhere"]] {
         let (done, said) = new_sensor(folder.path(), args);
         assert!(!done && said.lines().count() == 1, "{said}");
     }
@@ -99,14 +99,14 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
     until("the recorder is ready", || {
         std::iter::from_fn(|| beats.receive().unwrap()).any(|beat| beat.state == Heartbeat::STATE_READY)
     });
-    let (done, said) = new_sensor(folder.path(), &["example", "--python"]);
+    let (done, said) = new_sensor(folder.path(), &["example"]);
     // The command that plugs it in.
     assert!(done && said.contains("nims plug example -- "), "{said}");
     let start = || {
         Guard(
             Command::new(python())
                 .arg(folder.path().join("example.py"))
-                .args(["--domain", domain.name()])
+                .args(["--shared-memory", "--domain", domain.name()])
                 .spawn()
                 .unwrap(),
         )
@@ -171,9 +171,16 @@ fn type_definitions_from_python_equal_those_of_rust() {
     let schema = messages::schema::Schema::parse(definition).unwrap();
     assert_eq!(schema.size(), 48 + 64 + 8 + 2 + 6);
     assert!(schema.has_header());
-    assert_eq!(type_name, format!("nims_msgs/Spot/{:08x}", hash_of(definition)));
+    assert!(
+        definition.contains("# A spot.\n")
+            && definition.contains("# Time since the measurement, s.\nfloat64 latency_s")
+    );
+    assert_eq!(type_name, format!("nims_msgs/Spot/{:08x}", hash_of(&messages::schema::without_comments(definition))));
+    // The gateway, to which it would be declared, makes the same type of it.
+    let declared = messages::Declaration::new("Spot", definition).unwrap();
+    assert_eq!((declared.type_name(), declared.size()), (type_name, schema.size()));
     // The field and the type.
     assert!(refusals.contains("`value`") && refusals.contains("`Hidden`"), "{refusals}");
-    assert!(refusals.contains("`class`"), "{refusals}");
+    assert!(refusals.contains("`class`") && refusals.contains("`Foreign.a`"), "{refusals}");
     assert!(!refusals.contains("accepted"), "{refusals}");
 }

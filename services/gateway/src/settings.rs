@@ -16,7 +16,8 @@ pub struct Args {
     /// System file of the robot: its name, its runs folder and `[gateway]`.
     #[arg(long, value_name = "FILE")]
     pub system: PathBuf,
-    /// Domain of the robot: a name, or the path of a folder; default: the name of the system.
+    /// Domain of the robot: a name, or the path of a folder; default: that of the robot that has started it (`nims
+    /// plug`), otherwise the name of the system.
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// Folder of the socket NAME.sock, or the socket itself if this ends in `.sock`; default: the runtime folder of the
@@ -78,7 +79,7 @@ impl Settings {
         let socket = if is_socket { folder } else { folder.join(format!("{}{SOCKET_ENDING}", file.name)) };
         Ok(Self {
             instance: args.instance(),
-            domain: args.domain.clone().unwrap_or_else(|| file.name.clone()),
+            domain: args.domain.clone().or_else(domain_of_the_robot).unwrap_or_else(|| file.name.clone()),
             socket,
             tokens: state.join(format!("tokens-{}.json", file.name)),
             runs: file.runs,
@@ -102,6 +103,11 @@ impl Settings {
         let units = self.plugins.iter().map(|plugin| (plugin.name.clone(), unit(&self.instance, plugin)));
         units.collect()
     }
+}
+
+/// The domain of the robot whose supervisor has started this process.
+fn domain_of_the_robot() -> Option<String> {
+    std::env::var(runtime::DOMAIN_VARIABLE).ok().filter(|domain| !domain.is_empty())
 }
 
 /// The folder that a service manager has made for this service.

@@ -7,6 +7,7 @@
 mod robot;
 
 mod hostile;
+mod own_messages;
 mod rig;
 mod roles;
 mod runs_and_sensors;

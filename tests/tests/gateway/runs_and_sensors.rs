@@ -164,38 +164,6 @@ fn a_plug_in_publishes_through_the_gateway() {
     assert!(listed.contains("sensor/soil"), "{listed}");
 }
 
-/// What `nims new-sensor --plugin` writes runs as it is, with nothing but Python.
-#[test]
-fn a_new_plug_in_publishes_as_it_is_written() {
-    let mut robot = Robot::up("");
-    robot.arm();
-    let folder = tempfile::tempdir().unwrap();
-    let written = Command::new(program()).args(["new-sensor", "soil", "--plugin"]).current_dir(folder.path()).output();
-    let written = written.unwrap();
-    let said = String::from_utf8_lossy(&written.stdout).into_owned();
-    assert!(written.status.success(), "{said}{}", String::from_utf8_lossy(&written.stderr));
-    let declared: String =
-        said.lines().skip_while(|line| !line.contains("[[plugin]]")).take(4).collect::<Vec<_>>().join("\n");
-    let gateway = Gateway::joined(&robot, &declared);
-    let mut readings = robot.bus.subscriber::<messages::Reading>("sensor/soil").unwrap();
-    let python = std::env::var("NIMS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let mut plugin = Command::new(python);
-    plugin.arg("soil.py").current_dir(folder.path()).env("NIMS_GATEWAY", &gateway.socket).env_remove("NIMS_NAME");
-    let mut plugin = plugin.spawn().unwrap();
-    let mut values = Vec::new();
-    for _ in 0..100 {
-        robot.for_cycles(50);
-        values.extend(std::iter::from_fn(|| readings.receive().unwrap()).map(|reading| reading.value[0]));
-        if values.len() >= 3 || plugin.try_wait().unwrap().is_some() {
-            break;
-        }
-    }
-    plugin.kill().unwrap();
-    plugin.wait().unwrap();
-    assert!(values.len() >= 3 && values.windows(2).all(|pair| (pair[1] - pair[0] - 0.1).abs() < 1e-9), "{values:?}");
-    robot.down(Signal::INT);
-}
-
 #[test]
 fn the_example_of_the_page_speaks_with_the_gateway() {
     let mut robot = Robot::up("");

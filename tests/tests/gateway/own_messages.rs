@@ -1,0 +1,180 @@
+//! Sensors in Python without packages, which declare messages of their own: plugged in and out of a robot in flight.
+
+use crate::rig::{Client, Gateway, OWNER};
+use crate::robot::{Robot, program, root};
+use bus::clock;
+use gateway_protocol::{Call, Reply};
+use messages::{Declaration, Header, Message, MotorAuthority};
+use rustix::process::Signal;
+use std::path::Path;
+use std::process::Command;
+
+messages::message! {
+    /// A reading of the device.
+    pub struct Example {
+        header: Header,
+        /// Voltage of the probe, V.
+        value_v: f64,
+        /// The last four counts.
+        samples: [f64; 4],
+    }
+}
+
+/// A folder whose module `iceoryx2` cannot be imported, whatever the interpreter has.
+fn without_packages(folder: &Path) -> String {
+    let block = folder.join("block");
+    std::fs::create_dir_all(&block).unwrap();
+    std::fs::write(block.join("iceoryx2.py"), "raise ImportError('a sensor needs no package')\n").unwrap();
+    format!("PYTHONPATH={}", block.display())
+}
+
+/// The next samples of a channel, from its first number on.
+fn samples(robot: &mut Robot, channel: &str, count: usize) -> Vec<Example> {
+    let mut subscriber = robot.bus.subscriber::<Example>(channel).unwrap();
+    let mut found = Vec::new();
+    let give_up = clock::now_ns() + 60_000_000_000;
+    while found.len() < count {
+        assert!(clock::now_ns() < give_up, "{channel}: {} samples\n{}", found.len(), robot.printed());
+        robot.for_cycles(5);
+        found.extend(std::iter::from_fn(|| subscriber.receive().unwrap()));
+    }
+    found
+}
+
+/// A sensor and a gateway as `nims new-sensor` prints them, with nothing but Python.
+#[test]
+fn a_new_sensor_is_plugged_in_and_out_in_flight_and_recorded_with_its_units() {
+    let mut robot = Robot::up("");
+    robot.arm();
+    let written = robot.accepted(&["new-sensor", "soil"]);
+    assert!(written.contains("nims plug soil -- python3 soil.py") && written.contains("nims plug gateway -- gateway "));
+    let (python, packages) = ("python3", without_packages(robot.folder()));
+    // Nothing takes its samples: a sentence, and the robot goes on.
+    let refused = robot.nims(&["plug", "soil", "--", "env", &packages, python, "soil.py"]);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(!refused.status.success() && said.contains("gateway"), "{said}");
+    robot.accepted(&["plug", "gateway", "--", "gateway", "--system", "configs/systems/demo3.toml"]);
+    robot.until("the gateway has joined", |robot| robot.domain.gateway().is_some());
+    robot.fly();
+
+    robot.accepted(&["plug", "soil", "--", "env", &packages, python, "soil.py"]);
+    let found = samples(&mut robot, "sensor/soil", 10);
+    assert!(found.windows(2).all(|two| two[1].header.seq == two[0].header.seq + 1));
+    for sample in &found {
+        assert!(
+            (sample.value_v - 0.1 * sample.samples[0]).abs() < 1e-9 && sample.samples[3] == sample.samples[0] + 3.0
+        );
+        assert!(sample.header.stamp_ns <= sample.header.published_ns && sample.header.stamp_ns > 0);
+    }
+    let info = robot.bus.channel("sensor/soil").unwrap().unwrap();
+    // Of the class `Soil`; the fields are those of the struct above.
+    let declared = Declaration::new("Soil", info.schema.as_deref().unwrap()).unwrap();
+    assert_eq!((declared.type_name(), declared.size()), (info.type_name.as_str(), size_of::<Example>()));
+    let told = robot.accepted(&["channel", "info", "sensor/soil"]);
+    assert!(told.contains("# Voltage of the probe, V.\nfloat64 value_v\n"), "{told}");
+    assert!(robot.accepted(&["channel", "echo", "sensor/soil", "-n", "1"]).contains("\"value_v\":"));
+
+    // Out, in again, and replaced by a new version.
+    robot.accepted(&["unplug", "soil"]);
+    robot.accepted(&["plug", "soil", "--", "env", &packages, python, "soil.py"]);
+    assert!(samples(&mut robot, "sensor/soil", 3).iter().any(|sample| sample.samples[0] < 20.0));
+    robot.accepted(&["plug", "soil", "--replace", "--", "env", &packages, python, "soil.py"]);
+    samples(&mut robot, "sensor/soil", 3);
+    robot.accepted(&["unplug", "soil"]);
+    assert_ne!(robot.last.mode, MotorAuthority::MODE_FAULTED);
+    robot.down(Signal::INT);
+    is_in_the_run_file(&robot);
+}
+
+/// The run file has its own definition with the comments, and every number; the report draws it.
+fn is_in_the_run_file(robot: &Robot) {
+    let report = runlog::info(&robot.run()).unwrap();
+    let channel = report.channels.iter().find(|channel| channel.name == "sensor/soil").unwrap();
+    assert_eq!((channel.schema.as_str(), channel.lost), ("nims_msgs/msg/Soil", 0));
+    assert!(channel.messages >= 16, "{}", channel.messages);
+    let python = nims_tests::python();
+    let script = "import sys\nfrom mcap.reader import make_reader\nfrom mcap_ros2.decoder import DecoderFactory\n\
+        r = make_reader(open(sys.argv[1], 'rb'), decoder_factories=[DecoderFactory()])\n\
+        for s, _, _, m in r.iter_decoded_messages(topics=['/sensor/soil']): print(s.encoding, '# Voltage of the probe, V.' in s.data.decode(), round(10 * m.value_v - list(m.samples)[0], 6))";
+    let file = robot.run().join("run.mcap");
+    let output = Command::new(python).args(["-c", script]).arg(&file).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines: Vec<&str> = said.lines().collect();
+    assert_eq!(lines.len() as u64, channel.messages);
+    assert!(lines.iter().all(|line| ["ros2msg True 0.0", "ros2msg True -0.0"].contains(line)), "{said}");
+    let drawn = Command::new(program()).arg("report").arg(robot.run()).output().unwrap();
+    assert!(drawn.status.success(), "{}", String::from_utf8_lossy(&drawn.stderr));
+    let page = std::fs::read_to_string(robot.run().join("report.html")).unwrap();
+    assert!(page.contains("sensor/soil") && page.contains("value_v"));
+}
+
+fn declare(client: &mut Client, sensor: &str, message: &str, definition: &str) -> u16 {
+    let call = Call::Declare { id: 3, sensor: sensor.to_owned(), message: message.to_owned() };
+    reason(&client.call_with(&call, definition.as_bytes()))
+}
+
+fn reason(reply: &Reply) -> u16 {
+    match reply {
+        Reply::Done { .. } => 0,
+        Reply::Answer { reason, .. } => *reason,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A declared channel is that of the struct, with whichever of both it begins, and keeps its type.
+#[test]
+fn a_declared_message_is_the_type_of_the_struct_and_does_not_change() {
+    let mut robot = Robot::up("");
+    robot.arm();
+    let mut gateway = Gateway::joined(&robot, OWNER);
+    assert_eq!(robot.domain.gateway().as_deref(), Some(gateway.socket.as_path()));
+    let mut subscriber = robot.bus.subscriber::<Example>("sensor/soil").unwrap();
+    let mut client = gateway.client();
+    assert_eq!(declare(&mut client, "soil", "Example", Example::schema()), 0);
+    let sample = Example { value_v: 1.5, ..Example::default() };
+    let publish = Call::Sample { id: 4, sensor: "soil".to_owned(), stamp_ns: None };
+    assert_eq!(reason(&client.call_with(&publish, bytemuck::bytes_of(&sample))), 0);
+    let received = subscriber.receive().unwrap().unwrap();
+    assert_eq!((received.value_v, received.header.seq), (1.5, 1));
+    // Other fields need another name, and the channels of the robot are out of reach.
+    let mut second = gateway.client();
+    let other = Example::schema().replace("value_v", "value_a");
+    drop(client);
+    gateway.until("the first connection is closed", |gateway| {
+        declare(&mut gateway.client(), "soil", "Example", Example::schema()) == 0
+    });
+    assert_eq!(declare(&mut second, "soil-2", "Example", &other), 0);
+    for (sensor, message) in [("soil", "Example"), ("leaf", "MotorCommand"), ("../motor/command/a", "Example")] {
+        assert_eq!(declare(&mut gateway.client(), sensor, message, &other), 456, "{sensor} {message}");
+    }
+    // Any declarations, in the middle of a flight: refused, and nothing else happens.
+    robot.fly();
+    for number in 0..200_usize {
+        let text: String = Example::schema().chars().take(number * 3).collect();
+        let refused = declare(&mut gateway.client(), "leaf", "Leaf", &text);
+        assert!([0, 456].contains(&refused), "{refused}");
+    }
+    assert!(gateway.lives());
+    assert_ne!(robot.last.mode, MotorAuthority::MODE_FAULTED);
+    robot.down(Signal::INT);
+}
+
+/// The module and the example of the page are those that this test runs.
+#[test]
+fn the_module_names_the_way_out_without_a_gateway() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = "import ctypes, nims_sensor\nclass Soil(nims_sensor.Sample):\n    _fields_ = [('a', ctypes.c_double, 'A, m.')]\n\
+        for way in ({'gateway': '/nowhere.sock'}, {'domain': '/nowhere'}, {'shared_memory': True}):\n    try:\n        \
+        with nims_sensor.Sensor('soil', Soil, **way) as sensor: print(sensor.send(a=1.0))\n    except nims_sensor.SensorError as error:\n        print(error)\n";
+    let packages = without_packages(folder.path());
+    let path = format!("{}:{}", packages, root().join("scripts/python").display());
+    let output =
+        Command::new("env").args([&path, "python3", "-c", script]).env_remove("NIMS_GATEWAY").output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let lines: Vec<&str> = said.lines().collect();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    // Where the socket is missing it waits for it, because a gateway may be starting again.
+    assert!(lines.len() == 3 && lines[0] == "False", "{said}");
+    assert!(lines[1].contains("gateway") && lines[2].contains("iceoryx2"), "{said}");
+}
