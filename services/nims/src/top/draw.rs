@@ -5,7 +5,9 @@ use crate::status::{mission_words, mode_name, position_words};
 use client::state_name;
 use config::ControlLaw;
 use controller::Law;
-use messages::{CONTROLLERS, ESTIMATORS, Heartbeat, MotorAuthority, ProcessState, SLOT_NAMES, SLOTS, text_of};
+use messages::{
+    CONTROLLERS, ESTIMATORS, Heartbeat, MotorAuthority, MotorState, ProcessState, SLOT_NAMES, SLOTS, text_of,
+};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -35,8 +37,9 @@ pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot) {
     let width = usize::from(area.width).max(1);
     let mut robot = robot(snapshot);
     if area.height < TALL {
-        // Every panel has its place in 80 x 24, and the end of a long text line does not.
-        robot = robot.into_iter().map(|line| if is_fault(&line) { line } else { cut(line, width) }).collect();
+        // Every panel has its place in 80 x 24. What warns is wrapped; the last part of another long text line is left
+        // out.
+        robot = robot.into_iter().map(|line| if warns(&line) { line } else { cut(line, width) }).collect();
     }
     let (cables, control, processes) = (cables(snapshot), control(snapshot), processes(snapshot));
     let rows = |lines: &[Line<'_>]| {
@@ -55,7 +58,9 @@ pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot) {
     panel(frame, middle, cables_head(), cables);
     panel(frame, slots, format!("{:<11}{:<11} {:<14} {}", "CONTROL", "slot", "law", "verdict"), control);
     panel(frame, left, process_head(), fitting(processes, left.height));
-    panel(frame, right, channel_head(right.width), channels(snapshot, right.height.saturating_sub(1), right.width));
+    if right.height > 1 {
+        panel(frame, right, channel_head(right.width), channels(snapshot, right.height - 1, right.width));
+    }
     frame.render_widget(Paragraph::new(key_line(snapshot)), keys);
 }
 
@@ -89,19 +94,22 @@ fn key_line(snapshot: &Snapshot) -> Line<'static> {
     }
 }
 
-fn is_fault(line: &Line<'_>) -> bool {
-    line.spans.first().is_some_and(|label| label.content.starts_with("fault"))
+fn warns(line: &Line<'_>) -> bool {
+    line.spans.iter().any(|span| matches!(span.style.fg, Some(Color::Red | Color::Yellow)))
 }
 
-/// Returns as much of a text line as fits into the width.
-fn cut(line: Line<'static>, width: usize) -> Line<'static> {
-    let mut left = width;
-    let spans = line.spans.into_iter().map(|span| {
-        let text: String = span.content.chars().take(left).collect();
-        left -= text.chars().count();
-        Span::styled(text, span.style)
-    });
-    Line::from(spans.collect::<Vec<_>>())
+/// Leaves out the last parts of a text line, between `; `, that do not fit into the width.
+fn cut(mut line: Line<'static>, width: usize) -> Line<'static> {
+    while line.width() > width
+        && let Some(last) = line.spans.pop()
+    {
+        if let Some((first, _)) = last.content.rsplit_once("; ") {
+            line.spans.push(Span::styled(first.to_owned(), last.style));
+        } else if let Some(before) = line.spans.last_mut() {
+            before.content = before.content.trim_end_matches("; ").to_owned().into();
+        }
+    }
+    line
 }
 
 fn styled(text: impl Into<String>, color: Color) -> Span<'static> {
@@ -151,12 +159,12 @@ fn robot(snapshot: &Snapshot) -> Vec<Line<'static>> {
     if let Some(plan) = &snapshot.plan {
         let mut words = mission_words(plan, snapshot.authority.as_ref());
         if let Some(rate) = snapshot.authority.map(|authority| authority.plan_rate).filter(|rate| *rate > 0.0) {
-            words += &format!("; plan clock at {:.0} %", 100.0 * rate);
+            words += &format!("; clock {:.0} %", 100.0 * rate);
         }
         lines.push(labelled("mission", vec![Span::raw(words)]));
     }
     if let Some(authority) = &snapshot.authority {
-        lines.push(cycle(authority));
+        lines.extend(cycle(authority));
     }
     lines.push(recording(snapshot));
     lines
@@ -178,36 +186,33 @@ fn place(snapshot: &Snapshot, authority: &MotorAuthority) -> Vec<Span<'static>> 
     let active = usize::from(authority.active_estimator).min(1);
     let estimate = snapshot.estimate[active]
         .filter(|estimate| snapshot.age_s(estimate.header.stamp_ns) < OLD_S && estimate.valid == 1);
+    let is_known = authority.position_known == MotorState::POSITION_KNOWN;
+    let known = if is_known { Span::raw(known) } else { styled(known, Color::Yellow) };
     let Some(estimate) = estimate else {
-        return vec![Span::raw(known)];
+        return vec![known];
     };
     let [x, y, z] = estimate.position_m;
     let error = snapshot.control[usize::from(authority.active_controller).min(1)]
         .filter(|control| control.valid == 1 && control.segment != 0)
         .map(|control| format!("; {:.1} mm from the setpoint", 1000.0 * control.error_norm_m));
-    vec![Span::raw(format!("node at {x:.3}, {y:.3}, {z:.3} m{}. {known}", error.unwrap_or_default()))]
+    vec![Span::raw(format!("node at {x:.3}, {y:.3}, {z:.3} m{}; ", error.unwrap_or_default())), known]
 }
 
-fn cycle(authority: &MotorAuthority) -> Line<'static> {
+fn cycle(authority: &MotorAuthority) -> [Line<'static>; 2] {
     let milliseconds = |ns: u64| ns as f64 * 1e-6;
     let periods = Periods::from_authority(authority);
-    labelled(
-        "cycle",
-        vec![
-            Span::raw(format!("{} at {:.0} Hz; ", authority.header.cycle, 1.0 / authority.period_s)),
-            if periods.unsteered() == 0 {
-                Span::raw(periods.summary())
-            } else {
-                styled(periods.summary(), Color::Yellow)
-            },
-            Span::raw(format!(
-                "; bus {:.1} ms, woke {:.1} ms late, command {:.1} ms old",
-                milliseconds(authority.bus_ns),
-                milliseconds(authority.wake_ns),
-                milliseconds(authority.command_age_ns)
-            )),
-        ],
-    )
+    let count = Span::raw(format!("{} at {:.0} Hz; ", authority.header.cycle, 1.0 / authority.period_s));
+    let steered = match periods.unsteered() {
+        0 => Span::raw(periods.summary()),
+        _ => styled(periods.summary(), Color::Yellow),
+    };
+    let timing = format!(
+        "bus {:.1} ms, woke {:.1} ms late, command {:.1} ms old",
+        milliseconds(authority.bus_ns),
+        milliseconds(authority.wake_ns),
+        milliseconds(authority.command_age_ns)
+    );
+    [labelled("cycle", vec![count, steered]), labelled("timing", vec![Span::raw(timing)])]
 }
 
 fn recording(snapshot: &Snapshot) -> Line<'static> {
@@ -216,14 +221,10 @@ fn recording(snapshot: &Snapshot) -> Line<'static> {
     };
     let Recording { why, bytes, lost, free_bytes, stamp_ns } = recording;
     let age_s = snapshot.age_s(*stamp_ns);
-    let state = why.as_ref().map_or_else(|| "recording".to_owned(), |why| format!("NOT RECORDING: {why}"));
-    let words = format!(
-        "{}, {:.1} MB, {lost} lost, {:.1} GB left; {}",
-        state,
-        *bytes as f64 * 1e-6,
-        *free_bytes as f64 * 1e-9,
-        snapshot.run
-    );
+    let state = why.as_ref().map_or_else(String::new, |why| format!("NOT RECORDING: {why}, "));
+    let run = snapshot.run.rsplit('/').next().unwrap_or_default();
+    let (megabytes, free) = (*bytes as f64 * 1e-6, *free_bytes as f64 * 1e-9);
+    let words = format!("{state}{megabytes:.1} MB, {lost} lost, {free:.1} GB left; {run}");
     if age_s > OLD_S {
         labelled("recording", vec![styled(format!("no message from the recorder for {age_s:.0} s"), Color::Red)])
     } else if why.is_none() {

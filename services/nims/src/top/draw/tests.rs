@@ -165,7 +165,8 @@ fn modes_faults_and_processes_fit_on_one_screen() {
             ("4.800, 3.000, 0.300 m", "1.2 mm"),
             ("survey", "43 %"),
             ("12345", "100 Hz"),
-            ("3.4 ms", "5002"),
+            ("12345", "5002"),
+            ("timing", "3.4 ms"),
             ("2.5 MB", "40.0 GB"),
             ("controller a", "preview"),
             ("estimator  a", "lengths"),
@@ -193,7 +194,10 @@ fn a_terminal_of_80_by_24_shows_every_panel_with_the_heads_of_its_columns() {
         ("PROCESS", &["state", "pid", "busy"]),
         ("FOLLOWING", &[]),
         ("4.800, 3.000, 0.300 m", &["1.2 mm"]),
-        ("survey", &["43 %"]),
+        ("survey", &["43 %", "12 s", "clock 100 %"]),
+        ("12345", &["100 Hz", "2 of 5002", "answer 2"]),
+        ("timing", &["3.4 ms", "0.0 ms", "12.1 ms"]),
+        ("2.5 MB", &["7 lost", "40.0 GB", "2026-01-01T00-00-00Z-demo3"]),
         ("10.000 m", &["45.0 N", "0.00 A"]),
         ("estimator  a", &["lengths"]),
         ("Pausing.", &[]),
@@ -203,6 +207,19 @@ fn a_terminal_of_80_by_24_shows_every_panel_with_the_heads_of_its_columns() {
     }
     for (process, _) in &full.processes {
         line(&shown, &format!("{:<20} ", text_of(&process.name)));
+    }
+    // No text line of the robot is cut within a word or a number, also with the longest figures and names.
+    let mut long = full.clone();
+    if let (Some(authority), Some(plan)) = (&mut long.authority, &mut long.plan) {
+        (authority.header.cycle, authority.steered) = (1_234_567_890, 1_234_567_800);
+        (authority.lost_computer, authority.lost_drive) = (123_456, 12_345);
+        authority.position_known = MotorState::POSITION_RESTORED;
+        put_text(&mut plan.mission, "a-mission-with-a-long-name-of-a-survey");
+    }
+    let text = picture(&long, 80, 24).join(" ");
+    let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    for whole in ["1234567890 at 100 Hz", "computer 123456, drive 12345, answer 2", "12.1 ms old", "confirm"] {
+        assert!(words.contains(whole), "no {whole:?} in\n{}", picture(&long, 80, 24).join("\n"));
     }
     // A head ends where the figures below it end.
     let end = |text: &str, word: &str| text.find(word).map(|at| text[..at + word.len()].chars().count());
