@@ -197,6 +197,7 @@ impl Machine {
                         MotorInput::Speed(speed) => MotorInput::Speed(speed * sign),
                         // Adding zero turns the -0 of a reversed winch into the 0 of a released motor.
                         MotorInput::Duty(duty) => MotorInput::Duty(duty * sign + 0.0),
+                        MotorInput::Current(current_a) => MotorInput::Current(current_a * sign),
                     };
                 }
             }

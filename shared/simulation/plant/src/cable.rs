@@ -189,8 +189,11 @@ impl Cable {
 
     /// Advances motor and drum with the drive's duty, and returns the current that the bridge takes from the supply, A.
     pub fn wind(&mut self, h: f64, voltage_v: f64) -> f64 {
-        let bridge =
-            if self.drive.released() { Bridge::Shorted } else { Bridge::Voltage(-self.drive.duty() * voltage_v) };
+        let bridge = match self.drive.commanded_a() {
+            _ if self.drive.released() => Bridge::Shorted,
+            Some(paying_out_a) => Bridge::Current { wanted_a: -paying_out_a, most_v: voltage_v },
+            None => Bridge::Voltage(-self.drive.duty() * voltage_v),
+        };
         let ratio = self.drum.radius_ratio(self.paid_out_m);
         let load_n = self.drum_tension_n();
         self.motor.step(h, bridge, load_n * ratio);
@@ -211,7 +214,11 @@ impl Cable {
         self.filtered_current_a += (current_a - self.filtered_current_a) * (h / (h + CURRENT_FILTER_S));
         self.loss_j += h * current_a * current_a * self.resistance_ohm;
         self.averaged_loss_j += h * self.filtered_current_a * self.filtered_current_a * self.resistance_ohm;
-        if let Bridge::Voltage(u) = bridge {
+        if let Bridge::Current { .. } = bridge {
+            self.drive.needs_duty(-self.motor.voltage_v() / voltage_v.max(1.0));
+        }
+        if bridge != Bridge::Shorted {
+            let u = -self.drive.duty() * voltage_v;
             self.electrical_j += h * u * current_a;
         }
         // The bridge steps the voltage down and the current up.

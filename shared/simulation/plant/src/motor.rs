@@ -86,6 +86,13 @@ pub enum Bridge {
     Voltage(f64),
     /// Leads shorted: the back-EMF brakes the motor.
     Shorted,
+    /// A current in the reel-in direction, A, as far as the supply reaches, V.
+    Current {
+        /// A.
+        wanted_a: f64,
+        /// V.
+        most_v: f64,
+    },
 }
 
 /// The rotating parts of one winch.
@@ -116,6 +123,11 @@ impl Motor {
         self.current_a
     }
 
+    /// Voltage at the leads for the present current and speed, V; positive drives reeling in.
+    pub(crate) fn voltage_v(&self) -> f64 {
+        self.current_a * self.config.resistance_ohm + self.config.force_constant_n_a * self.reel_in_m_s
+    }
+
     /// Sets the drive's current limit, A; never above the initial [`MotorConfig::current_limit_a`].
     pub(crate) fn limit_current(&mut self, limit_a: f64) {
         self.config.current_limit_a = limit_a.min(self.most_a);
@@ -124,9 +136,9 @@ impl Motor {
     /// Advances by `h` seconds under `load_n`, the cable tension referred to the bare drum (N).
     ///
     /// Linearly implicit in speed, so that a small inertia or a steep friction law does not cause
-    /// oscillations. A driven motor has the smooth friction law of the robot file. A released motor has dry
-    /// friction with real sticking: with the smooth law a self-locking gear would creep forever, and a
-    /// measured law does not cover standstill.
+    /// oscillations. A motor with a voltage has the smooth friction law of the robot file. A released motor, and one
+    /// with a current, has dry friction with real sticking: with the smooth law a self-locking gear would creep
+    /// forever, and a measured law does not cover standstill.
     pub fn step(&mut self, h: f64, bridge: Bridge, load_n: f64) {
         let MotorConfig { force_constant_n_a: kf, resistance_ohm: r, gear_friction, coulomb_n, viscous_n_s_m, .. } =
             self.config;
@@ -151,16 +163,28 @@ impl Motor {
                 self.reel_in_m_s = v + h * force_n / (self.config.inertia_kg + h * slope);
             }
             Bridge::Shorted => {
-                let effective_kg = self.config.inertia_kg + h * (viscous_n_s_m + kf * kf / r);
-                let moving = (self.config.inertia_kg * v - h * load_n) / effective_kg;
-                let braking = h * friction_n / effective_kg;
-                self.reel_in_m_s = if moving.abs() <= braking { 0.0 } else { moving - braking * moving.signum() };
+                self.reel_in_m_s = self.slide(h, v, -load_n, friction_n, viscous_n_s_m + kf * kf / r);
                 self.current_a = -kf * self.reel_in_m_s / r;
+            }
+            Bridge::Current { wanted_a, most_v } => {
+                let limit_a = self.config.current_limit_a;
+                // The back-EMF of a fast motor leaves less of the supply.
+                let within_a = wanted_a.max((-most_v - kf * v) / r).min((most_v - kf * v) / r);
+                self.current_a = within_a.clamp(-limit_a, limit_a);
+                self.reel_in_m_s = self.slide(h, v, kf * self.current_a - load_n, friction_n, viscous_n_s_m);
             }
         }
         if self.jammed {
             self.reel_in_m_s = 0.0;
         }
+    }
+
+    /// Speed after `h` seconds under a force and a dry friction, both N, that may hold the motor.
+    fn slide(&self, h: f64, v: f64, force_n: f64, friction_n: f64, viscous_n_s_m: f64) -> f64 {
+        let effective_kg = self.config.inertia_kg + h * viscous_n_s_m;
+        let moving = (self.config.inertia_kg * v + h * force_n) / effective_kg;
+        let braking = h * friction_n / effective_kg;
+        if moving.abs() <= braking { 0.0 } else { moving - braking * moving.signum() }
     }
 }
 
@@ -204,6 +228,25 @@ mod tests {
         settle(&mut running, Bridge::Shorted, 15.0);
         assert!((running.reel_in_m_s() + 15.0 * 1.2 / 1600.0).abs() < 1e-9);
         assert!((running.reel_in_m_s() - ideal.released_speed_m_s(15.0)).abs() < 1e-9);
+    }
+
+    /// With a current the cable stays between the tensions that the gear's friction holds, and moves beyond them.
+    #[test]
+    fn a_current_holds_within_the_friction_and_yields_beyond_it() {
+        let config = MotorConfig { gear_friction: 0.1, coulomb_n: 1.0, ..MotorConfig::default() };
+        let bridge = Bridge::Current { wanted_a: 0.25, most_v: 24.0 };
+        // 10 N of pull: held from (10 - 1) / 1.1 to (10 + 1) / 0.9 N.
+        for (load_n, direction) in [(8.1, 1.0), (8.3, 0.0), (12.1, 0.0), (12.4, -1.0)] {
+            let mut motor = Motor::new(config);
+            settle(&mut motor, bridge, load_n);
+            let v = motor.reel_in_m_s();
+            assert!(if direction == 0.0 { v == 0.0 } else { v * direction > 1e-4 }, "{load_n} N: {v} m/s");
+            assert_eq!(motor.current_a(), 0.25);
+        }
+        // Without a load it is as fast as the supply allows, with less current.
+        let mut motor = Motor::new(MotorConfig { coulomb_n: 0.0, viscous_n_s_m: 0.0, ..config });
+        settle(&mut motor, Bridge::Current { wanted_a: 5.0, most_v: 24.0 }, 0.0);
+        assert!((motor.reel_in_m_s() - 24.0 / config.force_constant_n_a).abs() < 1e-2, "{}", motor.reel_in_m_s());
     }
 
     #[test]

@@ -74,6 +74,8 @@ pub struct Plant {
     swing: Swing,
     position_m: Vector3<f64>,
     velocity_m_s: Vector3<f64>,
+    /// Force of a hand on the node, N.
+    hand_n: Vector3<f64>,
     supply_v: f64,
     supply_current_a: f64,
     time_ns: u64,
@@ -99,6 +101,7 @@ impl Plant {
             swing: Swing::new(config.world.pendulum),
             position_m: Vector3::from(config.start_m),
             velocity_m_s: Vector3::zeros(),
+            hand_n: Vector3::zeros(),
             supply_v,
             supply_current_a: 0.0,
             time_ns: 0,
@@ -157,8 +160,8 @@ impl Plant {
         }
         check("dt_s", dt_s, "zero to 3600 s", |x| (0.0..=3600.0).contains(&x))?;
         for input in inputs {
-            let (MotorInput::Speed(value) | MotorInput::Duty(value)) = input;
-            check("inputs", *value, "a finite speed or duty", |_| true)?;
+            let (MotorInput::Speed(value) | MotorInput::Duty(value) | MotorInput::Current(value)) = input;
+            check("inputs", *value, "a finite speed, duty or current", |_| true)?;
         }
         for (cable, &input) in self.cables.iter_mut().zip(inputs) {
             cable.drive.command(self.time_ns, input);
@@ -185,6 +188,7 @@ impl Plant {
         let air = around.air_m_s.unwrap_or_default();
         let mut force =
             self.config.node.force_in_air_n(self.position_m, self.velocity_m_s, air, self.config.gravity_m_s2);
+        force += self.hand_n;
         let mut drawn_a = 0.0;
         for cable in &mut self.cables {
             force += cable.pull(h, self.position_m, self.velocity_m_s, &around);
@@ -251,6 +255,11 @@ impl Plant {
     fn cable_mut(&mut self, cable: usize) -> Result<&mut Cable, PlantError> {
         let count = self.cables.len();
         self.cables.get_mut(cable).ok_or(PlantError::NoSuchCable { cable, count })
+    }
+
+    /// A force on the node beside its own, N, from now on: a hand.
+    pub fn pull_node(&mut self, force_n: [f64; 3]) {
+        self.hand_n = Vector3::from(force_n);
     }
 
     /// The speed command that pays out `speed_m_s` of `cable`.
