@@ -39,6 +39,8 @@ pub struct PortConfig {
     pub wire: Wire,
     /// Baud rate of the wire.
     pub baud: u32,
+    /// Torque that the units state per ampere, N m/A.
+    pub torque_constant_n_m_a: Option<f64>,
     /// Units on the wire.
     pub units: Vec<UnitConfig>,
 }
@@ -209,6 +211,7 @@ fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfi
             family: port.protocol,
             wire: port.wire,
             baud: port.baud,
+            torque_constant_n_m_a: port.torque_constant_n_m_a,
             units,
         });
     }

@@ -29,6 +29,7 @@ fn config() -> BoxConfig {
             link: "unused".into(),
             family: config::DriveProtocol::Roboclaw,
             wire: config::Wire::Serial,
+            torque_constant_n_m_a: None,
             baud: BAUD,
             units: vec![
                 UnitConfig { address: 0x80, cables: [Some(0), Some(1)] },

@@ -41,6 +41,7 @@ fn motor_box(link: &Path) -> MotorBox {
             link: link.to_owned(),
             family: config::DriveProtocol::Roboclaw,
             wire: config::Wire::Serial,
+            torque_constant_n_m_a: None,
             baud: BAUD,
             units,
         }],

@@ -36,6 +36,7 @@ pub fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<d
                 address: section.address,
                 watchdog_ms,
                 bound: odometry::count_bound(config, &section.cables),
+                torque_constant_n_m_a: port.torque_constant_n_m_a.unwrap_or(0.0),
             };
             let bus = moteus::BusConfig {
                 baud: if port.wire == Wire::Usb { 0 } else { port.baud },
@@ -57,6 +58,7 @@ pub fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<d
                 axes: board.cables.len(),
                 watchdog_ms,
                 bound: odometry::count_bound(config, &board.cables),
+                torque_constant_n_m_a: port.torque_constant_n_m_a.unwrap_or(0.0),
                 stop_pin: stop_pin(port),
             };
             Ok(Box::new(odrive::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
@@ -98,6 +100,7 @@ mod tests {
                 // A name for messages.
                 DriveProtocol::Odrive | DriveProtocol::Roboteq => {}
             }
+            assert_eq!(family.torque, takes_torque(*protocol), "{}", protocol.name());
             let accepts = |seconds| match protocol {
                 DriveProtocol::Roboclaw => roboclaw::watchdog_tenths(seconds).is_ok(),
                 DriveProtocol::Moteus => moteus::watchdog_ms(seconds).is_ok(),
@@ -115,5 +118,20 @@ mod tests {
                 assert_eq!(accepts(seconds), accepted, "{}: {seconds} s", protocol.name());
             }
         }
+    }
+
+    /// What the driver of a family offers where the port states its constant.
+    fn takes_torque(protocol: DriveProtocol) -> bool {
+        let file = match protocol {
+            DriveProtocol::Roboclaw => "demo3",
+            DriveProtocol::Moteus => "moteus4",
+            DriveProtocol::Odrive => "odrive4",
+            DriveProtocol::Roboteq => "roboteq3",
+        };
+        let path = format!("{}/../../configs/systems/{file}.toml", env!("CARGO_MANIFEST_DIR"));
+        let system = config::SystemFile::load(std::path::Path::new(&path)).unwrap();
+        let config = CoreConfig::from_files(&system, &system.robot_file().unwrap()).unwrap();
+        let port = PortSection { torque_constant_n_m_a: Some(0.05), ..system.motor_io.ports[0].clone() };
+        open(&port, "/nowhere", &config).unwrap().capabilities().torque
     }
 }

@@ -16,7 +16,11 @@ pub(crate) struct MoteusTwin(UnitBus);
 
 impl MoteusTwin {
     pub(crate) fn new(port: &PortConfig, turnaround_ns: u64) -> Self {
-        let unit = |address| Unit::new(UnitOptions { turnaround_ns, ..UnitOptions::new(address) });
+        let unit = |address| {
+            let options = UnitOptions::new(address);
+            let torque_constant_n_m_a = port.torque_constant_n_m_a.unwrap_or(options.torque_constant_n_m_a);
+            Unit::new(UnitOptions { turnaround_ns, torque_constant_n_m_a, ..options })
+        };
         let units = port.units.iter().map(|config| unit(config.address)).collect();
         let checksums = if port.wire == Wire::Usb { Checksums::Absent } else { Checksums::Required };
         Self(UnitBus::new(units, checksums))
@@ -51,6 +55,7 @@ impl Twin for MoteusTwin {
     fn target(&self, unit: usize, _: usize) -> MotorInput {
         match self.0.units().get(unit).map(Unit::target) {
             Some(Target::Velocity(counts_s)) => MotorInput::Speed(counts_s),
+            Some(Target::Current(current_a)) => MotorInput::Current(current_a),
             Some(Target::Released) | None => MotorInput::RELEASED,
         }
     }

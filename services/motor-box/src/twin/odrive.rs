@@ -14,7 +14,11 @@ pub(crate) struct OdriveTwin(Vec<Board>);
 
 impl OdriveTwin {
     pub(crate) fn new(port: &PortConfig, turnaround_ns: u64) -> Self {
-        let board = |address| Board::new(BoardOptions { turnaround_ns, ..BoardOptions::new(address) });
+        let board = |address| {
+            let options = BoardOptions::new(address);
+            let torque_constant_n_m_a = port.torque_constant_n_m_a.unwrap_or(options.torque_constant_n_m_a);
+            Board::new(BoardOptions { turnaround_ns, torque_constant_n_m_a, ..options })
+        };
         // One at most: the protocol has no addresses.
         Self(port.units.iter().take(1).map(|config| board(config.address)).collect())
     }
@@ -58,6 +62,7 @@ impl Twin for OdriveTwin {
     fn target(&self, unit: usize, motor: usize) -> MotorInput {
         match self.0.get(unit).map(|board| board.target(motor)) {
             Some(Target::Velocity(counts_s)) => MotorInput::Speed(counts_s),
+            Some(Target::Current(current_a)) => MotorInput::Current(current_a),
             Some(Target::Released) | None => MotorInput::RELEASED,
         }
     }

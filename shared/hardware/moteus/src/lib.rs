@@ -25,7 +25,7 @@
 //! let units = UnitBus::new(vec![Unit::new(UnitOptions::new(1))], Checksums::Required);
 //! let port = Pipe::new("simulated", 921_600, units);
 //! let bound = CountBound { counts_s: 3_000_000.0, margin: 0.0 };
-//! let unit = UnitConfig { address: 1, watchdog_ms: 300, bound };
+//! let unit = UnitConfig { address: 1, watchdog_ms: 300, bound, torque_constant_n_m_a: 0.05 };
 //! let config = BusConfig {
 //!     baud: 921_600,
 //!     margin_ns: UART_MARGIN_NS,
@@ -37,7 +37,7 @@
 //! while bus.settle(bus.now_ns() + 10_000_000).is_err() {}
 //!
 //! let mut answers = bus.blank_answers();
-//! for command in [Command::HOLD, Command::Velocity(1000.0)] {
+//! for command in [Command::HOLD, Command::Velocity(1000.0), Command::Torque(0.5)] {
 //!     let deadline_ns = bus.now_ns() + 10_000_000;
 //!     bus.exchange(&[[Some(command), None]], deadline_ns, &mut answers);
 //!     assert!(answers[0].outcome.is_ok());

@@ -38,6 +38,16 @@ pub mod state {
     pub const CLOSED_LOOP: u32 = 8;
 }
 
+/// What the controller of an axis controls.
+pub mod control {
+    /// Torque alone.
+    pub const TORQUE: u32 = 1;
+    /// Velocity.
+    pub const VELOCITY: u32 = 2;
+    /// Position: the default of the factory.
+    pub const POSITION: u32 = 3;
+}
+
 /// Bits of an axis' error word, from firmware 0.5.
 pub mod error {
     /// The requested state is not possible.
@@ -63,6 +73,8 @@ pub struct Flaw;
 pub enum Line<'a> {
     /// Velocity of an axis, counts per second.
     Velocity(usize, i32),
+    /// Torque of an axis, in hundred-thousandths of N m.
+    Torque(usize, i32),
     /// Feeds the watchdog of an axis.
     Feed(usize),
     /// Asks for position and velocity of an axis.
@@ -84,9 +96,10 @@ pub enum Line<'a> {
 impl fmt::Display for Line<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Line::Velocity(axis, counts_s) => {
-                let (sign, size) = (if counts_s < 0 { "-" } else { "" }, counts_s.unsigned_abs());
-                write!(f, "v {axis} {sign}{}.{:05}", size / STEPS, size % STEPS)
+            Line::Velocity(axis, steps) | Line::Torque(axis, steps) => {
+                let command = if let Line::Velocity(..) = self { 'v' } else { 'c' };
+                let (sign, size) = (if steps < 0 { "-" } else { "" }, steps.unsigned_abs());
+                write!(f, "{command} {axis} {sign}{}.{:05}", size / STEPS, size % STEPS)
             }
             Line::Feed(axis) => write!(f, "u {axis}"),
             Line::Feedback(axis) => write!(f, "f {axis}"),

@@ -22,12 +22,13 @@
 //! let port = Pipe::new("simulated", 921_600, Board::new(BoardOptions::new(0)));
 //! let bound = CountBound { counts_s: 3_000_000.0, margin: 0.0 };
 //! let (baud, margin_ns, watchdog_ms) = (921_600, UART_MARGIN_NS, 300);
-//! let config = BusConfig { baud, margin_ns, address: 0, axes: 2, watchdog_ms, bound, stop_pin: None };
+//! let (torque_constant_n_m_a, stop_pin) = (0.05, None);
+//! let config = BusConfig { baud, margin_ns, address: 0, axes: 2, watchdog_ms, bound, torque_constant_n_m_a, stop_pin };
 //! let mut bus = Bus::new(port, &config)?;
 //! while bus.settle(bus.now_ns() + 10_000_000).is_err() {}
 //!
 //! let mut answers = bus.blank_answers();
-//! for command in [Command::HOLD, Command::Velocity(1000.0)] {
+//! for command in [Command::HOLD, Command::Velocity(1000.0), Command::Torque(0.5)] {
 //!     let deadline_ns = bus.now_ns() + 10_000_000;
 //!     bus.exchange(&[[Some(command); 2]], deadline_ns, &mut answers);
 //!     assert!(answers[0].outcome.is_ok());

@@ -39,6 +39,8 @@ pub struct DriveFamily {
     pub watchdog_s: [f64; 2],
     /// Step of watchdog times, s.
     pub watchdog_step_s: f64,
+    /// Whether they take torque.
+    pub torque: bool,
     /// Motors of a unit.
     pub motors: usize,
     /// Most units on a serial wire, and on a USB adapter.
@@ -90,6 +92,7 @@ impl DriveProtocol {
                 // A byte of tenths; 0 switches the watchdog off.
                 watchdog_s: [0.1, 25.5],
                 watchdog_step_s: 0.1,
+                torque: false,
                 motors: 2,
                 units: [8, 0],
                 usb_s: None,
@@ -105,6 +108,7 @@ impl DriveProtocol {
                 // The time limit of a command: 16 bits of milliseconds.
                 watchdog_s: [0.02, 30.0],
                 watchdog_step_s: 0.001,
+                torque: true,
                 motors: 1,
                 // A UART has no addresses on the wire.
                 units: [1, 8],
@@ -122,6 +126,7 @@ impl DriveProtocol {
                 addresses_in_words: "0 to 127, a name for messages: the protocol has none",
                 watchdog_s: [0.02, 30.0],
                 watchdog_step_s: 0.001,
+                torque: true,
                 motors: 2,
                 units: [1, 1],
                 // Two round trips of a USB frame each, and the board's own time; estimated, not measured.
@@ -139,6 +144,7 @@ impl DriveProtocol {
                 addresses_in_words: "0 to 127, a name for messages: the protocol has none",
                 watchdog_s: [0.02, 65.0],
                 watchdog_step_s: 0.001,
+                torque: false,
                 motors: 2,
                 units: [1, 1],
                 // One round trip of USB frames, and the controller's own time; estimated, not measured.

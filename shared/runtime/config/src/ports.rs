@@ -2,6 +2,7 @@
 
 use crate::drive_family::{DriveFamily, DriveProtocol, Wire};
 use crate::problem::Problem;
+use crate::section::between;
 use serde::{Deserialize, Serialize};
 
 crate::choice! {
@@ -34,6 +35,8 @@ crate::section! {
         /// Status input of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button keeps active;
         /// default: none. An inactive or unreadable input is an emergency stop.
         pub stop_pin: Option<StopPin> = None,
+        /// Torque per motor current as these units state both, N m/A, for soft mode; default: unknown, and no soft mode.
+        pub torque_constant_n_m_a: Option<f64> = None => between(1e-6, 1e3, "newton metres per ampere"),
     }
 }
 
@@ -94,6 +97,10 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
     if port.wire == Wire::Usb && family.usb_s.is_none() {
         let clause = format!("is usb; accepted: serial, because {} has no USB adapter", port.protocol.name());
         return Err(Problem::with_clause("wire", clause));
+    }
+    if port.torque_constant_n_m_a.is_some() && !family.torque {
+        let clause = format!("is given; accepted: none, because {} takes no torque", port.protocol.name());
+        return Err(Problem::with_clause("torque_constant_n_m_a", clause));
     }
     let bauds = family.bauds;
     if !bauds.contains(&port.baud) {

@@ -66,6 +66,7 @@ macro_rules! conformance {
         $crate::conformance!($family:
             bytes_that_answer_nothing_are_discarded,
             a_lost_answer_costs_few_cycles,
+            torques_and_speeds_are_told_apart,
             byte_errors_neither_acknowledge_nor_age
         );
     };

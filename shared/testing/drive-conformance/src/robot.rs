@@ -146,6 +146,8 @@ impl<F: Family> Robot<F> {
             (Command::Velocity(given), Command::Velocity(wanted)) => {
                 (given - wanted).abs() < 0.6 * F::SPEED_STEP_COUNTS_S && (given == 0.0) == (wanted == 0.0)
             }
+            // Torques go over the wire in their own unit.
+            (Command::Torque(given), Command::Torque(wanted)) => (given - wanted).abs() < 0.001,
             _ => drive == command,
         };
         assert!(same, "{case}: unit {unit}, motor {motor}: {drive:?} instead of {command:?}");

@@ -27,6 +27,10 @@ impl Register {
     pub const FAULT: u16 = 0x00F;
     pub const COMMAND_POSITION: u16 = 0x020;
     pub const COMMAND_VELOCITY: u16 = 0x021;
+    pub const COMMAND_TORQUE: u16 = 0x022;
+    pub const COMMAND_KP_SCALE: u16 = 0x023;
+    pub const COMMAND_KD_SCALE: u16 = 0x024;
+    pub const COMMAND_KI_LIMIT_SCALE: u16 = 0x02B;
     /// First and last of the other settings of a command.
     pub const COMMAND_FIRST: u16 = 0x022;
     pub const COMMAND_LAST: u16 = 0x02D;

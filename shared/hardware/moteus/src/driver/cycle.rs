@@ -86,12 +86,16 @@ impl<T: Transport> Bus<T> {
         Ok(match command {
             _ if unit.suspect.is_some() => Plan::QUERY,
             None => Plan::QUERY,
-            // Torque, which this driver does not offer, releases the motor.
-            Some(Command::Release | Command::Torque(_)) => Plan::order(Order::Stop),
+            Some(Command::Release) => Plan::order(Order::Stop),
+            // Without the constant a torque releases the motor.
+            Some(Command::Torque(_)) if unit.config.torque_constant_n_m_a <= 0.0 => Plan::order(Order::Stop),
             Some(_) if unit.pins & STOP_PIN != 0 => Plan::order(Order::Stop),
             Some(command) if command.moves() && (unit.setup.is_interlocked() || unit.mode.is_latched()) => Plan::QUERY,
             Some(_) if unit.mode.is_latched() => Plan::order(Order::Stop),
             Some(Command::Velocity(counts_s)) => Plan::order(Order::Velocity(velocity(counts_s))),
+            Some(Command::Torque(current_a)) => {
+                Plan::order(Order::Torque(torque(current_a, unit.config.torque_constant_n_m_a)))
+            }
         })
     }
 
@@ -127,18 +131,19 @@ impl<T: Transport> Bus<T> {
                     return None;
                 }
             }
-            Order::Velocity(_) if unit.mode.is_latched() => {
+            _ if unit.mode.is_latched() => {
                 // The next cycle asks once more before it concludes that the unit needs a stop.
                 return if moves { Some(Err(self.interlocked(index))) } else { None };
             }
             // The contact opened: another round sends the stop.
-            Order::Velocity(_) if pressed => {
+            _ if pressed => {
                 unit.setup.set_interlocked(unit.setup.is_interlocked() || moves);
                 return None;
             }
-            Order::Velocity(_) => {}
+            Order::Velocity(_) | Order::Torque(_) => {}
         }
-        let torque = matches!(command, Some(Command::Torque(_)));
+        // A torque that was not sent as one.
+        let torque = matches!(command, Some(Command::Torque(_))) && order == Order::Stop && !pressed;
         unit.setup.set_interlocked(moves && (unit.setup.is_interlocked() || pressed || torque));
         Some(match (torque, second) {
             (true, _) => Err(self.error(index, |port, unit| Error::Unsupported { port, unit, what: "torque command" })),
@@ -247,6 +252,12 @@ impl<T: Transport> Bus<T> {
             }
         }
     }
+}
+
+/// Torque on the wire, N m, as the bits of a float. What is no number is no torque.
+fn torque(current_a: f64, torque_constant_n_m_a: f64) -> u32 {
+    let torque_n_m = (current_a * torque_constant_n_m_a) as f32;
+    if torque_n_m.is_finite() { torque_n_m.to_bits() } else { 0.0_f32.to_bits() }
 }
 
 /// Velocity on the wire. `as` saturates; the smallest integer is no velocity, and a NaN is 0.

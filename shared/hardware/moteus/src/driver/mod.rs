@@ -9,6 +9,8 @@
 //! * A command counts as accepted only if the unit reads back its velocity and its time limit. The time limit of a
 //!   command is the watchdog of this family: a unit that receives nothing for so long brakes, and moves again only
 //!   after a stop.
+//! * Torque is a command to hold no position and no velocity, with all of the torque as feedforward. The unit stores it
+//!   as a float and reads the same bits back.
 //! * A clock that went back is a restart; the driver asks once more before it concludes that.
 //! * A unit in fault or timeout does not move before it was commanded to hold or to release: that sends the stop which
 //!   clears both.
@@ -64,6 +66,8 @@ pub struct UnitConfig {
     pub watchdog_ms: u16,
     /// Motion of the counts that needs no explanation; a sample beyond it is held back once.
     pub bound: CountBound,
+    /// Torque that the unit states per ampere, N m/A; 0: not known, and no torque can be commanded.
+    pub torque_constant_n_m_a: f64,
 }
 
 /// Settings of a port and its units.

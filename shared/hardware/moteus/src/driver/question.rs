@@ -6,12 +6,13 @@
 
 use arrayvec::ArrayVec;
 
-use crate::codec::{Frame, Register, Resolution, Subframe};
+use crate::codec::{Frame, Register, Resolution, Subframe, Value};
 
 /// Most registers of a question.
 pub(super) const MAX_READS: usize = 6;
 
-/// Answer to a question, in the order of [`Question::reads`]; `None` for a register without a number.
+/// Answer to a question, in the order of [`Question::reads`]; `None` for a register without a number. Of a float it
+/// holds the bits.
 pub(super) type Values = [Option<i32>; MAX_READS];
 
 /// What a unit is asked.
@@ -20,6 +21,8 @@ pub(super) enum Question {
     /// What the control cycle needs: clock, mode, position, the command as the unit has it, and the contact of
     /// a stop button.
     Cycle,
+    /// The same of a unit that is commanded a torque.
+    Torque,
     /// What changes slowly.
     Slow,
     /// What a unit is.
@@ -37,11 +40,12 @@ pub(super) enum Unfit {
 
 /// Place of the clock in every answer.
 pub(super) const CLOCK: usize = 0;
-/// Places in the answer to [`Question::Cycle`].
+/// Places in the answer to [`Question::Cycle`] and [`Question::Torque`].
 pub(super) mod cycle {
     pub(in crate::driver) const MODE: usize = 1;
     pub(in crate::driver) const POSITION: usize = 2;
-    pub(in crate::driver) const VELOCITY: usize = 3;
+    /// The velocity, or the bits of the torque.
+    pub(in crate::driver) const COMMAND: usize = 3;
     pub(in crate::driver) const TIMEOUT: usize = 4;
     pub(in crate::driver) const PINS: usize = 5;
 }
@@ -59,13 +63,21 @@ pub(super) const FIRMWARE: usize = 1;
 impl Question {
     /// Registers, the clock first.
     fn reads(self) -> &'static [(u16, Resolution)] {
-        use Resolution::{I8, I16, I32};
+        use Resolution::{F32, I8, I16, I32};
         match self {
             Question::Cycle => &[
                 (Register::MILLISECONDS, I32),
                 (Register::MODE, I8),
                 (Register::POSITION, I32),
                 (Register::COMMAND_VELOCITY, I32),
+                (Register::COMMAND_TIMEOUT, I16),
+                (Register::AUX2_GPIO, I8),
+            ],
+            Question::Torque => &[
+                (Register::MILLISECONDS, I32),
+                (Register::MODE, I8),
+                (Register::POSITION, I32),
+                (Register::COMMAND_TORQUE, F32),
                 (Register::COMMAND_TIMEOUT, I16),
                 (Register::AUX2_GPIO, I8),
             ],
@@ -114,7 +126,10 @@ impl Question {
                 Some(Ok(Subframe::Reply { register: answered, value }))
                     if answered == register && value.resolution() == resolution =>
                 {
-                    values[place] = value.integer();
+                    values[place] = match value {
+                        Value::F32(value) => Some(value.to_bits().cast_signed()),
+                        value => value.integer(),
+                    };
                 }
                 Some(Ok(Subframe::Error { register: refused, .. })) if refused == register => {
                     return Err(Unfit::Refused { register });
@@ -133,7 +148,9 @@ mod tests {
 
     #[test]
     fn consecutive_questions_are_asked_in_different_orders() {
-        for (question, orders) in [(Question::Cycle, 720), (Question::Slow, 720), (Question::Identity, 6)] {
+        for (question, orders) in
+            [(Question::Cycle, 720), (Question::Torque, 720), (Question::Slow, 720), (Question::Identity, 6)]
+        {
             let seen: BTreeSet<Vec<usize>> = (0..orders).map(|tag| question.order(tag).to_vec()).collect();
             assert_eq!(seen.len(), orders as usize, "{question:?}");
         }

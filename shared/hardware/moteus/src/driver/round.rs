@@ -32,6 +32,8 @@ pub(super) enum Order {
     Stop,
     /// Velocity in counts per second.
     Velocity(i32),
+    /// Torque in N m, as the bits of a float.
+    Torque(u32),
 }
 
 /// What a unit is told and asked in a round.
@@ -76,14 +78,16 @@ impl Plan {
     pub(super) const QUERY: Plan = Plan { order: None, question: Question::Cycle };
 
     pub(super) fn order(order: Order) -> Plan {
-        Plan { order: Some(order), question: Question::Cycle }
+        let question = if let Order::Torque(_) = order { Question::Torque } else { Question::Cycle };
+        Plan { order: Some(order), question }
     }
 
     fn name(self) -> CommandName {
         let words = match (self.order, self.question) {
             (Some(Order::Stop), _) => "stop",
             (Some(Order::Velocity(_)), _) => "set velocity",
-            (None, Question::Cycle) => "read position",
+            (Some(Order::Torque(_)), _) => "set torque",
+            (None, Question::Cycle | Question::Torque) => "read position",
             (None, Question::Slow) => "read supply and status",
             (None, Question::Identity) => "read firmware",
         };
@@ -100,6 +104,14 @@ impl Plan {
                 frame.write(Register::COMMAND_POSITION, Value::I8(i8::MIN));
                 frame.write(Register::COMMAND_VELOCITY, Value::I32(counts_s));
             }
+            if let Order::Torque(bits) = order {
+                frame.write(Register::COMMAND_POSITION, Value::I8(i8::MIN));
+                frame.write(Register::COMMAND_TORQUE, Value::F32(f32::from_bits(bits)));
+                // Neither a position, nor a velocity, nor what the loop has summed up adds to it.
+                frame.write(Register::COMMAND_KP_SCALE, Value::I8(0));
+                frame.write(Register::COMMAND_KD_SCALE, Value::I8(0));
+                frame.write(Register::COMMAND_KI_LIMIT_SCALE, Value::I8(0));
+            }
             frame.write(Register::COMMAND_TIMEOUT, Value::I16(watchdog_ms.cast_signed()));
         }
         self.question.ask(tag, &mut frame);
@@ -108,11 +120,12 @@ impl Plan {
 }
 
 impl Order {
-    /// Velocity that the unit reads back.
-    fn velocity(self) -> i32 {
+    /// True where the unit has read this command back.
+    fn is_read_back(self, got: Option<i32>) -> bool {
         match self {
-            Order::Stop => 0,
-            Order::Velocity(counts_s) => counts_s,
+            Order::Stop => same(0, got),
+            Order::Velocity(counts_s) => same(counts_s, got),
+            Order::Torque(bits) => got == Some(bits.cast_signed()),
         }
     }
 }
@@ -312,11 +325,14 @@ impl<T: Transport> Bus<T> {
         let clock = ClockReading { ms: values[CLOCK].unwrap_or(i32::MIN), sent_ns: asked.sent_ns, received_ns };
         self.judge_clock(unit, clock, name)?;
         if let Some(order) = asked.plan.order
-            && !same(order.velocity(), values[cycle::VELOCITY])
+            && !order.is_read_back(values[cycle::COMMAND])
         {
             self.counters.wrong_acks += 1;
-            let got = values[cycle::VELOCITY].unwrap_or(i32::MIN);
-            let said = reply_text(format_args!("a velocity of {got}"));
+            let got = values[cycle::COMMAND].unwrap_or(i32::MIN);
+            let said = match order {
+                Order::Torque(_) => reply_text(format_args!("a torque of {}", f32::from_bits(got.cast_unsigned()))),
+                _ => reply_text(format_args!("a velocity of {got}")),
+            };
             return Err(self.error(unit, |port, unit| Error::Unexpected { port, unit, asked: name, said }));
         }
         Ok(Reading { values, at_ns: asked.stamp_ns })

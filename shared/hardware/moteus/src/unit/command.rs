@@ -28,4 +28,19 @@ impl Command {
     /// The command of a unit that was just switched on.
     pub(super) const NONE: Command =
         Command { mode: Mode::STOPPED, position: 0.0, velocity: 0.0, timeout_s: 0.0, others: OTHER_DEFAULTS };
+
+    fn other(&self, register: u16) -> f32 {
+        self.others[usize::from(register - Register::COMMAND_FIRST)]
+    }
+
+    /// True where neither position nor velocity are controlled, but only a torque.
+    pub(super) fn is_torque(&self) -> bool {
+        self.other(Register::COMMAND_KP_SCALE) == 0.0 && self.other(Register::COMMAND_KD_SCALE) == 0.0
+    }
+
+    /// Feedforward torque, N m.
+    pub(super) fn torque_n_m(&self) -> f32 {
+        let torque_n_m = self.other(Register::COMMAND_TORQUE);
+        if torque_n_m.is_finite() { torque_n_m } else { 0.0 }
+    }
 }

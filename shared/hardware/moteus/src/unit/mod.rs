@@ -40,6 +40,8 @@ pub struct UnitOptions {
     pub turnaround_ns: u64,
     /// The position is a float of 24 bits, as in the firmware; a test that reads time from it needs every bit.
     pub rounds_position: bool,
+    /// Torque that the unit states per ampere, N m/A.
+    pub torque_constant_n_m_a: f64,
 }
 
 impl UnitOptions {
@@ -47,7 +49,13 @@ impl UnitOptions {
     #[must_use]
     pub fn new(address: u8) -> UnitOptions {
         // The turnaround is assumed; it is not published.
-        UnitOptions { address, firmware: 0x01_0C_00, turnaround_ns: 150_000, rounds_position: true }
+        UnitOptions {
+            address,
+            firmware: 0x01_0C_00,
+            turnaround_ns: 150_000,
+            rounds_position: true,
+            torque_constant_n_m_a: 0.05,
+        }
     }
 }
 
@@ -56,6 +64,8 @@ impl UnitOptions {
 pub enum Target {
     /// Counts per second, for the unit's loops.
     Velocity(f64),
+    /// Current that makes torque, A.
+    Current(f64),
     /// No drive output.
     Released,
 }
@@ -174,6 +184,9 @@ impl Unit {
             return Target::Released;
         }
         match self.mode {
+            Mode::POSITION if self.command.is_torque() => {
+                Target::Current(f64::from(self.command.torque_n_m()) / self.options.torque_constant_n_m_a)
+            }
             Mode::POSITION if self.command.position.is_finite() => {
                 let away = f64::from(self.command.position) * COUNTS_PER_TURN - self.count() as f64;
                 Target::Velocity(f64::from(self.command.velocity) * COUNTS_PER_TURN + POSITION_GAIN_PER_S * away)

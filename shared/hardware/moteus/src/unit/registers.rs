@@ -40,8 +40,7 @@ impl Unit {
             Register::MODE => return Some(whole(i32::from(self.mode.0), resolution)),
             Register::POSITION => return Some(self.position(resolution)),
             Register::VELOCITY => (Scale::VELOCITY, measured.speed_counts_s / COUNTS_PER_TURN),
-            // A motor of 0.05 N m per A; nothing depends on it.
-            Register::TORQUE => (Scale::TORQUE, 0.05 * measured.current_a),
+            Register::TORQUE => (Scale::TORQUE, self.options.torque_constant_n_m_a * measured.current_a),
             Register::Q_CURRENT => (Scale::CURRENT, measured.current_a),
             Register::D_CURRENT => (Scale::CURRENT, 0.0),
             Register::ABSOLUTE_POSITION => (Scale::POSITION, f64::NAN),

@@ -42,6 +42,7 @@ impl VirtualUnits for Units {
     fn drive(&self, unit: usize, _: usize) -> Command {
         match self.0.units()[unit].target() {
             Target::Velocity(counts_s) => Command::Velocity(counts_s),
+            Target::Current(current_a) => Command::Torque(current_a),
             Target::Released => Command::Release,
         }
     }
@@ -103,7 +104,12 @@ impl<W: Wire> Family for Moteus<W> {
         Units(UnitBus::new(units, W::CHECKSUMS))
     }
     fn bus(pipe: Pipe<Clockwork<Units>>, count: usize) -> Self::Bus {
-        let unit = |unit| UnitConfig { address: address(unit), watchdog_ms: WATCHDOG_MS as u16, bound: BOUND };
+        let unit = |unit| UnitConfig {
+            address: address(unit),
+            watchdog_ms: WATCHDOG_MS as u16,
+            bound: BOUND,
+            torque_constant_n_m_a: 0.05,
+        };
         let config = BusConfig {
             baud: W::BAUD,
             margin_ns: W::MARGIN_NS,

@@ -3,7 +3,7 @@
 use crate::codec::{Line, feedback, number};
 
 /// Most questions of a batch.
-pub(super) const MAX_ASKS: usize = 8;
+pub(super) const MAX_ASKS: usize = 10;
 /// Most lines to the board before them.
 pub(super) const MAX_ORDERS: usize = 8;
 
@@ -13,6 +13,10 @@ pub(super) enum Ask {
     Feedback(usize),
     /// The velocity that the axis was commanded.
     Velocity(usize),
+    /// The torque that the axis was commanded.
+    Torque(usize),
+    /// Which of them the axis controls.
+    Control(usize),
     State(usize),
     Error(usize),
     Current(usize),
@@ -31,6 +35,8 @@ impl Ask {
         match self {
             Ask::Feedback(axis) => Line::Feedback(axis),
             Ask::Velocity(axis) => Line::Read(axis, "controller.input_vel"),
+            Ask::Torque(axis) => Line::Read(axis, "controller.input_torque"),
+            Ask::Control(axis) => Line::Read(axis, "controller.config.control_mode"),
             Ask::State(axis) => Line::Read(axis, "current_state"),
             Ask::Error(axis) => Line::Read(axis, "error"),
             Ask::Current(axis) => Line::Read(axis, "motor.current_control.Iq_measured"),
@@ -45,7 +51,7 @@ impl Ask {
 
     /// True for a property that is a whole number; the others have decimals.
     fn is_whole(self) -> bool {
-        matches!(self, Ask::State(_) | Ask::Error(_) | Ask::WatchdogOn(_) | Ask::Version(_))
+        matches!(self, Ask::Control(_) | Ask::State(_) | Ask::Error(_) | Ask::WatchdogOn(_) | Ask::Version(_))
     }
 
     /// Reads the answer; `None` where it is none to this question.

@@ -102,7 +102,7 @@ impl<T: Transport> Bus<T> {
     /// more questions.
     fn probe(&mut self, batch: &Batch) -> Result<(), Error> {
         // Velocities feed the watchdog meanwhile; nothing is armed blindly.
-        let feeds = |line: &Line<'_>| matches!(line, Line::Velocity(..) | Line::Feed(_));
+        let feeds = |line: &Line<'_>| matches!(line, Line::Velocity(..) | Line::Torque(..) | Line::Feed(_));
         let orders = batch.orders.iter().copied().filter(feeds).collect();
         match self.attempt(&Batch { orders, ..Batch::default() })? {
             Ended::Whole(_) => {

@@ -6,7 +6,7 @@ use serial::Transport;
 use super::Bus;
 use super::ask::Ask;
 use super::batch::{Answers, Batch};
-use crate::codec::{AXES, COUNTS_PER_TURN, Line, state};
+use crate::codec::{AXES, COUNTS_PER_TURN, Line, control, state};
 
 /// Batches of a cycle: an axis that is disarmed shows it, its errors are read, then cleared, and arming takes a moment.
 const ROUNDS: usize = 5;
@@ -42,7 +42,9 @@ impl<T: Transport> Bus<T> {
         let refused = moves && self.setup.is_interlocked();
         let mut verdict = None;
         for round in 0..ROUNDS {
-            let batch = self.batch(if refused { self.hold_those_that_turn(commands) } else { commands });
+            let sent = if refused { self.hold_those_that_turn(commands) } else { commands };
+            let batch = self.batch(sent);
+            self.forget_controls(sent);
             let before = self.states;
             let lines = batch.orders.len() + batch.asks.len();
             if round > 0 && self.transport.now_ns() + self.likely_ns(lines) > deadline_ns {
@@ -55,6 +57,7 @@ impl<T: Transport> Bus<T> {
                     return Err(error);
                 }
             };
+            self.use_controls(&answers);
             self.use_feedback(&answers)?;
             if batch.asks.contains(&Ask::Error(0)) {
                 self.use_errors(&answers);
@@ -104,9 +107,36 @@ impl<T: Transport> Bus<T> {
         held
     }
 
+    /// What an axis has to control for a command; `None`: nothing, so that it turns freely.
+    fn controlled(&self, command: Command) -> Option<u32> {
+        match command {
+            Command::Release => None,
+            Command::Velocity(_) => Some(control::VELOCITY),
+            // Without the constant a torque releases the motor.
+            Command::Torque(_) => (self.config.torque_constant_n_m_a > 0.0).then_some(control::TORQUE),
+        }
+    }
+
+    /// A command may change what an axis controls, or get lost.
+    fn forget_controls(&mut self, commands: UnitCommand) {
+        for (axis, command) in self.connected(commands) {
+            if self.controls[axis] != self.controlled(command) {
+                self.controls[axis] = None;
+            }
+        }
+    }
+
+    fn use_controls(&mut self, answers: &Answers) {
+        for axis in self.axes() {
+            if let Some(control) = answers.whole(Ask::Control(axis)) {
+                self.controls[axis] = Some(control);
+            }
+        }
+    }
+
     fn batch(&self, commands: UnitCommand) -> Batch {
         let mut batch = Batch::default();
-        let wanted = |command: Command| matches!(command, Command::Velocity(_));
+        let wanted = |command: Command| self.controlled(command).is_some();
         // Only a command that does not move clears errors; it would arm an axis that stopped by itself.
         let clear = !self.tripped
             && self.connected(commands).all(|(_, command)| !command.moves())
@@ -114,12 +144,20 @@ impl<T: Transport> Bus<T> {
                 wanted(command) && self.states[axis] != state::CLOSED_LOOP || self.errors[axis] != 0
             });
         for (axis, command) in self.connected(commands) {
-            if let Command::Velocity(counts_s) = command {
-                batch.orders.push(Line::Velocity(axis, velocity(counts_s)));
-                batch.asks.push(Ask::Velocity(axis));
-            } else {
-                // Torque, which this driver does not offer, releases the motor.
-                batch.orders.push(Line::Feed(axis));
+            let wanted = self.controlled(command);
+            match command {
+                Command::Velocity(counts_s) => {
+                    batch.orders.push(Line::Velocity(axis, velocity(counts_s)));
+                    batch.asks.push(Ask::Velocity(axis));
+                }
+                Command::Torque(current_a) if wanted.is_some() => {
+                    batch.orders.push(Line::Torque(axis, self.torque(current_a)));
+                    batch.asks.push(Ask::Torque(axis));
+                }
+                _ => batch.orders.push(Line::Feed(axis)),
+            }
+            if wanted.is_some() && self.controls[axis] != wanted {
+                batch.asks.push(Ask::Control(axis));
             }
         }
         if clear {
@@ -146,24 +184,30 @@ impl<T: Transport> Bus<T> {
     fn obeyed(&mut self, commands: UnitCommand, answers: &Answers) -> Result<bool, Error> {
         let mut obeyed = true;
         for (axis, command) in self.connected(commands) {
-            if let Command::Velocity(counts_s) = command {
-                let got = answers.value(Ask::Velocity(axis)).map_or(f64::NAN, |[turns_s, _]| turns_s);
-                if !same(velocity(counts_s), got) {
-                    self.counters.wrong_acks += 1;
-                    let asked = CommandName { words: "set velocity", code: None };
-                    let said = reply_text(format_args!("a velocity of {got}"));
-                    return Err(self.error(|port, unit| Error::Unexpected { port, unit, asked, said }));
-                }
-                obeyed &= self.states[axis] == state::CLOSED_LOOP;
-            } else {
+            let Some(wanted) = self.controlled(command) else {
                 obeyed &= self.states[axis] == state::IDLE;
+                continue;
+            };
+            let (ask, sent, name) = match command {
+                Command::Torque(current_a) => (Ask::Torque(axis), self.torque(current_a), "torque"),
+                Command::Velocity(counts_s) => (Ask::Velocity(axis), velocity(counts_s), "velocity"),
+                Command::Release => continue,
+            };
+            let got = answers.value(ask).map_or(f64::NAN, |[got, _]| got);
+            if !same(sent, got) || self.controls[axis] != Some(wanted) {
+                self.counters.wrong_acks += 1;
+                let asked = CommandName { words: "set velocity or torque", code: None };
+                let said = reply_text(format_args!("a {name} of {got}, in control mode {:?}", self.controls[axis]));
+                return Err(self.error(|port, unit| Error::Unexpected { port, unit, asked, said }));
             }
+            obeyed &= self.states[axis] == state::CLOSED_LOOP;
         }
         Ok(obeyed)
     }
 
     fn accepted(&mut self, commands: UnitCommand, moves: bool) -> Result<(), Error> {
-        let torque = self.connected(commands).any(|(_, command)| matches!(command, Command::Torque(_)));
+        let lacks = |command| matches!(command, Command::Torque(_)) && self.controlled(command).is_none();
+        let torque = self.connected(commands).any(|(_, command)| lacks(command));
         if self.connected(commands).next().is_some() && !moves {
             self.setup.set_interlocked(false);
         }
@@ -258,6 +302,13 @@ impl<T: Transport> Bus<T> {
                 self.setup.doubt();
             }
         }
+    }
+}
+
+impl<T> Bus<T> {
+    /// Torque on the wire. What is no number is no torque.
+    fn torque(&self, current_a: f64) -> i32 {
+        velocity(current_a * self.config.torque_constant_n_m_a * COUNTS_PER_TURN)
     }
 }
 

@@ -19,8 +19,7 @@ impl<T: Transport> DriveBus for Bus<T> {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             velocity: true,
-            // The units have it; nothing commands it yet.
-            torque: false,
+            torque: self.config.torque_constant_n_m_a > 0.0,
             watchdog: true,
             speeds: true,
             currents: true,

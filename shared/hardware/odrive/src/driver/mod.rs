@@ -5,8 +5,9 @@
 //!   them arrived between the answers to the two marks, each with its checksum and of the form of its question. A mark
 //!   is a number that no axis has, another one each time, so an answer to an older batch is never used, and nothing has
 //!   to be waited out after an error: the next batch is the resynchronisation.
-//! * Commands are silent. A command counts as accepted only if the board reads back its velocity and the state of the
-//!   axis.
+//! * Commands are silent. A command counts as accepted only if the board reads back its velocity or torque and the state
+//!   of the axis, and after a change from one to the other also which of them it controls: the two have a value each, so
+//!   that of a lost command may be there already.
 //! * The watchdog is a setting of each axis that is not saved in the board: where it is gone, the board has restarted.
 //!   Its expiry disarms the axis, which turns freely.
 //! * A disarmed axis does not move before it was commanded to hold or to release: that clears the errors.
@@ -58,6 +59,9 @@ pub struct BusConfig {
     pub watchdog_ms: u16,
     /// Motion of the counts that needs no explanation; a sample beyond it is held back once.
     pub bound: CountBound,
+    /// Torque of an axis per ampere, `motor.config.torque_constant`, N m/A; 0: not known, and no torque can be
+    /// commanded.
+    pub torque_constant_n_m_a: f64,
     /// Pin that the closed contact of a stop button holds on; an open contact or a broken wire is a stop.
     pub stop_pin: Option<StatusPin>,
 }
@@ -80,6 +84,8 @@ pub struct Bus<T> {
     /// States of the axes, as last read.
     states: [u32; AXES],
     errors: [u32; AXES],
+    /// What each axis controls, as last read since it was commanded; `None`: perhaps something else.
+    controls: [Option<u32>; AXES],
     /// An axis left its closed loop by itself, and why has not been read.
     tripped: bool,
     inbox: Inbox<MAX_LINE>,
@@ -116,6 +122,7 @@ impl<T: Transport> Bus<T> {
             held_back: false,
             states: [0; AXES],
             errors: [0; AXES],
+            controls: [None; AXES],
             tripped: false,
             inbox: Inbox::default(),
             connection: 0,
@@ -180,6 +187,7 @@ impl<T: Transport> Bus<T> {
     /// Marks the board as unknown, after the connection was lost.
     fn lose(&mut self) {
         self.inbox.clear();
+        self.controls = [None; AXES];
         self.setup.lost();
     }
 }

@@ -91,7 +91,10 @@ impl<T: Transport> Bus<T> {
             SetupStep::Recognise => match self.setup.recognised(self.has_watchdog(answers), &mut self.report) {
                 Recognised::Same => drop(self.use_feedback(answers)),
                 // The positions of a board that has restarted continue no counts.
-                Recognised::Restarted => (self.last_raw, self.held_back) = (None, false),
+                Recognised::Restarted => {
+                    (self.last_raw, self.held_back) = (None, false);
+                    self.controls = [None; AXES];
+                }
             },
             SetupStep::Identify { same } => {
                 let part = |part| answers.whole(Ask::Version(part)).unwrap_or(0);

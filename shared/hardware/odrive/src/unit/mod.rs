@@ -13,7 +13,7 @@ use std::fmt::Write as _;
 
 use serial::{Device, WireQueue};
 
-use crate::codec::{AXES, COUNTS_PER_TURN, MAX_LINE, Text, error, number, seal, state, unseal};
+use crate::codec::{AXES, COUNTS_PER_TURN, MAX_LINE, Text, control, error, number, seal, state, unseal};
 
 /// Properties of a virtual board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +28,8 @@ pub struct BoardOptions {
     pub turnaround_ns: u64,
     /// Positions are floats of 24 bits, as in the firmware; a test that reads time from them needs every bit.
     pub rounds_position: bool,
+    /// Torque of an axis per ampere, N m/A.
+    pub torque_constant_n_m_a: f64,
 }
 
 impl BoardOptions {
@@ -35,7 +37,14 @@ impl BoardOptions {
     #[must_use]
     pub fn new(address: u8) -> BoardOptions {
         // The turnaround is assumed; it is not published.
-        BoardOptions { address, axes: AXES, firmware: [0, 5, 6], turnaround_ns: 150_000, rounds_position: true }
+        BoardOptions {
+            address,
+            axes: AXES,
+            firmware: [0, 5, 6],
+            turnaround_ns: 150_000,
+            rounds_position: true,
+            torque_constant_n_m_a: 0.05,
+        }
     }
 }
 
@@ -44,6 +53,8 @@ impl BoardOptions {
 pub enum Target {
     /// Counts per second, for the board's loops.
     Velocity(f64),
+    /// Current that makes torque, A.
+    Current(f64),
     /// No drive output.
     Released,
 }
@@ -82,6 +93,9 @@ pub(crate) struct Axis {
     pub(crate) error: u32,
     /// Turns per second.
     pub(crate) input_vel: f32,
+    /// N m.
+    pub(crate) input_torque: f32,
+    pub(crate) control_mode: u32,
     pub(crate) watchdog_timeout_s: f32,
     pub(crate) watchdog_enabled: bool,
     fed_ns: u64,
@@ -94,6 +108,8 @@ impl Axis {
         state: state::IDLE,
         error: 0,
         input_vel: 0.0,
+        input_torque: 0.0,
+        control_mode: control::POSITION,
         watchdog_timeout_s: 0.0,
         watchdog_enabled: false,
         fed_ns: 0,
@@ -161,10 +177,12 @@ impl Board {
     #[must_use]
     pub fn target(&self, motor: usize) -> Target {
         match self.axes.get(motor) {
-            Some(axis) if axis.state == state::CLOSED_LOOP && !self.has_no_supply() => {
-                Target::Velocity(f64::from(axis.input_vel) * COUNTS_PER_TURN)
+            Some(axis) if axis.state != state::CLOSED_LOOP || self.has_no_supply() => Target::Released,
+            Some(axis) if axis.control_mode == control::TORQUE => {
+                Target::Current(f64::from(axis.input_torque) / self.options.torque_constant_n_m_a)
             }
-            _ => Target::Released,
+            Some(axis) => Target::Velocity(f64::from(axis.input_vel) * COUNTS_PER_TURN),
+            None => Target::Released,
         }
     }
 
@@ -232,7 +250,7 @@ impl Board {
         let command = words.next().unwrap_or_default();
         let mut axis = || words.next().and_then(|word| word.parse::<usize>().ok()).unwrap_or(usize::MAX);
         let said = match command {
-            "v" | "u" | "f" => {
+            "v" | "c" | "u" | "f" => {
                 let index = axis();
                 if index >= self.options.axes {
                     write!(answer, "invalid motor {index}")
@@ -240,9 +258,14 @@ impl Board {
                     let velocity = self.measured.speeds_counts_s[index] / COUNTS_PER_TURN;
                     write!(answer, "{:.6} {velocity:.6}", self.turns(index))
                 } else {
-                    if command == "v" {
-                        let velocity = words.next().and_then(number)?;
-                        self.axes[index].input_vel = velocity as f32;
+                    if command != "u" {
+                        let value = words.next().and_then(number)? as f32;
+                        let axis = &mut self.axes[index];
+                        if command == "v" {
+                            (axis.input_vel, axis.control_mode) = (value, control::VELOCITY);
+                        } else {
+                            (axis.input_torque, axis.control_mode) = (value, control::TORQUE);
+                        }
                     }
                     self.feed(index);
                     Ok(())

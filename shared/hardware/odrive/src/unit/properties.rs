@@ -27,6 +27,8 @@ impl Board {
                     "requested_state" => whole(&mut text, 0),
                     "config.enable_watchdog" => whole(&mut text, u32::from(axis.watchdog_enabled)),
                     "config.watchdog_timeout" => decimal(&mut text, f64::from(axis.watchdog_timeout_s)),
+                    "controller.input_torque" => decimal(&mut text, f64::from(axis.input_torque)),
+                    "controller.config.control_mode" => whole(&mut text, axis.control_mode),
                     "controller.input_vel" => decimal(&mut text, f64::from(axis.input_vel)),
                     "encoder.pos_estimate" => decimal(&mut text, self.turns(index)),
                     "motor.current_control.Iq_measured" => decimal(&mut text, self.measured.currents_a[index]),

@@ -40,6 +40,7 @@ impl VirtualUnits for Boards {
     fn drive(&self, _: usize, motor: usize) -> Command {
         match self.0.as_ref().unwrap().target(motor) {
             Target::Velocity(counts_s) => Command::Velocity(counts_s),
+            Target::Current(current_a) => Command::Torque(current_a),
             Target::Released => Command::Release,
         }
     }
@@ -84,6 +85,7 @@ impl Family for ODrive {
             axes: 1,
             watchdog_ms: WATCHDOG_MS as u16,
             bound: BOUND,
+            torque_constant_n_m_a: 0.05,
             stop_pin: None,
         };
         Bus::new(pipe, &config).unwrap()

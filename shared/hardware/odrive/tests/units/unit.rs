@@ -94,6 +94,7 @@ const CONFIG: BusConfig = BusConfig {
     axes: 2,
     watchdog_ms: 300,
     bound: CountBound { counts_s: 3_000_000.0, margin: 0.0 },
+    torque_constant_n_m_a: 0.05,
     stop_pin: None,
 };
 
@@ -132,6 +133,7 @@ fn both_axes_are_driven_and_read() {
         for (axis, command) in commands.into_iter().enumerate() {
             let target = match bus.transport().device().target(axis) {
                 Target::Velocity(counts_s) => Command::Velocity((counts_s * 100.0).round() / 100.0),
+                Target::Current(current_a) => Command::Torque(current_a),
                 Target::Released => Command::Release,
             };
             assert_eq!(target, command, "axis {axis}");

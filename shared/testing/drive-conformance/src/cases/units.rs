@@ -57,23 +57,34 @@ pub fn a_unit_that_keeps_another_watchdog_is_refused<F: Family>() {
 
 /// The unit stops its motors when commands cease, not before.
 pub fn motors_stop_by_the_watchdog_when_commands_cease<F: Family>() {
+    let torque = Robot::<F>::connected(1).bus.capabilities().torque.then_some(Command::Torque(0.5));
+    for command in [Some(Command::Velocity(500.0)), torque].into_iter().flatten() {
+        stop_by_the_watchdog::<F>(command);
+    }
+}
+
+fn stop_by_the_watchdog<F: Family>(command: Command) {
     let mut robot = Robot::<F>::connected(F::UNITS);
-    robot.cycle(Command::Velocity(500.0));
+    robot.cycle(command);
     // Longer than the watchdog in cycles without a gap: it does not trip.
-    robot.cycles(50, Command::Velocity(500.0));
-    robot.assert_drive(F::UNITS - 1, 0, Command::Velocity(500.0), "cycles without a gap");
+    robot.cycles(50, command);
+    robot.assert_drive(F::UNITS - 1, 0, command, "cycles without a gap");
     let last_ns = robot.bus.now_ns();
     let watchdog_ns = u64::from(WATCHDOG_MS) * MS;
     F::pipe(&mut robot.bus).wait_until(last_ns + watchdog_ns - 20 * MS);
-    robot.assert_drive(F::UNITS - 1, 0, Command::Velocity(500.0), "before the watchdog's time");
+    robot.assert_drive(F::UNITS - 1, 0, command, "before the watchdog's time");
     F::pipe(&mut robot.bus).wait_until(last_ns + watchdog_ns + 10 * MS);
     for unit in 0..F::UNITS {
         assert!(!robot.units().drive(unit, 0).moves(), "unit {unit} moves on after its watchdog");
     }
     robot.tick_ns = last_ns + watchdog_ns + 20 * MS;
+    // What moves or pulls waits for a command to hold.
+    robot.cycle(command);
+    assert!(!robot.units().drive(0, 0).moves(), "the unit obeys {command:?} after its watchdog");
     robot.recover();
-    robot.cycle(Command::Velocity(5.0));
+    robot.cycle(command);
     robot.assert_all_ok("after the watchdog, once commanded to hold");
+    robot.assert_drive(F::UNITS - 1, 0, command, "after the watchdog, once commanded to hold");
 }
 
 /// The emergency stop at a unit's own input appears in the neutral status and disappears again.

@@ -18,16 +18,36 @@ const RECOVERY: usize = 120;
 fn endure<F: Family>(case: &str, begin: impl FnOnce(&mut Robot<F>), end: impl FnOnce(&mut Robot<F>)) {
     let mut robot = Robot::<F>::connected(F::UNITS);
     begin(&mut robot);
-    endure_cycles(case, robot, CYCLES, end);
+    endure_cycles(case, robot, CYCLES, speeds::<F>, end);
 }
 
-fn endure_cycles<F: Family>(case: &str, mut robot: Robot<F>, cycles: u32, end: impl FnOnce(&mut Robot<F>)) {
+/// Another speed in each cycle.
+fn speeds<F: Family>(cycle: u32) -> Command {
+    let steps = (cycle - 1) % F::SPEED_STEPS + 1;
+    Command::Velocity(f64::from(steps) * F::SPEED_STEP_COUNTS_S)
+}
+
+/// Ten cycles each of torques, standstill and speeds. Values come again, as a unit may have them from before.
+fn torques_and_speeds<F: Family>(cycle: u32) -> Command {
+    match cycle / 10 % 3 {
+        0 => Command::Torque(0.1 * f64::from(cycle % 7)),
+        1 => Command::HOLD,
+        _ => speeds::<F>(cycle % 3 + 1),
+    }
+}
+
+fn endure_cycles<F: Family>(
+    case: &str,
+    mut robot: Robot<F>,
+    cycles: u32,
+    commands: impl Fn(u32) -> Command,
+    end: impl FnOnce(&mut Robot<F>),
+) {
     let offset = robot.clockwork().offset;
     let mut good = 0;
     let mut last = vec![i64::MIN; F::UNITS];
     for cycle in 1..=cycles {
-        let steps = (cycle - 1) % F::SPEED_STEPS + 1;
-        let command = Command::Velocity(f64::from(steps) * F::SPEED_STEP_COUNTS_S);
+        let command = commands(cycle);
         let start_ns = robot.exchange(Some(command));
         for (unit, last) in last.iter_mut().enumerate() {
             let answer = robot.answers[unit].clone();
@@ -146,6 +166,26 @@ pub fn byte_errors_neither_acknowledge_nor_age<F: Family>() {
     ]);
 }
 
+/// A command of another kind, or an older one with the same value, is never taken for the one that was sent. Families
+/// without torque have nothing to confuse.
+pub fn torques_and_speeds_are_told_apart<F: Family>() {
+    let faults = [
+        ("torques and speeds, 1 % of the bytes changed", Faults { corrupt: 0.01, ..Faults::default() }),
+        ("torques and speeds, 1 % of the bytes lost", Faults { drop: 0.01, ..Faults::default() }),
+        ("torques and speeds, 2 % late by 13 ms", Faults { late: 0.02, late_ns: 13 * MS, ..Faults::default() }),
+    ];
+    for (seed, (case, faults)) in faults.into_iter().enumerate() {
+        let mut robot = Robot::<F>::connected(F::UNITS);
+        if !robot.bus.capabilities().torque {
+            return;
+        }
+        F::pipe(&mut robot.bus).set_faults(faults, seed as u64);
+        endure_cycles(case, robot, CYCLES, torques_and_speeds::<F>, |robot| {
+            F::pipe(&mut robot.bus).set_faults(Faults::default(), 0);
+        });
+    }
+}
+
 /// Two hours at 100 Hz, with the faults that a long flight has now and then. The counter passes its ends where it
 /// wraps; where it does not, each hour begins far below zero.
 pub fn two_hours_of_traffic<F: Family>() {
@@ -158,7 +198,7 @@ pub fn two_hours_of_traffic<F: Family>() {
         robot.connect();
         robot.cycle(Command::HOLD);
         F::pipe(&mut robot.bus).set_faults(rare, hour);
-        endure_cycles(&format!("hour {hour}"), robot, HOUR, |robot| {
+        endure_cycles(&format!("hour {hour}"), robot, HOUR, speeds::<F>, |robot| {
             F::pipe(&mut robot.bus).set_faults(Faults::default(), 0);
         });
     }
