@@ -161,6 +161,7 @@ pub fn needed(request: &Request) -> Role {
         | Request::ZeroLengths { .. }
         | Request::ConfirmPosition
         | Request::Jog { .. }
+        | Request::Soft
         | Request::Resume
         | Request::Speed { .. }
         | Request::Swap { .. }
@@ -188,6 +189,7 @@ pub fn deed(request: &Request) -> &'static str {
         Request::ZeroAt { .. } | Request::ZeroLengths { .. } => "zero the robot",
         Request::ConfirmPosition => "confirm the position",
         Request::Jog { .. } => "jog a cable",
+        Request::Soft => "make the robot soft",
         Request::Resume => "resume the motion",
         Request::Speed { .. } => "set the speed",
         Request::Swap { .. } | Request::Admit { .. } => "swap processes",

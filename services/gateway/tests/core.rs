@@ -75,6 +75,7 @@ fn requests() -> Vec<Request> {
         Request::ZeroLengths { lengths_m: [1.0, 2.0, 3.0].into_iter().collect() },
         Request::ConfirmPosition,
         Request::Jog { cable: 1, distance_m: 0.1 },
+        Request::Soft,
         Request::Pause,
         Request::Resume,
         Request::Speed { rate: 0.5 },
@@ -96,7 +97,7 @@ fn requests() -> Vec<Request> {
 fn a_request_passes_only_with_its_role_and_names_its_user() {
     let stops = ["hold", "stop", "estop", "pause"];
     let verbs: BTreeSet<u8> = requests().iter().map(Request::verb).collect();
-    assert_eq!(verbs.len(), 24, "a request is missing here");
+    assert_eq!(verbs.len(), 25, "a request is missing here");
     for (user, number) in [
         ("eve", OperatorRequest::ROLE_OBSERVER),
         ("zoe", OperatorRequest::ROLE_OBSERVER),

@@ -130,10 +130,11 @@ impl Drives {
         let mut units = [[None; AXES]; MAX_FLEET];
         for i in 0..self.cables {
             let (unit, motor) = self.place[i];
-            units[unit][motor] = Some(if command.released[i] {
-                Command::Release
-            } else {
-                Command::Velocity(command.encoder_m_s(i) * self.counts_per_m[i])
+            units[unit][motor] = Some(match command.current_a {
+                _ if command.released[i] => Command::Release,
+                // Positive raises the count: where that pays out, a pull is negative.
+                Some(current_a) => Command::Torque(-current_a[i] * self.counts_per_m[i].signum()),
+                None => Command::Velocity(command.encoder_m_s(i) * self.counts_per_m[i]),
             });
         }
         let reply = self.fleet.exchange(&FleetCommand { cycle, units }, deadline_ns);

@@ -13,6 +13,8 @@ pub enum Mode {
     Jogging(Jog),
     /// The robot follows a motion by the commands of a controller.
     Following(Following),
+    /// The cables carry the node and yield to a hand.
+    Soft(Soft),
     /// The robot comes to rest.
     Stopping(Stop),
     /// A fault: the robot comes to rest and stays there until a reset.
@@ -30,6 +32,7 @@ impl Mode {
             Self::Holding => MotorAuthority::MODE_HOLDING,
             Self::Jogging(_) => MotorAuthority::MODE_JOGGING,
             Self::Following(_) => MotorAuthority::MODE_FOLLOWING,
+            Self::Soft(_) => MotorAuthority::MODE_SOFT,
             Self::Stopping(_) => MotorAuthority::MODE_STOPPING,
             Self::Faulted => MotorAuthority::MODE_FAULTED,
             Self::EmergencyStop => MotorAuthority::MODE_EMERGENCY_STOP,
@@ -39,7 +42,7 @@ impl Mode {
     /// True if cables move because the operator or a mission asked for it.
     #[must_use]
     pub fn moves(&self) -> bool {
-        matches!(self, Self::Jogging(_)) || self.on_motion()
+        matches!(self, Self::Jogging(_) | Self::Soft(_)) || self.on_motion()
     }
 
     /// True while the robot follows a motion or stops in it.
@@ -83,6 +86,28 @@ pub struct Jog {
     pub left_m: f64,
     /// The cable comes to rest where it is.
     pub cancelled: bool,
+}
+
+/// State of [`Mode::Soft`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Soft {
+    /// Lengths of the cables as last read, m, and the times of their readings, ns.
+    pub lengths_m: [f64; CABLES],
+    pub sampled_ns: [u64; CABLES],
+    /// Velocity of each cable over about two cycles, m/s.
+    pub velocity_m_s: [f64; CABLES],
+    /// Where the node would be at rest, m: a hand that pulls it away takes this point along.
+    pub rest_m: [f64; 3],
+    /// Currents of the motors, A; positive pulls the cable in.
+    pub current_a: [f64; CABLES],
+    /// By how much the currents that held the node before differed, A.
+    pub begin_a: [f64; CABLES],
+    /// Cycles since the beginning.
+    pub begun: u32,
+    /// Cycles in a row in which a cable was too fast.
+    pub fast: u32,
+    /// Cycles in a row in which a unit was not read.
+    pub unread: u32,
 }
 
 /// State of the use of a controller's commands.

@@ -88,6 +88,8 @@ impl CoreConfig {
         config.quarantine_falls = arbiter.quarantine_falls;
         config.forgive_s = arbiter.forgive_s;
         config.current_limit_a = robot_file.motor.current_limit_a;
+        let without = section.ports.iter().position(|port| port.torque_constant_n_m_a.is_none());
+        config.port_without_torque = without.map(|index| index + 1);
         config.check().map_err(bad)?;
         Ok(config)
     }

@@ -50,6 +50,7 @@ impl Core {
             Request::ZeroLengths { lengths_m } => self.zero_lengths(lengths_m),
             Request::ConfirmPosition => self.confirm_position(),
             Request::Jog { cable, distance_m } => self.start_jog(usize::from(*cable), *distance_m),
+            Request::Soft => self.start_soft(),
             Request::Resume => self.resume(input),
             Request::Speed { rate } => self.set_speed(*rate),
             Request::Swap { role, slot } => self.swap(input, *role, *slot),
@@ -96,7 +97,7 @@ impl Core {
             mode => {
                 self.abandon();
                 self.safety.disarm();
-                Ok(if mode == Mode::Holding { Reason::Disarmed } else { Reason::DisarmedFaulted })
+                Ok(if mode.is_latched() { Reason::DisarmedFaulted } else { Reason::Disarmed })
             }
         }
     }
@@ -110,6 +111,10 @@ impl Core {
             Mode::Jogging(jog) => {
                 jog.cancelled = true;
                 Ok(Reason::JogEnds)
+            }
+            Mode::Soft(_) => {
+                self.end_soft(0);
+                Ok(Reason::SoftEnds)
             }
             Mode::Holding => {
                 // A motion that begins in this cycle begins paused.
@@ -154,7 +159,7 @@ impl Core {
                 self.follow(&chosen);
                 Ok(Reason::ResumedMotion)
             }
-            Mode::Holding => Err(Reason::NothingPaused),
+            Mode::Holding | Mode::Soft(_) => Err(Reason::NothingPaused),
             Mode::Stopping(_) => Err(Reason::NotResumedStopping),
             Mode::Jogging(_) => Err(Reason::NotResumedJogging),
             Mode::Disarmed => Err(Reason::NotResumedDisarmed),
@@ -176,6 +181,10 @@ impl Core {
             Mode::Jogging(jog) => {
                 jog.cancelled = true;
                 Ok(Reason::JogEnds)
+            }
+            Mode::Soft(_) => {
+                self.end_soft(0);
+                Ok(Reason::SoftEnds)
             }
             Mode::Holding => {
                 let kept = self.motion.id() != 0;
@@ -201,7 +210,7 @@ impl Core {
 
     fn reset(&mut self) -> Outcome {
         match self.safety.mode() {
-            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => Err(Reason::NotResetMoving),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) | Mode::Soft(_) => Err(Reason::NotResetMoving),
             Mode::Holding => {
                 self.abandon();
                 self.safety.clear_stops(STOPS);
@@ -226,7 +235,7 @@ impl Core {
     /// Zeroing changes every length, so it is refused while the robot moves.
     fn may_zero(&self) -> Result<(), Reason> {
         match self.safety.mode() {
-            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => Err(Reason::NotZeroedMoving),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) | Mode::Soft(_) => Err(Reason::NotZeroedMoving),
             Mode::Faulted | Mode::EmergencyStop => Err(Reason::NotZeroedFault),
             Mode::Holding | Mode::Disarmed if !self.odometry.complete() => Err(Reason::NotZeroedEncoders),
             Mode::Holding | Mode::Disarmed => Ok(()),
@@ -288,7 +297,9 @@ impl Core {
         match (self.safety.mode(), self.odometry.position()) {
             (_, MotorState::POSITION_KNOWN) => Ok(Reason::PositionKnown),
             (_, MotorState::POSITION_UNKNOWN) => Err(Reason::NoPosition),
-            (Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_), _) => Err(Reason::NotConfirmedMoving),
+            (Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) | Mode::Soft(_), _) => {
+                Err(Reason::NotConfirmedMoving)
+            }
             _ => {
                 self.abandon();
                 self.odometry.confirm();
@@ -310,7 +321,7 @@ impl Core {
         match self.safety.mode() {
             Mode::Holding => {}
             Mode::Jogging(_) => return Err(Reason::AlreadyJogging),
-            Mode::Following(_) | Mode::Stopping(_) => return Err(Reason::NotJoggedMoving),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Soft(_) => return Err(Reason::NotJoggedMoving),
             Mode::Disarmed => return Err(Reason::NotJoggedDisarmed),
             Mode::Faulted | Mode::EmergencyStop => return Err(Reason::NotJoggedFault),
         }
@@ -340,6 +351,32 @@ impl Core {
         self.safety.clear_stops(MotorAuthority::FAULT_BORDER);
         self.safety.enter(Mode::Jogging(Jog { cable, left_m: distance_m, cancelled: false }));
         Ok(Reason::Jogging { cable: number, distance_m })
+    }
+
+    fn start_soft(&mut self) -> Outcome {
+        match self.safety.mode() {
+            Mode::Holding => {}
+            Mode::Soft(_) => return Ok(Reason::AlreadySoft),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => return Err(Reason::NotSoftMoving),
+            Mode::Disarmed => return Err(Reason::NotSoftDisarmed),
+            Mode::Faulted | Mode::EmergencyStop => return Err(Reason::NotSoftFault),
+        }
+        if let Some(port) = self.config.port_without_torque {
+            return Err(Reason::NotSoftDrives { port });
+        }
+        let lost = self.who_is_lost() & MotorAuthority::FAULT_SUPERVISOR_LOST;
+        let faults = Faults { bits: self.safety.persisting().bits | lost, ..self.safety.persisting() };
+        if faults.bits != 0 {
+            return Err(Reason::NotSoftFaults { faults });
+        }
+        if self.motion.id() != 0 {
+            return Err(Reason::NotSoftPaused);
+        }
+        let soft = self.soften()?;
+        self.safety.clear_stops(STOPS);
+        self.safety.start_epoch();
+        self.safety.enter(Mode::Soft(soft));
+        Ok(Reason::Soft)
     }
 
     fn set_speed(&mut self, rate: f64) -> Outcome {

@@ -108,6 +108,8 @@ pub struct CoreConfig {
     pub estimate_bound_m: f64,
     /// Choice of tensions of more cables than dimensions where `zero --at` turns a position into lengths.
     pub distribution: Distribution,
+    /// The first port, from 1, whose drives take no torque.
+    pub port_without_torque: Option<usize>,
 }
 
 /// Longest distance of one jog, m; longer ones are motions of the planner.
@@ -193,6 +195,7 @@ impl CoreConfig {
             bias_bound_m_s: arbiter.bias_bound_m_s,
             estimate_bound_m: arbiter.estimate_bound_m,
             distribution: robot.default_distribution(),
+            port_without_torque: None,
             robot,
         };
         config.check()?;

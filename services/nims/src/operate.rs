@@ -44,6 +44,8 @@ pub enum Command {
         #[arg(value_parser = finite, allow_negative_numbers = true)]
         metres: f64,
     },
+    /// Let the cables carry the node and yield to a hand, until `hold`.
+    Soft,
     /// Move the node to a point.
     Goto(GotoArgs),
     /// Fly a mission.
@@ -79,6 +81,7 @@ impl Command {
             Self::Zero(args) => zero(&join()?, args),
             Self::ConfirmPosition => ask(Request::ConfirmPosition, Participant::Command),
             Self::Jog { cable, metres } => jog(&join()?, *cable, *metres),
+            Self::Soft => ask(Request::Soft, Participant::Command),
             Self::Goto(args) => return goto(&join()?, args),
             Self::Run(args) if args.dry_run => return dry_run(place, args),
             Self::Run(args) => return run(&join()?, args),

@@ -251,6 +251,7 @@ fn flies(verb: u8) -> bool {
             | RequestBody::VERB_ZERO_LENGTHS
             | RequestBody::VERB_CONFIRM
             | RequestBody::VERB_JOG
+            | RequestBody::VERB_SOFT
             | RequestBody::VERB_RESUME
             | RequestBody::VERB_SPEED
             | RequestBody::VERB_GOTO

@@ -317,6 +317,7 @@ impl Planner {
             MotorAuthority::MODE_HOLDING => {}
             MotorAuthority::MODE_DISARMED => return refuse(Reason::RobotDisarmed),
             MotorAuthority::MODE_JOGGING => return refuse(Reason::RobotJogging),
+            MotorAuthority::MODE_SOFT => return refuse(Reason::RobotSoft),
             MotorAuthority::MODE_FAULTED => return refuse(Reason::RobotFaulted),
             MotorAuthority::MODE_EMERGENCY_STOP => return refuse(Reason::RobotEmergencyStop),
             _ => return refuse(Reason::RobotMoves),

@@ -27,7 +27,10 @@ const UNFINISHED_RUNS: Duration = Duration::from_secs(5);
 pub(super) fn moves(authority: &MotorAuthority) -> bool {
     matches!(
         authority.mode,
-        MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_JOGGING | MotorAuthority::MODE_STOPPING
+        MotorAuthority::MODE_FOLLOWING
+            | MotorAuthority::MODE_JOGGING
+            | MotorAuthority::MODE_STOPPING
+            | MotorAuthority::MODE_SOFT
     )
 }
 

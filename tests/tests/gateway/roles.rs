@@ -27,6 +27,7 @@ fn actions() -> Vec<(&'static str, &'static str, Call, Vec<u8>)> {
         ("fly", "zero lengths", Request::ZeroLengths { lengths_m }),
         ("fly", "confirm", Request::ConfirmPosition),
         ("fly", "jog", Request::Jog { cable: 9, distance_m: 0.1 }),
+        ("fly", "soft", Request::Soft),
         ("fly", "resume", Request::Resume),
         ("fly", "speed", Request::Speed { rate: 0.5 }),
         ("fly", "swap", Request::Swap { role: SlotRole::Controller, slot: Slot::B }),

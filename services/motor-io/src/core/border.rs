@@ -41,7 +41,7 @@ impl Core {
 ///
 /// The node stays on the spheres around the other anchors, so on a circle around the line through two of them, or in
 /// the plane around one. From the tangent of a circle of the radius ρ it bends away by s² / (2 ρ) within a way s.
-fn bend_m(robot: &Robot, cable: usize, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
+pub(super) fn bend_m(robot: &Robot, cable: usize, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
     let anchors = robot.anchors();
     let others = || anchors.iter().enumerate().filter(|(other, _)| *other != cable);
     let mut radius_m = f64::INFINITY;

@@ -6,7 +6,7 @@ use crate::mode::{Braking, Following, Mode, Steering, Stop};
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
 /// Time without answers because motor-io was late, after which the robot stops on its path, s.
-const LATE_S: f64 = 0.4;
+pub(super) const LATE_S: f64 = 0.4;
 /// Cycles after which a planner that no longer publishes the motion counts as gone. Within fewer, it may be about to.
 const ORPHANED_CYCLES: u32 = 5;
 
@@ -19,6 +19,10 @@ impl Core {
                 [0.0; CABLES]
             }
             Mode::Jogging(jog) => self.jogging(jog),
+            Mode::Soft(soft) => {
+                self.yield_to_hand(soft);
+                [0.0; CABLES]
+            }
             Mode::Following(following) => self.following(following, input),
             Mode::Stopping(stop) => self.stopping(stop, input),
             Mode::Disarmed | Mode::Faulted | Mode::EmergencyStop => [0.0; CABLES],

@@ -37,6 +37,11 @@ impl Core {
             "the robot moves in {mode:?}: {sent:?}"
         );
         debug_assert!(
+            matches!(mode, Mode::Soft(_)) == sent.current_a.is_some()
+                && sent.current_a.is_none_or(|current_a| current_a.iter().all(|a| a.is_finite())),
+            "currents in {mode:?}: {sent:?}"
+        );
+        debug_assert!(
             *mode != Mode::Faulted || fastest_m_s <= before_m_s + ROUNDING_M_S,
             "a robot with a fault gets faster: from {before_m_s} to {fastest_m_s} m/s"
         );

@@ -1,7 +1,8 @@
 //! The decisions of motor-io: one cycle in two halves, without a clock and without I/O.
 //!
-//! [`Core::decide`] is here. `follow` computes the velocities of each mode, `settle` ends a stop, a jog or a motion,
-//! `observe` is the second half of the cycle, and `still` resets the drives' loops at rest.
+//! [`Core::decide`] is here. `follow` computes the velocities of each mode, `soft` the currents of soft mode, `settle`
+//! ends a stop, a jog or a motion, `observe` is the second half of the cycle, and `still` resets the drives' loops at
+//! rest.
 
 mod account;
 mod border;
@@ -11,6 +12,7 @@ mod invariants;
 mod judge;
 mod observe;
 mod settle;
+mod soft;
 mod starved;
 mod still;
 
@@ -50,6 +52,8 @@ pub struct DriveCommand {
     pub released: [bool; CABLES],
     /// Radius of each drum relative to that of the bare one; 1 for encoders on idlers.
     pub radius_ratio: [f64; CABLES],
+    /// In soft mode the current of each motor, A, instead of a speed; positive pulls the cable in.
+    pub current_a: Option<[f64; CABLES]>,
 }
 
 impl DriveCommand {
@@ -62,7 +66,7 @@ impl DriveCommand {
     /// Returns true if no cable moves.
     #[must_use]
     pub fn is_hold(&self) -> bool {
-        self.speed_m_s == [0.0; CABLES]
+        self.speed_m_s == [0.0; CABLES] && self.current_a.is_none()
     }
 }
 
@@ -192,7 +196,12 @@ impl Core {
             timing: Timing::default(),
             account: Account::default(),
             starved: Starved::default(),
-            sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES], radius_ratio: [1.0; CABLES] },
+            sent: DriveCommand {
+                speed_m_s: [0.0; CABLES],
+                released: [true; CABLES],
+                radius_ratio: [1.0; CABLES],
+                current_a: None,
+            },
             decision: Decision::new(false, [0.0; CABLES]),
             config,
         }
@@ -254,7 +263,8 @@ impl Core {
         self.settle(before, &speed_m_s);
         let released = if self.resets_loops(&speed_m_s) { [true; CABLES] } else { self.safety.released() };
         let radius_ratio = std::array::from_fn(|cable| self.odometry.radius_ratio(cable));
-        self.sent = DriveCommand { speed_m_s, released, radius_ratio };
+        let current_a = if let Mode::Soft(soft) = self.safety.mode() { Some(soft.current_a) } else { None };
+        self.sent = DriveCommand { speed_m_s, released, radius_ratio, current_a };
         self.check_decision(&at_begin, before);
         self.sent
     }
@@ -361,6 +371,7 @@ impl Core {
         self.clock.stop_at_once();
         match self.safety.mode_mut() {
             Mode::Jogging(jog) => jog.cancelled = true,
+            Mode::Soft(_) => self.end_soft(MotorAuthority::FAULT_LONG_GAP),
             Mode::Following(_) if long => self.begin_stop(Stop::open(), MotorAuthority::FAULT_LONG_GAP),
             Mode::Following(Following { gap_wait, .. }) => {
                 *gap_wait = self.config.cycles(AFTER_GAP_S);

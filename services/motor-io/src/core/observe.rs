@@ -26,7 +26,8 @@ impl Core {
         let mut fresh = [false; CABLES];
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
-            let driven = self.safety.energised() && !self.sent.released[i];
+            // In soft mode a hand moves the cables.
+            let driven = self.safety.energised() && !self.sent.released[i] && self.sent.current_a.is_none();
             self.envelope.record(i, self.sent.speed_m_s[i], driven, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
@@ -47,7 +48,10 @@ impl Core {
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
             radius_ratio: self.sent.radius_ratio,
-            excused_m_s: std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
+            excused_m_s: match self.sent.current_a {
+                Some(_) => [[f64::NEG_INFINITY, f64::INFINITY]; CABLES],
+                None => std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
+            },
             starved: self.chain_starves(),
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),
         };

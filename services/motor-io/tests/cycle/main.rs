@@ -14,4 +14,5 @@ mod jumps;
 mod modes;
 mod properties;
 mod rig;
+mod soft;
 mod starved;

@@ -43,7 +43,7 @@ fn velocity() -> impl Strategy<Value = f64> {
 fn event() -> impl Strategy<Value = Event> {
     let verbs = prop_oneof![
         4 => Just(R::VERB_ARM), 2 => Just(R::VERB_RESET), 2 => Just(R::VERB_RESUME), 1 => 0..40u8,
-        2 => Just(R::VERB_JOG), 1 => Just(R::VERB_PAUSE), 1 => Just(R::VERB_CONFIRM), 1 => Just(R::VERB_SPEED),
+        2 => Just(R::VERB_JOG), 1 => Just(R::VERB_SOFT), 1 => Just(R::VERB_PAUSE), 1 => Just(R::VERB_CONFIRM), 1 => Just(R::VERB_SPEED),
     ];
     prop_oneof![
         6 => (1..40u32).prop_map(Event::Steps),

@@ -173,7 +173,7 @@ fn robot(snapshot: &Snapshot) -> Vec<Line<'static>> {
 fn color_of(mode: u8) -> Color {
     match mode {
         MotorAuthority::MODE_FAULTED | MotorAuthority::MODE_EMERGENCY_STOP => Color::Red,
-        MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_JOGGING => Color::Green,
+        MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_JOGGING | MotorAuthority::MODE_SOFT => Color::Green,
         MotorAuthority::MODE_STOPPING => Color::Yellow,
         MotorAuthority::MODE_HOLDING => Color::Cyan,
         _ => Color::Gray,

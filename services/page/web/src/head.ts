@@ -10,7 +10,7 @@ const OLD_S = 1;
 /** Disk below which the figure is marked, bytes. */
 const SCARCE = 2e9;
 /** Signs beside the colours of the modes. */
-const SIGNS: Record<string, string> = { disarmed: "○", holding: "■", jogging: "▸", following: "▶", stopping: "▾", faulted: "!", "emergency stop": "✕" };
+const SIGNS: Record<string, string> = { disarmed: "○", holding: "■", jogging: "▸", soft: "≈", following: "▶", stopping: "▾", faulted: "!", "emergency stop": "✕" };
 
 /** Names of the figures. */
 const FACTS: Record<string, string> = { node: t("node"), supply: t("supply"), disk: t("disk"), cycles: t("cycles"), flies: t("flies"), you: t("you") };

@@ -50,4 +50,4 @@ function filled(text: string, values: Record<string, string | number>): string {
 }
 
 /** Words of the server that are shown as they come, or stand in its sentences. */
-export const WORDS = [t("accepted"), t("continues"), t("controller"), t("estimator"), t("pays out"), t("reels in"), t("the node"), t("disarmed"), t("holding"), t("jogging"), t("following"), t("stopping"), t("faulted"), t("emergency stop"), t("unknown"), t("running"), t("paused"), t("ready"), t("done"), t("aborted"), t("refused"), t("idle")];
+export const WORDS = [t("accepted"), t("continues"), t("controller"), t("estimator"), t("pays out"), t("reels in"), t("the node"), t("disarmed"), t("holding"), t("jogging"), t("soft"), t("following"), t("stopping"), t("faulted"), t("emergency stop"), t("unknown"), t("running"), t("paused"), t("ready"), t("done"), t("aborted"), t("refused"), t("idle")];

@@ -49,6 +49,7 @@ fn every_missing_condition_is_answered_with_its_cure() {
     let cases: &[(Reason, Spoil)] = &[
         (Reason::RobotDisarmed, |w| w.authority.mode = MotorAuthority::MODE_DISARMED),
         (Reason::RobotJogging, |w| w.authority.mode = MotorAuthority::MODE_JOGGING),
+        (Reason::RobotSoft, |w| w.authority.mode = MotorAuthority::MODE_SOFT),
         (Reason::RobotMoves, |w| w.authority.mode = MotorAuthority::MODE_FOLLOWING),
         (Reason::RobotMoves, |w| w.authority.mode = MotorAuthority::MODE_STOPPING),
         (Reason::RobotFaulted, |w| w.authority.mode = MotorAuthority::MODE_FAULTED),

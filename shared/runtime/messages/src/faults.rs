@@ -26,6 +26,7 @@ pub const STOPS: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_OFF_START
     | MotorAuthority::FAULT_BORDER
+    | MotorAuthority::FAULT_SOFT_SPEED
     | MotorAuthority::FAULT_COMPUTER;
 
 /// Faults with a lasting condition: a reset waits for its end.

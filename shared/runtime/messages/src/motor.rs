@@ -130,8 +130,10 @@ message! {
             FAULT_COMPUTER = 524288,
             /// The offered motion does not begin at the position of the node.
             FAULT_OFF_START = 1048576,
-            /// The jog ended at the border of an obstacle or a keep-out box.
+            /// A jog or soft mode ended at a border: of an obstacle, a keep-out box, the ground or a cable's length.
             FAULT_BORDER = 2097152,
+            /// A cable ran faster than it may in soft mode: the node was led too fast, or a cable broke.
+            FAULT_SOFT_SPEED = 8388608,
         },
         /// Incremented on arm, stop, fault, reset and zero; older commands are rejected.
         epoch: u32,
@@ -140,7 +142,7 @@ message! {
         /// Motion (plan/motion) being followed; 0: none.
         motion: u32,
         /// Mode of the safety machine.
-        mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1, MODE_JOGGING = 2, MODE_FOLLOWING = 3, MODE_STOPPING = 4, MODE_FAULTED = 5, MODE_EMERGENCY_STOP = 6 },
+        mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1, MODE_JOGGING = 2, MODE_FOLLOWING = 3, MODE_STOPPING = 4, MODE_FAULTED = 5, MODE_EMERGENCY_STOP = 6, MODE_SOFT = 7 },
         /// Slot whose command is used in this cycle.
         active_controller: u8,
         /// Slot whose estimate is used in this cycle.

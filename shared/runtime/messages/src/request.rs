@@ -67,6 +67,8 @@ pub enum Request {
         /// Length to move, m; positive pays out.
         distance_m: f64,
     },
+    /// motor-io: lets the cables carry the node and yield to a hand.
+    Soft,
     /// motor-io: as [`Request::Hold`].
     Pause,
     /// motor-io: continues a motion that was paused.
@@ -224,6 +226,7 @@ impl Request {
             Self::ZeroLengths { .. } => Body::VERB_ZERO_LENGTHS,
             Self::ConfirmPosition => Body::VERB_CONFIRM,
             Self::Jog { .. } => Body::VERB_JOG,
+            Self::Soft => Body::VERB_SOFT,
             Self::Pause => Body::VERB_PAUSE,
             Self::Resume => Body::VERB_RESUME,
             Self::Speed { .. } => Body::VERB_SPEED,
@@ -353,6 +356,7 @@ impl Request {
                 Self::ZeroLengths { lengths_m: lengths_m.iter().copied().collect() }
             }
             Body::VERB_CONFIRM => Self::ConfirmPosition,
+            Body::VERB_SOFT => Self::Soft,
             Body::VERB_JOG => Self::Jog { cable: body.cable, distance_m: body.distance_m },
             Body::VERB_PAUSE => Self::Pause,
             Body::VERB_RESUME => Self::Resume,

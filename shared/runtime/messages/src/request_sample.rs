@@ -21,7 +21,7 @@ layout! {
         /// 0: none. END: of a process; STOP: of the robot.
         verb: u8 {
             VERB_ARM = 1, VERB_DISARM = 2, VERB_HOLD = 3, VERB_STOP = 4, VERB_ESTOP = 5, VERB_RESET = 6, VERB_ZERO_AT = 7,
-            VERB_ZERO_LENGTHS = 8, VERB_CONFIRM = 9, VERB_JOG = 10, VERB_PAUSE = 11, VERB_RESUME = 12, VERB_SPEED = 13, VERB_SWAP = 14, VERB_ADMIT = 15,
+            VERB_ZERO_LENGTHS = 8, VERB_CONFIRM = 9, VERB_JOG = 10, VERB_PAUSE = 11, VERB_RESUME = 12, VERB_SPEED = 13, VERB_SWAP = 14, VERB_ADMIT = 15, VERB_SOFT = 16,
             VERB_GOTO = 20, VERB_RUN = 21, VERB_FAULT = 30,
             VERB_START = 40, VERB_END = 41, VERB_RESTART = 42, VERB_PLUG = 43, VERB_UNPLUG = 44,
             VERB_SET = 45,

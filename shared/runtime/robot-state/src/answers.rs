@@ -243,6 +243,21 @@ answers! {
     120 NotJoggedBorder { cable: usize, part: usize, obstacle: usize } REFUSED, "Not jogged: cable {cable} would bring {} closer to obstacle {obstacle}, whose border it has reached; jog the other way or another cable, or zero the node if it is elsewhere.", NodeOrCable(*part);
     121 NotJoggedBox { cable: usize, number: usize } REFUSED, "Not jogged: cable {cable} would bring the node closer to keep-out box {number}, whose border it has reached; jog the other way or another cable, or zero the node if it is elsewhere.";
 
+    160 Soft ACCEPTED, "Soft: the cables carry the node and yield to a hand; `nims hold` ends it.";
+    161 AlreadySoft ACCEPTED, "Already soft; `nims hold` ends it.";
+    162 SoftEnds ACCEPTED, "The cables hold.";
+    163 NotSoftMoving REFUSED, "Not soft: the robot moves; stop first.";
+    164 NotSoftDisarmed REFUSED, "Not soft: the drives are off; arm first.";
+    165 NotSoftFault REFUSED, "Not soft: the robot is stopped by a fault; reset it first.";
+    166 NotSoftFaults { faults: Faults } REFUSED, "Not soft: {}.", FaultList(faults);
+    167 NotSoftPaused REFUSED, "Not soft: a motion is paused; stop to give it up first.";
+    168 NotSoftPosition REFUSED, "Not soft: the position is not known; zero the robot, or confirm its position, first.";
+    169 NotSoftYet REFUSED, "Not soft: a cable still moves, or a drive did not answer; try again in a second.";
+    170 NotSoftDrives { port: usize } REFUSED, "Not soft: the drives on port {port} take no torque; moteus and ODrive do, once the system file states torque_constant_n_m_a of the port.";
+    171 NotSoftGear { cable: usize, pull_n: f64, most_n: f64 } REFUSED, "Not soft: by gear_friction and coulomb_n of the robot file cable {cable} yields to {pull_n:.0} N only, and its limit is {most_n} N; a gear that holds its cable cannot be led by hand.";
+    172 NotSoftTensions { why: Detail } REFUSED, "Not soft: the node cannot hang freely here: {why}.";
+    173 NotSoftBorder REFUSED, "Not soft: the node or a cable is at a border; jog or move it away first.";
+
     130 SpeedSet { rate: f64 } ACCEPTED, "Motions run at {:.0} % of their planned speed.", rate * 100.0;
     131 NoSpeed { rate: f64, slowest: f64 } BAD_INPUT, "{} is no speed; accepted: a fraction from {slowest} to 1.", Given(*rate);
 
@@ -264,6 +279,7 @@ answers! {
     206 RobotJogging REFUSED, "a cable is being jogged; wait until it has stopped";
     207 RobotFaulted REFUSED, "the robot has a fault; nims status names it, nims reset clears it once its cause is gone";
     208 RobotEmergencyStop REFUSED, "the emergency stop is on; release it and nims reset";
+    219 RobotSoft REFUSED, "the robot is soft and led by hand; hold it with nims hold";
     209 RobotMoves REFUSED, "the robot is moving; wait until it holds, or stop it with nims stop";
     210 PositionRestored REFUSED, "the position was kept from before motor-io was started; look whether the node is where nims status says, then nims confirm-position, or nims zero --at x,y,z";
     211 PositionUnknown REFUSED, "the position is not known; set it with nims zero --at x,y,z";

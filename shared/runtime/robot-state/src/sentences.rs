@@ -18,7 +18,7 @@ pub struct FaultText {
 }
 
 /// Every fault, in the order in which several are named.
-pub const FAULTS: [FaultText; 22] = [
+pub const FAULTS: [FaultText; 23] = [
     FaultText {
         bit: MotorAuthority::FAULT_LOST_UNIT,
         clause: "a drive unit does not answer",
@@ -141,9 +141,15 @@ pub const FAULTS: [FaultText; 22] = [
     },
     FaultText {
         bit: MotorAuthority::FAULT_BORDER,
-        clause: "the node or a cable reached the border of an obstacle or a keep-out box",
-        effect: ", so the jog ended early",
-        cure: "jog the other way or another cable, or zero the node if it is elsewhere",
+        clause: "the node or a cable reached the border of an obstacle, of a keep-out box or of its range",
+        effect: ", so the jog or soft mode ended there",
+        cure: "jog the other way or another cable, move the node away, or zero it if it is elsewhere",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_SOFT_SPEED,
+        clause: "a cable ran faster than it may in soft mode",
+        effect: ", so the drives hold",
+        cure: "look whether a cable is broken or slack; otherwise lead the node more slowly",
     },
     FaultText {
         bit: MotorAuthority::FAULT_COMPUTER,
@@ -257,6 +263,7 @@ pub fn mode_name(mode: u8) -> &'static str {
         MotorAuthority::MODE_DISARMED => "disarmed",
         MotorAuthority::MODE_HOLDING => "holding",
         MotorAuthority::MODE_JOGGING => "jogging",
+        MotorAuthority::MODE_SOFT => "soft",
         MotorAuthority::MODE_FOLLOWING => "following",
         MotorAuthority::MODE_STOPPING => "stopping",
         MotorAuthority::MODE_FAULTED => "faulted",
@@ -272,6 +279,7 @@ pub fn mode_sentence(mode: u8) -> &'static str {
         MotorAuthority::MODE_DISARMED => "The drives are off; arm to hold the cables.",
         MotorAuthority::MODE_HOLDING => "The drives hold the cables, and nothing moves.",
         MotorAuthority::MODE_JOGGING => "One cable moves slowly.",
+        MotorAuthority::MODE_SOFT => "The cables carry the node and yield to a hand; hold to end it.",
         MotorAuthority::MODE_FOLLOWING => "The robot follows its motion.",
         MotorAuthority::MODE_STOPPING => "The robot is coming to rest.",
         MotorAuthority::MODE_FAULTED => "The robot is stopped by a fault and holds; remove the cause, then reset.",

@@ -250,7 +250,10 @@ impl Lockstep {
         let mut inputs = [DriveInput::RELEASED; CABLES];
         for (i, drive) in inputs.iter_mut().enumerate().take(n) {
             if !sent.released[i] {
-                *drive = self.plant.speed_input(i, sent.encoder_m_s(i));
+                *drive = match sent.current_a {
+                    Some(current_a) => DriveInput::Current(-current_a[i]),
+                    None => self.plant.speed_input(i, sent.encoder_m_s(i)),
+                };
             }
         }
         self.drives = inputs;

@@ -10,7 +10,7 @@ use segments::segment_message;
 use std::collections::VecDeque;
 
 pub const PERIOD_S: f64 = 0.01;
-const COUNTS_PER_M: [f64; 3] = [10_000.0, -10_000.0, 12_000.0];
+pub const COUNTS_PER_M: [f64; 3] = [10_000.0, -10_000.0, 12_000.0];
 /// Time without a command after which a drive stops its motor, s.
 const WATCHDOG_S: f64 = 0.3;
 

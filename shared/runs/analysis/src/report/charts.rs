@@ -261,7 +261,7 @@ pub fn timing(run: &RunData) -> Vec<Figure> {
 fn mode_colour(mode: u8) -> usize {
     match mode {
         MotorAuthority::MODE_HOLDING => 0,
-        MotorAuthority::MODE_JOGGING => 6,
+        MotorAuthority::MODE_JOGGING | MotorAuthority::MODE_SOFT => 6,
         MotorAuthority::MODE_FOLLOWING => 2,
         MotorAuthority::MODE_STOPPING => 3,
         MotorAuthority::MODE_FAULTED | MotorAuthority::MODE_EMERGENCY_STOP => 1,

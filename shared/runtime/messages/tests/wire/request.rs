@@ -50,6 +50,7 @@ fn request() -> impl Strategy<Value = Request> {
         Request::Estop,
         Request::Reset,
         Request::ConfirmPosition,
+        Request::Soft,
         Request::Pause,
         Request::Resume,
     ];
