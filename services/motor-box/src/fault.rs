@@ -100,7 +100,12 @@ pub const KINDS: [Kind; 14] = [
     ),
     kind("supply", "VOLTS", "sets the no-load voltage of the supply"),
     kind("stall", "CABLE", "jams the motor"),
-    kind("slip", "CABLE SHARE", "this share of the cable's motion slips over the idler wheel and is not measured"),
+    kind(
+        "slip",
+        "CABLE SHARE",
+        "this share of the cable's motion slips over the idler wheel and is not measured; with `drum` as the last word, this \
+         share of the drum's motion does not move the cable",
+    ),
     kind("dead", "CABLE", "stops the encoder's count"),
     kind("jump", "CABLE COUNTS", "the encoder's count jumps by this amount"),
     kind("break", "CABLE", "breaks the cable"),
@@ -160,6 +165,7 @@ impl BoxFault {
                 Fault::EncoderDead { cable, on: true } => Fault::EncoderDead { cable, on: false },
                 Fault::BrokenLine { cable, on: true } => Fault::BrokenLine { cable, on: false },
                 Fault::IdlerSlip { cable, .. } => Fault::IdlerSlip { cable, share: 0.0 },
+                Fault::DrumSlip { cable, .. } => Fault::DrumSlip { cable, share: 0.0 },
                 Fault::Supply { .. } => Fault::Supply { voltage_v: supply_v },
                 _ => return None,
             }),
@@ -201,6 +207,10 @@ fn parse_one(words: &[&str]) -> Option<BoxFault> {
         ["stall", cable, ref on @ ..] => BoxFault::Plant(Fault::Stall { cable: index(cable)?, on: switch(on)? }),
         ["slip", cable, "off"] => BoxFault::Plant(Fault::IdlerSlip { cable: index(cable)?, share: 0.0 }),
         ["slip", cable, share] => BoxFault::Plant(Fault::IdlerSlip { cable: index(cable)?, share: fraction(share)? }),
+        ["slip", cable, "off", "drum"] => BoxFault::Plant(Fault::DrumSlip { cable: index(cable)?, share: 0.0 }),
+        ["slip", cable, share, "drum"] => {
+            BoxFault::Plant(Fault::DrumSlip { cable: index(cable)?, share: fraction(share)? })
+        }
         ["jump", cable, counts] => {
             // A jump cannot exceed the encoder's register.
             let counts = i64::from(counts.parse::<i32>().ok()?);
@@ -265,6 +275,8 @@ mod tests {
             ("stall 2", BoxFault::Plant(Fault::Stall { cable: 1, on: true })),
             ("stall 2 off", BoxFault::Plant(Fault::Stall { cable: 1, on: false })),
             ("slip 1 0.3", BoxFault::Plant(Fault::IdlerSlip { cable: 0, share: 0.3 })),
+            ("slip 1 0.3 drum", BoxFault::Plant(Fault::DrumSlip { cable: 0, share: 0.3 })),
+            ("slip 1 off drum", BoxFault::Plant(Fault::DrumSlip { cable: 0, share: 0.0 })),
             ("slip 1 off", BoxFault::Plant(Fault::IdlerSlip { cable: 0, share: 0.0 })),
             ("jump 3 -500", BoxFault::Plant(Fault::EncoderJump { cable: 2, counts: -500 })),
             ("dead 1 off", BoxFault::Plant(Fault::EncoderDead { cable: 0, on: false })),

@@ -64,7 +64,11 @@ impl Machine {
                     .iter()
                     .map(|unit| {
                         unit.cables.map(|cable| {
-                            cable.map(|cable| Winch { cable, sign: if config.reversed[cable] { -1.0 } else { 1.0 } })
+                            cable.map(|cable| {
+                                let sign = |reversed: Option<&bool>| if reversed == Some(&true) { -1.0 } else { 1.0 };
+                                let second_sign = sign(config.second_reversed.get(cable));
+                                Winch { cable, sign: sign(config.reversed.get(cable)), second_sign }
+                            })
                         })
                     })
                     .collect();
@@ -167,6 +171,7 @@ impl Machine {
             for (unit, winches) in bank.winches.iter().enumerate() {
                 let mut readings = Readings {
                     counts: [0; MOTORS],
+                    second_counts: [0; MOTORS],
                     speeds_counts_s: [0.0; MOTORS],
                     currents_a: [0.0; MOTORS],
                     duties: [0.0; MOTORS],
@@ -175,8 +180,9 @@ impl Machine {
                     stopped: bank.stopped[unit],
                 };
                 for (motor, winch) in winches.iter().enumerate() {
-                    let Some(Winch { cable, sign }) = *winch else { continue };
+                    let Some(Winch { cable, sign, second_sign }) = *winch else { continue };
                     readings.counts[motor] = self.plant.counts(cable) * sign as i64;
+                    readings.second_counts[motor] = self.plant.second_counts(cable) * second_sign as i64;
                     readings.speeds_counts_s[motor] = self.plant.averaged_speed_counts_s(cable) * sign;
                     // On the wire a current is positive in the direction of rising counts; a pull acts the other way.
                     readings.currents_a[motor] = -self.plant.measured_current_a(cable) * sign;
@@ -192,7 +198,7 @@ impl Machine {
         for bank in &mut self.banks {
             for (unit, winches) in bank.winches.iter().enumerate() {
                 for (motor, winch) in winches.iter().enumerate() {
-                    let Some(Winch { cable, sign }) = *winch else { continue };
+                    let Some(Winch { cable, sign, .. }) = *winch else { continue };
                     self.inputs[cable] = match bank.units.target(unit, motor) {
                         MotorInput::Speed(speed) => MotorInput::Speed(speed * sign),
                         // Adding zero turns the -0 of a reversed winch into the 0 of a released motor.

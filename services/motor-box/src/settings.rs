@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use config::{DriveProtocol, RobotFile, SystemFile, Wire};
+use config::{DriveProtocol, MotorIoSection, RobotFile, SystemFile, Wire};
 use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
@@ -26,6 +26,8 @@ pub struct UnitConfig {
     pub address: u8,
     /// Cables (from 0) on motor 1 and motor 2.
     pub cables: [Option<usize>; 2],
+    /// Input of a second encoder of its one cable.
+    pub second_encoder: Option<u8>,
 }
 
 /// One serial port with the units on it.
@@ -52,6 +54,8 @@ pub struct BoxConfig {
     pub plant: PlantConfig,
     /// Per cable: the count falls as cable pays out.
     pub reversed: Vec<bool>,
+    /// The same of second encoders; empty: there are none.
+    pub second_reversed: Vec<bool>,
     /// Serial ports of the drives.
     pub ports: Vec<PortConfig>,
     /// Time that a unit takes to answer, ns.
@@ -71,10 +75,11 @@ impl BoxConfig {
         let section =
             MotorBoxSection::from_file(system_file, robot).map_err(|error| ConfigError::File(error.to_string()))?;
         let section = &section.ok_or(ConfigError::NoSection)?;
-        let counts_per_m = &system_file.motor_io.counts_per_m;
+        let MotorIoSection { counts_per_m, second_counts_per_m, .. } = &system_file.motor_io;
         Ok(Self {
-            plant: plant_config(section, robot, counts_per_m),
+            plant: plant_config(section, robot, counts_per_m, second_counts_per_m),
             reversed: counts_per_m.iter().map(|&counts| counts < 0.0).collect(),
+            second_reversed: second_counts_per_m.iter().map(|&counts| counts < 0.0).collect(),
             ports: port_configs(system_file, folder)?,
             turnaround_ns: (section.turnaround_s * 1e9).round() as u64,
             devices: section.device.iter().map(|device| device_config(device, folder)).collect(),
@@ -89,7 +94,12 @@ impl BoxConfig {
     }
 }
 
-fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f64]) -> PlantConfig {
+fn plant_config(
+    section: &MotorBoxSection,
+    robot: &RobotFile,
+    counts_per_m: &[f64],
+    second_counts_per_m: &[f64],
+) -> PlantConfig {
     let mut config = PlantConfig::new(robot.robot.anchors_m.to_vec(), section.start_m.position_m);
     config.planar = robot.robot.anchors_m.is_planar();
     config.routed_length_m = robot.lines.routed_length_m.clone();
@@ -123,10 +133,9 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
         current_limit_a: robot.motor.current_limit_a * PEAK_CURRENT_RATIO,
         ..MotorConfig::default()
     };
-    config.idlers = counts_per_m
-        .iter()
-        .map(|counts| IdlerConfig { counts_per_m: counts.abs(), ..IdlerConfig::default() })
-        .collect();
+    let encoder = |counts: &f64| IdlerConfig { counts_per_m: counts.abs(), ..IdlerConfig::default() };
+    config.idlers = counts_per_m.iter().map(encoder).collect();
+    config.second_encoders = second_counts_per_m.iter().map(encoder).collect();
     config.start_limits_n = robot.robot.tension_limits_n;
     // Without the section, wheels, weight and counts of the robot file are part of the world too.
     let truth = section.truth.as_ref();
@@ -203,7 +212,11 @@ fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfi
             .iter()
             .map(|unit| {
                 let on_motor = |motor: usize| unit.cables.get(motor).and_then(|cable| cable.checked_sub(1));
-                UnitConfig { address: unit.address, cables: [on_motor(0), on_motor(1)] }
+                UnitConfig {
+                    address: unit.address,
+                    cables: [on_motor(0), on_motor(1)],
+                    second_encoder: unit.second_encoder,
+                }
             })
             .collect();
         ports.push(PortConfig {

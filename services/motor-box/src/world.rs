@@ -5,7 +5,7 @@ use plant::motor::MotorConfig;
 use plant::pulley::Guide;
 use plant::world::{CableWorld, Pendulum, Warming, Wind};
 
-use config::RobotFile;
+use config::{DrumEncoder, RobotFile};
 
 use crate::section::{PerCable, TrueGuide, TruthSection};
 
@@ -68,7 +68,11 @@ fn cable(
     let (mut line, mut drum) = (config.line, config.drum);
     line.stiffness_n = or(&truth.stiffness_n, line.stiffness_n);
     drum.capacity_m = robot.drum.as_ref().and_then(|drum| drum.cable_m.get(i).copied()).unwrap_or(drum.capacity_m);
+    let stated_radius_m = drum.radius_m;
     drum.radius_m = or(&truth.drum_radius_m, drum.radius_m);
+    let counts_turns = robot.drum.as_ref().is_some_and(|drum| drum.encoder == DrumEncoder::First);
+    // A second encoder on a larger drum than stated turns less. Beside one that counts turns there is an idler.
+    let second_scale = if counts_turns { 1.0 } else { stated_radius_m / drum.radius_m };
     let dry_kg_m = or(&truth.line_mass_kg_m, robot.lines.mass_kg_m);
     let wet_kg_m = or(&truth.line_wet_mass_kg_m, dry_kg_m);
     CableWorld {
@@ -82,7 +86,8 @@ fn cable(
             .counts_stretched
             .as_ref()
             .map_or(robot.lines.counts_stretched.at(i), |cables| cables[i]),
-        counts_turns: robot.drum.is_some(),
+        second_scale,
+        counts_turns,
         attachment_m: truth.attachments_m.as_ref().map_or([0.0; 3], |points| points[i]),
         mass_kg_m: dry_kg_m + truth.wetness * (wet_kg_m - dry_kg_m),
         expansion_per_k: or(&truth.thermal_expansion_per_k, plain.expansion_per_k),

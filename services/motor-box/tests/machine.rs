@@ -25,6 +25,7 @@ fn config() -> BoxConfig {
     BoxConfig {
         plant,
         reversed: vec![false, false, true],
+        second_reversed: Vec::new(),
         ports: vec![PortConfig {
             link: "unused".into(),
             family: config::DriveProtocol::Roboclaw,
@@ -32,8 +33,8 @@ fn config() -> BoxConfig {
             torque_constant_n_m_a: None,
             baud: BAUD,
             units: vec![
-                UnitConfig { address: 0x80, cables: [Some(0), Some(1)] },
-                UnitConfig { address: 0x81, cables: [None, Some(2)] },
+                UnitConfig { address: 0x80, cables: [Some(0), Some(1)], second_encoder: None },
+                UnitConfig { address: 0x81, cables: [None, Some(2)], second_encoder: None },
             ],
         }],
         turnaround_ns: 150_000,

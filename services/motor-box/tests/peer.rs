@@ -31,12 +31,13 @@ fn motor_box(link: &Path) -> MotorBox {
     let mut plant = PlantConfig::new(ANCHORS.to_vec(), [4.8, 3.0, 1.2]);
     plant.idlers = vec![IdlerConfig { counts_per_m: COUNTS_PER_M, slip: 0.0 }; 3];
     let units = vec![
-        UnitConfig { address: 0x80, cables: [Some(0), Some(1)] },
-        UnitConfig { address: 0x81, cables: [Some(2), None] },
+        UnitConfig { address: 0x80, cables: [Some(0), Some(1)], second_encoder: None },
+        UnitConfig { address: 0x81, cables: [Some(2), None], second_encoder: None },
     ];
     let config = BoxConfig {
         plant,
         reversed: vec![false; 3],
+        second_reversed: Vec::new(),
         ports: vec![PortConfig {
             link: link.to_owned(),
             family: config::DriveProtocol::Roboclaw,

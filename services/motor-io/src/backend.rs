@@ -37,6 +37,10 @@ pub fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<d
                 watchdog_ms,
                 bound: odometry::count_bound(config, &section.cables),
                 torque_constant_n_m_a: port.torque_constant_n_m_a.unwrap_or(0.0),
+                second: section.second_encoder.map(|source| moteus::SecondInput {
+                    source,
+                    bound: odometry::second_bound(config, &section.cables),
+                }),
             };
             let bus = moteus::BusConfig {
                 baud: if port.wire == Wire::Usb { 0 } else { port.baud },

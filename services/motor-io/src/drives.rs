@@ -6,8 +6,8 @@ use crate::core::DriveCommand;
 use crate::settings::CoreConfig;
 use config::SystemFile;
 use drives::{
-    AXES, Capabilities, Command, DriveBus, DriveStatus, Error, Fleet, FleetCommand, MAX_FLEET, StopInput, UnitAnswer,
-    UnitInfo,
+    AXES, Capabilities, Command, DriveBus, DriveStatus, Error, Fleet, FleetCommand, MAX_FLEET, SecondEncoder,
+    StopInput, UnitAnswer, UnitInfo,
 };
 use messages::{CABLES, MotorInput, UNITS};
 use std::fmt;
@@ -45,6 +45,8 @@ pub struct Drives {
     absent: [Option<Error>; UNITS],
     /// Last status of each unit, and the errors that were reported of it.
     conditions: [Conditions; UNITS],
+    /// Second encoder of each cable.
+    second: [Second; CABLES],
     /// A reading that the family does not offer, per port.
     unwatched: Vec<(Arc<str>, &'static str)>,
 }
@@ -54,6 +56,23 @@ struct Conditions {
     errors: DriveStatus,
     native: u32,
     reported: DriveStatus,
+}
+
+/// What was last read of a second encoder.
+#[derive(Debug, Clone, Copy, Default)]
+struct Second {
+    breaks: u32,
+}
+
+impl Second {
+    /// What a reading is; it belongs to counts of this time.
+    fn state(&mut self, now: &SecondEncoder, counted_ns: u64) -> u8 {
+        if !now.counts.is_known() || now.counts.at_ns != counted_ns {
+            return MotorInput::SECOND_ABSENT;
+        }
+        let continued = std::mem::replace(&mut self.breaks, now.breaks) == now.breaks;
+        if continued { MotorInput::SECOND_CONTINUED } else { MotorInput::SECOND_RESTARTED }
+    }
 }
 
 /// Errors that a unit reports, in neutral words and with the unit's own status.
@@ -121,6 +140,7 @@ impl Drives {
             lost: None,
             absent: [const { None }; UNITS],
             conditions: [Conditions::default(); UNITS],
+            second: [Second::default(); CABLES],
             unwatched,
         })
     }
@@ -180,6 +200,8 @@ impl Drives {
             let report = &answer.report;
             input.sampled_ns[i] = report.counts.at_ns;
             input.counts[i] = report.counts.value[motor];
+            input.second_counts[i] = report.second.counts.value;
+            input.second[i] = self.second[i].state(&report.second, report.counts.at_ns);
             // A drive's current and duty are positive in the direction in which its count rises. Ours: a current where
             // it pulls the cable in, as in the motor model; a duty where it pays the cable out.
             input.current_a[i] = -report.currents_a.value[motor] * self.counts_per_m[i].signum();

@@ -40,6 +40,7 @@ mod requests;
 mod safety;
 mod setpoint;
 mod settings;
+mod slip;
 mod watch;
 
 pub use answer::Answer;

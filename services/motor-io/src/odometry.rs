@@ -43,6 +43,15 @@ pub(crate) fn count_bound(config: &CoreConfig, cables: &[usize]) -> CountBound {
     CountBound { counts_s: OVER_SPEED * config.cable_speed_m_s * finest, margin: JUMP_MARGIN_M * finest }
 }
 
+/// The same of second encoders.
+#[must_use]
+pub(crate) fn second_bound(config: &CoreConfig, cables: &[usize]) -> CountBound {
+    let second = config.second.as_ref();
+    let counts = cables.iter().filter_map(|cable| second?.counts_per_m.get(cable.wrapping_sub(1)));
+    let finest = counts.fold(0.0, |most: f64, counts| most.max(counts.abs()));
+    CountBound { counts_s: OVER_SPEED * config.cable_speed_m_s * finest, margin: JUMP_MARGIN_M * finest }
+}
+
 /// Verdict on one reading of one cable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reading {
@@ -108,7 +117,10 @@ impl Odometry {
         Self {
             cables: [Cable::default(); CABLES],
             count: config.cable_count(),
-            winds: std::array::from_fn(|i| Wind { counts_per_m: config.counts_per_m[i], drum: config.robot.drum(i) }),
+            winds: std::array::from_fn(|i| Wind {
+                counts_per_m: config.counts_per_m[i],
+                drum: config.robot.counted(i),
+            }),
             fastest_m_s: config.cable_speed_m_s,
             position: MotorState::POSITION_UNKNOWN,
             restore: None,
@@ -274,7 +286,7 @@ impl Odometry {
         self.cables[cable].velocity_m_s
     }
 
-    /// Radius of a cable's drum relative to that of the bare one; 1 for an idler.
+    /// Radius of the drum that a cable's encoder counts, relative to that of the bare one; 1 for an idler.
     #[must_use]
     pub fn radius_ratio(&self, cable: usize) -> f64 {
         self.winds[cable].drum.radius_ratio(self.cables[cable].length_m)
@@ -325,16 +337,21 @@ impl Cable {
 
 /// What the counts of a cable mean.
 #[derive(Debug, Clone, Copy)]
-struct Wind {
+pub(crate) struct Wind {
     /// Of an idler, or of the bare drum.
-    counts_per_m: f64,
-    drum: Drum,
+    pub(crate) counts_per_m: f64,
+    pub(crate) drum: Drum,
 }
 
 impl Wind {
     /// Cable paid out between two counts, m; at the first of them `length_m` was.
-    fn metres(&self, length_m: f64, counts: i64, from: i64) -> f64 {
+    pub(crate) fn metres(&self, length_m: f64, counts: i64, from: i64) -> f64 {
         self.drum.paid_out_m(length_m, counts.wrapping_sub(from) as f64 / self.counts_per_m)
+    }
+
+    /// Cable of one step of the encoder on a full drum, m.
+    pub(crate) fn step_m(&self) -> f64 {
+        self.drum.radius_ratio(0.0) / self.counts_per_m.abs()
     }
 
     /// Cable paid out between two counts that are at most some turns from `length_m`, m.

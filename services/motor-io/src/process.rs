@@ -6,13 +6,13 @@ use crate::inbox::Inbox;
 use crate::kernel::Evidence;
 use crate::odometry::Position;
 use crate::position::{PositionFile, PositionWriter};
-use crate::settings::CoreConfig;
+use crate::settings::{CoreConfig, SecondEncoders};
 use bus::clock::{Pacer, SECOND_NS, Tick, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, estop};
-use config::{RobotFile, SystemFile};
+use config::{MotorIoSection, RobotFile, SystemFile};
 use messages::{
-    DecodeError, Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
-    PlanMotion, Request, RequestBody, SLOT_NAMES,
+    CABLES, DecodeError, Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
+    NodeEstimate, PlanMotion, Request, RequestBody, SLOT_NAMES,
 };
 use robot_state::answers::detail;
 use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
@@ -90,9 +90,21 @@ impl CoreConfig {
         config.current_limit_a = robot_file.motor.current_limit_a;
         let without = section.ports.iter().position(|port| port.torque_constant_n_m_a.is_none());
         config.port_without_torque = without.map(|index| index + 1);
+        config.second = second_encoders(section, robot_file);
         config.check().map_err(bad)?;
         Ok(config)
     }
+}
+
+fn second_encoders(section: &MotorIoSection, robot_file: &RobotFile) -> Option<SecondEncoders> {
+    let mut counts_per_m = [1.0; CABLES];
+    for (place, counts) in counts_per_m.iter_mut().zip(&section.second_counts_per_m) {
+        *place = *counts;
+    }
+    let idler_m = robot_file.drum.as_ref().map_or(0.0, |drum| drum.idler_m);
+    let (slip_m, slip_share) = (section.slip_m, section.slip_share);
+    let any = !section.second_counts_per_m.is_empty();
+    any.then_some(SecondEncoders { counts_per_m, slip_m, slip_share, idler_m })
 }
 
 /// Runs until the chassis ends it. `state_folder` keeps the position over restarts.

@@ -223,6 +223,7 @@ impl Core {
                     return Err(Reason::NotResetFaults { faults: self.safety.persisting() });
                 }
                 self.watch.clear();
+                self.slips.clear();
                 if !self.safety.energised() {
                     return Ok(Reason::ResetDisarmed);
                 }

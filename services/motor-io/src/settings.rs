@@ -106,10 +106,25 @@ pub struct CoreConfig {
     pub bias_bound_m_s: f64,
     /// Largest deviation of a standby's estimate from the one in charge, m.
     pub estimate_bound_m: f64,
+    /// Second encoders, which are compared with the first ones; `None`: the cables have one each.
+    pub second: Option<SecondEncoders>,
     /// Choice of tensions of more cables than dimensions where `zero --at` turns a position into lengths.
     pub distribution: Distribution,
     /// The first port, from 1, whose drives take no torque.
     pub port_without_torque: Option<usize>,
+}
+
+/// The second encoder of each cable: on the drum where the first one is on an idler, and the reverse.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SecondEncoders {
+    /// Counts per metre of cable, on a drum those of the bare one; negative if the count falls as the cable pays out.
+    pub counts_per_m: [f64; CABLES],
+    /// Difference beyond what the model explains that is a fault, m.
+    pub slip_m: f64,
+    /// Share of the motion by which the two may differ.
+    pub slip_share: f64,
+    /// Cable between drum and idler, which stretches, m.
+    pub idler_m: f64,
 }
 
 /// Longest distance of one jog, m; longer ones are motions of the planner.
@@ -194,6 +209,7 @@ impl CoreConfig {
             bias_share: arbiter.bias_share,
             bias_bound_m_s: arbiter.bias_bound_m_s,
             estimate_bound_m: arbiter.estimate_bound_m,
+            second: None,
             distribution: robot.default_distribution(),
             port_without_torque: None,
             robot,

@@ -156,8 +156,8 @@ pub const ROWS: [Row; 28] = [
     ),
     row(
         "slip 2 1.0",
-        "as `dead`, if the wheel slips completely; a small slip is not detected: the position is then wrong by that part of the cable's \
-         motion",
+        "as `dead`, if the wheel slips completely; two encoders find a smaller one (docs/drives.md), one does not: the position is then \
+         wrong by that part of the cable's motion",
         100,
         MotorAuthority::FAULT_STALL,
         FAULTED,

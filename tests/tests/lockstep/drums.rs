@@ -3,7 +3,7 @@
 //!
 //! The table is printed: `cargo test -p nims-tests --test lockstep drums -- --nocapture`.
 
-use config::{DrumSection, RobotFile, SystemFile};
+use config::{DrumEncoder, DrumSection, RobotFile, SystemFile};
 use messages::PlanStatus;
 use motor_box::BoxConfig;
 use nims_tests::lockstep::{Flight, Scenario, fly};
@@ -38,6 +38,8 @@ fn encoders_on_drums_know_the_layers() {
             cable_diameter_m,
             turns_per_layer: TURNS,
             cable_m: vec![LENGTH_M; bare.robot.anchors_m.len()],
+            encoder: DrumEncoder::First,
+            idler_m: 0.0,
         };
         let layered = RobotFile { drum: Some(drum), ..bare.clone() };
         let known = flight(&layered, &layered, &file);

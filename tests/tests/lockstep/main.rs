@@ -31,6 +31,7 @@ mod replay;
 mod report;
 mod scale;
 mod sim;
+mod slips;
 mod takeover;
 mod touch_down;
 mod tuning;

@@ -16,12 +16,16 @@ pub(crate) struct Winch {
     pub(crate) cable: usize,
     /// -1 where the count falls as cable pays out.
     pub(crate) sign: f64,
+    /// The same of the second encoder.
+    pub(crate) second_sign: f64,
 }
 
 /// What the sensors of a unit measure. Per motor, positive is the direction in which its count rises.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Readings {
     pub(crate) counts: [i64; MOTORS],
+    /// Of the second encoders of the same cables.
+    pub(crate) second_counts: [i64; MOTORS],
     pub(crate) speeds_counts_s: [f64; MOTORS],
     pub(crate) currents_a: [f64; MOTORS],
     pub(crate) duties: [f64; MOTORS],

@@ -8,7 +8,7 @@ use serial::Device;
 
 use super::interface::{MOTORS, Readings, Twin, Winch};
 use crate::BoxError;
-use crate::settings::PortConfig;
+use crate::settings::{PortConfig, UnitConfig};
 
 /// The units of one port.
 #[derive(Debug, Clone)]
@@ -16,12 +16,13 @@ pub(crate) struct MoteusTwin(UnitBus);
 
 impl MoteusTwin {
     pub(crate) fn new(port: &PortConfig, turnaround_ns: u64) -> Self {
-        let unit = |address| {
-            let options = UnitOptions::new(address);
+        let unit = |config: &UnitConfig| {
+            let options = UnitOptions::new(config.address);
+            let second_source = config.second_encoder.unwrap_or(options.second_source);
             let torque_constant_n_m_a = port.torque_constant_n_m_a.unwrap_or(options.torque_constant_n_m_a);
-            Unit::new(UnitOptions { turnaround_ns, torque_constant_n_m_a, ..options })
+            Unit::new(UnitOptions { turnaround_ns, second_source, torque_constant_n_m_a, ..options })
         };
-        let units = port.units.iter().map(|config| unit(config.address)).collect();
+        let units = port.units.iter().map(unit).collect();
         let checksums = if port.wire == Wire::Usb { Checksums::Absent } else { Checksums::Required };
         Self(UnitBus::new(units, checksums))
     }
@@ -42,6 +43,7 @@ impl Twin for MoteusTwin {
     fn measure(&mut self, unit: usize, readings: &Readings) {
         let measured = Measured {
             counts: readings.counts[0],
+            second_counts: readings.second_counts[0],
             speed_counts_s: readings.speeds_counts_s[0],
             current_a: readings.currents_a[0],
             duty: readings.duties[0],

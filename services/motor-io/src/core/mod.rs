@@ -31,6 +31,7 @@ use crate::odometry::{Odometry, Position};
 use crate::plan_clock::PlanClock;
 use crate::safety::Safety;
 use crate::settings::CoreConfig;
+use crate::slip::Slips;
 use crate::watch::Watch;
 use arrayvec::ArrayVec;
 use cable_robot::{CableVec, Vector3, elastic};
@@ -50,7 +51,7 @@ pub struct DriveCommand {
     pub speed_m_s: [f64; CABLES],
     /// Cables whose drive is off: duty 0 instead of a speed.
     pub released: [bool; CABLES],
-    /// Radius of each drum relative to that of the bare one; 1 for encoders on idlers.
+    /// Radius of each drum whose turns are counted relative to that of the bare one; 1 for encoders on idlers.
     pub radius_ratio: [f64; CABLES],
     /// In soft mode the current of each motor, A, instead of a speed; positive pulls the cable in.
     pub current_a: Option<[f64; CABLES]>,
@@ -96,6 +97,7 @@ pub struct Core {
     pub(crate) node: Node,
     envelope: CommandedEnvelope,
     pub(crate) watch: Watch,
+    pub(crate) slips: Slips,
     pub(crate) chosen: Option<ChosenCommand>,
     pub(crate) arbiter: Arbiter,
     energy: EnergyMeter,
@@ -185,6 +187,7 @@ impl Core {
             node: Node::new(config.robot),
             envelope: CommandedEnvelope::new(&config),
             watch: Watch::new(),
+            slips: Slips::new(&config),
             arbiter: Arbiter::new(&config),
             energy: EnergyMeter::default(),
             chosen: None,

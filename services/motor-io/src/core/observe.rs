@@ -3,6 +3,7 @@
 use super::{Core, Observation, account};
 use crate::mode::Mode;
 use crate::odometry::Reading;
+use crate::slip::Compared;
 use crate::watch::SafetySnapshot;
 use messages::faults::Faults;
 use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
@@ -23,7 +24,7 @@ impl Core {
         self.unit_trouble = input.unit[..self.config.unit_count].iter().any(|unit| *unit != MotorInput::UNIT_OK);
         let before: [f64; CABLES] = std::array::from_fn(|i| self.odometry.length_m(i));
         self.odometry.alive(std::array::from_fn(|i| input.unit_alive[self.config.unit_of_cable[i]] == 1));
-        let mut fresh = [false; CABLES];
+        let (mut fresh, mut restarted) = ([false; CABLES], [false; CABLES]);
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
             // In soft mode a hand moves the cables.
@@ -31,12 +32,16 @@ impl Core {
             self.envelope.record(i, self.sent.speed_m_s[i], driven, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
+                restarted[i] = true;
             } else if ok[i] {
                 let drift = self.envelope.drift_m_s(i);
                 match self.odometry.read(i, input.counts[i], input.sampled_ns[i], back[unit], drift) {
                     Reading::Good => fresh[i] = true,
                     Reading::Doubtful => {}
-                    Reading::Jumped => found.cable(MotorAuthority::FAULT_ENCODER_JUMP, i),
+                    Reading::Jumped => {
+                        found.cable(MotorAuthority::FAULT_ENCODER_JUMP, i);
+                        restarted[i] = true;
+                    }
                     Reading::MovedWhileAway => fresh[i] = true,
                 }
             }
@@ -47,7 +52,7 @@ impl Core {
             following: self.safety.mode().on_motion(),
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
-            radius_ratio: self.sent.radius_ratio,
+            radius_ratio: std::array::from_fn(|i| self.config.robot.drum(i).radius_ratio(before[i])),
             excused_m_s: match self.sent.current_a {
                 Some(_) => [[f64::NEG_INFINITY, f64::INFINITY]; CABLES],
                 None => std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
@@ -56,7 +61,9 @@ impl Core {
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),
         };
         self.watch.cables(&self.config, input, &situation, &velocity, &fresh, &mut found);
-        if found.release.contains(&true) {
+        let counts = situation.energised && self.odometry.position() != MotorState::POSITION_UNKNOWN;
+        let compared = Compared { input, fresh: &fresh, restarted: &restarted, length_m: &before, counts };
+        if self.slips.observe(&compared, &mut found) || found.release.contains(&true) {
             // How far the cable ran while its encoder showed no motion is unknown.
             self.odometry.doubt();
         }
@@ -138,6 +145,7 @@ impl Core {
             state.length_m[i] = self.odometry.length_m(i);
             state.current_a[i] = self.watch.current_a(i);
             state.duty[i] = self.watch.duty(i);
+            state.slip_m[i] = self.slips.apart_m(i);
         }
         for i in 0..units {
             state.unit_ok[i] = u8::from(input.unit[i] == MotorInput::UNIT_OK);

@@ -53,6 +53,8 @@ pub struct Capabilities {
     pub duties: bool,
     /// Supply voltage.
     pub supply: bool,
+    /// A second encoder for the one cable of a unit, where it is configured.
+    pub second_encoder: bool,
 }
 
 impl Capabilities {
@@ -65,6 +67,7 @@ impl Capabilities {
         currents: false,
         duties: false,
         supply: false,
+        second_encoder: false,
     };
 
     /// Name of the first capability in `needed` that this family lacks.
@@ -78,6 +81,7 @@ impl Capabilities {
             (self.currents, needed.currents, "motor currents"),
             (self.duties, needed.duties, "the drive output"),
             (self.supply, needed.supply, "the supply voltage"),
+            (self.second_encoder, needed.second_encoder, "a second encoder"),
         ]
         .into_iter()
         .find_map(|(offered, needed, name)| (needed && !offered).then_some(name))

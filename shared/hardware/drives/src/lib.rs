@@ -44,7 +44,7 @@ pub use counts::CountBound;
 pub use error::{CommandName, Error, InvalidConfig, ReplyText, reply_text, watchdog_ms};
 pub use fleet::{Fleet, FleetCommand, FleetReply, MAX_FLEET, PortReport};
 pub use inbox::{Heard, Inbox};
-pub use report::{AXES, Counters, Firmware, StopInput, Timed, UnitAnswer, UnitInfo, UnitReport};
+pub use report::{AXES, Counters, Firmware, SecondEncoder, StopInput, Timed, UnitAnswer, UnitInfo, UnitReport};
 pub use setup::{Recognised, Setup, SetupStep};
 pub use silence::{ASK_SILENT_EVERY_NS, BABBLE_NS, Instead, Noise, PAUSE_NS, SILENT_AFTER};
 pub use status::DriveStatus;

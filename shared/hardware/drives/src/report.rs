@@ -30,6 +30,8 @@ impl<V> Timed<V> {
 pub struct UnitReport {
     /// Encoder counts, continued over wraps of the unit's own counters and over its restarts.
     pub counts: Timed<[i64; AXES]>,
+    /// The second encoder of the unit's one cable.
+    pub second: SecondEncoder,
     /// Motor speeds, counts per second.
     pub speeds_counts_s: Timed<[f64; AXES]>,
     /// Motor currents, A.
@@ -54,6 +56,16 @@ pub struct UnitReport {
     /// The unit already had the configured watchdog when it was first addressed: it has been running since an earlier
     /// run of this program, and has counted on meanwhile.
     pub was_alive: bool,
+}
+
+/// A second encoder, which turns with the same cable as the first one, and is read with it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SecondEncoder {
+    /// Its count, continued over wraps, with the time of the count that it was read with.
+    pub counts: Timed<i64>,
+    /// How often its count was unrelated to that before: after a restart, and where it may have wrapped unseen. A
+    /// counter rather than an event, so that no reader misses one.
+    pub breaks: u32,
 }
 
 /// Stop button on a status pin of a port.

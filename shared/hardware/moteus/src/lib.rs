@@ -25,7 +25,7 @@
 //! let units = UnitBus::new(vec![Unit::new(UnitOptions::new(1))], Checksums::Required);
 //! let port = Pipe::new("simulated", 921_600, units);
 //! let bound = CountBound { counts_s: 3_000_000.0, margin: 0.0 };
-//! let unit = UnitConfig { address: 1, watchdog_ms: 300, bound, torque_constant_n_m_a: 0.05 };
+//! let unit = UnitConfig { address: 1, watchdog_ms: 300, bound, torque_constant_n_m_a: 0.05, second: None };
 //! let config = BusConfig {
 //!     baud: 921_600,
 //!     margin_ns: UART_MARGIN_NS,
@@ -52,5 +52,5 @@ pub mod driver;
 mod status;
 pub mod unit;
 
-pub use driver::{Bus, BusConfig, UnitConfig, watchdog_ms};
+pub use driver::{Bus, BusConfig, SecondInput, UnitConfig, watchdog_ms};
 pub use status::neutral;

@@ -9,7 +9,7 @@ use crate::robot_error::{positive, refuse};
 /// A layer of round cable lies in the grooves of the one below, √3/2 of a diameter higher.
 const RISE_PER_DIAMETER: f64 = 0.866_025_403_784_438_6;
 
-/// Geometry of the winches whose encoders count turns of the drum.
+/// Geometry of the winches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrumParts {
     /// Diameter of the circle on which the middle of the cable runs on the bare drum, m.
@@ -20,6 +20,8 @@ pub struct DrumParts {
     pub turns_per_layer: f64,
     /// Cable from its end on the drum to the node, m per cable.
     pub cable_m: Vec<f64>,
+    /// The encoders by which the robot counts its cables count turns of the drum; otherwise they are on idlers.
+    pub counted: bool,
 }
 
 /// The drum of one cable, with the mean radius of its layers: it grows by the same amount in every turn, from half a
@@ -43,7 +45,7 @@ impl Drum {
     /// # Errors
     /// Names the key that is out of range.
     pub fn of(parts: &DrumParts, routed_length_m: &[f64]) -> Result<Vec<Self>, RobotError> {
-        let DrumParts { diameter_m, cable_diameter_m, turns_per_layer, cable_m } = parts;
+        let DrumParts { diameter_m, cable_diameter_m, turns_per_layer, cable_m, counted: _ } = parts;
         positive("diameter_m", *diameter_m, "a finite diameter above 0, in metres")?;
         let thickest_m = 0.2 * diameter_m;
         if !(0.0..=thickest_m).contains(cable_diameter_m) {
@@ -78,6 +80,15 @@ impl Drum {
         (1.0 - self.below + self.growth_per_m * (self.full_m - length_m).max(0.0)).sqrt()
     }
 
+    /// Largest share by which a turn of the true drum, which climbs by a whole layer at once, deviates from the mean
+    /// radius, and largest deviation that this adds up to, m: an eighth of what a layer changes.
+    #[must_use]
+    pub fn layer_error(&self) -> (f64, f64) {
+        // `below` is that of half a layer; a layer of the outer turns is less in relation.
+        let share = 1.0 - (1.0 - self.below).sqrt();
+        if self.growth_per_m > 0.0 { (share, share * share / self.growth_per_m) } else { (0.0, 0.0) }
+    }
+
     /// Longest length that the cable allows, m; infinite for a wheel.
     #[must_use]
     pub fn longest_m(&self) -> f64 {
@@ -98,7 +109,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn drum(diameter_m: f64, cable_diameter_m: f64, turns_per_layer: f64, full_m: f64) -> Drum {
-        let parts = DrumParts { diameter_m, cable_diameter_m, turns_per_layer, cable_m: vec![full_m + 1.5] };
+        let parts =
+            DrumParts { diameter_m, cable_diameter_m, turns_per_layer, cable_m: vec![full_m + 1.5], counted: true };
         Drum::of(&parts, &[1.5]).unwrap()[0]
     }
 

@@ -40,6 +40,8 @@ pub struct Robot {
     counts_stretched: u8,
     routed_length_m: CableVec,
     drums: [Drum; MAX_CABLES],
+    /// The encoders count turns of the drums.
+    counts_turns: bool,
     length_limits_m: [[f64; 2]; MAX_CABLES],
     motor: Motor,
     motors: Motors,
@@ -109,6 +111,7 @@ impl Robot {
             counts_stretched,
             routed_length_m,
             drums,
+            counts_turns: parts.drum.as_ref().is_some_and(|drum| drum.counted),
             length_limits_m,
             motor: parts.motor,
             motors,
@@ -243,9 +246,19 @@ impl Robot {
         &self.routed_length_m
     }
 
-    /// Drum of a cable, counted from 0: what its encoder counts, and how hard a tension pulls on the motor.
+    /// Drum of a cable, counted from 0: how hard a tension pulls on the motor.
     pub fn drum(&self, cable: usize) -> Drum {
         self.drums.get(cable).copied().unwrap_or_default()
+    }
+
+    /// What the encoder of a cable, counted from 0, counts: turns of its drum, or the cable itself.
+    pub fn counted(&self, cable: usize) -> Drum {
+        if self.counts_turns { self.drum(cable) } else { Drum::default() }
+    }
+
+    /// True where the encoders by which the robot counts its cables count turns of drums.
+    pub fn counts_turns(&self) -> bool {
+        self.counts_turns
     }
 
     /// Shortest and longest measured length per cable, m.

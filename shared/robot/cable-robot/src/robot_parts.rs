@@ -65,7 +65,7 @@ pub struct RobotParts {
     pub counts_stretched: Option<Vec<bool>>,
     /// Cable between drum and anchor per cable, m, which also stretches; default 0.
     pub routed_length_m: Option<Vec<f64>>,
-    /// The drums whose turns the encoders count; None: encoders on idlers, or drums whose radius does not matter.
+    /// The drums; None: encoders on idlers, and drums whose radius does not matter.
     pub drum: Option<DrumParts>,
     /// Shortest and longest measured length per cable, m; default [`DEFAULT_LENGTH_LIMITS_M`].
     pub length_limits_m: Option<Vec<[f64; 2]>>,
@@ -134,7 +134,7 @@ pub(crate) fn with_pulleys(anchors: Anchors, kind: PulleyKind, radii_m: Option<&
     }
 }
 
-/// The drum of each cable. Turns of a drum are not turned by stretch.
+/// The drum of each cable. Turns of a drum do not depend on the stretch.
 pub(crate) fn drums(
     given: Option<&DrumParts>,
     routed_length_m: &CableVec,
@@ -142,7 +142,7 @@ pub(crate) fn drums(
 ) -> Result<[Drum; MAX_CABLES], RobotError> {
     let mut drums = [Drum::default(); MAX_CABLES];
     let Some(given) = given else { return Ok(drums) };
-    if counts_stretched != 0 {
+    if given.counted && counts_stretched != 0 {
         let accepted = "no counts_stretched with the section [drum], whose turns do not depend on the stretch";
         return refuse("counts_stretched", "is true beside encoders on drums".to_owned(), accepted);
     }

@@ -43,6 +43,12 @@ pub struct DriveFamily {
     pub torque: bool,
     /// Motors of a unit.
     pub motors: usize,
+    /// Inputs at which a unit can have the second encoder of its one cable; `None`: its driver reads none.
+    pub second_encoders: Option<RangeInclusive<u8>>,
+    /// Counts in which its reading repeats; a motion of half of them between two cycles cannot be told from one back.
+    pub second_turn: Option<f64>,
+    /// Bytes that it adds to a cycle of a unit.
+    pub second_bytes: f64,
     /// Most units on a serial wire, and on a USB adapter.
     pub units: [usize; 2],
     /// Time of one cycle over a USB adapter besides the units', and for each unit, s; `None`: the family has no such
@@ -72,6 +78,14 @@ impl DriveFamily {
     }
 }
 
+impl DriveFamily {
+    /// The same with a second encoder at every unit.
+    #[must_use]
+    pub fn with_second_encoders(self) -> Self {
+        Self { unit_bytes: self.unit_bytes + self.second_bytes, ..self }
+    }
+}
+
 /// The default is the family that was supported first.
 impl Default for DriveProtocol {
     fn default() -> Self {
@@ -94,6 +108,9 @@ impl DriveProtocol {
                 watchdog_step_s: 0.1,
                 torque: false,
                 motors: 2,
+                second_encoders: None,
+                second_turn: None,
+                second_bytes: 0.0,
                 units: [8, 0],
                 usb_s: None,
                 // Speeds, encoders, currents.
@@ -111,6 +128,11 @@ impl DriveProtocol {
                 torque: true,
                 motors: 1,
                 // A UART has no addresses on the wire.
+                // Sources of the maker's `motor_position`; the register's name and value, in hexadecimal.
+                second_encoders: Some(0..=2),
+                // A turn of the encoder.
+                second_turn: Some(100_000.0),
+                second_bytes: 4.0 + 8.0,
                 units: [1, 8],
                 // Two round trips of a USB frame each. For each unit four frames of at most 64 bytes at 1 and 5 Mbit/s,
                 // and their text lines at 12 Mbit/s; estimated, not measured.
@@ -128,6 +150,9 @@ impl DriveProtocol {
                 watchdog_step_s: 0.001,
                 torque: true,
                 motors: 2,
+                second_encoders: None,
+                second_turn: None,
+                second_bytes: 0.0,
                 units: [1, 1],
                 // Two round trips of a USB frame each, and the board's own time; estimated, not measured.
                 usb_s: Some([0.002, 0.001]),
@@ -146,6 +171,9 @@ impl DriveProtocol {
                 watchdog_step_s: 0.001,
                 torque: false,
                 motors: 2,
+                second_encoders: None,
+                second_turn: None,
+                second_bytes: 0.0,
                 units: [1, 1],
                 // One round trip of USB frames, and the controller's own time; estimated, not measured.
                 usb_s: Some([0.002, 0.001]),

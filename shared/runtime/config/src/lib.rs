@@ -71,8 +71,8 @@ pub use process_for::UnknownAlgorithm;
 pub use realtime::RealtimeSection;
 pub use recorder::RecorderSection;
 pub use robot_file::{
-    CountsStretched, DrumSection, LinesSection, MotorSection, PulleyKind, RobotFile, RobotSection, SiteSection,
-    TablePaths,
+    CountsStretched, DrumEncoder, DrumSection, LinesSection, MotorSection, PulleyKind, RobotFile, RobotSection,
+    SiteSection, TablePaths,
 };
 pub use slot::{slot_argument, slot_role_argument};
 pub use system_file::SystemFile;

@@ -2,7 +2,8 @@
 
 use super::measured::resolve_named_file;
 use super::{
-    CalibrationFile, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile, check,
+    CalibrationFile, DrumEncoder, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection,
+    SystemFile, check,
 };
 use crate::Problem;
 use crate::file::join_normalized;
@@ -138,6 +139,7 @@ impl RobotFile {
                 cable_diameter_m: drum.cable_diameter_m,
                 turns_per_layer: drum.turns_per_layer,
                 cable_m: drum.cable_m.clone(),
+                counted: drum.encoder == DrumEncoder::First,
             }),
             length_limits_m: Some(vec![self.robot.length_limits_m; cables]),
             motor: self.motor.motor(),

@@ -15,6 +15,16 @@ crate::section! {
         /// drum; negative if the count decreases while the cable pays out. A calibration with the robot's encoders,
         /// named in the robot file, replaces them when the file is loaded.
         pub counts_per_m: Vec<f64> = Vec::new(),
+        /// Counts of a second encoder per metre of cable, one value per cable, with the signs of those encoders; on
+        /// drums those of the bare drum. Empty: no second encoders. The two are compared, see `slip_m`; `[drum]` of the
+        /// robot file says which of them are on drums.
+        pub second_counts_per_m: Vec<f64> = Vec::new(),
+        /// Cable by which the two encoders of a cable may disagree beyond what the model explains before it is a fault,
+        /// m: the play of the gear, and what is not modelled.
+        pub slip_m: f64 = 0.02 => between(0.001, 1.0, "m"),
+        /// Share of its motion by which they may disagree, for the errors of drum and wheel: five standard deviations of
+        /// a diameter that is known to 1 %.
+        pub slip_share: f64 = 0.05 => between(0.0, 0.5, ""),
         /// Time without a packet after which the drives stop their motors, s; in steps of 0.1.
         pub watchdog_s: f64 = 0.3,
         /// Number of consecutive cycles without a command after which the robot stops and holds; until then the last
@@ -63,6 +73,7 @@ pub(crate) fn check(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Re
             (100.0..=1e7).contains(&v.abs())
         })?;
     }
+    second_encoders(section, cables)?;
     ports::check(&section.ports, cables)?;
     let period = 1.0 / rate_hz;
     for port in &section.ports {
@@ -73,6 +84,31 @@ pub(crate) fn check(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Re
         return Err(Problem::with_clause("motor_io.watchdog_s", clause));
     }
     section.check_ranges("motor_io")
+}
+
+/// Checks that every cable has a second encoder, or none.
+fn second_encoders(section: &MotorIoSection, cables: usize) -> Result<(), Problem> {
+    const KEY: &str = "motor_io.second_counts_per_m";
+    let values = section.second_counts_per_m.len();
+    if !(values == 0 || values == cables) {
+        let clause = format!("has {values} values for {cables} cables; accepted: one value per cable, or none");
+        return Err(Problem::with_clause(KEY, clause));
+    }
+    for value in &section.second_counts_per_m {
+        number(KEY, *value, "100 to 1e7 counts per metre, positive or negative", |v| (100.0..=1e7).contains(&v.abs()))?;
+    }
+    for unit in section.ports.iter().flat_map(|port| &port.units) {
+        let given = unit.second_encoder.is_some();
+        if given != (values > 0) {
+            let (has, other) = if given { ("has", "no") } else { ("has no", "there are") };
+            let clause = format!(
+                "is for every unit or for none: unit {} {has} `second_encoder`, and {other} `second_counts_per_m`",
+                unit.address
+            );
+            return Err(Problem::with_clause(KEY, clause));
+        }
+    }
+    Ok(())
 }
 
 /// Checks that the drives of a port can be set to this watchdog time.

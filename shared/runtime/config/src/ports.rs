@@ -48,6 +48,9 @@ pub struct UnitSection {
     pub address: u8,
     /// Numbers, from 1, of the cables on motor 1 and motor 2.
     pub cables: Vec<usize>,
+    /// Input of the unit's second encoder of its one cable, as the drive family numbers them; default: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub second_encoder: Option<u8>,
 }
 
 /// Checks the ports of a robot with so many cables.
@@ -145,6 +148,23 @@ fn drive_unit(
             "unit {address} on port {number} has {} cables; accepted: {accepted}",
             unit.cables.len()
         ));
+    }
+    if let Some(input) = unit.second_encoder {
+        let Some(inputs) = family.second_encoders.clone() else {
+            let sentence = format!(
+                "`second_encoder` of unit {address} on port {number} is {input}, and nims reads none from this drive family; accepted: no such key, or another family"
+            );
+            return Err(Problem::with_sentence("second_encoder", sentence));
+        };
+        if !inputs.contains(&input) || unit.cables.len() != 1 {
+            let sentence = format!(
+                "`second_encoder` of unit {address} on port {number} is {input} with {} cables; accepted: {} to {}, for one cable",
+                unit.cables.len(),
+                inputs.start(),
+                inputs.end()
+            );
+            return Err(Problem::with_sentence("second_encoder", sentence));
+        }
     }
     for cable in &unit.cables {
         if !(1..=cables).contains(cable) {

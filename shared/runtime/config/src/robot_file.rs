@@ -132,9 +132,21 @@ crate::section! {
     }
 }
 
+crate::choice! {
+    /// Encoder of each cable that counts turns of its drum.
+    #[derive(Default)]
+    pub enum DrumEncoder {
+        /// The one by which the robot counts its cables.
+        #[default]
+        First = "first",
+        /// The second one, which is compared; the first one is on an idler.
+        Second = "second",
+    }
+}
+
 crate::section! {
-    /// `[drum]`: the encoders are on the motors or on the drums. A turn winds the more cable the more of it is on the
-    /// drum already. `counts_per_m` of the system file, and all of `[motor]`, are those of the bare drum.
+    /// `[drum]`: encoders are on the motors or on the drums. A turn winds the more cable the more of it is on the drum
+    /// already. Their counts per metre in the system file, and all of `[motor]`, are those of the bare drum.
     pub struct DrumSection {
         /// Diameter of the circle on which the middle of the cable runs on the bare drum, m: drum plus cable.
         pub diameter_m: f64 => between(0.005, 2.0, "m (are these millimetres?)"),
@@ -145,6 +157,13 @@ crate::section! {
         /// Cable from its end on the drum to the node, m per cable, which also limits the length; without the turns
         /// that have to stay on the drum.
         pub cable_m: Vec<f64> => between(0.1, 2000.0, "m").each("lengths"),
+        /// Encoders that count turns of the drum: `"first"`, those of `counts_per_m`, or `"second"`, those of
+        /// `second_counts_per_m` of the system file, which are compared with idlers.
+        #[serde(default)]
+        pub encoder: DrumEncoder,
+        /// Cable from the drum to the idler, m; 0: the idler is beside the drum. It stretches between the two encoders.
+        #[serde(default)]
+        pub idler_m: f64 => between(0.0, 200.0, "m"),
     }
 }
 

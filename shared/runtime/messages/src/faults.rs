@@ -15,7 +15,8 @@ pub const HARD: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_LENGTH_LIMIT
     | MotorAuthority::FAULT_SUPPLY
     | MotorAuthority::FAULT_DIVERGING
-    | MotorAuthority::FAULT_EMERGENCY_INPUT;
+    | MotorAuthority::FAULT_EMERGENCY_INPUT
+    | MotorAuthority::FAULT_SLIP;
 
 /// Causes of a stop on the path after which the robot holds and keeps the motion for `resume`.
 pub const STOPS: u32 = MotorAuthority::FAULT_COMMAND_LOST
@@ -49,7 +50,8 @@ pub const OF_CABLES: u32 = MotorAuthority::FAULT_STALL
     | MotorAuthority::FAULT_OVER_CURRENT
     | MotorAuthority::FAULT_RUNAWAY
     | MotorAuthority::FAULT_ENCODER_JUMP
-    | MotorAuthority::FAULT_LENGTH_LIMIT;
+    | MotorAuthority::FAULT_LENGTH_LIMIT
+    | MotorAuthority::FAULT_SLIP;
 
 /// Faults after which the velocity loop of the drive cannot be trusted, because its encoder may be wrong: only this
 /// cable goes to duty 0.
@@ -87,6 +89,11 @@ impl Faults {
         self.bits |= bit;
         self.cables[cable] = true;
         self.release[cable] |= bit & RELEASING != 0;
+    }
+
+    /// Marks a cable (from 0) whose drive cannot be trusted.
+    pub fn release(&mut self, cable: usize) {
+        self.release[cable] = true;
     }
 
     /// Adds a fault of a unit (from 0).

@@ -24,6 +24,9 @@ message! {
         duty: [f64; CABLES],
         /// Cable velocity sent in this cycle, m/s.
         command_m_s: [f64; CABLES],
+        /// Cable that the second encoder counted more than the first one, beyond what drum, stretch and resolution
+        /// explain, m; a fault from `slip_m` on. NaN: the cable has one encoder.
+        slip_m: [f64; CABLES],
         /// Supply voltage per unit, V.
         supply_v: [f64; UNITS],
         /// Position of the node computed from the lengths, m; NaN: unknown.
@@ -132,6 +135,8 @@ message! {
             FAULT_OFF_START = 1048576,
             /// A jog or soft mode ended at a border: of an obstacle, a keep-out box, the ground or a cable's length.
             FAULT_BORDER = 2097152,
+            /// The two encoders of a cable disagree.
+            FAULT_SLIP = 4194304,
             /// A cable ran faster than it may in soft mode: the node was led too fast, or a cable broke.
             FAULT_SOFT_SPEED = 8388608,
         },
@@ -270,6 +275,8 @@ message! {
         sampled_ns: [u64; CABLES],
         /// Encoder counts.
         counts: [i64; CABLES],
+        /// Counts of second encoders, read with the first ones.
+        second_counts: [i64; CABLES],
         /// Motor currents, A, as in motor/state.
         current_a: [f64; CABLES],
         /// Drive outputs, -1 to 1, as in motor/state.
@@ -306,6 +313,12 @@ message! {
         slow_fresh: [u8; UNITS] { SLOW_SUPPLY = 1, SLOW_STATUS = 2, SLOW_CURRENT = 4, SLOW_DUTY = 8, SLOW_ALL = 15 },
         /// 1: the unit was already running at the first exchange, so its encoders kept counting.
         unit_alive: [u8; UNITS],
+        /// Per cable: what `second_counts` is.
+        second: [u8; CABLES] {
+            SECOND_ABSENT = 0, SECOND_CONTINUED = 1,
+            /// Unrelated to earlier counts.
+            SECOND_RESTARTED = 2,
+        },
         /// Number of cables.
         cable_count: u8,
         /// Number of drive units.

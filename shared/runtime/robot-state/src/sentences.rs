@@ -18,7 +18,7 @@ pub struct FaultText {
 }
 
 /// Every fault, in the order in which several are named.
-pub const FAULTS: [FaultText; 23] = [
+pub const FAULTS: [FaultText; 24] = [
     FaultText {
         bit: MotorAuthority::FAULT_LOST_UNIT,
         clause: "a drive unit does not answer",
@@ -66,6 +66,12 @@ pub const FAULTS: [FaultText; 23] = [
         clause: "an encoder has jumped",
         effect: "",
         cure: "check its plug, reset, then look where the node is and confirm the position or zero",
+    },
+    FaultText {
+        bit: MotorAuthority::FAULT_SLIP,
+        clause: "the two encoders of a cable disagree",
+        effect: "",
+        cure: "look for a cable that slips on its drum or its idler, a broken cable, a loose coupling or a failed encoder, reset, then look where the node is and confirm the position or zero",
     },
     FaultText {
         bit: MotorAuthority::FAULT_DRIVE_ERROR,

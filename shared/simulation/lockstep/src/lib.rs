@@ -266,6 +266,8 @@ impl Lockstep {
             input.supply_v[unit] = self.plant.voltage_v();
             for cable in 2 * unit..n.min(2 * unit + 2) {
                 input.counts[cable] = self.plant.counts(cable);
+                input.second_counts[cable] = self.plant.second_counts(cable);
+                input.second[cable] = MotorInput::SECOND_CONTINUED;
                 input.sampled_ns[cable] = self.plant.time_ns();
                 input.current_a[cable] = self.plant.measured_current_a(cable);
                 input.duty[cable] = self.plant.duty(cable);

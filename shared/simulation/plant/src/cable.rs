@@ -54,6 +54,11 @@ pub(crate) struct Cable {
     pub drive: Drive,
     pub motor: Motor,
     pub idler: Idler,
+    /// The other encoder of the cable: on the motor where `idler` follows the cable, on an idler where that is on the
+    /// motor.
+    pub second: Idler,
+    /// Share of the drum's motion that does not move the cable.
+    pub drum_slip: f64,
     pub broken: bool,
     /// Unstretched cable off the drum at the temperature of the start, m, and its rate.
     pub paid_out_m: f64,
@@ -103,6 +108,8 @@ impl Cable {
             drive: Drive::new(config.drive, gains),
             motor: Motor::new(motor),
             idler: Idler::new(config.idlers[index], world.count_scale, 0.0),
+            second: Idler::new(config.second_encoders.get(index).copied().unwrap_or_default(), world.second_scale, 0.0),
+            drum_slip: 0.0,
             broken: false,
             paid_out_m: 0.0,
             paid_out_m_s: 0.0,
@@ -138,7 +145,13 @@ impl Cable {
         self.paid_out_m = self.line.unstretched_m(stretched_m, tension_n) / self.warm(around.warming_k);
         self.gear_m = self.paid_out_m;
         self.idler.restart(self.paid_out_m);
+        self.second.restart(self.paid_out_m);
         change_m
+    }
+
+    /// The encoder that follows the cable.
+    pub fn follower(&mut self) -> &mut Idler {
+        if self.world.counts_turns { &mut self.second } else { &mut self.idler }
     }
 
     /// The way of the cable from its anchor to a node at `position_m`.
@@ -177,12 +190,14 @@ impl Cable {
         if self.world.pole_stiffness_n_m < f64::INFINITY {
             self.pole_m += (self.pole_for(&path) - self.pole_m) * (h / (h + FOLLOW_S));
         }
-        if self.world.counts_stretched {
-            self.idler.stretch = 1.0 + self.tension_n * self.drum_side() / self.line.stiffness_n;
+        let strain = self.tension_n * self.drum_side() / self.line.stiffness_n;
+        let (paid_out_m, pulled_m) = (self.paid_out_m, if self.broken { 0.0 } else { stretched_m / warm });
+        let counts_stretched = self.world.counts_stretched;
+        let follower = self.follower();
+        if counts_stretched {
+            follower.stretch = 1.0 + strain;
         }
-        if !self.world.counts_turns {
-            self.idler.follow(self.paid_out_m, if self.broken { 0.0 } else { stretched_m / warm });
-        }
+        follower.follow(paid_out_m, pulled_m);
         let half_n = if self.broken { Vector3::zeros() } else { load_n_m * (0.5 * path.free_m) };
         half_n - path.direction * self.tension_n
     }
@@ -197,10 +212,9 @@ impl Cable {
         let ratio = self.drum.radius_ratio(self.paid_out_m);
         let load_n = self.drum_tension_n();
         self.motor.step(h, bridge, load_n * ratio);
-        let gear_m_s = -self.motor.reel_in_m_s() * ratio;
-        if self.world.counts_turns {
-            self.idler.turn(-h * self.motor.reel_in_m_s());
-        }
+        let gear_m_s = -self.motor.reel_in_m_s() * ratio * (1.0 - self.drum_slip);
+        let on_motor = if self.world.counts_turns { &mut self.idler } else { &mut self.second };
+        on_motor.turn(-h * self.motor.reel_in_m_s());
         if self.world.backlash_m > 0.0 {
             self.turn_through_play(h, gear_m_s, load_n);
         } else {

@@ -24,6 +24,9 @@ pub struct PlantConfig {
     pub line: CableConfig,
     /// The idlers and their encoders, one per cable.
     pub idlers: Vec<IdlerConfig>,
+    /// The second encoders, one per cable: on the motor, with counts per metre of the bare drum, where the first one is
+    /// on an idler, and on an idler where the first one counts turns; none: those of the default idler.
+    pub second_encoders: Vec<IdlerConfig>,
     /// The drums.
     pub drum: DrumConfig,
     /// The motors with their gears.
@@ -58,6 +61,7 @@ impl PlantConfig {
         Self {
             routed_length_m: vec![6.0; anchors_m.len()],
             idlers: vec![IdlerConfig::default(); anchors_m.len()],
+            second_encoders: Vec::new(),
             anchors_m,
             planar: false,
             node: NodeConfig::default(),
@@ -97,6 +101,10 @@ impl PlantConfig {
         if self.idlers.len() != n {
             return Err(PlantError::Count { key: "idlers", found: self.idlers.len(), expected: n });
         }
+        if !(self.second_encoders.is_empty() || self.second_encoders.len() == n) {
+            let found = self.second_encoders.len();
+            return Err(PlantError::Count { key: "second_encoders", found, expected: n });
+        }
         if let Some(tensions) = &self.start_tensions_n {
             if tensions.len() != n {
                 return Err(PlantError::Count { key: "start_tensions_n", found: tensions.len(), expected: n });
@@ -128,7 +136,7 @@ impl PlantConfig {
         check("substep_s", self.substep_s, "1 µs to 1 ms", |x| (1e-6..=1e-3).contains(&x))?;
         self.node.validate()?;
         self.line.validate()?;
-        for idler in &self.idlers {
+        for idler in self.idlers.iter().chain(&self.second_encoders) {
             idler.validate()?;
         }
         self.drum.validate()?;

@@ -34,6 +34,14 @@ pub enum Fault {
         /// Uncounted share, 0 to 1.
         share: f64,
     },
+    /// A share of the drum's motion does not move the cable: it slips on the drum, or the drum on its shaft; 0 ends the
+    /// fault.
+    DrumSlip {
+        /// Index of the cable.
+        cable: usize,
+        /// Share without effect, 0 to 1.
+        share: f64,
+    },
     /// The encoder's count jumps.
     EncoderJump {
         /// Index of the cable.
@@ -213,7 +221,11 @@ impl Plant {
             Fault::Stall { cable, on } => self.cable_mut(cable)?.motor.jammed = on,
             Fault::IdlerSlip { cable, share } => {
                 check("share", share, "zero to one", |x| (0.0..=1.0).contains(&x))?;
-                self.cable_mut(cable)?.idler.slip = share;
+                self.cable_mut(cable)?.follower().slip = share;
+            }
+            Fault::DrumSlip { cable, share } => {
+                check("share", share, "zero to one", |x| (0.0..=1.0).contains(&x))?;
+                self.cable_mut(cable)?.drum_slip = share;
             }
             Fault::EncoderJump { cable, counts } => self.cable_mut(cable)?.idler.jump(counts),
             Fault::EncoderDead { cable, on } => self.cable_mut(cable)?.idler.dead = on,
@@ -360,6 +372,11 @@ impl Plant {
     /// Encoder count of `cable`; it increases as cable is paid out.
     pub fn counts(&self, cable: usize) -> i64 {
         self.cables[cable].idler.counts()
+    }
+
+    /// Count of the second encoder of a cable; it increases as cable is paid out.
+    pub fn second_counts(&self, cable: usize) -> i64 {
+        self.cables[cable].second.counts()
     }
 
     /// Speed of `cable` measured by its drive over the last 1/300 s, counts per second.

@@ -34,6 +34,8 @@ pub struct CableWorld {
     pub pulley_friction: f64,
     /// Counts of the encoder relative to those of the configured idler.
     pub count_scale: f64,
+    /// The same of the second encoder.
+    pub second_scale: f64,
     /// Whether the idler counts the cable as stretched as it passes, instead of its unstretched length.
     pub counts_stretched: bool,
     /// Whether the encoder is on the motor and counts turns of the bare drum, instead of cable.
@@ -59,6 +61,7 @@ impl Default for CableWorld {
             guide: Guide::Eye,
             pulley_friction: 0.0,
             count_scale: 1.0,
+            second_scale: 1.0,
             counts_stretched: false,
             counts_turns: false,
             attachment_m: [0.0; 3],
@@ -165,6 +168,7 @@ impl CableWorld {
         self.guide.validate()?;
         check("pulley_friction", self.pulley_friction, "zero to 0.5", |v| (0.0..=0.5).contains(&v))?;
         check("count_scale", self.count_scale, "0.5 to 2", |v| (0.5..=2.0).contains(&v))?;
+        check("second_scale", self.second_scale, "0.5 to 2", |v| (0.5..=2.0).contains(&v))?;
         for &offset in &self.attachment_m {
             check("attachment_m", offset, "within 2 m", |v| v.abs() <= 2.0)?;
         }

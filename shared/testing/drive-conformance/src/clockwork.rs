@@ -7,6 +7,11 @@ use crate::virtual_units::VirtualUnits;
 /// Currents that the units measure, A: exact in every protocol's unit.
 pub(crate) const CURRENTS_A: [f64; 2] = [1.5, -0.5];
 
+/// What the second encoder counts where the first one counts this: five turns while that one makes seven, backwards.
+pub(crate) fn second_of(counts: i64) -> i64 {
+    -counts * 5 / 7
+}
+
 /// Virtual units whose motor 1 counts microseconds and whose motor 2 counts them backwards.
 #[derive(Debug)]
 pub struct Clockwork<U> {
@@ -53,6 +58,7 @@ impl<U: VirtualUnits> Clockwork<U> {
         let counts = self.count_at(now_ns);
         for unit in 0..self.count {
             self.units.measure(unit, [counts, -counts], CURRENTS_A);
+            self.units.measure_second(unit, second_of(counts));
         }
     }
 }

@@ -39,6 +39,11 @@ pub trait Family {
     /// The counter continues at its smallest number after its largest; false: it stays at its largest.
     const COUNTER_WRAPS: bool = true;
 
+    /// Its units have a second encoder here, which counts a part of what the first one does, backwards.
+    const SECOND: bool = false;
+    /// Counts of a step of its reading.
+    const SECOND_STEP: i64 = 1;
+
     /// So many units with their defaults, just switched on.
     fn units(count: usize) -> Self::Units;
 

@@ -76,6 +76,7 @@ macro_rules! conformance {
             a_command_that_the_family_lacks_is_refused,
             a_number_that_is_no_speed_moves_nothing,
             readings_are_fresh_and_complete,
+            a_second_encoder_is_read_with_the_first,
             nothing_is_sent_after_the_deadline,
             a_unit_is_used_only_with_its_watchdog_read_back,
             a_unit_that_keeps_another_watchdog_is_refused,

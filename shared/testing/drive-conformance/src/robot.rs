@@ -3,7 +3,7 @@
 use drives::{AXES, Command, DriveBus, Error, UnitAnswer, UnitCommand, UnitReport};
 use serial::{Pipe, Transport};
 
-use crate::clockwork::Clockwork;
+use crate::clockwork::{Clockwork, second_of};
 use crate::family::Family;
 use crate::virtual_units::VirtualUnits;
 
@@ -165,6 +165,20 @@ impl<F: Family> Robot<F> {
             assert_eq!(counts.value[0], -counts.value[1], "two motors of one sample disagree");
         }
         (counts.value[0] - offset) * 1000 - counts.at_ns.cast_signed()
+    }
+
+    /// Asserts that the second encoder's count is of the same time as the first one's, and continues that of before.
+    pub(crate) fn assert_second(&self, unit: usize, before: UnitReport, case: &str) {
+        let now = self.answers[unit].report;
+        assert_eq!(now.second.counts.at_ns, now.counts.at_ns, "{case}: unit {unit}: read at another time");
+        assert_eq!(now.second.breaks, before.second.breaks, "{case}: unit {unit}: its counts begin anew");
+        let moved = now.second.counts.value - before.second.counts.value;
+        let expected = second_of(now.counts.value[0]) - second_of(before.counts.value[0]);
+        // The clockwork shows whole microseconds.
+        assert!(
+            (moved - expected).abs() <= 2 * F::SECOND_STEP,
+            "{case}: unit {unit} moved by {moved} instead of {expected}"
+        );
     }
 
     /// Asserts that the last counts of a unit were taken after their request and before the wait for an answer ends.

@@ -9,6 +9,9 @@ pub trait VirtualUnits: Device {
     /// its own register, and motor currents in A.
     fn measure(&mut self, unit: usize, counts: [i64; AXES], currents_a: [f64; AXES]);
 
+    /// Sets what the second encoder of the unit's one cable measures; only of a family with [`crate::Family::SECOND`].
+    fn measure_second(&mut self, _unit: usize, _counts: i64) {}
+
     /// What the unit does with a motor at present: [`Command::Release`] also where an error stops it.
     fn drive(&self, unit: usize, motor: usize) -> Command;
 

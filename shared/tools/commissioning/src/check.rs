@@ -148,7 +148,10 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
         1000.0 * watchdog * cable
     )));
     for (index, port) in file.motor_io.ports.iter().enumerate() {
-        let seconds = port.protocol.family().cycle_s(port.units.len(), port.baud, port.wire);
+        let family = port.protocol.family();
+        let second = port.units.iter().any(|unit| unit.second_encoder.is_some());
+        let family = if second { family.with_second_encoders() } else { family };
+        let seconds = family.cycle_s(port.units.len(), port.baud, port.wire);
         let sentence =
             format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
         let cure = format!(

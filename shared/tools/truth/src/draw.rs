@@ -140,7 +140,8 @@ fn cable(truth: &mut TruthSection, draws: &mut Draws, section: &MotorBoxSection)
 
 fn winch(truth: &mut TruthSection, draws: &mut Draws, section: &MotorBoxSection, robot: &RobotFile) {
     let motor = &robot.motor;
-    truth.drum_radius_m = Some(draws.each(|draws, _| draws.about(section.drum_radius_m, 0.01)));
+    let radius_m = robot.drum.as_ref().map_or(section.drum_radius_m, |drum| 0.5 * drum.diameter_m);
+    truth.drum_radius_m = Some(draws.each(|draws, _| draws.about(radius_m, 0.01)));
     truth.backlash_m = Some(draws.each(|draws, _| draws.some(0.0003, 0.001)));
     truth.stiction = Some(draws.each(|draws, _| draws.some(0.05, 0.3).min(2.0)));
     truth.gear_friction = Some(draws.each(|draws, _| draws.about(motor.gear_friction, 0.05)));

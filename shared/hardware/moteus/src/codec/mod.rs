@@ -13,7 +13,7 @@ mod subframe;
 pub use checksum::crc8;
 pub use line::{Checksums, Flaw, Line, MAX_LINE, Text, frame_line, padded};
 pub(crate) use line::{bytes, number, seal, unseal};
-pub use register::{COUNTS_PER_TURN, Mode, Register, Scale};
+pub use register::{COUNTS_PER_TURN, Mode, Register, SOURCES, Scale};
 pub use subframe::{Frame, MAX_FRAME, Resolution, Subframe, Subframes, Value};
 
 /// Bit of a frame's identifier with which the sender asks for an answer.

@@ -35,6 +35,8 @@ impl Register {
     pub const COMMAND_FIRST: u16 = 0x022;
     pub const COMMAND_LAST: u16 = 0x02D;
     pub const COMMAND_TIMEOUT: u16 = 0x027;
+    /// Encoder of the first source, turns of that encoder; those of the other sources are 2 and 4 further.
+    pub const ENCODER_POSITION: u16 = 0x050;
     pub const AUX1_GPIO: u16 = 0x05E;
     pub const AUX2_GPIO: u16 = 0x05F;
     pub const MILLISECONDS: u16 = 0x070;
@@ -42,6 +44,17 @@ impl Register {
     pub const FIRMWARE: u16 = 0x101;
     pub const REGISTER_MAP: u16 = 0x102;
     pub const SERIAL_NUMBER: u16 = 0x120;
+}
+
+/// Sources of `motor_position`, each of which may be an encoder.
+pub const SOURCES: u8 = 3;
+
+impl Register {
+    /// Position of the encoder of a source, turns of that encoder from 0 to 1.
+    #[must_use]
+    pub fn encoder_position(source: u8) -> u16 {
+        Register::ENCODER_POSITION + 2 * u16::from(source)
+    }
 }
 
 /// What a unit does.

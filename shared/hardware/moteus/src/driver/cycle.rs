@@ -186,7 +186,8 @@ impl<T: Transport> Bus<T> {
         if changed {
             self.state_status(index, reading.at_ns);
         }
-        self.use_position(index, reading.values[cycle::POSITION], reading.at_ns)
+        self.use_position(index, reading.values[cycle::POSITION], reading.at_ns)?;
+        self.use_second(index, reading)
     }
 
     fn use_position(&mut self, index: usize, raw: Option<i32>, at_ns: u64) -> Result<(), Error> {

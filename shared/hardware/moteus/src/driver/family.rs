@@ -25,6 +25,7 @@ impl<T: Transport> DriveBus for Bus<T> {
             currents: true,
             duties: true,
             supply: true,
+            second_encoder: true,
         }
     }
 

@@ -23,6 +23,7 @@ mod family;
 mod question;
 mod receive;
 mod round;
+mod second;
 mod setup;
 
 use std::sync::Arc;
@@ -31,7 +32,7 @@ use arrayvec::ArrayString;
 use drives::{CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
-use crate::codec::{ADDRESSES, Checksums, MAX_LINE, Mode};
+use crate::codec::{ADDRESSES, Checksums, MAX_LINE, Mode, SOURCES};
 use clock::ClockReading;
 
 /// Most units on one port: one for each of the most cables of a robot.
@@ -46,6 +47,8 @@ pub const USB_MARGIN_NS: u64 = 25_000_000;
 
 /// [`ADDRESSES`] in messages.
 const ACCEPTED_ADDRESSES: &str = "1 to 126";
+/// Sources in messages.
+const ACCEPTED_SOURCES: &str = "a second encoder at source 0 to 2";
 /// Watchdog times in messages.
 const ACCEPTED_WATCHDOGS: &str = "20 to 30000 ms";
 
@@ -68,6 +71,17 @@ pub struct UnitConfig {
     pub bound: CountBound,
     /// Torque that the unit states per ampere, N m/A; 0: not known, and no torque can be commanded.
     pub torque_constant_n_m_a: f64,
+    /// A second encoder that turns with the same cable.
+    pub second: Option<SecondInput>,
+}
+
+/// A second encoder at a unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SecondInput {
+    /// Its number among the sources of `motor_position`, 0 to 2.
+    pub source: u8,
+    /// Motion of its count, by which the driver knows whether it has turned less than half a turn between two answers.
+    pub bound: CountBound,
 }
 
 /// Settings of a port and its units.
@@ -98,6 +112,8 @@ struct Unit {
     firmware: Option<ArrayString<48>>,
     /// The unit's own count at the last accepted sample.
     last_raw: Option<i32>,
+    /// Reading of the second encoder at the last accepted sample, and of the unit's clock, ms.
+    last_second: Option<(i32, i32)>,
     /// The last sample was beyond the bound and was held back.
     held_back: bool,
     /// The last command was read back with another time limit.
@@ -139,6 +155,7 @@ impl Unit {
             report: UnitReport::default(),
             firmware: None,
             last_raw: None,
+            last_second: None,
             held_back: false,
             doubtful: false,
             mode: Mode::STOPPED,
@@ -173,6 +190,9 @@ impl<T: Transport> Bus<T> {
                 return wrong(InvalidConfig::AddressTwice);
             }
             watchdog_ms(f64::from(unit.watchdog_ms) * 1e-3).map_err(invalid)?;
+            if unit.second.is_some_and(|second| second.source >= SOURCES) {
+                return wrong(InvalidConfig::Address { given: unit.address, accepted: ACCEPTED_SOURCES });
+            }
         }
         // Another first tag for each start: answers to the program's last run are old too.
         let tag = (transport.now_ns() / 1000) as u32;

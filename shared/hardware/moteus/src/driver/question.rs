@@ -1,7 +1,7 @@
 //! Questions, and how an answer shows which one it answers.
 //!
 //! A unit answers registers in the order in which it was asked. The driver asks in another order each time, so the
-//! order of the answer is a tag that costs no byte: 720 for the question of a cycle. An older answer with the same
+//! order of the answer is a tag that costs no byte: 720 and more for the question of a cycle. An older answer with the same
 //! order is told by the millisecond counter, which is part of every question.
 
 use arrayvec::ArrayVec;
@@ -9,7 +9,7 @@ use arrayvec::ArrayVec;
 use crate::codec::{Frame, Register, Resolution, Subframe, Value};
 
 /// Most registers of a question.
-pub(super) const MAX_READS: usize = 6;
+pub(super) const MAX_READS: usize = 7;
 
 /// Answer to a question, in the order of [`Question::reads`]; `None` for a register without a number. Of a float it
 /// holds the bits.
@@ -20,9 +20,12 @@ pub(super) type Values = [Option<i32>; MAX_READS];
 pub(super) enum Question {
     /// What the control cycle needs: clock, mode, position, the command as the unit has it, and the contact of
     /// a stop button.
-    Cycle,
-    /// The same of a unit that is commanded a torque.
-    Torque,
+    Cycle {
+        /// The command is a torque instead of a velocity.
+        torque: bool,
+        /// Source of a second encoder that is read too.
+        second: Option<u8>,
+    },
     /// What changes slowly.
     Slow,
     /// What a unit is.
@@ -40,7 +43,7 @@ pub(super) enum Unfit {
 
 /// Place of the clock in every answer.
 pub(super) const CLOCK: usize = 0;
-/// Places in the answer to [`Question::Cycle`] and [`Question::Torque`].
+/// Places in the answer to [`Question::Cycle`].
 pub(super) mod cycle {
     pub(in crate::driver) const MODE: usize = 1;
     pub(in crate::driver) const POSITION: usize = 2;
@@ -48,6 +51,7 @@ pub(super) mod cycle {
     pub(in crate::driver) const COMMAND: usize = 3;
     pub(in crate::driver) const TIMEOUT: usize = 4;
     pub(in crate::driver) const PINS: usize = 5;
+    pub(in crate::driver) const SECOND: usize = 6;
 }
 /// Places in the answer to [`Question::Slow`].
 pub(super) mod slow {
@@ -62,36 +66,32 @@ pub(super) const FIRMWARE: usize = 1;
 
 impl Question {
     /// Registers, the clock first.
-    fn reads(self) -> &'static [(u16, Resolution)] {
+    fn reads(self) -> ArrayVec<(u16, Resolution), MAX_READS> {
         use Resolution::{F32, I8, I16, I32};
+        const SLOW: &[(u16, Resolution)] = &[
+            (Register::MILLISECONDS, I32),
+            (Register::FAULT, I8),
+            (Register::Q_CURRENT, I32),
+            (Register::POWER, I32),
+            (Register::VOLTAGE, I16),
+            (Register::TEMPERATURE, I16),
+        ];
+        const IDENTITY: &[(u16, Resolution)] =
+            &[(Register::MILLISECONDS, I32), (Register::FIRMWARE, I32), (Register::REGISTER_MAP, I32)];
         match self {
-            Question::Cycle => &[
+            Question::Cycle { torque, second } => [
                 (Register::MILLISECONDS, I32),
                 (Register::MODE, I8),
                 (Register::POSITION, I32),
-                (Register::COMMAND_VELOCITY, I32),
+                if torque { (Register::COMMAND_TORQUE, F32) } else { (Register::COMMAND_VELOCITY, I32) },
                 (Register::COMMAND_TIMEOUT, I16),
                 (Register::AUX2_GPIO, I8),
-            ],
-            Question::Torque => &[
-                (Register::MILLISECONDS, I32),
-                (Register::MODE, I8),
-                (Register::POSITION, I32),
-                (Register::COMMAND_TORQUE, F32),
-                (Register::COMMAND_TIMEOUT, I16),
-                (Register::AUX2_GPIO, I8),
-            ],
-            Question::Slow => &[
-                (Register::MILLISECONDS, I32),
-                (Register::FAULT, I8),
-                (Register::Q_CURRENT, I32),
-                (Register::POWER, I32),
-                (Register::VOLTAGE, I16),
-                (Register::TEMPERATURE, I16),
-            ],
-            Question::Identity => {
-                &[(Register::MILLISECONDS, I32), (Register::FIRMWARE, I32), (Register::REGISTER_MAP, I32)]
-            }
+            ]
+            .into_iter()
+            .chain(second.map(|source| (Register::encoder_position(source), I16)))
+            .collect(),
+            Question::Slow => SLOW.iter().copied().collect(),
+            Question::Identity => IDENTITY.iter().copied().collect(),
         }
     }
 
@@ -110,8 +110,9 @@ impl Question {
 
     /// Appends the question to a frame.
     pub(super) fn ask(self, tag: u32, frame: &mut Frame) {
+        let reads = self.reads();
         for place in self.order(tag) {
-            let (register, resolution) = self.reads()[place];
+            let (register, resolution) = reads[place];
             frame.read(register, resolution);
         }
     }
@@ -120,8 +121,9 @@ impl Question {
     pub(super) fn answer(self, tag: u32, frame: &Frame) -> Result<Values, Unfit> {
         let mut values = [None; MAX_READS];
         let mut subframes = frame.subframes();
+        let reads = self.reads();
         for place in self.order(tag) {
-            let (register, resolution) = self.reads()[place];
+            let (register, resolution) = reads[place];
             match subframes.next() {
                 Some(Ok(Subframe::Reply { register: answered, value }))
                     if answered == register && value.resolution() == resolution =>
@@ -148,9 +150,9 @@ mod tests {
 
     #[test]
     fn consecutive_questions_are_asked_in_different_orders() {
-        for (question, orders) in
-            [(Question::Cycle, 720), (Question::Torque, 720), (Question::Slow, 720), (Question::Identity, 6)]
-        {
+        let cycle = |torque, second| Question::Cycle { torque, second };
+        let of_cycle = [(cycle(false, None), 720), (cycle(true, None), 720), (cycle(true, Some(1)), 5040)];
+        for (question, orders) in of_cycle.into_iter().chain([(Question::Slow, 720), (Question::Identity, 6)]) {
             let seen: BTreeSet<Vec<usize>> = (0..orders).map(|tag| question.order(tag).to_vec()).collect();
             assert_eq!(seen.len(), orders as usize, "{question:?}");
         }

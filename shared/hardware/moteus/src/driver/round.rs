@@ -7,15 +7,16 @@ use serial::Transport;
 use super::clock::ClockReading;
 use super::question::{CLOCK, Question, Unfit, Values, cycle};
 use super::receive::Heard;
-use super::{Bus, MAX_UNITS};
+use super::{Bus, MAX_UNITS, SecondInput};
 use crate::codec::{
     Checksums, Frame, Line, MAX_LINE, Mode, Register, Text, Value, frame_line, from_unit, padded, to_unit,
 };
 
 /// Frames to one unit in one round: at a byte error in every hundred bytes, a third of them arrive and are answered.
 const ATTEMPTS: u8 = 6;
-/// Bytes of the longest answer, with the adapter's `OK`.
+/// Bytes of the longest answer, with the adapter's `OK`, and of a second encoder in it.
 const ANSWER_BYTES: usize = 90;
+const SECOND_BYTES: usize = 8;
 /// Time of unit, adapter and computer for an exchange, besides its bytes, ns.
 const TURNAROUND_NS: u64 = 500_000;
 /// The same in a cycle whose time is over: an answer that is about to arrive is worth it, ns.
@@ -75,11 +76,22 @@ struct Asked {
 }
 
 impl Plan {
-    pub(super) const QUERY: Plan = Plan { order: None, question: Question::Cycle };
+    pub(super) const QUERY: Plan = Plan { order: None, question: Question::Cycle { torque: false, second: None } };
 
     pub(super) fn order(order: Order) -> Plan {
-        let question = if let Order::Torque(_) = order { Question::Torque } else { Question::Cycle };
-        Plan { order: Some(order), question }
+        let torque = matches!(order, Order::Torque(_));
+        Plan { order: Some(order), question: Question::Cycle { torque, second: None } }
+    }
+
+    /// The same for a unit with or without a second encoder.
+    fn with(self, second: Option<SecondInput>) -> Plan {
+        match self.question {
+            Question::Cycle { torque, .. } => {
+                let second = second.map(|second| second.source);
+                Plan { question: Question::Cycle { torque, second }, ..self }
+            }
+            _ => self,
+        }
     }
 
     fn name(self) -> CommandName {
@@ -87,7 +99,7 @@ impl Plan {
             (Some(Order::Stop), _) => "stop",
             (Some(Order::Velocity(_)), _) => "set velocity",
             (Some(Order::Torque(_)), _) => "set torque",
-            (None, Question::Cycle | Question::Torque) => "read position",
+            (None, Question::Cycle { .. }) => "read position",
             (None, Question::Slow) => "read supply and status",
             (None, Question::Identity) => "read firmware",
         };
@@ -141,7 +153,12 @@ impl<T: Transport> Bus<T> {
     /// Duration of a round with so many units, ns, if nothing goes wrong.
     pub(super) fn likely_ns(&self, units: usize) -> u64 {
         // Frame and answer have about the same length; the second unit's frame is sent during the first one's answer.
-        self.wire_ns((units + 1) * ANSWER_BYTES) + TURNAROUND_NS
+        self.wire_ns((units + 1) * self.answer_bytes()) + TURNAROUND_NS
+    }
+
+    fn answer_bytes(&self) -> usize {
+        let second = self.units.iter().any(|unit| unit.config.second.is_some());
+        if second { ANSWER_BYTES + SECOND_BYTES } else { ANSWER_BYTES }
     }
 
     /// Sends a frame to each unit with a plan and collects the answers; repeats what was lost as long as `deadline_ns`
@@ -180,6 +197,7 @@ impl<T: Transport> Bus<T> {
             let (Some((plan, attempt)), Some(state)) = (plan, self.units.get_mut(unit)) else { continue };
             state.tag = state.tag.wrapping_add(1);
             let (config, tag) = (state.config, state.tag);
+            let plan = plan.with(config.second);
             self.asked = self.asked.wrapping_add(1);
             self.counters.exchanges += 1;
             let line = self.line(config.address, plan.frame(tag, config.watchdog_ms));
@@ -190,7 +208,7 @@ impl<T: Transport> Bus<T> {
             asked[unit] =
                 Some(Asked { plan, number, tag, attempt, sent_ns: now_ns, stamp_ns, until_ns: 0, soon_ns: 0 });
         }
-        let on_wire_ns = now_ns + self.wire_ns(bytes.len() + count * ANSWER_BYTES);
+        let on_wire_ns = now_ns + self.wire_ns(bytes.len() + count * self.answer_bytes());
         let until_ns = on_wire_ns + self.margin_ns;
         let soon_ns = if in_cycle { until_ns.min(deadline_ns.max(on_wire_ns + LAST_NS)) } else { until_ns };
         for (asked, _) in asked.iter_mut().zip(plans).filter(|(_, plan)| plan.is_some()) {

@@ -185,7 +185,7 @@ impl<T: Transport> Bus<T> {
 impl Unit {
     /// The unit's counts are unrelated to those before: the totals stay where they were.
     fn forget_position(&mut self) {
-        (self.last_raw, self.held_back) = (None, false);
+        (self.last_raw, self.last_second, self.held_back) = (None, None, false);
     }
 }
 

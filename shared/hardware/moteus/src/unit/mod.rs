@@ -38,6 +38,8 @@ pub struct UnitOptions {
     pub firmware: i32,
     /// Time from a line's last byte to the first of the answer, ns.
     pub turnaround_ns: u64,
+    /// Source of the second encoder; the other sources are the first one.
+    pub second_source: u8,
     /// The position is a float of 24 bits, as in the firmware; a test that reads time from it needs every bit.
     pub rounds_position: bool,
     /// Torque that the unit states per ampere, N m/A.
@@ -53,6 +55,7 @@ impl UnitOptions {
             address,
             firmware: 0x01_0C_00,
             turnaround_ns: 150_000,
+            second_source: 1,
             rounds_position: true,
             torque_constant_n_m_a: 0.05,
         }
@@ -75,6 +78,8 @@ pub enum Target {
 pub struct Measured {
     /// Counts since the start of the simulation, 1/100 000 of a turn; the unit derives its own position.
     pub counts: i64,
+    /// The same of the second encoder.
+    pub second_counts: i64,
     /// Speed, counts per second.
     pub speed_counts_s: f64,
     /// Current that makes torque, A.
@@ -94,6 +99,7 @@ impl Default for Measured {
     fn default() -> Measured {
         Measured {
             counts: 0,
+            second_counts: 0,
             speed_counts_s: 0.0,
             current_a: 0.0,
             duty: 0.0,

@@ -58,6 +58,13 @@ impl Unit {
                 let value = self.command.others[usize::from(register - Register::COMMAND_FIRST)];
                 (other_scale(register), f64::from(value))
             }
+            // Each encoder within its own turn, where it stands, whatever the position is.
+            Register::ENCODER_POSITION | 0x052 | 0x054 => {
+                let second = u16::from(self.options.second_source) == (register - Register::ENCODER_POSITION) / 2;
+                let counts = if second { measured.second_counts } else { measured.counts };
+                let steps = counts.rem_euclid(COUNTS_PER_TURN as i64);
+                (Scale::POSITION, steps as f64 / COUNTS_PER_TURN)
+            }
             Register::AUX1_GPIO => return Some(whole(0, resolution)),
             Register::AUX2_GPIO => return Some(whole(i32::from(measured.pins), resolution)),
             Register::MILLISECONDS => {

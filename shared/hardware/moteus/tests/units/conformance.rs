@@ -7,7 +7,7 @@ use drives::{AXES, Command};
 use moteus::codec::Checksums;
 use moteus::driver::{UART_MARGIN_NS, USB_MARGIN_NS};
 use moteus::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
-use moteus::{Bus, BusConfig, UnitConfig};
+use moteus::{Bus, BusConfig, SecondInput, UnitConfig};
 use serial::{Device, Pipe, WireQueue};
 
 /// The units of one bus. A type of this test, because neither trait nor units are its own.
@@ -39,6 +39,9 @@ impl VirtualUnits for Units {
     fn measure(&mut self, unit: usize, counts: [i64; AXES], currents_a: [f64; AXES]) {
         self.change(unit, |measured| (measured.counts, measured.current_a) = (counts[0], currents_a[0]));
     }
+    fn measure_second(&mut self, unit: usize, counts: i64) {
+        self.change(unit, |measured| measured.second_counts = counts);
+    }
     fn drive(&self, unit: usize, _: usize) -> Command {
         match self.0.units()[unit].target() {
             Target::Velocity(counts_s) => Command::Velocity(counts_s),
@@ -65,16 +68,28 @@ trait Wire {
     const BAUD: u32;
     const MARGIN_NS: u64;
     const CHECKSUMS: Checksums;
+    /// The units have a second encoder.
+    const SECOND: bool = true;
 }
 
 /// Two units on one UART exist only here: the suite has two, and only a UART's lines have checksums.
 struct Uart;
+
+/// The same, with second encoders.
+struct UartOfTwo;
 
 /// A USB adapter, whose packets have checksums of their own, and its lines none.
 struct Adapter;
 
 impl Wire for Uart {
     const BAUD: u32 = 921_600;
+    const MARGIN_NS: u64 = UART_MARGIN_NS;
+    const CHECKSUMS: Checksums = Checksums::Required;
+    const SECOND: bool = false;
+}
+
+impl Wire for UartOfTwo {
+    const BAUD: u32 = Uart::BAUD;
     const MARGIN_NS: u64 = UART_MARGIN_NS;
     const CHECKSUMS: Checksums = Checksums::Required;
 }
@@ -97,6 +112,8 @@ impl<W: Wire> Family for Moteus<W> {
     // A unit in fault is commanded, stopped and commanded again.
     const EXCHANGES: u32 = 3;
     const COUNTER_WRAPS: bool = false;
+    const SECOND: bool = W::SECOND;
+    const SECOND_STEP: i64 = 10;
 
     fn units(count: usize) -> Units {
         let options = |unit| UnitOptions { rounds_position: false, ..UnitOptions::new(address(unit)) };
@@ -109,6 +126,7 @@ impl<W: Wire> Family for Moteus<W> {
             watchdog_ms: WATCHDOG_MS as u16,
             bound: BOUND,
             torque_constant_n_m_a: 0.05,
+            second: W::SECOND.then_some(SecondInput { source: 1, bound: BOUND }),
         };
         let config = BusConfig {
             baud: W::BAUD,
@@ -126,6 +144,10 @@ impl<W: Wire> Family for Moteus<W> {
 
 mod uart {
     drive_conformance::conformance!(super::Moteus<super::Uart>);
+}
+
+mod uart_of_two {
+    drive_conformance::conformance!(super::Moteus<super::UartOfTwo>);
 }
 
 mod adapter {

@@ -26,6 +26,7 @@ impl<T: Transport> DriveBus for Bus<T> {
             // Not stated by the board in one number.
             duties: false,
             supply: true,
+            second_encoder: false,
         }
     }
 

@@ -26,6 +26,7 @@ impl<T: Transport> DriveBus for Bus<T> {
             currents: true,
             duties: true,
             supply: true,
+            second_encoder: false,
         }
     }
 

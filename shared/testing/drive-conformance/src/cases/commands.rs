@@ -4,7 +4,7 @@ use drives::{Capabilities, Command, DriveBus, Error, UnitReport};
 
 use crate::clockwork::CURRENTS_A;
 use crate::family::Family;
-use crate::robot::{BUDGET_NS, Robot};
+use crate::robot::{BUDGET_NS, MS, Robot};
 use crate::virtual_units::VirtualUnits;
 
 /// Cycles within which a driver reads every slow value of two units at least once.
@@ -96,6 +96,25 @@ pub fn readings_are_fresh_and_complete<F: Family>() {
         }
         assert!(report.counts.at_ns > now_ns.saturating_sub(1) && report.setups == 1 && report.reboots == 0);
     }
+}
+
+/// A second encoder is read in the same moment as the first one; after a restart it begins anew, and says so.
+pub fn a_second_encoder_is_read_with_the_first<F: Family>() {
+    if !F::SECOND {
+        return;
+    }
+    let mut robot = Robot::<F>::connected(F::UNITS);
+    assert!(robot.bus.capabilities().second_encoder);
+    for _ in 0..ROUND {
+        let before: Vec<UnitReport> = robot.answers.iter().map(|answer| answer.report).collect();
+        robot.cycle(Command::Velocity(40.0));
+        before.into_iter().enumerate().for_each(|(unit, before)| robot.assert_second(unit, before, "a quiet wire"));
+    }
+    let before = robot.answers[0].report.second.breaks;
+    robot.units().restart(0, 30 * MS);
+    while robot.cycle(Command::HOLD)[0].report.reboots == 0 {}
+    robot.recover();
+    assert_ne!(robot.answers[0].report.second.breaks, before, "a restart, and its second encoder continued");
 }
 
 /// The offered readings as far as they are known; commands and watchdog as offered.

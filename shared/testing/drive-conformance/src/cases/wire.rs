@@ -46,6 +46,7 @@ fn endure_cycles<F: Family>(
     let offset = robot.clockwork().offset;
     let mut good = 0;
     let mut last = vec![i64::MIN; F::UNITS];
+    let mut accepted = robot.answers.clone();
     for cycle in 1..=cycles {
         let command = commands(cycle);
         let start_ns = robot.exchange(Some(command));
@@ -58,6 +59,10 @@ fn endure_cycles<F: Family>(
                 robot.assert_fresh(unit, start_ns, offset, case);
                 // It counts as commanded, so it was.
                 robot.assert_drive(unit, 0, command, case);
+                let before = std::mem::replace(&mut accepted[unit], answer.clone()).report;
+                if F::SECOND && answer.report.second.breaks == before.second.breaks {
+                    robot.assert_second(unit, before, case);
+                }
             }
         }
         robot.spend(start_ns);

@@ -1,0 +1,278 @@
+//! Whether the two encoders of a cable agree: one follows the cable over an idler, the other one counts turns of the
+//! drum.
+//!
+//! They part where the cable slips on the drum or over the idler, where it is broken or pinched between the two, where a
+//! coupling turns on its shaft, and where an encoder fails. What they count differently is summed up in each direction,
+//! less the share of their motion that the errors of drum, wheel, layers and stretch explain, and never below zero: so
+//! errors in proportion to the motion add up to nothing, and a slip counts from where it begins. The sum is a fault from
+//! `slip_m` on, to which come the stretch between the two encoders and their steps.
+//!
+//! Which of them is right, the counts do not say, with one exception: an idler that turns further than the drum was
+//! turned by the cable. Then the length by an idler is still true, and the position stays. Where the drum turned further,
+//! either the cable slipped on it, or the idler did not turn with the cable; and turns of a drum on which the cable
+//! slipped are no length at all. Both need a confirmation.
+
+use crate::odometry::Wind;
+use crate::settings::CoreConfig;
+use cable_robot::Drum;
+use messages::faults::Faults;
+use messages::{CABLES, MotorAuthority, MotorInput};
+
+/// What the first and the second encoder of a cable count differently in one direction.
+#[derive(Debug, Clone, Copy, Default)]
+struct Excess {
+    /// Beyond what is explained, m.
+    metres: f64,
+    /// Cable that each of them counted since this was last zero, m.
+    counted_m: [f64; 2],
+}
+
+impl Excess {
+    /// `apart_m` is the difference in this direction.
+    fn add(&mut self, apart_m: f64, explained_m: f64, counted_m: [f64; 2]) {
+        let metres = self.metres + apart_m - explained_m;
+        let [first_m, second_m] = self.counted_m;
+        *self = if metres > 0.0 {
+            Self { metres, counted_m: [first_m + counted_m[0], second_m + counted_m[1]] }
+        } else {
+            Self::default()
+        };
+    }
+
+    fn second_turned_further(&self) -> bool {
+        self.counted_m[1].abs() > self.counted_m[0].abs()
+    }
+}
+
+/// Comparison of one cable.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cable {
+    /// Counts of both encoders when they were last compared.
+    last: Option<[i64; 2]>,
+    /// The second one counts more cable paid out, and less.
+    more: Excess,
+    less: Excess,
+}
+
+/// What a second encoder has to be compared with.
+#[derive(Debug, Clone, Copy)]
+struct Comparison {
+    winds: [Wind; 2],
+    /// Share of the motion that is explained.
+    share: f64,
+    /// Sum from which it is a fault, m.
+    most_m: f64,
+}
+
+/// The comparison of the two encoders of each cable.
+#[derive(Debug, Clone)]
+pub(crate) struct Slips {
+    comparisons: [Option<Comparison>; CABLES],
+    cables: [Cable; CABLES],
+    first_on_drum: bool,
+}
+
+/// Readings of a cycle.
+pub(crate) struct Compared<'a> {
+    pub(crate) input: &'a MotorInput,
+    /// The count of the first encoder is of this cycle and was used.
+    pub(crate) fresh: &'a [bool; CABLES],
+    /// The count of the first encoder is unrelated to those before.
+    pub(crate) restarted: &'a [bool; CABLES],
+    /// Length before this cycle, m.
+    pub(crate) length_m: &'a [f64; CABLES],
+    /// The drives hold or move, and the lengths are known: a difference counts.
+    pub(crate) counts: bool,
+}
+
+impl Slips {
+    pub(crate) fn new(config: &CoreConfig) -> Self {
+        let comparison = |cable| (cable < config.cable_count()).then(|| Comparison::new(config, cable)).flatten();
+        Self {
+            comparisons: std::array::from_fn(comparison),
+            cables: [Cable::default(); CABLES],
+            first_on_drum: config.robot.counts_turns(),
+        }
+    }
+
+    /// Compares the counts of a cycle; returns true where a length needs a confirmation.
+    pub(crate) fn observe(&mut self, now: &Compared<'_>, found: &mut Faults) -> bool {
+        let mut doubtful = false;
+        for (i, (cable, comparison)) in self.cables.iter_mut().zip(&self.comparisons).enumerate() {
+            let Some(comparison) = comparison else { continue };
+            if !now.counts || now.restarted[i] {
+                *cable = Cable::default();
+            }
+            if !now.fresh[i] || now.input.second[i] == MotorInput::SECOND_ABSENT {
+                continue;
+            }
+            let counts = [now.input.counts[i], now.input.second_counts[i]];
+            let last = cable.last.replace(counts);
+            let Some(last) = last.filter(|_| now.input.second[i] == MotorInput::SECOND_CONTINUED) else { continue };
+            if !now.counts {
+                continue;
+            }
+            let moved_m = |k: usize| comparison.winds[k].metres(now.length_m[i], counts[k], last[k]);
+            let counted_m = [moved_m(0), moved_m(1)];
+            let explained_m = comparison.share * counted_m[0].abs().max(counted_m[1].abs());
+            let apart_m = counted_m[1] - counted_m[0];
+            cable.more.add(apart_m, explained_m, counted_m);
+            cable.less.add(-apart_m, explained_m, counted_m);
+            let Some(excess) = [cable.more, cable.less].into_iter().find(|it| it.metres > comparison.most_m) else {
+                continue;
+            };
+            found.cable(MotorAuthority::FAULT_SLIP, i);
+            let drum_turned_further = excess.second_turned_further() != self.first_on_drum;
+            // The loop of the drive holds by an idler that may not turn with the cable.
+            if drum_turned_further && !self.first_on_drum {
+                found.release(i);
+            }
+            doubtful |= drum_turned_further || self.first_on_drum;
+        }
+        doubtful
+    }
+
+    /// Forgets what was found, after a reset.
+    pub(crate) fn clear(&mut self) {
+        for cable in &mut self.cables {
+            (cable.more, cable.less) = (Excess::default(), Excess::default());
+        }
+    }
+
+    /// Cable that the second encoder counted more than the first one, beyond what is explained, m; NaN: there is none.
+    pub(crate) fn apart_m(&self, cable: usize) -> f64 {
+        match self.comparisons[cable] {
+            Some(_) => self.cables[cable].more.metres - self.cables[cable].less.metres,
+            None => f64::NAN,
+        }
+    }
+}
+
+impl Comparison {
+    fn new(config: &CoreConfig, cable: usize) -> Option<Self> {
+        let second = config.second.as_ref()?;
+        let robot = &config.robot;
+        let drum = robot.drum(cable);
+        let on_second = if robot.counts_turns() { Drum::default() } else { drum };
+        let winds = [
+            Wind { counts_per_m: config.counts_per_m[cable], drum: robot.counted(cable) },
+            Wind { counts_per_m: second.counts_per_m[cable], drum: on_second },
+        ];
+        let [least_n, most_n] = robot.tension_limits_n();
+        let strain = |tension_n: f64| robot.stiffness_n().map_or(0.0, |stiffness_n| tension_n / stiffness_n);
+        let (layers, _) = drum.layer_error();
+        // A step of each encoder, of turns on the largest radius.
+        let steps_m: f64 = winds.iter().map(|wind| wind.step_m()).sum();
+        Some(Self {
+            winds,
+            // An idler may count the cable as stretched, and the model takes the drum's as unstretched.
+            share: second.slip_share + layers + strain(most_n),
+            most_m: second.slip_m + second.idler_m * strain(most_n - least_n) + steps_m,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::SecondEncoders;
+    use cable_robot::{DrumParts, Robot, RobotParts};
+
+    const FIRST_PER_M: f64 = 10_000.0;
+    const SECOND_PER_M: f64 = 100_000.0;
+    const SLIP_M: f64 = 0.02;
+
+    fn slips(on_drum: bool) -> Slips {
+        let drum = DrumParts {
+            diameter_m: 0.04,
+            cable_diameter_m: 0.0,
+            turns_per_layer: 100.0,
+            cable_m: vec![30.0; 3],
+            counted: on_drum,
+        };
+        let anchors_m = vec![[0.0, 0.0, 3.0], [6.0, 0.0, 3.0], [3.0, 5.0, 3.0]];
+        let parts = RobotParts {
+            anchors_m,
+            node_mass_kg: 1.0,
+            tension_limits_n: [1.0, 60.0],
+            speed_limit_m_s: 0.5,
+            acceleration_limit_m_s2: 0.5,
+            drum: Some(drum),
+            ..RobotParts::default()
+        };
+        let robot = Robot::new(parts).unwrap();
+        let mut config = CoreConfig::new(robot, 0.01, &[FIRST_PER_M; 3], &[vec![0, 1], vec![2]]).unwrap();
+        config.second = Some(SecondEncoders {
+            counts_per_m: [-SECOND_PER_M; CABLES],
+            slip_m: SLIP_M,
+            slip_share: 0.05,
+            idler_m: 0.0,
+        });
+        Slips::new(&config)
+    }
+
+    /// Turns both encoders of a cable by these distances in steps of 4 mm; the faults that are found.
+    fn turn(slips: &mut Slips, first_m: f64, second_m: f64, second: u8) -> (Faults, bool) {
+        let steps = (first_m.abs().max(second_m.abs()) / 0.004).ceil();
+        let (mut found, mut doubtful) = (Faults::default(), false);
+        let mut input = MotorInput::default();
+        for step in 0..=steps as i64 {
+            let share = step as f64 / steps;
+            input.counts[0] = (share * first_m * FIRST_PER_M).round() as i64;
+            input.second_counts[0] = (-share * second_m * SECOND_PER_M).round() as i64;
+            // The first reading continues nothing of an earlier call.
+            input.second[0] = if step == 0 { MotorInput::SECOND_RESTARTED } else { second };
+            let compared = Compared {
+                input: &input,
+                fresh: &[true; CABLES],
+                restarted: &[false; CABLES],
+                length_m: &[5.0; CABLES],
+                counts: true,
+            };
+            doubtful |= slips.observe(&compared, &mut found);
+        }
+        (found, doubtful)
+    }
+
+    #[test]
+    fn errors_in_proportion_are_no_slip_and_slips_add_up() {
+        let mut slips = slips(false);
+        for _ in 0..50 {
+            assert!(turn(&mut slips, 2.0, 2.09, MotorInput::SECOND_CONTINUED).0.is_empty());
+            assert!(turn(&mut slips, -2.0, -1.91, MotorInput::SECOND_CONTINUED).0.is_empty());
+        }
+        // Twice a centimetre.
+        assert!(turn(&mut slips, 0.0, 0.0125, MotorInput::SECOND_CONTINUED).0.is_empty());
+        let (found, _) = turn(&mut slips, 0.0, 0.0125, MotorInput::SECOND_CONTINUED);
+        assert_eq!((found.bits, found.cables[0]), (MotorAuthority::FAULT_SLIP, true));
+        slips.clear();
+        assert!(
+            turn(&mut slips, 0.0, 0.0125, MotorInput::SECOND_CONTINUED).0.is_empty(),
+            "after a reset it counts from zero"
+        );
+    }
+
+    #[test]
+    fn readings_that_continue_nothing_are_not_compared() {
+        for second in [MotorInput::SECOND_ABSENT, MotorInput::SECOND_RESTARTED] {
+            assert!(turn(&mut slips(false), 0.0, 1.0, second).0.is_empty());
+        }
+    }
+
+    #[test]
+    fn only_an_idler_that_turned_further_keeps_the_position() {
+        // Drum by the first encoder; motions of idler and drum; released, and doubtful.
+        for (on_drum, idler_m, drum_m, released, doubtful) in [
+            (false, 0.1, 0.0, false, false),
+            (false, 0.0, 0.1, true, true),
+            (false, -0.02, -0.1, true, true),
+            (true, 0.1, 0.0, false, true),
+            (true, 0.0, 0.1, false, true),
+        ] {
+            let (first_m, second_m) = if on_drum { (drum_m, idler_m) } else { (idler_m, drum_m) };
+            let (found, doubted) = turn(&mut slips(on_drum), first_m, second_m, MotorInput::SECOND_CONTINUED);
+            assert_eq!(found.bits, MotorAuthority::FAULT_SLIP);
+            assert_eq!((found.release[0], doubted), (released, doubtful), "{on_drum} {idler_m} {drum_m}");
+        }
+    }
+}
