@@ -7,7 +7,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Try it without a robot", &["demo", "sim", "truth"]),
     ("Before a flight", &["check", "doctor", "bench", "setup", "calibrate", "loads", "motor-table", "drive-capture"]),
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
-    ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "hold", "stop", "estop"]),
+    ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "soft", "hold", "stop", "estop"]),
     ("Look", &["status", "top", "channel", "page"]),
     (
         "Change in flight",

@@ -27,9 +27,10 @@ impl Core {
         let (mut fresh, mut restarted) = ([false; CABLES], [false; CABLES]);
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
-            // In soft mode a hand moves the cables.
-            let driven = self.safety.energised() && !self.sent.released[i] && self.sent.current_a.is_none();
-            self.envelope.record(i, self.sent.speed_m_s[i], driven, ok[i]);
+            // In soft mode a hand moves the cables, and what it moved may run on for a moment.
+            let (led, released) = (self.sent.current_a.is_some(), self.sent.released[i]);
+            let sent_m_s = if led { self.odometry.velocity_m_s(i) } else { self.sent.speed_m_s[i] };
+            self.envelope.record(i, sent_m_s, self.safety.energised() && !released && !led, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
                 restarted[i] = true;

@@ -1,5 +1,6 @@
 //! Soft mode: when it begins, which currents it gives, and what ends it.
 
+use crate::counting::allocations;
 use crate::rig::{COUNTS_PER_M, PERIOD_S, Rig, config, lengths};
 use cable_robot::motor::Motor;
 use cable_robot::{Robot, Vector3, elastic, tension};
@@ -220,6 +221,27 @@ fn hard_faults_end_it_as_ever() {
     rig.current_a[0] = 12.0;
     rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
     assert_ne!(rig.faults() & A::FAULT_OVER_CURRENT, 0);
+}
+
+#[test]
+fn it_allocates_nothing() {
+    let mut rig = soft();
+    let mut core = rig.core.clone();
+    let mut inputs = Vec::new();
+    for cycle in 0..60 {
+        lead(&mut rig, [0.1, -0.1, 0.05], 1);
+        let mut input = rig.last.as_ref().unwrap().input;
+        if cycle == 59 {
+            input.request[0] = Request::Hold.body();
+        }
+        inputs.push(input);
+    }
+    let count = allocations(|| {
+        for input in &inputs {
+            std::hint::black_box((core.decide(input), core.observe(input)));
+        }
+    });
+    assert_eq!(count, 0);
 }
 
 #[test]

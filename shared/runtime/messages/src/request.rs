@@ -268,7 +268,7 @@ impl Request {
                 }
                 body.path = match path {
                     GotoPath::Line => Body::PATH_LINE,
-                    GotoPath::Parabola { .. } => Body::PATH_PARABOLA,
+                    GotoPath::Parabola { .. } => Body::PATH_SAG,
                     GotoPath::Lateral => Body::PATH_LATERAL,
                 };
                 if let GotoPath::Parabola { mu_per_m: Some(mu_per_m) } = path {
@@ -276,7 +276,7 @@ impl Request {
                     body.flags |= Body::FLAG_MU;
                 }
             }
-            Self::Run { continues: true, .. } => body.flags |= Body::FLAG_CONTINUE,
+            Self::Run { continues: true, .. } => body.flags |= Body::FLAG_REST,
             Self::StartProcess { slot, law, .. } => {
                 body.slot = slot.map_or(Body::SLOT_ANY, slot_of);
                 body.flags |= if law.is_some() { Body::FLAG_LAW } else { 0 };
@@ -368,7 +368,7 @@ impl Request {
                 path: body.path()?,
                 speed_m_s: flag(Body::FLAG_SPEED).then_some(body.speed_m_s),
             },
-            Body::VERB_RUN => Self::Run { mission: name()?, hash, continues: flag(Body::FLAG_CONTINUE) },
+            Body::VERB_RUN => Self::Run { mission: name()?, hash, continues: flag(Body::FLAG_REST) },
             Body::VERB_FAULT => Self::Fault { text: text()? },
             Body::VERB_START => Self::StartProcess {
                 name: name()?,
@@ -408,7 +408,7 @@ impl RequestBody {
         let mu_per_m = (self.flags & Self::FLAG_MU != 0).then_some(self.mu_per_m);
         match self.path {
             Self::PATH_LINE => Ok(GotoPath::Line),
-            Self::PATH_PARABOLA => Ok(GotoPath::Parabola { mu_per_m }),
+            Self::PATH_SAG => Ok(GotoPath::Parabola { mu_per_m }),
             Self::PATH_LATERAL => Ok(GotoPath::Lateral),
             unknown => Err(self.wrong("path", unknown)),
         }

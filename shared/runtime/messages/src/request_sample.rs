@@ -14,7 +14,7 @@ layout! {
         distance_m: f64,
         /// GOTO: cruise speed, m/s; holds with FLAG_SPEED.
         speed_m_s: f64,
-        /// GOTO with PATH_PARABOLA: sag, 1/m; holds with FLAG_MU.
+        /// GOTO with PATH_SAG: sag, 1/m; holds with FLAG_MU.
         mu_per_m: f64,
         /// SPEED: rate of the plan clock, 0 to 1.
         rate: f64,
@@ -35,9 +35,9 @@ layout! {
         /// SWAP, ADMIT, START.
         slot: u8 { SLOT_A = 0, SLOT_B = 1, SLOT_ANY = 2 },
         /// GOTO.
-        path: u8 { PATH_LINE = 0, PATH_PARABOLA = 1, PATH_LATERAL = 2 },
-        /// CONTINUE: of RUN. REPLACE: of PLUG. LAW: START names a law in `text`.
-        flags: u8 { FLAG_SPEED = 1, FLAG_MU = 2, FLAG_CONTINUE = 4, FLAG_REPLACE = 8, FLAG_LAW = 16 },
+        path: u8 { PATH_LINE = 0, PATH_SAG = 1, PATH_LATERAL = 2 },
+        /// REST: of RUN, the rest of an interrupted mission. REPLACE: of PLUG. LAW: START names a law in `text`.
+        flags: u8 { FLAG_SPEED = 1, FLAG_MU = 2, FLAG_REST = 4, FLAG_REPLACE = 8, FLAG_LAW = 16 },
         pad0: u8,
     }
 }
