@@ -32,6 +32,7 @@ mod report;
 mod scale;
 mod sim;
 mod slips;
+mod soft;
 mod takeover;
 mod touch_down;
 mod tuning;
