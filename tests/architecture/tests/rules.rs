@@ -98,6 +98,8 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
         ],
     ),
     ("plant", &["cable-robot"]),
+    // measurements are files, and lengths come from samples
+    ("site-calibration", &["cable-robot", "calibration", "command", "config", "messages"]),
     // speaks for people and files; the driver of a family is for its tests only
     ("nims-drive-capture", &["command", "runtime", "serial"]),
     ("solve", &["cable-robot", "cable-control", "calibration"]),

@@ -5,22 +5,11 @@ use calibration::{Moving, Paying, TouchDown, UpAndDown, Weighing};
 use client::{Place, RobotLink, Samples, link, newest, system_of};
 use command::{Answer, Failure};
 use messages::MotorState;
+use site_calibration::setup::captured::{CapturedLengths, lengths};
 use std::time::Duration;
 
 /// Longest wait for a sample: half a second, in which even the slowest cycle passes many times.
 const PATIENCE: Duration = Duration::from_millis(500);
-
-/// Largest velocity of a cable at rest, m/s: the resolution of the velocity of a coarse encoder.
-const REST_M_S: f64 = 0.005;
-
-/// Lengths as the robot shows them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CapturedLengths {
-    /// One length for each cable, m.
-    pub lengths_m: Vec<f64>,
-    /// Encoder counts per metre with which the robot computed them.
-    pub counts_per_m: Vec<f64>,
-}
 
 /// Reads the lengths of the robot in this domain, or of the only running one.
 ///
@@ -161,60 +150,4 @@ fn touched(detector: &mut TouchDown, state: &MotorState) -> Option<CableVec> {
         command_m_s: CableVec::from_array8(&state.command_m_s, cables),
         lengths_m: CableVec::from_array8(&state.length_m, cables),
     })
-}
-
-/// Takes the lengths of a sample.
-///
-/// # Errors
-/// One sentence: why they cannot be used.
-fn lengths(state: &MotorState, counts_per_m: Vec<f64>) -> Result<CapturedLengths, String> {
-    let cables = usize::from(state.cable_count).min(state.length_m.len());
-    if state.position_known != MotorState::POSITION_KNOWN {
-        return Err("the robot's lengths have no zero in this run; hang the node at a place that you know roughly, and set it with \
-                    `nims zero --at X,Y,Z`"
-            .to_owned());
-    }
-    if let Some(cable) = (0..cables).find(|i| state.fresh[*i] == 0) {
-        return Err(format!("the encoder of cable {} does not answer; `nims status` says why", cable + 1));
-    }
-    if let Some(cable) =
-        (0..cables).find(|i| state.velocity_m_s[*i].is_nan() || state.velocity_m_s[*i].abs() > REST_M_S)
-    {
-        return Err(format!("cable {} moves; hold the node still and try again", cable + 1));
-    }
-    if counts_per_m.len() != cables {
-        return Err(format!(
-            "the system file has counts_per_m of {} cables, and the robot has {cables}",
-            counts_per_m.len()
-        ));
-    }
-    Ok(CapturedLengths { lengths_m: state.length_m[..cables].to_vec(), counts_per_m })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn state() -> MotorState {
-        let mut length_m = [0.0; 8];
-        length_m[..3].copy_from_slice(&[3.1, 9.8, 9.7]);
-        let position_known = MotorState::POSITION_KNOWN;
-        MotorState { cable_count: 3, position_known, length_m, fresh: [1; 8], ..MotorState::default() }
-    }
-
-    #[test]
-    fn lengths_are_taken_at_rest_and_with_a_zero() {
-        let counts = vec![10_000.0; 3];
-        let taken = lengths(&state(), counts.clone()).unwrap();
-        assert_eq!((taken.lengths_m, taken.counts_per_m), (vec![3.1, 9.8, 9.7], counts.clone()));
-        let refused = |change: fn(&mut MotorState)| {
-            let mut state = state();
-            change(&mut state);
-            lengths(&state, vec![10_000.0; 3]).unwrap_err()
-        };
-        assert!(refused(|s| s.position_known = MotorState::POSITION_RESTORED).contains("nims zero"));
-        assert!(refused(|s| s.velocity_m_s[1] = -0.02).contains("cable 2"));
-        assert!(refused(|s| s.fresh[2] = 0).contains("cable 3"));
-        assert!(refused(|s| s.cable_count = 4).contains("counts_per_m"));
-    }
 }

@@ -1,7 +1,6 @@
 //! The dialogue of the measurements with a known weight, and their file on the disk.
 
 use super::capture::{self, MotionWatch};
-use super::guide::NextStep;
 use super::loads::LoadsGuide;
 use super::stored::Stored;
 use super::terminal::{Terminal, print_message};
@@ -9,6 +8,7 @@ use crate::loads::{self, LoadsFile};
 use command::{Answer, Failure};
 use config::file;
 use serde_json::Value;
+use site_calibration::setup::guide::NextStep;
 use std::path::{Path, PathBuf};
 
 /// How the measurements with a weight ended.
@@ -111,10 +111,15 @@ fn watch(terminal: &mut Terminal<'_>, guide: &LoadsGuide) -> Answer<calibration:
 
 /// Formats the measurements as a file with an explanatory header.
 pub(super) fn to_toml(file: &LoadsFile, path: &Path) -> Result<String, toml::ser::Error> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name_of(path);
     let body = toml::to_string(file)?;
     Ok(format!(
         "# Measurements with a known weight, written by `nims setup` (which drops comments added here while it continues);\n\
          # `nims loads {name}` reads them. configs/measurements/loads3.toml explains every key.\n\n{body}"
     ))
+}
+
+/// The name of a file, without its folder.
+pub(super) fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

@@ -1,13 +1,13 @@
 //! The questions after a calibration: stiffness of the cables and weight of the node, from a known weight that is hung
 //! on the node. No input and output; the state is the file of `nims loads`.
 
-use super::guide::{NextStep, Reply, refused, sentence};
-use super::numbers::{self, Bounds, excerpt};
-use super::text::listed;
 use crate::loads::{self, LoadsFile, LoadsSetup, SinkingEntry, WeighingEntry};
 use cable_robot::Robot;
 use calibration::Weighing;
 use config::Point;
+use site_calibration::setup::guide::{NextStep, Reply, refused, sentence};
+use site_calibration::setup::numbers::{self, Bounds, excerpt};
+use site_calibration::setup::text::listed;
 use std::path::{Path, PathBuf};
 
 /// Accepted weights, kg: what moves a node by more than a ruler's error, and a person.

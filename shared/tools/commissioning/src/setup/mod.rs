@@ -9,30 +9,24 @@
 
 mod capture;
 mod dialogue;
-mod doubt;
-mod guide;
 mod input;
 mod loads;
-mod numbers;
-mod question;
-mod shape;
 mod stored;
-mod tape;
 mod terminal;
 
 #[cfg(test)]
 mod tests;
-mod text;
-mod undo;
 
-use crate::calibrate::{self, MeasurementsFile};
+use crate::calibrate;
 use command::{Answer, Failure, Output};
 
-use capture::{CapturedLengths, Seen, TouchDownWatch};
+use capture::{Seen, TouchDownWatch};
 use dialogue::LoadsEnd;
-use guide::{Guide, NextStep};
 use input::LineReader;
 use serde_json::json;
+use site_calibration::setup::captured::CapturedLengths;
+use site_calibration::setup::file_text;
+use site_calibration::setup::guide::{Guide, NextStep};
 use std::io::{self, IsTerminal};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -119,7 +113,10 @@ fn ask(args: &Args, terminal: &mut Terminal<'_>) -> Answer<Output> {
             }
         };
         if reply.changed {
-            stored.save(to_toml(guide.file(), path).map_err(|error| Failure::NotNow(error.to_string()))?)?;
+            stored.save(
+                file_text(guide.file(), &dialogue::name_of(path))
+                    .map_err(|error| Failure::NotNow(error.to_string()))?,
+            )?;
         }
         if !reply.message.is_empty() {
             print_message(&reply.message);
@@ -205,14 +202,4 @@ fn free_name(measurements: &Path) -> Answer<PathBuf> {
         .map(name)
         .find(|path| !path.exists())
         .ok_or_else(|| Failure::NotNow(format!("{stem} already has {NAMES} calibrations; name a new file with --out")))
-}
-
-/// Formats the measurements as a file with an explanatory header.
-fn to_toml(file: &MeasurementsFile, path: &Path) -> Result<String, toml::ser::Error> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let body = toml::to_string(file)?;
-    Ok(format!(
-        "# Measurements of a site, lengths in metres, written by `nims setup {name}`, which also continues them (and drops comments\n\
-         # added here); `nims calibrate {name}` reads them too. configs/measurements/lab3.toml explains every key.\n\n{body}"
-    ))
 }

@@ -1,8 +1,8 @@
 //! What the dialogues read from and print to.
 
 use super::input::{InputEvent, LineReader};
-use super::numbers::clean;
 use command::{Answer, Failure};
+use site_calibration::setup::numbers::clean;
 use std::io::{self, Write};
 
 /// What both dialogues read from and print to.

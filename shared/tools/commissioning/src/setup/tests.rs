@@ -1,11 +1,11 @@
-use super::capture::CapturedLengths;
-use super::guide::{Guide, NextStep, Reply};
-use super::question::Question;
-use super::to_toml;
 use crate::calibrate::{MeasurementsFile, places};
 use calibration::{Method, calibrate};
 use nims_paper::random::Random;
 use proptest::prelude::*;
+use site_calibration::setup::captured::CapturedLengths;
+use site_calibration::setup::file_text;
+use site_calibration::setup::guide::{Guide, NextStep, Reply};
+use site_calibration::setup::question::Question;
 use std::path::Path;
 
 /// Random pulleys around a centre in the frame of a calibration: the first at the origin, the second on the x axis.
@@ -117,7 +117,7 @@ impl Team {
 }
 
 fn text(file: &MeasurementsFile) -> String {
-    to_toml(file, Path::new("site.toml")).unwrap()
+    file_text(file, "site.toml").unwrap()
 }
 
 /// The guide after restarting the command.
@@ -170,7 +170,7 @@ fn a_length_that_is_35_cm_off_is_asked_about() {
             assert!(guide.answer(line).changed);
         }
         for place in 0..6 {
-            let mut shown = super::question::expected(guide.file(), place).unwrap().lengths_m;
+            let mut shown = site_calibration::setup::question::expected(guide.file(), place).unwrap().lengths_m;
             shown[cable] += by;
             let typed: Vec<String> = shown.iter().map(|m| format!("{m:.3}")).collect();
             if guide.answer(&typed.join(" ")).changed {

@@ -1,7 +1,7 @@
 //! The sequence of questions: the measurements so far and the open question. No input and output; the state is the
 //! measurements file.
 
-use super::capture::CapturedLengths;
+use super::captured::CapturedLengths;
 use super::numbers::{self, excerpt};
 use super::question::{self, POINTS, Question, pulleys};
 use super::text::listed;
@@ -143,7 +143,6 @@ impl Guide {
     }
 
     /// Returns the open question.
-    #[cfg(test)]
     pub fn pending(&self) -> &Question {
         &self.question
     }
@@ -258,12 +257,15 @@ impl Guide {
 const HELP: &str = "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
                     points, quit stops. capture takes the lengths of the running robot, and touch those at which it sets the node down. All answers are saved, and the same command continues.";
 
-pub(super) fn refused(message: String) -> Reply {
+/// A reply that changes nothing and asks again.
+#[must_use]
+pub fn refused(message: String) -> Reply {
     Reply { message, changed: false, next_step: NextStep::Ask }
 }
 
 /// Adds a capital letter and a full stop.
-pub(super) fn sentence(clause: &str) -> String {
+#[must_use]
+pub fn sentence(clause: &str) -> String {
     let mut letters = clause.chars();
     let begun: String = letters.next().into_iter().flat_map(char::to_uppercase).chain(letters).collect();
     if begun.ends_with(['.', '?', '!']) { begun } else { begun + "." }
