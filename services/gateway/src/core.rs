@@ -1,6 +1,7 @@
 //! The decisions of the gateway: bytes, peers and answers in, actions out. No clock, no I/O.
 
 mod holding;
+mod looks;
 mod publishing;
 mod seats;
 mod token_calls;
@@ -20,12 +21,13 @@ use messages::{OperatorRequest, Request, put_text};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 
 /// Largest number of connections.
 pub const CONNECTIONS: usize = 160;
 /// Largest number of connections of one user. A further one takes the place of the user's longest idle one, so that a
 /// stop always finds a place.
-pub const CONNECTIONS_OF_A_USER: usize = 32;
+pub const CONNECTIONS_OF_A_USER: usize = 64;
 /// Largest number of unanswered calls of a connection; stops are not counted.
 pub const UNANSWERED: usize = 8;
 /// Largest number of subscriptions of a connection.
@@ -49,6 +51,8 @@ struct Holder {
     role: Role,
     origin: Origin,
     by_token: bool,
+    /// Where the browser is for which a page acts.
+    from: Option<IpAddr>,
 }
 
 impl Holder {
@@ -56,7 +60,8 @@ impl Holder {
     fn sign(&self, request: &mut OperatorRequest, peer: &Peer) {
         (request.pid, request.uid) = (peer.pid, peer.uid);
         (request.role, request.origin) = (self.role.number(), self.origin.number());
-        put_text(&mut request.requester, &self.user);
+        let requester = looks::requester(&self.user, self.from, request.requester.len());
+        put_text(&mut request.requester, &requester);
     }
 }
 
@@ -74,6 +79,8 @@ struct Connection {
     opens: Budget,
     /// The list of runs or of files that is being made.
     listing: Option<Ticket>,
+    /// What `nims` does for it.
+    working: Option<Ticket>,
     /// A motion that ends with its signs, or with the connection.
     held: Option<Held>,
     /// It has held a motion.
@@ -209,6 +216,7 @@ impl Core {
             budget: Budget::new(CALLS_PER_S, BURST, now_ns),
             opens: Budget::new(OPENS_PER_S, OPENS_PER_S, now_ns),
             listing: None,
+            working: None,
             held: None,
             holds: false,
             since_ns: now_ns,
@@ -297,7 +305,7 @@ impl Core {
     }
 
     fn hello(&mut self, client: ClientId, call: Call) {
-        let Call::Hello { version, origin, token } = call else {
+        let Call::Hello { version, origin, token, from } = call else {
             return self.refuse_and_close(client, Reason::NotACall { why: detail("the first call is not `hello`") });
         };
         if version != VERSION {
@@ -310,7 +318,8 @@ impl Core {
             Some(Some((name, role))) => (name, role),
             Some(None) => return self.refuse_and_close(client, Reason::TokenInvalid),
         };
-        connection.holder = Some(Holder { user: user.clone(), role, origin, by_token });
+        let from = from.filter(|_| origin == Origin::Page);
+        connection.holder = Some(Holder { user: user.clone(), role, origin, by_token, from });
         let (robot, role) = (self.robot.clone(), role.name().to_owned());
         self.send(client, Reply::Welcome { version: VERSION, robot, user, role });
         if origin == Origin::Page && self.seat != Seat::default() {
@@ -385,6 +394,9 @@ impl Core {
             Call::Runs { .. } => Question::Runs,
             Call::Files { run, .. } => Question::Files(run),
             Call::Open { run, file, .. } => Question::Open(run, file),
+            Call::Make { run, what, .. } => Question::Make(run, what),
+            Call::Remove { run, .. } => Question::Remove(run),
+            Call::Doctor { .. } => Question::Doctor,
             Call::Subscribe { channel, rate_hz, .. } => return self.subscribe(client, id, channel, rate_hz),
             Call::Publish { .. } | Call::Declare { .. } | Call::Sample { .. } => {
                 return self.publish_call(now_ns, client, call, body);
@@ -403,20 +415,7 @@ impl Core {
             // They were carried out before.
             Call::Hello { .. } | Call::Ask { .. } | Call::Beat { .. } | Call::Release { .. } => return,
         };
-        let Some(connection) = self.connections.get_mut(&client) else { return };
-        let lists = matches!(what, Question::Runs | Question::Files(_));
-        if lists && connection.listing.is_some() {
-            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
-        }
-        if matches!(what, Question::Open(..)) && !connection.opens.spend(now_ns) {
-            return self.refuse(client, id, Reason::GatewayBusy { most: OPENS_PER_S as usize });
-        }
-        connection.unanswered += 1;
-        let ticket = self.ticket(client, id);
-        if lists && let Some(connection) = self.connections.get_mut(&client) {
-            connection.listing = Some(ticket);
-        }
-        self.actions.push(Action::Look { ticket, what });
+        self.look(now_ns, client, id, holder, what);
     }
 
     fn subscribe(&mut self, client: ClientId, id: u64, channel: String, rate_hz: Option<f64>) {
@@ -469,6 +468,7 @@ impl Core {
         }
         let Some(connection) = self.connections.get_mut(&client) else { return };
         connection.listing = connection.listing.filter(|listing| *listing != ticket);
+        connection.working = connection.working.filter(|working| *working != ticket);
         if let Some(answer) = answer {
             // A motion that was refused is not ended: that of another client may be under way.
             let now_ns = self.now_ns;

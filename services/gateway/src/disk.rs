@@ -2,8 +2,8 @@
 
 use crate::events::{Done, Ticket, TokenChange};
 use crate::plugin::{self, Verb};
-use crate::runs;
-use gateway_protocol::{FileRow, Reply};
+use crate::{make, runs};
+use gateway_protocol::{FileRow, Reply, RunFiles};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::PathBuf;
@@ -23,6 +23,12 @@ pub(crate) enum Job {
     Files(Option<PathBuf>, String),
     /// Opens a file of a run.
     Open(Option<PathBuf>, String, String),
+    /// Makes files of a run.
+    Make(Option<PathBuf>, String, RunFiles),
+    /// Deletes a run.
+    Remove(Option<PathBuf>, String),
+    /// Finds what is wrong with the machine for this system file.
+    Doctor(PathBuf),
     /// Reads the configuration of a run.
     Configuration(PathBuf),
     /// Starts or stops the unit of a plug-in.
@@ -102,8 +108,13 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                 Outcome::Done(ticket, answered(plugin::carry_out(&unit, &plugin, verb)))
             }
             Job::Runs(present) => {
-                Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs: runs::list(folder, present.as_deref()) }))
+                let (runs, disk) = (runs::list(folder, present.as_deref()), runs::disk(folder));
+                Outcome::Done(ticket, reply(Reply::Runs { id: 0, runs, disk }))
             }
+            Job::Make(present, run, what) => {
+                Outcome::Done(ticket, changed(make::make(folder, present.as_deref(), &run, what)))
+            }
+            Job::Remove(present, run) => Outcome::Done(ticket, changed(make::remove(folder, present.as_deref(), &run))),
             Job::Files(present, run) => {
                 let files = runs::files(folder, present.as_deref(), &run);
                 Outcome::Done(ticket, files.map_or_else(|| no_run(&run), |files| reply(Reply::Files { id: 0, files })))
@@ -126,6 +137,13 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                     },
                 )
             }
+            Job::Doctor(system) => Outcome::Done(
+                ticket,
+                match make::doctor(&system) {
+                    Ok(findings) => reply(Reply::Findings { id: 0, findings }),
+                    Err(reason) => Done::Answer(Box::new(reason.answer())),
+                },
+            ),
             Job::Configuration(run) => Outcome::Done(
                 ticket,
                 match runs::configuration(&run, CONFIGURATION) {
@@ -137,6 +155,13 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
         if done.send(outcome).is_err() {
             return;
         }
+    }
+}
+
+fn changed(result: Result<(), Box<Reason>>) -> Done {
+    match result {
+        Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
+        Err(reason) => Done::Answer(Box::new(reason.answer())),
     }
 }
 

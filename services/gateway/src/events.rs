@@ -3,7 +3,7 @@
 use crate::plugin::Verb;
 use crate::roles::Peer;
 use crate::tokens::Tokens;
-use gateway_protocol::Reply;
+use gateway_protocol::{Reply, RunFiles};
 use messages::{Declaration, Header, OperatorRequest, Reading, RequestAnswer};
 use std::sync::Arc;
 
@@ -220,4 +220,10 @@ pub enum Question {
     Files(String),
     /// A file of a run.
     Open(String, String),
+    /// Files to be made of a run.
+    Make(String, RunFiles),
+    /// The removal of a run.
+    Remove(String),
+    /// What is wrong with the machine.
+    Doctor,
 }

@@ -28,6 +28,7 @@ mod exec;
 mod held;
 mod hub;
 mod lane;
+mod make;
 mod outbox;
 mod own_channels;
 pub mod plugin;

@@ -3,7 +3,7 @@
 //! No name of a client is opened as it was given: a run and a file must be in the list that was just read, and the file
 //! is opened below the folder of the runs without following links.
 
-use gateway_protocol::{FileRow, RunRow};
+use gateway_protocol::{DiskFigures, FileRow, RunRow};
 use rustix::fs::{CWD, Mode, OFlags, openat};
 use std::fs;
 use std::os::fd::OwnedFd;
@@ -76,6 +76,13 @@ fn collect(folder: &Path, before: &str, depth: usize, files: &mut Vec<FileRow>) 
             files.push(FileRow { name, bytes: found.len() });
         }
     }
+}
+
+/// Returns the disk on which the runs are.
+#[must_use]
+pub fn disk(runs: &Path) -> Option<DiskFigures> {
+    let found = rustix::fs::statvfs(runs).ok()?;
+    Some(DiskFigures { total: found.f_blocks * found.f_frsize, free: found.f_bavail * found.f_frsize })
 }
 
 /// Opens a file of a finished run for reading; returns its size too.

@@ -55,6 +55,8 @@ pub struct Server {
     inbox: Disk,
     /// What the service manager is asked for: it can take seconds.
     units: Disk,
+    /// What changes the folder of the runs: it can take minutes.
+    makers: Disk,
     /// Plug-ins that are started with the gateway.
     started: Vec<String>,
     /// The units of the plug-ins by name.
@@ -70,6 +72,8 @@ pub struct Server {
     /// Requests whose mission is being stored.
     missions: BTreeMap<Ticket, (String, Box<OperatorRequest>, u64)>,
     tokens: PathBuf,
+    /// The system file.
+    system: PathBuf,
     /// The gateway's own subscription has the expected type.
     reads_motions: bool,
 }
@@ -93,6 +97,7 @@ impl Server {
             disk: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             inbox: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             units: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
+            makers: Disk::start(settings.runs.clone()).map_err(Failure::not_now)?,
             started: settings.started(),
             unit_of: settings.units(),
             facts: None,
@@ -101,6 +106,7 @@ impl Server {
             last_client: 0,
             missions: BTreeMap::new(),
             tokens: settings.tokens.clone(),
+            system: settings.system.clone(),
             reads_motions: false,
         })
     }
@@ -311,6 +317,15 @@ impl Server {
                 self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
             }
             Question::Open(run, file) => self.begin(ticket, Job::Open(present, run, file)),
+            Question::Doctor => self.begin(ticket, Job::Doctor(self.system.clone())),
+            Question::Make(run, what) => self.begin(ticket, Job::Make(present, run, what)),
+            Question::Remove(run) => {
+                // No channel of the robot records it, because a run that is over has none.
+                if let Some((user, role)) = self.core.described(ticket) {
+                    eprintln!("gateway: {user} ({}): delete the run {run}", role.name());
+                }
+                self.begin(ticket, Job::Remove(present, run));
+            }
         }
     }
 
@@ -339,6 +354,7 @@ impl Server {
         let disk = match job {
             Job::Mission(..) => &mut self.inbox,
             Job::Plugin { .. } => &mut self.units,
+            Job::Make(..) | Job::Remove(..) | Job::Doctor(_) => &mut self.makers,
             _ => &mut self.disk,
         };
         match disk.begin(ticket, job) {
@@ -375,7 +391,7 @@ impl Server {
             }
             self.disk_outcome(outcome);
         }
-        while let Some(outcome) = self.inbox.poll().or_else(|| self.disk.poll()) {
+        while let Some(outcome) = self.inbox.poll().or_else(|| self.disk.poll()).or_else(|| self.makers.poll()) {
             self.disk_outcome(outcome);
         }
     }

@@ -48,6 +48,8 @@ impl Args {
 /// What the gateway needs to know.
 #[derive(Debug, Clone)]
 pub struct Settings {
+    /// The system file.
+    pub system: PathBuf,
     /// Name of the robot.
     pub name: String,
     /// Name of the system file without its ending: that of the services, whose paths it is in.
@@ -78,6 +80,7 @@ impl Settings {
         let is_socket = folder.extension().is_some_and(|ending| ending.to_string_lossy() == SOCKET_ENDING[1..]);
         let socket = if is_socket { folder } else { folder.join(format!("{}{SOCKET_ENDING}", file.name)) };
         Ok(Self {
+            system: std::path::absolute(&args.system).map_err(Failure::bad)?,
             instance: args.instance(),
             domain: args.domain.clone().or_else(domain_of_the_robot).unwrap_or_else(|| file.name.clone()),
             socket,

@@ -7,7 +7,9 @@ use gateway::core::*;
 use gateway::plugin::{PluginUnit, Verb};
 use gateway::roles::{Peer, Roles};
 use gateway::tokens::Tokens;
-use gateway_protocol::{Accepted, CALL_LIMITS, Call, Origin, Published, ReadingQuality, Reply, VERSION, encode};
+use gateway_protocol::{
+    Accepted, CALL_LIMITS, Call, Origin, Published, ReadingQuality, Reply, RunFiles, VERSION, encode,
+};
 use messages::{GotoPath, OperatorRequest, Request, RequestAnswer, RequestBody, Slot, SlotRole, text_of};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -36,7 +38,7 @@ fn framed(call: &Call, body: &[u8]) -> Vec<u8> {
 }
 
 fn hello() -> Vec<u8> {
-    framed(&Call::Hello { version: VERSION, origin: Origin::Command, token: None }, &[])
+    framed(&Call::Hello { version: VERSION, origin: Origin::Command, token: None, from: None }, &[])
 }
 
 fn ask(id: u64, request: Request) -> Vec<u8> {
@@ -405,7 +407,7 @@ fn connections_are_bounded_and_a_new_one_of_a_user_takes_the_place_of_an_idle_on
 
 #[test]
 fn a_connection_begins_with_hello_in_time_and_of_the_same_version() {
-    let version = |version| framed(&Call::Hello { version, origin: Origin::Python, token: None }, &[]);
+    let version = |version| framed(&Call::Hello { version, origin: Origin::Python, token: None, from: None }, &[]);
     for (bytes, expected) in [
         (ask(1, Request::Stop), 457),
         (version(VERSION + 1), 458),
@@ -465,6 +467,36 @@ fn a_client_opens_ten_files_at_once_and_makes_one_list() {
 }
 
 #[test]
+fn only_who_may_fly_makes_and_deletes_files_of_runs_one_after_the_other() {
+    let run = || "run".to_owned();
+    let calls = |id| {
+        [Call::Make { id, run: run(), what: RunFiles::Report }, Call::Remove { id, run: run() }, Call::Doctor { id }]
+    };
+    for (user, may) in [("eve", false), ("zoe", false), ("bob", false), ("ada", true), ("nims", true)] {
+        for call in calls(1) {
+            let mut core = core();
+            connected(&mut core, 1, user);
+            let actions = core.step(0, Event::Received { client: 1, bytes: &framed(&call, &[]) });
+            if !may {
+                assert_eq!(reason(&actions), 450, "{user}: {call:?}");
+                continue;
+            }
+            let [Action::Look { ticket, .. }] = actions[..] else { panic!("{user}: {actions:?}") };
+            // Meanwhile lists are made, and nothing else of the kind.
+            for call in calls(2) {
+                let more = core.step(0, Event::Received { client: 1, bytes: &framed(&call, &[]) });
+                assert_eq!(reason(&more), 453, "{call:?}");
+            }
+            let list = core.step(0, Event::Received { client: 1, bytes: &framed(&Call::Runs { id: 3 }, &[]) });
+            assert!(matches!(list[..], [Action::Look { .. }]), "{list:?}");
+            core.step(0, Event::Answered { ticket, reply: Done::Answer(Box::default()) });
+            let next = core.step(0, Event::Received { client: 1, bytes: &framed(&Call::Doctor { id: 4 }, &[]) });
+            assert!(matches!(next[..], [Action::Look { .. }]), "{next:?}");
+        }
+    }
+}
+
+#[test]
 fn a_connection_has_one_subscription_of_a_channel() {
     let mut core = core();
     connected(&mut core, 1, "eve");
@@ -515,7 +547,8 @@ fn a_token_gives_its_role_until_it_is_revoked() {
     let with = |core: &mut Core, client, secret: &str| {
         let token = Some(secret.to_owned());
         core.step(0, Event::Connected { client, peer: peer("eve") });
-        let bytes = framed(&Call::Hello { version: VERSION, origin: Origin::Page, token }, &[]);
+        let from = Some("10.0.0.7".parse().unwrap());
+        let bytes = framed(&Call::Hello { version: VERSION, origin: Origin::Page, token, from }, &[]);
         core.step(0, Event::Received { client, bytes: &bytes })
     };
     assert_eq!(reason(&with(&mut core, 2, "guess")), 459);
@@ -524,7 +557,8 @@ fn a_token_gives_its_role_until_it_is_revoked() {
     assert_eq!((role.as_str(), user.as_str()), ("stop", "tablet"));
     let stop = core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Stop) });
     let [Action::Ask { request, .. }] = &stop[..] else { panic!("{stop:?}") };
-    assert_eq!((text_of(&request.requester).as_str(), request.origin), ("tablet", OperatorRequest::ORIGIN_PAGE));
+    let page = OperatorRequest::ORIGIN_PAGE;
+    assert_eq!((text_of(&request.requester).as_str(), request.origin), ("tablet@10.0.0.7", page));
     assert_eq!(reason(&core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Arm) })), 450);
     // Only the owner manages tokens.
     let list = framed(&Call::TokenList { id: 1 }, &[]);

@@ -29,7 +29,7 @@ fn core() -> Core {
     for (client, user) in [(1, "ada"), (2, "bob")] {
         let peer = Peer { uid: 1000 + client as u32, user: user.to_owned(), ..Peer::default() };
         core.step(0, Event::Connected { client, peer });
-        let hello = Call::Hello { version: VERSION, origin: Origin::Command, token: None };
+        let hello = Call::Hello { version: VERSION, origin: Origin::Command, token: None, from: None };
         core.step(0, Event::Received { client, bytes: &framed(&hello) });
     }
     core

@@ -40,7 +40,7 @@ fn connect(core: &mut Core, client: ClientId, user: &str, origin: Origin, unit: 
     let unit = unit.map(|unit| PluginUnit::parse(unit).unwrap());
     let peer = Peer { uid, gid: uid, pid: 7, user: user.to_owned(), gids: vec![uid], unit, ..Peer::default() };
     core.step(0, Event::Connected { client, peer });
-    let hello = Call::Hello { version: VERSION, origin, token: None };
+    let hello = Call::Hello { version: VERSION, origin, token: None, from: None };
     let bytes = encode(&hello.header().unwrap(), &[]);
     let actions = core.step(0, Event::Received { client, bytes: &bytes });
     assert!(matches!(&actions[..], [Action::Send { reply: Reply::Welcome { .. }, .. }]), "{actions:?}");

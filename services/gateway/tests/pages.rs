@@ -42,7 +42,7 @@ impl Gateway {
     fn connect(&mut self, client: ClientId, uid: u32, origin: Origin, token: Option<String>) -> Vec<Action> {
         let peer = Peer { uid, user: format!("u{uid}"), ..Peer::default() };
         self.step(Event::Connected { client, peer });
-        self.send(client, &Call::Hello { version: VERSION, origin, token })
+        self.send(client, &Call::Hello { version: VERSION, origin, token, from: None })
     }
 
     /// A page of a new person with that role.

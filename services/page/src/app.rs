@@ -30,6 +30,8 @@ pub(crate) struct App {
     pub(crate) names: Vec<String>,
     pub(crate) browsers: Arc<Semaphore>,
     pub(crate) stops: Places,
+    /// One calibration is computed at a time.
+    pub(crate) calibrations: Arc<Semaphore>,
 }
 
 /// The places for stops.
@@ -62,17 +64,19 @@ pub(crate) struct Offered {
     pub(crate) file: File,
     pub(crate) name: String,
     pub(crate) bytes: u64,
+    /// The browser shows it.
+    pub(crate) shown: bool,
     until: Instant,
 }
 
 impl Downloads {
     /// Offers a file; returns its path, which cannot be guessed. `None`: too many wait.
-    pub(crate) fn offer(&self, file: File, name: String, bytes: u64) -> Option<String> {
+    pub(crate) fn offer(&self, file: File, name: String, bytes: u64, shown: bool) -> Option<String> {
         let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
         offered.retain(|_, one| one.until > now);
         let ticket = (offered.len() < DOWNLOADS).then(ticket)??;
-        offered.insert(ticket.clone(), Offered { file, name, bytes, until: now + FETCHED });
+        offered.insert(ticket.clone(), Offered { file, name, bytes, shown, until: now + FETCHED });
         Some(format!("/download/{ticket}"))
     }
 
@@ -96,7 +100,7 @@ mod tests {
     #[test]
     fn a_download_is_fetched_once_and_a_bounded_number_waits() {
         let downloads = Downloads::default();
-        let offer = || downloads.offer(File::open("/dev/null").unwrap(), "x".to_owned(), 0);
+        let offer = || downloads.offer(File::open("/dev/null").unwrap(), "x".to_owned(), 0, false);
         let path = offer().unwrap();
         let ticket = path.rsplit('/').next().unwrap();
         assert!(

@@ -1,11 +1,12 @@
 //! The routes of the server, and what every request has to satisfy.
 
 use crate::app::{App, Offered};
+use crate::link::Browser;
 use crate::{plain, session, stops};
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::extract::ws::WebSocketUpgrade;
-use axum::extract::{DefaultBodyLimit, Path, Request, State};
+use axum::extract::{DefaultBodyLimit, Extension, Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Redirect, Response};
@@ -37,6 +38,10 @@ const HEADERS: [(&str, &str); 6] = [
     ("permissions-policy", "camera=(), microphone=(), geolocation=(), gamepad=(self)"),
 ];
 
+/// Address of the browser, beside each request.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Peer(pub(crate) IpAddr);
+
 /// The routes.
 pub(crate) fn router(app: Arc<App>) -> Router {
     Router::new()
@@ -65,7 +70,8 @@ async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
         (true, true) => next.run(request).await,
     };
     for (name, value) in HEADERS {
-        response.headers_mut().insert(name, HeaderValue::from_static(value));
+        // A file of a run has a policy of its own.
+        response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
     response.headers_mut().entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
@@ -115,22 +121,28 @@ async fn plain_page(State(app): State<Arc<App>>) -> Response {
     plain::page(&app.topics.live(), app.assets.are_there(), None)
 }
 
-async fn plain_stop(State(app): State<Arc<App>>, Path(verb): Path<String>) -> Response {
+async fn plain_stop(State(app): State<Arc<App>>, from: Option<Extension<Peer>>, Path(verb): Path<String>) -> Response {
     let request = match verb.as_str() {
         "stop" => Asked::Stop,
         "estop" => Asked::Estop,
         _ => return (StatusCode::NOT_FOUND, "the plain page has stop and estop\n").into_response(),
     };
-    let sentence = match stops::stop(&app, None, request).await {
-        Ok(Reply::Answer { accepted: Accepted::Accepted, sentence, .. }) => sentence,
-        Ok(Reply::Answer { sentence, .. }) => format!("refused: {sentence}"),
-        Ok(_) => "the gateway's reply is of another kind; use the page of the same installation".to_owned(),
-        Err(failure) => failure.to_string(),
-    };
+    let sentence =
+        match stops::stop(&app, &Browser { token: None, from: from.map(|Extension(Peer(ip))| ip) }, request).await {
+            Ok(Reply::Answer { accepted: Accepted::Accepted, sentence, .. }) => sentence,
+            Ok(Reply::Answer { sentence, .. }) => format!("refused: {sentence}"),
+            Ok(_) => "the gateway's reply is of another kind; use the page of the same installation".to_owned(),
+            Err(failure) => failure.to_string(),
+        };
     plain::page(&app.topics.live(), app.assets.are_there(), Some(&sentence))
 }
 
-async fn upgrade(State(app): State<Arc<App>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+async fn upgrade(
+    State(app): State<Arc<App>>,
+    from: Option<Extension<Peer>>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     // A browser always names the page that opens the conversation.
     if !headers.contains_key(header::ORIGIN) {
         return (StatusCode::FORBIDDEN, "a conversation is opened by the page\n").into_response();
@@ -141,13 +153,28 @@ async fn upgrade(State(app): State<Arc<App>>, headers: HeaderMap, upgrade: WebSo
     };
     upgrade.max_message_size(MESSAGE).max_frame_size(MESSAGE).max_write_buffer_size(4 * MESSAGE).on_upgrade(
         async move |socket| {
-            session::converse(socket, app, place).await;
+            session::converse(socket, app, from.map(|Extension(Peer(ip))| ip), place).await;
         },
     )
 }
 
+/// A file of a run that a browser shows: its styles and pictures, and nothing that acts, also for this page.
+const SHOWN_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; \
+    frame-ancestors 'none'; base-uri 'none'; form-action 'none'; sandbox";
+
+/// The kind of a file that a browser shows; other files are downloaded.
+fn shown_kind(name: &str) -> Option<&'static str> {
+    Some(match name.rsplit('.').next()? {
+        "html" => "text/html; charset=utf-8",
+        "svg" => "image/svg+xml",
+        "png" => "image/png",
+        "txt" | "toml" | "json" => "text/plain; charset=utf-8",
+        _ => return None,
+    })
+}
+
 async fn download(State(app): State<Arc<App>>, Path(ticket): Path<String>) -> Response {
-    let Some(Offered { file, name, bytes, .. }) = app.downloads.fetch(&ticket) else {
+    let Some(Offered { file, name, bytes, shown, .. }) = app.downloads.fetch(&ticket) else {
         return (StatusCode::NOT_FOUND, "this download has ended; ask for it again on the page\n").into_response();
     };
     let pieces = futures_util::stream::try_unfold(tokio::fs::File::from_std(file), async |mut file| {
@@ -158,10 +185,13 @@ async fn download(State(app): State<Arc<App>>, Path(ticket): Path<String>) -> Re
     });
     let plain: String =
         name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+    let kind = shown_kind(&plain).filter(|_| shown);
+    let placed = if kind.is_some() { "inline" } else { "attachment" };
     let headers = [
-        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
-        (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{plain}\"")),
+        (header::CONTENT_TYPE, kind.unwrap_or("application/octet-stream").to_owned()),
+        (header::CONTENT_DISPOSITION, format!("{placed}; filename=\"{plain}\"")),
         (header::CONTENT_LENGTH, bytes.to_string()),
+        (header::CONTENT_SECURITY_POLICY, SHOWN_POLICY.to_owned()),
     ];
     (headers, Body::from_stream(pieces)).into_response()
 }

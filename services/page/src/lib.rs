@@ -17,6 +17,8 @@ mod app;
 mod assets;
 mod certificate;
 mod control;
+mod fields;
+mod gather;
 mod history;
 mod http;
 mod link;
@@ -30,6 +32,7 @@ mod scene;
 mod server;
 mod session;
 pub mod settings;
+mod setup;
 mod start;
 mod stops;
 

@@ -9,6 +9,7 @@ use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg}
 use std::collections::VecDeque;
 use std::io::IoSliceMut;
 use std::mem::MaybeUninit;
+use std::net::IpAddr;
 use std::os::fd::OwnedFd;
 use std::path::Path;
 use std::time::Duration;
@@ -48,6 +49,13 @@ impl From<NoLink> for Failure {
     }
 }
 
+/// For whom a connection is: the holder of a token, or everyone who opens the page; and where.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Browser {
+    pub(crate) token: Option<String>,
+    pub(crate) from: Option<IpAddr>,
+}
+
 /// The gateway's reply to `hello`.
 #[derive(Debug, Clone)]
 pub(crate) struct Welcome {
@@ -72,26 +80,25 @@ pub(crate) struct Incoming {
 #[derive(Debug)]
 pub(crate) struct Outgoing(OwnedWriteHalf);
 
-/// Connects to the gateway of a robot, for the holder of a token or for everyone who opens the page. Nothing else waits
-/// meanwhile.
+/// Connects to the gateway of a robot. Nothing else waits meanwhile.
 ///
 /// # Errors
 /// There is no gateway, it may not be trusted, it does not answer, or it refuses the connection.
-pub(crate) async fn connect(place: Place<'_>, token: Option<String>) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
+pub(crate) async fn connect(place: Place<'_>, browser: &Browser) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
     let socket = client::gateway_socket(place)?;
-    greeted_within(GREETED, &socket, token).await
+    greeted_within(GREETED, &socket, browser).await
 }
 
 async fn greeted_within(
     limit: Duration,
     socket: &Path,
-    token: Option<String>,
+    browser: &Browser,
 ) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
-    let greeted = timeout(limit, greet(socket, token)).await;
+    let greeted = timeout(limit, greet(socket, browser)).await;
     greeted.unwrap_or_else(|_| Err(unusable(format_args!("it has not answered for {} s", limit.as_secs())).into()))
 }
 
-async fn greet(socket: &Path, token: Option<String>) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
+async fn greet(socket: &Path, browser: &Browser) -> Result<(Incoming, Outgoing, Welcome), NoLink> {
     let stream = loop {
         match UnixStream::connect(socket).await {
             // Its queue of connections is full.
@@ -104,7 +111,8 @@ async fn greet(socket: &Path, token: Option<String>) -> Result<(Incoming, Outgoi
     let decoder = Decoder::new(REPLY_LIMITS);
     let mut incoming = Incoming { stream: read, decoder, bytes: vec![0; PIECE], descriptors: VecDeque::new() };
     let mut outgoing = Outgoing(write);
-    outgoing.send(&Call::Hello { version: VERSION, origin: Origin::Page, token }, &[]).await?;
+    let Browser { token, from } = browser.clone();
+    outgoing.send(&Call::Hello { version: VERSION, origin: Origin::Page, token, from }, &[]).await?;
     match incoming.next().await?.0 {
         Reply::Welcome { robot, user, role, .. } => Ok((incoming, outgoing, Welcome { robot, user, role })),
         Reply::Answer { reason, sentence, .. } if reason == Reason::TokenInvalid.code() => {
@@ -196,7 +204,8 @@ mod tests {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let turns = AtomicUsize::new(0);
         runtime.block_on(async {
-            let connect = || greeted_within(Duration::from_secs(1), &path, None);
+            let nobody = Browser::default();
+            let connect = || greeted_within(Duration::from_secs(1), &path, &nobody);
             let others = async {
                 loop {
                     tokio::time::sleep(AGAIN).await;

@@ -1,11 +1,11 @@
 //! Accepts connections, a bounded number of each address, and speaks HTTP/1 on them, within TLS or without.
 
-use crate::http::{host_of, is_this_machine};
-use axum::Router;
+use crate::http::{Peer, host_of, is_this_machine};
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -75,7 +75,8 @@ pub(crate) async fn listen(
         };
         // Without a place it is closed at once.
         let Some(place) = open.take(address.ip().to_canonical()) else { continue };
-        let (tls, router, names) = (tls.clone(), router.clone(), Arc::clone(&names));
+        let peer = Extension(Peer(address.ip().to_canonical()));
+        let (tls, router, names) = (tls.clone(), router.clone().layer(peer), Arc::clone(&names));
         tokio::spawn(async move {
             connection(stream, tls, router, names).await;
             drop(place);

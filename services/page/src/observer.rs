@@ -1,15 +1,18 @@
 //! Observes the robot through one connection to the gateway, for all browsers together.
 
+use crate::fields::Fields;
 use crate::history::History;
-use crate::link::{self, Incoming, Outgoing};
+use crate::link::{self, Browser, Incoming, Outgoing};
 use crate::robot::{CHANNELS, Happened, LOGS, Robot};
 use crate::scene::Scene;
 use crate::settings::PlaceArgs;
+use crate::setup;
 use axum::extract::ws::Utf8Bytes;
 use bus::clock::now_ns;
 use command::Answer;
 use gateway_protocol::{Call, Reply};
 use serde_json::{Value, json};
+use site_calibration::setup::captured::CapturedLengths;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -39,6 +42,7 @@ pub(crate) struct Topics {
     robot: Mutex<Robot>,
     scene: Mutex<Option<Arc<Scene>>>,
     history: Mutex<History>,
+    pub(crate) fields: Mutex<Fields>,
     /// The newest text of each topic, in the order in which a browser receives them first.
     pub(crate) newest: [watch::Sender<Utf8Bytes>; 5],
     pub(crate) events: broadcast::Sender<Utf8Bytes>,
@@ -60,6 +64,7 @@ impl Default for Topics {
             robot: Mutex::default(),
             scene: Mutex::default(),
             history: Mutex::default(),
+            fields: Mutex::default(),
             newest: [topic(), topic(), topic(), topic(), topic()],
             events: broadcast::Sender::new(EVENTS),
             recent: Mutex::default(),
@@ -67,7 +72,7 @@ impl Default for Topics {
     }
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -85,6 +90,14 @@ impl Topics {
     /// The state now, for the plain page.
     pub(crate) fn live(&self) -> Value {
         locked(&self.robot).live(now_ns())
+    }
+
+    /// The lengths of the robot as the guided calibration captures them.
+    pub(crate) fn captured(&self) -> Result<CapturedLengths, String> {
+        let counts_per_m = self.scene().map(|scene| scene.counts_per_m.clone());
+        let robot = locked(&self.robot);
+        let is_fresh = robot.age_s(now_ns()).is_some_and(|age_s| age_s < 1.0);
+        setup::captured(robot.motors().filter(|_| is_fresh), counts_per_m)
     }
 
     /// The last ten minutes.
@@ -114,7 +127,9 @@ impl Topics {
         if recent.len() >= EVENTS {
             recent.pop_front();
         }
-        let text = Utf8Bytes::from(event.0.to_string());
+        let mut event = event.0.clone();
+        event["at_ms"] = json!(self.now_ms());
+        let text = Utf8Bytes::from(event.to_string());
         recent.push_back(text.clone());
         // Without a browser nothing receives it now.
         let _ = self.events.send(text);
@@ -153,7 +168,7 @@ struct Observation<'a> {
 }
 
 async fn follow(topics: &Topics, place: &PlaceArgs) -> Answer {
-    let (mut incoming, outgoing, welcome) = link::connect(place.place(), None).await?;
+    let (mut incoming, outgoing, welcome) = link::connect(place.place(), &Browser::default()).await?;
     let mut observation = Observation {
         topics,
         outgoing,
@@ -265,6 +280,8 @@ impl Observation<'_> {
                 Err(failure) => eprintln!("nims-page: the robot cannot be drawn: {failure}"),
             },
             Reply::Channels { channels, .. } => {
+                let sensors = channels.iter().filter_map(|row| row.name.strip_prefix("sensor/")).map(str::to_owned);
+                locked(&self.topics.robot).sensors = sensors.collect();
                 let logs = channels.iter().map(|row| &row.name).filter(|name| name.starts_with(LOGS));
                 let known: Vec<&String> = self.subscriptions.values().collect();
                 let new: Vec<String> = logs.filter(|name| !known.contains(name)).cloned().collect();

@@ -1,7 +1,7 @@
 //! What browsers send, as JSON; `docs/page.md` describes it.
 
 use crate::control::Sign;
-use gateway_protocol::{Call, SeatCall};
+use gateway_protocol::{Call, RunFiles, SeatCall};
 use messages::Request;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -37,12 +37,31 @@ pub(crate) enum FromBrowser {
     Seat { id: u64, what: SeatCall },
     /// Asks whether the node can hang at a point.
     Check { id: u64, to_m: [f64; 3] },
+    /// Answers a question of the guided calibration, or asks for the open one; with the measurements so far.
+    Setup { id: u64, name: String, measurements: String, line: Option<String> },
+    /// Asks for the names of all numbers that are kept for the charts.
+    Fields { id: u64 },
+    /// Asks for the values of a number after an instant, ms in time of the server.
+    Series { id: u64, channel: String, field: String, after_ms: f64 },
     /// Asks for the list of finished runs.
     Runs { id: u64 },
     /// Asks for the files of a finished run.
     Files { id: u64, run: String },
     /// Asks for a path at which one of these files can be downloaded once.
-    Open { id: u64, run: String, file: String },
+    Open {
+        id: u64,
+        run: String,
+        file: String,
+        /// To look at it in the browser, where that can show it.
+        #[serde(default)]
+        show: bool,
+    },
+    /// Makes files of a finished run.
+    Make { id: u64, run: String, what: RunFiles },
+    /// Asks what `nims doctor` finds on the robot's machine.
+    Doctor { id: u64 },
+    /// Deletes a finished run.
+    Remove { id: u64, run: String },
 }
 
 impl FromBrowser {

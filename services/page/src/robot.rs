@@ -2,8 +2,9 @@
 
 use cable_robot::Path;
 use messages::{
-    LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment,
-    PlanStatus, ProcessState, RecorderStatus, RequestBody, Rule, SLOT_NAMES, SLOTS, blended_estimate, text_of,
+    Heartbeat, LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion,
+    PlanSegment, PlanStatus, ProcessState, RecorderStatus, RequestBody, Rule, SLOT_NAMES, SLOTS, blended_estimate,
+    text_of,
 };
 use robot_state::{Periods, sentences};
 use serde_json::{Value, json};
@@ -11,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The channels and the largest number of samples per second of each; `None`: every sample, because each is a row or an
 /// event.
-pub(crate) const CHANNELS: [(&str, Option<f64>); 10] = [
+pub(crate) const CHANNELS: [(&str, Option<f64>); 11] = [
     ("motor/authority", Some(20.0)),
     ("motor/state", Some(10.0)),
     ("node/estimate/a", Some(20.0)),
@@ -21,8 +22,11 @@ pub(crate) const CHANNELS: [(&str, Option<f64>); 10] = [
     ("plan/motion", Some(5.0)),
     ("recorder/status", Some(1.0)),
     ("system/process", None),
+    (VERSION_OF, Some(1.0)),
     ("operator/request", None),
 ];
+/// The heartbeat that states the version of the robot's programs.
+const VERSION_OF: &str = "system/heartbeat/motor-io";
 /// Beginning of the names of the channels with the logs of processes.
 pub(crate) const LOGS: &str = "system/log/";
 /// The recorder publishes once a second; an older sample says that it has failed, s.
@@ -46,8 +50,11 @@ pub(crate) struct Robot {
     recorder: Option<RecorderStatus>,
     processes: BTreeMap<String, ProcessState>,
     flyer: Option<OperatorRequest>,
+    version: Option<String>,
     /// Channels whose samples this program does not know.
     foreign: BTreeSet<String>,
+    /// Sensors that publish.
+    pub(crate) sensors: Vec<String>,
 }
 
 /// Something that happened once.
@@ -76,10 +83,15 @@ impl Robot {
             "motor/state" => self.state = read(bytes).or(self.state),
             "node/estimate/a" => self.estimates[0] = read(bytes).or(self.estimates[0]),
             "node/estimate/b" => self.estimates[1] = read(bytes).or(self.estimates[1]),
-            "motor/slots" => self.slots = read(bytes).or(self.slots),
+            "motor/slots" => {
+                let before = self.slots;
+                self.slots = read(bytes).or(before);
+                return swapped(&before?, &self.slots?);
+            }
             "plan/status" => self.plan = read(bytes).or(self.plan),
             "plan/motion" => self.motion = read(bytes).or(self.motion),
             "recorder/status" => self.recorder = read(bytes).or(self.recorder),
+            VERSION_OF => self.version = read::<Heartbeat>(bytes).map(|beat| text_of(&beat.version)),
             "system/process" => self.row(&read(bytes)?),
             "operator/request" => return self.request(read(bytes)?),
             _ if channel.starts_with(LOGS) => return Some(logged(&read(bytes)?)),
@@ -195,6 +207,11 @@ impl Robot {
             "supply_v": one("supply_v", 0.1) })
     }
 
+    /// The newest sample of the motors.
+    pub(crate) fn motors(&self) -> Option<&MotorState> {
+        self.state.as_ref()
+    }
+
     /// Time since motor-io published, s; `None`: it never did.
     pub(crate) fn age_s(&self, now_ns: u64) -> Option<f64> {
         self.authority.map(|authority| since_s(authority.header.stamp_ns, now_ns))
@@ -218,10 +235,11 @@ impl Robot {
                 "disk_free_bytes": row.disk_free_bytes })
         });
         let flyer = self.flyer.as_ref().map(
-            |request| json!({ "name": text_of(&request.requester), "ago_s": since_s(request.header.stamp_ns, now_ns) }),
+            |request| json!({ "name": holder(&text_of(&request.requester)), "ago_s": since_s(request.header.stamp_ns, now_ns) }),
         );
         json!({ "type": "robot", "processes": processes, "recorder": recorder, "flyer": flyer,
-            "slots": self.slots.as_ref().map(slots), "unknown_channels": self.foreign })
+            "slots": self.slots.as_ref().map(slots), "sensors": self.sensors, "version": self.version,
+            "unknown_channels": self.foreign })
     }
 
     /// What the drawn plan depends on.
@@ -240,6 +258,20 @@ impl Robot {
             .collect();
         json!({ "type": "plan", "segments": segments })
     }
+}
+
+/// Another controller or estimator is in charge.
+fn swapped(before: &MotorSlots, now: &MotorSlots) -> Option<Happened> {
+    let role = (0..now.in_charge.len()).find(|role| before.in_charge[*role] != now.in_charge[*role])?;
+    let slot = SLOT_NAMES.get(usize::from(now.in_charge[role]))?;
+    Some(Happened(
+        json!({ "type": "swap", "stamp_ns": now.header.stamp_ns, "role": sentences::ROLE_NAMES[role], "slot": slot }),
+    ))
+}
+
+/// The name of a requester without the address of the browser.
+fn holder(requester: &str) -> &str {
+    requester.split('@').next().unwrap_or(requester)
 }
 
 /// Requests of the person who flies: those that move the node or make it ready to move.
@@ -267,7 +299,10 @@ fn slots(slots: &MotorSlots) -> Value {
     let of = |role: usize| -> Vec<Value> {
         let state = |slot: usize| {
             let index = SLOTS * role + slot;
+            let deviation = slots.deviation[index];
             json!({ "slot": SLOT_NAMES[slot], "phase": sentences::phase_name(slots.phase[index]),
+                "good_cycles": slots.good_cycles[index], "qualify_cycles": slots.qualify_cycles,
+                "deviation": (deviation >= 0.0).then_some(deviation), "failures": slots.failures[index],
                 "cause": sentences::cause_phrase(role, slots.cause[index]),
                 "in_charge": usize::from(slots.in_charge[role]) == slot })
         };

@@ -2,7 +2,7 @@
 
 use cable_robot::Vector3;
 use command::{Answer, Failure};
-use config::{ObstacleSection, SystemFile};
+use config::{ObstacleSection, Role, SystemFile};
 use gateway_protocol::FileRow;
 use serde_json::{Value, json};
 
@@ -10,6 +10,10 @@ use serde_json::{Value, json};
 #[derive(Debug)]
 pub(crate) struct Scene {
     robot: cable_robot::Robot,
+    /// Encoder counts per metre of each cable.
+    pub(crate) counts_per_m: Vec<f64>,
+    /// Name and text of the robot file.
+    pub(crate) robot_file: (String, String),
     /// For browsers.
     pub(crate) value: Value,
 }
@@ -31,10 +35,13 @@ impl Scene {
             "type": "scene", "system": system.name, "robot": file.name, "anchors_m": anchors,
             "ground_m": robot.ground_m(), "planar": robot.is_planar(), "tension_limits_n": robot.tension_limits_n(),
             "speed_limit_m_s": robot.speed_limit_m_s(), "jog_speed_m_s": system.motor_io.jog_speed_m_s,
+            "laws": laws(), "plugins": system.plugin.iter().map(|plugin| &plugin.name).collect::<Vec<_>>(),
             "supply_min_v": system.motor_io.supply_min_v, "keep_out_m": keep_out,
             "obstacles": file.obstacle.iter().map(drawn).collect::<Vec<_>>(),
         });
-        Ok(Self { robot, value })
+        let text = std::fs::read_to_string(&system.robot).map_err(Failure::not_now)?;
+        let name = system.robot.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Self { robot, counts_per_m: system.motor_io.counts_per_m, robot_file: (name, text), value })
     }
 
     /// Whether the node can hang at a target, and the finding in one sentence.
@@ -47,6 +54,11 @@ impl Scene {
             Err(refusal) => (false, refusal.to_string()),
         }
     }
+}
+
+/// The algorithms by role.
+fn laws() -> Value {
+    json!({ "controller": Role::Controller.algorithms(), "estimator": Role::Estimator.algorithms() })
 }
 
 fn vector(point: &Vector3<f64>) -> [f64; 3] {

@@ -3,6 +3,7 @@
 use crate::app::{App, Downloads, Places};
 use crate::assets::{Assets, folder};
 use crate::certificate::certificate;
+use crate::gather::gather;
 use crate::http::{BROWSERS, router};
 use crate::listener::listen;
 use crate::observer::{Topics, observe};
@@ -96,9 +97,11 @@ async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl
         names: names.clone(),
         browsers: Arc::new(Semaphore::new(BROWSERS)),
         stops: Places::default(),
+        calibrations: Arc::new(Semaphore::new(1)),
     };
     tokio::select! {
-        () = observe(topics, place.clone()) => {}
+        () = observe(Arc::clone(&topics), place.clone()) => {}
+        () = gather(topics, place.clone()) => {}
         () = listen(listener, made.map(|made| made.config), router(Arc::new(app)), names.into()) => {}
         _ = interrupted.recv() => {}
         _ = terminated.recv() => {}

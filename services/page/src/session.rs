@@ -2,8 +2,10 @@
 
 use crate::app::App;
 use crate::control::Control;
-use crate::link::{self, Incoming, NoLink, Outgoing};
+use crate::fields::Fields;
+use crate::link::{self, Browser, Incoming, NoLink, Outgoing};
 use crate::protocol::{FromBrowser, ask, refusal, stops};
+use crate::setup::{self, Given};
 use crate::stops::Stops;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
 use bus::clock::now_ns;
@@ -16,6 +18,7 @@ use robot_state::Reason;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
+use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::{OwnedSemaphorePermit, broadcast, mpsc};
@@ -38,8 +41,8 @@ const QUEUED: usize = 4;
 /// What both directions of a conversation share.
 #[derive(Debug, Default)]
 struct Shared {
-    /// The files that were asked for, by the number of the call.
-    opens: BTreeMap<u64, String>,
+    /// The files that were asked for, by the number of the call, and whether the browser shows them.
+    opens: BTreeMap<u64, (String, bool)>,
     /// Requests of the robot without an answer, by the number of the call.
     asked: BTreeSet<u64>,
 }
@@ -52,12 +55,13 @@ fn locked(shared: &Both) -> MutexGuard<'_, Shared> {
 }
 
 /// Talks to a browser until one of them ends it.
-pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, place: OwnedSemaphorePermit) {
+pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAddr>, place: OwnedSemaphorePermit) {
     let (mut sink, mut stream) = socket.split();
     let Some(token) = hello(&mut stream).await else { return };
-    let (link, refused) = match link::connect(app.place.place(), token.clone()).await {
+    let (holder, anyone) = (Browser { token: token.clone(), from }, Browser { token: None, from });
+    let (link, refused) = match link::connect(app.place.place(), &holder).await {
         // Only then does the browser forget its token: other failures pass.
-        Err(NoLink::TokenInvalid(sentence)) => (link::connect(app.place.place(), None).await, Some(sentence)),
+        Err(NoLink::TokenInvalid(sentence)) => (link::connect(app.place.place(), &anyone).await, Some(sentence)),
         link => (link, None),
     };
     let (incoming, outgoing, welcome) = match link {
@@ -76,12 +80,13 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, place: OwnedSemap
     }
     let (local, answers) = mpsc::channel(WAITING);
     // A role that may not stop stops as the page, because that is open to every role.
-    let stopping = token.filter(|_| refused.is_none() && welcome.role != "look");
+    let stopping = Browser { token: token.filter(|_| refused.is_none() && welcome.role != "look"), from };
     let stops = Stops::new(Arc::clone(&app), stopping, local.clone(), place);
     let (shared, control) = (Both::default(), Control::default());
+    let flies = ["fly", "owner"].contains(&welcome.role.as_str());
     let (calls, queue) = mpsc::channel(QUEUED);
     let mut inbound =
-        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared };
+        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, flies };
     let outbound = outbound(&app, sink, incoming, answers, &shared);
     tokio::select! {
         () = inbound.run() => {}
@@ -214,8 +219,8 @@ fn replied(app: &App, reply: Reply, incoming: &mut Incoming, shared: &Both) -> V
     };
     match &reply {
         Reply::Opened { id, bytes } => match (incoming.descriptor(), name) {
-            (Some(file), Some(name)) => {
-                let path = app.downloads.offer(File::from(file), name, *bytes);
+            (Some(file), Some((name, shown))) => {
+                let path = app.downloads.offer(File::from(file), name, *bytes, shown);
                 path.map_or_else(
                     || refusal(*id, "too many downloads wait to be fetched; try again in a minute"),
                     |path| json!({ "reply": "download", "id": id, "path": path, "bytes": bytes }),
@@ -240,6 +245,8 @@ struct Inbound<'a> {
     local: mpsc::Sender<Value>,
     stops: Stops,
     shared: &'a Both,
+    /// The role permits to fly.
+    flies: bool,
 }
 
 impl Inbound<'_> {
@@ -312,10 +319,25 @@ impl Inbound<'_> {
                 };
                 self.answer(json!({ "reply": "check", "id": id, "possible": possible, "sentence": sentence }));
             }
+            FromBrowser::Setup { id, name, measurements, line } => self.set_up(id, name, measurements, line),
+            FromBrowser::Fields { id } => {
+                let channels = locked_fields(self.app).told();
+                self.answer(json!({ "reply": "fields", "id": id, "channels": channels }));
+            }
+            FromBrowser::Series { id, channel, field, after_ms } => {
+                let found = locked_fields(self.app).series(&channel, &field, after_ms);
+                self.answer(match found {
+                    Some((at_ms, values)) => json!({ "reply": "series", "id": id, "at_ms": at_ms, "values": values }),
+                    None => refusal(id, &format!("{channel} has no number {field} now; choose another one")),
+                });
+            }
             FromBrowser::Runs { id } => self.call(Call::Runs { id }, Vec::new()),
             FromBrowser::Files { id, run } => self.call(Call::Files { id, run }, Vec::new()),
-            FromBrowser::Open { id, run, file } => {
-                let name = format!("{run}-{}", file.replace('/', "-"));
+            FromBrowser::Make { id, run, what } => self.call(Call::Make { id, run, what }, Vec::new()),
+            FromBrowser::Doctor { id } => self.call(Call::Doctor { id }, Vec::new()),
+            FromBrowser::Remove { id, run } => self.call(Call::Remove { id, run }, Vec::new()),
+            FromBrowser::Open { id, run, file, show } => {
+                let name = (format!("{run}-{}", file.replace('/', "-")), show);
                 {
                     let opens = &mut locked(self.shared).opens;
                     // The gateway refuses more unanswered calls than that.
@@ -327,6 +349,40 @@ impl Inbound<'_> {
                 self.call(Call::Open { id, run, file }, Vec::new());
             }
         }
+    }
+
+    /// Evaluates an answer of the guided calibration, on a thread of its own: a stop does not wait for it.
+    fn set_up(&self, id: u64, name: String, measurements: String, line: Option<String>) {
+        if !self.flies {
+            return self.answer(refusal(id, "a site is calibrated by who may fly; pair this browser first"));
+        }
+        let topics = &self.app.topics;
+        let given = Given {
+            name,
+            measurements,
+            line,
+            captured: topics.captured(),
+            robot_file: topics.scene().map(|scene| scene.robot_file.clone()),
+            date: runlog::utc(bus::clock::unix_ns()),
+        };
+        let (app, local) = (Arc::clone(self.app), self.local.clone());
+        tokio::spawn(async move {
+            // It is never closed. A browser that has gone waits no more.
+            let _turn = app.calibrations.acquire().await;
+            if local.is_closed() {
+                return;
+            }
+            let stepped = tokio::task::spawn_blocking(move || setup::step(&given)).await;
+            let value = match stepped {
+                Ok(Ok(mut value)) => {
+                    (value["reply"], value["id"]) = (json!("setup"), json!(id));
+                    value
+                }
+                Ok(Err(why)) => refusal(id, &why),
+                Err(_) => refusal(id, "these measurements cannot be evaluated; take the last answer back with undo"),
+            };
+            let _ = local.try_send(value);
+        });
     }
 
     fn call(&self, call: Call, body: Vec<u8>) {
@@ -359,6 +415,10 @@ impl Inbound<'_> {
     fn answer(&self, value: Value) {
         let _ = self.local.try_send(value);
     }
+}
+
+fn locked_fields(app: &App) -> MutexGuard<'_, Fields> {
+    crate::observer::locked(&app.topics.fields)
 }
 
 /// A refusal of the page itself, with a reason of the catalogue.

@@ -27,6 +27,7 @@ fn a_person_with_a_tablet_pairs_flies_and_stops() {
     assert!(web.join("node_modules").is_dir(), "the packages of the page are missing: run scripts/page");
     // As on a robot's network: over HTTPS, with the page's own certificate.
     let rig = Rig::up_at("0.0.0.0");
+    rig.add_run("earlier");
     let code = rig.code("tablet", "fly");
     // Without a graphics processor the browser computes its pictures, and would take the time of the robot's processes.
     let mut walk = Command::new("nice");

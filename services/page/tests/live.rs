@@ -5,11 +5,12 @@
 
 mod rig;
 
-use rig::{Browser, Rig, ready};
+use rig::{Browser, LONG, Rig, ready};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
+use std::time::Instant;
 
 const START: [f64; 3] = [4.8, 3.0, 0.3];
 
@@ -260,6 +261,124 @@ fn a_finished_run_is_downloaded_once_for_each_time_it_is_asked_for() {
     for file in ["../../configs/systems/demo3.toml", "/etc/passwd", ""] {
         assert_eq!(browser.call(json!({ "call": "open", "run": "first", "file": file }))["reply"], "answer", "{file}");
     }
+}
+
+#[test]
+fn files_of_a_run_are_made_and_shown_where_nothing_acts_and_a_run_is_deleted() {
+    let mut rig = Rig::up();
+    let (mut flyer, mut visitor) = (rig.browser(Some(&rig.token("tablet", "fly"))), rig.browser(None));
+    visitor.until_state("the robot is up", |state| state["cycle"]["number"].as_u64().is_some_and(|cycle| cycle > 50));
+    // The run that is recorded is none of the finished ones.
+    let call = |call: &str| json!({ "call": call, "run": "first" });
+    assert_eq!(flyer.call(call("remove"))["reason"], 461);
+    let run = rig.end_robot();
+    let make = json!({ "call": "make", "run": "first", "what": "report" });
+    for refused in [&make, &call("remove")] {
+        assert_eq!(visitor.call(refused.clone())["reason"], 450);
+    }
+    let runs = visitor.call(json!({ "call": "runs" }));
+    assert!(runs["disk"]["free"].as_u64().is_some_and(|free| free > 0), "{runs}");
+    assert_eq!(flyer.call(make)["reply"], "done");
+    let figures: Value = serde_json::from_slice(&std::fs::read(run.join("report.json")).unwrap()).unwrap();
+    assert!(figures["runs"][0]["verdict"]["sentence"].is_string(), "{figures}");
+    // The report is shown with a policy of its own; what is no page is downloaded.
+    for (file, kind, placed) in [("report.html", "text/html", "inline"), ("run.mcap", "octet-stream", "attachment")] {
+        let offered = visitor.call(json!({ "call": "open", "run": "first", "file": file, "show": true }));
+        let path = offered["path"].as_str().unwrap();
+        let mut stream = TcpStream::connect(&rig.address).unwrap();
+        let head = format!("GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", rig.address);
+        stream.write_all(head.as_bytes()).unwrap();
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        let text = String::from_utf8_lossy(&bytes).to_ascii_lowercase();
+        let head = text.split("\r\n\r\n").next().unwrap();
+        assert!(head.contains("sandbox") && !head.contains("allow-") && head.contains("nosniff"), "{head}");
+        assert!(head.contains(kind) && head.contains(placed), "{head}");
+    }
+    assert_eq!(flyer.call(call("remove"))["reply"], "done");
+    assert!(!run.exists() && visitor.call(json!({ "call": "runs" }))["runs"] == json!([]));
+}
+
+#[test]
+fn a_site_is_calibrated_by_the_questions_of_the_command_line() {
+    let rig = Rig::up();
+    let (mut flyer, mut visitor) = (rig.browser(Some(&rig.token("tablet", "fly"))), rig.browser(None));
+    let step = |measurements: &str, line: Value| json!({ "call": "setup", "name": "pond", "measurements": measurements, "line": line });
+    assert_eq!(visitor.call(step("", Value::Null))["accepted"], "refused");
+    let first = flyer.call(step("", Value::Null));
+    assert_eq!((&first["reply"], &first["open"]["kind"]), (&json!("setup"), &json!("pulleys")), "{first}");
+    // Three poles, eyes, heights by tape, and the lengths of the robot in place of typed ones.
+    let mut text = first["measurements"].as_str().unwrap().to_owned();
+    for line in ["many", "3", "8.0", "10.0", "6.0", "l", "3", "3", "3", "", ""] {
+        let next = flyer.call(step(&text, json!(line)));
+        assert_eq!(next["changed"], json!(line != "many"), "{line}: {next}");
+        text = next["measurements"].as_str().unwrap().to_owned();
+    }
+    // Without a zero the lengths of the robot mean nothing; before it is up, it has none.
+    let begun = Instant::now();
+    loop {
+        let early = flyer.call(step(&text, json!("capture")));
+        assert!(early["changed"] == false && begun.elapsed() < LONG, "{early}");
+        if early["message"].as_str().unwrap().contains("nims zero") {
+            break;
+        }
+        flyer.until_state("a state", |_| true);
+    }
+    ready(&mut flyer, START);
+    let taken = flyer.call(step(&text, json!("capture")));
+    assert!(taken["message"].as_str().is_some_and(|words| !words.contains("nims zero")), "{taken}");
+    // What is no file of measurements is refused in one sentence.
+    assert!(flyer.call(step("x = 1", Value::Null))["sentence"].as_str().unwrap().contains("pond.toml"));
+}
+
+#[test]
+fn the_charts_have_the_minutes_before_they_were_opened_and_requests_say_from_where() {
+    let rig = Rig::up();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    ready(&mut flyer, START);
+    let mut late = rig.browser(None);
+    let asked = late.until("the request", |told| told["type"] == "request" && told["who"] == "tablet@127.0.0.1");
+    assert!(asked["at_ms"].is_f64(), "{asked}");
+    let series = json!({ "call": "series", "channel": "motor/state", "field": "length_m 2", "after_ms": -1.0 });
+    let mut values = Vec::new();
+    while values.len() < 6 {
+        late.until_state("a state", |_| true);
+        values = late.call(series.clone())["values"].as_array().cloned().unwrap_or_default();
+    }
+    assert!(values.iter().all(|value| value.as_f64().is_some_and(|m| m > 1.0)), "{values:?}");
+    let fields = late.call(json!({ "call": "fields" }));
+    assert!(fields["channels"]["motor/authority"].as_array().is_some_and(|names| names.contains(&json!("mode"))));
+    assert_eq!(
+        late.call(json!({ "call": "series", "channel": "x", "field": "y", "after_ms": 0 }))["accepted"],
+        "refused"
+    );
+}
+
+#[test]
+fn a_browser_that_never_reads_delays_no_other_and_its_stop_counts() {
+    let rig = Rig::up();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    ready(&mut flyer, START);
+    let mut deaf: Vec<Browser> = (0..8).map(|_| rig.browser(None)).collect();
+    // Each asks for more than the buffers between them hold, and takes none of it.
+    let fields = json!({ "call": "fields", "id": 1 });
+    let ask = |deaf: &mut Vec<Browser>, flyer: &mut Browser| {
+        deaf.retain_mut(|browser| (0..4).all(|_| browser.try_send(&fields)));
+        flyer.until_state("a state", |_| true);
+    };
+    (0..10).for_each(|_| ask(&mut deaf, &mut flyer));
+    let go = json!({ "verb": "goto", "to_m": [5.4, 3.6, 0.7], "path": { "shape": "line" }, "speed_m_s": 0.1 });
+    flyer.insist(&json!({ "call": "ask", "request": go }));
+    flyer.until_state("it flies", |state| state["mode"] == "following");
+    assert!(deaf[0].try_send(&json!({ "call": "ask", "id": 9, "request": { "verb": "stop" } })));
+    flyer.until_state("it holds", |state| state["mode"] == "holding");
+    // A conversation of which nothing is taken ends.
+    let begun = Instant::now();
+    while !deaf.is_empty() {
+        assert!(begun.elapsed() < LONG, "{} conversations go on", deaf.len());
+        ask(&mut deaf, &mut flyer);
+    }
+    assert!(rig.page_memory_mb() < 60.0, "{} MB", rig.page_memory_mb());
 }
 
 #[test]

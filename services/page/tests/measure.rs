@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 /// Stops of each kind, and the time for which the cost is measured.
 const PRESSES: usize = 200;
 const COST: Duration = Duration::from_secs(60);
+/// Time that each message takes to the page, and back.
+const DELAY: Duration = Duration::from_millis(20);
 /// Where the node is at first, and two points on both sides of it towards which it sets out.
 const START: [f64; 3] = [4.8, 3.0, 0.3];
 const POINTS: [[f64; 3]; 2] = [[4.0, 2.4, 0.6], [5.6, 3.6, 0.8]];
@@ -43,7 +45,7 @@ fn how_long_a_stop_takes() {
     let rig = Rig::up();
     let bus = Bus::join(rig.domain(), "observer").unwrap();
     let mut authority = bus.deep_subscriber::<MotorAuthority>("motor/authority").unwrap();
-    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    let mut flyer = rig.far_browser(Some(&rig.token("tablet", "fly")), DELAY);
     rig::ready(&mut flyer, START);
     for (verb, modes, resets) in [
         ("stop", vec![MotorAuthority::MODE_STOPPING, MotorAuthority::MODE_HOLDING], false),
@@ -79,7 +81,7 @@ fn how_long_a_held_motion_outlives_its_browser() {
     let mut flyer = rig.browser(Some(&token));
     rig::ready(&mut flyer, START);
     let (mut silent, mut cut) = (Vec::new(), Vec::new());
-    for link in 0..PRESSES {
+    for link in 0..2 * PRESSES {
         let go = json!({ "verb": "goto", "to_m": POINTS[link / 2 % 2], "path": { "shape": "line" }, "speed_m_s": 0.2 });
         flyer.hold_until(&go, "following");
         while authority.receive().unwrap().is_some() {}

@@ -13,8 +13,8 @@ use std::time::Duration;
 
 /// Sends what no client should send.
 fn malformed(number: usize) -> Vec<u8> {
-    let hello = Call::Hello { version: VERSION, origin: Origin::Python, token: None }.header().unwrap();
-    let other = Call::Hello { version: VERSION + 1, origin: Origin::Python, token: None }.header().unwrap();
+    let hello = Call::Hello { version: VERSION, origin: Origin::Python, token: None, from: None }.header().unwrap();
+    let other = Call::Hello { version: VERSION + 1, origin: Origin::Python, token: None, from: None }.header().unwrap();
     let greeted = |after: &[u8]| [encode(&hello, &[]), after.to_vec()].concat();
     match number % 8 {
         0 => vec![0xff; 8],
@@ -135,7 +135,7 @@ fn three_hundred_connections_without_descriptors_change_nothing_for_those_who_ar
     drop(crowd);
     gateway.until("a newcomer is served", |gateway| {
         let mut client = Client::raw(&gateway.socket);
-        let hello = Call::Hello { version: VERSION, origin: Origin::Python, token: None };
+        let hello = Call::Hello { version: VERSION, origin: Origin::Python, token: None, from: None };
         // It may still be closed.
         let _ = client.stream.write_all(&encode(&hello.header().unwrap(), &[]));
         matches!(client.next(), Some((Reply::Welcome { .. }, _)))

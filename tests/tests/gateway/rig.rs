@@ -105,7 +105,7 @@ impl Client {
 
     pub fn open(socket: &Path) -> Self {
         let mut client = Self::raw(socket);
-        let welcome = client.call(&Call::Hello { version: VERSION, origin: Origin::Python, token: None });
+        let welcome = client.call(&Call::Hello { version: VERSION, origin: Origin::Python, token: None, from: None });
         assert!(matches!(welcome, Reply::Welcome { .. }), "{welcome:?}");
         client
     }

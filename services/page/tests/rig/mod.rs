@@ -5,17 +5,18 @@
 use bus::{Domain, TestDomain};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader};
-use std::net::TcpStream;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::channel;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
 /// Longest wait for an event: it is exceeded only by an error, because a machine may stand still for seconds.
-const LONG: Duration = Duration::from_secs(60);
+pub const LONG: Duration = Duration::from_secs(60);
 
 /// Two robots at once would take processor time from each other.
 static ONE_ROBOT: Mutex<()> = Mutex::new(());
@@ -169,6 +170,17 @@ impl Rig {
         self.nims(&["token", "revoke", holder]);
     }
 
+    /// Adds a finished run of before: the short flight of the golden test.
+    pub fn add_run(&self, name: &str) {
+        let folder = self.folder.path().join("runs").join(name);
+        std::fs::create_dir_all(&folder).unwrap();
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/run.mcap");
+        std::fs::copy(golden, folder.join("run.mcap")).unwrap();
+        let manifest = json!({ "name": name, "started_utc": "2026-01-01 10:00:00 UTC", "ended_utc": "2026-01-01 10:00:30 UTC",
+            "ended_because": "it was the end of the day", "files": ["run.mcap"] });
+        std::fs::write(folder.join("manifest.json"), manifest.to_string()).unwrap();
+    }
+
     /// Ends the robot; returns the folder of its run.
     pub fn end_robot(&mut self) -> PathBuf {
         self.robot = None;
@@ -223,16 +235,67 @@ impl Rig {
 
     /// `None` if the page has no place, or its gateway is not there yet.
     pub fn try_browser(&self, token: Option<&str>) -> Option<Browser> {
-        let stream = TcpStream::connect(&self.address).ok()?;
+        Self::try_browser_at(&self.address, token)
+    }
+
+    /// A browser whose connection takes this time in each direction.
+    pub fn far_browser(&self, token: Option<&str>, delay: Duration) -> Browser {
+        let proxy = delayed(self.address.clone(), delay);
+        let begun = Instant::now();
+        loop {
+            if let Some(browser) = Self::try_browser_at(&proxy, token) {
+                return browser;
+            }
+            assert!(begun.elapsed() < LONG, "no conversation begins");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    fn try_browser_at(address: &str, token: Option<&str>) -> Option<Browser> {
+        let stream = TcpStream::connect(address).ok()?;
         stream.set_read_timeout(Some(LONG)).unwrap();
-        let mut request = format!("ws://{}/ws", self.address).into_client_request().unwrap();
-        request.headers_mut().insert("origin", format!("http://{}", self.address).parse().unwrap());
+        let mut request = format!("ws://{address}/ws").into_client_request().unwrap();
+        request.headers_mut().insert("origin", format!("http://{address}").parse().unwrap());
         let (socket, _) = tungstenite::client(request, stream).ok()?;
         let mut browser = Browser { socket, welcome: Value::Null, last_id: 0, seen: (0.0, Instant::now()) };
         browser.send(&json!({ "call": "hello", "token": token }));
         browser.welcome = browser.next()?;
         (browser.welcome["type"] == "welcome").then_some(browser)
     }
+}
+
+/// Passes connections on with a delay; returns the address at which it listens.
+fn delayed(to: String, delay: Duration) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    std::thread::spawn(move || {
+        for near in listener.incoming().map_while(Result::ok) {
+            let Ok(far) = TcpStream::connect(&to) else { continue };
+            for (from, into) in [(&near, &far), (&far, &near)] {
+                let _ = into.set_nodelay(true);
+                let (mut from, mut into) = (from.try_clone().unwrap(), into.try_clone().unwrap());
+                let (pieces, later) = channel::<(Instant, Vec<u8>)>();
+                std::thread::spawn(move || {
+                    let mut bytes = [0; 65536];
+                    while let Ok(length @ 1..) = from.read(&mut bytes) {
+                        if pieces.send((Instant::now() + delay, bytes[..length].to_vec())).is_err() {
+                            return;
+                        }
+                    }
+                });
+                std::thread::spawn(move || {
+                    for (due, piece) in later {
+                        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                        if into.write_all(&piece).is_err() {
+                            break;
+                        }
+                    }
+                    let _ = into.shutdown(Shutdown::Both);
+                });
+            }
+        }
+    });
+    address
 }
 
 fn log(folder: &Path, name: &str) -> std::fs::File {

@@ -1,8 +1,10 @@
-// The last ten minutes: what the server kept before this page was opened, and what has come since.
+// The last ten minutes: what the server kept before this page was opened, and what has come since; any number of any channel.
 
 import uPlot from "uplot";
-import { h } from "./dom.js";
-import type { Store } from "./link.js";
+import { h, renew } from "./dom.js";
+import type { Conversation, Store } from "./link.js";
+import { MARKS, type Mark, drawMarks, marks } from "./marks.js";
+import { Numbers } from "./numbers.js";
 import type { Figures } from "./protocol.js";
 import { colours } from "./view.js";
 import { t } from "./lang.js";
@@ -12,7 +14,7 @@ const LENGTH_S = 600, STEP_S = 0.5;
 /** Height of a chart, px. */
 const HEIGHT = 230;
 /** Lines that colour-blind people tell apart (Okabe and Ito), darker where the ground is bright. */
-const LINES = { bright: ["#0b5cad", "#b85c00", "#00664f", "#9c2f7d", "#6b5d00", "#444444", "#0089a8", "#b3001b"], dark: ["#7cc0ff", "#ffb000", "#5fd6b0", "#f08bd0", "#f0e442", "#cccccc", "#56d6f0", "#ff8d8d"] };
+export const LINES = { bright: ["#0b5cad", "#b85c00", "#00664f", "#9c2f7d", "#6b5d00", "#444444", "#0089a8", "#b3001b"], dark: ["#7cc0ff", "#ffb000", "#5fd6b0", "#f08bd0", "#f0e442", "#cccccc", "#56d6f0", "#ff8d8d"] };
 
 interface Row { at_s: number; figures: Figures }
 interface Chart { name: string; unit: string; lines: (cables: number) => string[]; values: (figures: Figures) => (number | null)[] }
@@ -37,8 +39,14 @@ export class Charts {
     private built = "";
     private plots: { chart: Chart; plot: uPlot; count: number }[] = [];
 
-    constructor(private readonly store: Store) {
-        this.element.append(h("section", { class: "card" }, h("p", { class: "soft" }, t("Nothing has come from the robot yet."))));
+    private readonly own: Numbers;
+    private readonly fixed = h("div", { class: "columns table" });
+    private readonly told = h("div", { class: "log" });
+
+    constructor(private readonly store: Store, conversation: Conversation) {
+        this.own = new Numbers(store, conversation);
+        this.element.append(h("p", { class: "soft legend-line" }, ...Object.entries(MARKS).map(([kind, words]) => h("span", { class: `mark ${kind}` }, words))), this.own.element, this.fixed, h("section", { class: "card" }, h("h2", {}, t("What happened in these minutes")), this.told));
+        this.fixed.append(h("section", { class: "card" }, h("p", { class: "soft" }, t("Nothing has come from the robot yet."))));
     }
 
     /** Keeps what has come, also while another view is shown. */
@@ -54,8 +62,20 @@ export class Charts {
         while (this.rows.length > 0 && this.rows[0]!.at_s < at_s - LENGTH_S) this.rows.shift();
     }
 
+    /** What is marked: changes of the mode, and events. */
+    private get marks(): Mark[] {
+        const modes = this.rows.flatMap(({ at_s, figures: { mode } }, i) => {
+            const before = this.rows[i - 1]?.figures.mode;
+            return before === undefined || before === mode || mode === null ? [] : [{ at_s, kind: ["faulted", "emergency stop"].includes(mode) ? "fault" as const : "mode" as const, words: mode }];
+        });
+        return [...modes, ...marks(this.store)].filter(({ at_s }) => at_s > now_s() - LENGTH_S).sort((a, b) => a.at_s - b.at_s);
+    }
+
     draw(visible: boolean): void {
         this.keep();
+        this.own.draw(visible, () => this.marks);
+        const all = visible ? this.marks : [];
+        if (visible) renew(this.told, JSON.stringify(all.map(({ at_s, words }) => [Math.round(at_s), words])), () => (all.length ? all.toReversed().map(({ at_s, kind, words }) => h("p", { class: kind }, h("b", {}, new Date(1000 * at_s).toLocaleTimeString("en-GB")), ` ${words}`)) : [h("p", { class: "soft" }, t("nothing yet"))]));
         const cables = this.store.scene?.anchors_m.length ?? 0;
         if (!visible || this.rows.length < 2 || cables === 0 || performance.now() - this.drawnAt < 1000 * STEP_S) return;
         this.drawnAt = performance.now();
@@ -81,7 +101,7 @@ export class Charts {
                 width: 300, height: HEIGHT, cursor: { drag: { x: false, y: false } }, scales: { x: { time: true } },
                 series: [{ value: "{HH}:{mm}:{ss}" }, ...names.map((label, i) => ({ label, stroke: lines[i % lines.length]!, width: 2, points: { show: false }, spanGaps: false, value: (_: uPlot, value: number | null) => (value == null ? "–" : `${+value.toFixed(3)} ${chart.unit}`) }))],
                 axes: [{ ...axis, space: 80, values: (_, times) => times.map((time) => new Date(time * 1000).toLocaleTimeString("en-GB")) }, { ...axis, size: 56 }],
-                hooks: { draw: [(plot) => this.marks(plot, c.ink, c.bad)] },
+                hooks: { draw: [(plot) => drawMarks(plot, this.marks)] },
             }, undefined, place);
             new ResizeObserver(([entry]) => {
                 const width = Math.floor(entry?.contentRect.width ?? 0);
@@ -90,27 +110,6 @@ export class Charts {
             cards.push(h("section", { class: "card" }, h("h2", {}, `${chart.name}, ${chart.unit}`), place));
             return { chart, plot, count: names.length };
         });
-        this.element.replaceChildren(h("p", { class: "soft" }, t("A vertical line marks a change of the mode; red: a fault or an emergency stop.")), h("div", { class: "columns table" }, ...cards));
-    }
-
-    /** Marks each change of the mode. */
-    private marks(plot: uPlot, ink: string, bad: string): void {
-        const { ctx: pen, bbox } = plot;
-        this.rows.forEach((row, i) => {
-            const { mode } = row.figures, before = this.rows[i - 1]?.figures.mode;
-            if (before === undefined || before === mode) return;
-            const x = plot.valToPos(row.at_s, "x", true);
-            if (x < bbox.left || x > bbox.left + bbox.width) return;
-            pen.save();
-            pen.strokeStyle = ["faulted", "emergency stop"].includes(mode ?? "") ? bad : ink;
-            pen.globalAlpha = 0.6;
-            pen.lineWidth = window.devicePixelRatio || 1;
-            pen.setLineDash([4, 4]);
-            pen.beginPath();
-            pen.moveTo(x, bbox.top);
-            pen.lineTo(x, bbox.top + bbox.height);
-            pen.stroke();
-            pen.restore();
-        });
+        this.fixed.replaceChildren(...cards);
     }
 }

@@ -1,6 +1,6 @@
 // The conversation with the server: it opens itself again, and every call ends.
 
-import type { Answer, Asked, Call, History, Link, Log, Plan, Reply, Request, Robot, Scene, Seat, Sign, State, Told, Welcome } from "./protocol.js";
+import type { Answer, Asked, Call, History, Link, Log, Plan, Reply, Request, Robot, Scene, Seat, Sign, State, Swapped, Told, Welcome } from "./protocol.js";
 import { sentence, t } from "./lang.js";
 
 /** Time until a lost conversation is opened again, ms. */
@@ -42,7 +42,7 @@ export class Store {
     unpaired: string | null = null;
     /** Why there is no conversation. */
     trouble: string | null = t("connecting");
-    events: (Log | Asked)[] = [];
+    events: (Log | Asked | Swapped)[] = [];
     history: History | null = null;
     /** By how much the clock of the server is ahead of that of the page, ms: in this part of the time, and in the one before. */
     private ahead = -Infinity;
@@ -73,6 +73,9 @@ export class Store {
         return { made_ms: performance.now() + Math.max(this.ahead, this.aheadBefore), seen_ms: this.state?.at_ms ?? 0 };
     }
 
+    /** An instant in time of the server as seconds of this browser's clock. */
+    at_s(at_ms: number): number { return (Date.now() - performance.now() + at_ms - Math.max(this.ahead, this.aheadBefore)) / 1000; }
+
     /** Whether this browser's role permits to fly. */
     get flies(): boolean { return this.welcome !== null && ["fly", "owner"].includes(this.welcome.role); }
 
@@ -87,6 +90,7 @@ export class Store {
             case "unreachable": this.trouble = told.sentence; break;
             case "history": this.history = told; break;
             case "log":
+            case "swap":
             case "request":
                 this.events.push(told);
                 if (this.events.length > EVENTS) this.events.shift();
@@ -189,11 +193,11 @@ export class Conversation {
     }
 
     /** Sends a call; the promise always ends with a reply, of the page itself if none comes. */
-    call(call: Call): Promise<Reply> {
+    call(call: Call, wait_ms = REPLY_MS): Promise<Reply> {
         const id = ++this.lastId;
         return new Promise((done) => {
             if (!this.isOpen) { done(refusal(id, this.store.trouble ?? t("there is no connection to the robot"))); return; }
-            const timer = window.setTimeout(() => this.end(id, refusal(id, t("no answer has come; look what the robot does"))), REPLY_MS);
+            const timer = window.setTimeout(() => this.end(id, refusal(id, t("no answer has come; look what the robot does"))), wait_ms);
             this.waiting.set(id, { done, timer });
             this.socket?.send(JSON.stringify({ ...call, id }));
         });

@@ -9,6 +9,7 @@ import { t } from "./lang.js";
 import { Missions } from "./missions.js";
 import { RobotView } from "./robot.js";
 import { Runs } from "./runs.js";
+import { SetUp } from "./setup.js";
 import { Stop } from "./stop.js";
 
 /** Time between two drawings, ms: the state comes 20 times per second. */
@@ -19,19 +20,21 @@ const conversation = new Conversation(store);
 const head = new Head(store, conversation);
 const fly = new Fly(store, conversation);
 const missions = new Missions(store, conversation, fly.drawn);
-const charts = new Charts(store);
-const runs = new Runs(conversation);
+const setup = new SetUp(store, conversation);
+const charts = new Charts(store, conversation);
+const runs = new Runs(store, conversation);
 const robot = new RobotView(store, conversation);
 const stop = new Stop(conversation, (answer) => fly.said(answer));
 
 const views: Record<string, { element: HTMLElement; draw: (visible: boolean) => void; shown?: () => void }> = {
     Fly: { element: fly.element, draw: (visible) => fly.draw(visible) },
     Missions: { element: missions.element, draw: (visible) => { if (visible) missions.draw(); } },
+    "Set up": { element: setup.element, draw: (visible) => { if (visible) setup.draw(); } },
     Charts: { element: charts.element, draw: (visible) => charts.draw(visible) },
     Runs: { element: runs.element, draw: () => {}, shown: () => void runs.load() },
     Robot: { element: robot.element, draw: (visible) => { if (visible) robot.draw(); } },
 };
-const NAMES: Record<string, string> = { Fly: t("Fly"), Missions: t("Missions"), Charts: t("Charts"), Runs: t("Runs"), Robot: t("Robot") };
+const NAMES: Record<string, string> = { Fly: t("Fly"), Missions: t("Missions"), "Set up": t("Set up"), Charts: t("Charts"), Runs: t("Runs"), Robot: t("Robot") };
 let shown = "Fly";
 const tabs = h("nav", { class: "tabs", role: "tablist", "aria-label": t("views") });
 

@@ -40,44 +40,64 @@ export interface Obstacle { center_m: [number, number] | null; radius_m: number 
 export interface Scene {
     type: "scene"; system: string; robot: string; anchors_m: Point[]; ground_m: number; planar: boolean;
     tension_limits_n: [number, number]; speed_limit_m_s: number; jog_speed_m_s: number; supply_min_v: number;
-    keep_out_m: [Point, Point][]; obstacles: Obstacle[];
+    keep_out_m: [Point, Point][]; obstacles: Obstacle[]; laws: Record<string, string[]>; plugins: string[];
 }
 
 export interface Process { name: string; state: string; pid: number; restarts: number; role: string; reason: string; well: boolean }
-export interface Slot { slot: string; phase: string; cause: string; in_charge: boolean }
+export interface Slot { slot: string; phase: string; cause: string; in_charge: boolean; good_cycles: number; qualify_cycles: number; deviation: number | null; failures: number }
 
 /** The state that changes rarely. */
 export interface Robot {
     type: "robot"; processes: Process[]; recorder: { problem: string | null; bytes: number; disk_free_bytes: number } | null;
-    flyer: { name: string; ago_s: number } | null; slots: Record<string, Slot[]> | null; unknown_channels: string[];
+    flyer: { name: string; ago_s: number } | null; slots: Record<string, Slot[]> | null; sensors: string[]; version: string | null; unknown_channels: string[];
 }
 
 export interface Plan { type: "plan"; segments: { id: number; points_m: Point[] }[] }
 export interface Link { type: "link"; gateway: boolean; robot: string | null; run?: string | null; sentence?: string }
 export interface Welcome { type: "welcome"; robot: string; user: string; role: string; paired: boolean; sentence: string | null; version: string }
 export interface Unreachable { type: "unreachable"; sentence: string }
-export interface Log { type: "log"; stamp_ns: number; process: string; level: "info" | "warning" | "error"; sentence: string }
-export interface Asked { type: "request"; stamp_ns: number; who: string; accepted: boolean; reason: number; sentence: string }
+export interface Log { type: "log"; at_ms: number; stamp_ns: number; process: string; level: "info" | "warning" | "error"; sentence: string }
+/** Another controller or estimator is in charge. */
+export interface Swapped { type: "swap"; at_ms: number; stamp_ns: number; role: string; slot: string }
+export interface Asked { type: "request"; at_ms: number; stamp_ns: number; who: string; accepted: boolean; reason: number; sentence: string }
 
 /** The figures of the charts. */
 export interface Figures { mode: string | null; position_m: (number | null)[]; within_m: number | null; tensions_n: (number | null)[]; currents_a: (number | null)[]; supply_v: number | null }
 /** The last ten minutes, each row with its age. */
 export interface History { type: "history"; rows: [number, Figures][] }
 
-export type Told = History | State | Scene | Robot | Plan | Link | Welcome | Unreachable | Log | Asked;
+export type Told = History | State | Scene | Robot | Plan | Link | Welcome | Unreachable | Log | Asked | Swapped;
 
 export interface Answer { reply: "answer"; id: number; accepted: "accepted" | "refused" | "bad-input"; reason: number; sentence: string }
 export interface Checked { reply: "check"; id: number; possible: boolean; sentence: string }
 export interface RunRow { name: string; files: number; bytes: number }
 export interface FileRow { name: string; bytes: number }
-export interface Runs { reply: "runs"; id: number; runs: RunRow[] }
+export interface Runs { reply: "runs"; id: number; runs: RunRow[]; disk?: { total: number; free: number } }
 export interface Files { reply: "files"; id: number; files: FileRow[] }
 export interface Download { reply: "download"; id: number; path: string; bytes: number }
 /** Who flies and who asks to, told whenever it changes. */
 export interface Seat { reply: "seat"; id: number; flyer: string | null; asks: string | null; within_s: number }
 export interface Done { reply: "done"; id: number }
 export interface Token { reply: "token"; id: number; secret: string }
-export type Reply = Answer | Checked | Runs | Files | Download | Seat | Done | Token;
+/** The open question of the guided calibration, for its drawing. */
+export interface Open { kind: string; from?: number; to?: number; pulley?: number; place?: number; cable?: number; optional?: boolean }
+/** The site from above. */
+export interface SiteMap {
+    anchors_m: Point[]; known: { half_axes_m: [number, number]; angle_rad: number; height_std_m: number }[]; points_m: [number, number][];
+    next_m: [number, number] | null; best: { at_m: [number, number]; worst_std_m: [number, number] } | null;
+}
+export interface TextFile { name: string; text: string }
+/** What follows from an answer of the guided calibration. */
+export interface Stepped {
+    reply: "setup"; id: number; message: string; changed: boolean; question: string; open: Open; measurements: string; map: SiteMap;
+    finished: { words: string; calibration: TextFile; robot: TextFile | null } | null;
+}
+/** The names of all numbers by channel, and the values of one. */
+export interface Fields { reply: "fields"; id: number; channels: Record<string, string[]> }
+export interface Series { reply: "series"; id: number; at_ms: number[]; values: (number | null)[] }
+export interface Finding { level: string; finding: string; cure: string }
+export interface Findings { reply: "findings"; id: number; findings: Finding[] }
+export type Reply = Findings | Fields | Series | Stepped | Answer | Checked | Runs | Files | Download | Seat | Done | Token;
 
 export type Request =
     | { verb: "arm" | "disarm" | "hold" | "stop" | "estop" | "reset" | "confirm-position" | "pause" | "resume" }
@@ -85,8 +105,9 @@ export type Request =
     | { verb: "jog"; cable: number; distance_m: number }
     | { verb: "speed"; rate: number }
     | { verb: "goto"; to_m: Point; path: { shape: "line" }; speed_m_s: number | null }
-    | { verb: "start-process"; name: string; slot: null; law: null }
-    | { verb: "stop-process" | "restart-process"; name: string };
+    | { verb: "start-process"; name: string; slot: string | null; law: string | null }
+    | { verb: "swap" | "admit"; role: string; slot: string }
+    | { verb: "stop-process" | "restart-process" | "unplug"; name: string };
 
 /** When a sign that a control is held was made, and the newest state that could be seen, ms in time of the server. */
 export interface Sign { made_ms: number; seen_ms: number }
@@ -99,6 +120,12 @@ export type Call =
     | { call: "pair"; code: string }
     | { call: "seat"; what: "ask" | "give" | "keep" }
     | { call: "check"; to_m: Point }
+    | { call: "setup"; name: string; measurements: string; line: string | null }
     | { call: "runs" }
     | { call: "files"; run: string }
-    | { call: "open"; run: string; file: string };
+    | { call: "open"; run: string; file: string; show: boolean }
+    | { call: "make"; run: string; what: "report" | "maps" | "csv" | "parquet" }
+    | { call: "remove"; run: string }
+    | { call: "doctor" }
+    | { call: "fields" }
+    | { call: "series"; channel: string; field: string; after_ms: number };

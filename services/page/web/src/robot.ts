@@ -2,13 +2,18 @@
 
 import { bytes, h, renew } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
-import type { Answer } from "./protocol.js";
+import type { Answer, Process, Request, Slot } from "./protocol.js";
 import { LANGUAGES, choose, chosen, sentence, t } from "./lang.js";
+
+/** States of a process that runs. */
+const RUNS = ["starting", "ready", "running", "SILENT", "stopping"];
 
 export class RobotView {
     readonly element: HTMLElement;
     private readonly processes = h("div", { class: "table" });
     private readonly slots = h("div", { class: "table" });
+    private readonly sensors = h("div", { class: "table" });
+    private readonly versions = h("div", { class: "table" });
     private readonly facts = h("div", { class: "table" });
     private readonly log = h("div", { class: "log", role: "log" });
     private readonly pairing = h("div", { class: "table" });
@@ -17,7 +22,7 @@ export class RobotView {
     constructor(private readonly store: Store, private readonly conversation: Conversation) {
         const card = (name: string, ...children: HTMLElement[]) => h("section", { class: "card" }, h("h2", {}, name), ...children);
         this.element = h("div", { class: "view" }, this.answer, h("div", { class: "columns table" },
-            card(t("This browser"), this.pairing, language()), card(t("Run"), this.facts), card(t("Processes"), this.processes, this.slots), card(t("What happened"), this.log)));
+            card(t("This browser"), this.pairing, language()), card(t("Run"), this.facts, this.versions), card(t("Processes"), this.processes), card(t("Controllers and estimators"), this.slots), card(t("Sensors"), this.sensors), card(t("What happened"), this.log)));
     }
 
     private said(answer: Answer): void {
@@ -26,8 +31,47 @@ export class RobotView {
         this.answer.textContent = sentence(answer.reason, answer.sentence);
     }
 
-    private restart(name: string): void {
-        if (confirm(t("Restart {name}?", { name }))) void this.conversation.ask({ verb: "restart-process", name }).then((answer) => this.said(answer));
+    private ask(request: Request, question: string | null = null): void {
+        if (question === null || confirm(question)) void this.conversation.ask(request).then((answer) => this.said(answer));
+    }
+
+    /** What can be done with a process. */
+    private acts({ name, state }: Process): HTMLElement {
+        const act = (words: string, does: () => void) => h("button", { class: "button", type: "button", "aria-label": `${words} ${name}`, click: does }, words);
+        return h("span", { class: "row" }, ...(RUNS.includes(state)
+            ? [act(t("Restart"), () => this.ask({ verb: "restart-process", name }, t("Restart {name}?", { name }))), act(t("Stop"), () => this.ask({ verb: "stop-process", name }, t("Stop {name}?", { name })))]
+            : [act(t("Start"), () => this.ask({ verb: "start-process", name, slot: null, law: null })), act(t("Unplug"), () => this.ask({ verb: "unplug", name }, t("Remove {name} from the robot until the next start?", { name })))]));
+    }
+
+    /** Controllers and estimators: which one is in charge, how far the other one is qualified, and what can be done. */
+    private role(role: string, slots: Slot[], laws: string[]): HTMLElement {
+        const button = (words: string, does: () => void, main = false) => h("button", { class: main ? "button main" : "button", type: "button", click: does }, words);
+        const rows = slots.map((one) => {
+            const words = [one.phase === "empty" ? t("empty") : one.phase, one.in_charge ? t("in charge") : "", one.cause ? `(it ${one.cause})` : "", one.failures ? t("{n} failures", { n: one.failures }) : "",
+                one.deviation !== null && !one.in_charge ? t("differs by {value}", { value: `${(1000 * one.deviation).toFixed(1)} ${role === "controller" ? "mm/s" : "mm"}` }) : ""].filter(Boolean).join(", ");
+            const law = h("select", { "aria-label": t("law or method of {role} {slot}", { role, slot: one.slot }) }, ...laws.map((name) => h("option", { value: name }, name)));
+            const start = () => this.ask({ verb: "start-process", name: role, slot: one.slot, law: law.value });
+            const process = one.slot === "a" ? role : `${role}-b`;
+            return h("div", { class: "table" }, h("p", {}, h("b", {}, `${role} ${one.slot}`), ` ${words}`),
+                one.in_charge || one.phase === "empty" ? null : h("meter", { min: 0, max: one.qualify_cycles, value: Math.min(one.good_cycles, one.qualify_cycles), "aria-label": t("qualification of {role} {slot}", { role, slot: one.slot }) }),
+                !this.store.flies || one.in_charge ? null : h("div", { class: "row" },
+                    ...(one.phase === "empty" ? [law, button(t("Start it here"), start)] : []),
+                    one.phase === "qualified" ? button(t("Put in charge"), () => this.ask({ verb: "swap", role, slot: one.slot }, t("Put {role} {slot} in charge?", { role, slot: one.slot })), true) : null,
+                    one.phase === "quarantined" ? button(t("Admit again"), () => this.ask({ verb: "admit", role, slot: one.slot })) : null,
+                    one.phase === "empty" ? null : button(t("Stop"), () => this.ask({ verb: "stop-process", name: process }, t("Stop {name}?", { name: process })))));
+        });
+        return h("div", { class: "table" }, ...rows);
+    }
+
+    /** Sensors that the system file declares as plug-ins, and all that publish. */
+    private sensorRows(): HTMLElement[] {
+        const publishing = this.store.robot?.sensors ?? [], declared = this.store.scene?.plugins ?? [];
+        const names = [...new Set([...declared, ...publishing])].sort();
+        return names.map((name) => {
+            const is = publishing.includes(name), button = (words: string, does: () => void) => h("button", { class: "button", type: "button", "aria-label": `${words} ${name}`, click: does }, words);
+            return h("div", { class: "line" }, h("span", {}, h("b", {}, name), " ", h("span", { class: is ? "good" : "soft" }, is ? t("publishes") : t("publishes nothing"))),
+                this.store.flies && declared.includes(name) ? h("span", { class: "row" }, button(t("Plug in"), () => this.ask({ verb: "start-process", name, slot: null, law: null })), button(t("Unplug"), () => this.ask({ verb: "stop-process", name }, t("Stop {name}?", { name })))) : null);
+        });
     }
 
     draw(): void {
@@ -46,12 +90,17 @@ export class RobotView {
         const processes = robot?.processes ?? [];
         renew(this.processes, JSON.stringify([processes, this.store.flies]), () => processes.map((row) => h("div", { class: "line" },
             h("span", {}, h("b", {}, row.name), " ", h("span", { class: row.well ? "good" : "bad" }, row.state), row.restarts ? `, ${t("restarted {n} times", { n: row.restarts })}` : "", row.reason ? h("p", { class: "soft" }, row.reason) : null),
-            this.store.flies ? h("button", { class: "button", type: "button", click: () => this.restart(row.name) }, t("Restart")) : null)));
-        const slots = Object.entries(robot?.slots ?? {}).flatMap(([role, ones]) => ones.filter((one) => one.phase !== "empty").map((one) => `${role} ${one.slot}: ${one.phase}${one.in_charge ? `, ${t("in charge")}` : ""}${one.cause ? ` (it ${one.cause})` : ""}`));
-        renew(this.slots, slots.join("\n"), () => slots.map((slot) => h("p", { class: "soft" }, slot)));
+            this.store.flies ? this.acts(row) : null)));
+        // A list that is open is left alone; deviations change all the time.
+        const laws = this.store.scene?.laws ?? {}, isChosen = this.slots.contains(document.activeElement) && document.activeElement?.tagName === "SELECT";
+        if (!isChosen) renew(this.slots, JSON.stringify([robot?.slots, this.store.flies, laws]), () => Object.entries(robot?.slots ?? {}).map(([role, ones]) => this.role(role, ones, laws[role] ?? [])));
+        renew(this.sensors, JSON.stringify([robot?.sensors, this.store.scene?.plugins, this.store.flies]), () => { const rows = this.sensorRows(); return rows.length ? rows : [h("p", { class: "soft" }, t("no sensor publishes, and the system file declares no plug-in"))]; });
+        const versions = [welcome ? t("page {version}", { version: welcome.version }) : "", robot?.version ? t("robot {version}", { version: robot.version }) : ""].filter(Boolean);
+        renew(this.versions, versions.join("\n"), () => versions.map((version) => h("p", { class: "soft" }, version)));
         const last = events[events.length - 1];
         renew(this.log, `${events.length} ${last?.stamp_ns}`, () => events.toReversed().map((event) => (event.type === "log"
             ? h("p", { class: event.level }, h("b", {}, event.process), ` ${event.sentence}`)
+            : event.type === "swap" ? h("p", { class: "warning" }, h("b", {}, t("swap")), ` ${t("{role} {slot} is in charge", { role: event.role, slot: event.slot })}`)
             : h("p", { class: event.accepted ? "" : "refused" }, h("b", {}, event.who), ` ${event.accepted ? "" : `${t("refused")}: `}${sentence(event.reason, event.sentence)}`))));
     }
 }

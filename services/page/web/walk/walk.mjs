@@ -5,6 +5,7 @@
 
 import assert from "node:assert/strict";
 import { mkdirSync } from "node:fs";
+import { readFile } from "node:fs/promises";
 import { chromium } from "playwright-core";
 
 const [address, code, folder] = process.argv.slice(2);
@@ -12,7 +13,7 @@ const START = [4.8, 3.0, 0.3];
 // Longest wait for an event, ms: the machine may stand still for seconds.
 const LONG = 60_000;
 const SIZES = { phone: [390, 844], tablet: [820, 1180], desk: [1400, 900] };
-const VIEWS = ["Fly", "Missions", "Charts", "Runs", "Robot"];
+const VIEWS = ["Fly", "Missions", "Set up", "Charts", "Runs", "Robot"];
 
 const browser = await chromium.launch({
     executablePath: process.env.NIMS_CHROMIUM ?? "/usr/bin/chromium",
@@ -150,11 +151,92 @@ await page.locator("#stop").tap();
 await mode("holding");
 said("a raster is flown, paused, resumed and stopped");
 
-// The charts begin before this page was opened: with the time in which the visitor looked.
+// The charts begin before this page was opened: with the time in which the visitor looked. Any number is drawn too, and
+// what happened is listed.
 await page.getByRole("tab", { name: "Charts" }).click();
 await page.locator(".chart canvas").first().waitFor();
 assert.equal(await page.locator(".chart").count(), 5);
+await page.getByLabel("channel").locator("option", { hasText: "motor/state" }).first().waitFor({ state: "attached" });
+await page.getByLabel("channel").selectOption("motor/state");
+await page.getByLabel("number", { exact: true }).selectOption("length_m 2");
+await press("Draw it");
+await page.locator(".chart canvas").nth(5).waitFor();
+await page.locator(".log .request", { hasText: "tablet@" }).first().waitFor();
 said("charts");
+
+// A site is set up by a person who mistypes: the refusals are those of `nims setup`.
+await page.getByRole("tab", { name: "Set up" }).click();
+const answer = async (line, kind) => {
+    await page.getByLabel("answer", { exact: true }).filter({ visible: true }).fill(line);
+    await press("Answer");
+    await page.locator(kind === null ? ".answer.refused:visible" : `.step[data-key*='"kind":"${kind}"']`).first().waitFor();
+};
+// Poles at (0, 0), (8, 0) and (8, 6), the pulleys 3 m above the floor.
+const SITE = [[0, 0, 3], [8, 0, 3], [8, 6, 3]];
+const length = (at) => SITE.map(([x, y, z]) => Math.hypot(x - at[0], y - at[1], z).toFixed(3)).join(" ");
+await page.locator(".picture").first().waitFor();
+await answer("some", null);
+await answer("3", "distance");
+await answer("8,oo", null);
+for (const [line, kind] of [["8.0", "distance"], ["1000 cm", "distance"], ["600 cm", "side"]]) await answer(line, kind);
+await press("left");
+await page.locator(`.step[data-key*='"kind":"height"']`).waitFor();
+await answer("3000", null);
+for (const [line, kind] of [["3", "height"], ["3,0", "height"], ["300 cm", "radius"], ["", "points"], ["", "lengths"]]) await answer(line, kind);
+await page.locator(".site .asked-ring").waitFor();
+const open = () => page.locator(".step").getAttribute("data-key");
+const moves = async (act) => {
+    const before = await open();
+    await act();
+    await page.waitForFunction((before) => document.querySelector(".step")?.dataset.key !== before, before);
+};
+for (const at of [[0.5, 0.2], [7.7, 0.3], [7.8, 5.6], [1, 0.5], [7.5, 0.6], [7.4, 5.3], [1.4, 0.7], [7.2, 0.9], [7.1, 5.0]]) {
+    await page.getByLabel("answer", { exact: true }).filter({ visible: true }).fill(length(at));
+    await moves(() => press("Answer"));
+    // Lengths far from those of the planned place are asked about.
+    if ((await open()).includes('"confirm"')) await moves(() => press("It is right"));
+}
+await page.locator(`.step[data-key*='"kind":"finish"']`).waitFor();
+assert.equal(await page.locator(".site .ellipse").count(), 3);
+await page.locator(".site .asked").first().waitFor();
+await press("Write the calibration");
+const [calibration] = await Promise.all([page.waitForEvent("download"), press("site-calibration.toml")]);
+const written = await readFile(await calibration.path(), "utf8");
+assert.ok(written.includes("anchors_m") && written.includes("covariance_m2"), written);
+const [robotFile] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: /^(robot|lab3).*\.toml$/ }).click()]);
+assert.ok((await readFile(await robotFile.path(), "utf8")).includes('calibration = "site-calibration.toml"'));
+said("a site is set up, with mistakes");
+
+// A second controller is started, seen to qualify, and put in charge.
+await page.getByRole("tab", { name: "Robot" }).click();
+await page.getByLabel("law or method of controller b").waitFor();
+await press("Start it here");
+await press("Put in charge");
+await page.locator("p", { hasText: /^controller b active.*in charge/ }).waitFor();
+said("a controller is swapped");
+
+// A run of before: its report is made and opens where nothing acts, a table is downloaded, and it is deleted after two
+// questions.
+await page.getByRole("tab", { name: "Runs" }).click();
+await press("Make the report");
+await page.locator(".run .good, .run .bad").first().waitFor();
+const [report] = await Promise.all([context.waitForEvent("page"), press("Report")]);
+await report.locator("h1").first().waitFor();
+assert.equal(await report.evaluate(() => window.origin).catch(() => "null"), "null", "the report acts for the page");
+await report.close();
+await press("Tables as CSV");
+const [table] = await Promise.all([page.waitForEvent("download"), page.getByLabel("Download export/motor.state.csv").click()]);
+assert.ok((await readFile(await table.path(), "utf8")).startsWith("t_s,"));
+if (folder) {
+    mkdirSync(folder, { recursive: true });
+    await page.screenshot({ path: `${folder}/runs-with-report.png` });
+}
+await press("Delete");
+await press("Keep it");
+await press("Delete");
+await press("Delete it");
+await page.getByText("no finished run yet").waitFor();
+said("a run is assessed, downloaded and deleted");
 
 // STOP is at the same place on each view, and the largest control.
 const places = [];
@@ -172,7 +254,7 @@ said("STOP is the largest control, at one place");
 // Nothing is cut or wider than the screen from 360 px on, in any language.
 const choose = async (language) => {
     await page.getByRole("tab").last().click();
-    await Promise.all([page.waitForEvent("load"), page.locator("select").filter({ visible: true }).selectOption(language)]);
+    await Promise.all([page.waitForEvent("load"), page.locator("select").filter({ visible: true }).first().selectOption(language)]);
     await page.locator(`html[lang="${language}"]`).waitFor();
     await page.locator('.mode[data-mode="holding"]').waitFor();
 };
@@ -216,7 +298,7 @@ if (folder) {
                 await page.getByRole("tab", { name: view }).click();
                 if (view === "Fly") await press("3-D");
                 await page.waitForTimeout(400);
-                await page.screenshot({ path: `${folder}/${view.toLowerCase()}-${size}-${theme}.png` });
+                await page.screenshot({ path: `${folder}/${view.toLowerCase().replace(" ", "-")}-${size}-${theme}.png` });
             }
         }
     }

@@ -76,7 +76,7 @@ impl Connection {
             folder: RefCell::default(),
         };
         let token = std::env::var(TOKEN_VARIABLE).ok().filter(|token| !token.is_empty());
-        let hello = Call::Hello { version: VERSION, origin: Origin::Command, token };
+        let hello = Call::Hello { version: VERSION, origin: Origin::Command, token, from: None };
         match connection.exchange(&hello, &[])?.0 {
             Reply::Welcome { robot, .. } => connection.robot = robot,
             other => return Err(unexpected(&other)),

@@ -2,6 +2,7 @@
 
 use messages::{OperatorRequest, Reading, Request};
 use serde::{Deserialize, Serialize};
+use std::net::IpAddr;
 
 /// Kind of a client's program. The gateway records it with each request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,6 +69,20 @@ pub struct Published {
     pub age_s: Option<f64>,
 }
 
+/// Files that `nims` makes of a finished run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RunFiles {
+    /// `report.html`, and `report.json` with its figures.
+    Report,
+    /// Maps of the sensors: plots, grids, tables, GeoJSON.
+    Maps,
+    /// A table of each channel as text.
+    Csv,
+    /// A table of each channel as Parquet.
+    Parquet,
+}
+
 /// What is done about the seat of the one who flies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -93,6 +108,9 @@ pub enum Call {
         /// Secret of a client that acts for a person, in place of the role of its own user.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         token: Option<String>,
+        /// Address of the browser for which a page acts; the run records it beside the name.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        from: Option<IpAddr>,
     },
     /// Requests something of the robot; body: the text of the mission of `run`, otherwise empty.
     Ask {
@@ -201,6 +219,27 @@ pub enum Call {
         /// Name of the file in the list.
         file: String,
     },
+    /// Makes files of a finished run, which `files` and `open` then have; the reply comes when they are there.
+    Make {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of the run.
+        run: String,
+        /// Which files.
+        what: RunFiles,
+    },
+    /// Deletes a finished run.
+    Remove {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Name of the run.
+        run: String,
+    },
+    /// Asks what `nims doctor` finds on the robot's machine.
+    Doctor {
+        /// Number that the reply repeats.
+        id: u64,
+    },
     /// Asks for the seat of the one who flies from a page, or answers who asks.
     Seat {
         /// Number that the reply repeats.
@@ -266,6 +305,9 @@ impl Call {
             | Self::Runs { id }
             | Self::Files { id, .. }
             | Self::Open { id, .. }
+            | Self::Make { id, .. }
+            | Self::Remove { id, .. }
+            | Self::Doctor { id }
             | Self::Seat { id, .. }
             | Self::CodeAdd { id, .. }
             | Self::CodeUse { id, .. }

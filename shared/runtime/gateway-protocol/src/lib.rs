@@ -13,9 +13,11 @@ mod call;
 mod frame;
 mod reply;
 
-pub use call::{Call, Origin, Published, ReadingQuality, SeatCall};
+pub use call::{Call, Origin, Published, ReadingQuality, RunFiles, SeatCall};
 pub use frame::{CALL_LIMITS, Decoder, Frame, FrameError, Limits, REPLY_LIMITS, encode};
-pub use reply::{Accepted, ChannelRow, FileRow, MemoryFigures, Reply, RobotFacts, RunRow, TokenRow};
+pub use reply::{
+    Accepted, ChannelRow, DiskFigures, FileRow, FindingRow, MemoryFigures, Reply, RobotFacts, RunRow, TokenRow,
+};
 
 /// Version of the protocol. A gateway refuses the others in the reply to `hello`.
 pub const VERSION: u32 = 1;

@@ -118,6 +118,9 @@ pub enum Reply {
         id: u64,
         /// The finished runs by name.
         runs: Vec<RunRow>,
+        /// The disk on which they are.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        disk: Option<DiskFigures>,
     },
     /// To `files`.
     Files {
@@ -125,6 +128,13 @@ pub enum Reply {
         id: u64,
         /// The files of the run.
         files: Vec<FileRow>,
+    },
+    /// To `doctor`.
+    Findings {
+        /// Of the call.
+        id: u64,
+        /// The findings, the worst ones first.
+        findings: Vec<FindingRow>,
     },
     /// To `open`, with the descriptor.
     Opened {
@@ -230,6 +240,26 @@ pub struct FileRow {
     pub bytes: u64,
 }
 
+/// The disk of the runs, bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DiskFigures {
+    /// Whole size.
+    pub total: u64,
+    /// What the robot's user can still write.
+    pub free: u64,
+}
+
+/// A finding about the robot's machine.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FindingRow {
+    /// `error`, `warning` or `note`.
+    pub level: String,
+    /// The fact.
+    pub finding: String,
+    /// What to do about it; empty for a note.
+    pub cure: String,
+}
+
 /// A finished run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunRow {
@@ -298,6 +328,7 @@ impl Reply {
             | Self::Runs { id, .. }
             | Self::Files { id, .. }
             | Self::Opened { id, .. }
+            | Self::Findings { id, .. }
             | Self::Seat { id, .. }
             | Self::Code { id, .. }
             | Self::Token { id, .. }
@@ -320,6 +351,7 @@ impl Reply {
             | Self::Runs { id, .. }
             | Self::Files { id, .. }
             | Self::Opened { id, .. }
+            | Self::Findings { id, .. }
             | Self::Seat { id, .. }
             | Self::Code { id, .. }
             | Self::Token { id, .. }

@@ -81,7 +81,7 @@ proptest! {
 fn every_call_is_read_as_it_was_written() {
     let (run, file) = ("2026-01-01".to_owned(), "log/motor-io.txt".to_owned());
     let calls = [
-        Call::Hello { version: VERSION, origin: Origin::Page, token: Some("x".to_owned()) },
+        Call::Hello { version: VERSION, origin: Origin::Page, token: Some("x".to_owned()), from: None },
         Call::Ask {
             id: 1,
             request: Request::Swap { role: SlotRole::Estimator, slot: Slot::B },
@@ -120,6 +120,9 @@ fn every_call_is_read_as_it_was_written() {
         Call::CodeUse { id: 18, code: "0128-7ZGZ".to_owned() },
         Call::Declare { id: 19, sensor: "soil".to_owned(), message: "Soil".to_owned() },
         Call::Sample { id: 20, sensor: "soil".to_owned(), stamp_ns: Some(5) },
+        Call::Make { id: 21, run: "first".to_owned(), what: RunFiles::Parquet },
+        Call::Remove { id: 22, run: "first".to_owned() },
+        Call::Doctor { id: 23 },
     ];
     for (number, call) in calls.iter().enumerate() {
         assert_eq!(Call::read(&call.header().unwrap()).unwrap(), *call);

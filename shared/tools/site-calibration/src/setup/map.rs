@@ -44,6 +44,9 @@ pub struct Best {
     pub worst_std_m: [f64; 2],
 }
 
+/// Share of the largest deviation below which one more point is worth a hint.
+const WORTH: f64 = 0.995;
+
 /// Half axes of the region of 95 % in standard deviations, on the level: the root of the quantile of chi-squared with
 /// two degrees of freedom.
 const IN_95: f64 = 2.447_746_83;
@@ -121,6 +124,8 @@ fn best(measured: &Measurements, method: Method, anchors_m: &[[f64; 3]], points_
         Some((at_m, worst(&points)?))
     };
     let (at_m, then) = tried.into_iter().filter_map(with).min_by(|a, b| a.1.total_cmp(&b.1))?;
+    // Heights that a tape measured become better by several points only.
+    (then < WORTH * now).then_some(())?;
     Some(Best { at_m, worst_std_m: [now, then] })
 }
 

@@ -1,0 +1,55 @@
+//! What is found out or made for a client, and how clients are named.
+
+use super::{Core, Holder, OPENS_PER_S};
+use crate::events::{Action, ClientId, Question};
+use crate::roles::Role;
+use robot_state::Reason;
+use robot_state::answers::detail;
+use std::net::IpAddr;
+
+impl Core {
+    pub(super) fn look(&mut self, now_ns: u64, client: ClientId, id: u64, holder: &Holder, what: Question) {
+        if let Some(verb) = of_pilots(&what).filter(|_| holder.role < Role::Fly) {
+            let (needs, user, has) = (Role::Fly.name(), detail(&holder.user), holder.role.name());
+            let (verb, needs, has) = (detail(verb), detail(needs), detail(has));
+            return self.refuse(client, id, Reason::NotPermitted { verb, needs, user, has });
+        }
+        let Some(connection) = self.connections.get_mut(&client) else { return };
+        let (lists, works) = (matches!(what, Question::Runs | Question::Files(_)), of_pilots(&what).is_some());
+        if (lists && connection.listing.is_some()) || (works && connection.working.is_some()) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
+        }
+        if matches!(what, Question::Open(..)) && !connection.opens.spend(now_ns) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: OPENS_PER_S as usize });
+        }
+        connection.unanswered += 1;
+        let ticket = self.ticket(client, id);
+        if let Some(connection) = self.connections.get_mut(&client) {
+            connection.listing = if lists { Some(ticket) } else { connection.listing };
+            connection.working = if works { Some(ticket) } else { connection.working };
+        }
+        self.actions.push(Action::Look { ticket, what });
+    }
+}
+
+/// What changes the folder of the runs or takes the machine for a while, for a sentence.
+fn of_pilots(what: &Question) -> Option<&'static str> {
+    match what {
+        Question::Make(..) => Some("make files of a run"),
+        Question::Remove(_) => Some("delete a run"),
+        Question::Doctor => Some("check the machine"),
+        _ => None,
+    }
+}
+
+/// Who requested something, and from where, in so many bytes: `ada@10.0.0.7`. Of a long address the end is kept, which
+/// tells browsers of one network apart.
+pub(super) fn requester(user: &str, from: Option<IpAddr>, room: usize) -> String {
+    let Some(from) = from.map(|from| from.to_canonical().to_string()) else { return user.to_owned() };
+    let left = room.saturating_sub(user.len() + 1);
+    match from.len().checked_sub(left) {
+        None | Some(0) => format!("{user}@{from}"),
+        Some(_) if left < 8 => user.to_owned(),
+        Some(over) => format!("{user}@..{}", &from[over + 2..]),
+    }
+}
