@@ -7,9 +7,10 @@ use std::fmt;
 ///
 /// ```
 /// use robot_state::DriveUnit;
-/// let unit = DriveUnit { port: "/dev/ttyACM0".into(), name: "unit 128".into(), firmware: "v4.2.4".into(), watchdog_ms: 100 };
+/// let [port, name, firmware] = ["/dev/ttyACM0", "unit 0x80", "v4.2.4"].map(str::to_owned);
+/// let unit = DriveUnit { port, name, firmware, watchdog_ms: 100 };
 /// assert_eq!(DriveUnit::from_log(&unit.to_string()), Some(unit));
-/// assert_eq!(DriveUnit::from_log("/dev/ttyACM0, unit 128: no answer"), None);
+/// assert_eq!(DriveUnit::from_log("/dev/ttyACM0, unit 0x80: no answer"), None);
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct DriveUnit {
