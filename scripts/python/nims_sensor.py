@@ -65,7 +65,7 @@ PRIMITIVES = {
 # connections, come too often.
 GATEWAYS = "/run/nims-gateway"
 NO_ROBOT, TAKEN, TOO_OFTEN, TAKEN_TOO_OFTEN = 452, 466, 467, 473
-# Time for which a sensor waits for its predecessor to leave, s.
+# Time for which a sensor waits for a gateway, and for its predecessor to leave, s.
 PATIENCE_S = 5.0
 # Names of fields that readers of run files reject.
 RESERVED = {"name", "type", "fields", "encode", "decode"}
@@ -73,6 +73,10 @@ RESERVED = {"name", "type", "fields", "encode", "decode"}
 
 class SensorError(Exception):
     """One sentence: what is wrong, and what to do."""
+
+
+class NoGateway(SensorError):
+    """No gateway runs, or one of several has to be chosen."""
 
 
 class Header(ctypes.Structure):
@@ -236,7 +240,15 @@ class _Gateway:
         self._name, self._message, self._definition = name, message, message.definition()
         self._given, self._domain = gateway, domain
         self._link, self._declared, self._number, self._told = None, False, 0, set()
-        self._socket()
+        give_up = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                self._socket()
+                return
+            except NoGateway:
+                if time.monotonic() > give_up:
+                    raise
+                time.sleep(0.2)  # it may be starting too
 
     def _socket(self):
         given = self._given or _argument("--gateway") or os.environ.get("NIMS_GATEWAY")
@@ -250,10 +262,8 @@ class _Gateway:
             if not self._declare():
                 return False
             answer = self._call({"call": "sample", "sensor": self._name, "stamp_ns": stamp_ns}, bytes(sample))
-        except OSError as error:
-            self.close()
-            self._tell(f"the gateway is out of reach ({error}); samples are lost until it is back")
-            return False
+        except (OSError, NoGateway) as error:
+            return self._lost(error)
         if answer["reply"] == "done":
             self._told.clear()
             return True
@@ -281,6 +291,11 @@ class _Gateway:
             else:
                 raise SensorError(_sentence(answer))
         return True
+
+    def _lost(self, why):
+        self.close()
+        self._tell(f"the gateway is out of reach ({why}); samples are lost until it is back")
+        return False
 
     def _tell(self, sentence):
         """Prints a sentence, once until samples are taken again."""
@@ -569,7 +584,7 @@ def _argument(option):
 
 def _gateway_of(domain):
     """The socket of the gateway of a robot on this machine."""
-    start = "start one with `nims plug gateway -- gateway --system SYSTEM.toml`, or name its socket with --gateway PATH"
+    start = "start one with `nims plug gateway -- gateway`, or name its socket with --gateway PATH"
     try:
         known = Path(_root(domain), "gateway.txt").read_text().strip()
         if os.path.exists(known):
@@ -578,7 +593,7 @@ def _gateway_of(domain):
         pass  # the robot of another user
     found = [str(path) for path in Path(GATEWAYS).glob("*.sock")] if os.path.isdir(GATEWAYS) else []
     if len(found) != 1:
-        raise SensorError(f"several gateways run ({', '.join(found)}): choose one with --gateway PATH" if found else f"no gateway runs here: {start}")
+        raise NoGateway(f"several gateways run ({', '.join(found)}): choose one with --gateway PATH" if found else f"no gateway runs here: {start}")
     return found[0]
 
 

@@ -8,7 +8,7 @@ use command::{Answer, Failure};
 use config::SystemFile;
 
 use crate::plugin::{NAMES, TEMPLATE, WITH_NETWORK};
-use crate::settings::Args;
+use crate::settings::{Args, instance};
 
 /// Becomes the program of a plug-in, with the gateway's socket and its own name in its environment; or only checks that
 /// there is one. To be called in the unit of the plug-in.
@@ -17,8 +17,8 @@ use crate::settings::Args;
 /// The system file declares no such program, or declares it for the other template; it cannot be started. On success it
 /// returns only from a check.
 pub fn exec(args: &Args, plugin: &str, socket: &Path) -> Answer {
-    let system = args.system.display();
-    let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
+    let path = args.system_file()?;
+    let (system, file) = (path.display(), SystemFile::load(&path).map_err(Failure::bad)?);
     let unknown = || Failure::BadInput(format!("{system} declares no [[plugin]] \"{plugin}\" with a command"));
     let declared = file.plugin.iter().find(|one| one.name == plugin).ok_or_else(unknown)?;
     if declared.network != args.network {
@@ -27,7 +27,7 @@ pub fn exec(args: &Args, plugin: &str, socket: &Path) -> Answer {
             format!("{system} has network = {is} for the [[plugin]] \"{plugin}\"; start it in a unit of {template}@");
         return Err(Failure::BadInput(why));
     }
-    let instance = args.instance();
+    let instance = instance(&path);
     if instance.len() + plugin.len() > NAMES {
         let why = format!(
             "`{instance}` and `{plugin}` have more than {NAMES} characters together, so that the plug-in would have no \

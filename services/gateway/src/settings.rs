@@ -1,11 +1,13 @@
 //! The arguments of the gateway, and what follows from them.
 
 use crate::plugin::unit;
+use bus::Domain;
+use client::Running;
 use command::{Answer, Failure};
 use config::{GatewaySection, PluginSection, SystemFile};
 use gateway_protocol::SOCKET_ENDING;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The way of operators who are not the robot's user to the robot.
 ///
@@ -13,11 +15,12 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Parser)]
 #[command(name = "gateway", version = runtime::build::description())]
 pub struct Args {
-    /// System file of the robot: its name, its runs folder and `[gateway]`.
+    /// System file of the robot: its name, its runs folder and `[gateway]`. Default: that of the robot that has started
+    /// it (`nims plug gateway -- gateway`).
     #[arg(long, value_name = "FILE")]
-    pub system: PathBuf,
-    /// Domain of the robot: a name, or the path of a folder; default: that of the robot that has started it (`nims
-    /// plug`), otherwise the name of the system.
+    pub system: Option<PathBuf>,
+    /// Domain of the robot: a name, or the path of a folder; default: that of the robot that has started it, otherwise
+    /// the name of the system.
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// Folder of the socket NAME.sock, or the socket itself if this ends in `.sock`; default: the runtime folder of the
@@ -39,9 +42,21 @@ pub struct Args {
 }
 
 impl Args {
-    /// The name of the system file without its ending: the robot's name in units of the service manager.
-    pub(crate) fn instance(&self) -> String {
-        self.system.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+    /// The system file of the robot.
+    ///
+    /// # Errors
+    /// None is named, and no robot has started this process.
+    pub(crate) fn system_file(&self) -> Answer<PathBuf> {
+        let of_the_robot = || {
+            let domain = Domain::existing(&domain_of_the_robot()?).ok().flatten()?;
+            Some(Running::read(&domain)?.system_file)
+        };
+        let missing = || {
+            let cure =
+                "name the system file of the robot, or start it with the robot by `nims plug gateway -- gateway`";
+            Failure::BadInput(format!("--system is missing: {cure}"))
+        };
+        self.system.clone().or_else(of_the_robot).ok_or_else(missing)
     }
 }
 
@@ -74,14 +89,15 @@ impl Settings {
     /// # Errors
     /// It is not accepted.
     pub fn new(args: &Args) -> Answer<Self> {
-        let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
+        let system = args.system_file()?;
+        let file = SystemFile::load(&system).map_err(Failure::bad)?;
         let state = args.state.clone().unwrap_or_else(|| file.state_folder());
         let folder = args.socket.clone().unwrap_or_else(|| runtime_folder().unwrap_or_else(|| state.clone()));
         let is_socket = folder.extension().is_some_and(|ending| ending.to_string_lossy() == SOCKET_ENDING[1..]);
         let socket = if is_socket { folder } else { folder.join(format!("{}{SOCKET_ENDING}", file.name)) };
         Ok(Self {
-            system: std::path::absolute(&args.system).map_err(Failure::bad)?,
-            instance: args.instance(),
+            system: std::path::absolute(&system).map_err(Failure::bad)?,
+            instance: instance(&system),
             domain: args.domain.clone().or_else(domain_of_the_robot).unwrap_or_else(|| file.name.clone()),
             socket,
             tokens: state.join(format!("tokens-{}.json", file.name)),
@@ -106,6 +122,11 @@ impl Settings {
         let units = self.plugins.iter().map(|plugin| (plugin.name.clone(), unit(&self.instance, plugin)));
         units.collect()
     }
+}
+
+/// The name of a system file without its ending: the robot's name in units of the service manager.
+pub(crate) fn instance(system: &Path) -> String {
+    system.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
 /// The domain of the robot whose supervisor has started this process.

@@ -59,8 +59,7 @@ fn python(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {
         written.push(module);
     }
     let next = vec![
-        "nims plug gateway -- gateway --system SYSTEM.toml    # once; on a control box a service is the gateway"
-            .to_owned(),
+        "nims plug gateway -- gateway    # once; on a control box a service is the gateway".to_owned(),
         format!("nims plug {name} -- python3 {name}.py"),
         format!("nims channel echo sensor/{name}"),
     ];
