@@ -27,10 +27,7 @@ impl Core {
         let (mut fresh, mut restarted) = ([false; CABLES], [false; CABLES]);
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
-            // In soft mode a hand moves the cables, and what it moved may run on for a moment.
-            let (led, released) = (self.sent.current_a.is_some(), self.sent.released[i]);
-            let sent_m_s = if led { self.odometry.velocity_m_s(i) } else { self.sent.speed_m_s[i] };
-            self.envelope.record(i, sent_m_s, self.safety.energised() && !released && !led, ok[i]);
+            self.record_command(i, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
                 restarted[i] = true;
@@ -54,10 +51,7 @@ impl Core {
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
             radius_ratio: std::array::from_fn(|i| self.config.robot.drum(i).radius_ratio(before[i])),
-            excused_m_s: match self.sent.current_a {
-                Some(_) => [[f64::NEG_INFINITY, f64::INFINITY]; CABLES],
-                None => std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
-            },
+            excused_m_s: self.excused_m_s(),
             starved: self.chain_starves(),
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),
         };
@@ -89,6 +83,22 @@ impl Core {
         let authority = self.authority(input, &state.header);
         self.check_state(&at_begin);
         Observation { state, slots: self.arbiter.slots(&authority), authority, energy }
+    }
+
+    /// Records what a drive was commanded, for the velocities that commands explain. In soft mode a hand moves the
+    /// cables, and what it moved may run on for a moment.
+    fn record_command(&mut self, cable: usize, replied: bool) {
+        let (led, released) = (self.sent.current_a.is_some(), self.sent.released[cable]);
+        let sent_m_s = if led { self.odometry.velocity_m_s(cable) } else { self.sent.speed_m_s[cable] };
+        self.envelope.record(cable, sent_m_s, self.safety.energised() && !released && !led, replied);
+    }
+
+    /// Least and largest velocity of each cable that has no cause of its own, m/s.
+    fn excused_m_s(&self) -> [[f64; 2]; CABLES] {
+        match self.sent.current_a {
+            Some(_) => [[f64::NEG_INFINITY, f64::INFINITY]; CABLES],
+            None => std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
+        }
     }
 
     /// Classifies this period of wall-clock time.
