@@ -108,7 +108,8 @@ fn hands_off_the_node_hardly_sinks() {
                 }
                 assert!(sink_m_s <= SINK_M_S, "{winch:?} {name} {seed}: sinks at {sink_m_s} m/s");
                 assert!(moved_m < 0.05, "{winch:?} {name} {seed}: {moved_m} m");
-                (sinks.push(sink_m_s * 1e3), ways.push(moved_m * 1e3));
+                sinks.push(sink_m_s * 1e3);
+                ways.push(moved_m * 1e3);
             }
             sinks.sort_by(f64::total_cmp);
             ways.sort_by(f64::total_cmp);
@@ -192,7 +193,7 @@ fn a_hand_leads_the_node_and_the_robot_flies_from_there() {
 fn flies_back(robot: &mut Lockstep, drawn: &Drawn, to_m: [f64; 3]) {
     let [x, y, z] = to_m;
     let planar = drawn.plant.planar;
-    let to = if planar { format!("[{x}, {z}]") } else { format!("[{x}, {y}, {z}]") };
+    let to = if planar { format!("[{x:.4}, {z:.4}]") } else { format!("[{x:.4}, {y:.4}, {z:.4}]") };
     let text = format!("name = \"back\"\n[[leg]]\nline = {{ to_m = {to} }}\n");
     robot.run(&Mission::parse(&text).unwrap()).unwrap();
     for _ in 0..6000 {
