@@ -96,6 +96,10 @@ impl<'a> Others<'a> {
         gateway.arg("--system").arg(&system).arg("--socket").arg(&socket).args(["--domain", robot.domain.name()]);
         let gateway = Ended(gateway.stderr(std::process::Stdio::null()).spawn().unwrap());
         robot.until_reported("the gateway listens", |_| socket.exists());
+        for (name, text) in [("leaf.py", LEAF.to_owned()), ("nims_sensor.py", sensor_module())] {
+            fs::write(folder.path().join(name), text).unwrap();
+            fs::set_permissions(folder.path().join(name), PermissionsExt::from_mode(0o644)).unwrap();
+        }
         let homes = USERS.map(|(_, user, _)| {
             // A mission in a home that the robot's user could enter only as root.
             let home = open_folder();
@@ -156,6 +160,10 @@ impl<'a> Others<'a> {
             ("cause a fault", nims(&["fault", "noise", "1", "0.001", "--for", "1"])),
             ("unplug a sensor", nims(&["unplug", "nothing"])),
             ("plug in a program", nims(&["plug", "shell", "--", "/bin/sh"])),
+            (
+                "publish as a sensor",
+                Attempt::Shell(format!("/usr/bin/python3 -B {folder}/leaf.py {}", self.socket.display())),
+            ),
             ("manage tokens", nims(&["token", "list"])),
             ("copy the run that is recorded", nims(&["fetch", &present, "copy"])),
             ("copy a folder that is no run", nims(&["fetch", "../state", "copy"])),
@@ -205,6 +213,15 @@ impl<'a> Others<'a> {
         }
         !refused
     }
+}
+
+/// A sensor that declares its own message and ends with 0 if a sample was taken.
+const LEAF: &str = "import ctypes, sys, nims_sensor\n\
+class Leaf(nims_sensor.Sample):\n    _fields_ = [('area_m2', ctypes.c_double, 'Area, m2.')]\n\
+with nims_sensor.Sensor('leaf', Leaf, gateway=sys.argv[1]) as sensor:\n    sys.exit(0 if sensor.send(area_m2=1.0) else 1)\n";
+
+fn sensor_module() -> String {
+    fs::read_to_string(robot::root().join("scripts/python/nims_sensor.py")).unwrap()
 }
 
 /// How an action is tried.
