@@ -11,7 +11,7 @@ use crate::codes::Codes;
 pub use crate::events::{Action, ClientId, Done, Event, Motion, OwnMessage, Question, Ticket, TokenChange};
 use crate::held::{Held, begins, end_of, is_old, may_begin};
 use crate::plugin::Verb;
-use crate::roles::{Peer, Role, Roles, deed, needed};
+use crate::roles::{Peer, Role, Roles, deed, needed, requester};
 use crate::seat::Seat;
 use crate::sensors::Sensors;
 use crate::tokens::Tokens;
@@ -60,8 +60,8 @@ impl Holder {
     fn sign(&self, request: &mut OperatorRequest, peer: &Peer) {
         (request.pid, request.uid) = (peer.pid, peer.uid);
         (request.role, request.origin) = (self.role.number(), self.origin.number());
-        let requester = looks::requester(&self.user, self.from, request.requester.len());
-        put_text(&mut request.requester, &requester);
+        let named = requester(&self.user, self.from, request.requester.len());
+        put_text(&mut request.requester, &named);
     }
 }
 

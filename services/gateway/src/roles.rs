@@ -4,6 +4,7 @@ use crate::plugin::PluginUnit;
 use config::GatewaySection;
 use gateway_protocol::Origin;
 use messages::{OperatorRequest, Request};
+use std::net::IpAddr;
 
 /// Role of a client, in ascending order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -205,6 +206,19 @@ pub fn deed(request: &Request) -> &'static str {
     }
 }
 
+/// Who requested something, and from where, in so many bytes: `ada@10.0.0.7`. Of a long address the end is kept, which
+/// tells browsers of one network apart.
+#[must_use]
+pub(crate) fn requester(user: &str, from: Option<IpAddr>, room: usize) -> String {
+    let Some(from) = from.map(|from| from.to_canonical().to_string()) else { return user.to_owned() };
+    let left = room.saturating_sub(user.len() + 1);
+    match from.len().checked_sub(left) {
+        None | Some(0) => format!("{user}@{from}"),
+        Some(_) if left < 8 => user.to_owned(),
+        Some(over) => format!("{user}@..{}", &from[over + 2..]),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -286,6 +300,20 @@ mod tests {
         // A unit of a plug-in that runs as another user, by a drop-in, is still one.
         let unit = PluginUnit::parse("nims-plugin@lab_soil.service");
         assert_eq!(roles.of(&Peer { unit, ..peer(900, "nims", &[], &[]) }), Role::Look);
+    }
+
+    #[test]
+    fn a_requester_has_its_address_as_far_as_there_is_room() {
+        let at = |user: &str, from: &str| requester(user, Some(from.parse().unwrap()), 32);
+        assert_eq!(requester("ada", None, 32), "ada");
+        assert_eq!(
+            (at("ada", "10.0.0.7").as_str(), at("ada", "::ffff:10.0.0.7").as_str()),
+            ("ada@10.0.0.7", "ada@10.0.0.7")
+        );
+        let long = at("ada", "2001:db8:1111:2222:3333:4444:5555:6666");
+        assert!(long.len() == 32 && long.starts_with("ada@..") && long.ends_with(":4444:5555:6666"), "{long}");
+        let name = "a".repeat(28);
+        assert_eq!(at(&name, "10.0.0.7"), name);
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Stops: over a connection that is ready for them and carries nothing else, so that nothing that was asked before delays
-//! them, and a press is one message.
+//! Stops: over a connection that is ready for them and carries nothing else, so that nothing that was asked before
+//! delays them, and a press is one message.
 
 use crate::app::App;
 use crate::link::{self, Browser, Incoming, Outgoing};

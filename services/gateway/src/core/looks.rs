@@ -1,11 +1,10 @@
-//! What is found out or made for a client, and how clients are named.
+//! What is found out or made for a client.
 
 use super::{Core, Holder, OPENS_PER_S};
 use crate::events::{Action, ClientId, Question};
 use crate::roles::Role;
 use robot_state::Reason;
 use robot_state::answers::detail;
-use std::net::IpAddr;
 
 impl Core {
     pub(super) fn look(&mut self, now_ns: u64, client: ClientId, id: u64, holder: &Holder, what: Question) {
@@ -39,17 +38,5 @@ fn of_pilots(what: &Question) -> Option<&'static str> {
         Question::Remove(_) => Some("delete a run"),
         Question::Doctor => Some("check the machine"),
         _ => None,
-    }
-}
-
-/// Who requested something, and from where, in so many bytes: `ada@10.0.0.7`. Of a long address the end is kept, which
-/// tells browsers of one network apart.
-pub(super) fn requester(user: &str, from: Option<IpAddr>, room: usize) -> String {
-    let Some(from) = from.map(|from| from.to_canonical().to_string()) else { return user.to_owned() };
-    let left = room.saturating_sub(user.len() + 1);
-    match from.len().checked_sub(left) {
-        None | Some(0) => format!("{user}@{from}"),
-        Some(_) if left < 8 => user.to_owned(),
-        Some(over) => format!("{user}@..{}", &from[over + 2..]),
     }
 }

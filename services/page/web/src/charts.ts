@@ -45,7 +45,7 @@ export class Charts {
 
     constructor(private readonly store: Store, conversation: Conversation) {
         this.own = new Numbers(store, conversation);
-        this.element.append(h("p", { class: "soft legend-line" }, ...Object.entries(MARKS).map(([kind, words]) => h("span", { class: `mark ${kind}` }, words))), this.own.element, this.fixed, h("section", { class: "card" }, h("h2", {}, t("What happened in these minutes")), this.told));
+        this.element.append(h("p", { class: "soft legend-line" }, ...Object.entries(MARKS).map(([kind, words]) => h("span", { class: `mark of-${kind}` }, words))), this.own.element, this.fixed, h("section", { class: "card" }, h("h2", {}, t("What happened in these minutes")), this.told));
         this.fixed.append(h("section", { class: "card" }, h("p", { class: "soft" }, t("Nothing has come from the robot yet."))));
     }
 
@@ -75,7 +75,7 @@ export class Charts {
         this.keep();
         this.own.draw(visible, () => this.marks);
         const all = visible ? this.marks : [];
-        if (visible) renew(this.told, JSON.stringify(all.map(({ at_s, words }) => [Math.round(at_s), words])), () => (all.length ? all.toReversed().map(({ at_s, kind, words }) => h("p", { class: kind }, h("b", {}, new Date(1000 * at_s).toLocaleTimeString("en-GB")), ` ${words}`)) : [h("p", { class: "soft" }, t("nothing yet"))]));
+        if (visible) renew(this.told, JSON.stringify(all.map(({ at_s, words }) => [Math.round(at_s), words])), () => (all.length ? all.toReversed().map(({ at_s, kind, words }) => h("p", { class: `of-${kind}` }, h("b", {}, new Date(1000 * at_s).toLocaleTimeString("en-GB")), ` ${words}`)) : [h("p", { class: "soft" }, t("nothing yet"))]));
         const cables = this.store.scene?.anchors_m.length ?? 0;
         if (!visible || this.rows.length < 2 || cables === 0 || performance.now() - this.drawnAt < 1000 * STEP_S) return;
         this.drawnAt = performance.now();

@@ -36,8 +36,8 @@ export class SetUp {
         const begin = h("form", { class: "row", submit: (event: Event) => { event.preventDefault(); this.open(this.site.value.trim() || FIRST); } }, h("label", { class: "wide" }, t("name of the site"), this.site), h("button", { class: "button" }, t("Open the site")));
         this.element = h("div", { class: "view" }, h("div", { class: "columns table" },
             h("section", { class: "card" }, h("h2", {}, t("Calibrate the site")), this.picture, this.message, this.question, form, this.acts, this.files),
-            h("section", { class: "card" }, h("h2", {}, t("The robot's machine")), this.check, this.findings),
-            h("section", { class: "card" }, h("h2", {}, t("How well each pole is known")), this.map, this.known, h("h2", {}, t("Sites in this browser")), this.list, begin)));
+            h("section", { class: "card" }, h("h2", {}, t("How well each pole is known")), this.map, this.known, h("h2", {}, t("Sites in this browser")), this.list, begin),
+            h("section", { class: "card" }, h("h2", {}, t("The robot's machine")), this.check, this.findings)));
     }
 
     private open(name: string): void {
@@ -114,6 +114,7 @@ export class SetUp {
         const { stepped } = this, open = stepped?.open ?? null;
         write(this.question, stepped?.question ?? (this.store.flies ? "" : t("A site is calibrated by who may fly: pair this browser in the view Robot.")));
         const theme = document.documentElement.dataset.theme ?? "";
+        this.question.classList.toggle("long", (stepped?.question.length ?? 0) > 300);
         renew(this.picture, JSON.stringify([open, theme]), () => (open ? [drawing(open)] : []));
         renew(this.map, JSON.stringify([stepped?.map, theme]), () => (stepped ? [siteDrawing(stepped.map)] : []));
         renew(this.known, JSON.stringify([stepped?.map.known, stepped?.map.best]), () => (stepped?.map.known ?? []).map((one, i) => h("p", { class: "soft" }, t("Pole {n}: within {level} mm on the level with 95 %, its height ±{height} mm", { n: i + 1, level: (1000 * one.half_axes_m[0]).toFixed(0), height: (1000 * one.height_std_m).toFixed(0) }))).concat(stepped?.map.best ? [h("p", {}, t("One more point helps most at the cross: the least certain coordinate goes from ±{now} to ±{then} mm.", { now: (1000 * stepped.map.best.worst_std_m[0]).toFixed(1), then: (1000 * stepped.map.best.worst_std_m[1]).toFixed(1) }))] : []));

@@ -161,7 +161,7 @@ await page.getByLabel("channel").selectOption("motor/state");
 await page.getByLabel("number", { exact: true }).selectOption("length_m 2");
 await press("Draw it");
 await page.locator(".chart canvas").nth(5).waitFor();
-await page.locator(".log .request", { hasText: "tablet@" }).first().waitFor();
+await page.locator(".log .of-request", { hasText: "tablet@" }).first().waitFor();
 said("charts");
 
 // A site is set up by a person who mistypes: the refusals are those of `nims setup`.
@@ -195,6 +195,10 @@ for (const at of [[0.5, 0.2], [7.7, 0.3], [7.8, 5.6], [1, 0.5], [7.5, 0.6], [7.4
     await moves(() => press("Answer"));
     // Lengths far from those of the planned place are asked about.
     if ((await open()).includes('"confirm"')) await moves(() => press("It is right"));
+    if (folder && at[0] === 7.5) {
+        mkdirSync(folder, { recursive: true });
+        await page.screenshot({ path: `${folder}/set-up-points-tablet.png` });
+    }
 }
 await page.locator(`.step[data-key*='"kind":"finish"']`).waitFor();
 assert.equal(await page.locator(".site .ellipse").count(), 3);
