@@ -27,7 +27,7 @@ impl Core {
         let (mut fresh, mut restarted) = ([false; CABLES], [false; CABLES]);
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
-            self.record_command(i, ok[i]);
+            self.explain_velocity(i, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
                 restarted[i] = true;
@@ -87,7 +87,7 @@ impl Core {
 
     /// Records what a drive was commanded, for the velocities that commands explain. In soft mode a hand moves the
     /// cables, and what it moved may run on for a moment.
-    fn record_command(&mut self, cable: usize, replied: bool) {
+    fn explain_velocity(&mut self, cable: usize, replied: bool) {
         let (led, released) = (self.sent.current_a.is_some(), self.sent.released[cable]);
         let sent_m_s = if led { self.odometry.velocity_m_s(cable) } else { self.sent.speed_m_s[cable] };
         self.envelope.record(cable, sent_m_s, self.safety.energised() && !released && !led, replied);
