@@ -7,7 +7,7 @@ use nims_tests::golden;
 use nims_tests::lockstep::{Chain, ControllerOutput, Cycle, Lockstep};
 use nims_tests::record;
 use nims_tests::scenarios::Case;
-use replay::{Changes, ChannelComparison, Replayed, run};
+use replay::{Changes, ChannelComparison, Replayed, instant_of, run, snapshot, state_at};
 use std::path::{Path, PathBuf};
 
 const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
@@ -178,4 +178,39 @@ fn the_golden_run_still_computes_to_the_same_bits() {
     assert_eq!(replayed.channels.len(), 10);
     let bytes = golden::file().metadata().unwrap().len();
     assert!(bytes < 500_000, "the golden run has {bytes} bytes, which is much for a repository");
+}
+
+#[test]
+fn an_instant_has_the_inputs_that_each_answer_names_and_the_state_after_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let system_path = record::system_with(folder.path(), "demo3", &[]).unwrap();
+    let path = record::fly(&folder.path().join("run.mcap"), &system_path, &CASE, 900).unwrap();
+    let at_ns = instant_of(&path, "6.5").unwrap();
+    assert_eq!(instant_of(&path, &runlog::utc(at_ns)).unwrap() / 1_000_000_000, at_ns / 1_000_000_000);
+    let instant = snapshot(&path, at_ns).unwrap();
+    let cycle = instant.cycle.unwrap();
+    let named = |name: &str| instant.processes.iter().find(|process| process.process == name).unwrap();
+    let cycles = |entries: &[replay::Entry], channel: &str| {
+        let entry = entries.iter().find(|entry| entry.channel == channel);
+        entry.unwrap_or_else(|| panic!("no {channel}")).sample["header.cycle"].as_u64().unwrap()
+    };
+    let motor_io = named("motor-io");
+    assert!(cycles(&motor_io.inputs, "motor/input") == cycle && cycles(&motor_io.outputs, "motor/state") == cycle);
+    let estimator = named("estimator in slot a");
+    let estimated = cycles(&estimator.outputs, "node/estimate/a");
+    assert!(cycle - estimated <= 1 && cycles(&estimator.inputs, "motor/state") == estimated);
+    let controller = named("controller in slot a");
+    let answer = &controller.outputs.iter().find(|entry| entry.channel == "control/status/a").unwrap().sample;
+    assert_eq!(cycles(&controller.inputs, "node/estimate/a"), answer["based_on_estimate"][0].as_u64().unwrap());
+    assert!(controller.inputs.iter().any(|entry| entry.channel == "plan/motion"));
+    assert!(instant.words().contains("motor/command/a"));
+
+    // The state is that after the cycle of the instant, not the one at the end.
+    let states = state_at(&path, at_ns, &mut |_| ()).unwrap();
+    let of = |name: &str| states.iter().find(|(part, _)| part == name).unwrap().1.clone();
+    assert!(of("estimator in slot a").contains(&format!("last_cycle: {estimated}")), "{}", of("estimator in slot a"));
+    assert!(of("motor-io").starts_with("Core") && of("controller in slot a").starts_with("Controller"));
+    for wrong in ["-1", "soon", "2026-13-01 00:00:00"] {
+        assert_eq!(instant_of(&path, wrong).unwrap_err().exit_code(), 2, "{wrong}");
+    }
 }

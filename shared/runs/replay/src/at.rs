@@ -3,7 +3,10 @@
 use crate::sample::sample_value;
 use command::{Answer, Failure};
 use messages::schema::Schema;
-use messages::{ControlStatus, Message, NodeEstimate, PlanMotion, SLOT_NAMES, channel_of};
+use messages::{
+    ControlStatus, Message, MotorAuthority, MotorInput, MotorSlots, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES,
+    channel_of,
+};
 use runlog::{Instant, KeptSample, RunReader, utc};
 use serde::Serialize;
 use serde_json::Value;
@@ -88,7 +91,7 @@ pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
         at_s: seconds(begin_ns, at_ns),
         at_unix_ns: at_ns,
         at_utc: utc(at_ns),
-        cycle: view.newest::<messages::MotorAuthority>("motor/authority").map(|authority| authority.header.cycle),
+        cycle: view.newest::<MotorAuthority>("motor/authority").map(|authority| authority.header.cycle),
         processes: view.processes(),
         chunks: instant.chunks,
     })
@@ -141,8 +144,7 @@ impl View<'_> {
             inputs,
             outputs,
         };
-        let decisions = ["motor/state", "motor/authority", "motor/slots", "energy"];
-        let mut processes = vec![process("motor-io", self.last(&["motor/input"]), self.last(&decisions))];
+        let mut processes = vec![self.motor_io()];
         processes.extend(SLOT_NAMES.iter().filter_map(|slot| self.estimator(slot)));
         processes.extend(SLOT_NAMES.iter().filter_map(|slot| self.controller(slot)));
         let asked = self.last(&["operator/request", "motor/authority"]);
@@ -170,11 +172,26 @@ impl View<'_> {
         processes
     }
 
+    /// Returns motor-io in its newest cycle: the samples of a cycle have stamps of several instants in it.
+    fn motor_io(&self) -> Process {
+        let cycle = self.newest::<MotorAuthority>("motor/authority").map_or(0, |authority| authority.header.cycle);
+        let decided = [
+            self.of_cycle::<MotorState>("motor/state", cycle),
+            self.of_cycle::<MotorAuthority>("motor/authority", cycle),
+            self.of_cycle::<MotorSlots>("motor/slots", cycle),
+        ];
+        Process {
+            process: "motor-io".to_owned(),
+            inputs: self.of_cycle::<MotorInput>("motor/input", cycle).into_iter().collect(),
+            outputs: decided.into_iter().flatten().chain(self.last(&["energy"])).collect(),
+        }
+    }
+
     fn estimator(&self, slot: &str) -> Option<Process> {
         let output = format!("node/estimate/{slot}");
         let estimate = self.newest::<NodeEstimate>(&output)?;
-        let state = self.of_cycle::<messages::MotorState>("motor/state", estimate.header.cycle);
-        let authority = self.of_cycle::<messages::MotorAuthority>("motor/authority", estimate.based_on_authority);
+        let state = self.of_cycle::<MotorState>("motor/state", estimate.header.cycle);
+        let authority = self.of_cycle::<MotorAuthority>("motor/authority", estimate.based_on_authority);
         Some(Process {
             process: format!("estimator in slot {slot}"),
             inputs: state.into_iter().chain(authority).collect(),
@@ -189,8 +206,8 @@ impl View<'_> {
         let estimates = estimates
             .filter_map(|(slot, cycle)| self.of_cycle::<NodeEstimate>(&format!("node/estimate/{slot}"), cycle));
         let motion = self.named::<PlanMotion>("plan/motion", answer.based_on_motion, |motion| motion.beat);
-        let authority = self.of_cycle::<messages::MotorAuthority>("motor/authority", answer.based_on_authority);
-        let state = self.of_cycle::<messages::MotorState>("motor/state", answer.based_on_state);
+        let authority = self.of_cycle::<MotorAuthority>("motor/authority", answer.based_on_authority);
+        let state = self.of_cycle::<MotorState>("motor/state", answer.based_on_state);
         Some(Process {
             process: format!("controller in slot {slot}"),
             inputs: estimates.chain(motion).chain(authority).chain(state).collect(),

@@ -114,9 +114,9 @@ impl<T: Message> Channel<T> {
             self.tally.equal += 1;
             return;
         }
-        let first = conversion.first_difference::<T>(was, is).unwrap_or_default();
+        let first = self.tally.first.is_none().then(|| conversion.first_difference::<T>(was, is).unwrap_or_default());
         self.tally.different += 1;
-        if self.tally.first.is_none() {
+        if let Some(first) = first {
             let (cycle, time_s) = (recorded.header().cycle, self.time_s(time_ns));
             let (field, recorded, replayed) = first;
             self.tally.first = Some(Difference { cycle, time_s, field, recorded, replayed });
@@ -187,8 +187,11 @@ impl<T> History<T> {
 
     /// Returns the sample with this number; if a process restarted its count, the one nearest in time.
     pub(super) fn find(&self, number: u64, time_ns: u64) -> Option<&T> {
-        let of_number = self.keys.iter().enumerate().filter(|(_, (its, _))| *its == number);
-        let (at, _) = of_number.min_by_key(|(_, (_, its_ns))| its_ns.abs_diff(time_ns))?;
+        // The samples are in the order of time, so the nearest of this number is the last one before or the first after.
+        let begin = self.keys.partition_point(|(_, its_ns)| *its_ns <= time_ns);
+        let is = |at: &usize| self.keys[*at].0 == number;
+        let (before, after) = ((0..begin).rev().find(is), (begin..self.keys.len()).find(is));
+        let at = before.into_iter().chain(after).min_by_key(|at| self.keys[*at].1.abs_diff(time_ns))?;
         self.samples.get(at)
     }
 }

@@ -55,7 +55,7 @@ impl<P> Incarnations<P> {
         P: std::fmt::Debug,
     {
         match &self.part {
-            Some(part) => Some(format!("{part:#?}")),
+            Some(part) => Some(without_configuration(&format!("{part:#?}"))),
             None => (self.seq > 0).then(|| self.why.to_owned()),
         }
     }
@@ -65,6 +65,20 @@ impl<P> Incarnations<P> {
         (self.part, self.why) = (None, why);
         why
     }
+}
+
+/// Leaves out the configuration of a part, which the run file has in full and which would hide the rest.
+fn without_configuration(state: &str) -> String {
+    let mut inside = false;
+    let mut kept = Vec::new();
+    for line in state.lines() {
+        inside |= line.starts_with("    config: ");
+        if !inside {
+            kept.push(line);
+        }
+        inside &= line != "    },";
+    }
+    kept.join("\n")
 }
 
 /// Recently recorded samples, indexed for the parts that used them.
