@@ -35,6 +35,10 @@ struct Moment {
     /// Deviation of estimate and truth, m; `None` while the setpoint does not move.
     off_m: [Option<f64>; 2],
     periods: Periods,
+    /// From this cycle to its largest deviation of the truth, s: the truth goes on while cycles are lost.
+    truth_after_s: f64,
+    /// Periods as the next cycle counts them, with those lost before it.
+    periods_after: Periods,
     rate: f64,
     rate_target: f64,
     scale: f64,
@@ -60,12 +64,15 @@ impl Moment {
             tension_n[..count].copy_from_slice(&estimate.tension_n[..count]);
             slack.iter_mut().zip(&estimate.slack[..count]).for_each(|(slack, is)| *slack = *is == 1);
         }
+        let (off_m, truth_after_s) = deviations(cycle);
         Self {
             time_s,
             cycle: header.cycle,
             life: header.life,
-            off_m: deviations(cycle),
+            off_m,
             periods: Periods::from_authority(cycle.authority),
+            truth_after_s,
+            periods_after: Periods::from_authority(cycle.next.unwrap_or(cycle.authority)),
             rate: plan_rate,
             rate_target: plan_rate_target,
             // Runs of before have no such field, and nothing is scaled to nothing.
@@ -82,15 +89,19 @@ impl Moment {
     }
 }
 
-/// Returns the deviations of estimate and truth in a cycle whose setpoint moves.
-fn deviations(cycle: &Cycle<'_>) -> [Option<f64>; 2] {
-    let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return [None; 2] };
+/// Returns the deviations of estimate and truth in a cycle whose setpoint moves, and the time from the cycle to the latter,
+/// s.
+fn deviations(cycle: &Cycle<'_>) -> ([Option<f64>; 2], f64) {
+    let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return ([None; 2], 0.0) };
     let estimate = cycle.estimate.map(|estimate| (Vector3::from(estimate.position_m) - setpoint.position).norm());
-    let off_m = |truth: &messages::TruthNode| {
-        let target = cycle.setpoint_at(truth.header.stamp_ns)?;
-        Some((Vector3::from(truth.position_m) - target.position).norm())
+    let off = |truth: &messages::TruthNode| {
+        let stamp_ns = truth.header.stamp_ns;
+        let target = cycle.setpoint_at(stamp_ns)?;
+        let after_s = stamp_ns.saturating_sub(cycle.authority.header.stamp_ns) as f64 * 1e-9;
+        Some(((Vector3::from(truth.position_m) - target.position).norm(), after_s))
     };
-    [estimate, cycle.truth.iter().filter_map(off_m).reduce(f64::max)]
+    let truth = cycle.truth.iter().filter_map(off).max_by(|one, other| one.0.total_cmp(&other.0));
+    ([estimate, truth.map(|(off_m, _)| off_m)], truth.map_or(0.0, |(_, after_s)| after_s))
 }
 
 /// Returns what the setpoint does.
@@ -261,6 +272,10 @@ fn rise(moments: &[Moment], which: usize) -> Option<Rise> {
     let before = first.checked_sub(1).and_then(|at| moments.get(at));
     let window = moments.get(first..)?;
     let base = before.or(window.first()).filter(|base| base.life == last.life);
+    let (ends_s, periods) = match DEVIATIONS[which] {
+        "truth" => (last.time_s + last.truth_after_s, last.periods_after),
+        _ => (last.time_s, last.periods),
+    };
     let low = |value: fn(&Moment) -> f64| window.iter().map(value).fold(f64::INFINITY, f64::min);
     let high = |value: fn(&Moment) -> f64| window.iter().map(value).fold(f64::NEG_INFINITY, f64::max);
     let each = |value: &dyn Fn(&Moment, usize) -> f64, take: fn(f64, f64) -> f64, from: f64| -> [f64; CABLES] {
@@ -274,11 +289,11 @@ fn rise(moments: &[Moment], which: usize) -> Option<Rise> {
     Some(Rise {
         begin_s: from_s,
         causes_from_s: window.first()?.time_s,
-        at_s: last.time_s,
+        at_s: ends_s,
         cycle: last.cycle,
         phase: last.phase,
         estimate_m: last.off_m[0],
-        lost: base.map_or_else(Periods::default, |base| since(&base.periods, &last.periods)),
+        lost: base.map_or_else(Periods::default, |base| since(&base.periods, &periods)),
         restarted: window.iter().any(|moment| moment.life != last.life),
         rates: [low(|moment| moment.rate), high(|moment| moment.rate)],
         stops: window.iter().any(|moment| moment.rate_target == 0.0 && moment.off_m[which].is_some()),

@@ -5,6 +5,7 @@ use crate::accuracy::Error;
 use cable_robot::Robot;
 use messages::{CABLES, SLOT_NAMES};
 use robot_state::Periods;
+use robot_state::answers::without_cure;
 use serde::Serialize;
 
 /// Least change of the plan clock's rate that counts.
@@ -161,15 +162,19 @@ impl Between {
 pub fn explain(of: &'static str, max_m: f64, rise: &Rise, robot: Option<&Robot>, events: &Events) -> Explanation {
     let mut causes = causes(rise, robot);
     for event in events.all().iter().filter(|event| (rise.causes_from_s..=rise.at_s).contains(&event.time_s)) {
-        let kind = match event.kind {
-            EventKind::Fault => "fault",
-            EventKind::Process => "process",
-            EventKind::Operator => "request",
+        let text = event.text.trim_end_matches('.');
+        let (kind, text) = match event.kind {
+            // The cure only applies during the flight.
+            EventKind::Fault => ("fault", text.split(": ").next().unwrap_or(text)),
+            EventKind::Process => ("process", text),
+            EventKind::Operator => ("request", without_cure(text)),
             EventKind::Mode | EventKind::Mission | EventKind::Log => continue,
         };
-        causes.push(Cause { kind, text: event.text.trim_end_matches('.').to_owned() });
+        causes.push(Cause { kind, text: text.to_owned() });
     }
-    if let Some(estimate_m) = rise.estimate_m.filter(|estimate_m| of == "truth" && *estimate_m < SEEN * max_m) {
+    // While cycles are lost, there is no estimate that could see it.
+    let seen = rise.lost.unsteered() == 0 && of == "truth";
+    if let Some(estimate_m) = rise.estimate_m.filter(|estimate_m| seen && *estimate_m < SEEN * max_m) {
         let text = format!("model error, because the estimate is only {:.1} mm from the setpoint", 1e3 * estimate_m);
         causes.push(Cause { kind: "model", text });
     }

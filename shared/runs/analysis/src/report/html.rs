@@ -121,7 +121,7 @@ pub fn page(runs: &[RunAssessment]) -> String {
         section(&mut out, runs, "Sensors", |assessment| {
             let mut figures = super::map_charts::figures(&assessment.run);
             figures.extend(charts::sensors(&assessment.run));
-            Part { figures, ..Part::default() }
+            Part { before: tables::sensors(&assessment.run), figures, ..Part::default() }
         });
     }
     section(&mut out, runs, "Recording", |assessment| Part { before: recording(&assessment.run), ..Part::default() });

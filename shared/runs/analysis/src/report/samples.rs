@@ -1,5 +1,6 @@
 //! Sensor readings over time and along the path.
 
+use super::quality::{Flags, Quality};
 use super::trace::{DecimatedPoints, Trace};
 use messages::schema::{Schema, SchemaField, Value};
 use messages::{NodeEstimate, Reading, Sample, text_of};
@@ -18,6 +19,8 @@ const MAX_VALUES: usize = 4;
 pub struct Sensor {
     /// Curves with quantity and unit, or with the name of the field.
     pub values: Vec<(String, Trace)>,
+    /// Flags of each of these values.
+    quality: Vec<Quality>,
     /// Position of the node, m, and the first value.
     pub places: DecimatedPoints<([f64; 3], f64)>,
     /// Number of samples.
@@ -34,6 +37,8 @@ pub struct Extremes {
     pub name: String,
     /// Least and greatest value.
     pub range: Option<[f64; 2]>,
+    /// Gaps, flat lines and spikes.
+    pub flags: Flags,
 }
 
 /// All channels `sensor/*` and `sample/*`.
@@ -76,6 +81,7 @@ impl Sensors {
         };
         let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor {
             values: Vec::new(),
+            quality: Vec::new(),
             places: DecimatedPoints::default(),
             samples: 0,
             doubtful: 0,
@@ -100,11 +106,13 @@ impl Sensors {
                 Some(at) => at,
                 None if sensor.values.len() < MAX_VALUES => {
                     sensor.values.push((name, Trace::new(GAP_S)));
+                    sensor.quality.push(Quality::default());
                     sensor.values.len() - 1
                 }
                 None => continue,
             };
             sensor.values[at].1.add(time_s, value);
+            sensor.quality[at].add(time_s, value);
         }
     }
 }
@@ -147,8 +155,13 @@ impl Sensor {
     /// Returns quantity and unit of each value with its least and its greatest value.
     #[must_use]
     pub fn extremes(&self) -> Vec<Extremes> {
-        let row = |(name, trace): &(String, Trace)| Extremes { name: name.clone(), range: trace.extremes() };
-        self.values.iter().map(row).collect()
+        let values = self.values.iter().zip(&self.quality);
+        let row = |((name, trace), quality): (&(String, Trace), &Quality)| Extremes {
+            name: name.clone(),
+            range: trace.extremes(),
+            flags: quality.flags(),
+        };
+        values.map(row).collect()
     }
 
     /// Returns the first numbers of a custom type: floating-point fields, or any numbers if it has none.

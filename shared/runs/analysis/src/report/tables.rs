@@ -3,6 +3,7 @@
 use super::explain::{Between, Explanation};
 use super::gather::RunData;
 use super::legs::LegReport;
+use super::quality::Flag;
 use plot::page::{Table, html_table};
 
 pub(super) fn scroll(table: &str) -> String {
@@ -73,6 +74,34 @@ pub fn units(run: &RunData) -> String {
     let mut table = Table::new("Drive units", &["port", "unit", "firmware", "watchdog, ms"]);
     for unit in &run.units {
         table.row([unit.port.clone(), unit.name.clone(), unit.firmware.clone(), unit.watchdog_ms.to_string()]);
+    }
+    words_table(&table)
+}
+
+/// Renders range and flags of each sensor value.
+pub fn sensors(run: &RunData) -> String {
+    let head = ["channel", "value", "least", "greatest", "gaps", "flat lines", "spikes", "marked by the device"];
+    let mut table = Table::new("Values of the sensors", &head);
+    for (name, sensor) in run.sensors.channels() {
+        for value in sensor.extremes() {
+            let [low, high] =
+                value.range.map_or(["-".to_owned(), "-".to_owned()], |range| range.map(|end| format!("{end:.4}")));
+            let flag = |flag: Flag, unit: &str| match flag.first_s {
+                Some(first_s) => format!("{}, from {first_s:.1} s on, at most {:.4}{unit}", flag.count, flag.largest),
+                None => "none".to_owned(),
+            };
+            let flags = value.flags;
+            table.row([
+                name.clone(),
+                value.name,
+                low,
+                high,
+                flag(flags.gaps, " s"),
+                flag(flags.flat_lines, " s"),
+                flag(flags.spikes, ""),
+                format!("{} of {} samples", sensor.doubtful, sensor.samples),
+            ]);
+        }
     }
     words_table(&table)
 }
