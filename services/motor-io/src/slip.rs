@@ -1,16 +1,16 @@
 //! Whether the two encoders of a cable agree: one follows the cable over an idler, the other one counts turns of the
 //! drum.
 //!
-//! They part where the cable slips on the drum or over the idler, where it is broken or pinched between the two, where a
-//! coupling turns on its shaft, and where an encoder fails. What they count differently is summed up in each direction,
-//! less the share of their motion that the errors of drum, wheel, layers and stretch explain, and never below zero: so
-//! errors in proportion to the motion add up to nothing, and a slip counts from where it begins. The sum is a fault from
-//! `slip_m` on, to which come the stretch between the two encoders and their steps.
+//! They part where the cable slips on the drum or over the idler, where it is broken or pinched between the two, where
+//! a coupling turns on its shaft, and where an encoder fails. What they count differently is summed up in each
+//! direction, less the share of their motion that the errors of drum, wheel, layers and stretch explain, and never
+//! below zero: so errors in proportion to the motion add up to nothing, and a slip counts from where it begins. The sum
+//! is a fault from `slip_m` on, to which come the stretch between the two encoders and their steps.
 //!
 //! Which of them is right, the counts do not say, with one exception: an idler that turns further than the drum was
-//! turned by the cable. Then the length by an idler is still true, and the position stays. Where the drum turned further,
-//! either the cable slipped on it, or the idler did not turn with the cable; and turns of a drum on which the cable
-//! slipped are no length at all. Both need a confirmation.
+//! turned by the cable. Then the length by an idler is still true, and the position stays. Where the drum turned
+//! further, either the cable slipped on it, or the idler did not turn with the cable; and turns of a drum on which the
+//! cable slipped are no length at all. Both need a confirmation.
 
 use crate::odometry::Wind;
 use crate::settings::CoreConfig;

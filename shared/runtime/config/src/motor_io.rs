@@ -22,8 +22,8 @@ crate::section! {
         /// Cable by which the two encoders of a cable may disagree beyond what the model explains before it is a fault,
         /// m: the play of the gear, and what is not modelled.
         pub slip_m: f64 = 0.02 => between(0.001, 1.0, "m"),
-        /// Share of its motion by which they may disagree, for the errors of drum and wheel: five standard deviations of
-        /// a diameter that is known to 1 %.
+        /// Share of its motion by which they may disagree, for the errors of drum and wheel: five standard deviations
+        /// of a diameter that is known to 1 %.
         pub slip_share: f64 = 0.05 => between(0.0, 0.5, ""),
         /// Time without a packet after which the drives stop their motors, s; in steps of 0.1.
         pub watchdog_s: f64 = 0.3,

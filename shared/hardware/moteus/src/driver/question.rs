@@ -1,8 +1,8 @@
 //! Questions, and how an answer shows which one it answers.
 //!
 //! A unit answers registers in the order in which it was asked. The driver asks in another order each time, so the
-//! order of the answer is a tag that costs no byte: 720 and more for the question of a cycle. An older answer with the same
-//! order is told by the millisecond counter, which is part of every question.
+//! order of the answer is a tag that costs no byte: 720 and more for the question of a cycle. An older answer with the
+//! same order is told by the millisecond counter, which is part of every question.
 
 use arrayvec::ArrayVec;
 
