@@ -359,3 +359,8 @@ impl Rig {
         rig
     }
 }
+
+/// Speed of the fastest cable as commanded, m/s.
+pub fn speed(rig: &Rig) -> f64 {
+    rig.last.as_ref().unwrap().sent.speed_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()))
+}
