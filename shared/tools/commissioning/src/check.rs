@@ -6,7 +6,7 @@ use crate::robot_findings::{middle, robot};
 use crate::swing;
 use cable_robot::{Distribution, Vector3};
 use command::{Answer, Failure, Output, points};
-use config::{FileKind, PlannerSection, RobotFile, SystemFile};
+use config::{FileKind, PlannerSection, PortSection, RobotFile, SystemFile};
 use motor_box::{GroundFile, MotorBoxSection};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
@@ -147,16 +147,13 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
         1000.0 * watchdog * node,
         1000.0 * watchdog * cable
     )));
+    let fastest_hz = highest_rate_hz(file);
     for (index, port) in file.motor_io.ports.iter().enumerate() {
-        let family = port.protocol.family();
-        let second = port.units.iter().any(|unit| unit.second_encoder.is_some());
-        let family = if second { family.with_second_encoders() } else { family };
-        let seconds = family.cycle_s(port.units.len(), port.baud, port.wire);
+        let seconds = cycle_s(port);
         let sentence =
             format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
         let cure = format!(
-            "lower rate_hz to at most {:.0}, raise baud (on the drives too), or connect each drive unit to a separate port",
-            (BUS_SHARE / seconds).floor()
+            "lower rate_hz to at most {fastest_hz:.0}, raise baud (on the drives too), or connect each drive unit to a separate port"
         );
         findings.push(if seconds > BUS_SHARE * period { error(sentence, &cure) } else { note(sentence) });
         if port.path.contains("{domain}") {
@@ -183,6 +180,20 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
         ));
     }
     Ok(findings)
+}
+
+/// Time of one cycle on a port, s.
+fn cycle_s(port: &PortSection) -> f64 {
+    let family = port.protocol.family();
+    let second = port.units.iter().any(|unit| unit.second_encoder.is_some());
+    let family = if second { family.with_second_encoders() } else { family };
+    family.cycle_s(port.units.len(), port.baud, port.wire)
+}
+
+/// Highest whole rate that fits on every port, Hz.
+fn highest_rate_hz(file: &SystemFile) -> f64 {
+    let longest_s = file.motor_io.ports.iter().map(cycle_s).fold(0.0, f64::max);
+    (BUS_SHARE / longest_s).floor()
 }
 
 /// Returns the position at which a virtual node starts, m; `None`: the drives are real.
@@ -289,4 +300,35 @@ fn mission_finding(
             "move the points that it names, or reduce the speed",
         ),
     })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::finding::Level;
+
+    /// The example systems, and the highest rate of each, Hz; docs/drives.md has the table.
+    const HIGHEST_HZ: [(&str, f64); 5] =
+        [("demo3", 150.0), ("moteus4", 133.0), ("odrive4", 141.0), ("roboteq3", 100.0), ("mixed3", 208.0)];
+
+    fn refusals(file: &SystemFile, rate_hz: f64) -> Vec<String> {
+        let file = SystemFile { rate_hz, ..file.clone() };
+        let findings = system_file(&file).unwrap();
+        findings.into_iter().filter(|found| found.level == Level::Error).map(|found| found.cure).collect()
+    }
+
+    /// For every family, and for two of them in one robot: a rate that does not fit is refused with the one that does.
+    #[test]
+    fn a_rate_that_does_not_fit_is_refused_with_the_rate_that_does() {
+        let systems = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems");
+        for (name, highest_hz) in HIGHEST_HZ {
+            let file = SystemFile::load(&systems.join(name).with_extension("toml")).unwrap();
+            assert_eq!(highest_rate_hz(&file), highest_hz, "{name}");
+            assert_eq!(refusals(&file, highest_hz), Vec::<String>::new(), "{name} at {highest_hz} Hz");
+            let refused = refusals(&file, highest_hz + 1.0);
+            let states = format!("rate_hz to at most {highest_hz}");
+            assert!(!refused.is_empty() && refused.iter().all(|cure| cure.contains(&states)), "{name}: {refused:?}");
+        }
+    }
 }
