@@ -58,7 +58,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             let file = SystemFile::load(path).map_err(Failure::bad)?;
             can_be_built(&file)?;
             let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
-            findings.extend(system_file(&file)?);
+            findings.extend(system(&file)?);
             Ok(findings)
         }
         FileKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
@@ -134,7 +134,11 @@ fn ground(file: &GroundFile) -> Finding {
     note(format!("a ground with {cylinders} cylinders and {prisms} prisms on a plane at {} m", file.ground_m))
 }
 
-fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
+/// Checks what a system asks of its drives and its control chain.
+///
+/// # Errors
+/// A robot file that cannot be used.
+pub fn system(file: &SystemFile) -> Answer<Vec<Finding>> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let mut findings = Vec::new();
     if let Ok(robot) = robot.robot() {
@@ -191,7 +195,8 @@ fn cycle_s(port: &PortSection) -> f64 {
 }
 
 /// Highest whole rate that fits on every port, Hz.
-fn highest_rate_hz(file: &SystemFile) -> f64 {
+#[must_use]
+pub fn highest_rate_hz(file: &SystemFile) -> f64 {
     let longest_s = file.motor_io.ports.iter().map(cycle_s).fold(0.0, f64::max);
     (BUS_SHARE / longest_s).floor()
 }
@@ -300,35 +305,4 @@ fn mission_finding(
             "move the points that it names, or reduce the speed",
         ),
     })
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::finding::Level;
-
-    /// The example systems, and the highest rate of each, Hz; docs/drives.md has the table.
-    const HIGHEST_HZ: [(&str, f64); 5] =
-        [("demo3", 150.0), ("moteus4", 133.0), ("odrive4", 141.0), ("roboteq3", 100.0), ("mixed3", 208.0)];
-
-    fn refusals(file: &SystemFile, rate_hz: f64) -> Vec<String> {
-        let file = SystemFile { rate_hz, ..file.clone() };
-        let findings = system_file(&file).unwrap();
-        findings.into_iter().filter(|found| found.level == Level::Error).map(|found| found.cure).collect()
-    }
-
-    /// For every family, and for two of them in one robot: a rate that does not fit is refused with the one that does.
-    #[test]
-    fn a_rate_that_does_not_fit_is_refused_with_the_rate_that_does() {
-        let systems = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems");
-        for (name, highest_hz) in HIGHEST_HZ {
-            let file = SystemFile::load(&systems.join(name).with_extension("toml")).unwrap();
-            assert_eq!(highest_rate_hz(&file), highest_hz, "{name}");
-            assert_eq!(refusals(&file, highest_hz), Vec::<String>::new(), "{name} at {highest_hz} Hz");
-            let refused = refusals(&file, highest_hz + 1.0);
-            let states = format!("rate_hz to at most {highest_hz}");
-            assert!(!refused.is_empty() && refused.iter().all(|cure| cure.contains(&states)), "{name}: {refused:?}");
-        }
-    }
 }
