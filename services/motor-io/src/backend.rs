@@ -91,6 +91,9 @@ fn stop_pin(port: &PortSection) -> Option<StatusPin> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ask::{Trouble, ask};
+    use drives::CountBound;
+    use serial::{Device, Pipe, WireQueue};
 
     /// The limits that configuration checks are those of the drivers.
     #[test]
@@ -137,5 +140,140 @@ mod tests {
         let config = CoreConfig::from_files(&system, &system.robot_file().unwrap()).unwrap();
         let port = PortSection { torque_constant_n_m_a: Some(0.05), ..system.motor_io.ports[0].clone() };
         open(&port, "/nowhere", &config).unwrap().capabilities().torque
+    }
+
+    const PATIENCE_S: f64 = 3.0;
+
+    /// A wire that brings back what was sent.
+    struct Loopback;
+
+    impl Device for Loopback {
+        fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
+            reply.push(now_ns, &[byte]);
+        }
+        fn advance(&mut self, _: u64) {}
+    }
+
+    /// A wire on which another device sends text.
+    struct Stranger;
+
+    impl Device for Stranger {
+        fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
+            if byte == b'\n' || byte == b'\r' {
+                reply.push(now_ns, b"T=21.5;H=40\r\n");
+            }
+        }
+        fn advance(&mut self, _: u64) {}
+    }
+
+    fn on_wire<D: Device + Send + 'static>(protocol: DriveProtocol, device: D) -> Box<dyn DriveBus> {
+        let bound = CountBound::NONE;
+        match protocol {
+            DriveProtocol::Roboclaw => {
+                let unit = roboclaw::UnitConfig { address: 0x80, watchdog_tenths: 3, bound };
+                let config =
+                    roboclaw::BusConfig { baud: 230_400, margin_ns: 5_000_000, units: vec![unit], stop_pin: None };
+                Box::new(roboclaw::Bus::new(Pipe::new("wire", 230_400, device), &config).unwrap())
+            }
+            DriveProtocol::Moteus => {
+                let unit = moteus::UnitConfig { address: 1, watchdog_ms: 300, bound, torque_constant_n_m_a: 0.0, second: None };
+                let config = moteus::BusConfig {
+                    baud: 921_600,
+                    margin_ns: 5_000_000,
+                    checksums: moteus::codec::Checksums::Required,
+                    units: vec![unit],
+                    stop_pin: None,
+                };
+                Box::new(moteus::Bus::new(Pipe::new("wire", 921_600, device), &config).unwrap())
+            }
+            DriveProtocol::Odrive => {
+                let config = odrive::BusConfig {
+                    baud: 921_600,
+                    margin_ns: 5_000_000,
+                    address: 0,
+                    axes: 2,
+                    watchdog_ms: 300,
+                    bound,
+                    torque_constant_n_m_a: 0.0,
+                    stop_pin: None,
+                };
+                Box::new(odrive::Bus::new(Pipe::new("wire", 921_600, device), &config).unwrap())
+            }
+            DriveProtocol::Roboteq => {
+                let config = roboteq::BusConfig {
+                    baud: 115_200,
+                    margin_ns: 5_000_000,
+                    address: 0,
+                    axes: 2,
+                    watchdog_ms: 300,
+                    bound,
+                    stop_pin: None,
+                };
+                Box::new(roboteq::Bus::new(Pipe::new("wire", 115_200, device), &config).unwrap())
+            }
+        }
+    }
+
+    fn trouble(protocol: DriveProtocol, device: impl Device + Send + 'static) -> Trouble {
+        ask(&mut *on_wire(protocol, device), protocol, PATIENCE_S).unwrap_err()
+    }
+
+    /// Each virtual unit as it comes out of the box, and with a fault that a builder meets; the cure names these words.
+    #[test]
+    fn each_family_answers_and_its_troubles_have_cures() {
+        use DriveProtocol::{Moteus, Odrive, Roboclaw, Roboteq};
+        let roboclaw =
+            || roboclaw::unit::UnitBus::new(vec![roboclaw::unit::Unit::new(roboclaw::unit::UnitOptions::new(0x80))]);
+        let moteus = || {
+            let unit = moteus::unit::Unit::new(moteus::unit::UnitOptions::new(1));
+            moteus::unit::UnitBus::new(vec![unit], moteus::codec::Checksums::Required)
+        };
+        let board = || odrive::unit::Board::new(odrive::unit::BoardOptions::new(0));
+        let controller = || roboteq::unit::Controller::new(roboteq::unit::ControllerOptions::new(0));
+        for (protocol, mut bus) in [
+            (Roboclaw, on_wire(Roboclaw, roboclaw())),
+            (Moteus, on_wire(Moteus, moteus())),
+            (Odrive, on_wire(Odrive, board())),
+            (Roboteq, on_wire(Roboteq, controller())),
+        ] {
+            let asked = ask(&mut *bus, protocol, PATIENCE_S).unwrap();
+            assert!(asked.len() == 1 && asked[0].firmware.is_some(), "{protocol:?}: {asked:?}");
+        }
+        let mut muted = (roboclaw(), moteus(), board(), controller());
+        muted.0.units_mut()[0].mute_until(u64::MAX);
+        muted.1.units_mut()[0].mute_until(u64::MAX);
+        muted.2.mute_until(u64::MAX);
+        muted.3.mute_until(u64::MAX);
+        let mut kept = (roboclaw(), moteus(), board(), controller());
+        kept.0.units_mut()[0].keep_watchdog(0);
+        kept.1.units_mut()[0].keep_watchdog(900);
+        kept.2.keep_watchdog(900);
+        kept.3.keep_watchdog(900);
+        let mut open_loop = controller();
+        open_loop.settings_mut().modes = [0; 2];
+        open_loop.save();
+        open_loop.reboot(0);
+        for (protocol, found, words) in [
+            (Roboclaw, trouble(Roboclaw, muted.0), "Motion Studio"),
+            (Moteus, trouble(Moteus, muted.1), "id.id"),
+            (Odrive, trouble(Odrive, muted.2), "uart_a_baudrate"),
+            (Roboteq, trouble(Roboteq, muted.3), "115200"),
+            (Moteus, trouble(Moteus, kept.1), "moteus_tool"),
+            (Odrive, trouble(Odrive, kept.2), "watchdog_timeout"),
+            (Roboteq, trouble(Roboteq, kept.3), "RWD"),
+            (Roboclaw, trouble(Roboclaw, kept.0), "firmware"),
+            (Moteus, trouble(Moteus, Loopback), "loopback"),
+            (Odrive, trouble(Odrive, Loopback), "loopback"),
+            (Roboteq, trouble(Roboteq, Loopback), "loopback"),
+            (Roboclaw, trouble(Roboclaw, Loopback), "loopback"),
+            (Moteus, trouble(Moteus, Stranger), "fdcanusb"),
+            (Odrive, trouble(Odrive, Stranger), "ASCII"),
+            (Roboteq, trouble(Roboteq, Stranger), "115200"),
+            (Roboteq, trouble(Roboteq, open_loop), "MMOD"),
+        ] {
+            println!("{protocol:?}: {}: {}", found.sentence, found.cure);
+            assert!(found.cure.contains(words), "{protocol:?}, {words}: {found:?}");
+            assert!(found.sentence.starts_with("wire"), "names the port: {found:?}");
+        }
     }
 }

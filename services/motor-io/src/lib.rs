@@ -20,6 +20,7 @@
 
 mod answer;
 mod arbiter;
+mod ask;
 mod backend;
 mod commanded_envelope;
 mod core;
@@ -45,10 +46,11 @@ mod watch;
 
 pub use answer::Answer;
 pub use arbiter::{Arbiter, ArbiterInput, ChosenCommand};
+pub use ask::{Asked, Trouble, ask};
 pub use backend::open as open_port;
 pub use core::{Core, DriveCommand, Observation};
 pub use inbox::Inbox;
 pub use odometry::Position;
 pub use process::run;
 pub use setpoint::Setpoints;
-pub use settings::{ConfigError, CoreConfig};
+pub use settings::{ConfigError, CoreConfig, SecondEncoders};

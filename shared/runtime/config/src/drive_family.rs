@@ -26,6 +26,24 @@ crate::choice! {
     }
 }
 
+/// What a builder does about a unit that cannot be used, in the words of the maker's program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Remedies {
+    /// It does not answer.
+    pub silent: &'static str,
+    /// Something else answers, or not legibly.
+    pub foreign: &'static str,
+    /// Only what was sent comes back.
+    pub echo: &'static str,
+    /// It does not keep the watchdog.
+    pub watchdog: &'static str,
+    /// It answers what the robot cannot use: a mode, a setting, a firmware.
+    pub settings: &'static str,
+}
+
+/// The usual cause of an echo.
+const ECHO: &str = "connect and switch on the unit, and remove a loopback plug or the adapter's local echo";
+
 /// Properties of a drive family that configuration depends on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveFamily {
@@ -49,6 +67,8 @@ pub struct DriveFamily {
     pub second_turn: Option<f64>,
     /// Bytes that it adds to a cycle of a unit.
     pub second_bytes: f64,
+    /// What to do about units that cannot be used.
+    pub remedies: Remedies,
     /// Most units on a serial wire, and on a USB adapter.
     pub units: [usize; 2],
     /// Time of one cycle over a USB adapter besides the units', and for each unit, s; `None`: the family has no such
@@ -111,6 +131,13 @@ impl DriveProtocol {
                 second_encoders: None,
                 second_turn: None,
                 second_bytes: 0.0,
+                remedies: Remedies {
+                    silent: "switch its supply on, and check address and baud rate in Motion Studio",
+                    foreign: "check that it is the units' port, and in Motion Studio packet serial mode and this baud rate",
+                    echo: ECHO,
+                    watchdog: "update the unit's firmware in Motion Studio",
+                    settings: "look for a second unit with the same address",
+                },
                 units: [8, 0],
                 usb_s: None,
                 // Speeds, encoders, currents.
@@ -133,6 +160,14 @@ impl DriveProtocol {
                 // A turn of the encoder.
                 second_turn: Some(100_000.0),
                 second_bytes: 4.0 + 8.0,
+                remedies: Remedies {
+                    silent: "switch its supply on, check id.id with moteus_tool --info, and that wire is usb for a fdcanusb and \
+                             serial for a UART",
+                    foreign: "check that it is the port of the fdcanusb (wire usb) or of the UART (wire serial, 921600 baud)",
+                    echo: ECHO,
+                    watchdog: "update the unit's firmware with moteus_tool --flash, and let no other program command it",
+                    settings: "update the unit's firmware with moteus_tool --flash, and check motor_position in tview",
+                },
                 units: [1, 8],
                 // Two round trips of a USB frame each. For each unit four frames of at most 64 bytes at 1 and 5 Mbit/s,
                 // and their text lines at 12 Mbit/s; estimated, not measured.
@@ -153,6 +188,14 @@ impl DriveProtocol {
                 second_encoders: None,
                 second_turn: None,
                 second_bytes: 0.0,
+                remedies: Remedies {
+                    silent: "switch its supply on, and check config.uart_a_baudrate in odrivetool: 921600 for two axes at 100 Hz",
+                    foreign: "check that it is the board's port, and in odrivetool config.uart_a_baudrate and that only the ASCII \
+                              protocol is on",
+                    echo: ECHO,
+                    watchdog: "check that the board's firmware is 0.5, and let no other program write config.watchdog_timeout",
+                    settings: "check that the board's firmware is 0.5, and calibrate motor and encoder in odrivetool",
+                },
                 units: [1, 1],
                 // Two round trips of a USB frame each, and the board's own time; estimated, not measured.
                 usb_s: Some([0.002, 0.001]),
@@ -174,6 +217,14 @@ impl DriveProtocol {
                 second_encoders: None,
                 second_turn: None,
                 second_bytes: 0.0,
+                remedies: Remedies {
+                    silent: "switch its supply on, and check its cable and that its port has 115200 baud",
+                    foreign: "check that it is the controller's port at 115200 baud, and that no script prints",
+                    echo: "connect and switch on the controller, and remove a loopback plug; nims switches the controller's own \
+                           echo off",
+                    watchdog: "remove the script that sets RWD, in Roborun+",
+                    settings: "set MMOD 1, MXRPM and EPPR of each channel in Roborun+, and save them to the controller",
+                },
                 units: [1, 1],
                 // One round trip of USB frames, and the controller's own time; estimated, not measured.
                 usb_s: Some([0.002, 0.001]),

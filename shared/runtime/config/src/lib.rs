@@ -46,7 +46,7 @@ mod viewer;
 pub use arbiter::ArbiterSection;
 pub use choice::UnknownChoice;
 pub use controller::{ControlLaw, ControllerSection, TensionDistribution};
-pub use drive_family::{DriveFamily, DriveProtocol, Wire};
+pub use drive_family::{DriveFamily, DriveProtocol, Remedies, Wire};
 pub use estimator::{EstimatorMethod, EstimatorSection};
 pub use exactly::{each_exactly, each_exactly_if_given, exactly, exactly_if_given, table_if_given};
 pub use file_kind::FileKind;

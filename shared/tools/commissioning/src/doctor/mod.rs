@@ -1,6 +1,7 @@
 //! `nims doctor`: checks whether this machine can run a robot; each finding has a remedy. It changes nothing without
 //! `--fix`, and then nothing without a question.
 
+mod drives;
 mod fix;
 mod judge;
 pub mod kernel;
@@ -24,6 +25,10 @@ pub struct Args {
     /// Change settings of the kernel that delay the robot, after a question for each; see docs/real-time.md.
     #[arg(long)]
     pub fix: bool,
+    /// Ask the drives on real ports too: nims stops them, releases their motors and sets their watchdogs, as `nims up`
+    /// does. Support the node before.
+    #[arg(long, requires = "config")]
+    pub drives: bool,
     /// Answer the questions of --fix with yes.
     #[arg(long, requires = "fix")]
     pub yes: bool,
@@ -46,6 +51,9 @@ pub fn run(args: &Args) -> Answer<Output> {
     }
     let mut found: Vec<Finding> = judge::judge(&probe::probe(file.as_ref()));
     found.extend(examined.into_iter().map(|examined| examined.finding));
+    if let (true, Some(file)) = (args.drives, &file) {
+        found.extend(drives::ask(file)?);
+    }
     found.sort_by_key(|finding| std::cmp::Reverse(finding.level as u8));
     let errors = finding::errors(&found);
     let failure = (errors > 0).then(|| {
