@@ -1,5 +1,5 @@
-//! Sensors that publish through the gateway: readings of declared quantities, and samples of an own message; by whom and
-//! how often.
+//! Sensors that publish through the gateway: readings of declared quantities, and samples of an own message; by whom
+//! and how often.
 
 use crate::budget::Budget;
 use crate::events::{ClientId, OwnMessage};

@@ -176,7 +176,13 @@ mod tests {
                 Box::new(roboclaw::Bus::new(Pipe::new("wire", 230_400, device), &config).unwrap())
             }
             DriveProtocol::Moteus => {
-                let unit = moteus::UnitConfig { address: 1, watchdog_ms: 300, bound, torque_constant_n_m_a: 0.0, second: None };
+                let unit = moteus::UnitConfig {
+                    address: 1,
+                    watchdog_ms: 300,
+                    bound,
+                    torque_constant_n_m_a: 0.0,
+                    second: None,
+                };
                 let config = moteus::BusConfig {
                     baud: 921_600,
                     margin_ns: 5_000_000,

@@ -10,7 +10,8 @@
 //! out.
 //!
 //! Invariants:
-//! * A cable moves only by a command that the arbiter accepted and the limits passed, by a jog, or in soft mode by a hand.
+//! * A cable moves only by a command that the arbiter accepted and the limits passed, by a jog, or in soft mode by a
+//!   hand.
 //! * The core has no clock, does no I/O and allocates nothing after its construction.
 //! * The node's speed and acceleration are bounded by the lengths that motor-io measures itself, a motion begins where
 //!   motor-io computes the node to be, and commands that lead away from the setpoint are a fault.

@@ -1,8 +1,8 @@
 //! Soft mode in drawn worlds, whose mass, friction, pulleys and motor constants are not those of the files: hands off,
 //! the node hardly sinks; a hand leads it, and afterwards the robot flies.
 //!
-//! The figures are printed: `cargo test -p nims-tests --test lockstep soft:: -- --nocapture`. `NIMS_WORLDS=40` draws more
-//! worlds.
+//! The figures are printed: `cargo test -p nims-tests --test lockstep soft:: -- --nocapture`. `NIMS_WORLDS=40` draws
+//! more worlds.
 
 use crate::drawn::{Drawn, number};
 use messages::{MotorAuthority as A, MotorState, PlanStatus, Request};

@@ -71,7 +71,7 @@ pub struct Flaw;
 /// A line to a board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Line<'a> {
-    /// Velocity of an axis, counts per second.
+    /// Velocity of an axis, counts per second, without a torque besides.
     Velocity(usize, i32),
     /// Torque of an axis, in hundred-thousandths of N m.
     Torque(usize, i32),
@@ -99,7 +99,9 @@ impl fmt::Display for Line<'_> {
             Line::Velocity(axis, steps) | Line::Torque(axis, steps) => {
                 let command = if let Line::Velocity(..) = self { 'v' } else { 'c' };
                 let (sign, size) = (if steps < 0 { "-" } else { "" }, steps.unsigned_abs());
-                write!(f, "{command} {axis} {sign}{}.{:05}", size / STEPS, size % STEPS)
+                write!(f, "{command} {axis} {sign}{}.{:05}", size / STEPS, size % STEPS)?;
+                // A board keeps the torque of a command before as a feedforward, unless a velocity brings another one.
+                if let Line::Velocity(..) = self { f.write_str(" 0") } else { Ok(()) }
             }
             Line::Feed(axis) => write!(f, "u {axis}"),
             Line::Feedback(axis) => write!(f, "f {axis}"),

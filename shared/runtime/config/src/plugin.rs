@@ -22,8 +22,8 @@ crate::section! {
         /// Program and arguments; the program with its absolute path. It gets the gateway's socket and its own name in
         /// `NIMS_GATEWAY` and `NIMS_NAME`. Empty: started by hand.
         pub command: Vec<String> = Vec::new(),
-        /// Name of each value of its readings, e.g. `["moisture"]`; as many as there are values, at most 8. Without names
-        /// and units the sensor declares its own message when it connects.
+        /// Name of each value of its readings, e.g. `["moisture"]`; as many as there are values, at most 8. Without
+        /// names and units the sensor declares its own message when it connects.
         pub quantity: Vec<String> = Vec::new(),
         /// Unit of each value.
         pub unit: Vec<String> = Vec::new(),

@@ -35,7 +35,8 @@ crate::section! {
         /// Status input of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button keeps active;
         /// default: none. An inactive or unreadable input is an emergency stop.
         pub stop_pin: Option<StopPin> = None,
-        /// Torque per motor current as these units state both, N m/A, for soft mode; default: unknown, and no soft mode.
+        /// Torque per motor current as these units state both, N m/A, for soft mode; default: unknown, and no soft
+        /// mode.
         pub torque_constant_n_m_a: Option<f64> = None => between(1e-6, 1e3, "newton metres per ampere"),
     }
 }

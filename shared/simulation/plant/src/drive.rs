@@ -29,7 +29,8 @@ pub enum MotorInput {
     Speed(f64),
     /// Open loop: share of the supply voltage, -1 to 1. Zero shorts the motor's leads.
     Duty(f64),
-    /// Closed loop: motor current, A. Current loops are a hundred times as fast as speed loops, so it has no delay here.
+    /// Closed loop: motor current, A. Current loops are a hundred times as fast as speed loops, so it has no delay
+    /// here.
     Current(f64),
 }
 

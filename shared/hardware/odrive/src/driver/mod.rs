@@ -5,9 +5,9 @@
 //!   them arrived between the answers to the two marks, each with its checksum and of the form of its question. A mark
 //!   is a number that no axis has, another one each time, so an answer to an older batch is never used, and nothing has
 //!   to be waited out after an error: the next batch is the resynchronisation.
-//! * Commands are silent. A command counts as accepted only if the board reads back its velocity or torque and the state
-//!   of the axis, and after a change from one to the other also which of them it controls: the two have a value each, so
-//!   that of a lost command may be there already.
+//! * Commands are silent. A command counts as accepted only if the board reads back its velocity or torque and the
+//!   state of the axis, and after a change from one to the other also which of them it controls: the two have a value
+//!   each, so that of a lost command may be there already.
 //! * The watchdog is a setting of each axis that is not saved in the board: where it is gone, the board has restarted.
 //!   Its expiry disarms the axis, which turns freely.
 //! * A disarmed axis does not move before it was commanded to hold or to release: that clears the errors.

@@ -186,6 +186,12 @@ impl Board {
         }
     }
 
+    /// Torque that an axis adds to what its loops demand, N m: that of the last command with one.
+    #[must_use]
+    pub fn added_torque_n_m(&self, axis: usize) -> f64 {
+        self.axes.get(axis).map_or(0.0, |axis| f64::from(axis.input_torque))
+    }
+
     /// Number of lines that were not executed because of a wrong checksum.
     #[must_use]
     pub fn refused(&self) -> u64 {
@@ -263,6 +269,9 @@ impl Board {
                         let axis = &mut self.axes[index];
                         if command == "v" {
                             (axis.input_vel, axis.control_mode) = (value, control::VELOCITY);
+                            // The third word, the feedforward, is only taken where it is there.
+                            axis.input_torque =
+                                words.next().and_then(number).map_or(axis.input_torque, |torque| torque as f32);
                         } else {
                             (axis.input_torque, axis.control_mode) = (value, control::TORQUE);
                         }

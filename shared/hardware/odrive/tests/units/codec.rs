@@ -7,8 +7,8 @@ use proptest::prelude::*;
 fn lines_are_those_of_the_firmwares_documents() {
     for (line, text) in [
         (Line::Feedback(0), "f 0*118"),
-        (Line::Velocity(0, 150_000), "v 0 1.50000*92"),
-        (Line::Velocity(1, -1_234), "v 1 -0.01234*117"),
+        (Line::Velocity(0, 150_000), "v 0 1.50000 0*124"),
+        (Line::Velocity(1, -1_234), "v 1 -0.01234 0*80"),
         (Line::Feed(0), "u 0*101"),
         (Line::ClearErrors, "sc*16"),
         (Line::Mark(73_451), "f 73451*118"),

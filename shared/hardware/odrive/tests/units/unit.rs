@@ -148,6 +148,16 @@ fn both_axes_are_driven_and_read() {
 }
 
 #[test]
+fn no_torque_of_before_is_added_to_a_velocity() {
+    let mut bus = robot();
+    cycle(&mut bus, [Command::Torque(20.0), Command::Torque(-20.0)]).unwrap();
+    let added = |bus: &Bus<Pipe<Board>>| [0, 1].map(|axis| bus.transport().device().added_torque_n_m(axis).round());
+    assert_eq!(added(&bus), [1.0, -1.0]);
+    cycle(&mut bus, [Command::HOLD, Command::Velocity(5000.0)]).unwrap();
+    assert_eq!(added(&bus), [0.0, 0.0]);
+}
+
+#[test]
 fn an_error_of_one_axis_stops_both_until_they_are_commanded_to_hold() {
     let mut bus = robot();
     cycle(&mut bus, [Command::Velocity(5000.0); 2]).unwrap();

@@ -8,7 +8,7 @@ const SIGNS: [(&str, &str); 6] = [("°", "deg"), ("µ", "u"), ("μ", "u"), ("²"
 const NAMELESS: &str = "value";
 
 /// Returns the name of a quantity, with a word for what is stated of it, e.g. `sigma`, before its unit.
-pub(super) fn column([quantity, unit]: &[String; 2], of_it: &str) -> String {
+fn column([quantity, unit]: &[String; 2], of_it: &str) -> String {
     let quantity = if plain(quantity).is_empty() { NAMELESS.to_owned() } else { plain(quantity) };
     // A name begins with a letter.
     let quantity =
@@ -17,8 +17,17 @@ pub(super) fn column([quantity, unit]: &[String; 2], of_it: &str) -> String {
     words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join("_")
 }
 
-/// Returns the names of the first `count` values of these samples; `value_N` where a name would not be the only one.
-pub(super) fn columns(samples: &[Sample], count: usize) -> Vec<String> {
+/// Returns the names of the mapped quantity and of its standard deviation, beside these other names.
+pub(super) fn mapped(names: &[String; 2], others: &[&str]) -> [String; 2] {
+    ["", "sigma"].map(|of_it| {
+        let name = column(names, of_it);
+        if others.contains(&name.as_str()) { format!("{NAMELESS}_{name}") } else { name }
+    })
+}
+
+/// Returns the names of the first `count` values of these samples; `value_N` where a name would not be the only one, also
+/// beside those of the other columns.
+pub(super) fn columns(samples: &[Sample], count: usize, others: &[&str]) -> Vec<String> {
     let of = |pick: fn(&Sample) -> &[u8]| -> Vec<String> {
         let text = samples.first().map(|sample| text_of(pick(sample)).to_string()).unwrap_or_default();
         let words: Vec<String> = text.split(',').map(|word| word.trim().to_owned()).collect();
@@ -29,7 +38,9 @@ pub(super) fn columns(samples: &[Sample], count: usize) -> Vec<String> {
         .zip(of(|sample| &sample.unit))
         .map(|(q, u)| column(&[q, u], ""))
         .collect();
-    let is_only = |name: &String| name != NAMELESS && named.iter().filter(|other| *other == name).count() == 1;
+    let is_only = |name: &String| {
+        name != NAMELESS && !others.contains(&name.as_str()) && named.iter().filter(|other| *other == name).count() == 1
+    };
     named
         .iter()
         .enumerate()
@@ -69,8 +80,10 @@ mod tests {
             put_text(&mut sample.unit, unit);
             [sample]
         };
-        assert_eq!(columns(&sample("co2,temperature", "ppm,°C"), 3), ["co2_ppm", "temperature_degC", "value_3"]);
-        assert_eq!(columns(&sample("echo,echo,range", "m,m,m"), 3), ["value_1", "value_2", "range_m"]);
-        assert_eq!(columns(&[], 0), Vec::<String>::new());
+        assert_eq!(columns(&sample("co2,temperature", "ppm,°C"), 3, &[]), ["co2_ppm", "temperature_degC", "value_3"]);
+        assert_eq!(columns(&sample("echo,echo,range", "m,m,m"), 3, &[]), ["value_1", "value_2", "range_m"]);
+        let place = sample("latitude,x,echo", "°,m,m");
+        assert_eq!(columns(&place, 3, &["x_m", "latitude_deg"]), ["value_1", "value_2", "echo_m"]);
+        assert_eq!(columns(&[], 0, &[]), Vec::<String>::new());
     }
 }

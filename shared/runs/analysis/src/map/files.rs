@@ -1,9 +1,8 @@
-//! Writes a map for other programs: ESRI ASCII grids, CSV, NetCDF, PLY, and plots.
+//! Writes a map for other programs: ESRI ASCII grids, CSV, PLY, and plots.
 
-use super::columns::{column, columns};
+use super::columns::{columns, mapped};
 use super::draw::{self, Plot};
 use super::globe::{self, Globe};
-use super::netcdf;
 use super::read::RunTime;
 use command::{Answer, Failure};
 use georeference::{Plane, SensorMap};
@@ -48,7 +47,6 @@ pub(super) fn write(
         file(format!("{name}.geojson"), cells.to_string())?;
     }
     file(format!("{name}.ply"), points(map, samples))?;
-    written.push(netcdf::write(folder, name, map, samples, time, globe)?);
     let [quantity, unit] = map.names();
     let quantity = if quantity.is_empty() { "value" } else { quantity };
     let with_unit = if unit.is_empty() { quantity.to_owned() } else { format!("{quantity}, {unit}") };
@@ -101,8 +99,11 @@ fn ascii_grid(map: &SensorMap, values: &[Option<f64>]) -> String {
 fn grid_table(map: &SensorMap) -> String {
     let spec = map.grid().spec();
     let [a, b] = map.plane().axes();
-    let (value, sigma) = (column(map.names(), ""), column(map.names(), "sigma"));
-    let mut text = format!("{a}_m,{b}_m,{value},{sigma},slope_{a}_per_m,slope_{b}_per_m,structure,radius_m,samples\n");
+    let place = format!("{a}_m,{b}_m");
+    let rest = format!("slope_{a}_per_m,slope_{b}_per_m,structure,radius_m,samples");
+    let others: Vec<&str> = place.split(',').chain(rest.split(',')).collect();
+    let names = mapped(map.names(), &others).join(",");
+    let mut text = format!("{place},{names},{rest}\n");
     for row in 0..spec.rows {
         for column in 0..spec.columns {
             let (Some(cell), Some((value, sigma))) = (map.grid().cell(column, row), map.value(column, row)) else {
@@ -123,15 +124,12 @@ fn grid_table(map: &SensorMap) -> String {
 /// Formats the samples, one row each.
 fn sample_table(samples: &[Sample], time: &RunTime, globe: Option<&Globe>) -> String {
     let count = samples.iter().map(|sample| usize::from(sample.count).min(8)).max().unwrap_or(0);
-    let mut text = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality".to_owned();
-    for name in columns(samples, count) {
-        text.push(',');
-        text.push_str(&name);
-    }
-    if globe.is_some() {
-        text.push_str(",latitude_deg,longitude_deg");
-    }
-    text.push_str(",utc,t_s\n");
+    let place = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality";
+    let rest = if globe.is_some() { "latitude_deg,longitude_deg,utc,t_s" } else { "utc,t_s" };
+    let others: Vec<&str> = place.split(',').chain(rest.split(',')).collect();
+    let names = columns(samples, count, &others);
+    let head = [place].into_iter().chain(names.iter().map(String::as_str)).chain([rest]).collect::<Vec<_>>();
+    let mut text = head.join(",") + "\n";
     for sample in samples {
         let [x, y, z] = sample.position_m;
         let [sx, sy, sz] = sample.position_std_m;

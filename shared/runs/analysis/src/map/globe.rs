@@ -9,7 +9,7 @@ use georeference::{Plane, SensorMap};
 use serde_json::{Value, json};
 
 /// Semi-major axis of WGS 84, m.
-pub(super) const A_M: f64 = 6_378_137.0;
+const A_M: f64 = 6_378_137.0;
 /// Eccentricity of WGS 84, squared.
 const E2: f64 = 6.694_379_990_141_316e-3;
 

@@ -111,7 +111,9 @@ pub fn run(args: &Args) -> Answer<Output> {
     for (name, measured) in &measured {
         match sensor_map(&config, args, name, measured) {
             Ok(map) => {
-                let written = files::write(&folder, name, &map, &measured.samples, &track, &time, globe.as_ref())?;
+                let (samples, globe) = (&measured.samples, globe.as_ref());
+                let mut written = files::write(&folder, name, &map, samples, &track, &time, globe)?;
+                written.push(netcdf::write(&folder, name, &map, samples, &time, globe)?);
                 let (value, sentence) = describe(name, &map, measured, &written);
                 values.push(value);
                 words.push(sentence);

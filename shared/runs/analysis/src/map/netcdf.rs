@@ -3,7 +3,7 @@
 //! The format is the classic one. Coordinates are those of the robot file; with `[site]`, a level map also has latitude
 //! and longitude of every cell. Unknown cells have the fill value of the format.
 
-use super::columns::column;
+use super::columns::mapped;
 use super::files::write_failure;
 use super::globe::Globe;
 use super::read::RunTime;
@@ -13,13 +13,11 @@ use messages::Sample;
 use netcdf3::{DataSet, FileWriter, InvalidDataSet, NC_FILL_F64, Version};
 use std::path::{Path, PathBuf};
 
-/// Flattening of WGS 84.
-const INVERSE_FLATTENING: f64 = 298.257_223_563;
 /// Units of UDUNITS, by which CF names units, for signs that it does not have.
 const UNITS: [(&str, &str); 3] = [("°C", "degree_Celsius"), ("°", "degree"), ("", "1")];
 
 /// Names of the variables that every map may have.
-const OWN: [&str; 10] = ["x", "y", "z", "time", "time_bounds", "bound", "lat", "lon", "crs", "samples"];
+const OWN: [&str; 9] = ["x", "y", "z", "time", "time_bounds", "bound", "lat", "lon", "samples"];
 
 /// A variable with its values.
 struct Variable<'a> {
@@ -102,10 +100,6 @@ fn define(data: &mut DataSet, variables: &[Variable<'_>], sizes: &[(&str, usize)
         for (attribute, text) in &variable.attributes {
             data.add_var_attr_string(&variable.name, attribute, text)?;
         }
-        if variable.name == "crs" {
-            data.add_var_attr_f64("crs", "semi_major_axis", vec![super::globe::A_M])?;
-            data.add_var_attr_f64("crs", "inverse_flattening", vec![INVERSE_FLATTENING])?;
-        }
     }
     Ok(())
 }
@@ -121,7 +115,7 @@ fn coordinates<'a>(map: &SensorMap, samples: &[Sample]) -> Vec<Variable<'a>> {
             .with("axis", name.to_uppercase());
         match name {
             "z" => variable.with("positive", "up"),
-            // CF's name for a coordinate that is no longitude or latitude.
+            // CF's name for coordinates in metres. No grid mapping belongs to them: their axes need not point north.
             _ => variable.with("standard_name", format!("projection_{name}_coordinate")),
         }
     };
@@ -150,7 +144,7 @@ fn times<'a>(time: &RunTime, (first_ns, last_ns): (u64, u64)) -> Option<Vec<Vari
     Some(vec![time, Variable::new("time_bounds", &["time", "bound"], bounds)])
 }
 
-/// Latitude and longitude of every cell, and the ellipsoid.
+/// Latitude and longitude of every cell.
 fn places<'a>(map: &SensorMap, globe: &Globe) -> Vec<Variable<'a>> {
     let spec = map.grid().spec();
     let [a, b] = map.plane().axes();
@@ -162,15 +156,9 @@ fn places<'a>(map: &SensorMap, globe: &Globe) -> Vec<Variable<'a>> {
         Variable::new(name, &[b, a], values)
             .with("units", format!("degrees_{direction}"))
             .with("standard_name", standard)
-            .with("long_name", standard)
+            .with("long_name", format!("{standard} (WGS 84)"))
     };
-    vec![
-        place("lat", "latitude", "north", of(0)),
-        place("lon", "longitude", "east", of(1)),
-        Variable::new("crs", &[], vec![0.0])
-            .with("grid_mapping_name", "latitude_longitude")
-            .with("long_name", "WGS 84"),
-    ]
+    vec![place("lat", "latitude", "north", of(0)), place("lon", "longitude", "east", of(1))]
 }
 
 /// Value, standard deviation and number of samples of every cell.
@@ -184,7 +172,7 @@ fn values<'a>(map: &SensorMap, placed: bool, timed: bool) -> Vec<Variable<'a>> {
     let [quantity, unit] = map.names();
     let quantity = if quantity.is_empty() { "value" } else { quantity };
     let unit = UNITS.iter().find(|(sign, _)| sign == unit).map_or(unit.as_str(), |(_, name)| name);
-    let (value, sigma) = (name_of(map, ""), name_of(map, "sigma"));
+    let [value, sigma] = mapped(map.names(), &OWN);
     let mut coordinates = Vec::new();
     coordinates.extend((!map.looks_down()).then(|| map.plane().across_axis()));
     coordinates.extend(placed.then_some("lat lon"));
@@ -195,7 +183,7 @@ fn values<'a>(map: &SensorMap, placed: bool, timed: bool) -> Vec<Variable<'a>> {
         if !coordinates.is_empty() {
             variable = variable.with("coordinates", coordinates.clone());
         }
-        if placed { variable.with("grid_mapping", "crs") } else { variable }
+        variable
     };
     vec![
         cells(&value, of(&|column, row| Some(map.value(column, row)?.0)), quantity.to_owned(), unit)
@@ -216,12 +204,6 @@ fn values<'a>(map: &SensorMap, placed: bool, timed: bool) -> Vec<Variable<'a>> {
         )
         .with("coverage_content_type", "auxiliaryInformation"),
     ]
-}
-
-/// Name of the variable of the mapped quantity; no other variable has it.
-fn name_of(map: &SensorMap, of_it: &str) -> String {
-    let name = column(map.names(), of_it);
-    if OWN.contains(&name.as_str()) { format!("value_{name}") } else { name }
 }
 
 /// Describes the file as a whole.
