@@ -11,7 +11,7 @@ use planner::Mission;
 use plant::Fault;
 
 /// Robots of three and four cables, and a planar one that floats.
-const ROBOTS: [&str; 3] = ["demo3", "moteus4", "aq4"];
+const ROBOTS: [&str; 3] = ["demo3", "demo4", "aq4"];
 /// Longest time after the robot holds until its speed loops are reset for the last time, and the node is at rest, s.
 const AT_REST_S: f64 = 5.0;
 /// Speed at which the node may sink, m/s.
@@ -122,7 +122,7 @@ fn hands_off_the_node_hardly_sinks() {
 /// A node that is heavier than the robot file says, by up to a fifth, beside all else that is drawn.
 #[test]
 fn a_heavier_node_hardly_sinks_either() {
-    for name in ["demo3", "moteus4"] {
+    for name in ["demo3", "demo4"] {
         for heavier in [1.1, 1.2] {
             let mut drawn = drawn(name, 1, &BELT);
             drawn.plant.node.mass_kg = drawn.robot.robot.node_mass_kg * heavier;
@@ -212,7 +212,7 @@ fn requests_and_borders_end_it_and_the_node_stands() {
     for (request, mode) in
         [(Request::Hold, A::MODE_HOLDING), (Request::Stop, A::MODE_HOLDING), (Request::Estop, A::MODE_EMERGENCY_STOP)]
     {
-        let mut robot = soft(&drawn("moteus4", 2, &BELT));
+        let mut robot = soft(&drawn("demo4", 2, &BELT));
         robot.plant_mut().pull_node([8.0, 0.0, 0.0]);
         seconds(&mut robot, 3.0);
         robot.request(request);
@@ -243,7 +243,7 @@ fn requests_and_borders_end_it_and_the_node_stands() {
 #[test]
 fn a_broken_cable_ends_it() {
     for cable in 0..4 {
-        let mut robot = soft(&drawn("moteus4", 3, &BELT));
+        let mut robot = soft(&drawn("demo4", 3, &BELT));
         seconds(&mut robot, 3.0);
         robot.plant_mut().apply(Fault::BrokenLine { cable, on: true }).unwrap();
         let mut soft_cycles = 0;
