@@ -4,6 +4,7 @@ use messages::{CABLES, MotorAuthority};
 
 /// What the robot does; `safety` has the picture of the transitions.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::large_enum_variant)] // in place: the loop does not allocate, so nothing is boxed
 pub enum Mode {
     /// The drives are off.
     Disarmed,

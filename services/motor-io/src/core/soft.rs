@@ -14,6 +14,8 @@
 //! missing readings end the mode: the drives hold, and the lengths, which were counted all the time, still tell where
 //! the node is.
 
+#![allow(clippy::result_large_err)] // a reason in place: the loop does not allocate, so nothing is boxed
+
 use super::Core;
 use super::border::bend_m;
 use super::follow::LATE_S;
@@ -69,8 +71,8 @@ impl Core {
         for (i, tension_n) in tensions_n.iter().enumerate() {
             let ratio = self.odometry.radius_ratio(i);
             let pull_n = (tension_n * ratio + motor.coulomb_n) / ((1.0 - motor.gear_friction).max(0.0) * ratio);
-            // False for a gear that holds everything.
-            if !(pull_n <= most_n) {
+            // Not a number: a gear that holds everything, without a load.
+            if pull_n.is_nan() || pull_n > most_n {
                 return Err(Reason::NotSoftGear { cable: i + 1, pull_n, most_n });
             }
         }

@@ -125,8 +125,8 @@ fn assert_held(rig: &mut Rig, mode: u8, stops: u32) {
     assert_eq!(rig.last.as_ref().unwrap().sent.current_a, None);
     assert_eq!(rig.last.as_ref().unwrap().sent.speed_m_s, [0.0; CABLES]);
     assert_eq!(rig.seen().state.position_known, MotorState::POSITION_KNOWN);
-    for i in 0..3 {
-        let step_m = 1.0 / COUNTS_PER_M[i].abs();
+    for (i, counts_per_m) in COUNTS_PER_M.iter().enumerate() {
+        let step_m = 1.0 / counts_per_m.abs();
         assert!((rig.seen().state.length_m[i] - rig.length_m[i]).abs() < 2.0 * step_m);
     }
 }
