@@ -3,11 +3,13 @@
 //!
 //! The table is printed: `cargo test -p nims-tests --test lockstep drums -- --nocapture`.
 
+use cable_robot::energy::flight;
 use config::{DrumEncoder, DrumSection, RobotFile, SystemFile};
 use messages::PlanStatus;
 use motor_box::BoxConfig;
-use nims_tests::lockstep::{Flight, Scenario, fly};
+use nims_tests::lockstep::{Flight, Lockstep, Scenario, fly};
 use planner::Mission;
+use segments::motion_of;
 
 /// A drum of 75 mm with 24 turns per layer, as of printed winches.
 const DIAMETER_M: f64 = 0.075;
@@ -54,4 +56,58 @@ fn encoders_on_drums_know_the_layers() {
             "the layers hardly matter: {taken_for_bare:?}"
         );
     }
+}
+
+/// Loss of the flown segments by the model of a robot file, and by the plant as its drives average it, J.
+fn losses_j(world: &RobotFile, model: &RobotFile, file: &SystemFile) -> [f64; 2] {
+    let plant = BoxConfig::from_files(file, world, std::path::Path::new("/")).unwrap().plant;
+    let mission =
+        Mission::parse(&format!("name = \"wide\"\n[[leg]]\npolyline = {{ points_m = {POINTS_M:?} }}\n")).unwrap();
+    let robot = model.robot().unwrap();
+    let scenario = Scenario::from_files(file, robot, plant, mission.clone()).unwrap();
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(&mission).unwrap();
+    let (mut modelled_j, mut segment, mut from_j) = (0.0, 0, None);
+    let lost_j = |lockstep: &Lockstep| lockstep.plant().averaged_losses_j().iter().sum::<f64>();
+    loop {
+        let before_j = lost_j(&lockstep);
+        let cycle = lockstep.cycle().unwrap();
+        if cycle.authority.segment != 0 && cycle.authority.segment != segment {
+            segment = cycle.authority.segment;
+            from_j.get_or_insert(before_j);
+            let flown = motion_of(&cycle.motion).unwrap().current;
+            let cost = flight::along(&robot, robot.default_distribution(), &flown.path, &flown.profile).unwrap();
+            modelled_j += cost.energy_j;
+        }
+        if matches!(cycle.plan.state, PlanStatus::STATE_DONE | PlanStatus::STATE_ABORTED) {
+            assert_eq!(cycle.plan.state, PlanStatus::STATE_DONE);
+            return [modelled_j, before_j - from_j.unwrap()];
+        }
+    }
+}
+
+/// The energy of planned moves counts how full the drums are, as well as on drums without layers.
+#[test]
+fn planned_energy_knows_the_fill_of_drums() {
+    let file = SystemFile::load(&crate::drawn::system("demo3")).unwrap();
+    let bare = file.robot_file().unwrap();
+    let drum = |cable_diameter_m: f64| DrumSection {
+        diameter_m: DIAMETER_M + cable_diameter_m,
+        cable_diameter_m,
+        turns_per_layer: TURNS,
+        cable_m: vec![LENGTH_M; bare.robot.anchors_m.len()],
+        encoder: DrumEncoder::Second,
+        idler_m: 0.0,
+    };
+    let with = |cable_diameter_m| RobotFile { drum: Some(drum(cable_diameter_m)), ..bare.clone() };
+    let layered = with(CABLES_M[1].0);
+    let share = |world: &RobotFile, model: &RobotFile| {
+        let [modelled_j, lost_j] = losses_j(world, model, &file);
+        println!("modelled {modelled_j:.2} J, lost {lost_j:.2} J: {:.3}", modelled_j / lost_j);
+        modelled_j / lost_j
+    };
+    let (flat, full, ignored) = (share(&with(0.0), &with(0.0)), share(&layered, &layered), share(&layered, &bare));
+    assert!((full - flat).abs() < 0.01, "{full} with layers, {flat} without");
+    assert!((ignored - flat).abs() > 0.02, "the layers hardly matter: {ignored}");
 }

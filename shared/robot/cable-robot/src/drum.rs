@@ -80,6 +80,12 @@ impl Drum {
         (1.0 - self.below + self.growth_per_m * (self.full_m - length_m).max(0.0)).sqrt()
     }
 
+    /// True for a wheel or a drum whose radius does not change.
+    #[must_use]
+    pub fn is_bare(&self) -> bool {
+        *self == Self::default()
+    }
+
     /// Largest share by which a turn of the true drum, which climbs by a whole layer at once, deviates from the mean
     /// radius, and largest deviation that this adds up to, m: an eighth of what a layer changes.
     #[must_use]

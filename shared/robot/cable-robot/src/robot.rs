@@ -89,7 +89,7 @@ impl Robot {
         let length_limits_m = length_limits(parts.length_limits_m.as_deref(), &drums[..n])?;
         parts.motor.check()?;
         parts.drive_limits.check()?;
-        let motors = motors(parts.motor, &parts.motor_tables, n)?;
+        let motors = motors(parts.motor, &parts.motor_tables, n)?.on(drums);
         parts.uncertainty.check()?;
         let calibrated = Calibrated::new(parts.anchor_covariance_m2.as_deref(), parts.length_covariance.as_deref(), n)?;
         Ok(Self {
@@ -287,15 +287,14 @@ impl Robot {
     }
 
     /// Computes what the motor of a cable, counted from 0, needs at a tension, N, and a reel-in speed, m/s: by its
-    /// measured table where it covers the point, with the drum as full as where it was measured, otherwise by the
-    /// friction model. A drum with layers draws most current where it is full and most voltage where it is empty; both
-    /// are of the length at which they are largest.
+    /// measured table where it covers the point, otherwise by the friction model. A drum with layers draws most current
+    /// where it is full and most voltage where it is empty; both are of the length at which they are largest.
     pub fn drive_load(&self, cable: usize, tension_n: f64, reel_in_m_s: f64) -> DriveLoad {
         let drum = self.drum(cable);
         let [full, empty] = self.length_limits_m[cable].map(|length_m| {
             let ratio = drum.radius_ratio(length_m);
             let (pull_n, turn_m_s) = (tension_n * ratio, reel_in_m_s / ratio);
-            let measured = self.motors.table(cable).map(|_| self.motors.current_of_a(cable, tension_n, reel_in_m_s));
+            let measured = self.motors.table(cable).map(|_| self.motors.current_of_a(cable, pull_n, turn_m_s));
             let current_a = measured.and_then(Result::ok).unwrap_or_else(|| self.motor.current_a(pull_n, turn_m_s));
             (current_a, self.motor.voltage_v(current_a, turn_m_s))
         });

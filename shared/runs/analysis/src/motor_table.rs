@@ -1,6 +1,8 @@
 //! `nims motor-table`: fits a table of motor currents to recorded runs that raise and lower known loads.
 
+use crate::report;
 use crate::tracker::{Cycle, Tracker};
+use cable_robot::Drum;
 use calibration::motor_fit::{Sample, covered, fit};
 use command::values::{Numbers, numbers};
 use command::{Answer, Failure, Output};
@@ -46,12 +48,15 @@ type Row = (MotorState, NodeEstimate);
 
 /// Extracts the samples of a run: one per cable, or of the given one (from 1), and window of steady motion.
 ///
-/// The tension is the estimated one: with three cables from the statics of the load, with more from their stretch.
+/// The tension is the estimated one: with three cables from the statics of the load, with more from their stretch. With
+/// `[drum]` in the run's robot file, tension and speed are those on the bare drum.
 ///
 /// # Errors
 /// The run cannot be read or has no usable motion.
 pub fn samples(run: &Path, cable: Option<u8>) -> Answer<Vec<Sample>> {
     let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
+    let robot = report::robot_of(run, reader.attachments());
+    let drum = |cable| robot.as_ref().map_or_else(Drum::default, |robot| robot.drum(cable));
     let mut tracker = Tracker::default();
     // Consecutive cycles of one life, until they are a window.
     let (mut rows, mut last, mut followed) = (Vec::<Row>::new(), None, false);
@@ -70,7 +75,7 @@ pub fn samples(run: &Path, cable: Option<u8>) -> Answer<Vec<Sample>> {
         rows.push((*state, *estimate));
         let window = 2 * ((0.5 * WINDOW_S / authority.period_s).round() as usize).max(2);
         if rows.len() >= window {
-            samples.extend(of_window(&rows, cable));
+            samples.extend(of_window(&rows, cable, &drum));
             rows.clear();
         }
     };
@@ -88,18 +93,18 @@ pub fn samples(run: &Path, cable: Option<u8>) -> Answer<Vec<Sample>> {
 }
 
 /// Returns the samples of a window in which the node moves.
-fn of_window(rows: &[Row], cable: Option<u8>) -> Vec<Sample> {
+fn of_window(rows: &[Row], cable: Option<u8>, drum: &dyn Fn(usize) -> Drum) -> Vec<Sample> {
     let moves = rows.iter().all(|(_, estimate)| {
         let [x, y, z] = estimate.velocity_m_s;
         (x * x + y * y + z * z).sqrt() > STANDING_M_S
     });
     let cables = rows.first().filter(|_| moves).map_or(0, |(state, _)| usize::from(state.cable_count));
     let wanted = (0..cables).filter(|index| cable.is_none_or(|cable| usize::from(cable) == index + 1));
-    wanted.filter_map(|index| steady(rows, index)).collect()
+    wanted.filter_map(|index| steady(rows, index, drum(index))).collect()
 }
 
 /// Returns the means of a window for one cable, if its speed is steady and all values are finite.
-fn steady(cycles: &[Row], cable: usize) -> Option<Sample> {
+fn steady(cycles: &[Row], cable: usize, drum: Drum) -> Option<Sample> {
     let mean = |part: &[Row], of: &dyn Fn(&MotorState, &NodeEstimate) -> f64| {
         part.iter().map(|(state, estimate)| of(state, estimate)).sum::<f64>() / part.len() as f64
     };
@@ -112,9 +117,10 @@ fn steady(cycles: &[Row], cable: usize) -> Option<Sample> {
     if cycles.iter().any(|(state, estimate)| state.fresh[cable] == 0 || estimate.slack[cable] != 0) {
         return None;
     }
+    let ratio = drum.radius_ratio(mean(cycles, &|state, _| state.length_m[cable]));
     let sample = Sample {
-        reel_in_m_s: -mean(cycles, &speed),
-        tension_n: mean(cycles, &|_, estimate| estimate.tension_n[cable]),
+        reel_in_m_s: -mean(cycles, &speed) / ratio,
+        tension_n: mean(cycles, &|_, estimate| estimate.tension_n[cable]) * ratio,
         current_a: mean(cycles, &|state, _| state.current_a[cable]),
     };
     (sample.reel_in_m_s.is_finite() && sample.tension_n.is_finite() && sample.current_a.is_finite()).then_some(sample)

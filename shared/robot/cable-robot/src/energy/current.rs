@@ -2,9 +2,10 @@
 
 use thiserror::Error;
 
+use crate::drum::Drum;
 use crate::motor::Motor;
 
-/// Current of a winch motor at the cable: the friction model or a measured table.
+/// Current of a winch motor at the cable of the bare drum: the friction model or a measured table.
 pub trait Current {
     /// Armature current, A, for a tension, N, and a reel-in speed -dL/dt, m/s. Fails outside the measured range.
     fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError>;
@@ -12,6 +13,12 @@ pub trait Current {
     /// The same for the motor of a cable, counted from 0, where motors differ.
     fn current_of_a(&self, _cable: usize, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
         self.current_a(tension_n, reel_in_m_s)
+    }
+
+    /// Drum of a cable, counted from 0: a fuller one pulls harder and turns slower than the bare one. Without layers
+    /// unless stated.
+    fn drum(&self, _cable: usize) -> Drum {
+        Drum::default()
     }
 
     /// Armature resistance, Ω.

@@ -5,6 +5,7 @@
 
 use super::current::{Current, TableError};
 use crate::MAX_CABLES;
+use crate::drum::Drum;
 use crate::motor::Motor;
 
 /// Measured current over speed and tension, with bilinear interpolation between the points.
@@ -85,6 +86,7 @@ impl Current for CurrentTable {
 pub struct Motors {
     model: Motor,
     tables: [Option<&'static MotorTable>; MAX_CABLES],
+    drums: [Drum; MAX_CABLES],
 }
 
 impl Motors {
@@ -106,7 +108,13 @@ impl Motors {
             let table = of_cables[0];
             of_cables[..cables].fill(table);
         }
-        Ok(Self { model, tables: of_cables })
+        Ok(Self { model, tables: of_cables, drums: [Drum::default(); MAX_CABLES] })
+    }
+
+    /// The same motors on these drums.
+    #[must_use]
+    pub fn on(self, drums: [Drum; MAX_CABLES]) -> Self {
+        Self { drums, ..self }
     }
 
     /// The measured table of the motor of a cable, counted from 0, if there is one.
@@ -126,6 +134,10 @@ impl Current for Motors {
             Some(table) => table.current_a(tension_n, reel_in_m_s),
             None => Ok(self.model.current_a(tension_n, reel_in_m_s)),
         }
+    }
+
+    fn drum(&self, cable: usize) -> Drum {
+        self.drums.get(cable).copied().unwrap_or_default()
     }
 
     fn resistance_ohm(&self) -> f64 {

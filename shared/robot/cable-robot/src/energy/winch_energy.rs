@@ -183,7 +183,13 @@ impl WinchEnergy<'_> {
                 let direction = pulley.direction(position).map_err(|_| fail(TensionError::Singular))?;
                 -direction.dot(velocity_m_s)
             };
-            let current = self.current.current_of_a(cable, *tension, reel_in)?;
+            let current = match self.current.drum(cable) {
+                drum if drum.is_bare() => self.current.current_of_a(cable, *tension, reel_in)?,
+                drum => {
+                    let ratio = drum.radius_ratio(pulley.length_m(position));
+                    self.current.current_of_a(cable, tension * ratio, reel_in / ratio)?
+                }
+            };
             square += current * current;
             peak_a = peak_a.max(current.abs());
         }
