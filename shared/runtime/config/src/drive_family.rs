@@ -218,7 +218,9 @@ impl DriveProtocol {
                 second_turn: None,
                 second_bytes: 0.0,
                 remedies: Remedies {
-                    silent: "switch its supply on, and check its cable and that its port has 115200 baud",
+                    // An echo is part of this protocol, so a loopback looks like silence.
+                    silent: "switch its supply on, remove a loopback plug, and check its cable and that its port has 115200 \
+                             baud",
                     foreign: "check that it is the controller's port at 115200 baud, and that no script prints",
                     echo: "connect and switch on the controller, and remove a loopback plug; nims switches the controller's own \
                            echo off",
