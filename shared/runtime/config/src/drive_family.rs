@@ -113,130 +113,138 @@ impl Default for DriveProtocol {
     }
 }
 
+const ROBOCLAW: DriveFamily = DriveFamily {
+    // The rates that the units' set-up program offers.
+    bauds: &[2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800],
+    addresses: 0x80..=0x87,
+    addresses_in_words: "128 to 135 (0x80 to 0x87)",
+    // A byte of tenths; 0 switches the watchdog off.
+    watchdog_s: [0.1, 25.5],
+    watchdog_step_s: 0.1,
+    torque: false,
+    motors: 2,
+    second_encoders: None,
+    second_turn: None,
+    second_bytes: 0.0,
+    remedies: Remedies {
+        silent: "switch its supply on, and check address and baud rate in Motion Studio",
+        foreign: "check that it is the units' port, and in Motion Studio packet serial mode and this baud rate",
+        echo: ECHO,
+        watchdog: "update the unit's firmware in Motion Studio",
+        settings: "look for a second unit with the same address",
+    },
+    units: [8, 0],
+    usb_s: None,
+    // Speeds, encoders, currents.
+    unit_bytes: 13.0 + 12.0 + 8.0,
+    unit_exchanges: 3.0,
+    slow_bytes: 8.0,
+};
+
+const MOTEUS: DriveFamily = DriveFamily {
+    bauds: &[115_200, 230_400, 460_800, 921_600],
+    addresses: 1..=126,
+    addresses_in_words: "1 to 126",
+    // The time limit of a command: 16 bits of milliseconds.
+    watchdog_s: [0.02, 30.0],
+    watchdog_step_s: 0.001,
+    torque: true,
+    motors: 1,
+    // A UART has no addresses on the wire.
+    // Sources of the maker's `motor_position`; the register's name and value, in hexadecimal.
+    second_encoders: Some(0..=2),
+    // A turn of the encoder.
+    second_turn: Some(100_000.0),
+    second_bytes: 4.0 + 8.0,
+    remedies: Remedies {
+        silent: "switch its supply on, check id.id with moteus_tool --info, and that wire is usb for a fdcanusb and \
+                 serial for a UART",
+        foreign: "check that it is the port of the fdcanusb (wire usb) or of the UART (wire serial, 921600 baud)",
+        echo: ECHO,
+        watchdog: "update the unit's firmware with moteus_tool --flash, and let no other program command it",
+        settings: "update the unit's firmware with moteus_tool --flash, and check motor_position in tview",
+    },
+    units: [1, 8],
+    // Two round trips of a USB frame each. For each unit four frames of at most 64 bytes at 1 and 5 Mbit/s,
+    // and their text lines at 12 Mbit/s; estimated, not measured.
+    usb_s: Some([0.002, 0.001]),
+    // Command and position: 75 and 81 bytes; supply, current and status: 50 and 93, in hexadecimal.
+    unit_bytes: 75.0 + 81.0 + 50.0 + 93.0,
+    unit_exchanges: 1.0,
+    slow_bytes: 0.0,
+};
+
+const ODRIVE: DriveFamily = DriveFamily {
+    bauds: &[115_200, 230_400, 460_800, 921_600],
+    addresses: 0..=127,
+    addresses_in_words: "0 to 127, a name for messages: the protocol has none",
+    watchdog_s: [0.02, 30.0],
+    watchdog_step_s: 0.001,
+    torque: true,
+    motors: 2,
+    second_encoders: None,
+    second_turn: None,
+    second_bytes: 0.0,
+    remedies: Remedies {
+        silent: "switch its supply on, and check config.uart_a_baudrate in odrivetool: 921600 for two axes at 100 Hz",
+        foreign: "check that it is the board's port, and in odrivetool config.uart_a_baudrate and that only the ASCII \
+                  protocol is on",
+        echo: ECHO,
+        watchdog: "check that the board's firmware is 0.5, and let no other program write config.watchdog_timeout",
+        settings: "check that the board's firmware is 0.5, and calibrate motor and encoder in odrivetool",
+    },
+    units: [1, 1],
+    // Two round trips of a USB frame each, and the board's own time; estimated, not measured.
+    usb_s: Some([0.002, 0.001]),
+    // Two axes: velocities, their read-backs, states and positions: 196 bytes; errors, currents and supply:
+    // 216. Answers arrive meanwhile, but for the last one of each batch.
+    unit_bytes: 196.0 + 26.0 + 216.0 + 26.0,
+    unit_exchanges: 1.0,
+    slow_bytes: 0.0,
+};
+
+const ROBOTEQ: DriveFamily = DriveFamily {
+    // The rates of its serial port.
+    bauds: &[9600, 19_200, 38_400, 57_600, 115_200],
+    addresses: 0..=127,
+    addresses_in_words: "0 to 127, a name for messages: the protocol has none",
+    watchdog_s: [0.02, 65.0],
+    watchdog_step_s: 0.001,
+    torque: false,
+    motors: 2,
+    second_encoders: None,
+    second_turn: None,
+    second_bytes: 0.0,
+    remedies: Remedies {
+        // An echo is part of this protocol, so a loopback looks like silence.
+        silent: "switch its supply on, remove a loopback plug, and check its cable and that its port has 115200 \
+                 baud",
+        foreign: "check that it is the controller's port at 115200 baud, and that no script prints",
+        echo: "connect and switch on the controller, and remove a loopback plug; nims switches the controller's own \
+               echo off",
+        watchdog: "remove the script that sets RWD, in Roborun+",
+        settings: "set MMOD 1, MXRPM and EPPR of each channel in Roborun+, and save them to the controller",
+    },
+    units: [1, 1],
+    // One round trip of USB frames, and the controller's own time; estimated, not measured.
+    usb_s: Some([0.002, 0.001]),
+    // Until the last answer: a number, twice two counters of six digits, an acknowledgement and two
+    // commands read back; then flags and one of currents, outputs and voltages. Other questions are sent
+    // meanwhile.
+    unit_bytes: 16.0 + 36.0 + 2.0 + 15.0,
+    unit_exchanges: 1.0,
+    slow_bytes: 16.0,
+};
+
 impl DriveProtocol {
     /// Properties of this family.
     #[must_use]
     pub const fn family(self) -> DriveFamily {
         match self {
-            DriveProtocol::Roboclaw => DriveFamily {
-                // The rates that the units' set-up program offers.
-                bauds: &[2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800],
-                addresses: 0x80..=0x87,
-                addresses_in_words: "128 to 135 (0x80 to 0x87)",
-                // A byte of tenths; 0 switches the watchdog off.
-                watchdog_s: [0.1, 25.5],
-                watchdog_step_s: 0.1,
-                torque: false,
-                motors: 2,
-                second_encoders: None,
-                second_turn: None,
-                second_bytes: 0.0,
-                remedies: Remedies {
-                    silent: "switch its supply on, and check address and baud rate in Motion Studio",
-                    foreign: "check that it is the units' port, and in Motion Studio packet serial mode and this baud rate",
-                    echo: ECHO,
-                    watchdog: "update the unit's firmware in Motion Studio",
-                    settings: "look for a second unit with the same address",
-                },
-                units: [8, 0],
-                usb_s: None,
-                // Speeds, encoders, currents.
-                unit_bytes: 13.0 + 12.0 + 8.0,
-                unit_exchanges: 3.0,
-                slow_bytes: 8.0,
-            },
-            DriveProtocol::Moteus => DriveFamily {
-                bauds: &[115_200, 230_400, 460_800, 921_600],
-                addresses: 1..=126,
-                addresses_in_words: "1 to 126",
-                // The time limit of a command: 16 bits of milliseconds.
-                watchdog_s: [0.02, 30.0],
-                watchdog_step_s: 0.001,
-                torque: true,
-                motors: 1,
-                // A UART has no addresses on the wire.
-                // Sources of the maker's `motor_position`; the register's name and value, in hexadecimal.
-                second_encoders: Some(0..=2),
-                // A turn of the encoder.
-                second_turn: Some(100_000.0),
-                second_bytes: 4.0 + 8.0,
-                remedies: Remedies {
-                    silent: "switch its supply on, check id.id with moteus_tool --info, and that wire is usb for a fdcanusb and \
-                             serial for a UART",
-                    foreign: "check that it is the port of the fdcanusb (wire usb) or of the UART (wire serial, 921600 baud)",
-                    echo: ECHO,
-                    watchdog: "update the unit's firmware with moteus_tool --flash, and let no other program command it",
-                    settings: "update the unit's firmware with moteus_tool --flash, and check motor_position in tview",
-                },
-                units: [1, 8],
-                // Two round trips of a USB frame each. For each unit four frames of at most 64 bytes at 1 and 5 Mbit/s,
-                // and their text lines at 12 Mbit/s; estimated, not measured.
-                usb_s: Some([0.002, 0.001]),
-                // Command and position: 75 and 81 bytes; supply, current and status: 50 and 93, in hexadecimal.
-                unit_bytes: 75.0 + 81.0 + 50.0 + 93.0,
-                unit_exchanges: 1.0,
-                slow_bytes: 0.0,
-            },
-            DriveProtocol::Odrive => DriveFamily {
-                bauds: &[115_200, 230_400, 460_800, 921_600],
-                addresses: 0..=127,
-                addresses_in_words: "0 to 127, a name for messages: the protocol has none",
-                watchdog_s: [0.02, 30.0],
-                watchdog_step_s: 0.001,
-                torque: true,
-                motors: 2,
-                second_encoders: None,
-                second_turn: None,
-                second_bytes: 0.0,
-                remedies: Remedies {
-                    silent: "switch its supply on, and check config.uart_a_baudrate in odrivetool: 921600 for two axes at 100 Hz",
-                    foreign: "check that it is the board's port, and in odrivetool config.uart_a_baudrate and that only the ASCII \
-                              protocol is on",
-                    echo: ECHO,
-                    watchdog: "check that the board's firmware is 0.5, and let no other program write config.watchdog_timeout",
-                    settings: "check that the board's firmware is 0.5, and calibrate motor and encoder in odrivetool",
-                },
-                units: [1, 1],
-                // Two round trips of a USB frame each, and the board's own time; estimated, not measured.
-                usb_s: Some([0.002, 0.001]),
-                // Two axes: velocities, their read-backs, states and positions: 196 bytes; errors, currents and supply:
-                // 216. Answers arrive meanwhile, but for the last one of each batch.
-                unit_bytes: 196.0 + 26.0 + 216.0 + 26.0,
-                unit_exchanges: 1.0,
-                slow_bytes: 0.0,
-            },
-            DriveProtocol::Roboteq => DriveFamily {
-                // The rates of its serial port.
-                bauds: &[9600, 19_200, 38_400, 57_600, 115_200],
-                addresses: 0..=127,
-                addresses_in_words: "0 to 127, a name for messages: the protocol has none",
-                watchdog_s: [0.02, 65.0],
-                watchdog_step_s: 0.001,
-                torque: false,
-                motors: 2,
-                second_encoders: None,
-                second_turn: None,
-                second_bytes: 0.0,
-                remedies: Remedies {
-                    // An echo is part of this protocol, so a loopback looks like silence.
-                    silent: "switch its supply on, remove a loopback plug, and check its cable and that its port has 115200 \
-                             baud",
-                    foreign: "check that it is the controller's port at 115200 baud, and that no script prints",
-                    echo: "connect and switch on the controller, and remove a loopback plug; nims switches the controller's own \
-                           echo off",
-                    watchdog: "remove the script that sets RWD, in Roborun+",
-                    settings: "set MMOD 1, MXRPM and EPPR of each channel in Roborun+, and save them to the controller",
-                },
-                units: [1, 1],
-                // One round trip of USB frames, and the controller's own time; estimated, not measured.
-                usb_s: Some([0.002, 0.001]),
-                // Until the last answer: a number, twice two counters of six digits, an acknowledgement and two
-                // commands read back; then flags and one of currents, outputs and voltages. Other questions are sent
-                // meanwhile.
-                unit_bytes: 16.0 + 36.0 + 2.0 + 15.0,
-                unit_exchanges: 1.0,
-                slow_bytes: 16.0,
-            },
+            DriveProtocol::Roboclaw => ROBOCLAW,
+            DriveProtocol::Moteus => MOTEUS,
+            DriveProtocol::Odrive => ODRIVE,
+            DriveProtocol::Roboteq => ROBOTEQ,
         }
     }
 }
