@@ -166,7 +166,7 @@ mod tests {
         fn advance(&mut self, _: u64) {}
     }
 
-    fn on_wire<D: Device + Send + 'static>(protocol: DriveProtocol, device: D) -> Box<dyn DriveBus> {
+    fn on_wire<D: Device + 'static>(protocol: DriveProtocol, device: D) -> Box<dyn DriveBus> {
         let bound = CountBound::NONE;
         match protocol {
             DriveProtocol::Roboclaw => {
@@ -220,7 +220,7 @@ mod tests {
         }
     }
 
-    fn trouble(protocol: DriveProtocol, device: impl Device + Send + 'static) -> Trouble {
+    fn trouble(protocol: DriveProtocol, device: impl Device + 'static) -> Trouble {
         ask(&mut *on_wire(protocol, device), protocol, PATIENCE_S).unwrap_err()
     }
 
