@@ -312,6 +312,13 @@ impl Inbound<'_> {
             }
             FromBrowser::Pair { id, code } => self.call(Call::CodeUse { id, code }, Vec::new()),
             FromBrowser::Seat { id, what } => self.call(Call::Seat { id, what }, Vec::new()),
+            other => self.look(other),
+        }
+    }
+
+    /// What moves nothing.
+    fn look(&self, message: FromBrowser) {
+        match message {
             FromBrowser::Check { id, to_m } => {
                 let (possible, sentence) = match self.app.topics.scene() {
                     Some(scene) => scene.check(to_m),
@@ -348,6 +355,15 @@ impl Inbound<'_> {
                 }
                 self.call(Call::Open { id, run, file }, Vec::new());
             }
+            // They were carried out before.
+            FromBrowser::Hello { .. }
+            | FromBrowser::Ask { .. }
+            | FromBrowser::Held { .. }
+            | FromBrowser::Beat { .. }
+            | FromBrowser::Release {}
+            | FromBrowser::Fly { .. }
+            | FromBrowser::Pair { .. }
+            | FromBrowser::Seat { .. } => {}
         }
     }
 
