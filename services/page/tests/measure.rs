@@ -83,12 +83,14 @@ fn how_long_a_held_motion_outlives_its_browser() {
     let (mut silent, mut cut) = (Vec::new(), Vec::new());
     for link in 0..2 * PRESSES {
         let go = json!({ "verb": "goto", "to_m": POINTS[link / 2 % 2], "path": { "shape": "line" }, "speed_m_s": 0.2 });
+        // The next browser is there before the link of this one is cut.
+        let next = (link % 2 == 1).then(|| rig.browser(Some(&token)));
         flyer.hold_until(&go, "following");
         while authority.receive().unwrap().is_some() {}
         flyer.beat();
         let begun_ns = clock::now_ns();
-        if link % 2 == 1 {
-            flyer = rig.browser(Some(&token));
+        if let Some(next) = next {
+            flyer = next;
         }
         let modes = [MotorAuthority::MODE_STOPPING, MotorAuthority::MODE_HOLDING];
         let taken = until_mode(&mut authority, begun_ns, &modes);
