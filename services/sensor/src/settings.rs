@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use config::toml_file::{Source, finite};
-use config::{ConfigError, Problem};
+use config::{ConfigError, FileKind, Problem};
 use serde::Deserialize;
 
 use crate::VALUES;
@@ -200,6 +200,7 @@ impl SensorFile {
     /// The file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        FileKind::Sensor.expect(&source)?;
         let file: Self = source.parse()?;
         file.check().map_err(|problem| source.error(&problem))?;
         Ok(file)

@@ -565,6 +565,11 @@ fn a_file_of_another_kind_is_named() {
     for (args, words) in [
         (&["run", "demo", "--dry-run", "--config", ROBOT][..], &[ROBOT][..]),
         (&["doctor", ROBOT], &[ROBOT, "configs/systems"]),
+        (&["run", SYSTEM, "--dry-run", "--config", SYSTEM], &[SYSTEM, "configs/missions"]),
+        (&["calibrate", SYSTEM], &[SYSTEM, "configs/measurements"]),
+        (&["setup", ROBOT], &[ROBOT, "configs/measurements"]),
+        (&["loads", SYSTEM], &[SYSTEM, "configs/measurements"]),
+        (&["check", "configs/measurements/lab3.toml"], &["configs/measurements/lab3.toml", "nims calibrate"]),
         (&["ik", "--config", mission, "--at", "1,2,3"], &[mission]),
     ] {
         refused(args, 2, words);

@@ -97,6 +97,11 @@ impl Source {
         Ok(Self { path: path.to_owned(), text })
     }
 
+    /// Returns the text.
+    pub(crate) fn text(&self) -> &str {
+        &self.text
+    }
+
     /// Creates a source from a text; the path is used in errors only.
     pub(crate) fn from_text(path: PathBuf, text: String) -> Self {
         Self { path, text }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use config::Point;
+use config::{FileKind, Point};
 use config::{file, toml_file};
 use robot_state::Reason;
 use robot_state::answers::detail;
@@ -217,6 +217,7 @@ impl Mission {
     pub fn read_with_text(path: &Path) -> Result<(Self, String), MissionError> {
         let text = file::read_text(path)
             .map_err(|why| MissionError::Unreadable { path: path.display().to_string(), why: why.to_string() })?;
+        FileKind::Mission.expect_text(path, &text).map_err(|error| MissionError::Malformed(error.to_string()))?;
         let mission = Self::parse(&text).map_err(|error| match error {
             MissionError::Malformed(why) => MissionError::Malformed(format!("{}, {why}", path.display())),
             MissionError::Value { place, mission, leg, key, value, accepted } => {

@@ -6,10 +6,12 @@ pub use site_calibration::calibrate::{
     TapeEntry, file_text, honest_calibration, judge, places, tape_scales,
 };
 
+use crate::config_kind::measurements;
 use calibration::Method;
 use clap::ValueEnum;
 use command::values::above_zero;
 use command::{Answer, Failure, Output};
+use config::FileKind;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -53,7 +55,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         return Err(Failure::BadInput(format!("{out} already exists; name a new file or move this one")));
     }
     let path = args.measurements.as_path();
-    let file: MeasurementsFile = config::toml_file::load(path).map_err(Failure::bad)?;
+    let file: MeasurementsFile = measurements(FileKind::Measurements, path)?;
     let method = match args.method {
         None => file.usual_method(),
         Some(CalibrationMethod::Survey) => Method::Survey,

@@ -63,6 +63,10 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
         }
         FileKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
         FileKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
+        FileKind::Measurements | FileKind::Loads => Err(Failure::BadInput(format!(
+            "{} has measurements, which `nims calibrate` and `nims loads` check and evaluate: give one of them this file",
+            path.display()
+        ))),
         FileKind::Mission => {
             let mission = Mission::read(path).map_err(Failure::bad)?;
             let Some(on) = on else {

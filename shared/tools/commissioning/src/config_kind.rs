@@ -2,6 +2,7 @@
 
 use cable_robot::{Distribution, Robot};
 use command::{Answer, Failure};
+use config::toml_file::Source;
 use config::{FileKind, PlannerSection, RobotFile, SystemFile, toml_file};
 use std::path::Path;
 
@@ -10,10 +11,19 @@ pub(crate) fn config_kind(path: &Path) -> Answer<FileKind> {
     let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
     FileKind::from_table(&table).ok_or_else(|| {
         Failure::BadInput(format!(
-            "{} is not a configuration file of a known kind: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
+            "{} is not a configuration file of a known kind: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]], measurements [[side]], [[range]] or [[sinking]]",
             path.display()
         ))
     })
+}
+
+/// Loads a file of measurements of this kind.
+///
+/// # Errors
+/// A file that cannot be used, or one of another kind.
+pub(crate) fn measurements<T: serde::de::DeserializeOwned>(kind: FileKind, path: &Path) -> Answer<T> {
+    let source = Source::read(path).map_err(Failure::bad)?;
+    kind.expect(&source).and_then(|()| source.parse()).map_err(Failure::bad)
 }
 
 /// Loads the robot of a robot file, or of a system file, which also states the voltage of its drives.

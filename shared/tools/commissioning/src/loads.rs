@@ -6,10 +6,11 @@ mod robot_file;
 
 pub(crate) use file::{LoadsFile, LoadsSetup, SinkingEntry, WeighingEntry, position};
 
+use crate::config_kind::measurements;
 use cable_robot::{Robot, STANDARD_GRAVITY};
 use calibration::{Found, Loads};
 use command::{Answer, Failure, Output};
-use config::{RobotFile, file as files, toml_file};
+use config::{FileKind, RobotFile, file as files, toml_file};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ pub struct Args {
 /// A file that cannot be used or written.
 pub fn run(args: &Args) -> Answer<Output> {
     let path = args.measurements.as_path();
-    let file: LoadsFile = toml_file::load(path).map_err(Failure::bad)?;
+    let file: LoadsFile = measurements(FileKind::Loads, path)?;
     let folder = files::folder_of(path);
     let found = judge(&file, folder).map_err(|why| Failure::bad(format!("{}: {why}", path.display())))?;
     let mut output = Output::new(found.value.clone(), found.words.trim_end());

@@ -6,7 +6,7 @@ use super::stored::Stored;
 use super::terminal::{Terminal, print_message};
 use crate::loads::{self, LoadsFile};
 use command::{Answer, Failure};
-use config::file;
+use config::{FileKind, file};
 use serde_json::Value;
 use site_calibration::setup::guide::NextStep;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ pub fn is_open(measurements: &Path) -> bool {
 pub fn run(measurements: &Path, terminal: &mut Terminal<'_>) -> Answer<LoadsEnd> {
     let path = file_name(measurements);
     let mut stored = Stored::open(&path)?;
-    let there: Option<LoadsFile> = stored.file()?;
+    let there: Option<LoadsFile> = stored.file(FileKind::Loads)?;
     if there.as_ref().is_some_and(|file| file.setup.is_none()) {
         print_message(&format!("`nims loads {}` reads the measurements with a known weight.", path.display()));
         return Ok(LoadsEnd::Skipped);

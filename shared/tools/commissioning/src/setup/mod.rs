@@ -19,6 +19,7 @@ mod tests;
 
 use crate::calibrate;
 use command::{Answer, Failure, Output};
+use config::FileKind;
 
 use capture::{Seen, TouchDownWatch};
 use dialogue::LoadsEnd;
@@ -88,7 +89,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
 fn ask(args: &Args, terminal: &mut Terminal<'_>) -> Answer<Output> {
     let path = args.measurements.as_path();
     let mut stored = Stored::open(path)?;
-    let mut guide = match stored.file()? {
+    let mut guide = match stored.file(FileKind::Measurements)? {
         None => Guide::default(),
         Some(file) => Guide::resume(file).map_err(|why| Failure::bad(format!("{}: {why}", path.display())))?,
     };

@@ -1,7 +1,7 @@
 //! A file of measurements on the disk: the whole state of a dialogue.
 
 use command::{Answer, Failure};
-use config::file;
+use config::{FileKind, file};
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
@@ -23,12 +23,15 @@ impl<'a> Stored<'a> {
         Ok(Self { path, text })
     }
 
-    /// The measurements; None if the file does not exist.
+    /// The measurements of this kind; None if the file does not exist.
     ///
     /// # Errors
-    /// The file cannot be parsed.
-    pub fn file<T: DeserializeOwned>(&self) -> Answer<Option<T>> {
-        let parsed = self.text.as_ref().map(|text| config::toml_file::parse(text, self.path));
+    /// The file cannot be parsed, or is of another kind.
+    pub fn file<T: DeserializeOwned>(&self, kind: FileKind) -> Answer<Option<T>> {
+        let parsed = self.text.as_ref().map(|text| {
+            kind.expect_text(self.path, text)?;
+            config::toml_file::parse(text, self.path)
+        });
         parsed.transpose().map_err(Failure::bad)
     }
 
