@@ -28,6 +28,9 @@ const RATE_HZ: u64 = 10;
 /// Cycles between a period lost to the computer and a command that is missing because of it.
 const FROZEN_CYCLES: u64 = 5;
 
+/// The way of a sensor in Python that is one of the robot's own processes.
+const SHARED: &str = "--shared-memory";
+
 /// A motion to and fro for a quarter of an hour.
 fn fly_for_long(robot: &mut Robot) {
     let mut mission = "name = \"to and fro\"\nspeed_m_s = 0.15\n".to_owned();
@@ -97,7 +100,7 @@ fn lives(run: &Path, channel: &str) -> u64 {
 /// Both appear under their names, with their fields, and no other process is restarted.
 fn both_appear(robot: &mut Robot, python: &str) {
     robot.accepted(&["plug", "soil", "--", "my-sensor"]);
-    robot.accepted(&["plug", "leaf", "--", python, "sensor.py", "--shared-memory"]);
+    robot.accepted(&["plug", "leaf", "--", python, "sensor.py", SHARED]);
     for name in ["soil", "leaf"] {
         let channel = format!("sensor/{name}");
         let mut subscriber = robot.bus.subscriber::<Example>(&channel).unwrap();
@@ -161,15 +164,8 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
                     robot
                         .until("its end is known", |robot| robot.domain.alive().iter().all(|node| node.name != "soil"));
                     // In the other language, under the same name and with the same type.
-                    robot.accepted(&[
-                        "plug",
-                        "soil",
-                        "--replace",
-                        "--",
-                        &path(&python),
-                        "sensor.py",
-                        "--shared-memory",
-                    ]);
+                    let python = path(&python);
+                    robot.accepted(&["plug", "soil", "--replace", "--", &python, "sensor.py", SHARED]);
                 }
                 _ => {
                     robot.accepted(&["restart", "soil"]);
@@ -190,9 +186,9 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
         }
         no_process_of_the_cycle_reads_a_sensor(&robot);
         // Other fields under the old name are rejected, with what to do; under a new name they are accepted.
-        let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py", "--shared-memory"]);
+        let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py", SHARED]);
         assert!(!output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        robot.accepted(&["plug", "leaf-2", "--", &path(&python), "other.py", "--shared-memory"]);
+        robot.accepted(&["plug", "leaf-2", "--", &path(&python), "other.py", SHARED]);
         robot.accepted(&["channel", "echo", "sensor/leaf-2", "-n", "1"]);
         robot.accepted(&["unplug", "soil"]);
         robot.accepted(&["unplug", "leaf-2"]);
@@ -232,7 +228,7 @@ fn a_successor_that_does_not_speak_costs_nothing() {
         // first one printed is part of the reason.
         for (command, why) in [
             (vec!["sh", "-c", "echo the cable is off >&2; exit 3"], "the cable is off"),
-            (vec![python, "other.py", "--shared-memory"], "soil"),
+            (vec![python, "other.py", SHARED], "soil"),
             (vec!["sleep", "1000"], "soil"),
         ] {
             let mut args = vec!["plug", "soil", "--replace", "--"];
@@ -248,7 +244,7 @@ fn a_successor_that_does_not_speak_costs_nothing() {
         }
 
         // One that publishes has the name from then on; the previous one published until then.
-        robot.accepted(&["plug", "soil", "--replace", "--", python, "sensor.py", "--shared-memory"]);
+        robot.accepted(&["plug", "soil", "--replace", "--", python, "sensor.py", SHARED]);
         let after = robot.pid_in_table("soil").unwrap();
         assert_ne!(after, before);
         assert_eq!(robot.down(Signal::INT), Some(0), "no process ended");
