@@ -187,7 +187,8 @@ impl<T> History<T> {
 
     /// Returns the sample with this number; if a process restarted its count, the one nearest in time.
     pub(super) fn find(&self, number: u64, time_ns: u64) -> Option<&T> {
-        // The samples are in the order of time, so the nearest of this number is the last one before or the first after.
+        // The samples are in the order of time, so the nearest of this number is the last one before or the first
+        // after.
         let begin = self.keys.partition_point(|(_, its_ns)| *its_ns <= time_ns);
         let is = |at: &usize| self.keys[*at].0 == number;
         let (before, after) = ((0..begin).rev().find(is), (begin..self.keys.len()).find(is));

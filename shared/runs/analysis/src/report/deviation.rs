@@ -89,8 +89,8 @@ impl Moment {
     }
 }
 
-/// Returns the deviations of estimate and truth in a cycle whose setpoint moves, and the time from the cycle to the latter,
-/// s.
+/// Returns the deviations of estimate and truth in a cycle whose setpoint moves, and the time from the cycle to the
+/// latter, s.
 fn deviations(cycle: &Cycle<'_>) -> ([Option<f64>; 2], f64) {
     let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return ([None; 2], 0.0) };
     let estimate = cycle.estimate.map(|estimate| (Vector3::from(estimate.position_m) - setpoint.position).norm());

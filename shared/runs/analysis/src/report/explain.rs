@@ -91,8 +91,8 @@ pub struct Rise {
 /// A cause in the record.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Cause {
-    /// `lost`, `pause`, `stop`, `plan-clock`, `saturation`, `voltage`, `tension`, `slack`, `swap`, `fallback`, `restart`,
-    /// `fault`, `process`, `request` or `model`.
+    /// `lost`, `pause`, `stop`, `plan-clock`, `saturation`, `voltage`, `tension`, `slack`, `swap`, `fallback`,
+    /// `restart`, `fault`, `process`, `request` or `model`.
     pub kind: &'static str,
     /// A clause.
     pub text: String,

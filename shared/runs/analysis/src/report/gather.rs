@@ -240,8 +240,8 @@ impl RunData {
     }
 }
 
-/// Reads a run; `between`: a time whose deviations are explained too, s since the start of the run. Calls `progress` with
-/// the completed share, 0 to 1.
+/// Reads a run; `between`: a time whose deviations are explained too, s since the start of the run. Calls `progress`
+/// with the completed share, 0 to 1.
 ///
 /// # Errors
 /// The run does not exist or cannot be read.

@@ -10,8 +10,8 @@ const GAP: f64 = 5.0;
 const GAP_S: f64 = 0.5;
 /// Shortest time with the same value that is a flat line, s. Coarse devices repeat a value for seconds.
 const FLAT_S: f64 = 60.0;
-/// Multiple of the usual deviation from the mean of both neighbours by which a spike is beyond each of them. Of normally
-/// distributed noise, not one in 1e15 is as large.
+/// Multiple of the usual deviation from the mean of both neighbours by which a spike is beyond each of them. Of
+/// normally distributed noise, not one in 1e15 is as large.
 const SPIKE: f64 = 10.0;
 /// Samples before anything is judged: until then the usual interval and deviation are not known.
 const LEARNED: u64 = 20;

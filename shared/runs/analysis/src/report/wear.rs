@@ -17,7 +17,8 @@ pub struct Wear {
     pub current_a: Option<f64>,
     /// Root mean square misfit of the lengths, m: grows as drums slip and cables creep.
     pub misfit_m: Option<f64>,
-    /// Largest correction of a length where the operator set a known position again, m: how far the lengths had drifted.
+    /// Largest correction of a length where the operator set a known position again, m: how far the lengths had
+    /// drifted.
     pub drift_m: Option<f64>,
     /// Stiffness of the cables in the run's robot file, N; `None`: rigid cables.
     pub stiffness_n: Option<f64>,
