@@ -39,6 +39,8 @@ struct Flight {
     writer: RunWriter,
     channels: HashMap<String, ChannelId>,
     seq: u64,
+    /// Cycles that never run.
+    missing: std::ops::Range<u64>,
 }
 
 impl Flight {
@@ -46,7 +48,7 @@ impl Flight {
         let folder = tempfile::tempdir().unwrap();
         let about = [("system".to_owned(), "synthetic".to_owned())].into();
         let writer = RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &about, &[]).unwrap();
-        Self { folder, writer, channels: HashMap::new(), seq: 0 }
+        Self { folder, writer, channels: HashMap::new(), seq: 0, missing: 0..0 }
     }
 
     fn write<T: Message>(&mut self, channel: &str, mut sample: T, cycle: u64) {
@@ -97,11 +99,14 @@ impl Flight {
             (samples.estimate.valid, samples.estimate.tension_n) = (1, [20.0; 8]);
             (samples.state.cable_count, samples.control.valid) = (3, 1);
             change(cycle, &mut samples);
+            let runs = !self.missing.contains(&cycle);
             let slot = if samples.authority.active_controller == 1 { "b" } else { "a" };
-            self.write("motor/authority", samples.authority, cycle);
-            self.write("motor/state", samples.state, cycle);
-            self.write(&format!("control/status/{slot}"), samples.control, cycle);
-            self.write("node/estimate/a", samples.estimate, cycle);
+            if runs {
+                self.write("motor/authority", samples.authority, cycle);
+                self.write("motor/state", samples.state, cycle);
+                self.write(&format!("control/status/{slot}"), samples.control, cycle);
+                self.write("node/estimate/a", samples.estimate, cycle);
+            }
             if !seen {
                 let position_m = (target + Vector3::new(0.0, 0.0, off_m)).into();
                 self.write("truth/node", TruthNode { position_m, cable_count: 3, ..Default::default() }, cycle);
@@ -174,6 +179,17 @@ fn a_cause_is_named_only_where_it_overlaps_the_rise() {
     assert_eq!(kinds(&explained(lose_at(245))), ["lost"]);
     assert!(kinds(&explained(lose_at(100))).is_empty());
     assert!(kinds(&explained(lose_at(290))).is_empty());
+}
+
+#[test]
+fn cycles_that_are_missing_explain_what_the_truth_does_meanwhile() {
+    // The truth leaves the setpoint while three cycles never run; the count follows in the second cycle after them.
+    let figures = Flight { missing: RISE[1] - 2..RISE[1] + 1, ..Flight::new() }
+        .fly(false, |cycle, samples| samples.authority.lost_computer = if cycle > RISE[1] + 1 { 3 } else { 0 })
+        .figures();
+    let truth = &figures["deviations"][1];
+    assert!(kinds(truth).iter().all(|kind| kind == "lost") && kinds(truth).len() == 2, "{truth}");
+    assert!(truth["causes"][0]["text"].as_str().unwrap().contains("computer 3"), "{truth}");
 }
 
 #[test]

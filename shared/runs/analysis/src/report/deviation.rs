@@ -39,6 +39,8 @@ struct Moment {
     truth_after_s: f64,
     /// Periods as the next cycle counts them, with those lost before it.
     periods_after: Periods,
+    /// Time to the next cycle if cycles are missing between them, s; otherwise 0.
+    silent_s: f64,
     rate: f64,
     rate_target: f64,
     scale: f64,
@@ -73,6 +75,7 @@ impl Moment {
             periods: Periods::from_authority(cycle.authority),
             truth_after_s,
             periods_after: Periods::from_authority(cycle.next.unwrap_or(cycle.authority)),
+            silent_s: silence(cycle),
             rate: plan_rate,
             rate_target: plan_rate_target,
             // Runs of before have no such field, and nothing is scaled to nothing.
@@ -102,6 +105,13 @@ fn deviations(cycle: &Cycle<'_>) -> ([Option<f64>; 2], f64) {
     };
     let truth = cycle.truth.iter().filter_map(off).max_by(|one, other| one.0.total_cmp(&other.0));
     ([estimate, truth.map(|(off_m, _)| off_m)], truth.map_or(0.0, |(_, after_s)| after_s))
+}
+
+/// Returns the time to the next cycle if it is later than a period and a half, s; otherwise 0.
+fn silence(cycle: &Cycle<'_>) -> f64 {
+    let next = cycle.next.map_or(0, |next| next.header.stamp_ns);
+    let silent_s = next.saturating_sub(cycle.authority.header.stamp_ns) as f64 * 1e-9;
+    if silent_s > 1.5 * cycle.authority.period_s { silent_s } else { 0.0 }
 }
 
 /// Returns what the setpoint does.
@@ -197,7 +207,7 @@ impl Deviations {
         let known = place.and_then(|place| self.peaks.get(place)?[which].as_ref()).map_or(0.0, |peak| peak.off_m);
         let larger = place.zip(moment.off_m[which]).filter(|(_, off_m)| *off_m > known);
         if self.open[scope][which].is_some_and(|open| larger.is_none_or(|(place, _)| place != open)) {
-            self.end_of_rise(scope, which);
+            self.end_of_rise(scope, which, Some(moment));
         }
         if let Some((place, off_m)) = larger {
             if self.peaks.len() <= place {
@@ -208,20 +218,20 @@ impl Deviations {
         }
     }
 
-    /// Keeps what the record shows in the rise of an open peak.
-    fn end_of_rise(&mut self, scope: usize, which: usize) {
+    /// Keeps what the record shows in the rise of an open peak; `after`: the cycle after it.
+    fn end_of_rise(&mut self, scope: usize, which: usize, after: Option<&Moment>) {
         let Some(place) = self.open[scope][which].take() else { return };
         let Some(peak) = self.peaks.get_mut(place).and_then(|peaks| peaks[which].as_mut()) else { return };
         let until = self.recent.partition_point(|moment| moment.time_s <= peak.at_s);
         let moments: Vec<Moment> = self.recent.iter().take(until).copied().collect();
-        peak.rise = rise(&moments, which);
+        peak.rise = rise(&moments, which, after);
     }
 
     /// Ends the open rises; to be called at the end of a run.
     pub fn close(&mut self) {
         for scope in 0..self.open.len() {
             for which in 0..DEVIATIONS.len() {
-                self.end_of_rise(scope, which);
+                self.end_of_rise(scope, which, None);
             }
         }
     }
@@ -264,18 +274,23 @@ fn begin_of_rise(moments: &[Moment], which: usize) -> usize {
     moments[trough..].iter().rposition(below).map_or(trough, |at| trough + at)
 }
 
-/// Sums up what the record has of the rise to the last of these moments.
-fn rise(moments: &[Moment], which: usize) -> Option<Rise> {
+/// Sums up what the record has of the rise to the last of these moments; `after`: the cycle after it.
+fn rise(moments: &[Moment], which: usize, after: Option<&Moment>) -> Option<Rise> {
     let last = moments.last()?;
     let from_s = moments.get(begin_of_rise(moments, which))?.time_s;
     let first = moments.partition_point(|moment| moment.time_s < from_s - LEAD_S);
     let before = first.checked_sub(1).and_then(|at| moments.get(at));
     let window = moments.get(first..)?;
     let base = before.or(window.first()).filter(|base| base.life == last.life);
-    let (ends_s, periods) = match DEVIATIONS[which] {
-        "truth" => (last.time_s + last.truth_after_s, last.periods_after),
-        _ => (last.time_s, last.periods),
+    let of_truth = DEVIATIONS[which] == "truth";
+    let (ends_s, periods) = match after.filter(|after| after.life == last.life && last.silent_s > 0.0) {
+        _ if !of_truth => (last.time_s, last.periods),
+        // Periods that never ran are counted in the cycle after the one that came late.
+        Some(after) => (last.time_s + last.truth_after_s, after.periods_after),
+        None => (last.time_s + last.truth_after_s, last.periods_after),
     };
+    // The estimate of a cycle is older than the silence after it.
+    let silences = &window[..window.len() - usize::from(!of_truth)];
     let low = |value: fn(&Moment) -> f64| window.iter().map(value).fold(f64::INFINITY, f64::min);
     let high = |value: fn(&Moment) -> f64| window.iter().map(value).fold(f64::NEG_INFINITY, f64::max);
     let each = |value: &dyn Fn(&Moment, usize) -> f64, take: fn(f64, f64) -> f64, from: f64| -> [f64; CABLES] {
@@ -294,6 +309,7 @@ fn rise(moments: &[Moment], which: usize) -> Option<Rise> {
         phase: last.phase,
         estimate_m: last.off_m[0],
         lost: base.map_or_else(Periods::default, |base| since(&base.periods, &periods)),
+        silent_s: silences.iter().map(|moment| moment.silent_s).fold(0.0, f64::max),
         restarted: window.iter().any(|moment| moment.life != last.life),
         rates: [low(|moment| moment.rate), high(|moment| moment.rate)],
         stops: window.iter().any(|moment| moment.rate_target == 0.0 && moment.off_m[which].is_some()),

@@ -64,6 +64,8 @@ pub struct Rise {
     pub estimate_m: Option<f64>,
     /// Periods by class.
     pub lost: Periods,
+    /// Longest time without a cycle, s; 0: none is missing.
+    pub silent_s: f64,
     /// motor-io was restarted.
     pub restarted: bool,
     /// Least and greatest rate of the plan clock.
@@ -173,7 +175,7 @@ pub fn explain(of: &'static str, max_m: f64, rise: &Rise, robot: Option<&Robot>,
         causes.push(Cause { kind, text: text.to_owned() });
     }
     // While cycles are lost, there is no estimate that could see it.
-    let seen = rise.lost.unsteered() == 0 && of == "truth";
+    let seen = rise.lost.unsteered() == 0 && rise.silent_s == 0.0 && of == "truth";
     if let Some(estimate_m) = rise.estimate_m.filter(|estimate_m| seen && *estimate_m < SEEN * max_m) {
         let text = format!("model error, because the estimate is only {:.1} mm from the setpoint", 1e3 * estimate_m);
         causes.push(Cause { kind: "model", text });
@@ -207,6 +209,9 @@ fn causes(rise: &Rise, robot: Option<&Robot>) -> Vec<Cause> {
     let mut add = |kind: &'static str, text: String| causes.push(Cause { kind, text });
     if rise.lost.unsteered() > 0 {
         add("lost", rise.lost.summary());
+    }
+    if rise.silent_s > 0.0 {
+        add("lost", format!("no cycle ran for {:.3} s", rise.silent_s));
     }
     if rise.lost.paused > 0 {
         add("pause", format!("an operator paused for {} periods", rise.lost.paused));
