@@ -23,7 +23,8 @@
 //! let bound = CountBound { counts_s: 3_000_000.0, margin: 0.0 };
 //! let (baud, margin_ns, watchdog_ms) = (921_600, UART_MARGIN_NS, 300);
 //! let (torque_constant_n_m_a, stop_pin) = (0.05, None);
-//! let config = BusConfig { baud, margin_ns, address: 0, axes: 2, watchdog_ms, bound, torque_constant_n_m_a, stop_pin };
+//! let config =
+//!     BusConfig { baud, margin_ns, address: 0, axes: 2, watchdog_ms, bound, torque_constant_n_m_a, stop_pin };
 //! let mut bus = Bus::new(port, &config)?;
 //! while bus.settle(bus.now_ns() + 10_000_000).is_err() {}
 //!
