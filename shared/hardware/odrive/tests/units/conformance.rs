@@ -66,8 +66,8 @@ impl Family for ODrive {
     // driver drive both.
     const MOTORS: usize = 1;
     const UNITS: usize = 1;
-    // A batch has 200 bytes.
-    const ANSWER_NS: u64 = UART_MARGIN_NS + 2_500_000;
+    // A batch has 200 bytes, and 250 where a velocity changes to a torque.
+    const ANSWER_NS: u64 = UART_MARGIN_NS + 3_000_000;
     // An axis that was disarmed shows it, is cleared, and arms.
     const EXCHANGES: u32 = 4;
     const COUNTER_WRAPS: bool = false;

@@ -175,8 +175,8 @@ pub fn byte_errors_neither_acknowledge_nor_age<F: Family>() {
 /// without torque have nothing to confuse.
 pub fn torques_and_speeds_are_told_apart<F: Family>() {
     let faults = [
-        ("torques and speeds, 1 % of the bytes changed", Faults { corrupt: 0.01, ..Faults::default() }),
-        ("torques and speeds, 1 % of the bytes lost", Faults { drop: 0.01, ..Faults::default() }),
+        ("torques and speeds, 0.5 % of the bytes changed", Faults { corrupt: 0.005, ..Faults::default() }),
+        ("torques and speeds, 0.5 % of the bytes lost", Faults { drop: 0.005, ..Faults::default() }),
         ("torques and speeds, 2 % late by 13 ms", Faults { late: 0.02, late_ns: 13 * MS, ..Faults::default() }),
     ];
     for (seed, (case, faults)) in faults.into_iter().enumerate() {
