@@ -14,7 +14,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         if path.is_dir() {
-            if !["target", "runs", "state", "node_modules", "golden", "__pycache__"].contains(&name.as_str()) {
+            if !["target", "node_modules", "golden", "__pycache__"].contains(&name.as_str()) {
                 files(&path, found);
             }
         } else if !name.contains('.') || [".rs", ".toml", ".py", ".sh"].iter().any(|ending| name.ends_with(ending)) {

@@ -25,8 +25,8 @@ pub(super) fn mapped(names: &[String; 2], others: &[&str]) -> [String; 2] {
     })
 }
 
-/// Returns the names of the first `count` values of these samples; `value_N` where a name would not be the only one, also
-/// beside those of the other columns.
+/// Returns the names of the first `count` values of these samples; `value_N` where a name would not be the only one,
+/// also beside those of the other columns.
 pub(super) fn columns(samples: &[Sample], count: usize, others: &[&str]) -> Vec<String> {
     let of = |pick: fn(&Sample) -> &[u8]| -> Vec<String> {
         let text = samples.first().map(|sample| text_of(pick(sample)).to_string()).unwrap_or_default();

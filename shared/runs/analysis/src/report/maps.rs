@@ -6,8 +6,8 @@ use georeference::SensorMap;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Computes the maps of the sensors of a run by name, the same as `nims map` does; empty without a robot file or without
-/// samples along the path.
+/// Computes the maps of the sensors of a run by name, the same as `nims map` does; empty without a robot file or
+/// without samples along the path.
 pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     if sensors.channels().is_empty() {
         return BTreeMap::new();

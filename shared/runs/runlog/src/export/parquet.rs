@@ -15,8 +15,8 @@ use super::table::{Column, ColumnKind, TIMES, Table, Times, text};
 use crate::RecordedChannel;
 
 const MAGIC: &[u8; 4] = b"PAR1";
-/// Most rows of a row group: a reader loads one group at a time. The export ends a group earlier where the groups of all
-/// its tables take much memory.
+/// Most rows of a row group: a reader loads one group at a time. The export ends a group earlier where the groups of
+/// all its tables take much memory.
 const GROUP_ROWS: usize = 1 << 16;
 /// As in run files: faster and smaller than the default level on this kind of data.
 const ZSTD_LEVEL: i32 = 1;
