@@ -38,6 +38,7 @@ mod report;
 mod setup;
 mod silence;
 mod status;
+mod track;
 
 pub use bus::{Capabilities, Command, DriveBus, UnitCommand};
 pub use counts::CountBound;
@@ -48,3 +49,4 @@ pub use report::{AXES, Counters, Firmware, SecondEncoder, StopInput, Timed, Unit
 pub use setup::{Recognised, Setup, SetupStep};
 pub use silence::{ASK_SILENT_EVERY_NS, BABBLE_NS, Instead, Noise, PAUSE_NS, SILENT_AFTER};
 pub use status::DriveStatus;
+pub use track::{Track, within};

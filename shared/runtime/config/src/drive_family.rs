@@ -196,9 +196,9 @@ const ODRIVE: DriveFamily = DriveFamily {
     units: [1, 1],
     // Two round trips of a USB frame each, and the board's own time; estimated, not measured.
     usb_s: Some([0.002, 0.001]),
-    // Two axes: velocities, their read-backs, states and positions: 196 bytes; errors, currents and supply:
+    // Two axes: velocities, their read-backs, states and positions: 200 bytes; errors, currents and supply:
     // 216. Answers arrive meanwhile, but for the last one of each batch.
-    unit_bytes: 196.0 + 26.0 + 216.0 + 26.0,
+    unit_bytes: 200.0 + 26.0 + 216.0 + 26.0,
     unit_exchanges: 1.0,
     slow_bytes: 0.0,
 };

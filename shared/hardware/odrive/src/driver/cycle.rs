@@ -253,7 +253,14 @@ impl<T: Transport> Bus<T> {
             return Ok(());
         };
         let moved: [i64; AXES] = std::array::from_fn(|axis| raw[axis] - last[axis]);
-        let since_ns = at_ns.saturating_sub(self.report.counts.at_ns) + SAMPLE_JITTER_NS;
+        let passed_ns = at_ns.saturating_sub(self.report.counts.at_ns);
+        if !self.motion.is_sure(self.config.bound, moved, passed_ns, at_ns) {
+            self.counters.garbled += 1;
+            let asked = CommandName { words: "read position", code: None };
+            let said = reply_text(format_args!("an abrupt change, read again"));
+            return Err(self.error(|port, unit| Error::Unexpected { port, unit, asked, said }));
+        }
+        let since_ns = passed_ns + SAMPLE_JITTER_NS;
         let beyond = moved.iter().position(|&counts| !self.config.bound.explains(counts as f64, since_ns));
         if let Some(axis) = beyond {
             if !std::mem::replace(&mut self.held_back, true) {
@@ -264,6 +271,9 @@ impl<T: Transport> Bus<T> {
             }
             // It has not restarted; whether the count is credible is for the caller to judge.
             self.report.jumps += 1;
+            self.motion.forget();
+        } else {
+            self.motion.record(moved, passed_ns);
         }
         for (total, moved) in self.report.counts.value.iter_mut().zip(moved) {
             *total += moved;

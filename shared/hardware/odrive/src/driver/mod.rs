@@ -5,6 +5,8 @@
 //!   them arrived between the answers to the two marks, each with its checksum and of the form of its question. A mark
 //!   is a number that no axis has, another one each time, so an answer to an older batch is never used, and nothing has
 //!   to be waited out after an error: the next batch is the resynchronisation.
+//! * A checksum of eight bits misses errors that cancel, such as a digit lost and the same one doubled. So a command is
+//!   read back, and a position to which the motion does not lead is used once it was read again.
 //! * Commands are silent. A command counts as accepted only if the board reads back its velocity or torque and the
 //!   state of the axis, and after a change from one to the other also which of them it controls: the two have a value
 //!   each, so that of a lost command may be there already.
@@ -81,6 +83,8 @@ pub struct Bus<T> {
     last_raw: Option<[i64; AXES]>,
     /// The last sample was beyond the bound and was held back.
     held_back: bool,
+    /// Where the motion leads.
+    motion: drives::Track,
     /// States of the axes, as last read.
     states: [u32; AXES],
     errors: [u32; AXES],
@@ -120,6 +124,7 @@ impl<T: Transport> Bus<T> {
             firmware: None,
             last_raw: None,
             held_back: false,
+            motion: drives::Track::default(),
             states: [0; AXES],
             errors: [0; AXES],
             controls: [None; AXES],

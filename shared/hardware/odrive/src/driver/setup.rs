@@ -93,6 +93,7 @@ impl<T: Transport> Bus<T> {
                 // The positions of a board that has restarted continue no counts.
                 Recognised::Restarted => {
                     (self.last_raw, self.held_back) = (None, false);
+                    self.motion.forget();
                     self.controls = [None; AXES];
                 }
             },

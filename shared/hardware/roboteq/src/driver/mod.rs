@@ -22,6 +22,7 @@
 //!   its own with a command of 0, so that no speed is ever taken for an output.
 
 mod batch;
+mod counted;
 mod counts;
 mod cycle;
 mod family;
@@ -31,7 +32,6 @@ mod listen;
 mod parts;
 mod setup;
 mod slow;
-mod track;
 
 use std::sync::Arc;
 
@@ -108,7 +108,7 @@ pub struct Bus<T> {
     released: bool,
     /// Commands, as last sent.
     sent: [i32; AXES],
-    track: track::Track,
+    counted: counted::Counted,
     flags: flags::Flags,
     /// Questions of the last batch whose answers are still to come.
     tail: Option<parts::Tail>,
@@ -154,7 +154,7 @@ impl<T: Transport> Bus<T> {
             modes: [0; AXES],
             released: false,
             sent: [0; AXES],
-            track: track::Track::default(),
+            counted: counted::Counted::default(),
             flags: flags::Flags::default(),
             tail: None,
             inbox: Inbox::default(),

@@ -186,7 +186,7 @@ impl<T: Transport> Bus<T> {
         match self.setup.recognised(self.marked && watched, &mut self.report) {
             Recognised::Same => drop(self.use_counts(answers)),
             Recognised::Restarted => {
-                self.track.forget();
+                self.counted.forget();
                 (self.released, self.sent) = (false, [0; AXES]);
             }
         }

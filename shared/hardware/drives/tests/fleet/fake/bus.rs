@@ -209,7 +209,9 @@ impl<T: Transport> FakeBus<T> {
             _ => self.ask(index, "read", '?', 0.0)?,
         };
         self.store(index, &reading)?;
-        if refused {
+        let expired = matches!(command, Some(Command::Torque(_))) && reading.status & EXPIRED != 0;
+        self.units[index].interlocked |= expired;
+        if refused || expired {
             return Err(self.error(index, |port, unit| Error::Interlocked { port, unit }));
         }
         self.units[index].interlocked &= command.is_none();

@@ -49,6 +49,8 @@ impl FakeUnit {
     fn execute(&mut self, verb: &str, value: f64) {
         match verb {
             "V" => self.drive = Command::Velocity(value * COUNTS_PER_TURN),
+            // What pulls waits for another command where the watchdog has released the motor.
+            "T" if self.expired => return,
             "T" => self.drive = Command::Torque(value),
             "R" => self.drive = Command::Release,
             "W" => self.watchdog_ms = self.kept_ms.unwrap_or(value as u32),
