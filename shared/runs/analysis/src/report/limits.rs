@@ -104,7 +104,7 @@ impl Limits {
     /// Compares the figures of every run, as below `runs` of `nims report --json`.
     ///
     /// # Errors
-    /// A key names no figure.
+    /// A key names no figure, or the report has no run.
     pub fn check(&self, report: &Value) -> Answer<Checked> {
         let mut rows = Vec::new();
         for run in report["runs"].as_array().into_iter().flatten() {
@@ -115,6 +115,11 @@ impl Limits {
                 figures(&self.file, run, &path, String::new(), &mut found)?;
                 rows.extend(found.into_iter().map(|(key, value)| limit.row(name, key, value)));
             }
+        }
+        // Limits that nothing was compared with are not kept.
+        if rows.is_empty() {
+            let what = format!("{}: the report has no run to check; give at least one run", self.file);
+            return Err(Failure::BadInput(what));
         }
         Ok(Checked { file: self.file.clone(), rows })
     }
@@ -129,6 +134,10 @@ fn collect(file: &str, path: &str, table: &toml::Table, limits: &mut Vec<Limit>)
     if is_limit {
         limits.push(limit(file, path, table)?);
         return Ok(());
+    }
+    if table.is_empty() && !path.is_empty() {
+        let what = format!("{file}: {path} has no limit; accepted: {path}.min, {path}.max or {path}.is");
+        return Err(Failure::BadInput(what));
     }
     for (key, value) in table {
         let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
@@ -167,7 +176,7 @@ impl Limit {
         let number = value.as_f64().or(value.as_bool().map(|value| f64::from(u8::from(value))));
         let sentence = |must: String| Some(format!("{run}: {key} is {value}, {must}"));
         let broken = match (self.min, self.max, &self.is, number) {
-            (_, _, Some(is), _) if *is != value => sentence(format!("but must be {is}")),
+            (_, _, Some(is), _) if !is_equal(is, &value) => sentence(format!("but must be {is}")),
             (None, None, ..) => None,
             (.., None) => Some(format!("{run}: {key} has no number in this run")),
             (Some(min), _, _, Some(number)) if number < min => sentence(format!("below its least value {min}")),
@@ -175,6 +184,15 @@ impl Limit {
             _ => None,
         };
         Row { run: run.to_owned(), key, value, min: self.min, max: self.max, is: self.is.clone(), broken }
+    }
+}
+
+/// Returns whether two values are equal; 0 and 0.0 are the same number.
+fn is_equal(one: &Value, other: &Value) -> bool {
+    match (one.as_f64(), other.as_f64()) {
+        // Compare two integers as integers: 64 bits do not fit in a float.
+        (Some(one_number), Some(other_number)) if one.is_f64() || other.is_f64() => one_number == other_number,
+        _ => one == other,
     }
 }
 
@@ -186,6 +204,7 @@ fn figures(file: &str, at: &Value, path: &[&str], key: String, found: &mut Vec<(
     };
     let below = |name: &str| if key.is_empty() { name.to_owned() } else { format!("{key}.{name}") };
     match at {
+        Value::Object(fields) if *name == "*" && fields.is_empty() => found.push((below(&path.join(".")), Value::Null)),
         Value::Object(fields) if *name == "*" => {
             for (own, value) in fields {
                 figures(file, value, rest, below(own), found)?;
@@ -242,6 +261,7 @@ mod tests {
             "run": "one", "verdict": { "grade": "good" }, "analysis": { "estimate": { "max_m": 0.008 }, "truth": null },
             "cables": [{ "tension_n": [12.0, 80.5] }, { "tension_n": [9.0, 95.0] }], "healthy": true, "legs": [],
             "times": [{ "what": "wake", "max_ns": 900 }],
+            "processes": {}, "faults": 0, "period_s": 1.0,
         }] })
     }
 
@@ -269,6 +289,33 @@ mod tests {
         for text in ["analysis.truth.max_m.max = 1", "legs.\"*\".truth.max_m.max = 1", "cables.7.tension_n.1.max = 1"] {
             assert_eq!(check(text).unwrap().broken().count(), 1, "{text}");
         }
+    }
+
+    #[test]
+    fn a_limit_that_nothing_is_compared_with_is_not_kept() {
+        for text in ["processes.\"*\".lost.max = 0", "processes.\"*\".lost.is = 0", "legs.\"*\".kind.is = \"line\""] {
+            assert_eq!(check(text).unwrap().broken().count(), 1, "{text}");
+        }
+        let limits = Limits::parse("limits.toml", "faults.max = 0").unwrap();
+        for report in [json!({ "runs": [] }), json!({})] {
+            assert_eq!(limits.check(&report).unwrap_err().exit_code(), 2, "{report}");
+        }
+        // A key without a limit beside another one.
+        let failure = check("faults.max = 0\n[analysis.estimate.max_m]").unwrap_err();
+        assert!(failure.exit_code() == 2 && failure.to_string().contains("analysis.estimate.max_m.min"), "{failure}");
+    }
+
+    #[test]
+    fn numbers_are_equal_however_they_are_written() {
+        for text in ["faults.is = 0", "faults.is = 0.0", "faults.is = -0.0", "period_s.is = 1", "period_s.is = 1.0"] {
+            assert_eq!(check(text).unwrap().failure(), None, "{text}");
+        }
+        for text in ["faults.is = 0.5", "faults.is = false", "faults.is = \"0\"", "period_s.is = 2"] {
+            assert_eq!(check(text).unwrap().broken().count(), 1, "{text}");
+        }
+        let report = json!({ "runs": [{ "run": "one", "lost": i64::MAX - 1 }] });
+        let limits = Limits::parse("limits.toml", "lost.is = 9223372036854775807").unwrap();
+        assert_eq!(limits.check(&report).unwrap().broken().count(), 1, "they differ by one");
     }
 
     #[test]
