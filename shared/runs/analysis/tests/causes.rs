@@ -216,6 +216,26 @@ fn each_cause_has_its_kind() {
 }
 
 #[test]
+fn a_swap_names_the_slot_of_the_change_also_if_it_is_taken_back() {
+    let slots = |slot: fn(u64) -> u8| {
+        let explanation = explained(move |cycle, samples| samples.authority.active_controller = slot(cycle));
+        assert_eq!(kinds(&explanation), ["swap"]);
+        let text = explanation["causes"][0]["text"].as_str().unwrap().to_owned();
+        let named = text.split("slot ").skip(1).map(|after| after[..1].to_owned());
+        named.collect::<Vec<_>>()
+    };
+    assert_eq!(slots(|cycle| u8::from(cycle >= 258)), ["b"]);
+    assert_eq!(slots(|cycle| u8::from((258..266).contains(&cycle))), ["b", "a"]);
+    assert_eq!(slots(|cycle| u8::from(!(258..266).contains(&cycle))), ["a", "b"]);
+    // The change was before the rise, and the cross-fade goes on in it.
+    let faded = explained(|cycle, samples| {
+        samples.authority.active_controller = u8::from(cycle >= 100);
+        samples.authority.fade[0] = if (100..260).contains(&cycle) { 0.5 } else { 1.0 };
+    });
+    assert!(faded["causes"][0]["text"].as_str().unwrap().ends_with("slot b"), "{faded}");
+}
+
+#[test]
 fn a_deviation_that_the_estimate_does_not_see_is_a_model_error() {
     let figures = Flight::new().fly(false, |_, _| ()).figures();
     let [estimate, truth] = &figures["deviations"].as_array().unwrap()[..] else { panic!("{figures}") };

@@ -3,11 +3,11 @@
 //! A cause is named only if it lies in the rise or [`LEAD_S`] before it. Without one, the explanation says so: the
 //! record has neither the wind nor what the model leaves out.
 
-use super::explain::{Explanation, Phase, Rise};
+use super::explain::{Explanation, Phase, Rise, Swap};
 use crate::accuracy::{Distances, Error};
 use crate::tracker::Cycle;
 use cable_robot::Vector3;
-use messages::{CABLES, MotorAuthority, SLOTS};
+use messages::{CABLES, MotorAuthority};
 use robot_state::Periods;
 use std::collections::VecDeque;
 
@@ -297,9 +297,12 @@ fn rise(moments: &[Moment], which: usize, after: Option<&Moment>) -> Option<Rise
         std::array::from_fn(|cable| window.iter().map(|moment| value(moment, cable)).fold(from, take))
     };
     let swaps = std::array::from_fn(|role| {
-        let change = window.windows(2).any(|pair| pair[0].in_charge[role] != pair[1].in_charge[role]);
-        let swap = change || window.iter().any(|moment| moment.fades[role]);
-        swap.then_some(last.in_charge[role].min(SLOTS as u8 - 1))
+        let at_last = last.in_charge[role];
+        let slots = || window.iter().map(|moment| moment.in_charge[role]);
+        let change = slots().zip(slots().skip(1)).find(|(before, slot)| before != slot);
+        // A cross-fade may go on after a change before the rise.
+        let fades = window.iter().any(|moment| moment.fades[role]).then_some(at_last);
+        change.map(|(_, slot)| slot).or(fades).map(|to| Swap { to, at_last })
     });
     Some(Rise {
         begin_s: from_s,

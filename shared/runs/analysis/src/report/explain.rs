@@ -47,6 +47,24 @@ impl Phase {
     }
 }
 
+/// A change of the slot in charge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Swap {
+    /// The slot of the first change.
+    pub to: u8,
+    /// The slot in charge at the largest deviation: another one if the change was taken back.
+    pub at_last: u8,
+}
+
+impl Swap {
+    fn clause(self, role: &str) -> String {
+        let name = |slot: u8| SLOT_NAMES.get(usize::from(slot)).copied().unwrap_or("?");
+        let back =
+            if self.at_last == self.to { String::new() } else { format!(" and back to slot {}", name(self.at_last)) };
+        format!("the {role} in charge changed to slot {}{back}", name(self.to))
+    }
+}
+
 /// What the record has from shortly before the rise of a deviation to its largest value.
 #[derive(Debug, Clone)]
 pub struct Rise {
@@ -78,8 +96,8 @@ pub struct Rise {
     pub saturation: f64,
     /// The law computed with its fallback.
     pub falls_back: bool,
-    /// Slots that controller and estimator were swapped to.
-    pub swaps: [Option<u8>; 2],
+    /// Changes of the slots of controller and estimator.
+    pub swaps: [Option<Swap>; 2],
     /// Largest drive output of each cable.
     pub duty: [f64; CABLES],
     /// Least tension of each cable, N.
@@ -234,10 +252,8 @@ fn causes(rise: &Rise, robot: Option<&Robot>) -> Vec<Cause> {
     if rise.saturation > 1.0 {
         add("saturation", format!("the controller asked for {:.2} times a cable's velocity limit", rise.saturation));
     }
-    for (role, slot) in ["controller", "estimator"].into_iter().zip(rise.swaps) {
-        if let Some(slot) = slot {
-            add("swap", format!("the {role} in charge changed to slot {}", SLOT_NAMES[usize::from(slot)]));
-        }
+    for (role, swap) in ["controller", "estimator"].into_iter().zip(rise.swaps) {
+        swap.iter().for_each(|swap| add("swap", swap.clause(role)));
     }
     if rise.falls_back {
         add("fallback", "the law computed with its fallback".to_owned());
