@@ -210,8 +210,11 @@ pub struct Distances {
 }
 
 impl Distances {
-    /// Adds a distance, m.
+    /// Adds a distance, m. One that is not finite is left out: it would hide all others.
     pub fn add(&mut self, distance_m: f64) {
+        if !distance_m.is_finite() {
+            return;
+        }
         self.squares += distance_m * distance_m;
         self.max_m = self.max_m.max(distance_m);
         self.samples += 1;

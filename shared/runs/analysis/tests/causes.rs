@@ -236,6 +236,37 @@ fn a_swap_names_the_slot_of_the_change_also_if_it_is_taken_back() {
 }
 
 #[test]
+fn what_is_not_finite_is_left_out_of_the_figures_of_wear() {
+    let wear = |bad: f64| {
+        let flown = Flight::new().fly(true, |cycle, samples| {
+            (samples.state.current_a, samples.estimate.residual_m) = ([2.0; 8], 0.003);
+            samples.state.position_known = 1;
+            samples.state.zeroed_m[0] = f64::from(u8::from(cycle >= 200));
+            samples.state.length_m[0] = if cycle >= 200 { 5.25 } else { 5.0 };
+            if cycle == 150 {
+                (samples.state.current_a[1], samples.estimate.residual_m) = (bad, bad);
+                samples.estimate.tension_n[2] = bad;
+            }
+            if cycle == 200 {
+                samples.state.length_m[1] = bad;
+            }
+        });
+        flown.figures()["wear"].clone()
+    };
+    let near = |wear: &Value, key: &str, is: f64| {
+        assert!(wear[key].as_f64().is_some_and(|value| (value - is).abs() < 1e-9), "{key} must be {is}: {wear}");
+    };
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let wear = wear(bad);
+        near(&wear, "mean_tension_n", 20.0);
+        near(&wear, "peak_tension_n", 20.0);
+        near(&wear, "current_a", 2.0);
+        near(&wear, "misfit_m", 0.003);
+        near(&wear, "drift_m", 0.25);
+    }
+}
+
+#[test]
 fn a_deviation_that_the_estimate_does_not_see_is_a_model_error() {
     let figures = Flight::new().fly(false, |_, _| ()).figures();
     let [estimate, truth] = &figures["deviations"].as_array().unwrap()[..] else { panic!("{figures}") };

@@ -54,7 +54,8 @@ impl WearSum {
         }
         if let Some(estimate) = cycle.estimate {
             self.misfit.add(estimate.residual_m);
-            for tension_n in &estimate.tension_n[..count] {
+            // A tension that is not finite would hide all others.
+            for tension_n in estimate.tension_n[..count].iter().filter(|tension_n| tension_n.is_finite()) {
                 self.tension_n += tension_n;
                 self.tensions += 1;
                 self.peak_tension_n = self.peak_tension_n.max(*tension_n);
@@ -68,7 +69,8 @@ impl WearSum {
         let set = (0..count).any(|cable| now.zeroed_m[cable].to_bits() != last.zeroed_m[cable].to_bits());
         if known && set {
             let corrected_m = (0..count).map(|cable| (now.length_m[cable] - last.length_m[cable]).abs());
-            self.drift_m = Some(corrected_m.fold(self.drift_m.unwrap_or(0.0), f64::max));
+            let finite_m = corrected_m.filter(|corrected_m| corrected_m.is_finite());
+            self.drift_m = finite_m.chain(self.drift_m).reduce(f64::max);
         }
     }
 
