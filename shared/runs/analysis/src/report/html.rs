@@ -74,17 +74,7 @@ pub fn page(runs: &[RunAssessment]) -> String {
         escape(&title),
         if runs.len() == 1 { "single" } else { "several" }
     );
-    let _ = writeln!(out, "<header><h1>{}</h1>", escape(&title));
-    for assessment in runs {
-        let class = match assessment.verdict.grade {
-            Grade::Good => "good",
-            Grade::Remarks => "remarks",
-            Grade::Bad => "bad",
-        };
-        let name = if runs.len() == 1 { String::new() } else { format!("<b>{}.</b> ", escape(&assessment.run.name)) };
-        let _ = writeln!(out, "<p class=\"verdict {class}\">{name}{}</p>", escape(&assessment.verdict.sentence));
-    }
-    out.push_str("</header>\n");
+    out.push_str(&header(&title, runs));
     out.push_str(&facts(runs));
     section(&mut out, runs, "Legs", |assessment| Part { before: leg_table(assessment), ..Part::default() });
     section(&mut out, runs, "Path", |assessment| {
@@ -131,6 +121,22 @@ pub fn page(runs: &[RunAssessment]) -> String {
         escape(runtime::build::description()),
         if runs.len() == 1 { "file alone" } else { "files alone" }
     );
+    out
+}
+
+/// Returns the title with the verdict of each run.
+fn header(title: &str, runs: &[RunAssessment]) -> String {
+    let mut out = format!("<header><h1>{}</h1>\n", escape(title));
+    for assessment in runs {
+        let class = match assessment.verdict.grade {
+            Grade::Good => "good",
+            Grade::Remarks => "remarks",
+            Grade::Bad => "bad",
+        };
+        let name = if runs.len() == 1 { String::new() } else { format!("<b>{}.</b> ", escape(&assessment.run.name)) };
+        let _ = writeln!(out, "<p class=\"verdict {class}\">{name}{}</p>", escape(&assessment.verdict.sentence));
+    }
+    out.push_str("</header>\n");
     out
 }
 
