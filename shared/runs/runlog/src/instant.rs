@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, Record};
 
-use crate::read::{RecordedChannel, RunReader};
+use crate::read::{RecordedChannel, RecordedSample, RunReader};
 use crate::scan::{Item, Scanner};
 use crate::write::{CDR_HEADER, ChannelDefinition};
 use crate::{RunError, segments};
@@ -19,8 +19,13 @@ pub const RECENT: usize = 8;
 pub struct KeptSample {
     /// Channel of the sample.
     pub channel: Arc<RecordedChannel>,
-    /// Publication time, UNIX time, ns.
+    /// Sequence number, the lower 32 bits.
+    pub sequence: u32,
+    /// Publication time, UNIX time, ns. If the original is in no file that was read, this is the begin of a later file
+    /// that repeats it.
     pub log_time_ns: u64,
+    /// Time at which the content was valid, UNIX time, ns.
+    pub publish_time_ns: u64,
     /// The bytes as they were in memory.
     pub sample: Vec<u8>,
 }
@@ -44,25 +49,45 @@ impl Instant {
     pub fn read(run: &Path, at_ns: u64) -> Result<Self, RunError> {
         let files = if run.is_dir() { segments(run)? } else { vec![run.to_owned()] };
         let mut instant = Self::default();
-        // Each file begins with the last samples of silent channels, and the newest file that has begun has the newest
-        // samples. Earlier files have those of channels that ended.
+        // The newest file that has begun has the newest samples. Shortly after its begin it has few of them, and earlier
+        // files have those before.
         for file in files.iter().rev() {
-            let ended: BTreeSet<String> = instant.samples.keys().cloned().collect();
+            let enough = instant.samples.iter().filter(|(_, found)| found.len() == RECENT);
+            let enough: BTreeSet<String> = enough.map(|(name, _)| name.clone()).collect();
+            let mut earlier = Self::default();
             match Index::read(file)? {
-                Some(index) => instant.by_index(file, &index, at_ns, &ended)?,
-                None => instant.by_scan(file, at_ns, &ended)?,
+                Some(index) => earlier.by_index(file, &index, at_ns, &enough)?,
+                None => earlier.by_scan(file, at_ns, &enough)?,
             }
+            instant.fill_up(earlier);
         }
         Ok(instant)
     }
 
-    /// Adds the samples of a finished file, of channels that no later file had.
-    fn by_index(&mut self, file: &Path, index: &Index, at_ns: u64, had: &BTreeSet<String>) -> Result<(), RunError> {
+    /// Adds samples of an earlier file to channels that have too few.
+    fn fill_up(&mut self, earlier: Self) {
+        self.chunks += earlier.chunks;
+        self.scanned += earlier.scanned;
+        for (name, mut all) in earlier.samples {
+            let later = self.samples.remove(&name).unwrap_or_default();
+            // A file begins with the last samples of silent channels. Leave out a repeated one: the original has the
+            // time of its publication.
+            let key = |kept: &KeptSample| (kept.sequence, kept.publish_time_ns);
+            let originals: Vec<_> = all.iter().map(key).collect();
+            all.extend(later.into_iter().filter(|kept| !originals.contains(&key(kept))));
+            all.make_contiguous().sort_by_key(|kept| kept.log_time_ns);
+            all.drain(..all.len().saturating_sub(RECENT));
+            self.samples.insert(name, all);
+        }
+    }
+
+    /// Adds the samples of a finished file, except of channels that have enough.
+    fn by_index(&mut self, file: &Path, index: &Index, at_ns: u64, enough: &BTreeSet<String>) -> Result<(), RunError> {
         let mut scanner = Scanner::open(file)?;
         for chunk in index.chunks.iter().filter(|chunk| chunk.message_start_time <= at_ns) {
             // A channel needs this chunk if it may hold a newer sample than those found, or one more of them.
             let needs = |id: &u16| {
-                let Some(channel) = index.channels.get(id).filter(|channel| !had.contains(&channel.name)) else {
+                let Some(channel) = index.channels.get(id).filter(|channel| !enough.contains(&channel.name)) else {
                     return false;
                 };
                 let oldest = self.samples.get(&channel.name).filter(|found| found.len() == RECENT);
@@ -76,36 +101,43 @@ impl Instant {
             while let Some(item) = scanner.rest()? {
                 let Item::Message(message) = item else { continue };
                 let channel = index.channels.get(&message.channel_id).filter(|_| message.log_time <= at_ns);
-                if let Some(channel) = channel.filter(|channel| !had.contains(&channel.name)) {
-                    self.keep(channel, message.log_time, message.data);
+                if let Some(channel) = channel.filter(|channel| !enough.contains(&channel.name)) {
+                    self.keep(&RecordedSample {
+                        channel,
+                        index: usize::from(message.channel_id),
+                        sequence: message.sequence,
+                        log_time_ns: message.log_time,
+                        publish_time_ns: message.publish_time,
+                        sample: message.data.strip_prefix(&CDR_HEADER).unwrap_or(message.data),
+                    });
                 }
             }
         }
         Ok(())
     }
 
-    /// Adds the samples of a file without an index, of channels that no later file had.
-    fn by_scan(&mut self, file: &Path, at_ns: u64, had: &BTreeSet<String>) -> Result<(), RunError> {
+    /// Adds the samples of a file without an index, except of channels that have enough.
+    fn by_scan(&mut self, file: &Path, at_ns: u64, enough: &BTreeSet<String>) -> Result<(), RunError> {
         let mut reader = RunReader::open(file)?;
         self.scanned += 1;
         while let Some(recorded) = reader.next_sample()? {
-            if recorded.log_time_ns <= at_ns && !had.contains(&recorded.channel.name) {
-                let (channel, log_time_ns) = (Arc::clone(recorded.channel), recorded.log_time_ns);
-                self.keep(&channel, log_time_ns, recorded.sample);
+            if recorded.log_time_ns <= at_ns && !enough.contains(&recorded.channel.name) {
+                self.keep(&recorded);
             }
         }
         Ok(())
     }
 
     /// Keeps a sample if it is one of the newest of its channel.
-    fn keep(&mut self, channel: &Arc<RecordedChannel>, log_time_ns: u64, data: &[u8]) {
+    fn keep(&mut self, recorded: &RecordedSample<'_>) {
+        let RecordedSample { channel, sequence, log_time_ns, publish_time_ns, sample, .. } = *recorded;
         let found = self.samples.entry(channel.name.clone()).or_default();
         let at = found.iter().rposition(|other| other.log_time_ns <= log_time_ns).map_or(0, |at| at + 1);
         if at == 0 && found.len() == RECENT {
             return;
         }
-        let sample = data.strip_prefix(&CDR_HEADER).unwrap_or(data).to_vec();
-        found.insert(at, KeptSample { channel: Arc::clone(channel), log_time_ns, sample });
+        let (channel, sample) = (Arc::clone(channel), sample.to_vec());
+        found.insert(at, KeptSample { channel, sequence, log_time_ns, publish_time_ns, sample });
         if found.len() > RECENT {
             found.pop_front();
         }

@@ -8,8 +8,8 @@ use std::path::Path;
 
 const PERIOD: u64 = 10_000_000;
 
-/// Writes a file of 100 Hz samples from one cycle to another, flushed twice a second; a configuration at its beginning
-/// and a heartbeat once a second.
+/// Writes a file of 100 Hz samples from one cycle to another, flushed twice a second; the configuration of cycle 1 at
+/// its beginning, which each further file repeats, and a heartbeat once a second.
 fn write(folder: &Path, from: u64, to: u64, finished: bool) {
     let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: 0 };
     let mut writer = RunWriter::create(&next_file(folder), clock, &Default::default(), &[]).unwrap();
@@ -17,19 +17,21 @@ fn write(folder: &Path, from: u64, to: u64, finished: bool) {
     let truth = writer.add_channel(&ChannelSpec::for_type::<TruthNode>("truth/node")).unwrap();
     let beat = writer.add_channel(&ChannelSpec::for_type::<Heartbeat>("system/heartbeat/planner")).unwrap();
     let config = writer.add_channel(&ChannelSpec::for_type::<SystemConfig>("system/config/planner")).unwrap();
-    fn put<T: Message>(writer: &mut RunWriter, channel: runlog::ChannelId, cycle: u64, stamp_ns: u64) {
+    fn put<T: Message>(writer: &mut RunWriter, channel: runlog::ChannelId, cycle: u64, stamp_ns: u64, logged_ns: u64) {
         let mut sample = T::zeroed();
         let header = sample.header_mut();
         (header.cycle, header.seq, header.stamp_ns) = (cycle, cycle, stamp_ns);
-        writer.write(channel, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample)).unwrap();
+        writer.write(channel, cycle, logged_ns, stamp_ns, bytemuck::bytes_of(&sample)).unwrap();
     }
-    put::<SystemConfig>(&mut writer, config, from, from * PERIOD);
+    put::<SystemConfig>(&mut writer, config, 1, PERIOD, from * PERIOD);
     for cycle in from..to {
-        put::<MotorState>(&mut writer, state, cycle, cycle * PERIOD);
+        let now_ns = cycle * PERIOD;
+        put::<MotorState>(&mut writer, state, cycle, now_ns, now_ns);
         // Out of order across the chunks: it was received some cycles late.
-        put::<TruthNode>(&mut writer, truth, cycle, cycle.saturating_sub(cycle % 7) * PERIOD + cycle % 7);
+        let late_ns = cycle.saturating_sub(cycle % 7) * PERIOD + cycle % 7;
+        put::<TruthNode>(&mut writer, truth, cycle, late_ns, late_ns);
         if cycle % 100 == 0 {
-            put::<Heartbeat>(&mut writer, beat, cycle, cycle * PERIOD);
+            put::<Heartbeat>(&mut writer, beat, cycle, now_ns, now_ns);
         }
         if cycle % 50 == 0 {
             writer.flush().unwrap();
@@ -92,4 +94,30 @@ fn an_unfinished_file_and_the_files_before_it_are_read_too() {
     let earlier = Instant::read(folder.path(), at_ns - 400 * PERIOD).unwrap();
     let state = earlier.samples["motor/state"].back().unwrap();
     assert_eq!(state.log_time_ns, at_ns - 400 * PERIOD);
+}
+
+#[test]
+fn shortly_after_a_new_file_the_recent_samples_are_those_of_both_files() {
+    for finished in [true, false] {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), 1, 500, true);
+        write(folder.path(), 500, 520, finished);
+        write(folder.path(), 520, 900, finished);
+        for cycle in [499, 500, 503, 507, 508, 519, 520, 523, 527, 600, 800] {
+            let at_ns = 1_700_000_000_000_000_000 + cycle * PERIOD;
+            let instant = Instant::read(folder.path(), at_ns).unwrap();
+            assert_eq!(times(&instant), all(folder.path(), at_ns), "at cycle {cycle}");
+            let state = instant.samples["motor/state"].iter().map(|kept| u64::from(kept.sequence));
+            assert_eq!(state.collect::<Vec<_>>(), (cycle - 7..=cycle).collect::<Vec<_>>());
+            // The original, not one of the two repetitions.
+            let config = &instant.samples["system/config/planner"];
+            assert_eq!((config.len(), config[0].log_time_ns), (1, 1_700_000_000_000_000_000 + PERIOD));
+        }
+    }
+    // Without the first file, its sample is known from the repetition alone.
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), 500, 520, true);
+    let instant = Instant::read(folder.path(), 1_700_000_000_000_000_000 + 510 * PERIOD).unwrap();
+    let config = &instant.samples["system/config/planner"];
+    assert_eq!((config.len(), config[0].publish_time_ns), (1, 1_700_000_000_000_000_000 + PERIOD));
 }
