@@ -2,12 +2,12 @@
 
 use crate::sample::sample_value;
 use command::{Answer, Failure};
-use messages::schema::Schema;
+use messages::schema::{Number, Schema, Value as FieldValue};
 use messages::{
     ControlStatus, Message, MotorAuthority, MotorInput, MotorSlots, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES,
     channel_of,
 };
-use runlog::{Instant, KeptSample, RunReader, utc};
+use runlog::{Instant, KeptSample, RunClock, RunReader, utc};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
@@ -20,7 +20,7 @@ const SHOWN: usize = 8;
 pub struct Entry {
     /// Channel name.
     pub channel: String,
-    /// Publication time, s since the start of the run.
+    /// Publication time, s since the start of the run; negative if it was before the first file.
     pub time_s: f64,
     /// All fields.
     pub sample: Value,
@@ -81,12 +81,13 @@ pub fn instant_of(run: &Path, text: &str) -> Answer<u64> {
 pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
     let mut reader = RunReader::open(run).map_err(Failure::bad)?;
     let begin_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(at_ns, |first| first.log_time_ns);
+    let clock = reader.clock();
     let instant = Instant::read(run, at_ns).map_err(Failure::not_now)?;
     if instant.samples.is_empty() {
         let (at, begin) = (utc(at_ns), utc(begin_ns));
         return Err(Failure::BadInput(format!("--at is {at}, and the run begins at {begin}: give a later time")));
     }
-    let view = View { instant: &instant, begin_ns };
+    let view = View { instant: &instant, begin_ns, clock };
     Ok(Snapshot {
         at_s: seconds(begin_ns, at_ns),
         at_unix_ns: at_ns,
@@ -105,6 +106,7 @@ fn seconds(begin_ns: u64, at_ns: u64) -> f64 {
 struct View<'a> {
     instant: &'a Instant,
     begin_ns: u64,
+    clock: Option<RunClock>,
 }
 
 impl View<'_> {
@@ -116,7 +118,7 @@ impl View<'_> {
         let schema = Schema::parse(&kept.channel.schema).ok();
         Entry {
             channel: kept.channel.name.clone(),
-            time_s: seconds(self.begin_ns, kept.log_time_ns),
+            time_s: seconds(self.begin_ns, published_unix_ns(kept, schema.as_ref(), self.clock)),
             sample: sample_value(schema.as_ref(), &kept.sample),
         }
     }
@@ -216,6 +218,20 @@ impl View<'_> {
     }
 }
 
+/// Returns the publication time of a sample, UNIX time, ns. A file that repeats the sample of a silent channel has it at
+/// the file's begin; the header has the time of its publication.
+fn published_unix_ns(kept: &KeptSample, schema: Option<&Schema>, clock: Option<RunClock>) -> u64 {
+    let published_ns = || {
+        let field = schema.filter(|schema| schema.has_header())?.field("header.published_ns")?;
+        match FieldValue::read(field, &kept.sample)?.number()? {
+            Number::Unsigned(published_ns) if published_ns > 0 => Some(clock?.unix_of(published_ns)),
+            _ => None,
+        }
+    };
+    // The file orders samples by the time of their content, some milliseconds earlier, and so does the instant.
+    published_ns().map_or(kept.log_time_ns, |published_ns| published_ns.min(kept.log_time_ns))
+}
+
 fn decode<T: Message>(kept: &KeptSample) -> Option<T> {
     kept.channel.conversion::<T>()?.apply(&kept.sample)
 }
@@ -248,5 +264,86 @@ fn field_text(value: &Value) -> String {
         Value::Array(values) => format!("[{}]", values.iter().map(field_text).collect::<Vec<_>>().join(", ")),
         Value::Null => "none".to_owned(),
         other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use messages::SystemConfig;
+    use runlog::{ChannelSpec, RunWriter, next_file};
+
+    const SECOND_NS: u64 = 1_000_000_000;
+
+    /// Writes a file that begins with the configuration of 2 s, and has samples of each cycle of 10 ms.
+    fn write(folder: &Path, from_ns: u64, to_ns: u64, published_ns: u64) {
+        let clock = RunClock { t0_unix_ns: 1_700_000_000 * SECOND_NS, t0_mono_ns: 0 };
+        let mut writer = RunWriter::create(&next_file(folder), clock, &Default::default(), &[]).unwrap();
+        let channel = writer.add_channel(&ChannelSpec::for_type::<SystemConfig>("system/config/planner")).unwrap();
+        let authority = writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap();
+        let state = writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap();
+        let estimate = writer.add_channel(&ChannelSpec::for_type::<NodeEstimate>("node/estimate/a")).unwrap();
+        let mut config = SystemConfig::default();
+        (config.header.seq, config.header.stamp_ns, config.header.published_ns) = (1, 2 * SECOND_NS, published_ns);
+        writer.write(channel, 1, from_ns, 2 * SECOND_NS, bytemuck::bytes_of(&config)).unwrap();
+        for stamp_ns in (from_ns..to_ns).step_by(10_000_000) {
+            let cycle = stamp_ns / 10_000_000;
+            let header = messages::Header { life: 1, cycle, seq: cycle, ..messages::Header::at(stamp_ns) };
+            // Published after its content.
+            let header = messages::Header { published_ns: stamp_ns + 5_000_000, ..header };
+            let decided = MotorAuthority { header, ..Default::default() };
+            let read = MotorState { header, ..Default::default() };
+            // The estimator answers five cycles late.
+            let mut late = NodeEstimate { header, based_on_authority: cycle - 6, ..Default::default() };
+            late.header.cycle = cycle - 5;
+            writer.write(authority, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&decided)).unwrap();
+            writer.write(state, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&read)).unwrap();
+            writer.write(estimate, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&late)).unwrap();
+        }
+        writer.finish(&Default::default()).unwrap();
+    }
+
+    fn output_time_s(snapshot: &Snapshot, channel: &str) -> f64 {
+        let mut outputs = snapshot.processes.iter().flat_map(|process| &process.outputs);
+        outputs.find(|entry| entry.channel == channel).unwrap().time_s
+    }
+
+    #[test]
+    fn a_sample_that_a_new_file_repeats_has_the_time_of_its_publication() {
+        let at = |unix_s: u64| (1_700_000_000 + unix_s) * SECOND_NS;
+        let folder = tempfile::tempdir().unwrap();
+        // The file before is missing: the run begins at 10 s with what was published at 2.25 s.
+        write(folder.path(), 10 * SECOND_NS, 12 * SECOND_NS, 2_250_000_000);
+        let snapshot = snapshot(folder.path(), at(11)).unwrap();
+        let time_s = output_time_s(&snapshot, "system/config/planner");
+        assert!((time_s + 7.75).abs() < 1e-6, "{time_s} s");
+        let time_s = output_time_s(&snapshot, "motor/authority");
+        assert!((time_s - 1.0).abs() < 1e-6, "{time_s} s: not after the instant");
+    }
+
+    #[test]
+    fn a_sample_without_a_time_of_publication_has_that_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), 10 * SECOND_NS, 12 * SECOND_NS, 0);
+        let snapshot = snapshot(folder.path(), (1_700_000_000 + 11) * SECOND_NS).unwrap();
+        assert!(output_time_s(&snapshot, "system/config/planner").abs() < 1e-6);
+    }
+
+    #[test]
+    fn shortly_after_a_new_file_answers_still_have_their_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), 2 * SECOND_NS, 10 * SECOND_NS, 2_250_000_000);
+        write(folder.path(), 10 * SECOND_NS, 12 * SECOND_NS, 2_250_000_000);
+        for cycles in [0, 1, 4, 7, 100] {
+            let at_ns = 1_700_000_010 * SECOND_NS + cycles * 10_000_000;
+            let snapshot = snapshot(folder.path(), at_ns).unwrap();
+            let estimator = snapshot.processes.iter().find(|process| process.process == "estimator in slot a").unwrap();
+            let inputs: Vec<_> = estimator.inputs.iter().map(|entry| &entry.sample["header.cycle"]).collect();
+            assert_eq!(inputs, [&Value::from(995 + cycles), &Value::from(994 + cycles)], "{cycles} cycles later");
+            assert_eq!(snapshot.cycle, Some(1000 + cycles));
+            let time_s = output_time_s(&snapshot, "system/config/planner");
+            assert!(time_s.abs() < 1e-6, "the run begins with it, not {time_s} s later");
+        }
     }
 }
