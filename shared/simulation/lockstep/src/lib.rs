@@ -236,6 +236,28 @@ impl Lockstep {
         input
     }
 
+    /// Sends the commands to the drive units, one after another, and reads their answers.
+    fn exchange(&mut self, inputs: &[DriveInput], input: &mut MotorInput) -> Result<()> {
+        let n = inputs.len();
+        input.cable_count = n as u8;
+        input.unit_count = n.div_ceil(2) as u8;
+        for unit in 0..n.div_ceil(2) {
+            self.plant.step(ANSWER_NS as f64 * 1e-9, inputs)?;
+            input.unit[unit] = MotorInput::UNIT_OK;
+            input.slow_fresh[unit] = MotorInput::SLOW_ALL;
+            input.supply_v[unit] = self.plant.voltage_v();
+            for cable in 2 * unit..n.min(2 * unit + 2) {
+                input.counts[cable] = self.plant.counts(cable);
+                input.second_counts[cable] = self.plant.second_counts(cable);
+                input.second[cable] = MotorInput::SECOND_CONTINUED;
+                input.sampled_ns[cable] = self.plant.time_ns();
+                input.current_a[cable] = self.plant.measured_current_a(cable);
+                input.duty[cable] = self.plant.duty(cable);
+            }
+        }
+        Ok(())
+    }
+
     /// Runs one cycle.
     pub fn cycle(&mut self) -> Result<Cycle> {
         let n = self.plant.cable_count();
@@ -257,22 +279,7 @@ impl Lockstep {
             }
         }
         self.drives = inputs;
-        input.cable_count = n as u8;
-        input.unit_count = n.div_ceil(2) as u8;
-        for unit in 0..n.div_ceil(2) {
-            self.plant.step(ANSWER_NS as f64 * 1e-9, &inputs[..n])?;
-            input.unit[unit] = MotorInput::UNIT_OK;
-            input.slow_fresh[unit] = MotorInput::SLOW_ALL;
-            input.supply_v[unit] = self.plant.voltage_v();
-            for cable in 2 * unit..n.min(2 * unit + 2) {
-                input.counts[cable] = self.plant.counts(cable);
-                input.second_counts[cable] = self.plant.second_counts(cable);
-                input.second[cable] = MotorInput::SECOND_CONTINUED;
-                input.sampled_ns[cable] = self.plant.time_ns();
-                input.current_a[cable] = self.plant.measured_current_a(cable);
-                input.duty[cable] = self.plant.duty(cable);
-            }
-        }
+        self.exchange(&inputs[..n], &mut input)?;
         input.end_ns = self.plant.time_ns();
         let (truth_m, truth_m_s) = (self.plant.position_m(), self.plant.velocity_m_s());
         let truth_n = CableVec::from_slice(&self.plant.tensions_n())?;
