@@ -8,7 +8,8 @@
 //! is a fault from `slip_m` on, to which come the stretch between the two encoders and their steps.
 //!
 //! Which of them is right, the counts do not say, with one exception: an idler that turns further than the drum was
-//! turned by the cable. Then the length by an idler is still true, and the position stays. Where the drum turned
+//! turned by the cable. Then the length by an idler is still true, and the position stays. Which one turned further is
+//! found out while they differ: motions of both in common say nothing. Where the drum turned
 //! further, either the cable slipped on it, or the idler did not turn with the cable; and turns of a drum on which the
 //! cable slipped are no length at all. Both need a confirmation.
 
@@ -18,29 +19,36 @@ use cable_robot::Drum;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput};
 
+/// Motion that shows which encoder turned further, as a share of `slip_m`: as much can be attributed wrongly where the
+/// motion turns.
+const TELLING_SHARE: f64 = 0.1;
+
 /// What the first and the second encoder of a cable count differently in one direction.
 #[derive(Debug, Clone, Copy, Default)]
 struct Excess {
     /// Beyond what is explained, m.
     metres: f64,
-    /// Cable that each of them counted since this was last zero, m.
-    counted_m: [f64; 2],
+    /// By how much of it the second encoder turned further than the first one, whichever way each turned, m; negative:
+    /// the first one further.
+    ahead_m: f64,
 }
 
 impl Excess {
     /// `apart_m` is the difference in this direction.
-    fn add(&mut self, apart_m: f64, explained_m: f64, counted_m: [f64; 2]) {
+    fn add(&mut self, apart_m: f64, explained_m: f64) {
         let metres = self.metres + apart_m - explained_m;
-        let [first_m, second_m] = self.counted_m;
-        *self = if metres > 0.0 {
-            Self { metres, counted_m: [first_m + counted_m[0], second_m + counted_m[1]] }
-        } else {
-            Self::default()
-        };
+        *self = if metres > 0.0 { Self { metres, ..*self } } else { Self::default() };
+        self.attribute(0.0);
     }
 
-    fn second_turned_further(&self) -> bool {
-        self.counted_m[1].abs() > self.counted_m[0].abs()
+    /// Attributes a part of it. What is gone was of either encoder.
+    fn attribute(&mut self, ahead_m: f64) {
+        self.ahead_m = (self.ahead_m + ahead_m).clamp(-self.metres, self.metres);
+    }
+
+    /// Most of it is motion of the first encoder that the second one did not make.
+    fn first_turned_further(&self) -> bool {
+        self.ahead_m < -0.5 * self.metres
     }
 }
 
@@ -52,6 +60,35 @@ struct Cable {
     /// The second one counts more cable paid out, and less.
     more: Excess,
     less: Excess,
+    /// Cable that each of them counted since a part was last attributed, m.
+    counted_m: [f64; 2],
+}
+
+impl Cable {
+    /// Adds the cable that each encoder counted in a cycle, m.
+    fn add(&mut self, counted_m: [f64; 2], comparison: &Comparison) {
+        let explained_m = comparison.share * counted_m[0].abs().max(counted_m[1].abs());
+        let apart_m = counted_m[1] - counted_m[0];
+        self.more.add(apart_m, explained_m);
+        self.less.add(-apart_m, explained_m);
+        for (sum_m, m) in self.counted_m.iter_mut().zip(counted_m) {
+            *sum_m += m;
+        }
+        let most_m = self.more.metres.max(self.less.metres);
+        if most_m > comparison.most_m || self.counted_m.iter().any(|m| m.abs() >= comparison.telling_m) {
+            self.attribute(comparison.share);
+        }
+    }
+
+    /// Attributes what the two encoders counted differently to the one that turned further, by as much as is not
+    /// explained.
+    fn attribute(&mut self, share: f64) {
+        let [first_m, second_m] = std::mem::take(&mut self.counted_m);
+        let ahead_m = second_m.abs() - first_m.abs();
+        let beyond_m = (ahead_m.abs() - share * first_m.abs().max(second_m.abs())).max(0.0);
+        let excess = if second_m > first_m { &mut self.more } else { &mut self.less };
+        excess.attribute(beyond_m.copysign(ahead_m));
+    }
 }
 
 /// What a second encoder has to be compared with.
@@ -62,6 +99,9 @@ struct Comparison {
     share: f64,
     /// Sum from which it is a fault, m.
     most_m: f64,
+    /// Motion from which it shows which encoder turned further, m. At rest a cable that swings turns each of them to
+    /// and fro by a step.
+    telling_m: f64,
 }
 
 /// The comparison of the two encoders of each cable.
@@ -113,21 +153,20 @@ impl Slips {
                 continue;
             }
             let moved_m = |k: usize| comparison.winds[k].metres(now.length_m[i], counts[k], last[k]);
-            let counted_m = [moved_m(0), moved_m(1)];
-            let explained_m = comparison.share * counted_m[0].abs().max(counted_m[1].abs());
-            let apart_m = counted_m[1] - counted_m[0];
-            cable.more.add(apart_m, explained_m, counted_m);
-            cable.less.add(-apart_m, explained_m, counted_m);
-            let Some(excess) = [cable.more, cable.less].into_iter().find(|it| it.metres > comparison.most_m) else {
+            cable.add([moved_m(0), moved_m(1)], comparison);
+            let Some(excess) = [&mut cable.more, &mut cable.less]
+                .into_iter()
+                .find_map(|it| (it.metres > comparison.most_m).then_some(*it))
+            else {
                 continue;
             };
             found.cable(MotorAuthority::FAULT_SLIP, i);
-            let drum_turned_further = excess.second_turned_further() != self.first_on_drum;
+            let kept = !self.first_on_drum && excess.first_turned_further();
             // The loop of the drive holds by an idler that may not turn with the cable.
-            if drum_turned_further && !self.first_on_drum {
+            if !kept && !self.first_on_drum {
                 found.release(i);
             }
-            doubtful |= drum_turned_further || self.first_on_drum;
+            doubtful |= !kept;
         }
         doubtful
     }
@@ -135,7 +174,7 @@ impl Slips {
     /// Forgets what was found, after a reset.
     pub(crate) fn clear(&mut self) {
         for cable in &mut self.cables {
-            (cable.more, cable.less) = (Excess::default(), Excess::default());
+            *cable = Cable { last: cable.last, ..Cable::default() };
         }
     }
 
@@ -168,6 +207,7 @@ impl Comparison {
             // An idler may count the cable as stretched, and the model takes the drum's as unstretched.
             share: second.slip_share + layers + strain(most_n),
             most_m: second.slip_m + second.idler_m * strain(most_n - least_n) + steps_m,
+            telling_m: TELLING_SHARE * second.slip_m + 2.0 * steps_m,
         })
     }
 }
@@ -250,6 +290,38 @@ mod tests {
             turn(&mut slips, 0.0, 0.0125, MotorInput::SECOND_CONTINUED).0.is_empty(),
             "after a reset it counts from zero"
         );
+    }
+
+    /// An idler that sticks while the drum pays out, then both move, and it sticks again.
+    #[test]
+    fn common_motion_between_the_halves_of_a_slip_does_not_hide_who_turned_further() {
+        for common_m in [-0.15, -0.05, 0.0, 0.15] {
+            for (first_m, second_m, kept) in
+                [(0.0, 0.02, false), (0.0, -0.02, false), (0.02, 0.0, true), (-0.02, 0.0, true)]
+            {
+                let mut slips = slips(false);
+                let mut move_both =
+                    |first_m, second_m| turn(&mut slips, first_m, second_m, MotorInput::SECOND_CONTINUED);
+                assert!(move_both(0.95 * first_m, 0.95 * second_m).0.is_empty());
+                assert!(move_both(common_m, common_m).0.is_empty());
+                let (found, doubtful) = move_both(first_m, second_m);
+                assert_eq!(found.bits, MotorAuthority::FAULT_SLIP);
+                assert_eq!((found.release[0], doubtful), (!kept, !kept), "{common_m} {first_m} {second_m}");
+            }
+        }
+    }
+
+    /// A cable that swings turns the idler by its steps, hour after hour.
+    #[test]
+    fn swinging_at_rest_does_not_hide_who_turned_further() {
+        let mut slips = slips(false);
+        assert!(turn(&mut slips, 0.0, 0.019, MotorInput::SECOND_CONTINUED).0.is_empty());
+        for _ in 0..500 {
+            turn(&mut slips, 1e-4, 0.0, MotorInput::SECOND_CONTINUED);
+            turn(&mut slips, -1e-4, 0.0, MotorInput::SECOND_CONTINUED);
+        }
+        let (found, doubtful) = turn(&mut slips, 0.0, 0.012, MotorInput::SECOND_CONTINUED);
+        assert_eq!((found.bits, found.release[0], doubtful), (MotorAuthority::FAULT_SLIP, true, true));
     }
 
     #[test]
