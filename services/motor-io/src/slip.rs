@@ -31,6 +31,8 @@ struct Excess {
     /// By how much of it the second encoder turned further than the first one, whichever way each turned, m; negative:
     /// the first one further.
     ahead_m: f64,
+    /// As much as was found before, m.
+    found_m: f64,
 }
 
 impl Excess {
@@ -44,6 +46,15 @@ impl Excess {
     /// Attributes a part of it. What is gone was of either encoder.
     fn attribute(&mut self, ahead_m: f64) {
         self.ahead_m = (self.ahead_m + ahead_m).clamp(-self.metres, self.metres);
+    }
+
+    /// Returns true once for each such amount.
+    fn exceeds(&mut self, most_m: f64) -> bool {
+        let new = self.metres > self.found_m + most_m;
+        if new {
+            self.found_m = self.metres;
+        }
+        new
     }
 
     /// Most of it is motion of the first encoder that the second one did not make.
@@ -135,7 +146,8 @@ impl Slips {
         }
     }
 
-    /// Compares the counts of a cycle; returns true where a length needs a confirmation.
+    /// Compares the counts of a cycle; returns true where a length needs a confirmation. What was found is found again
+    /// only after as much more, so that a confirmation lasts.
     pub(crate) fn observe(&mut self, now: &Compared<'_>, found: &mut Faults) -> bool {
         let mut doubtful = false;
         for (i, (cable, comparison)) in self.cables.iter_mut().zip(&self.comparisons).enumerate() {
@@ -156,7 +168,7 @@ impl Slips {
             cable.add([moved_m(0), moved_m(1)], comparison);
             let Some(excess) = [&mut cable.more, &mut cable.less]
                 .into_iter()
-                .find_map(|it| (it.metres > comparison.most_m).then_some(*it))
+                .find_map(|it| it.exceeds(comparison.most_m).then_some(*it))
             else {
                 continue;
             };
@@ -322,6 +334,17 @@ mod tests {
         }
         let (found, doubtful) = turn(&mut slips, 0.0, 0.012, MotorInput::SECOND_CONTINUED);
         assert_eq!((found.bits, found.release[0], doubtful), (MotorAuthority::FAULT_SLIP, true, true));
+    }
+
+    #[test]
+    fn a_slip_is_found_once_and_again_after_as_much_more() {
+        let mut slips = slips(false);
+        assert!(turn(&mut slips, 0.0, 0.03, MotorInput::SECOND_CONTINUED).1);
+        for _ in 0..10 {
+            let (found, doubtful) = turn(&mut slips, 0.0, 0.0, MotorInput::SECOND_CONTINUED);
+            assert!(found.is_empty() && !doubtful);
+        }
+        assert!(turn(&mut slips, 0.0, 0.03, MotorInput::SECOND_CONTINUED).1);
     }
 
     #[test]
