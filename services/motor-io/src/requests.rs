@@ -91,7 +91,7 @@ impl Core {
 
     fn disarm(&mut self) -> Outcome {
         match *self.safety.mode() {
-            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => Err(Reason::NotDisarmedMoving),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) | Mode::Soft(_) => Err(Reason::NotDisarmedMoving),
             Mode::Disarmed => Ok(Reason::AlreadyDisarmed),
             _ if self.limits.last_speed() != 0.0 => Err(Reason::NotDisarmedYet),
             mode => {

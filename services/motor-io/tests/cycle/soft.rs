@@ -138,13 +138,24 @@ fn requests_end_it() {
         (Request::Pause, A::MODE_HOLDING),
         (Request::Stop, A::MODE_HOLDING),
         (Request::Estop, A::MODE_EMERGENCY_STOP),
-        (Request::Disarm, A::MODE_DISARMED),
     ] {
         let mut rig = soft();
         lead(&mut rig, [0.05, -0.03, 0.01], 100);
         rig.demand(request);
         assert_held(&mut rig, mode, 0);
     }
+}
+
+#[test]
+fn a_led_node_is_not_let_go() {
+    let mut rig = soft();
+    lead(&mut rig, [0.05, -0.03, 0.01], 100);
+    assert_eq!(rig.reason(Request::Disarm), Reason::NotDisarmedMoving);
+    assert_eq!(rig.mode(), A::MODE_SOFT);
+    rig.demand(Request::Hold);
+    rig.until(100, |rig| rig.mode() == A::MODE_HOLDING);
+    rig.demand(Request::Disarm);
+    assert_eq!(rig.mode(), A::MODE_DISARMED);
 }
 
 #[test]
