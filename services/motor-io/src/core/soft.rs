@@ -18,7 +18,6 @@
 
 use super::Core;
 use super::border::bend_m;
-use super::follow::LATE_S;
 use super::settle::REACTION_S;
 use crate::limits::largest;
 use crate::mode::{Mode, Soft};
@@ -106,7 +105,7 @@ impl Core {
             return self.end_soft(lost);
         }
         soft.unread = if self.unit_trouble { soft.unread + 1 } else { 0 };
-        if soft.unread >= UNREAD_CYCLES || self.watch.late() > self.config.cycles(LATE_S) {
+        if soft.unread >= UNREAD_CYCLES {
             return self.end_soft(MotorAuthority::FAULT_LONG_GAP);
         }
         self.read_velocities(&mut soft);
