@@ -76,7 +76,9 @@ impl Core {
             }
         }
         let own_a = self.currents_a(&tensions_n);
-        let held_a: [f64; CABLES] = std::array::from_fn(|i| if i < n { self.watch.current_a(i) } else { 0.0 });
+        let most_a = self.config.current_limit_a;
+        let held_a: [f64; CABLES] =
+            std::array::from_fn(|i| if i < n { self.watch.current_a(i).clamp(0.0, most_a) } else { 0.0 });
         let soft = Soft {
             lengths_m: std::array::from_fn(|i| self.odometry.length_m(i)),
             sampled_ns: std::array::from_fn(|i| self.odometry.sampled_ns(i)),
@@ -123,7 +125,9 @@ impl Core {
         let own_a = self.currents_a(&tensions_n);
         soft.begun = soft.begun.saturating_add(1);
         let left = (1.0 - f64::from(soft.begun) / f64::from(self.config.cycles(FADE_S))).max(0.0);
-        soft.current_a = std::array::from_fn(|i| own_a[i] + left * soft.begin_a[i]);
+        // Never less than none: a motor that pays out a slack cable winds it off its drum.
+        let most_a = self.config.current_limit_a;
+        soft.current_a = std::array::from_fn(|i| (own_a[i] + left * soft.begin_a[i]).clamp(0.0, most_a));
         self.safety.enter(Mode::Soft(soft));
     }
 

@@ -20,6 +20,9 @@ fn back_drivable() -> CoreConfig {
     CoreConfig { robot, current_limit_a: 10.0, ..before }
 }
 
+/// Cycles at rest after which the loops of the drives hold the node, and their currents are its load.
+const WAIT_CYCLES: u32 = 420;
+
 /// Lengths at which the node hangs well, m.
 const LENGTHS_M: [f64; 3] = [6.2; 3];
 
@@ -287,6 +290,24 @@ proptest! {
                 A::MODE_HOLDING => break,
                 mode => prop_assert!(mode == A::MODE_FAULTED, "mode {mode}"),
             }
+        }
+    }
+    /// The currents that held the node fade within the drives' limit, and none ever pays out a cable.
+    #[test]
+    fn currents_that_held_the_node_fade_within_the_limit(
+        held_a in prop::array::uniform3(-3.0..4.0f64), led_m_s in prop::array::uniform3(-0.1..0.1f64)
+    ) {
+        let mut rig = ready(CoreConfig { current_limit_a: 4.0, ..back_drivable() });
+        rig.current_a[..3].copy_from_slice(&held_a);
+        rig.steps(WAIT_CYCLES);
+        rig.demand(Request::Soft);
+        for cycle in 0..250 {
+            if rig.mode() != A::MODE_SOFT {
+                break;
+            }
+            let current_a = currents_a(&rig);
+            prop_assert!(current_a.iter().all(|a| (0.0..=4.0).contains(a)), "{current_a:?} A after {cycle} cycles");
+            lead(&mut rig, led_m_s, 1);
         }
     }
 }
