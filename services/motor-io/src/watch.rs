@@ -120,6 +120,8 @@ pub struct Watch {
     /// Cycles in a row in which estimates could not be judged.
     unjudged: u32,
     current_a: [f64; CABLES],
+    /// Cycles since each current was read.
+    current_age: [u32; CABLES],
     duty: [f64; CABLES],
     supply_v: [f64; UNITS],
     status: [u32; UNITS],
@@ -146,6 +148,7 @@ impl Watch {
             late: 0,
             unjudged: 0,
             current_a: [0.0; CABLES],
+            current_age: [u32::MAX; CABLES],
             duty: [0.0; CABLES],
             supply_v: [0.0; UNITS],
             status: [0; UNITS],
@@ -300,6 +303,7 @@ impl Watch {
         let unit = config.unit_of_cable[i];
         let new_current = has(input, unit, MotorInput::SLOW_CURRENT) && plausible(input.current_a[i]);
         let new_duty = has(input, unit, MotorInput::SLOW_DUTY) && plausible(input.duty[i]);
+        count(&mut self.current_age[i], !new_current);
         if new_current {
             self.current_a[i] = input.current_a[i];
         }
@@ -359,6 +363,12 @@ impl Watch {
     #[must_use]
     pub fn current_a(&self, cable: usize) -> f64 {
         self.current_a[cable]
+    }
+
+    /// Cycles since the current of a motor was read; the largest number: never.
+    #[must_use]
+    pub fn current_age(&self, cable: usize) -> u32 {
+        self.current_age[cable]
     }
 
     /// Last output of a drive, -1 to 1.

@@ -57,7 +57,8 @@ impl Core {
             return Err(Reason::NotSoftPosition);
         }
         let at = self.node.position_m().ok_or(Reason::NotSoftPosition)?;
-        if self.unit_trouble || (0..n).any(|i| self.odometry.velocity_m_s(i).abs() > REST_M_S) {
+        let held = self.currents_hold();
+        if !held || self.unit_trouble || (0..n).any(|i| self.odometry.velocity_m_s(i).abs() > REST_M_S) {
             return Err(Reason::NotSoftYet);
         }
         let weight_n = self.config.robot.wrench_n(&Vector3::zeros());

@@ -31,7 +31,7 @@ fn ready(config: CoreConfig) -> Rig {
     rig.length_m[..3].copy_from_slice(&LENGTHS_M);
     rig = rig.ready();
     rig.demand(lengths(LENGTHS_M));
-    rig.steps(20);
+    rig.steps(WAIT_CYCLES);
     rig
 }
 
@@ -99,6 +99,7 @@ fn it_begins_only_where_it_can() {
     rig.demand(Request::Arm);
     assert_eq!(rig.reason(Request::Soft), Reason::NotSoftPosition);
     rig.demand(lengths(LENGTHS_M));
+    rig.steps(WAIT_CYCLES);
     rig.demand(Request::Soft);
     assert_eq!(rig.reason(Request::Soft), Reason::AlreadySoft);
     for request in [Request::Reset, lengths(LENGTHS_M), Request::Jog { cable: 1, distance_m: 0.1 }, Request::Resume] {
@@ -131,6 +132,30 @@ fn assert_held(rig: &mut Rig, mode: u8, stops: u32) {
     for (i, counts_per_m) in COUNTS_PER_M.iter().enumerate() {
         let step_m = 1.0 / counts_per_m.abs();
         assert!((rig.seen().state.length_m[i] - rig.length_m[i]).abs() < 2.0 * step_m);
+    }
+}
+
+/// A drive whose loop was reset gives no current for a moment.
+#[test]
+fn it_does_not_begin_with_currents_of_a_reset_loop() {
+    for waits in [50, 51, 100, 299, 300, 301, 320, 390] {
+        let mut rig = Rig::new(back_drivable());
+        rig.length_m[..3].copy_from_slice(&LENGTHS_M);
+        rig = rig.ready();
+        rig.demand(lengths(LENGTHS_M));
+        for _ in 0..waits {
+            let released = rig.step().sent.released[..3] == [true; 3];
+            rig.current_a = [if released { 0.0 } else { 0.5 }; CABLES];
+        }
+        assert_eq!(rig.reason(Request::Soft), Reason::NotSoftYet, "{waits} cycles");
+        // After the wait it takes a current of each unit.
+        rig.slow = 0;
+        rig.steps(WAIT_CYCLES - waits);
+        assert_eq!(rig.reason(Request::Soft), Reason::NotSoftYet, "without readings, {waits} cycles");
+        rig.slow = MotorInput::SLOW_ALL;
+        rig.step();
+        rig.demand(Request::Soft);
+        assert!(currents_a(&rig)[..3].iter().all(|a| (a - 0.5).abs() < 0.01), "{:?}", currents_a(&rig));
     }
 }
 
@@ -172,7 +197,7 @@ fn a_cable_that_runs_away_ends_it_in_three_cycles() {
     // A cable that breaks is reeled in by its motor.
     lead(&mut rig, [0.0, -1.6 * limit_m_s, 0.0], 8);
     assert_held(&mut rig, A::MODE_HOLDING, A::FAULT_SOFT_SPEED);
-    rig.steps(100);
+    rig.steps(WAIT_CYCLES);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
     rig.demand(Request::Soft);
     assert_eq!(rig.faults(), 0);

@@ -252,7 +252,7 @@ answers! {
     166 NotSoftFaults { faults: Faults } REFUSED, "Not soft: {}.", FaultList(faults);
     167 NotSoftPaused REFUSED, "Not soft: a motion is paused; stop to give it up first.";
     168 NotSoftPosition REFUSED, "Not soft: the position is not known; zero the robot, or confirm its position, first.";
-    169 NotSoftYet REFUSED, "Not soft: a cable still moves, or a drive did not answer; try again in a second.";
+    169 NotSoftYet REFUSED, "Not soft: the drives have not held the node for some seconds, a cable still moves, or a drive did not answer; try again in a few seconds.";
     170 NotSoftDrives { port: usize } REFUSED, "Not soft: the drives on port {port} take no torque, or the system file does not state torque_constant_n_m_a of the port; docs/drives.md says which do.";
     171 NotSoftGear { cable: usize, pull_n: f64, most_n: f64 } REFUSED, "Not soft: by gear_friction and coulomb_n of the robot file cable {cable} yields to {pull_n:.0} N only, and its limit is {most_n} N; a gear that holds its cable cannot be led by hand.";
     172 NotSoftTensions { why: Detail } REFUSED, "Not soft: the node cannot hang freely here: {why}.";
