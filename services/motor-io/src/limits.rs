@@ -85,6 +85,11 @@ impl Limits {
         (self.last, factor)
     }
 
+    /// Begins at velocities that something else has given the cables, each within its limit: from there they brake.
+    pub fn begin(&mut self, measured_m_s: &[f64; CABLES]) {
+        self.last = measured_m_s.map(|v| v.clamp(-self.speed_m_s, self.speed_m_s));
+    }
+
     /// Sets the velocities to zero at once, regardless of the limits: for the emergency stop.
     pub fn zero(&mut self) {
         self.last = [0.0; CABLES];

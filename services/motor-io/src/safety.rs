@@ -6,7 +6,7 @@
 //!      ^  disarm      ^  ^ \ jog                                      stop /   | pause, end of motion
 //!      +--------------+  |  +--> Jogging --+        Stopping <------------+    |
 //!                        +-----------------+------------+----------------------+
-//!   Holding -- soft --> Soft -- hold, stop, border, cable too fast, missing readings --> Holding
+//!   Holding -- soft --> Soft -- hold, stop, border, cable too fast, missing readings --> Stopping
 //!   any mode but Disarmed -- fault --> Faulted -- reset --> Holding
 //!   any mode -- estop --> EmergencyStop -- reset --> Holding, or Disarmed where the drives were off
 //! ```

@@ -247,6 +247,8 @@ impl Core {
                 self.limits.zero();
                 ([0.0; CABLES], 1.0)
             }
+            // The drives get currents, and the limits keep what the hand does: from there the cables come to rest.
+            Mode::Soft(_) => ([0.0; CABLES], 1.0),
             _ => {
                 let mut limits = self.limits.clone();
                 // With a fault the robot brakes as fast as the cables' limits allow.

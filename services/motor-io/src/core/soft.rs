@@ -11,8 +11,8 @@
 //!
 //! The currents begin with those that held the node, and change to their own within `FADE_S`: what the files do not
 //! state shows as slowly as that. The drives' own friction adds to both forces. Borders, a cable that runs away and
-//! missing readings end the mode: the drives hold, and the lengths, which were counted all the time, still tell where
-//! the node is.
+//! missing readings end the mode: the cables brake from the velocities that the hand gave them, and then hold. The
+//! lengths, which were counted all the time, still tell where the node is.
 
 #![allow(clippy::result_large_err)] // a reason in place: the loop does not allocate, so nothing is boxed
 
@@ -20,7 +20,7 @@ use super::Core;
 use super::border::bend_m;
 use super::settle::REACTION_S;
 use crate::limits::largest;
-use crate::mode::{Mode, Soft};
+use crate::mode::{Mode, Soft, Stop};
 use cable_robot::{CableVec, Held, Vector3, tension};
 use messages::{CABLES, MotorAuthority, MotorState};
 use robot_state::Reason;
@@ -94,10 +94,10 @@ impl Core {
         if self.at_border(&soft.velocity_m_s, &tensions_n) { Err(Reason::NotSoftBorder) } else { Ok(soft) }
     }
 
-    /// Ends soft mode; the drives hold. `cause` 0: on request.
+    /// Ends soft mode: the cables come to rest from the velocities that the hand gave them. `cause` 0: on request.
     pub(crate) fn end_soft(&mut self, cause: u32) {
         self.safety.record_stop(cause);
-        self.safety.enter(Mode::Holding);
+        self.safety.enter(Mode::Stopping(Stop::open()));
         self.safety.start_epoch();
     }
 
@@ -112,6 +112,7 @@ impl Core {
             return self.end_soft(MotorAuthority::FAULT_LONG_GAP);
         }
         self.read_velocities(&mut soft);
+        self.limits.begin(&soft.velocity_m_s);
         let fast = largest(&soft.velocity_m_s) > FAST_SHARE * self.config.cable_speed_m_s;
         soft.fast = if fast { soft.fast + 1 } else { 0 };
         if soft.fast >= FAST_CYCLES {
@@ -181,8 +182,12 @@ impl Core {
     /// keep-out box, of the ground or of a cable's length.
     fn at_border(&self, velocity_m_s: &[f64; CABLES], tensions_n: &CableVec) -> bool {
         let robot = &self.config.robot;
-        let reaction_s = REACTION_S + 2.0 * self.config.period_s;
-        let way_m = velocity_m_s.map(|v| v * reaction_s);
+        // From then on the node brakes by its own limit or that of the fastest cable.
+        let node_m_s = self.node.velocity_of(velocity_m_s).map_or(0.0, |v| v.norm());
+        let brakes_s = node_m_s / self.config.node_acceleration_m_s2;
+        let brakes_s = brakes_s.max(largest(velocity_m_s) / self.config.cable_acceleration_m_s2);
+        let way_s = REACTION_S + 2.0 * self.config.period_s + 0.5 * brakes_s;
+        let way_m = velocity_m_s.map(|v| v * way_s);
         for (i, [low, high]) in robot.length_limits_m().iter().enumerate() {
             let (length, way) = (self.odometry.length_m(i), way_m[i]);
             if (way > 0.0 && length + way > *high) || (way < 0.0 && length + way < *low) {

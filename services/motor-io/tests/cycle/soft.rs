@@ -122,8 +122,9 @@ fn it_begins_only_where_it_can() {
     assert_eq!(rig.reason(Request::Soft), Reason::NotSoftYet);
 }
 
-/// After each end the drives hold at speed zero, and the lengths were counted on.
+/// After each end the cables come to rest and hold, and the lengths were counted on.
 fn assert_held(rig: &mut Rig, mode: u8, stops: u32) {
+    rig.until(100, |rig| rig.mode() != A::MODE_STOPPING);
     assert_eq!((rig.mode(), rig.faults() & messages::faults::STOPS), (mode, stops));
     rig.step();
     assert_eq!(rig.last.as_ref().unwrap().sent.current_a, None);
@@ -171,6 +172,39 @@ fn requests_end_it() {
         lead(&mut rig, [0.05, -0.03, 0.01], 100);
         rig.demand(request);
         assert_held(&mut rig, mode, 0);
+    }
+}
+
+/// The cables brake from the velocities that the hand gave them, as after any other motion.
+#[test]
+fn the_node_brakes_where_it_is_held() {
+    let config = back_drivable();
+    let (cables_m_s, nodes_m_s) = (config.cable_acceleration_m_s2 * PERIOD_S, config.node_acceleration_m_s2 * PERIOD_S);
+    for m_s in [[0.15, -0.1, 0.05], [-0.1, -0.1, -0.1], [0.02, 0.0, 0.0]] {
+        let mut rig = soft();
+        lead(&mut rig, m_s, 60);
+        rig.velocity_m_s[..3].copy_from_slice(&m_s);
+        let mut before_m_s: [f64; 3] = m_s;
+        rig.demand(Request::Hold);
+        let mut node_before: Option<Vector3<f64>> = None;
+        for _ in 0..100 {
+            let sent_m_s = rig.last.as_ref().unwrap().sent.speed_m_s;
+            for (i, before) in before_m_s.iter_mut().enumerate() {
+                // Readings have steps of a tenth of a millimetre.
+                let allowed_m_s = cables_m_s + if node_before.is_none() { 0.012 } else { 1e-9 };
+                assert!((sent_m_s[i] - *before).abs() <= allowed_m_s, "cable {}: {before} to {sent_m_s:?}", i + 1);
+                *before = sent_m_s[i];
+            }
+            let now = Vector3::from(rig.seen().state.node_command_m_s);
+            if let Some(before) = node_before.replace(now) {
+                assert!((now - before).norm() <= nodes_m_s + 0.002, "{before} to {now} m/s");
+            }
+            if rig.mode() == A::MODE_HOLDING {
+                break;
+            }
+            rig.step();
+        }
+        assert_held(&mut rig, A::MODE_HOLDING, 0);
     }
 }
 
@@ -290,6 +324,7 @@ fn no_motion_begins_in_it() {
     rig.steps(50);
     assert_eq!((rig.mode(), rig.seen().authority.motion), (A::MODE_SOFT, 0));
     rig.demand(Request::Hold);
+    rig.until(100, |rig| rig.mode() == A::MODE_HOLDING);
     rig.offer(1000.0);
     rig.until(20, |rig| rig.mode() == A::MODE_FOLLOWING);
 }
@@ -312,7 +347,7 @@ proptest! {
                     prop_assert!(current_a[..3].iter().all(|a| (-0.5..=most_a).contains(a)), "{current_a:?} A");
                     prop_assert!(current_a[3..].iter().all(|a| *a == 0.0));
                 }
-                A::MODE_HOLDING => break,
+                A::MODE_HOLDING | A::MODE_STOPPING => break,
                 mode => prop_assert!(mode == A::MODE_FAULTED, "mode {mode}"),
             }
         }
