@@ -17,6 +17,8 @@ export class SetUp {
     private stepped: Stepped | null = null;
     private asked = false;
     private busy = false;
+    /** How often a site has been opened: an answer that comes after the next one is not shown. */
+    private opened = 0;
     private readonly picture = h("div", { class: "step" });
     private readonly question = h("p", { class: "big question", role: "status" });
     private readonly message = h("p", { class: "answer", role: "status", hidden: true });
@@ -42,6 +44,7 @@ export class SetUp {
 
     private open(name: string): void {
         this.name = name;
+        this.opened += 1;
         localStorage.setItem(OPEN, name);
         this.stepped = null;
         this.message.hidden = true;
@@ -65,8 +68,13 @@ export class SetUp {
     private async step(line: string | null): Promise<void> {
         if (this.busy) return;
         this.asked = this.busy = this.send.disabled = true;
-        const reply = await this.conversation.call({ call: "setup", name: this.name, measurements: this.sites[this.name] ?? "", line }, 60_000);
+        const { name, opened } = this, measurements = this.sites[name] ?? "";
+        const reply = await this.conversation.call({ call: "setup", name, measurements, line }, 60_000);
         this.busy = this.send.disabled = false;
+        // Measurements that were deleted meanwhile stay deleted.
+        if (reply.reply === "setup" && reply.changed && (this.sites[name] ?? "") === measurements) this.keep(name, reply.measurements);
+        // Another site is open: its question is asked for.
+        if (opened !== this.opened) { this.asked = false; return; }
         if (reply.reply !== "setup") {
             // Without a connection it is asked for again.
             this.asked = this.stepped !== null || ("reason" in reply && this.conversation.isOpen);
@@ -74,7 +82,6 @@ export class SetUp {
             return;
         }
         this.stepped = reply;
-        if (reply.changed) this.keep(reply.measurements);
         if (line !== null) this.line.value = "";
         if (reply.message) this.said(reply.message, !reply.changed);
         else this.message.hidden = true;
@@ -83,8 +90,8 @@ export class SetUp {
         if (line !== null) this.line.focus({ preventScroll: true });
     }
 
-    private keep(measurements: string): void {
-        this.sites = { ...this.sites, [this.name]: measurements };
+    private keep(name: string, measurements: string): void {
+        this.sites = { ...this.sites, [name]: measurements };
         localStorage.setItem(SITES, JSON.stringify(this.sites));
     }
 

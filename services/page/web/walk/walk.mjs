@@ -211,6 +211,26 @@ const [robotFile] = await Promise.all([page.waitForEvent("download"), page.getBy
 assert.ok((await readFile(await robotFile.path(), "utf8")).includes('calibration = "site-calibration.toml"'));
 said("a site is set up, with mistakes");
 
+// An answer that is under way while another site is opened belongs to its own site.
+const sites = () => page.evaluate(() => JSON.parse(localStorage.getItem("nims-sites")));
+const first = (await sites()).site;
+await page.getByLabel("name of the site").fill("second");
+await press("Open the site");
+await page.locator(`.step[data-key*='"kind":"pulleys"']`).waitFor();
+await page.getByLabel("answer", { exact: true }).filter({ visible: true }).fill("3");
+await page.evaluate(() => {
+    const press = (name) => [...document.querySelectorAll("button")].find((one) => one.textContent === name).click();
+    press("Answer");
+    press("site");
+});
+await page.locator(`.step[data-key*='"kind":"finish"']`).waitFor();
+await page.getByRole("button", { name: "Delete second" }).waitFor();
+assert.equal((await sites()).site, first);
+assert.ok((await sites()).second.length < first.length, await sites());
+await page.getByRole("button", { name: "Delete second" }).click();
+await page.getByRole("button", { name: "Delete second" }).waitFor({ state: "detached" });
+said("an answer stays with its site");
+
 // A second controller is started, seen to qualify, and put in charge.
 await page.getByRole("tab", { name: "Robot" }).click();
 await page.getByLabel("law or method of controller b").waitFor();
