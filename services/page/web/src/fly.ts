@@ -1,6 +1,7 @@
 // The view from which the robot is flown.
 
 import { h, metres, renew, write } from "./dom.js";
+import { question } from "./question.js";
 import type { Conversation, Store } from "./link.js";
 import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
@@ -206,7 +207,7 @@ export class Fly {
                 const paused = state.mission?.state === "paused" || (state.rate_target === 0 && state.mission?.state === "running");
                 const first = paused ? [this.action(t("Resume"), { verb: "resume" }, true)] : [];
                 const confirm = state.position_known === 1 ? [this.action(t("The position is right"), { verb: "confirm-position" }, true)] : [];
-                const zero = h("button", { class: state.position_known ? "button" : "button main wide", type: "button", click: () => this.zero() }, t("The node is at …"));
+                const zero = h("button", { class: state.position_known ? "button" : "button main wide", type: "button", click: () => void this.zero() }, t("The node is at …"));
                 return [...first, ...confirm, zero, ...rest];
             }
             case "following": return [this.action(t("Pause"), { verb: "pause" }, true), ...[25, 50, 100].map((percent) => this.action(`${percent} %`, { verb: "speed", rate: percent / 100 }))];
@@ -215,10 +216,10 @@ export class Fly {
         }
     }
 
-    private zero(): void {
+    private async zero(): Promise<void> {
         const target = this.drawn.target?.at;
         if (!target) { this.said(refused(t("enter where the node is below first, or tap there: the button then sets it"))); return; }
-        if (confirm(t("Set that the node is now at {place} m?", { place: target.map((m) => metres(m)).join(", ") }))) void this.ask({ verb: "zero-at", position_m: target });
+        if (await question(t("Set that the node is now at {place} m?", { place: target.map((m) => metres(m)).join(", ") }))) await this.ask({ verb: "zero-at", position_m: target });
     }
 
     /** Draws what has changed; `visible`: whether this view is shown. */

@@ -1,6 +1,7 @@
 // Missions that this browser keeps: made by a form, drawn, flown.
 
 import { h, renew, write } from "./dom.js";
+import { question } from "./question.js";
 import type { Conversation, Store } from "./link.js";
 import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
@@ -122,14 +123,14 @@ export class Missions {
 
     private rows(): void {
         const load = (one: Kept) => { this.name.value = one.name; this.text.value = one.text; this.preview(); };
-        const remove = (one: Kept) => {
-            if (!confirm(t("Delete the mission {name} from this browser?", { name: one.name }))) return;
+        const remove = async (one: Kept) => {
+            if (!await question(t("Delete the mission {name} from this browser?", { name: one.name }))) return;
             this.kept = this.kept.filter((other) => other !== one);
             localStorage.setItem(KEPT, JSON.stringify(this.kept));
             this.rows();
         };
         this.list.replaceChildren(...(this.kept.length ? this.kept.map((one) => h("div", { class: "line" }, h("b", {}, one.name), h("div", { class: "row" },
-            h("button", { class: "button", type: "button", click: () => load(one) }, t("Open")), h("button", { class: "button", type: "button", click: () => remove(one) }, t("Delete"))))) : [h("p", { class: "soft" }, t("none yet"))]));
+            h("button", { class: "button", type: "button", click: () => load(one) }, t("Open")), h("button", { class: "button", type: "button", click: () => void remove(one) }, t("Delete"))))) : [h("p", { class: "soft" }, t("none yet"))]));
     }
 
     private async fly(continues: boolean): Promise<void> {

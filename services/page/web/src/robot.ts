@@ -3,6 +3,7 @@
 import { bytes, h, renew } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
 import type { Answer, Process, Request, Slot } from "./protocol.js";
+import { question } from "./question.js";
 import { LANGUAGES, choose, chosen, sentence, t } from "./lang.js";
 
 /** States of a process that runs. */
@@ -31,16 +32,16 @@ export class RobotView {
         this.answer.textContent = sentence(answer.reason, answer.sentence);
     }
 
-    private ask(request: Request, question: string | null = null): void {
-        if (question === null || confirm(question)) void this.conversation.ask(request).then((answer) => this.said(answer));
+    private async ask(request: Request, words: string | null = null): Promise<void> {
+        if (words === null || await question(words)) this.said(await this.conversation.ask(request));
     }
 
     /** What can be done with a process. */
     private acts({ name, state }: Process): HTMLElement {
         const act = (words: string, does: () => void) => h("button", { class: "button", type: "button", "aria-label": `${words} ${name}`, click: does }, words);
         return h("span", { class: "row" }, ...(RUNS.includes(state)
-            ? [act(t("Restart"), () => this.ask({ verb: "restart-process", name }, t("Restart {name}?", { name }))), act(t("Stop"), () => this.ask({ verb: "stop-process", name }, t("Stop {name}?", { name })))]
-            : [act(t("Start"), () => this.ask({ verb: "start-process", name, slot: null, law: null })), act(t("Unplug"), () => this.ask({ verb: "unplug", name }, t("Remove {name} from the robot until the next start?", { name })))]));
+            ? [act(t("Restart"), () => void this.ask({ verb: "restart-process", name }, t("Restart {name}?", { name }))), act(t("Stop"), () => void this.ask({ verb: "stop-process", name }, t("Stop {name}?", { name })))]
+            : [act(t("Start"), () => void this.ask({ verb: "start-process", name, slot: null, law: null })), act(t("Unplug"), () => void this.ask({ verb: "unplug", name }, t("Remove {name} from the robot until the next start?", { name })))]));
     }
 
     /** Controllers and estimators: which one is in charge, how far the other one is qualified, and what can be done. */
@@ -50,15 +51,15 @@ export class RobotView {
             const words = [one.phase === "empty" ? t("empty") : one.phase, one.in_charge ? t("in charge") : "", one.cause ? `(it ${one.cause})` : "", one.failures ? t("{n} failures", { n: one.failures }) : "",
                 one.deviation !== null && !one.in_charge ? t("differs by {value}", { value: `${(1000 * one.deviation).toFixed(1)} ${role === "controller" ? "mm/s" : "mm"}` }) : ""].filter(Boolean).join(", ");
             const law = h("select", { "aria-label": t("law or method of {role} {slot}", { role, slot: one.slot }) }, ...laws.map((name) => h("option", { value: name }, name)));
-            const start = () => this.ask({ verb: "start-process", name: role, slot: one.slot, law: law.value });
+            const start = () => void this.ask({ verb: "start-process", name: role, slot: one.slot, law: law.value });
             const process = one.slot === "a" ? role : `${role}-b`;
             return h("div", { class: "table" }, h("p", {}, h("b", {}, `${role} ${one.slot}`), ` ${words}`),
                 one.in_charge || one.phase === "empty" ? null : h("meter", { min: 0, max: one.qualify_cycles, value: Math.min(one.good_cycles, one.qualify_cycles), "aria-label": t("qualification of {role} {slot}", { role, slot: one.slot }) }),
                 !this.store.flies || one.in_charge ? null : h("div", { class: "row" },
                     ...(one.phase === "empty" ? [law, button(t("Start it here"), start)] : []),
-                    one.phase === "qualified" ? button(t("Put in charge"), () => this.ask({ verb: "swap", role, slot: one.slot }, t("Put {role} {slot} in charge?", { role, slot: one.slot })), true) : null,
-                    one.phase === "quarantined" ? button(t("Admit again"), () => this.ask({ verb: "admit", role, slot: one.slot })) : null,
-                    one.phase === "empty" ? null : button(t("Stop"), () => this.ask({ verb: "stop-process", name: process }, t("Stop {name}?", { name: process })))));
+                    one.phase === "qualified" ? button(t("Put in charge"), () => void this.ask({ verb: "swap", role, slot: one.slot }, t("Put {role} {slot} in charge?", { role, slot: one.slot })), true) : null,
+                    one.phase === "quarantined" ? button(t("Admit again"), () => void this.ask({ verb: "admit", role, slot: one.slot })) : null,
+                    one.phase === "empty" ? null : button(t("Stop"), () => void this.ask({ verb: "stop-process", name: process }, t("Stop {name}?", { name: process })))));
         });
         return h("div", { class: "table" }, ...rows);
     }
@@ -70,7 +71,7 @@ export class RobotView {
         return names.map((name) => {
             const is = publishing.includes(name), button = (words: string, does: () => void) => h("button", { class: "button", type: "button", "aria-label": `${words} ${name}`, click: does }, words);
             return h("div", { class: "line" }, h("span", {}, h("b", {}, name), " ", h("span", { class: is ? "good" : "soft" }, is ? t("publishes") : t("publishes nothing"))),
-                this.store.flies && declared.includes(name) ? h("span", { class: "row" }, button(t("Plug in"), () => this.ask({ verb: "start-process", name, slot: null, law: null })), button(t("Unplug"), () => this.ask({ verb: "stop-process", name }, t("Stop {name}?", { name })))) : null);
+                this.store.flies && declared.includes(name) ? h("span", { class: "row" }, button(t("Plug in"), () => void this.ask({ verb: "start-process", name, slot: null, law: null })), button(t("Unplug"), () => void this.ask({ verb: "stop-process", name }, t("Stop {name}?", { name })))) : null);
         });
     }
 

@@ -2,6 +2,7 @@
 
 import { bytes, duration, h } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
+import { question } from "./question.js";
 import type { FileRow, Reply, RunRow } from "./protocol.js";
 import { sentence, t } from "./lang.js";
 
@@ -137,7 +138,7 @@ class Run {
     private ask(): void {
         const { name } = this.run, keep = () => this.buttons();
         this.acts.replaceChildren(h("p", { class: "bad" }, t("Delete the run {name} with all its files from the robot?", { name })), h("button", { class: "button", type: "button", click: keep }, t("Keep it")),
-            h("button", { class: "button", type: "button", click: () => { if (confirm(t("The run {name} is lost for good. Delete it?", { name }))) void this.remove(); else keep(); } }, t("Delete it")));
+            h("button", { class: "button", type: "button", click: () => void question(t("The run {name} is lost for good. Delete it?", { name }), t("Delete it for good")).then((yes) => (yes ? this.remove() : keep())) }, t("Delete it")));
     }
 
     private async remove(): Promise<void> {

@@ -4,6 +4,7 @@ import { h, renew, write } from "./dom.js";
 import { drawing, siteDrawing } from "./drawings.js";
 import { sentence, t } from "./lang.js";
 import type { Conversation, Store } from "./link.js";
+import { question } from "./question.js";
 import type { Stepped } from "./protocol.js";
 
 /** Where this browser keeps the measurements of its sites, and the name of the one that is open. */
@@ -108,8 +109,8 @@ export class SetUp {
             h("div", { class: "row" }, ...offers.map((file) => offer(file.name, file.text)), offer(`${this.name}.toml`, this.sites[this.name] ?? "")));
     }
 
-    private remove(name: string): void {
-        if (!confirm(t("Delete the measurements of {name} from this browser?", { name }))) return;
+    private async remove(name: string): Promise<void> {
+        if (!await question(t("Delete the measurements of {name} from this browser?", { name }))) return;
         const { [name]: _, ...rest } = this.sites;
         this.sites = rest;
         localStorage.setItem(SITES, JSON.stringify(rest));
@@ -136,7 +137,7 @@ export class SetUp {
             ];
         });
         renew(this.list, JSON.stringify([Object.keys(this.sites), this.name]), () => Object.keys(this.sites).map((name) => h("span", { class: "row" },
-            h("button", { class: "button", type: "button", "aria-pressed": String(name === this.name), click: () => this.open(name) }, name), h("button", { class: "button", type: "button", "aria-label": t("Delete {name}", { name }), click: () => this.remove(name) }, "✕"))));
+            h("button", { class: "button", type: "button", "aria-pressed": String(name === this.name), click: () => this.open(name) }, name), h("button", { class: "button", type: "button", "aria-label": t("Delete {name}", { name }), click: () => void this.remove(name) }, "✕"))));
     }
 }
 

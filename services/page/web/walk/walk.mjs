@@ -30,7 +30,8 @@ await page.addInitScript(() => {
 const wrong = [];
 page.on("console", (message) => { if (message.type() === "error") wrong.push(message.text()); });
 page.on("pageerror", (error) => wrong.push(String(error)));
-page.on("dialog", (dialog) => dialog.accept());
+// During a dialog of the browser nothing stops.
+page.on("dialog", (dialog) => { wrong.push(`a dialog stops the page: ${dialog.message()}`); void dialog.accept(); });
 const mode = async (name) => {
     try {
         await page.locator(`.mode[data-mode="${name}"]`).waitFor();
@@ -105,6 +106,7 @@ const aim = async (point) => {
 };
 await aim(START);
 await press("The node is at …");
+await press("Yes");
 await page.waitForFunction(() => document.querySelector(".big")?.textContent?.startsWith("4.8"));
 said("zeroed");
 
@@ -126,11 +128,32 @@ await page.keyboard.press("Space");
 await mode("holding");
 said("stopped by the space bar");
 
+// A question that is open stops nothing: STOP acts, by touch and by the space bar, and it stays open.
+const asks = page.getByRole("alertdialog");
+for (const stop of [() => page.locator("#stop").tap(), () => page.keyboard.press("Space")]) {
+    await begin("Go there");
+    await page.getByRole("tab", { name: "Robot" }).click();
+    await press("Restart planner");
+    await asks.waitFor();
+    await stop();
+    await mode("holding");
+    assert.equal(await asks.count(), 1);
+    await press("Cancel");
+    assert.equal(await asks.count(), 0);
+    await page.getByRole("tab", { name: "Fly" }).click();
+}
+said("stopped while a question is open");
+
 // The node moves while a button is held, and while a stick is; button B of the gamepad stops.
 const up = await page.getByRole("button", { name: "up: z grows, while held" }).boundingBox();
 assert.ok(up);
 await page.mouse.move(up.x + up.width / 2, up.y + up.height / 2);
 await hold("moves while a button is held", () => page.mouse.down(), () => page.mouse.up());
+await press("The node is at …");
+await asks.waitFor();
+await page.mouse.move(up.x + up.width / 2, up.y + up.height / 2);
+await hold("moves while a button is held and a question is open", () => page.mouse.down(), () => page.mouse.up());
+await press("Cancel");
 const stick = (value) => page.evaluate((value) => { window.pad.axes[3] = value; }, value);
 await hold("moves while a stick is held", () => stick(-1), () => stick(0));
 await begin("Go there");
@@ -228,6 +251,7 @@ await page.getByRole("button", { name: "Delete second" }).waitFor();
 assert.equal((await sites()).site, first);
 assert.ok((await sites()).second.length < first.length, await sites());
 await page.getByRole("button", { name: "Delete second" }).click();
+await press("Yes");
 await page.getByRole("button", { name: "Delete second" }).waitFor({ state: "detached" });
 said("an answer stays with its site");
 
@@ -236,6 +260,7 @@ await page.getByRole("tab", { name: "Robot" }).click();
 await page.getByLabel("law or method of controller b").waitFor();
 await press("Start it here");
 await press("Put in charge");
+await press("Yes");
 await page.locator("p", { hasText: /^controller b active.*in charge/ }).waitFor();
 said("a controller is swapped");
 
@@ -259,6 +284,7 @@ await press("Delete");
 await press("Keep it");
 await press("Delete");
 await press("Delete it");
+await press("Delete it for good");
 await page.getByText("no finished run yet").waitFor();
 said("a run is assessed, downloaded and deleted");
 
