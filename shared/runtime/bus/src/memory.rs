@@ -7,8 +7,8 @@
 //! the file can be mapped. If there is not enough memory, the file is removed, and iceoryx2 reports an error.
 //!
 //! Limitations:
-//! * Programs that do not link this crate create sparse files. `nims_bus.py` reserves them at once; other programs may
-//!   never do so, and a page fault then also ends their peers.
+//! * Programs that do not link this crate create sparse files. `nims_sensor.py` reserves them at once; other programs
+//!   may never do so, and a page fault then also ends their peers.
 //! * With another C library than glibc nothing is reserved.
 
 use std::cell::Cell;
