@@ -218,8 +218,8 @@ impl View<'_> {
     }
 }
 
-/// Returns the publication time of a sample, UNIX time, ns. A file that repeats the sample of a silent channel has it at
-/// the file's begin; the header has the time of its publication.
+/// Returns the publication time of a sample, UNIX time, ns. A file that repeats the sample of a silent channel has it
+/// at the file's begin; the header has the time of its publication.
 fn published_unix_ns(kept: &KeptSample, schema: Option<&Schema>, clock: Option<RunClock>) -> u64 {
     let published_ns = || {
         let field = schema.filter(|schema| schema.has_header())?.field("header.published_ns")?;

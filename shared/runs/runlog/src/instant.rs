@@ -49,8 +49,8 @@ impl Instant {
     pub fn read(run: &Path, at_ns: u64) -> Result<Self, RunError> {
         let files = if run.is_dir() { segments(run)? } else { vec![run.to_owned()] };
         let mut instant = Self::default();
-        // The newest file that has begun has the newest samples. Shortly after its begin it has few of them, and earlier
-        // files have those before.
+        // The newest file that has begun has the newest samples. Shortly after its begin it has few of them, and
+        // earlier files have those before.
         for file in files.iter().rev() {
             let enough = instant.samples.iter().filter(|(_, found)| found.len() == RECENT);
             let enough: BTreeSet<String> = enough.map(|(name, _)| name.clone()).collect();
