@@ -1,6 +1,8 @@
 //! Whether the two encoders of a cable agree: one follows the cable over an idler, the other one counts turns of the
 //! drum.
 //!
+//! A second one that is not read any more is a fault too: a slip would not be seen.
+//!
 //! They part where the cable slips on the drum or over the idler, where it is broken or pinched between the two, where
 //! a coupling turns on its shaft, and where an encoder fails. What they count differently is summed up in each
 //! direction, less the share of their motion that the errors of drum, wheel, layers and stretch explain, and never
@@ -19,6 +21,8 @@ use cable_robot::Drum;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput};
 
+/// Time without a reading of a second encoder that is a fault, s: as long as the answers of a unit may be disturbed.
+const UNREAD_S: f64 = 0.4;
 /// Motion that shows which encoder turned further, as a share of `slip_m`: as much can be attributed wrongly where the
 /// motion turns.
 const TELLING_SHARE: f64 = 0.1;
@@ -71,6 +75,8 @@ struct Cable {
     /// The second one counts more cable paid out, and less.
     more: Excess,
     less: Excess,
+    /// Cycles in a row in which the first encoder was read and the second one was not.
+    unread: u32,
     /// Cable that each of them counted since a part was last attributed, m.
     counted_m: [f64; 2],
 }
@@ -110,6 +116,8 @@ struct Comparison {
     share: f64,
     /// Sum from which it is a fault, m.
     most_m: f64,
+    /// Cycles in a row without a reading that are a fault.
+    unread: u32,
     /// Motion from which it shows which encoder turned further, m. At rest a cable that swings turns each of them to
     /// and fro by a step.
     telling_m: f64,
@@ -155,9 +163,18 @@ impl Slips {
             if !now.counts || now.restarted[i] {
                 *cable = Cable::default();
             }
-            if !now.fresh[i] || now.input.second[i] == MotorInput::SECOND_ABSENT {
+            if !now.fresh[i] {
                 continue;
             }
+            if now.input.second[i] == MotorInput::SECOND_ABSENT {
+                cable.unread = cable.unread.saturating_add(u32::from(now.counts));
+                if cable.unread == comparison.unread {
+                    // Lengths and drives go by the first one.
+                    found.cable(MotorAuthority::FAULT_SLIP, i);
+                }
+                continue;
+            }
+            cable.unread = 0;
             let counts = [now.input.counts[i], now.input.second_counts[i]];
             let last = cable.last.replace(counts);
             let Some(last) = last.filter(|_| now.input.second[i] == MotorInput::SECOND_CONTINUED) else { continue };
@@ -219,6 +236,7 @@ impl Comparison {
             // An idler may count the cable as stretched, and the model takes the drum's as unstretched.
             share: second.slip_share + layers + strain(most_n),
             most_m: second.slip_m + second.idler_m * strain(most_n - least_n) + steps_m,
+            unread: config.cycles(UNREAD_S),
             telling_m: TELLING_SHARE * second.slip_m + 2.0 * steps_m,
         })
     }
@@ -272,6 +290,7 @@ mod tests {
             let share = step as f64 / steps;
             input.counts[0] = (share * first_m * FIRST_PER_M).round() as i64;
             input.second_counts[0] = (-share * second_m * SECOND_PER_M).round() as i64;
+            input.second = [MotorInput::SECOND_CONTINUED; CABLES];
             // The first reading continues nothing of an earlier call.
             input.second[0] = if step == 0 { MotorInput::SECOND_RESTARTED } else { second };
             let compared = Compared {
@@ -349,8 +368,20 @@ mod tests {
 
     #[test]
     fn readings_that_continue_nothing_are_not_compared() {
-        for second in [MotorInput::SECOND_ABSENT, MotorInput::SECOND_RESTARTED] {
-            assert!(turn(&mut slips(false), 0.0, 1.0, second).0.is_empty());
+        assert!(turn(&mut slips(false), 0.0, 1.0, MotorInput::SECOND_RESTARTED).0.is_empty());
+        assert!(turn(&mut slips(false), 0.0, 0.15, MotorInput::SECOND_ABSENT).0.is_empty());
+    }
+
+    #[test]
+    fn a_second_encoder_that_is_not_read_any_more_is_a_fault_and_the_position_stays() {
+        for on_drum in [false, true] {
+            let mut slips = slips(on_drum);
+            for _ in 0..2 {
+                let (found, doubtful) = turn(&mut slips, 0.5, 0.0, MotorInput::SECOND_ABSENT);
+                assert_eq!((found.bits, found.cables[0]), (MotorAuthority::FAULT_SLIP, true));
+                assert_eq!((found.release[0], doubtful), (false, false));
+                slips.clear();
+            }
         }
     }
 

@@ -44,6 +44,7 @@ impl Twin for MoteusTwin {
         let measured = Measured {
             counts: readings.counts[0],
             second_counts: readings.second_counts[0],
+            second_fails: false,
             speed_counts_s: readings.speeds_counts_s[0],
             current_a: readings.currents_a[0],
             duty: readings.duties[0],

@@ -52,5 +52,5 @@ pub mod driver;
 mod status;
 pub mod unit;
 
-pub use driver::{Bus, BusConfig, SecondInput, UnitConfig, watchdog_ms};
+pub use driver::{Bus, BusConfig, SECOND_STEP_COUNTS, SecondInput, UnitConfig, watchdog_ms};
 pub use status::neutral;

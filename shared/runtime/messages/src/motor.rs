@@ -135,7 +135,7 @@ message! {
             FAULT_OFF_START = 1048576,
             /// A jog or soft mode ended at a border: of an obstacle, a keep-out box, the ground or a cable's length.
             FAULT_BORDER = 2097152,
-            /// The two encoders of a cable disagree.
+            /// The two encoders of a cable disagree, or the second one is not read any more.
             FAULT_SLIP = 4194304,
             /// A cable ran faster than it may in soft mode: the node was led too fast, or a cable broke.
             FAULT_SOFT_SPEED = 8388608,

@@ -69,7 +69,7 @@ pub const FAULTS: [FaultText; 24] = [
     },
     FaultText {
         bit: MotorAuthority::FAULT_SLIP,
-        clause: "the two encoders of a cable disagree",
+        clause: "the two encoders of a cable disagree, or the second one is not read any more",
         effect: "",
         cure: "look for a cable that slips on its drum or its idler, a broken cable, a loose coupling or a failed encoder, reset, then look where the node is and confirm the position or zero",
     },

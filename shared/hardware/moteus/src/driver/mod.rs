@@ -34,6 +34,7 @@ use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Checksums, MAX_LINE, Mode, SOURCES};
 use clock::ClockReading;
+pub use second::SECOND_STEP_COUNTS;
 
 /// Most units on one port: one for each of the most cables of a robot.
 pub const MAX_UNITS: usize = 8;
@@ -114,6 +115,8 @@ struct Unit {
     last_raw: Option<i32>,
     /// Reading of the second encoder at the last accepted sample, and of the unit's clock, ms.
     last_second: Option<(i32, i32)>,
+    /// The second encoder was read before.
+    second_seen: bool,
     /// The last sample was beyond the bound and was held back.
     held_back: bool,
     /// The last command was read back with another time limit.
@@ -156,6 +159,7 @@ impl Unit {
             firmware: None,
             last_raw: None,
             last_second: None,
+            second_seen: false,
             held_back: false,
             doubtful: false,
             mode: Mode::STOPPED,

@@ -8,9 +8,11 @@ use super::question::{CLOCK, cycle};
 use super::round::Reading;
 use crate::codec::COUNTS_PER_TURN;
 
-/// A turn of the encoder, in the steps of a 16-bit position, and counts of a step.
+/// A turn of the encoder, in the steps of a 16-bit position.
 const TURN: i32 = 10_000;
 const STEP: i32 = COUNTS_PER_TURN as i32 / TURN;
+/// Counts of a step of a second encoder.
+pub const SECOND_STEP_COUNTS: f64 = STEP as f64;
 /// A step of the unit's clock, ns.
 const CLOCK_STEP_NS: u64 = 1_000_000;
 
@@ -20,17 +22,22 @@ pub(super) fn moved(from: i32, to: i32) -> i32 {
 }
 
 impl<T: Transport> Bus<T> {
-    /// Uses the reading of a second encoder, of the same answer as a position that was used.
+    /// Uses the reading of a second encoder, of the same answer as a position that was used. One that was never read is
+    /// an error of the configuration; one that fails later has no new reading, and the unit stays in use.
     pub(super) fn use_second(&mut self, index: usize, reading: &Reading) -> Result<(), Error> {
         let Some(unit) = self.units.get_mut(index) else { return Ok(()) };
         let Some(second) = unit.config.second else { return Ok(()) };
         let Some(raw) = reading.values[cycle::SECOND] else {
+            if unit.second_seen {
+                return Ok(());
+            }
             let asked = CommandName { words: "read second encoder", code: None };
             let said = reply_text(format_args!("no position of source {}", second.source));
             return Err(self.error(index, |port, unit| Error::Unexpected { port, unit, asked, said }));
         };
         let at_ns = reading.at_ns;
         let now_ms = reading.values[CLOCK].unwrap_or(0);
+        unit.second_seen = true;
         let report = &mut unit.report.second;
         let since = unit.last_second.replace((raw, now_ms));
         let counted = since.filter(|(_, then_ms)| {

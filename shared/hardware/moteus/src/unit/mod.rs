@@ -80,6 +80,8 @@ pub struct Measured {
     pub counts: i64,
     /// The same of the second encoder.
     pub second_counts: i64,
+    /// The second encoder gives no position.
+    pub second_fails: bool,
     /// Speed, counts per second.
     pub speed_counts_s: f64,
     /// Current that makes torque, A.
@@ -100,6 +102,7 @@ impl Default for Measured {
         Measured {
             counts: 0,
             second_counts: 0,
+            second_fails: false,
             speed_counts_s: 0.0,
             current_a: 0.0,
             duty: 0.0,

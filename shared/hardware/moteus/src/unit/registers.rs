@@ -63,7 +63,8 @@ impl Unit {
                 let second = u16::from(self.options.second_source) == (register - Register::ENCODER_POSITION) / 2;
                 let counts = if second { measured.second_counts } else { measured.counts };
                 let steps = counts.rem_euclid(COUNTS_PER_TURN as i64);
-                (Scale::POSITION, steps as f64 / COUNTS_PER_TURN)
+                let missing = second && measured.second_fails;
+                (Scale::POSITION, if missing { f64::NAN } else { steps as f64 / COUNTS_PER_TURN })
             }
             Register::AUX1_GPIO => return Some(whole(0, resolution)),
             Register::AUX2_GPIO => return Some(whole(i32::from(measured.pins), resolution)),

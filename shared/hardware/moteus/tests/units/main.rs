@@ -4,4 +4,5 @@
 
 mod codec;
 mod conformance;
+mod second;
 mod unit;
