@@ -54,8 +54,12 @@ pub const OF_CABLES: u32 = MotorAuthority::FAULT_STALL
     | MotorAuthority::FAULT_SLIP;
 
 /// Faults after which the velocity loop of the drive cannot be trusted, because its encoder may be wrong: only this
-/// cable goes to duty 0.
+/// cable goes to duty 0, and always.
 pub const RELEASING: u32 = MotorAuthority::FAULT_STALL | MotorAuthority::FAULT_RUNAWAY;
+
+/// Faults after which a cable that they name may be at duty 0. After a slip it is only where the encoder of the drive's
+/// loop may be the wrong one, which [`Faults::release`] marks.
+pub const MAY_RELEASE: u32 = RELEASING | MotorAuthority::FAULT_SLIP;
 
 /// Set of faults with the cables and units that they name.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -118,5 +122,24 @@ impl Faults {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bits == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slip_releases_a_cable_only_where_it_is_marked() {
+        for bit in (0..u32::BITS).map(|bit| 1 << bit) {
+            let mut found = Faults::default();
+            found.cable(bit, 2);
+            assert_eq!(found.release[2], RELEASING & bit != 0);
+            assert!(!found.release[2] || MAY_RELEASE & bit != 0);
+        }
+        let mut found = Faults::default();
+        found.cable(MotorAuthority::FAULT_SLIP, 2);
+        found.release(2);
+        assert!(found.release[2] && MAY_RELEASE & found.bits != 0);
     }
 }

@@ -5,7 +5,7 @@
 //! slack for moments while it swings. When one of three cables breaks, the other two cannot carry the node, and hang
 //! loose once it has come down.
 
-use messages::faults::RELEASING;
+use messages::faults::MAY_RELEASE;
 use messages::{MotorAuthority, TruthNode};
 use robot_state::sentences::fault_sentences;
 use runlog::RunReader;
@@ -165,7 +165,7 @@ impl Evidence {
             }
             let span = first.header.stamp_ns + SETTLED_NS..=last.header.stamp_ns;
             for i in 0..usize::from(first.cable_count) {
-                if hold.iter().any(|cycle| cycle.faults & RELEASING != 0 && cycle.fault_cable[i] == 1) {
+                if hold.iter().any(|cycle| cycle.faults & MAY_RELEASE != 0 && cycle.fault_cable[i] == 1) {
                     continue;
                 }
                 let lengths = self.truth.iter().filter(|sample| span.contains(&sample.header.stamp_ns));
