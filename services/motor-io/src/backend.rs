@@ -29,29 +29,7 @@ pub fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<d
             };
             Ok(Box::new(roboclaw::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
         }
-        DriveProtocol::Moteus => {
-            use moteus::codec::Checksums;
-            let watchdog_ms = moteus::watchdog_ms(config.watchdog_s).map_err(wrong)?;
-            let unit = |section: &UnitSection| moteus::UnitConfig {
-                address: section.address,
-                watchdog_ms,
-                bound: odometry::count_bound(config, &section.cables),
-                torque_constant_n_m_a: port.torque_constant_n_m_a.unwrap_or(0.0),
-                second: section.second_encoder.map(|source| moteus::SecondInput {
-                    source,
-                    bound: odometry::second_bound(config, &section.cables),
-                }),
-            };
-            let bus = moteus::BusConfig {
-                baud: if port.wire == Wire::Usb { 0 } else { port.baud },
-                // Most UARTs are behind a USB adapter.
-                margin_ns: moteus::driver::USB_MARGIN_NS,
-                checksums: if port.wire == Wire::Usb { Checksums::Absent } else { Checksums::Required },
-                units: port.units.iter().map(unit).collect(),
-                stop_pin: stop_pin(port),
-            };
-            Ok(Box::new(moteus::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
-        }
+        DriveProtocol::Moteus => open_moteus(port, path, config),
         DriveProtocol::Odrive => {
             let watchdog_ms = odrive::watchdog_ms(config.watchdog_s).map_err(wrong)?;
             let board = port.units.first().ok_or_else(|| wrong(InvalidConfig::NoUnits))?;
@@ -81,6 +59,39 @@ pub fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<d
             };
             Ok(Box::new(roboteq::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
         }
+    }
+}
+
+fn open_moteus(port: &PortSection, path: &str, config: &CoreConfig) -> Result<Box<dyn DriveBus>, Error> {
+    let wrong = |what| Error::Configuration { port: path.into(), what };
+    use moteus::codec::Checksums;
+    let watchdog_ms = moteus::watchdog_ms(config.watchdog_s).map_err(wrong)?;
+    let unit = |section: &UnitSection| moteus::UnitConfig {
+        address: section.address,
+        watchdog_ms,
+        bound: odometry::count_bound(config, &section.cables),
+        torque_constant_n_m_a: port.torque_constant_n_m_a.unwrap_or(0.0),
+        second: section
+            .second_encoder
+            .map(|source| moteus::SecondInput { source, bound: odometry::second_bound(config, &section.cables) }),
+    };
+    let bus = moteus::BusConfig {
+        baud: if port.wire == Wire::Usb { 0 } else { port.baud },
+        // Most UARTs are behind a USB adapter.
+        margin_ns: moteus::driver::USB_MARGIN_NS,
+        checksums: if port.wire == Wire::Usb { Checksums::Absent } else { Checksums::Required },
+        units: port.units.iter().map(unit).collect(),
+        stop_pin: stop_pin(port),
+    };
+    Ok(Box::new(moteus::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
+}
+
+/// Counts of a step of a second encoder at a port of this family.
+pub(crate) fn second_step_counts(protocol: DriveProtocol) -> f64 {
+    match protocol {
+        DriveProtocol::Moteus => moteus::SECOND_STEP_COUNTS,
+        // These read none.
+        DriveProtocol::Roboclaw | DriveProtocol::Odrive | DriveProtocol::Roboteq => 1.0,
     }
 }
 

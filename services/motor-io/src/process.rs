@@ -103,8 +103,10 @@ fn second_encoders(section: &MotorIoSection, robot_file: &RobotFile) -> Option<S
     }
     let idler_m = robot_file.drum.as_ref().map_or(0.0, |drum| drum.idler_m);
     let (slip_m, slip_share) = (section.slip_m, section.slip_share);
+    let step_counts =
+        section.ports.iter().map(|port| crate::backend::second_step_counts(port.protocol)).fold(1.0, f64::max);
     let any = !section.second_counts_per_m.is_empty();
-    any.then_some(SecondEncoders { counts_per_m, slip_m, slip_share, idler_m })
+    any.then_some(SecondEncoders { counts_per_m, step_counts, slip_m, slip_share, idler_m })
 }
 
 /// Runs until the chassis ends it. `state_folder` keeps the position over restarts.

@@ -119,6 +119,8 @@ pub struct CoreConfig {
 pub struct SecondEncoders {
     /// Counts per metre of cable, on a drum those of the bare one; negative if the count falls as the cable pays out.
     pub counts_per_m: [f64; CABLES],
+    /// Counts of a step: families read some encoders more coarsely than they count.
+    pub step_counts: f64,
     /// Difference beyond what the model explains that is a fault, m.
     pub slip_m: f64,
     /// Share of the motion by which the two may differ.

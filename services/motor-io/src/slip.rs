@@ -230,7 +230,7 @@ impl Comparison {
         let strain = |tension_n: f64| robot.stiffness_n().map_or(0.0, |stiffness_n| tension_n / stiffness_n);
         let (layers, _) = drum.layer_error();
         // A step of each encoder, of turns on the largest radius.
-        let steps_m: f64 = winds.iter().map(|wind| wind.step_m()).sum();
+        let steps_m = winds[0].step_m() + second.step_counts * winds[1].step_m();
         Some(Self {
             winds,
             // An idler may count the cable as stretched, and the model takes the drum's as unstretched.
@@ -274,6 +274,7 @@ mod tests {
         let mut config = CoreConfig::new(robot, 0.01, &[FIRST_PER_M; 3], &[vec![0, 1], vec![2]]).unwrap();
         config.second = Some(SecondEncoders {
             counts_per_m: [-SECOND_PER_M; CABLES],
+            step_counts: 10.0,
             slip_m: SLIP_M,
             slip_share: 0.05,
             idler_m: 0.0,
@@ -370,6 +371,12 @@ mod tests {
     fn readings_that_continue_nothing_are_not_compared() {
         assert!(turn(&mut slips(false), 0.0, 1.0, MotorInput::SECOND_RESTARTED).0.is_empty());
         assert!(turn(&mut slips(false), 0.0, 0.15, MotorInput::SECOND_ABSENT).0.is_empty());
+    }
+
+    #[test]
+    fn a_step_of_each_encoder_is_no_slip() {
+        let most_m = slips(false).comparisons[0].unwrap().most_m;
+        assert!((most_m - SLIP_M - 1.0 / FIRST_PER_M - 10.0 / SECOND_PER_M).abs() < 1e-12, "{most_m} m");
     }
 
     #[test]
