@@ -6,7 +6,7 @@ use crate::odometry::Reading;
 use crate::slip::Compared;
 use crate::watch::SafetySnapshot;
 use messages::faults::Faults;
-use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
+use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState, UNITS};
 
 /// Periods between two begins beyond which the gap matters for the motion.
 const GAP_PERIODS: f64 = 1.5;
@@ -24,26 +24,7 @@ impl Core {
         self.unit_trouble = input.unit[..self.config.unit_count].iter().any(|unit| *unit != MotorInput::UNIT_OK);
         let before: [f64; CABLES] = std::array::from_fn(|i| self.odometry.length_m(i));
         self.odometry.alive(std::array::from_fn(|i| input.unit_alive[self.config.unit_of_cable[i]] == 1));
-        let (mut fresh, mut restarted) = ([false; CABLES], [false; CABLES]);
-        for i in 0..n {
-            let unit = self.config.unit_of_cable[i];
-            self.explain_velocity(i, ok[i]);
-            if input.unit[unit] == MotorInput::UNIT_REBOOTED {
-                self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
-                restarted[i] = true;
-            } else if ok[i] {
-                let drift = self.envelope.drift_m_s(i);
-                match self.odometry.read(i, input.counts[i], input.sampled_ns[i], back[unit], drift) {
-                    Reading::Good => fresh[i] = true,
-                    Reading::Doubtful => {}
-                    Reading::Jumped => {
-                        found.cable(MotorAuthority::FAULT_ENCODER_JUMP, i);
-                        restarted[i] = true;
-                    }
-                    Reading::MovedWhileAway => fresh[i] = true,
-                }
-            }
-        }
+        let (fresh, restarted) = self.read_encoders(input, &ok, &back, &mut found);
         let velocity: [f64; CABLES] = std::array::from_fn(|i| if i < n { self.odometry.velocity_m_s(i) } else { 0.0 });
         let situation = SafetySnapshot {
             energised: self.safety.energised(),
@@ -83,6 +64,38 @@ impl Core {
         let authority = self.authority(input, &state.header);
         self.check_state(&at_begin);
         Observation { state, slots: self.arbiter.slots(&authority), authority, energy }
+    }
+
+    /// Judges and uses the counts of this cycle. Returns which were used, and which are unrelated to those before.
+    /// `ok`: the unit of the cable answered; `back`: the unit was lost until now.
+    fn read_encoders(
+        &mut self,
+        input: &MotorInput,
+        ok: &[bool; CABLES],
+        back: &[bool; UNITS],
+        found: &mut Faults,
+    ) -> ([bool; CABLES], [bool; CABLES]) {
+        let (mut fresh, mut restarted) = ([false; CABLES], [false; CABLES]);
+        for i in 0..self.config.cable_count() {
+            let unit = self.config.unit_of_cable[i];
+            self.explain_velocity(i, ok[i]);
+            if input.unit[unit] == MotorInput::UNIT_REBOOTED {
+                self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
+                restarted[i] = true;
+            } else if ok[i] {
+                let drift = self.envelope.drift_m_s(i);
+                match self.odometry.read(i, input.counts[i], input.sampled_ns[i], back[unit], drift) {
+                    Reading::Good => fresh[i] = true,
+                    Reading::Doubtful => {}
+                    Reading::Jumped => {
+                        found.cable(MotorAuthority::FAULT_ENCODER_JUMP, i);
+                        restarted[i] = true;
+                    }
+                    Reading::MovedWhileAway => fresh[i] = true,
+                }
+            }
+        }
+        (fresh, restarted)
     }
 
     /// Records what a drive was commanded, for the velocities that commands explain. In soft mode a hand moves the
