@@ -50,6 +50,14 @@ async fn follow(topics: &Topics, place: &PlaceArgs) -> Answer {
                     }
                 }
                 (Reply::Channels { channels, .. }, _) => {
+                    let is_gone = |name: &String| !channels.iter().any(|row| row.name == *name);
+                    let gone: Vec<u64> =
+                        subscriptions.iter().filter(|(_, name)| is_gone(name)).map(|(id, _)| *id).collect();
+                    for subscription in gone {
+                        subscriptions.remove(&subscription);
+                        last_id += 1;
+                        outgoing.send(&Call::Unsubscribe { id: last_id, subscription }, &[]).await?;
+                    }
                     for row in channels {
                         let known = subscriptions.values().any(|name| *name == row.name);
                         if known || !row.has_schema || LEFT_OUT.iter().any(|begins| row.name.starts_with(begins)) {
