@@ -52,8 +52,9 @@ impl Core {
     /// Whether a client may publish for a sensor of this name.
     #[allow(clippy::result_large_err)] // it is the answer
     fn may_publish(&self, client: ClientId, sensor: &str) -> Result<(), Reason> {
-        let Some(connection) = self.connections.get(&client) else { return Ok(()) };
-        let Some(holder) = &connection.holder else { return Ok(()) };
+        let unknown = || Reason::NotPublisher { user: detail("a client that is gone or has not said who it is") };
+        let connection = self.connections.get(&client).ok_or_else(unknown)?;
+        let holder = connection.holder.as_ref().ok_or_else(unknown)?;
         match &connection.peer.unit {
             Some(unit) if unit.robot == self.instance && unit.plugin == sensor => Ok(()),
             Some(unit) => {
@@ -74,5 +75,19 @@ impl Core {
             let is_person = connection.holder.as_ref().is_some_and(|one| !one.by_token && one.origin != Origin::Page);
             is_person && connection.peer.unit.is_none() && self.roles.of(&connection.peer) == Role::Owner
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::roles::Roles;
+    use crate::tokens::Tokens;
+
+    #[test]
+    fn a_client_that_is_gone_publishes_nothing() {
+        let roles = Roles::new(900, config::GatewaySection::default());
+        let core = Core::new("lab".to_owned(), roles, Tokens::default());
+        assert!(matches!(core.may_publish(7, "soil"), Err(Reason::NotPublisher { .. })));
     }
 }
