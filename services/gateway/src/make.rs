@@ -8,19 +8,25 @@ use gateway_protocol::{FindingRow, RunFiles};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Longest time for the files of a run: those of a day at 100 Hz take some minutes.
 const LONGEST: Duration = Duration::from_secs(15 * 60);
+/// Longest time for findings about the machine: shorter than the minute for which a page waits.
+const LONGEST_FINDINGS: Duration = Duration::from_secs(50);
 /// Time between two looks at whether they are made.
 const LOOK: Duration = Duration::from_millis(50);
-/// Largest part of a failure's sentence that is read, bytes.
+/// Largest part of what a program prints about its failure that is read: its end, bytes.
 const SENTENCE: u64 = 4096;
-/// The figures of a report, beside its page.
-const FIGURES: &str = "report.json";
+/// Largest size of what a program prints as findings, bytes.
+const FINDINGS: u64 = 1 << 20;
+/// How a program begins that must not disturb the robot or the gateway, whose cgroup it shares: the kernel ends it
+/// first where memory is short, its memory is bounded below `MemoryMax` of the unit (kB, for a sentence in place of a
+/// kill), and it gets only the processors and the disk that are idle.
+const ASIDE: &str = "echo 1000 > /proc/self/oom_score_adj; ulimit -d 393216; exec nice -n 19 ionice -c 3 \"$@\"";
 
 /// Makes files of a finished run; `present`: the run folder of the robot that runs.
 ///
@@ -33,28 +39,25 @@ pub(crate) fn make(runs: &Path, present: Option<&Path>, run: &str, what: RunFile
 
 fn make_by(nims: &Path, runs: &Path, present: Option<&Path>, run: &str, what: RunFiles) -> Result<(), Box<Reason>> {
     let folder = finished(runs, present, run)?;
-    let figures = folder.join(format!(".{FIGURES}"));
-    // The robot comes first, also with every processor that it does not need at the moment.
-    let mut command = Command::new("nice");
-    command.args(["-n", "19"]).arg(nims).arg("--json");
+    let mut command = aside(nims);
+    // The report writes its figures beside its page; what else is printed is for terminals.
     match what {
         RunFiles::Report => command.arg("report").arg(&folder),
         RunFiles::Maps => command.arg("map").arg(&folder),
         RunFiles::Csv => command.arg("export").arg(&folder).args(["--format", "csv"]),
         RunFiles::Parquet => command.arg("export").arg(&folder).args(["--format", "parquet"]),
     };
-    let out = match what {
-        RunFiles::Report => Stdio::from(File::create(&figures).map_err(|error| refused(&error))?),
-        _ => Stdio::null(),
-    };
-    let begun = command.stdin(Stdio::null()).stdout(out).stderr(Stdio::piped()).spawn();
-    let made = begun.map_err(|error| refused(&error)).and_then(|child| ended(child, run));
-    if what == RunFiles::Report {
-        let put =
-            if made.is_ok() { std::fs::rename(&figures, folder.join(FIGURES)) } else { std::fs::remove_file(&figures) };
-        put.map_err(|error| refused(&error))?;
+    let otherwise = format!("the files of the run {run} could not be made");
+    match ended(command.stdout(Stdio::null()), LONGEST)? {
+        Some((status, _)) if status.success() => Ok(()),
+        Some((_, sentence)) => Err(refused(&last_line(&sentence, &otherwise))),
+        None => {
+            let minutes = LONGEST.as_secs() / 60;
+            Err(refused(&format!(
+                "the files of the run {run} take more than {minutes} minutes; copy it with nims fetch"
+            )))
+        }
     }
-    made
 }
 
 /// Finds what is wrong with this machine for the robot of a system file.
@@ -63,13 +66,21 @@ fn make_by(nims: &Path, runs: &Path, present: Option<&Path>, run: &str, what: Ru
 /// Why that cannot be found out.
 pub(crate) fn doctor(system: &Path) -> Result<Vec<FindingRow>, Box<Reason>> {
     let nims = std::env::current_exe().map_err(|error| refused(&error))?.with_file_name("nims");
-    let mut command = Command::new("nice");
-    command.args(["-n", "19"]).arg(nims).args(["--json", "doctor"]).arg(system).stdin(Stdio::null());
+    doctor_by(&nims, system, LONGEST_FINDINGS)
+}
+
+fn doctor_by(nims: &Path, system: &Path, longest: Duration) -> Result<Vec<FindingRow>, Box<Reason>> {
+    let mut found = tempfile::tempfile().map_err(|error| refused(&error))?;
+    let mut command = aside(nims);
+    command.arg("doctor").arg(system).stdout(found.try_clone().map_err(|error| refused(&error))?);
+    let Some((_, sentence)) = ended(&mut command, longest)? else {
+        let why = format!("nims doctor takes more than {} s; start it on the robot's machine", longest.as_secs());
+        return Err(refused(&why));
+    };
     // With an error among the findings it ends with 1, and prints them too.
-    let output = command.output().map_err(|error| refused(&error))?;
-    match serde_json::from_slice::<Doctor>(&output.stdout) {
+    match serde_json::from_slice::<Doctor>(&printed(&mut found, FINDINGS)) {
         Ok(found) => Ok(found.findings),
-        Err(_) => Err(refused(&last_line(&String::from_utf8_lossy(&output.stderr), "nims doctor prints no findings"))),
+        Err(_) => Err(refused(&last_line(&sentence, "nims doctor prints no findings"))),
     }
 }
 
@@ -102,30 +113,44 @@ fn finished(runs: &Path, present: Option<&Path>, run: &str) -> Result<PathBuf, B
     }
 }
 
-fn ended(mut child: Child, run: &str) -> Result<(), Box<Reason>> {
+/// The program `nims`, with the rest of the line to be added.
+fn aside(nims: &Path) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", ASIDE, "sh"]).arg(nims).arg("--json").stdin(Stdio::null());
+    command
+}
+
+/// Waits for the end of a program, and returns how it ended with the last that it printed about it; none if it takes
+/// longer. What it prints goes to a file: a pipe that is read only after the end stops a program that fills it.
+fn ended(command: &mut Command, longest: Duration) -> Result<Option<(ExitStatus, String)>, Box<Reason>> {
+    let mut sentence = tempfile::tempfile().map_err(|error| refused(&error))?;
+    let writes = sentence.try_clone().map_err(|error| refused(&error))?;
+    let mut child = command.stderr(writes).spawn().map_err(|error| refused(&error))?;
     let begun = Instant::now();
     loop {
         match child.try_wait() {
-            Ok(Some(status)) if status.success() => return Ok(()),
-            Ok(Some(_)) => {
-                let mut sentence = String::new();
-                if let Some(pipe) = child.stderr.take() {
-                    // Without it the sentence is the one below.
-                    let _ = pipe.take(SENTENCE).read_to_string(&mut sentence);
-                }
-                return Err(refused(&last_line(&sentence, &format!("the files of the run {run} could not be made"))));
+            Ok(Some(status)) => {
+                return Ok(Some((status, String::from_utf8_lossy(&printed(&mut sentence, SENTENCE)).into_owned())));
             }
-            Ok(None) if begun.elapsed() < LONGEST => std::thread::sleep(LOOK),
+            Ok(None) if begun.elapsed() < longest => std::thread::sleep(LOOK),
             Ok(None) | Err(_) => {
                 let _ = child.kill();
                 let _ = child.wait();
-                let minutes = LONGEST.as_secs() / 60;
-                let why =
-                    format!("the files of the run {run} take more than {minutes} minutes; copy it with nims fetch");
-                return Err(refused(&why));
+                return Ok(None);
             }
         }
     }
+}
+
+/// The end of a file, at most this many bytes; nothing if it cannot be read.
+fn printed(file: &mut File, most: u64) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let length = file.metadata().map_or(0, |metadata| metadata.len());
+    if file.seek(SeekFrom::Start(length.saturating_sub(most))).is_ok() {
+        // Without it the sentence is that of the caller.
+        let _ = file.take(most).read_to_end(&mut bytes);
+    }
+    bytes
 }
 
 fn refused(why: &dyn std::fmt::Display) -> Box<Reason> {
@@ -152,7 +177,7 @@ mod tests {
 
     #[test]
     fn files_are_made_of_a_finished_run_by_a_fixed_command() {
-        let (folder, nims) = place("echo \"$@\"; echo made > \"$3/report.html\"");
+        let (folder, nims) = place("echo printed; echo made > \"$3/report.html\"; echo \"$@\" > \"$3/report.json\"");
         let runs = folder.path().join("runs");
         make_by(&nims, &runs, None, "done", RunFiles::Report).unwrap();
         let figures = std::fs::read_to_string(runs.join("done/report.json")).unwrap();
@@ -163,6 +188,33 @@ mod tests {
             assert_eq!(make_by(&nims, &runs, None, run, RunFiles::Csv).unwrap_err().code(), 461, "{run}");
         }
         assert_eq!(make_by(&nims, &runs, Some(&runs.join("done")), "done", RunFiles::Csv).unwrap_err().code(), 461);
+    }
+
+    #[test]
+    fn what_makes_files_gives_way_to_the_robot_and_the_gateway() {
+        let (folder, nims) = place("{ cat /proc/self/oom_score_adj; ulimit -d; nice; ionice; } > \"$3/own.txt\"");
+        let runs = folder.path().join("runs");
+        make_by(&nims, &runs, None, "done", RunFiles::Csv).unwrap();
+        let own = std::fs::read_to_string(runs.join("done/own.txt")).unwrap();
+        assert_eq!(own.lines().collect::<Vec<_>>(), ["1000", "393216", "19", "idle"]);
+        let unit = include_str!("../../../configs/host/nims-gateway@.service");
+        let keys: Vec<_> = unit.lines().filter_map(|line| line.split_once('=')).collect();
+        assert!(keys.contains(&("MemoryMax", "512M")) && keys.contains(&("OOMPolicy", "continue")), "{keys:?}");
+    }
+
+    #[test]
+    fn a_program_that_prints_much_or_does_not_end_blocks_nothing() {
+        let warnings = "head -c 300000 /dev/zero | tr '\\0' 'w' >&2; echo >&2; echo 'nims: it is full' >&2; exit 1";
+        let (folder, nims) = place(warnings);
+        let runs = folder.path().join("runs");
+        let reason = make_by(&nims, &runs, None, "done", RunFiles::Csv).unwrap_err();
+        assert!(format!("{reason:?}").contains("it is full"), "{reason:?}");
+        let finding = r#"{"findings":[{"level":"error","finding":"no disk","cure":"add one"}]}"#;
+        let (_folder, nims) = place(&format!("{}; echo '{finding}'; exit 1", &warnings[..warnings.len() - 8]));
+        assert_eq!(doctor_by(&nims, Path::new("system.toml"), LONGEST).unwrap().len(), 1);
+        let (_folder, nims) = place("exec sleep 1000000");
+        let reason = doctor_by(&nims, Path::new("system.toml"), Duration::from_secs(1)).unwrap_err();
+        assert!(format!("{reason:?}").contains("more than 1 s"), "{reason:?}");
     }
 
     #[test]
