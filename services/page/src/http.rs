@@ -28,15 +28,19 @@ const PIECE: usize = 64 << 10;
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
     manifest-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'";
 /// What the browser sends with every answer.
-const HEADERS: [(&str, &str); 6] = [
+const HEADERS: [(&str, &str); 5] = [
     ("content-security-policy", POLICY),
     ("x-content-type-options", "nosniff"),
     // With `no-referrer` browsers would send the origin null with the forms of the plain page.
     ("referrer-policy", "same-origin"),
-    ("cross-origin-opener-policy", "same-origin"),
     ("cross-origin-resource-policy", "same-origin"),
     ("permissions-policy", "camera=(), microphone=(), geolocation=(), gamepad=(self)"),
 ];
+/// And beside it, except with a file of a run: its policy puts it into a sandbox, where it has no origin, and a browser may
+/// refuse a page without one that asks for this.
+const OPENER: (&str, &str) = ("cross-origin-opener-policy", "same-origin");
+/// Where files of runs are.
+const FILES: &str = "/download/";
 
 /// Address of the browser, beside each request.
 #[derive(Debug, Clone, Copy)]
@@ -61,6 +65,7 @@ async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
     let host = host_of(request.headers(), request.uri());
     let wanted = host.as_deref().is_some_and(|host| is_this_machine(host, &app.names));
     let own = from_own_page(request.headers(), host.as_deref());
+    let headers = headers(request.uri().path());
     let mut response = match (wanted, own) {
         (false, _) => {
             let why = "this name is not one of this machine; use its address, or start the page with --name\n";
@@ -69,12 +74,16 @@ async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
         (true, false) => (StatusCode::FORBIDDEN, "a page of another server may not use this one\n").into_response(),
         (true, true) => next.run(request).await,
     };
-    for (name, value) in HEADERS {
+    for (name, value) in headers {
         // A file of a run has a policy of its own.
         response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
     response.headers_mut().entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
+}
+
+fn headers(path: &str) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
+    HEADERS.into_iter().chain((!path.starts_with(FILES)).then_some(OPENER))
 }
 
 /// Host and port as the browser names them.
@@ -199,6 +208,12 @@ async fn download(State(app): State<Arc<App>>, Path(ticket): Path<String>) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_of_a_run_has_no_policy_for_openers() {
+        assert!(headers("/").chain(headers("/page.js")).filter(|row| *row == OPENER).count() == 2);
+        assert!(!headers("/download/0123").any(|row| row == OPENER) && headers("/download/0123").eq(HEADERS));
+    }
 
     #[test]
     fn only_this_machine_is_served() {
