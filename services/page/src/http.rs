@@ -36,8 +36,8 @@ const HEADERS: [(&str, &str); 5] = [
     ("cross-origin-resource-policy", "same-origin"),
     ("permissions-policy", "camera=(), microphone=(), geolocation=(), gamepad=(self)"),
 ];
-/// And beside it, except with a file of a run: its policy puts it into a sandbox, where it has no origin, and a browser may
-/// refuse a page without one that asks for this.
+/// And beside it, except with a file of a run: its policy puts it into a sandbox, where it has no origin, and a browser
+/// may refuse a page without one that asks for this.
 const OPENER: (&str, &str) = ("cross-origin-opener-policy", "same-origin");
 /// Where files of runs are.
 const FILES: &str = "/download/";

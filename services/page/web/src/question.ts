@@ -1,5 +1,5 @@
-// A question of the page before something that is not taken back. It is a part of the page and stops nothing else: STOP, the
-// signs of a held motion and the drawing go on, which they would not during `confirm()` of a browser.
+// A question of the page before something that is not taken back. It is a part of the page and stops nothing else:
+// STOP, the signs of a held motion and the drawing go on, which they would not during `confirm()` of a browser.
 
 import { h } from "./dom.js";
 import { t } from "./lang.js";
