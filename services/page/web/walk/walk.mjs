@@ -145,14 +145,13 @@ for (const stop of [() => page.locator("#stop").tap(), () => page.keyboard.press
 said("stopped while a question is open");
 
 // The node moves while a button is held, and while a stick is; button B of the gamepad stops.
-const up = await page.getByRole("button", { name: "up: z grows, while held" }).boundingBox();
-assert.ok(up);
-await page.mouse.move(up.x + up.width / 2, up.y + up.height / 2);
-await hold("moves while a button is held", () => page.mouse.down(), () => page.mouse.up());
+// It moves on the screen with the texts above it.
+const up = page.getByRole("button", { name: "up: z grows, while held" });
+const down = async () => { await up.hover(); await page.mouse.down(); };
+await hold("moves while a button is held", down, () => page.mouse.up());
 await press("The node is at …");
 await asks.waitFor();
-await page.mouse.move(up.x + up.width / 2, up.y + up.height / 2);
-await hold("moves while a button is held and a question is open", () => page.mouse.down(), () => page.mouse.up());
+await hold("moves while a button is held and a question is open", down, () => page.mouse.up());
 await press("Cancel");
 const stick = (value) => page.evaluate((value) => { window.pad.axes[3] = value; }, value);
 await hold("moves while a stick is held", () => stick(-1), () => stick(0));
