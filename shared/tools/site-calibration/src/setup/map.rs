@@ -164,8 +164,10 @@ mod tests {
         // Eyes, and nine points.
         say(&mut guide, String::new());
         say(&mut guide, String::new());
+        let mut worth_it = Vec::new();
         for place in 0..9 {
             let before = map(&guide);
+            worth_it.extend(before.best);
             let at = before.next_m.unwrap();
             assert!((before.anchors_m[2][1] - 8.0).abs() < 0.01 && before.points_m.len() == place, "{before:?}");
             let lengths = places::lengths(&SITE, &[], &at).iter().map(|m| format!("{m:.3}")).collect::<Vec<_>>();
@@ -173,10 +175,13 @@ mod tests {
         }
         let done = map(&guide);
         assert_eq!((done.known.len(), done.points_m.len(), done.next_m), (3, 9, None));
-        // The frame is fixed by pulleys 1 and 2; one more point makes the worst coordinate better.
+        // The frame is fixed by pulleys 1 and 2.
         assert_eq!(done.known[0].half_axes_m, [0.0; 2]);
         assert!(done.known[2].half_axes_m[0] >= done.known[2].half_axes_m[1]);
-        let best = done.best.unwrap();
-        assert!(best.worst_std_m[1] < best.worst_std_m[0], "{best:?}");
+        // While there are few points, one more is worth it; in the end the heights are the worst, which a tape measured.
+        println!("{worth_it:?}");
+        assert!(!worth_it.is_empty());
+        assert!(worth_it.iter().all(|best| best.worst_std_m[1] < WORTH * best.worst_std_m[0]), "{worth_it:?}");
+        assert_eq!(done.best, None);
     }
 }
