@@ -178,8 +178,8 @@ mod tests {
         // The frame is fixed by pulleys 1 and 2.
         assert_eq!(done.known[0].half_axes_m, [0.0; 2]);
         assert!(done.known[2].half_axes_m[0] >= done.known[2].half_axes_m[1]);
-        // While there are few points, one more is worth it; in the end the heights are the worst, which a tape measured.
-        println!("{worth_it:?}");
+        // While there are few points, one more is worth it; in the end the heights are the worst, which a tape
+        // measured.
         assert!(!worth_it.is_empty());
         assert!(worth_it.iter().all(|best| best.worst_std_m[1] < WORTH * best.worst_std_m[0]), "{worth_it:?}");
         assert_eq!(done.best, None);
