@@ -85,7 +85,7 @@ export class Numbers {
     private listedAt = -Infinity;
 
     constructor(private readonly store: Store, private readonly conversation: Conversation) {
-        this.element = h("div", { class: "table" }, h("section", { class: "card" }, h("h2", {}, t("Any number of any channel")), h("div", { class: "fields" }, h("label", {}, t("channel"), this.channel), h("label", {}, t("number"), this.field), this.add)), this.charts);
+        this.element = h("div", { class: "table" }, h("section", { class: "card" }, h("h2", {}, t("Any number of any channel")), h("div", { class: "fields two" }, h("label", {}, t("channel"), this.channel), h("label", {}, t("number"), this.field)), h("div", { class: "row" }, this.add)), this.charts);
         for (const chosen of JSON.parse(localStorage.getItem(CHOSEN) ?? "[]") as Chosen[]) this.begin(chosen);
     }
 

@@ -83,7 +83,8 @@ export class SetUp {
             return;
         }
         this.stepped = reply;
-        if (line !== null) this.line.value = "";
+        // What was typed meanwhile stays.
+        if (line !== null && this.line.value === line) this.line.value = "";
         if (reply.message) this.said(reply.message, !reply.changed);
         else this.message.hidden = true;
         if (reply.finished) this.finish(reply.finished);
@@ -125,7 +126,7 @@ export class SetUp {
         this.question.classList.toggle("long", (stepped?.question.length ?? 0) > 300);
         renew(this.picture, JSON.stringify([open, theme]), () => (open ? [drawing(open)] : []));
         renew(this.map, JSON.stringify([stepped?.map, theme]), () => (stepped ? [siteDrawing(stepped.map)] : []));
-        renew(this.known, JSON.stringify([stepped?.map.known, stepped?.map.best]), () => (stepped?.map.known ?? []).map((one, i) => h("p", { class: "soft" }, t("Pole {n}: within {level} mm on the level with 95 %, its height ±{height} mm", { n: i + 1, level: (1000 * one.half_axes_m[0]).toFixed(0), height: (1000 * one.height_std_m).toFixed(0) }))).concat(stepped?.map.best ? [h("p", {}, t("One more point helps most at the cross: the least certain coordinate goes from ±{now} to ±{then} mm.", { now: (1000 * stepped.map.best.worst_std_m[0]).toFixed(1), then: (1000 * stepped.map.best.worst_std_m[1]).toFixed(1) }))] : []));
+        renew(this.known, JSON.stringify([stepped?.map.known, stepped?.map.best]), () => (stepped?.map.known ?? []).map((one, i) => h("p", { class: "soft" }, t("Pole {n}: within {level} mm on the level with 95 %, its height ±{height} mm", { n: i + 1, level: (1000 * one.half_axes_m[0]).toFixed(0), height: (1000 * one.height_std_m).toFixed(0) }))).concat(stepped?.map.best ? [h("p", {}, t("One more point helps most at the cross: it makes the least certain coordinate {share} % more certain.", { share: (100 - (100 * stepped.map.best.worst_std_m[1]) / stepped.map.best.worst_std_m[0]).toFixed(1) }))] : []));
         const kind = open?.kind ?? "", lengths = kind === "lengths" || kind === "confirm";
         renew(this.acts, JSON.stringify([kind, open?.optional, this.store.flies]), () => {
             const act = (name: string, line: string) => h("button", { class: "button", type: "button", click: () => void this.answer(line) }, name);
