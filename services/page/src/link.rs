@@ -204,8 +204,8 @@ mod tests {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let turns = AtomicUsize::new(0);
         runtime.block_on(async {
-            let nobody = Browser::default();
-            let connect = || greeted_within(Duration::from_secs(1), &path, &nobody);
+            let unnamed = Browser::default();
+            let connect = || greeted_within(Duration::from_secs(1), &path, &unnamed);
             let others = async {
                 loop {
                     tokio::time::sleep(AGAIN).await;

@@ -171,7 +171,7 @@ impl<F: Family> Robot<F> {
     pub(crate) fn assert_second(&self, unit: usize, before: UnitReport, case: &str) {
         let now = self.answers[unit].report;
         assert_eq!(now.second.counts.at_ns, now.counts.at_ns, "{case}: unit {unit}: read at another time");
-        assert_eq!(now.second.breaks, before.second.breaks, "{case}: unit {unit}: its counts begin anew");
+        assert_eq!(now.second.breaks, before.second.breaks, "{case}: unit {unit}: its counts have a new origin");
         let moved = now.second.counts.value - before.second.counts.value;
         let expected = second_of(now.counts.value[0]) - second_of(before.counts.value[0]);
         // The clockwork shows whole microseconds.

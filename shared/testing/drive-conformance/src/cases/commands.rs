@@ -98,7 +98,8 @@ pub fn readings_are_fresh_and_complete<F: Family>() {
     }
 }
 
-/// A second encoder is read in the same moment as the first one; after a restart it begins anew, and says so.
+/// A second encoder is read in the same moment as the first one; after a restart it counts from a new origin, and says
+/// so.
 pub fn a_second_encoder_is_read_with_the_first<F: Family>() {
     if !F::SECOND {
         return;
