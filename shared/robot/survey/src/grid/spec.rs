@@ -56,6 +56,12 @@ impl GridSpec {
         self.columns * self.rows
     }
 
+    /// Column and row of every cell, in the order of lists of all cells.
+    pub fn places(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let columns = self.columns;
+        (0..self.rows).flat_map(move |row| (0..columns).map(move |column| (column, row)))
+    }
+
     /// Index of a cell in lists of all cells.
     #[must_use]
     pub fn index(&self, column: usize, row: usize) -> usize {

@@ -34,9 +34,7 @@ pub(super) fn write(
         Ok(())
     };
     let of = |pick: fn((f64, f64)) -> f64| -> Vec<Option<f64>> {
-        let spec = map.grid().spec();
-        let cells = (0..spec.rows).flat_map(|row| (0..spec.columns).map(move |column| (column, row)));
-        cells.map(|(column, row)| map.value(column, row).map(pick)).collect()
+        map.grid().spec().places().map(|(column, row)| map.value(column, row).map(pick)).collect()
     };
     let (values, sigmas) = (of(|cell| cell.0), of(|cell| cell.1));
     file(format!("{name}.asc"), ascii_grid(map, &values))?;
@@ -104,19 +102,17 @@ fn grid_table(map: &SensorMap) -> String {
     let others: Vec<&str> = place.split(',').chain(rest.split(',')).collect();
     let names = mapped(map.names(), &others).join(",");
     let mut text = format!("{place},{names},{rest}\n");
-    for row in 0..spec.rows {
-        for column in 0..spec.columns {
-            let (Some(cell), Some((value, sigma))) = (map.grid().cell(column, row), map.value(column, row)) else {
-                continue;
-            };
-            let [x, y] = spec.centre(column, row);
-            let [gx, gy] = cell.gradient_per_m;
-            let (structure, radius, samples) = (cell.structure, cell.radius_m, cell.samples);
-            let _ = writeln!(
-                text,
-                "{x:.6},{y:.6},{value:.9e},{sigma:.3e},{gx:.6e},{gy:.6e},{structure:.3e},{radius:.4},{samples}"
-            );
-        }
+    for (column, row) in spec.places() {
+        let (Some(cell), Some((value, sigma))) = (map.grid().cell(column, row), map.value(column, row)) else {
+            continue;
+        };
+        let [x, y] = spec.centre(column, row);
+        let [gx, gy] = cell.gradient_per_m;
+        let (structure, radius, samples) = (cell.structure, cell.radius_m, cell.samples);
+        let _ = writeln!(
+            text,
+            "{x:.6},{y:.6},{value:.9e},{sigma:.3e},{gx:.6e},{gy:.6e},{structure:.3e},{radius:.4},{samples}"
+        );
     }
     text
 }

@@ -55,21 +55,19 @@ pub(super) fn cells(map: &SensorMap, globe: &Globe) -> Option<Value> {
     let half_m = 0.5 * spec.cell_m;
     let [quantity, unit] = map.names();
     let mut features = Vec::new();
-    for row in 0..spec.rows {
-        for column in 0..spec.columns {
-            let Some((value, sigma)) = map.value(column, row) else { continue };
-            let [x, y] = spec.centre(column, row);
-            // The format requires anticlockwise, closed rings with the longitude first.
-            let ring = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|[a, b]: [f64; 2]| {
-                let [latitude, longitude] = globe.at([x + a * half_m, y + b * half_m]);
-                [longitude, latitude]
-            });
-            features.push(json!({
-                "type": "Feature",
-                "geometry": { "type": "Polygon", "coordinates": [ring] },
-                "properties": { "value": value, "sigma": sigma, "quantity": quantity, "unit": unit },
-            }));
-        }
+    for (column, row) in spec.places() {
+        let Some((value, sigma)) = map.value(column, row) else { continue };
+        let [x, y] = spec.centre(column, row);
+        // The format requires anticlockwise, closed rings with the longitude first.
+        let ring = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|[a, b]: [f64; 2]| {
+            let [latitude, longitude] = globe.at([x + a * half_m, y + b * half_m]);
+            [longitude, latitude]
+        });
+        features.push(json!({
+            "type": "Feature",
+            "geometry": { "type": "Polygon", "coordinates": [ring] },
+            "properties": { "value": value, "sigma": sigma, "quantity": quantity, "unit": unit },
+        }));
     }
     Some(json!({ "type": "FeatureCollection", "features": features }))
 }

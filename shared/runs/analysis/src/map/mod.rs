@@ -264,10 +264,7 @@ fn grid_around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSp
 /// Returns a description of a map as JSON and as a sentence.
 fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[PathBuf]) -> (Value, String) {
     let spec = map.grid().spec();
-    let known: Vec<(f64, f64)> = (0..spec.rows)
-        .flat_map(|row| (0..spec.columns).map(move |column| (column, row)))
-        .filter_map(|(column, row)| map.value(column, row))
-        .collect();
+    let known: Vec<(f64, f64)> = spec.places().filter_map(|(column, row)| map.value(column, row)).collect();
     let low = known.iter().map(|(value, _)| *value).fold(f64::INFINITY, f64::min);
     let high = known.iter().map(|(value, _)| *value).fold(f64::NEG_INFINITY, f64::max);
     let mut sigmas: Vec<f64> = known.iter().map(|(_, sigma)| *sigma).collect();

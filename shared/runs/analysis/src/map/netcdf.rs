@@ -149,8 +149,7 @@ fn places<'a>(map: &SensorMap, globe: &Globe) -> Vec<Variable<'a>> {
     let spec = map.grid().spec();
     let [a, b] = map.plane().axes();
     let of = |pick: usize| -> Vec<f64> {
-        let cells = (0..spec.rows).flat_map(|row| (0..spec.columns).map(move |column| (column, row)));
-        cells.map(|(column, row)| globe.at(spec.centre(column, row))[pick]).collect()
+        spec.places().map(|(column, row)| globe.at(spec.centre(column, row))[pick]).collect()
     };
     let place = |name: &'static str, standard: &str, direction: &str, values| {
         Variable::new(name, &[b, a], values)
@@ -163,11 +162,9 @@ fn places<'a>(map: &SensorMap, globe: &Globe) -> Vec<Variable<'a>> {
 
 /// Value, standard deviation and number of samples of every cell.
 fn values<'a>(map: &SensorMap, placed: bool, timed: bool) -> Vec<Variable<'a>> {
-    let spec = map.grid().spec();
     let [a, b] = map.plane().axes();
     let of = |pick: &dyn Fn(usize, usize) -> Option<f64>| -> Vec<f64> {
-        let cells = (0..spec.rows).flat_map(|row| (0..spec.columns).map(move |column| (column, row)));
-        cells.map(|(column, row)| pick(column, row).unwrap_or(NC_FILL_F64)).collect()
+        map.grid().spec().places().map(|(column, row)| pick(column, row).unwrap_or(NC_FILL_F64)).collect()
     };
     let [quantity, unit] = map.names();
     let quantity = if quantity.is_empty() { "value" } else { quantity };

@@ -13,9 +13,8 @@ pub fn figures(run: &RunData) -> Vec<Figure> {
 
 fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
     let spec = *map.grid().spec();
-    let cells = (0..spec.rows).flat_map(|row| (0..spec.columns).map(move |column| (column, row)));
     let known: Vec<([f64; 2], (f64, f64))> =
-        cells.filter_map(|(column, row)| Some((spec.centre(column, row), map.value(column, row)?))).collect();
+        spec.places().filter_map(|(column, row)| Some((spec.centre(column, row), map.value(column, row)?))).collect();
     let low = known.iter().map(|(_, (value, _))| *value).fold(f64::INFINITY, f64::min);
     let high = known.iter().map(|(_, (value, _))| *value).fold(f64::NEG_INFINITY, f64::max);
     let mut sigmas: Vec<f64> = known.iter().map(|(_, (_, sigma))| *sigma).collect();
