@@ -2,10 +2,10 @@
 
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Subscriber, Tap};
-use messages::{FieldMap, MotorAuthority, NodeEstimate, Sample};
+use messages::{FieldMap, MotorAuthority, NodeEstimate, Sample, SensorFlag};
 use runtime::Chassis;
 
-use georeference::{Counts, Decoder, Logger, LoggerConfig, SensorMap, unused_readings_sentence};
+use georeference::{Counts, Decoder, Logger, LoggerConfig, SensorMap, flag_sentence, unused_readings_sentence};
 
 /// Time between two polls of the channels, ns: short for observers, and far shorter than the time in which a buffer
 /// fills. Readings do not wake the process.
@@ -27,6 +27,9 @@ struct Sensor {
 /// Publishers for one sensor; their index is that of the sensor in the logger.
 struct SensorOutput {
     samples: Publisher<Sample>,
+    flags: Publisher<SensorFlag>,
+    /// Kinds of flags that were logged since the last warning, one bit for each.
+    logged: u8,
     map: Option<(SensorMap, Publisher<FieldMap>)>,
     due_ns: u64,
 }
@@ -151,7 +154,8 @@ impl SensorLogger {
                 None => None,
             };
             let samples = chassis.bus().publisher(&format!("sample/{name}"))?;
-            self.outputs.push(SensorOutput { samples, map, due_ns: 0 });
+            let flags = chassis.bus().publisher(&format!("flag/{name}"))?;
+            self.outputs.push(SensorOutput { samples, flags, logged: 0, map, due_ns: 0 });
             tracing::info!("{} is georeferenced", info.name);
         }
         Ok(())
@@ -163,6 +167,16 @@ impl SensorLogger {
         for Sensor { tap, number } in &mut self.sensors {
             let logger = &mut self.logger;
             while tap.receive(|raw| logger.reading(*number, raw.bytes, now_ns()))?.is_some() {}
+        }
+        self.logger.silence(now_ns());
+        while let Some((number, mut flag)) = self.logger.next_flag() {
+            let Some(output) = self.outputs.get_mut(number) else { continue };
+            output.flags.send(&mut flag)?;
+            if output.logged & 1 << flag.kind == 0 {
+                output.logged |= 1 << flag.kind;
+                let (name, _) = self.logger.counts().nth(number).unwrap_or_default();
+                tracing::warn!("{}", flag_sentence(name, &flag));
+            }
         }
         while let Some(authority) = self.authorities.receive()? {
             self.logger.authority(&authority);
@@ -197,8 +211,9 @@ impl SensorLogger {
         Ok(())
     }
 
-    /// Logs for each sensor how many readings gave no sample since the last warning, and why.
+    /// Logs for each sensor how many readings gave no sample since the last warning, and why; flags are logged again.
     fn warn(&mut self) {
+        self.outputs.iter_mut().for_each(|output| output.logged = 0);
         for (number, (name, counts)) in self.logger.counts().enumerate() {
             if self.reported.len() <= number {
                 self.reported.push(Counts::default());

@@ -8,11 +8,12 @@ use crate::robot::{Robot, program, root};
 use bus::clock::{Pacer, now_ns};
 use bus::{Bus, Domain, Publisher};
 use messages::{
-    FieldMap, Header, Heartbeat, MotorAuthority, NodeEstimate, Reading, Request, Sample, put_text, text_of,
+    FieldMap, Header, Heartbeat, LogEvent, MotorAuthority, NodeEstimate, Reading, Request, Sample, SensorFlag,
+    put_text, text_of,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::cell::{Cell, RefCell};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 messages::message! {
@@ -114,6 +115,17 @@ fn of_env(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
 }
 
+/// Writes a system file that states the range of the probe.
+fn with_a_range(folder: &Path) -> PathBuf {
+    let configs = root().join("configs");
+    let text = std::fs::read_to_string(configs.join("systems/demo3.toml")).unwrap();
+    let text = text.replace("\"../", &format!("\"{}/", configs.display()));
+    let path = folder.join("system.toml");
+    let sensor = "[[sensor_logger.sensor]]\nname = \"probe\"\nrange = [[0.0, 15.0]]\n";
+    std::fs::write(&path, format!("{text}\n{sensor}")).unwrap();
+    path
+}
+
 /// Compares every sample with its reading; returns the largest distance from where the sensor was, m, and their number.
 fn farthest_sample_m(run: &Path, sent: &[u64]) -> (f64, u64) {
     let (mut worst_m, mut all) = (0.0_f64, 0);
@@ -140,7 +152,7 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     let bus = Bus::join(&domain, "test").unwrap();
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();
-    let system_file = root().join("configs/systems/demo3.toml");
+    let system_file = with_a_range(folder.path());
     let recorder = Running::start(&bus, &domain, "recorder", &["--run", run.to_str().unwrap()]);
     let logger = Running::start(&bus, &domain, "sensor-logger", &["--system", system_file.to_str().unwrap()]);
 
@@ -200,6 +212,19 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     assert_eq!(own.len() as u64, probes);
     let (_, sample) = own.last().unwrap();
     assert_eq!((sample.count, sample.value[0], text_of(&sample.quantity)), (1, 20.0, "temperature_c".to_owned()));
+
+    // The first sensor fell silent, and the values of the probe were outside their range.
+    let flags = |channel: &str| runlog::read_channel::<SensorFlag>(&run, channel).unwrap();
+    let [(_, gap)] = flags("flag/s0")[..] else { panic!("{:?}", flags("flag/s0")) };
+    let last_ns = runlog::read_channel::<Reading>(&run, "sensor/s0").unwrap().last().unwrap().1.header.oldest_input_ns;
+    assert_eq!((gap.kind, gap.begin_ns, gap.end_ns, gap.count), (SensorFlag::KIND_GAP, last_ns, 0, 1));
+    let [(_, range)] = flags("flag/probe")[..] else { panic!("{:?}", flags("flag/probe")) };
+    assert_eq!((range.kind, range.end_ns, range.size, range.number), (SensorFlag::KIND_RANGE, 0, 5.0, 1));
+    assert_eq!(text_of(&range.quantity), "temperature_c");
+    assert!(runlog::read_channel::<FieldMap>(&run, "map/probe").unwrap().is_empty(), "no value was believable");
+    let log = runlog::read_channel::<LogEvent>(&run, "system/log/sensor-logger").unwrap();
+    let sentence = "sensor/probe: temperature_c: 5.0000 outside the range in the system file; not in the map";
+    assert!(log.iter().any(|(_, event)| text_of(&event.text) == sentence), "{log:?}");
 
     let maps = runlog::read_channel::<FieldMap>(&run, "map/s1").unwrap();
     let (_, map) = maps.last().expect("a map");

@@ -7,7 +7,7 @@ use messages::{Header, Message, Reading, Sample, put_text};
 use crate::SensorConfig;
 
 /// Maximum number of values per sample.
-const VALUES: usize = 8;
+pub(crate) const VALUES: usize = 8;
 
 /// A decoded reading without its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,7 +117,7 @@ fn custom_format(config: &SensorConfig, schema: &str, size: usize) -> Result<For
     if !schema.has_header() {
         return Err("its samples do not begin with a header, so their time of measurement is unknown".to_owned());
     }
-    let fields = selected_fields(&schema, &config.section.fields)?;
+    let fields = value_fields(&schema, &config.section.fields)?;
     let count = fields.iter().map(|field| field.count.unwrap_or(1)).sum::<usize>().min(VALUES);
     let names: Vec<&str> = fields.iter().map(|field| field.path.as_str()).collect();
     let mut empty = Sample { count: count as u8, value: [f64::NAN; VALUES], ..Sample::default() };
@@ -125,8 +125,12 @@ fn custom_format(config: &SensorConfig, schema: &str, size: usize) -> Result<For
     Ok(Format::Custom { fields, size, empty: Box::new(empty) })
 }
 
-/// Returns the requested fields; without a request, the first floating-point fields or else the first numbers.
-fn selected_fields(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String> {
+/// Returns the fields of a custom type that are values: the wanted ones; without any, the first floating-point fields,
+/// or else the first numbers.
+///
+/// # Errors
+/// One sentence: a wanted field is missing, or the type has no numbers.
+pub fn value_fields(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String> {
     if !wanted.is_empty() {
         return wanted
             .iter()

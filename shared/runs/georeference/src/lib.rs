@@ -7,7 +7,7 @@
 //! Invariants:
 //! * [`Logger`] and [`SensorMap`] are pure: no clock, no I/O. The sensor logger runs them live, `nims map` on recorded
 //!   runs, with the same result.
-//! * Each reading becomes one sample, or is counted with the reason ([`Counts`]).
+//! * Each reading is judged by itself ([`Quality`]), and becomes one sample, or is counted with the reason ([`Counts`]).
 //! * No allocation per reading: buffers and grids are allocated when a sensor appears.
 #![forbid(unsafe_code)]
 
@@ -15,12 +15,14 @@ mod decode;
 mod logger;
 mod map;
 mod plane;
+mod quality;
 mod settings;
 mod text;
 
-pub use decode::Decoder;
+pub use decode::{Decoder, value_fields};
 pub use logger::{Counts, Logger};
 pub use map::SensorMap;
 pub use plane::Plane;
+pub use quality::{Doubt, Place, Quality, Tally};
 pub use settings::{LoggerConfig, SensorConfig};
-pub use text::unused_readings_sentence;
+pub use text::{flag_sentence, unused_readings_sentence};

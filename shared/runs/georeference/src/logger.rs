@@ -1,15 +1,20 @@
 //! Holds readings until a newer estimate arrives and turns them into samples.
 
-use messages::{MotorAuthority, NodeEstimate, Rule, SLOTS, Sample, blended_estimate, newer};
+use messages::{
+    Header, MotorAuthority, NodeEstimate, Rule, SLOTS, Sample, SensorFlag, blended_estimate, name_at, newer, put_text,
+    text_of,
+};
 use std::collections::VecDeque;
 use survey::SurveyError;
 use survey::track::{Fix, Track, TrackOptions, TrackPosition};
 
-use crate::decode::DecodedReading;
-use crate::{Decoder, LoggerConfig, SensorConfig};
+use crate::decode::{DecodedReading, VALUES};
+use crate::{Decoder, Doubt, LoggerConfig, Place, Quality, SensorConfig};
 
 /// Maximum number of waiting readings per sensor: the capacity of its channel, 2.5 s at 100 Hz.
 const WAITING: usize = 256;
+/// Maximum number of waiting flags; beyond it new ones are only counted in the next ones.
+const FLAGS: usize = 256;
 
 /// Readings of a sensor by outcome.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -37,6 +42,10 @@ struct Sensor {
     /// Decoded readings with their time of arrival, ns.
     waiting: VecDeque<(u64, DecodedReading)>,
     counts: Counts,
+    /// Judges of the values.
+    quality: Vec<Quality>,
+    /// The last reading, with its time of arrival, ns.
+    last: Option<(u64, Sample)>,
 }
 
 /// Turns estimates and readings into georeferenced samples.
@@ -48,6 +57,8 @@ pub struct Logger {
     wait_ns: u64,
     /// Index of the sensor to serve next.
     turn: usize,
+    /// Flags with the index of their sensor.
+    flags: VecDeque<(usize, SensorFlag)>,
 }
 
 impl Logger {
@@ -63,6 +74,7 @@ impl Logger {
             sensors: Vec::new(),
             wait_ns: (config.section.wait_s * 1e9) as u64,
             turn: 0,
+            flags: VecDeque::with_capacity(FLAGS),
         })
     }
 
@@ -103,13 +115,15 @@ impl Logger {
             time_sigma_s: config.time_sigma_s,
             waiting: VecDeque::with_capacity(WAITING),
             counts: Counts::default(),
+            quality: (0..VALUES).map(|value| Quality::new(config.section.range.get(value).copied())).collect(),
+            last: None,
         });
         self.sensors.len() - 1
     }
 
     /// Records the raw bytes of a reading that arrived at `now_ns`.
-    pub fn reading(&mut self, sensor: usize, bytes: &[u8], now_ns: u64) {
-        let Some(sensor) = self.sensors.get_mut(sensor) else { return };
+    pub fn reading(&mut self, number: usize, bytes: &[u8], now_ns: u64) {
+        let Some(sensor) = self.sensors.get_mut(number) else { return };
         sensor.counts.readings += 1;
         let Some(reading) = sensor.decoder.decode(bytes) else {
             let malformed = bytes.len() != sensor.decoder.size();
@@ -121,6 +135,28 @@ impl Logger {
             sensor.counts.unplaced += 1;
         }
         sensor.waiting.push_back((now_ns, reading));
+        sensor.last = Some((now_ns, reading.sample));
+        let judge = |quality: &mut Quality, value: usize, found: &mut dyn FnMut(Place)| {
+            quality.add(reading.sample.header.stamp_ns, reading.sample.value[value], &mut |place| found(place));
+        };
+        judge_values(&mut self.flags, number, sensor, now_ns, judge);
+    }
+
+    /// Judges how long each sensor has been silent at `now_ns`.
+    pub fn silence(&mut self, now_ns: u64) {
+        for (number, sensor) in self.sensors.iter_mut().enumerate() {
+            let Some((arrived_ns, _)) = sensor.last else { continue };
+            let silence_s = now_ns.saturating_sub(arrived_ns) as f64 * 1e-9;
+            let judge = |quality: &mut Quality, _, found: &mut dyn FnMut(Place)| {
+                quality.silent(silence_s, &mut |place| found(place));
+            };
+            judge_values(&mut self.flags, number, sensor, now_ns, judge);
+        }
+    }
+
+    /// Returns the next flag with the index of its sensor.
+    pub fn next_flag(&mut self) -> Option<(usize, SensorFlag)> {
+        self.flags.pop_front()
     }
 
     /// Returns the next sample that is ready at `now_ns`, with the index of its sensor.
@@ -170,4 +206,38 @@ impl Logger {
     pub fn counts(&self) -> impl Iterator<Item = (&str, Counts)> {
         self.sensors.iter().map(|sensor| (sensor.name.as_str(), sensor.counts))
     }
+}
+
+/// Judges each value of the last reading of a sensor, and queues what is found.
+fn judge_values(
+    flags: &mut VecDeque<(usize, SensorFlag)>,
+    number: usize,
+    sensor: &mut Sensor,
+    now_ns: u64,
+    judge: impl Fn(&mut Quality, usize, &mut dyn FnMut(Place)),
+) {
+    let Some((_, sample)) = &sensor.last else { return };
+    for (value, quality) in sensor.quality.iter_mut().take(usize::from(sample.count)).enumerate() {
+        let mut places = [None; Doubt::COUNT];
+        judge(quality, value, &mut |place| places[usize::from(place.doubt.kind())] = Some(place));
+        for place in places.into_iter().flatten().take(FLAGS - flags.len()) {
+            flags.push_back((number, flag(sample, value, &place, quality.tally(place.doubt).count, now_ns)));
+        }
+    }
+}
+
+fn flag(sample: &Sample, value: usize, place: &Place, count: u64, now_ns: u64) -> SensorFlag {
+    let mut flag = SensorFlag {
+        header: Header::at(now_ns),
+        begin_ns: place.begin_ns,
+        end_ns: place.end_ns.unwrap_or_default(),
+        size: place.size,
+        count,
+        kind: place.doubt.kind(),
+        number: value as u8 + 1,
+        ..SensorFlag::default()
+    };
+    put_text(&mut flag.quantity, name_at(&text_of(&sample.quantity), value));
+    put_text(&mut flag.unit, name_at(&text_of(&sample.unit), value));
+    flag
 }

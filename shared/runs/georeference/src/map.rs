@@ -1,6 +1,6 @@
 //! Map of the samples of one sensor.
 
-use messages::{FieldMap, Header, Reading, Sample, put_text, text_of};
+use messages::{FieldMap, Header, Reading, Sample, name_at, put_text, text_of};
 use survey::SurveyError;
 use survey::grid::{GridMap, GridSample};
 
@@ -14,21 +14,27 @@ pub(crate) struct Mapping {
     value: usize,
     looks_down: bool,
     sigma: Option<f64>,
+    /// Least and greatest believable value.
+    range: Option<[f64; 2]>,
 }
 
 impl Mapping {
     /// Returns the conversion for a sensor; `None` if the sensor has no map.
     fn new(plane: Plane, sensor: &SensorConfig) -> Option<Self> {
         let value = sensor.section.map_value.unwrap_or(1).checked_sub(1)?;
-        Some(Self { plane, value, looks_down: sensor.section.looks_down, sigma: sensor.section.sigma })
+        let range = sensor.section.range.get(value).copied();
+        Some(Self { plane, value, looks_down: sensor.section.looks_down, sigma: sensor.section.sigma, range })
     }
 
-    /// Converts a sample; `None` if the value is missing or invalid.
+    /// Converts a sample; `None` if the value is missing, invalid or outside the range of the sensor.
     fn grid_sample(&self, sample: &Sample) -> Option<GridSample> {
         if sample.quality == Reading::QUALITY_INVALID || self.value >= usize::from(sample.count) {
             return None;
         }
         let number = *sample.value.get(self.value)?;
+        if self.range.is_some_and(|[low, high]| number < low || number > high) {
+            return None;
+        }
         let value = if self.looks_down { sample.position_m[2] - number } else { number };
         let [xx, yy] = self.plane.project(sample.position_std_m).map(|std_m| std_m * std_m);
         Some(GridSample {
@@ -128,12 +134,7 @@ impl SensorMap {
         if self.mapping.looks_down {
             return ["height".to_owned(), "m".to_owned()];
         }
-        let word = |text: &[u8]| {
-            let text = text_of(text);
-            let mut words = text.split(',');
-            words.nth(self.mapping.value).or(text.split(',').next_back()).unwrap_or_default().to_owned()
-        };
-        [word(&sample.quantity), word(&sample.unit)]
+        [&sample.quantity[..], &sample.unit].map(|names| name_at(&text_of(names), self.mapping.value).to_owned())
     }
 
     /// Returns quantity and unit of the map; empty before the first sample.

@@ -52,6 +52,9 @@ crate::section! {
         pub sigma: Option<f64> = None => above(0.0, 1e6, ""),
         /// Diameter of the area that one reading covers, m.
         pub footprint_m: f64 = 0.0 => between(0.0, 100.0, "m"),
+        /// Least and greatest believable value, one pair for each value in order. Values beyond are flagged and not in
+        /// the map. Default: any value is believed.
+        pub range: Vec<[f64; 2]> = Vec::new(),
     }
 }
 
@@ -84,6 +87,15 @@ impl LoggedSensorSection {
         if self.fields.len() > 8 {
             let sentence = format!("the sensor \"{}\" has more than 8 `fields`; accepted: up to 8", self.name);
             return Err(Problem::with_sentence("fields", sentence));
+        }
+        // A comparison with NaN is false.
+        let is_range = |[low, high]: &[f64; 2]| low < high;
+        if self.range.len() > 8 || !self.range.iter().all(is_range) {
+            let sentence = format!(
+                "`range` of the sensor \"{}\" is {:?}; accepted: up to 8 pairs of a least and a greater value",
+                self.name, self.range
+            );
+            return Err(Problem::with_sentence("range", sentence));
         }
         Ok(())
     }

@@ -7,7 +7,7 @@ use crate::ros::{Log, MarkerArray, Path, Payload, PointCloud2, PoseStamped, TfMe
 use crate::{
     ControlStatus, Energy, FieldMap, Heartbeat, LogEvent, MotorAuthority, MotorCommand, MotorInput, MotorSlots,
     MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading, RecorderStatus, Sample,
-    SystemConfig, TruthNode,
+    SensorFlag, SystemConfig, TruthNode,
 };
 
 /// Quality of service of a channel. Safe overflow is always on: the oldest sample is overwritten, and a publisher never
@@ -199,6 +199,7 @@ channels! {
     "operator/request": OperatorRequest by "commands, and who answers them", BURST, first "operator/request";
     "sensor/*": Reading by "each sensor", SENSOR;
     "sample/*": Sample by "sensor-logger", SENSOR;
+    "flag/*": SensorFlag by "sensor-logger", SLOW;
     "map/*": FieldMap by "sensor-logger", MAP;
     "cloud/*": any by "each sensor", CLOUD;
     "energy": Energy by "motor-io", CYCLE, first "energy";

@@ -50,12 +50,12 @@ pub use live::{AUTHORITY_LAG, Freshness, Rule, blended_estimate, freshness, newe
 pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
-pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
+pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, SensorFlag, TruthNode};
 pub use request::{DecodeError, EncodeError, GotoPath, Request};
 pub use request_sample::{DETAIL_BYTES, OperatorRequest, RequestAnswer, RequestBody};
 pub use slot::{Slot, SlotRole};
 pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
-pub use text::{MORE, hex, parted, put_sentence, put_text, text_of, words_within};
+pub use text::{MORE, hex, name_at, parted, put_sentence, put_text, text_of, words_within};
 
 /// Most cables of one robot; every per-cable array has this length.
 pub const CABLES: usize = 8;

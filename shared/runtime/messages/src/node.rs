@@ -181,6 +181,35 @@ message! {
 }
 
 message! {
+    /// `flag/NAME`: values of a sensor that are doubtful by themselves, in the manner of QARTOD; see docs/analysis.md.
+    ///
+    /// What lasts is published twice: when it is found, with `end_ns` 0, and when it ends. `stamp_ns` is the time at
+    /// which it was found.
+    pub struct SensorFlag {
+        header: Header,
+        /// Time of measurement of the first value concerned; of the last value before a gap.
+        begin_ns: u64,
+        /// Time of the last one; of the first value after a gap. 0: it lasts.
+        end_ns: u64,
+        /// Of a gap or a flat line its duration so far, s; of a spike and of a value beyond the range its distance from
+        /// what is believable, in the unit of the value.
+        size: f64,
+        /// Flags of this kind and value since the sensor logger started, this one included.
+        count: u64,
+        /// GAP: no value for more than five usual intervals. FLAT: the same value for a minute or longer. SPIKE: far
+        /// from both neighbours. RANGE: outside the range that the system file states.
+        kind: u8 { KIND_GAP = 0, KIND_FLAT = 1, KIND_SPIKE = 2, KIND_RANGE = 3 },
+        /// Number of the value, from 1.
+        number: u8,
+        pad0: [u8; 6],
+        /// Quantity of the value, or the name of its field.
+        quantity: [u8; 64],
+        /// Unit of the value.
+        unit: [u8; 32],
+    }
+}
+
+message! {
     /// `map/NAME`: map of the measured field over the plane, from the samples of a sensor so far.
     ///
     /// Cells are squares, row by row from the lowest y, in a row from the lowest x; the first `columns` x `rows` count.

@@ -53,6 +53,19 @@ pub fn text_of(from: &[u8]) -> String {
     String::from_utf8_lossy(&from[..end]).into_owned()
 }
 
+/// Returns the name of one of several values from names separated by commas; a single name is that of each value.
+///
+/// ```
+/// assert_eq!(messages::name_at("humidity, temperature", 1), "temperature");
+/// assert_eq!(messages::name_at("m", 2), "m");
+/// assert_eq!(messages::name_at("humidity, temperature", 2), "");
+/// ```
+#[must_use]
+pub fn name_at(names: &str, index: usize) -> &str {
+    let only = names.split_once(',').is_none().then_some(names);
+    only.or_else(|| names.split(',').nth(index)).unwrap_or_default().trim()
+}
+
 /// Returns two lower-case hexadecimal digits for each byte.
 ///
 /// ```

@@ -10,7 +10,7 @@ mod read;
 
 pub use contour::{contours, levels};
 use globe::Globe;
-pub use read::{Origin, logger_config, read_samples};
+pub use read::{Origin, logger_config, read_samples, sensor_settings};
 
 use crate::runs::require_run;
 use command::values::above_zero;

@@ -82,6 +82,17 @@ pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection, Ru
     Ok((robot, section_of(run, reader.attachments())?, time))
 }
 
+/// Returns the section `[sensor_logger]` of the system file of a run.
+///
+/// # Errors
+/// The run cannot be read, or its system file cannot be used.
+pub fn sensor_settings(run: &Path) -> Answer<SensorLoggerSection> {
+    let mut reader = RunReader::open(run)?;
+    // The attachments precede the first sample.
+    reader.next_sample().map_err(Failure::not_now)?;
+    section_of(run, reader.attachments())
+}
+
 fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> {
     let Some(text) = system_file_text(run, inside) else { return Ok(SensorLoggerSection::default()) };
     let table: toml::Table = text

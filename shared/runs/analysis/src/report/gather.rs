@@ -251,6 +251,8 @@ pub fn gather(run: &Path, between: Option<[f64; 2]>, progress: &mut dyn FnMut(f6
     let mut tracker = Tracker::default();
     let mut collector = Collector::new()?;
     collector.data.deviations = Deviations::new(between);
+    // A system file that this program does not accept leaves the ranges of the sensors unknown.
+    collector.data.sensors = Sensors::new(crate::map::sensor_settings(run).unwrap_or_default());
     let mut other_version = BTreeSet::new();
     let mut number = 0_u64;
     loop {

@@ -162,6 +162,7 @@ fn limit(file: &str, key: &str, table: &toml::Table) -> Answer<Limit> {
         match name.as_str() {
             "min" => limit.min = Some(number.ok_or_else(|| wrong("a number"))?),
             "max" => limit.max = Some(number.ok_or_else(|| wrong("a number"))?),
+            "is" if value.is_float() && number.is_none() => return Err(wrong("a number, a text or a truth value")),
             "is" if !value.is_table() && !value.is_array() => {
                 limit.is = Some(serde_json::to_value(value).map_err(Failure::bad)?);
             }
@@ -288,6 +289,13 @@ mod tests {
     fn a_figure_that_the_run_lacks_breaks_its_limit() {
         for text in ["analysis.truth.max_m.max = 1", "legs.\"*\".truth.max_m.max = 1", "cables.7.tension_n.1.max = 1"] {
             assert_eq!(check(text).unwrap().broken().count(), 1, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_limit_that_no_number_can_keep_is_refused() {
+        for text in ["faults.is = nan", "faults.is = inf", "faults.max = nan", "faults.min = -inf"] {
+            assert_eq!(check(text).unwrap_err().exit_code(), 2, "{text}");
         }
     }
 

@@ -12,7 +12,6 @@ mod legs;
 mod limits;
 mod map_charts;
 mod maps;
-mod quality;
 mod robot;
 mod samples;
 mod tables;

@@ -1,9 +1,10 @@
 //! Sensor readings over time and along the path.
 
-use super::quality::{Flags, Quality};
 use super::trace::{DecimatedPoints, Trace};
+use config::{LoggedSensorSection, SensorLoggerSection};
+use georeference::{Doubt, Quality, Tally, value_fields};
 use messages::schema::{Schema, SchemaField, Value};
-use messages::{NodeEstimate, Reading, Sample, text_of};
+use messages::{NodeEstimate, Reading, Sample, name_at, text_of};
 use runlog::RecordedSample;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
@@ -27,7 +28,50 @@ pub struct Sensor {
     pub samples: u64,
     /// Number of samples marked as doubtful or stale.
     pub doubtful: u64,
-    schema: Option<(Schema, Vec<SchemaField>)>,
+    /// Of a custom type: its values, each with its number among all values.
+    fields: Option<Vec<(usize, SchemaField)>>,
+    /// Its entry in the system file.
+    settings: LoggedSensorSection,
+}
+
+/// One kind of flag.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Flag {
+    /// Number of flagged places.
+    pub count: u64,
+    /// Time of the first one, s since the start of the run.
+    pub first_s: Option<f64>,
+    /// The largest one: of a gap and a flat line its duration, s; of a spike its size, and of values outside the range
+    /// their distance from it, in the unit of the value.
+    pub largest: f64,
+}
+
+/// Flags of one value of a sensor.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Flags {
+    /// Silences.
+    pub gaps: Flag,
+    /// Times with the same value, the last one included.
+    pub flat_lines: Flag,
+    /// Values far from both neighbours.
+    pub spikes: Flag,
+    /// Values outside the range in the system file.
+    pub outside: Flag,
+}
+
+impl Flags {
+    fn new(quality: &Quality) -> Self {
+        let flag = |doubt: Doubt| {
+            let Tally { count, first_ns, largest } = quality.tally(doubt);
+            Flag { count, first_s: first_ns.map(|first_ns| first_ns as f64 * 1e-9), largest }
+        };
+        Self {
+            gaps: flag(Doubt::Gap),
+            flat_lines: flag(Doubt::Flat),
+            spikes: flag(Doubt::Spike),
+            outside: flag(Doubt::Range),
+        }
+    }
 }
 
 /// Range of one value of a sensor.
@@ -37,7 +81,7 @@ pub struct Extremes {
     pub name: String,
     /// Least and greatest value.
     pub range: Option<[f64; 2]>,
-    /// Gaps, flat lines and spikes.
+    /// Gaps, flat lines, spikes, and values outside the range in the system file.
     pub flags: Flags,
 }
 
@@ -46,9 +90,16 @@ pub struct Extremes {
 pub struct Sensors {
     channels: BTreeMap<String, Sensor>,
     recent: VecDeque<(u64, [f64; 3])>,
+    settings: Vec<LoggedSensorSection>,
 }
 
 impl Sensors {
+    /// Creates it with the settings of the sensors from the system file.
+    #[must_use]
+    pub fn new(section: SensorLoggerSection) -> Self {
+        Self { settings: section.sensor, ..Self::default() }
+    }
+
     /// Returns the channels by name.
     #[must_use]
     pub fn channels(&self) -> &BTreeMap<String, Sensor> {
@@ -79,16 +130,21 @@ impl Sensors {
             (None, Some(reading)) => self.position_at(reading.header.stamp_ns),
             (None, None) => stamp_of(recorded).and_then(|stamp_ns| self.position_at(stamp_ns)),
         };
+        let settings = || {
+            let (_, name) = recorded.channel.name.split_once('/').unwrap_or_default();
+            self.settings.iter().find(|sensor| sensor.name == name).cloned().unwrap_or_default()
+        };
         let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor {
+            settings: settings(),
             values: Vec::new(),
             quality: Vec::new(),
             places: DecimatedPoints::default(),
             samples: 0,
             doubtful: 0,
-            schema: None,
+            fields: None,
         });
         sensor.samples += 1;
-        let values: Vec<(String, f64)> = if let Some(reading) = reading {
+        let values: Vec<(usize, String, f64)> = if let Some(reading) = reading {
             sensor.doubtful += u64::from(reading.quality != Reading::QUALITY_GOOD);
             let names = Names::new(&reading.quantity, &reading.unit, reading.count);
             names.of(&reading.value)
@@ -98,21 +154,21 @@ impl Sensors {
         } else {
             sensor.fields(recorded)
         };
-        if let (Some(place), Some((_, value))) = (place, values.first()) {
+        if let (Some(place), Some((.., value))) = (place, values.first()) {
             sensor.places.add((place, *value));
         }
-        for (name, value) in values {
+        for (index, name, value) in values {
             let at = match sensor.values.iter().position(|(known, _)| *known == name) {
                 Some(at) => at,
                 None if sensor.values.len() < MAX_VALUES => {
                     sensor.values.push((name, Trace::new(GAP_S)));
-                    sensor.quality.push(Quality::default());
+                    sensor.quality.push(Quality::new(sensor.settings.range.get(index).copied()));
                     sensor.values.len() - 1
                 }
                 None => continue,
             };
             sensor.values[at].1.add(time_s, value);
-            sensor.quality[at].add(time_s, value);
+            sensor.quality[at].add((time_s.max(0.0) * 1e9).round() as u64, value, &mut |_| ());
         }
     }
 }
@@ -131,23 +187,15 @@ impl Names {
     }
 
     /// Returns the values with their names: the quantity and the unit of each.
-    fn of(&self, values: &[f64]) -> Vec<(String, f64)> {
-        let part = |texts: &str, i: usize| {
-            // One name for all values is the name of each.
-            let parts: Vec<&str> = texts.split(',').map(str::trim).collect();
-            parts
-                .get(i)
-                .or(parts.first().filter(|_| parts.len() == 1))
-                .map_or_else(String::new, |part| (*part).to_owned())
-        };
+    fn of(&self, values: &[f64]) -> Vec<(usize, String, f64)> {
         let numbered = self.count > 1 && self.quantities.split(',').count() < self.count;
         let name = |i: usize| {
-            let (quantity, unit) = (part(&self.quantities, i), part(&self.units, i));
-            let quantity = if quantity.is_empty() { "value".to_owned() } else { quantity };
-            let quantity = if numbered { format!("{quantity} [{}]", i + 1) } else { quantity };
+            let (quantity, unit) = (name_at(&self.quantities, i), name_at(&self.units, i));
+            let quantity = if quantity.is_empty() { "value" } else { quantity };
+            let quantity = if numbered { format!("{quantity} [{}]", i + 1) } else { quantity.to_owned() };
             if unit.is_empty() { quantity } else { format!("{quantity}, {unit}") }
         };
-        values.iter().take(self.count).enumerate().map(|(i, value)| (name(i), *value)).collect()
+        values.iter().take(self.count).enumerate().map(|(i, value)| (i, name(i), *value)).collect()
     }
 }
 
@@ -159,29 +207,28 @@ impl Sensor {
         let row = |((name, trace), quality): (&(String, Trace), &Quality)| Extremes {
             name: name.clone(),
             range: trace.extremes(),
-            flags: quality.flags(),
+            flags: Flags::new(quality),
         };
         values.map(row).collect()
     }
 
-    /// Returns the first numbers of a custom type: floating-point fields, or any numbers if it has none.
-    fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(String, f64)> {
-        if self.schema.is_none() {
+    /// Returns the first values of a custom type, as the sensor logger picks them, without arrays: each with its number
+    /// among all values.
+    fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(usize, String, f64)> {
+        if self.fields.is_none() {
             let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
-            let single = |field: &&SchemaField| {
-                field.count.is_none() && !field.path.starts_with("header.") && !field.path.contains("pad")
-            };
-            let floats = |field: &&SchemaField| single(field) && field.primitive.name().starts_with("float");
-            let mut fields: Vec<SchemaField> =
-                schema.fields().iter().filter(floats).take(MAX_VALUES).cloned().collect();
-            if fields.is_empty() {
-                fields = schema.fields().iter().filter(single).take(MAX_VALUES).cloned().collect();
-            }
-            self.schema = Some((schema, fields));
+            let fields = value_fields(&schema, &self.settings.fields).or_else(|_| value_fields(&schema, &[]));
+            let mut index = 0;
+            let numbered = fields.unwrap_or_default().into_iter().map(|field| {
+                let own = index;
+                index += field.count.unwrap_or(1);
+                (own, field)
+            });
+            self.fields = Some(numbered.filter(|(_, field)| field.count.is_none()).take(MAX_VALUES).collect());
         }
-        let Some((_, fields)) = &self.schema else { return Vec::new() };
         let value = |field: &SchemaField| Some(Value::read(field, recorded.sample)?.number()?.as_f64());
-        fields.iter().filter_map(|field| Some((field.path.clone(), value(field)?))).collect()
+        let fields = self.fields.iter().flatten();
+        fields.filter_map(|(index, field)| Some((*index, field.path.clone(), value(field)?))).collect()
     }
 }
 

@@ -3,7 +3,7 @@
 use super::explain::{Between, Explanation};
 use super::gather::RunData;
 use super::legs::LegReport;
-use super::quality::Flag;
+use super::samples::Flag;
 use plot::page::{Table, html_table};
 
 pub(super) fn scroll(table: &str) -> String {
@@ -80,7 +80,17 @@ pub fn units(run: &RunData) -> String {
 
 /// Renders range and flags of each sensor value.
 pub fn sensors(run: &RunData) -> String {
-    let head = ["channel", "value", "least", "greatest", "gaps", "flat lines", "spikes", "marked by the device"];
+    let head = [
+        "channel",
+        "value",
+        "least",
+        "greatest",
+        "gaps",
+        "flat lines",
+        "spikes",
+        "outside its range",
+        "marked by the device",
+    ];
     let mut table = Table::new("Values of the sensors", &head);
     for (name, sensor) in run.sensors.channels() {
         for value in sensor.extremes() {
@@ -99,6 +109,7 @@ pub fn sensors(run: &RunData) -> String {
                 flag(flags.gaps, " s"),
                 flag(flags.flat_lines, " s"),
                 flag(flags.spikes, ""),
+                flag(flags.outside, ""),
                 format!("{} of {} samples", sensor.doubtful, sensor.samples),
             ]);
         }

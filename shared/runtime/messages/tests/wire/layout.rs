@@ -77,6 +77,7 @@ fn every_sample_is_its_own_cdr_body() {
     check::<TruthNode>();
     check::<Reading>();
     check::<Sample>();
+    check::<SensorFlag>();
     check::<FieldMap>();
     check::<OperatorRequest>();
     check::<Heartbeat>();
