@@ -14,10 +14,11 @@
 //!   that publish rarely.
 //! * The death of this process costs the time since the last flush, half a second by default; the file is readable up
 //!   to there.
-//! * It does not interpret the samples.
+//! * It does not interpret the samples, except the faults and stops around which blobs are recorded, if not all are.
 
 #![forbid(unsafe_code)]
 
+mod around;
 mod batch;
 mod disk_full;
 mod listen;
@@ -27,6 +28,7 @@ mod row;
 mod session;
 mod settings;
 
+pub use around::Around;
 pub use batch::{Batch, ReceivedSample};
 pub use disk_full::DiskFull;
 pub use listen::Listening;

@@ -81,9 +81,9 @@ impl Listening {
     }
 
     /// Receives the samples of every channel into the batch; returns whether more samples are left than a batch holds.
-    pub fn drain(&mut self, session: &Session, batch: &mut Batch, now_ns: u64) -> bool {
+    pub fn drain(&mut self, batch: &mut Batch, now_ns: u64) -> bool {
         for (tap, row) in &mut self.taps {
-            let has_header = session.rows().get(*row).is_some_and(crate::Row::has_header);
+            let has_header = tap.has_header();
             let mut count = tap.received();
             loop {
                 if batch.bytes() >= BATCH_BYTES {

@@ -7,6 +7,7 @@ use bus::{Bus, BusError, Publisher};
 use messages::RecorderStatus;
 use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover, segments};
 
+use crate::around::BlobsAround;
 use crate::batch::Batch;
 use crate::listen::Listening;
 use crate::session::Session;
@@ -42,6 +43,8 @@ pub struct Recorder {
     listening: Listening,
     status: Publisher<RecorderStatus>,
     batch: Batch,
+    /// Selection of the blobs, if not all are recorded, and the selected batch.
+    around: Option<(BlobsAround, Batch)>,
     next_poll_ns: u64,
     next_search_ns: u64,
     next_status_ns: u64,
@@ -61,6 +64,7 @@ impl Recorder {
         let set = bus.domain().wall_clock();
         let set = set.map(|clock| RunClock { t0_unix_ns: clock.unix_ns, t0_mono_ns: clock.mono_ns });
         let clock = RunClock::from_run(&settings.folder, set);
+        let around = settings.blobs.map(|around| (BlobsAround::new(around), Batch::default()));
         let mut session = Session::open(settings, clock, now, free)?;
         let mut listening = Listening::new(exclude);
         listening.discover_first(bus, &mut session)?;
@@ -71,6 +75,7 @@ impl Recorder {
             listening,
             status,
             batch: Batch::default(),
+            around,
             next_poll_ns: now,
             next_search_ns: now + SEARCH_NS,
             next_status_ns: now + SECOND_NS,
@@ -130,10 +135,17 @@ impl Recorder {
     fn record_received(&mut self) {
         loop {
             let received_ns = now_ns();
-            let more = self.listening.drain(&self.session, &mut self.batch, received_ns);
+            let more = self.listening.drain(&mut self.batch, received_ns);
             if !self.batch.is_empty() {
                 self.batch.sort();
-                self.session.write(&self.batch, received_ns, now_ns());
+                if let Some((around, selected)) = &mut self.around {
+                    around.select(&self.batch, self.session.rows(), selected);
+                    selected.sort();
+                    self.session.write(selected, received_ns, now_ns());
+                    selected.clear(KEEP_BYTES);
+                } else {
+                    self.session.write(&self.batch, received_ns, now_ns());
+                }
                 self.batch.clear(KEEP_BYTES);
             }
             if !more {

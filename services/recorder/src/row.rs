@@ -1,6 +1,6 @@
 //! A channel of a recording: counts of its written and lost samples, and its last sample.
 
-use messages::schema::Schema;
+use messages::blob::BlobType;
 use messages::{RecorderGap, RecorderStatus, put_text};
 use runlog::{ChannelId, ChannelSpec};
 
@@ -10,8 +10,7 @@ use crate::batch::ReceivedSample;
 #[derive(Debug)]
 pub struct Row {
     pub(crate) spec: ChannelSpec,
-    /// Whether the samples have a header with sequence number and time.
-    has_header: bool,
+    is_blob: bool,
     /// Id of the channel in the present file.
     pub(crate) id: Option<ChannelId>,
     messages: u64,
@@ -26,6 +25,8 @@ pub struct Row {
     newest_sample: Vec<u8>,
     /// Number of samples written since the file last settled.
     unsettled: u64,
+    /// Bytes of these samples.
+    unsettled_bytes: u64,
     /// Number of missing samples in the gaps written since the file last settled.
     unsettled_missing: u64,
     /// The last sample when the file last settled.
@@ -36,10 +37,9 @@ pub struct Row {
 
 impl Row {
     pub(crate) fn new(spec: ChannelSpec) -> Self {
-        let has_header = Schema::parse(&spec.schema).is_ok_and(|schema| schema.has_header());
         Self {
+            is_blob: BlobType::of_name(&spec.type_name).is_some(),
             spec,
-            has_header,
             id: None,
             messages: 0,
             bytes: 0,
@@ -50,6 +50,7 @@ impl Row {
             newest: None,
             newest_sample: Vec::new(),
             unsettled: 0,
+            unsettled_bytes: 0,
             unsettled_missing: 0,
             settled: None,
             unwritten: 0,
@@ -62,10 +63,10 @@ impl Row {
         &self.spec
     }
 
-    /// Returns whether the samples start with the header of this project.
+    /// Returns whether the samples are blobs.
     #[must_use]
-    pub fn has_header(&self) -> bool {
-        self.has_header
+    pub fn is_blob(&self) -> bool {
+        self.is_blob
     }
 
     /// Returns the number of written samples.
@@ -97,6 +98,7 @@ impl Row {
         self.messages += 1;
         self.bytes += sample.len() as u64;
         self.unsettled += 1;
+        self.unsettled_bytes += sample.len() as u64;
         self.unsettled_missing = self.unsettled_missing.saturating_add(received.missing);
         (self.last, self.newest) = (Some(*received), Some(*received));
         self.newest_sample.clear();
@@ -105,35 +107,36 @@ impl Row {
 
     /// Marks all written samples as permanent in the file.
     pub(crate) fn settle(&mut self) {
-        (self.unsettled, self.unsettled_missing, self.settled) = (0, 0, self.last);
+        (self.unsettled, self.unsettled_bytes, self.unsettled_missing, self.settled) = (0, 0, 0, self.last);
     }
 
-    /// Reverts the samples written since the file last settled, which are in no file; returns their number.
-    pub(crate) fn take_back(&mut self) -> u64 {
+    /// Reverts the samples written since the file last settled, which are in no file; returns their number and bytes.
+    pub(crate) fn take_back(&mut self) -> (u64, u64) {
         let lost = std::mem::take(&mut self.unsettled);
+        let bytes = std::mem::take(&mut self.unsettled_bytes);
         self.messages -= lost;
-        self.bytes -= lost * self.spec.size as u64;
+        self.bytes -= bytes;
         self.lost = self.lost.saturating_add(lost);
         // Gaps written since then must be written again.
         let missing = std::mem::take(&mut self.unsettled_missing);
         self.gaps += u64::from(lost > 0 && self.unwritten == 0 && missing == 0);
         self.unwritten = self.unwritten.saturating_add(lost).saturating_add(missing);
         self.last = self.settled;
-        lost
+        (lost, bytes)
     }
 
-    /// Records that the newest sample starts the next file, if it was reverted; returns whether it was.
-    pub(crate) fn restore_newest(&mut self) -> bool {
+    /// Records that the newest sample starts the next file, if it was reverted; returns its bytes then.
+    pub(crate) fn restore_newest(&mut self) -> Option<u64> {
         let taken_back = self.newest.is_some() && self.newest != self.last && self.unwritten > 0;
         if taken_back {
             (self.last, self.settled) = (self.newest, self.newest);
             self.messages += 1;
-            self.bytes += self.spec.size as u64;
+            self.bytes += self.newest_sample.len() as u64;
             self.lost = self.lost.saturating_sub(1);
             self.unwritten -= 1;
             self.gaps -= u64::from(self.unwritten == 0);
         }
-        taken_back
+        taken_back.then_some(self.newest_sample.len() as u64)
     }
 
     /// Records a sample that could not be written, and the missing ones before it.

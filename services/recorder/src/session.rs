@@ -140,9 +140,9 @@ impl Session {
         for (row, id) in self.rows.iter_mut().zip(ids) {
             row.id = id;
             let repeated = row.id.is_some() && row.silent_since(now_ns.saturating_sub(STATIC_NS)).is_some();
-            if repeated && row.restore_newest() {
+            if let Some(bytes) = if repeated { row.restore_newest() } else { None } {
                 self.total_messages += 1;
-                self.total_bytes += row.spec.size as u64;
+                self.total_bytes += bytes;
             }
         }
         let split_ns = now_ns.saturating_add(self.settings.segment_ns);
@@ -243,9 +243,9 @@ impl Session {
     /// Reverts the counts of samples written since the file last settled, which are in no file.
     fn take_back(&mut self) {
         for row in &mut self.rows {
-            let lost = row.take_back();
+            let (lost, bytes) = row.take_back();
             self.total_messages -= lost;
-            self.total_bytes -= lost * row.spec.size as u64;
+            self.total_bytes -= bytes;
         }
     }
 

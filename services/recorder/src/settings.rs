@@ -4,6 +4,8 @@ use config::RecorderSection;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use crate::Around;
+
 /// Settings of a recording.
 #[derive(Debug, Clone)]
 pub struct Settings {
@@ -17,6 +19,8 @@ pub struct Settings {
     pub segment_bytes: u64,
     /// Age at which the next file is started, ns.
     pub segment_ns: u64,
+    /// Which blobs are recorded; `None`: all.
+    pub blobs: Option<Around>,
     /// Facts about the run, e.g. versions and host.
     pub about: BTreeMap<String, String>,
 }
@@ -31,6 +35,11 @@ impl Settings {
             flush_ns: (section.flush_s * 1e9) as u64,
             segment_bytes: section.segment_bytes,
             segment_ns: (section.segment_s * 1e9) as u64,
+            blobs: section.blobs_around_s.map(|[before_s, after_s]| Around {
+                before_ns: (before_s * 1e9) as u64,
+                after_ns: (after_s * 1e9) as u64,
+                most_bytes: section.blobs_waiting_bytes as usize,
+            }),
             about,
         }
     }

@@ -1,11 +1,13 @@
 //! The process: discovers sensors, and publishes samples and maps.
 
 use bus::clock::{SECOND_NS, now_ns};
-use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Subscriber, Tap};
+use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Raw, Subscriber, Tap};
 use messages::{FieldMap, MotorAuthority, NodeEstimate, Sample, SensorFlag};
 use runtime::Chassis;
 
-use georeference::{Counts, Decoder, Logger, LoggerConfig, SensorMap, flag_sentence, unused_readings_sentence};
+use georeference::{
+    Counts, Decoder, Logger, LoggerConfig, SensorConfig, SensorMap, flag_sentence, unused_readings_sentence,
+};
 
 /// Time between two polls of the channels, ns: short for observers, and far shorter than the time in which a buffer
 /// fills. Readings do not wake the process.
@@ -108,10 +110,9 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
 impl SensorLogger {
     /// Subscribes to a new channel if it is that of a sensor, and creates its publishers.
     fn add_channel(&mut self, chassis: &Chassis, info: &ChannelInfo, first: bool) -> Result<(), BusError> {
-        let Some(name) = info.name.strip_prefix("sensor/") else { return Ok(()) };
+        let Some((("sensor" | "blob"), name)) = info.name.split_once('/') else { return Ok(()) };
         let Some(config) = self.config.sensor(name) else { return Ok(()) };
-        let schema = info.schema.as_deref().unwrap_or_default();
-        let decoder = match Decoder::new(&config, &info.type_name, schema, info.size) {
+        let decoder = match self.decoder(info, name, &config) {
             Ok(decoder) => decoder,
             Err(why) => {
                 tracing::warn!("{}: no samples: {why}", info.name);
@@ -141,7 +142,7 @@ impl SensorLogger {
         self.sensors.push(Sensor { tap, number });
         if number == self.outputs.len() {
             let maps = self.outputs.iter().filter(|output| output.map.is_some()).count();
-            let map = if maps < self.config.section.maps {
+            let map = if maps < self.config.section.maps && !info.is_blob {
                 SensorMap::new(&self.config, &config, FieldMap::SIDE).unwrap_or_else(|error| {
                     tracing::warn!("{}: no map: {error}", info.name);
                     None
@@ -161,12 +162,28 @@ impl SensorLogger {
         Ok(())
     }
 
+    fn decoder(&self, info: &ChannelInfo, name: &str, config: &SensorConfig) -> Result<Decoder, String> {
+        let same = |sensor: &&Sensor| sensor.tap.info().name.split_once('/').is_some_and(|(_, other)| other == name);
+        if let Some(other) = self.sensors.iter().find(same).filter(|other| other.tap.info().name != info.name) {
+            return Err(format!("{} has the same name; give one of them another", other.tap.info().name));
+        }
+        if info.is_blob {
+            return Ok(Decoder::for_blobs(config, &info.type_name));
+        }
+        Decoder::new(config, &info.type_name, info.schema.as_deref().unwrap_or_default(), info.size)
+    }
+
     /// Receives readings and estimates, and publishes samples. Readings are received first, so that the estimates
     /// received after them are newer.
     fn process_samples(&mut self) -> Result<(), BusError> {
         for Sensor { tap, number } in &mut self.sensors {
             let logger = &mut self.logger;
-            while tap.receive(|raw| logger.reading(*number, raw.bytes, now_ns()))?.is_some() {}
+            let is_blob = tap.info().is_blob;
+            let mut read = |raw: Raw<'_>| match is_blob {
+                true => logger.blob(*number, &raw.header, now_ns()),
+                false => logger.reading(*number, raw.bytes, now_ns()),
+            };
+            while tap.receive(&mut read)?.is_some() {}
         }
         self.logger.silence(now_ns());
         while let Some((number, mut flag)) = self.logger.next_flag() {
@@ -174,8 +191,9 @@ impl SensorLogger {
             output.flags.send(&mut flag)?;
             if output.logged & 1 << flag.kind == 0 {
                 output.logged |= 1 << flag.kind;
-                let (name, _) = self.logger.counts().nth(number).unwrap_or_default();
-                tracing::warn!("{}", flag_sentence(name, &flag));
+                let channel =
+                    self.sensors.iter().find(|sensor| sensor.number == number).map(|one| &one.tap.info().name);
+                tracing::warn!("{}", flag_sentence(channel.map_or("a sensor", String::as_str), &flag));
             }
         }
         while let Some(authority) = self.authorities.receive()? {

@@ -12,7 +12,7 @@ use messages::{
 };
 use segments::segment_of;
 
-use crate::cdr::Cdr;
+use messages::cdr::Cdr;
 
 /// Coordinate frame of the robot file. Four bytes with its terminating zero, so that every header has 16 bytes.
 const MAP: &str = "map";

@@ -12,7 +12,6 @@
 
 #![forbid(unsafe_code)]
 
-mod cdr;
 mod drawing;
 pub mod process;
 

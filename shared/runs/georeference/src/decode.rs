@@ -29,6 +29,8 @@ pub struct Decoder {
 #[derive(Debug, Clone)]
 enum Format {
     Reading,
+    /// A blob: a sample without values. Its bytes are those of its header.
+    Blob(Box<Sample>),
     /// A custom type; `empty` is a sample with the names of its fields.
     Custom {
         fields: Vec<SchemaField>,
@@ -52,10 +54,20 @@ impl Decoder {
         Ok(Self { format, latency_ns, lever_m: config.section.lever_m })
     }
 
+    /// Creates a decoder for a channel of blobs, which get a place but have no values. It decodes their headers.
+    #[must_use]
+    pub fn for_blobs(config: &SensorConfig, type_name: &str) -> Self {
+        let mut empty = Sample { value: [f64::NAN; VALUES], ..Sample::default() };
+        put_text(&mut empty.quantity, type_name.rsplit_once('/').map_or(type_name, |(name, _)| name));
+        let latency_ns = config.section.latency_s.map(|seconds| (seconds * 1e9) as u64);
+        Self { format: Format::Blob(Box::new(empty)), latency_ns, lever_m: config.section.lever_m }
+    }
+
     /// Returns the size of a sample of the channel, bytes; samples of another size are malformed.
     pub(crate) fn size(&self) -> usize {
         match &self.format {
             Format::Reading => size_of::<Reading>(),
+            Format::Blob(_) => size_of::<Header>(),
             Format::Custom { size, .. } => *size,
         }
     }
@@ -79,6 +91,11 @@ impl Decoder {
                     ..Sample::default()
                 };
                 Some(DecodedReading { sample, lever_m: self.lever_m.unwrap_or(reading.lever_m) })
+            }
+            Format::Blob(empty) => {
+                let header: Header = (bytes.len() == size_of::<Header>()).then(|| pod_read_unaligned(bytes))?;
+                let sample = Sample { header: self.header(&header), reading_seq: header.seq, ..**empty };
+                Some(DecodedReading { sample, lever_m: self.lever_m.unwrap_or_default() })
             }
             Format::Custom { fields, size, empty } => {
                 if bytes.len() != *size {

@@ -137,9 +137,17 @@ impl Logger {
         sensor.waiting.push_back((now_ns, reading));
         sensor.last = Some((now_ns, reading.sample));
         let judge = |quality: &mut Quality, value: usize, found: &mut dyn FnMut(Place)| {
-            quality.add(reading.sample.header.stamp_ns, reading.sample.value[value], &mut |place| found(place));
+            // What has no value is judged by its number: only its gaps are flags.
+            let sample = &reading.sample;
+            let value = if sample.count == 0 { sample.reading_seq as f64 } else { sample.value[value] };
+            quality.add(sample.header.stamp_ns, value, &mut |place| found(place));
         };
         judge_values(&mut self.flags, number, sensor, now_ns, judge);
+    }
+
+    /// Records the header of a blob that arrived at `now_ns`.
+    pub fn blob(&mut self, number: usize, header: &Header, now_ns: u64) {
+        self.reading(number, bytemuck::bytes_of(header), now_ns);
     }
 
     /// Judges how long each sensor has been silent at `now_ns`.
@@ -217,7 +225,7 @@ fn judge_values(
     judge: impl Fn(&mut Quality, usize, &mut dyn FnMut(Place)),
 ) {
     let Some((_, sample)) = &sensor.last else { return };
-    for (value, quality) in sensor.quality.iter_mut().take(usize::from(sample.count)).enumerate() {
+    for (value, quality) in sensor.quality.iter_mut().take(usize::from(sample.count.max(1))).enumerate() {
         let mut places = [None; Doubt::COUNT];
         judge(quality, value, &mut |place| places[usize::from(place.doubt.kind())] = Some(place));
         for place in places.into_iter().flatten().take(FLAGS - flags.len()) {

@@ -4,9 +4,9 @@ use messages::{SensorFlag, text_of};
 
 use crate::Counts;
 
-/// Returns one sentence about doubtful values of a sensor.
+/// Returns one sentence about doubtful values on a channel of a sensor.
 #[must_use]
-pub fn flag_sentence(name: &str, flag: &SensorFlag) -> String {
+pub fn flag_sentence(channel: &str, flag: &SensorFlag) -> String {
     let (quantity, unit, size) = (text_of(&flag.quantity), text_of(&flag.unit), flag.size);
     let quantity = if quantity.is_empty() { format!("value {}", flag.number) } else { quantity };
     let unit = if unit.is_empty() { unit } else { format!(" {unit}") };
@@ -19,7 +19,7 @@ pub fn flag_sentence(name: &str, flag: &SensorFlag) -> String {
         (_, 0) => format!("{size:.4}{unit} outside the range in the system file; not in the map"),
         (_, _) => format!("within its range again; it was up to {size:.4}{unit} outside"),
     };
-    format!("sensor/{name}: {quantity}: {what}")
+    format!("{channel}: {quantity}: {what}")
 }
 
 /// Returns one sentence about readings since `before` that got no position or were malformed; `None` if all others were

@@ -3,11 +3,16 @@
 use messages::schema::{Number, Schema, Value as FieldValue};
 use serde_json::{Map, Value, json};
 
-/// Returns a sample as JSON, by its schema; without a matching schema, the bytes in hexadecimal.
+/// Most bytes that are shown.
+const MOST_BYTES: usize = 4096;
+
+/// Returns a sample as JSON, by its schema; without a matching schema, the bytes in hexadecimal, or how many they are.
 #[must_use]
 pub fn sample_value(schema: Option<&Schema>, bytes: &[u8]) -> Value {
     let Some(schema) = schema else {
-        return json!({ "bytes": messages::hex(bytes) });
+        // The beginning of a picture says nothing.
+        let shown = if bytes.len() > MOST_BYTES { json!(bytes.len()) } else { json!(messages::hex(bytes)) };
+        return json!({ "bytes": shown });
     };
     let mut fields = Map::new();
     for (field, value) in schema.decode(bytes) {

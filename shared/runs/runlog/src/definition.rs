@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 
+use messages::blob::BlobType;
 use messages::ros::Payload;
 use messages::schema::{Schema, SchemaError, is_type_name, split, without_comments};
 use messages::{hash_of, ros, schema_name};
@@ -16,11 +17,17 @@ pub struct ChannelSpec {
     pub type_name: String,
     /// Complete definition; empty if the channel has none.
     pub schema: String,
-    /// Bytes of each sample.
+    /// Bytes of each sample; of blobs the most.
     pub size: usize,
 }
 
 impl ChannelSpec {
+    /// Returns whether samples of the channel may have so many bytes.
+    #[must_use]
+    pub fn accepts(&self, bytes: usize) -> bool {
+        bytes == self.size || BlobType::of_name(&self.type_name).is_some()
+    }
+
     /// The channel `name` with a type of this build.
     #[must_use]
     pub fn for_type<T: Payload>(name: &str) -> Self {

@@ -63,8 +63,7 @@ pub(crate) struct ChannelDefinition {
 }
 
 struct ChannelState {
-    name: String,
-    size: usize,
+    spec: ChannelSpec,
     repeated: ChannelDefinition,
 }
 
@@ -199,7 +198,7 @@ impl RunWriter {
             schema: definition.text,
             metadata: definition.metadata,
         };
-        self.channels.push(ChannelState { name: spec.name.clone(), size: spec.size, repeated });
+        self.channels.push(ChannelState { spec: spec.clone(), repeated });
         Ok(ChannelId(self.channels.len() - 1))
     }
 
@@ -223,12 +222,12 @@ impl RunWriter {
         stamp_ns: u64,
         sample: &[u8],
     ) -> Result<(), RunError> {
-        let Some(row) = self.channels.get(channel.0).filter(|row| row.size == sample.len()) else {
+        let Some(row) = self.channels.get(channel.0).filter(|row| row.spec.accepts(sample.len())) else {
             let row = self.channels.get(channel.0);
             return Err(RunError::Size {
-                channel: row.map_or_else(String::new, |row| row.name.clone()),
+                channel: row.map_or_else(String::new, |row| row.spec.name.clone()),
                 got: sample.len(),
-                expected: row.map_or(0, |row| row.size),
+                expected: row.map_or(0, |row| row.spec.size),
             });
         };
         let header = MessageHeader {

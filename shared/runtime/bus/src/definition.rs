@@ -28,6 +28,8 @@ const ATTRIBUTES: usize = 8;
 const HASH: &str = "schema.hash";
 /// Prefix of the attributes with the parts of the text, which are numbered from 0 in each service.
 const PART: &str = "schema.";
+/// Attribute with the largest length of a sample of a channel of blobs, bytes.
+const LIMIT: &str = "blob.bytes";
 /// Bytes of text in the channel itself, next to the hash.
 const FIRST_BYTES: usize = (ATTRIBUTES - 1) * ATTRIBUTE_BYTES;
 /// Bytes of text in a continuation.
@@ -61,6 +63,16 @@ pub(crate) fn attributes(type_name: &str, text: &str) -> Result<AttributeSpecifi
     let specifier = define(AttributeSpecifier::new(), HASH, &hash(text));
     let refused = || unfit("iceoryx2 rejects a part of it".to_owned());
     specifier.and_then(|specifier| parts(specifier, first(text))).ok_or_else(refused)
+}
+
+/// Returns the attributes with the largest length of a sample; `None` if there is no room beside the text.
+pub(crate) fn with_limit(attributes: &AttributeSpecifier, most_bytes: usize) -> Option<AttributeSpecifier> {
+    define(attributes.clone(), LIMIT, &most_bytes.to_string())
+}
+
+/// Returns the largest length of a sample of a channel of blobs; 0 if it is not stated.
+pub(crate) fn limit(attributes: &AttributeSet) -> usize {
+    value(attributes, LIMIT).and_then(|text| text.parse().ok()).unwrap_or_default()
 }
 
 /// Creates or opens the continuations of this text. To be called before the channel is created, so that a process that

@@ -34,6 +34,7 @@
 //! ```
 
 mod admission;
+mod blob;
 pub mod clock;
 mod declared;
 mod definition;
@@ -54,6 +55,7 @@ mod sweep;
 mod tap;
 mod waiter;
 
+pub use blob::BlobPublisher;
 pub use declared::DeclaredPublisher;
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
 pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, UnusableFolder};

@@ -11,10 +11,12 @@ use iceoryx2::prelude::{
     CallbackProgression, MessagingPattern, NodeState, PortFactory as _, Service, ServiceDetails, ServiceName, ipc,
 };
 use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
+use iceoryx2::service::static_config::message_type_details::TypeVariant;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
 use messages::Header;
 use messages::schema::Schema;
 
+use crate::blob::BLOB_HEADER;
 use crate::domain::info_of;
 use crate::losses::Losses;
 use crate::node::service_name;
@@ -32,8 +34,10 @@ pub struct ChannelInfo {
     pub schema: Option<String>,
     /// The stored hash of the schema text.
     pub schema_hash: Option<String>,
-    /// Size of a sample, bytes.
+    /// Size of a sample, bytes; of blobs the largest size.
     pub size: usize,
+    /// Whether the samples have different lengths, and their header beside them.
+    pub is_blob: bool,
     /// Buffer of a deep subscriber, samples.
     pub buffer: usize,
     /// Number of samples stored for late subscribers.
@@ -45,9 +49,9 @@ pub struct ChannelInfo {
 /// One sample, as bytes.
 #[derive(Debug, Clone, Copy)]
 pub struct Raw<'a> {
-    /// The whole sample including the header; a little-endian CDR body.
+    /// The whole sample, with its header unless it is a blob; a little-endian CDR body.
     pub bytes: &'a [u8],
-    /// The header, if the type has one ([`Tap::has_header`]); otherwise zeros.
+    /// The header, if the sample has one ([`Tap::has_header`]); otherwise zeros.
     pub header: Header,
     /// Id of the publisher, unique even within a process.
     pub publisher: u128,
@@ -147,7 +151,7 @@ impl Bus {
         let history = info.history.min(samples).min(buffer);
         let port = self.attach(&service, name, buffer, history)?;
         let layout = info.schema.as_deref().and_then(|text| Schema::parse(text).ok());
-        let has_header = layout.is_some_and(|layout| layout.has_header());
+        let has_header = info.is_blob || layout.is_some_and(|layout| layout.has_header());
         Ok(Tap { port, info, has_header, losses: Losses::default(), received: 0 })
     }
 
@@ -207,8 +211,16 @@ impl Tap {
         // and a channel carries plain data only.
         #[allow(unsafe_code)]
         let bytes: &[u8] = unsafe { std::slice::from_raw_parts(payload.as_ptr().cast(), payload.len()) };
-        let header = bytes.get(..size_of::<Header>()).filter(|_| self.has_header);
-        let header = header.map_or_else(Header::default, bytemuck::pod_read_unaligned);
+        let header = if self.info.is_blob {
+            // SAFETY: the channel has the user header `BlobHeader`, by its name and size, which is a `Header`.
+            #[allow(unsafe_code)]
+            unsafe {
+                std::ptr::from_ref(sample.user_header()).cast::<Header>().read_unaligned()
+            }
+        } else {
+            let header = bytes.get(..size_of::<Header>()).filter(|_| self.has_header);
+            header.map_or_else(Header::default, bytemuck::pod_read_unaligned)
+        };
         let publisher = sample.header().publisher_id().value();
         let missing = if self.has_header { self.losses.record(publisher, header.seq) } else { 0 };
         self.received += 1;
@@ -221,8 +233,7 @@ impl Tap {
         &self.info
     }
 
-    /// Returns whether the samples start with [`Header`], by the schema of the channel; only then can losses be
-    /// counted.
+    /// Returns whether the samples have a [`Header`], by the schema of the channel; only then can losses be counted.
     #[must_use]
     pub fn has_header(&self) -> bool {
         self.has_header
@@ -330,7 +341,12 @@ fn service_in(file: &Path) -> ServiceFile {
 fn describe(domain: &Domain, details: &ServiceDetails<ipc::Service>) -> Option<ChannelInfo> {
     let statics = &details.static_details;
     let Pattern::PublishSubscribe(settings) = statics.messaging_pattern() else { return None };
-    let payload = &settings.message_type_details().payload;
+    let types = settings.message_type_details();
+    let payload = &types.payload;
+    let is_blob = payload.variant() == TypeVariant::Dynamic
+        && payload.size() == 1
+        && types.user_header.type_name().to_string() == BLOB_HEADER
+        && types.user_header.size() == size_of::<Header>();
     let type_name = payload.type_name().to_string();
     let (schema, schema_hash) = definition::read(domain, &type_name, statics.attributes());
     let alive = |state: &NodeState<ipc::Service>| match state {
@@ -342,7 +358,8 @@ fn describe(domain: &Domain, details: &ServiceDetails<ipc::Service>) -> Option<C
         type_name,
         schema,
         schema_hash,
-        size: payload.size(),
+        size: if is_blob { definition::limit(statics.attributes()) } else { payload.size() },
+        is_blob,
         buffer: settings.subscriber_max_buffer_size(),
         history: settings.history_size(),
         holders: details.dynamic_details.iter().flat_map(|dynamic| &dynamic.nodes).filter_map(alive).collect(),

@@ -38,6 +38,8 @@ impl Quality {
     /// Most bytes of the newest samples of one publisher: 0.8 s of 1 MB pictures at 10 Hz. The control chain stays
     /// below 2 MB.
     pub const BYTES: usize = 8 << 20;
+    /// Most bytes of the newest samples of the publisher of blobs: 2.5 s of pictures of 400 kB at 30 Hz.
+    pub const BLOB_BYTES: usize = 32 << 20;
     /// Samples of this size and above have fewer subscribers, because each may hold a copy, bytes.
     const LARGE_BYTES: usize = 128 << 10;
     const LARGE_SUBSCRIBERS: usize = 8;
@@ -48,8 +50,13 @@ impl Quality {
 
     /// Limits the quality to as many samples of that size as fit into [`Quality::BYTES`].
     #[must_use]
-    pub const fn sized(mut self, bytes: usize) -> Self {
-        let fit = Self::BYTES / if bytes == 0 { 1 } else { bytes };
+    pub const fn sized(self, bytes: usize) -> Self {
+        self.within(Self::BYTES, bytes)
+    }
+
+    /// Limits the quality to as many samples of that size as fit into `room` bytes.
+    const fn within(mut self, room: usize, bytes: usize) -> Self {
+        let fit = room / if bytes == 0 { 1 } else { bytes };
         let fit = if fit < Self::LEAST { Self::LEAST } else { fit };
         if self.buffer > fit {
             self.buffer = fit;
@@ -133,6 +140,9 @@ const SENSOR: Quality = Quality { buffer: 256, history: 128, late: 4, publishers
 /// Point clouds, pictures: large and slow.
 const CLOUD: Quality = Quality { buffer: 64, history: 8, late: 1, publishers: 2, subscribers: 24, nodes: 48 };
 
+/// Blobs up to 30 Hz.
+const BLOB: Quality = Quality { buffer: 75, history: 8, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
+
 /// Maps, about once a second; large, so few are kept.
 const MAP: Quality = Quality { buffer: 8, history: 2, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
 
@@ -202,6 +212,7 @@ channels! {
     "flag/*": SensorFlag by "sensor-logger", SLOW;
     "map/*": FieldMap by "sensor-logger", MAP;
     "cloud/*": any by "each sensor", CLOUD;
+    "blob/*": any by "each sensor", BLOB;
     "energy": Energy by "motor-io", CYCLE, first "energy";
     "system/heartbeat/*": Heartbeat by "each process", SLOW;
     "system/log/*": LogEvent by "each process", BURST;
@@ -237,6 +248,12 @@ pub fn quality_of(name: &str) -> Quality {
 #[must_use]
 pub fn quality_for(name: &str, bytes: usize) -> Quality {
     quality_of(name).sized(bytes)
+}
+
+/// Returns the quality of service with which a channel of blobs of at most that size is created.
+#[must_use]
+pub fn quality_of_blobs(most_bytes: usize) -> Quality {
+    BLOB.within(Quality::BLOB_BYTES, most_bytes)
 }
 
 #[cfg(test)]

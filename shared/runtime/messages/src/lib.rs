@@ -22,6 +22,8 @@
 // the macros refer to this crate by its name
 extern crate self as messages;
 
+pub mod blob;
+pub mod cdr;
 mod channels;
 mod config;
 mod declaration;
@@ -41,7 +43,8 @@ mod system;
 mod text;
 
 pub use channels::{
-    CHANNELS, Channel, ChannelVisitor, Quality, channel_of, documented, quality_for, quality_of, visit_first_channels,
+    CHANNELS, Channel, ChannelVisitor, Quality, channel_of, documented, quality_for, quality_of, quality_of_blobs,
+    visit_first_channels,
 };
 pub use config::SystemConfig;
 pub use declaration::{Declaration, DeclarationError};

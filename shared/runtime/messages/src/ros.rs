@@ -6,6 +6,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::blob::BlobType;
 use crate::message::expanded::complete;
 use crate::message::hash_of;
 
@@ -49,13 +50,14 @@ pub const CLOUD_POINTS: usize = 1024;
 /// Bytes of one point: x, y, z, value as `float32`.
 pub const CLOUD_POINT_BYTES: usize = 16;
 
-const TIME: (&str, &str) = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
+pub(crate) const TIME: (&str, &str) = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
 const DURATION: (&str, &str) = ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n");
-const HEADER: (&str, &str) = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n");
-const POINT: (&str, &str) = ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n");
+pub(crate) const HEADER: (&str, &str) = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n");
+pub(crate) const POINT: (&str, &str) = ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n");
 const VECTOR3: (&str, &str) = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n");
-const QUATERNION: (&str, &str) = ("geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n");
-const POSE: (&str, &str) =
+pub(crate) const QUATERNION: (&str, &str) =
+    ("geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n");
+pub(crate) const POSE: (&str, &str) =
     ("geometry_msgs/Pose", "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n");
 const POSE_STAMPED: (&str, &str) = ("geometry_msgs/PoseStamped", "std_msgs/Header header\ngeometry_msgs/Pose pose\n");
 const TRANSFORM: (&str, &str) =
@@ -75,7 +77,8 @@ const MARKER: (&str, &str) = (
      string texture_resource\nsensor_msgs/CompressedImage texture\nvisualization_msgs/UVCoordinate[] uv_coordinates\nstring text\n\
      string mesh_resource\nvisualization_msgs/MeshFile mesh_file\nbool mesh_use_embedded_materials\n",
 );
-const IMAGE: (&str, &str) = ("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data\n");
+pub(crate) const IMAGE: (&str, &str) =
+    ("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data\n");
 const UV: (&str, &str) = ("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n");
 const MESH: (&str, &str) = ("visualization_msgs/MeshFile", "string filename\nuint8[] data\n");
 const POINT_FIELD: (&str, &str) = (
@@ -167,5 +170,6 @@ pub fn schema_of(type_name: &str) -> Option<&'static str> {
         row::<PointCloud2>(),
         row::<Log>(),
     ];
-    all.into_iter().find(|(name, _)| *name == type_name).map(|(_, schema)| schema)
+    let fixed = all.into_iter().find(|(name, _)| *name == type_name).map(|(_, schema)| schema);
+    fixed.or_else(|| BlobType::of_name(type_name).map(BlobType::schema))
 }

@@ -21,6 +21,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use messages::blob::BlobType;
 use serde::Serialize;
 
 use crate::{NotARunReason, RecordedChannel, RunError, RunReader};
@@ -203,6 +204,11 @@ fn begin_table(
     wanted: &ExportRequest,
     names: &mut Vec<String>,
 ) -> Result<Result<Channel, String>, RunError> {
+    if BlobType::of_name(&channel.type_name).is_some() {
+        return Ok(Err(
+            "its samples have different lengths; Foxglove and other readers of the file show them".to_owned()
+        ));
+    }
     let table = match Table::from_definition(&channel.schema, size) {
         Ok(table) => table,
         Err(why) => return Ok(Err(why)),
