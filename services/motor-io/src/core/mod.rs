@@ -18,6 +18,7 @@ mod still;
 
 use account::Account;
 use starved::Starved;
+use still::Still;
 
 use crate::answer::Answer;
 use crate::arbiter::{Arbiter, ArbiterInput, ChosenCommand};
@@ -102,8 +103,7 @@ pub struct Core {
     pub(crate) arbiter: Arbiter,
     energy: EnergyMeter,
     answers: ArrayVec<Answer, REQUESTS>,
-    /// Cycles at rest with the drives on, in any mode.
-    still: u32,
+    still: Still,
     /// A unit did not answer in the last exchange.
     unit_trouble: bool,
     supervisor: Beat,
@@ -192,7 +192,7 @@ impl Core {
             energy: EnergyMeter::default(),
             chosen: None,
             answers: ArrayVec::new(),
-            still: 0,
+            still: Still::default(),
             unit_trouble: false,
             supervisor: Beat::default(),
             planner: Beat::default(),

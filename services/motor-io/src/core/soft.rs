@@ -9,9 +9,9 @@
 //!   it settles by `HOLD_WAY_M` at most.
 //! * A damping of the node on this spring.
 //!
-//! The currents begin with those that held the node, and change to their own within `FADE_S`: what the files do not
-//! state shows as slowly as that. The drives' own friction adds to both forces. Borders, a cable that runs away and
-//! missing readings end the mode: the cables brake from the velocities that the hand gave them, and then hold. The
+//! The currents begin with those that held the node on average, and change to their own within `FADE_S`: what the files
+//! do not state shows as slowly as that. The drives' own friction adds to both forces. Borders, a cable that runs away
+//! and missing readings end the mode: the cables brake from the velocities that the hand gave them, and then hold. The
 //! lengths, which were counted all the time, still tell where the node is.
 
 #![allow(clippy::result_large_err)] // a reason in place: the loop does not allocate, so nothing is boxed
@@ -57,8 +57,8 @@ impl Core {
             return Err(Reason::NotSoftPosition);
         }
         let at = self.node.position_m().ok_or(Reason::NotSoftPosition)?;
-        let held = self.currents_hold();
-        if !held || self.unit_trouble || (0..n).any(|i| self.odometry.velocity_m_s(i).abs() > REST_M_S) {
+        let held_a = self.currents_that_hold_a().ok_or(Reason::NotSoftYet)?;
+        if self.unit_trouble || (0..n).any(|i| self.odometry.velocity_m_s(i).abs() > REST_M_S) {
             return Err(Reason::NotSoftYet);
         }
         let weight_n = self.config.robot.wrench_n(&Vector3::zeros());
@@ -78,8 +78,7 @@ impl Core {
         }
         let own_a = self.currents_a(&tensions_n);
         let most_a = self.config.current_limit_a;
-        let held_a: [f64; CABLES] =
-            std::array::from_fn(|i| if i < n { self.watch.current_a(i).clamp(0.0, most_a) } else { 0.0 });
+        let held_a = held_a.map(|current_a| current_a.clamp(0.0, most_a));
         let soft = Soft {
             lengths_m: std::array::from_fn(|i| self.odometry.length_m(i)),
             sampled_ns: std::array::from_fn(|i| self.odometry.sampled_ns(i)),

@@ -75,6 +75,22 @@ fn at_rest_the_currents_carry_the_weight() {
     assert!(rig.last.as_ref().unwrap().sent.speed_m_s == [0.0; CABLES]);
 }
 
+/// The loop of a drive turns its motor to and fro by a step of the encoder, so that no single reading is the load.
+#[test]
+fn it_begins_with_the_currents_that_held_the_node_on_average() {
+    let mut rig = armed();
+    for _ in 0..50 {
+        for current_a in [0.2, 0.5, 0.7, 0.6] {
+            rig.current_a[0] = current_a;
+            rig.step();
+        }
+    }
+    rig.current_a[0] = 0.2;
+    rig.demand(Request::Soft);
+    assert_eq!(rig.mode(), A::MODE_SOFT);
+    assert!((currents_a(&rig)[0] - 0.5).abs() < 0.02, "{:?}", currents_a(&rig));
+}
+
 #[test]
 fn a_sinking_node_is_carried_with_more_and_a_rising_one_with_less() {
     let mut rig = soft();
