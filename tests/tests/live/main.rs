@@ -22,6 +22,8 @@ mod robot;
 mod sensor_logger;
 mod serial_sensors;
 mod service;
+mod slips;
+mod soft;
 mod swaps;
 mod visualization;
 mod waiting;
