@@ -249,7 +249,10 @@ impl Fleet {
             }
             slot.order = Some(order);
         }
+        // Not before the lock is free: the threads would wake up only to wait for it.
+        drop(slots);
         self.board.posted.notify_all();
+        let mut slots = self.board.slots();
         let mut patience = Patience::new(deadline_ns, left_out_ns);
         let mut until_ns = deadline_ns;
         while slots.iter().any(|slot| slot.answered_turn != self.turn) {
@@ -355,8 +358,12 @@ fn work<B: DriveBus>(mut bus: B, board: &Board, index: usize) {
                 slot.report.took_ns = monotonic_ns() - began_ns;
                 slot.record(&bus, lost.clone());
             }
+            // The caller waits for all ports, so only the last one wakes it.
+            let last = slots.iter().all(|slot| slot.answered_turn == order.turn);
             drop(slots);
-            board.answered.notify_all();
+            if last {
+                board.answered.notify_one();
+            }
             // The caller continues with the counts; what is read now is in the reports of its next cycle.
             bus.spend(deadline_ns);
         }

@@ -95,9 +95,3 @@ impl Error {
         }
     }
 }
-
-/// True for an error kind that is only a pause. serialport drops the system's error number, so kinds are sorted by
-/// possible meaning.
-pub(crate) fn only_a_pause(kind: io::ErrorKind) -> bool {
-    matches!(kind, io::ErrorKind::TimedOut | io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock)
-}

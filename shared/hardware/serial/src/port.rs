@@ -1,7 +1,6 @@
 //! One serial device of this machine, opened exclusively.
 
 use std::fs;
-use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
 use std::path::Path;
 use std::sync::Arc;
@@ -9,12 +8,12 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
 use rustix::time::Timespec;
 use serialport::{ClearBuffer, SerialPort, TTYPort};
 
 use crate::Error;
 use crate::clock::{monotonic_ns, sleep_until};
-use crate::error::only_a_pause;
 use crate::transport::{StatusPin, Transport};
 
 /// Time for which the adapter may hold received bytes back.
@@ -33,8 +32,9 @@ pub enum Latency {
 pub struct Port {
     name: Arc<str>,
     tty: TTYPort,
-    /// The same device, to wait for bytes: serialport reports the end of a wait by an error on the heap.
-    waiter: OwnedFd,
+    /// The same device, for its bytes: serialport asks before each piece whether the device is ready, and reports the
+    /// end of a wait by an error on the heap. Reads and writes of it never wait.
+    bytes: OwnedFd,
     latency: Latency,
 }
 
@@ -46,16 +46,16 @@ impl Port {
     /// middle of an answer.
     pub fn open(name: &Arc<str>, baud: u32) -> Result<Port, Error> {
         // Before the exclusive mode, which refuses it.
-        let flags = OFlags::RDONLY | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let waiter = rustix::fs::open(&**name, flags, Mode::empty());
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let bytes = rustix::fs::open(&**name, flags, Mode::empty());
         let tty = serialport::new(&**name, baud)
             .timeout(Duration::ZERO)
             .exclusive(true)
             .open_native()
             .map_err(|error| Error::from_open(name, baud, &error))?;
-        let waiter = waiter.map_err(|_| Error::Gone { port: Arc::clone(name), doing: "opening" })?;
+        let bytes = bytes.map_err(|_| Error::Gone { port: Arc::clone(name), doing: "opening" })?;
         let latency = lower_latency(Path::new(&**name));
-        let mut port = Port { name: Arc::clone(name), tty, waiter, latency };
+        let mut port = Port { name: Arc::clone(name), tty, bytes, latency };
         port.clear()?;
         Ok(port)
     }
@@ -70,24 +70,18 @@ impl Port {
         Error::Gone { port: Arc::clone(&self.name), doing }
     }
 
-    /// Waits until the device has bytes or is gone; false after the deadline.
-    fn is_readable(&self, deadline_ns: u64) -> bool {
+    /// Waits until the device has bytes or room for them, or is gone; false after the deadline.
+    fn is_ready(&self, what: PollFlags, deadline_ns: u64) -> bool {
         loop {
             let left_ns = deadline_ns.saturating_sub(monotonic_ns());
             let left = Timespec { tv_sec: (left_ns / 1_000_000_000) as i64, tv_nsec: (left_ns % 1_000_000_000) as i64 };
-            match poll(&mut [PollFd::new(&self.waiter, PollFlags::IN)], Some(&left)) {
+            match poll(&mut [PollFd::new(&self.bytes, what)], Some(&left)) {
                 Ok(0) => return false,
-                Err(rustix::io::Errno::INTR) => {}
-                // The next read tells what is wrong.
+                Err(Errno::INTR) => {}
+                // What is done next tells what is wrong.
                 Ok(_) | Err(_) => return true,
             }
         }
-    }
-
-    fn allow_until(&mut self, deadline_ns: u64) {
-        let left = deadline_ns.saturating_sub(monotonic_ns());
-        // serialport only stores the value, so this cannot fail.
-        let _ = self.tty.set_timeout(Duration::from_nanos(left));
     }
 }
 
@@ -111,12 +105,12 @@ impl Transport for Port {
     fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error> {
         let mut rest = bytes;
         while !rest.is_empty() {
-            self.allow_until(deadline_ns);
-            match self.tty.write(rest) {
+            match rustix::io::write(&self.bytes, rest) {
                 Ok(0) => return Err(self.gone("writing")),
                 Ok(n) => rest = rest.get(n..).unwrap_or_default(),
-                Err(error) if only_a_pause(error.kind()) => {
-                    if monotonic_ns() >= deadline_ns {
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => {
+                    if !self.is_ready(PollFlags::OUT, deadline_ns) {
                         return Err(Error::Stuck { port: Arc::clone(&self.name) });
                     }
                 }
@@ -131,19 +125,17 @@ impl Transport for Port {
             return Ok(0);
         }
         loop {
-            if !self.is_readable(deadline_ns) {
+            // Only what is there is read after the deadline, so there is nothing to wait for.
+            let late = monotonic_ns() >= deadline_ns;
+            if !late && !self.is_ready(PollFlags::IN, deadline_ns) {
                 return Ok(0);
             }
-            self.allow_until(deadline_ns);
-            match self.tty.read(buffer) {
+            match rustix::io::read(&self.bytes, &mut *buffer) {
                 // A readable terminal with no data: some adapters report unplugging like this.
                 Ok(0) => return Err(self.gone("reading")),
                 Ok(n) => return Ok(n),
-                Err(error) if only_a_pause(error.kind()) => {
-                    if monotonic_ns() >= deadline_ns {
-                        return Ok(0);
-                    }
-                }
+                Err(Errno::AGAIN | Errno::INTR) if late => return Ok(0),
+                Err(Errno::AGAIN | Errno::INTR) => {}
                 Err(_) => return Err(self.gone("reading")),
             }
         }

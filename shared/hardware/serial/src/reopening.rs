@@ -17,6 +17,9 @@ const DEVICE_STEP_NS: u64 = 1_000_000;
 const DEVICE_ANSWER_NS: u64 = 8_000_000;
 /// Longest such wait, ns: no robot can be driven on a slower computer.
 const DEVICE_PATIENCE_NS: u64 = 5_000_000_000;
+/// Age up to which what the device left out counts as known, ns: short beside a wait for an answer, and long beside the
+/// steps between an answer and the next question, each of which asks for the time.
+const LEFT_OUT_KNOWN_NS: u64 = 100_000;
 
 /// Connection of a [`ReopeningPort`].
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,6 +46,9 @@ pub struct ReopeningPort {
     clock: Arc<PortClock>,
     /// Last time shown: a device reports a pause when it is over, and the clock must not go back.
     shown_ns: Cell<u64>,
+    /// What the device had left out at the last reading, and the time of that, ns.
+    left_out_ns: Cell<u64>,
+    left_out_at_ns: Cell<u64>,
 }
 
 impl ReopeningPort {
@@ -54,6 +60,8 @@ impl ReopeningPort {
             lost: Error::Missing { port: Arc::clone(&name) },
             clock: Arc::new(PortClock::new(&name)),
             shown_ns: Cell::new(0),
+            left_out_ns: Cell::new(0),
+            left_out_at_ns: Cell::new(0),
             name,
             baud,
             port: None,
@@ -124,7 +132,16 @@ impl ReopeningPort {
 
     /// Converts a time of the port's clock to the machine's, as far as it is known.
     fn on_the_machine_ns(&self, port_ns: u64) -> u64 {
-        port_ns.saturating_add(self.clock.left_out_ns())
+        port_ns.saturating_add(self.known_left_out_ns(monotonic_ns()))
+    }
+
+    /// What the device has left out, read again after [`LEFT_OUT_KNOWN_NS`].
+    fn known_left_out_ns(&self, machine_ns: u64) -> u64 {
+        if machine_ns.saturating_sub(self.left_out_at_ns.get()) > LEFT_OUT_KNOWN_NS {
+            self.left_out_ns.set(self.clock.left_out_ns());
+            self.left_out_at_ns.set(machine_ns);
+        }
+        self.left_out_ns.get()
     }
 }
 
@@ -140,7 +157,8 @@ impl Transport for ReopeningPort {
     }
 
     fn now_ns(&self) -> u64 {
-        let now_ns = monotonic_ns().saturating_sub(self.clock.left_out_ns()).max(self.shown_ns.get());
+        let machine_ns = monotonic_ns();
+        let now_ns = machine_ns.saturating_sub(self.known_left_out_ns(machine_ns)).max(self.shown_ns.get());
         self.shown_ns.set(now_ns);
         now_ns
     }
@@ -169,6 +187,7 @@ impl Transport for ReopeningPort {
                 Ok(port) => {
                     self.port = Some(port);
                     self.clock.connected();
+                    self.left_out_at_ns.set(0);
                     self.connections += 1;
                 }
                 Err(error) => {

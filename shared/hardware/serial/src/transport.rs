@@ -71,8 +71,17 @@ pub trait Transport: Send {
 
     /// Reads until `buffer` is full or the deadline has passed; returns the number of bytes.
     fn fill(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
+        let least = buffer.len();
+        self.fill_at_least(buffer, least, deadline_ns)
+    }
+
+    /// Reads until `buffer` has `least` bytes or the deadline has passed; returns the number of bytes. More than `least`
+    /// are those that had arrived with them.
+    fn fill_at_least(&mut self, buffer: &mut [u8], least: usize, deadline_ns: u64) -> Result<usize, Error> {
         let mut filled = 0;
-        while let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty()) {
+        while filled < least
+            && let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty())
+        {
             match self.read(rest, deadline_ns)? {
                 0 => break,
                 n => filled += n,

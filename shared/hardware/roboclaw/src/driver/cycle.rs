@@ -58,7 +58,7 @@ impl<T: Transport> Bus<T> {
     /// margin. While the bus is out of step, the call returns at once where the time does not suffice, and the next
     /// call continues.
     pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
-        self.in_cycle = true;
+        (self.in_cycle, self.empty) = (true, false);
         let bus = if self.transport.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {

@@ -14,6 +14,8 @@ use crate::status::StatusWidth;
 /// Waking up this long after a deadline means that the whole machine was stopped, ns: the answer may wait in the
 /// kernel, or the device, which was stopped as well, is about to send it.
 const STOOD_STILL_NS: u64 = 5_000_000;
+/// Room for bytes after an answer, which answer nothing: that none arrived shows that the port is empty.
+const SPARE: usize = 8;
 
 impl<T: Transport> Bus<T> {
     /// Sends a command and waits for its acknowledgement. Any error leaves the bus out of step.
@@ -114,9 +116,9 @@ impl<T: Transport> Bus<T> {
 
     /// Sends a packet if no received byte is pending; returns the time.
     pub(super) fn send(&mut self, unit: usize, packet: &Packet, command: Command) -> Result<u64, Error> {
-        let stray = self.transport.pending().map_err(|error| self.port_failed(error))?;
+        let stray = self.stray_bytes()?;
         if stray > 0 {
-            // Counted when they are drained.
+            self.counters.stray_bytes += stray as u64;
             self.out_of_step(self.last_unit);
             let (unit, asked) = (self.unit_name(unit), command.command_name());
             return Err(Error::Stray { port: self.port(), unit, asked, bytes: stray });
@@ -133,6 +135,16 @@ impl<T: Transport> Bus<T> {
         Ok(now_ns)
     }
 
+    /// Takes the bytes that arrived before a question; returns how many.
+    fn stray_bytes(&mut self) -> Result<usize, Error> {
+        let excess = std::mem::take(&mut self.excess);
+        if std::mem::take(&mut self.empty) {
+            return Ok(excess);
+        }
+        let read = self.transport.read(&mut [0; MAX_PACKET], 0).map_err(|error| self.port_failed(error))?;
+        Ok(excess + read)
+    }
+
     /// Fills the buffer with the bytes that arrive in time after `sent_ns`; returns how many.
     fn receive(&mut self, unit: usize, buffer: &mut [u8], sent_ns: u64, command: Command) -> Result<usize, Error> {
         let address = self.address(unit);
@@ -146,13 +158,26 @@ impl<T: Transport> Bus<T> {
         let in_setup = !self.in_cycle && self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_)));
         let margin_ns = if in_setup { self.patience_ns(unit) } else { self.margin_ns };
         let deadline_ns = sent_ns + self.wire_ns(sent + answer) + margin_ns;
-        let mut got = self.transport.fill(buffer, deadline_ns).map_err(|error| self.port_failed(error))?;
-        let now_ns = self.transport.now_ns();
-        if got < buffer.len() && now_ns > deadline_ns + STOOD_STILL_NS {
-            let rest = buffer.get_mut(got..).unwrap_or_default();
-            got += self.transport.fill(rest, now_ns + self.margin_ns).map_err(|error| self.port_failed(error))?;
+        // The end of a text is not known before it is read.
+        let spare = if command == Command::Read(Read::Version) { 0 } else { SPARE };
+        let mut room = [0; MAX_PACKET + SPARE];
+        let (wanted, end) = (buffer.len(), (buffer.len() + spare).min(room.len()));
+        let mut got = self.fill(&mut room[..end], wanted, deadline_ns)?;
+        if got < wanted {
+            let now_ns = self.transport.now_ns();
+            if now_ns > deadline_ns + STOOD_STILL_NS {
+                got += self.fill(&mut room[got..end], wanted - got, now_ns + self.margin_ns)?;
+            }
         }
+        self.excess = got.saturating_sub(wanted);
+        self.empty = got >= wanted && got < end;
+        let got = got.min(wanted);
+        buffer[..got].copy_from_slice(&room[..got]);
         Ok(got)
+    }
+
+    fn fill(&mut self, buffer: &mut [u8], least: usize, deadline_ns: u64) -> Result<usize, Error> {
+        self.transport.fill_at_least(buffer, least, deadline_ns).map_err(|error| self.port_failed(error))
     }
 
     fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
@@ -174,6 +199,7 @@ impl<T: Transport> Bus<T> {
     /// port is drained and the unit fenced.
     pub(super) fn out_of_step(&mut self, unit: usize) {
         let now_ns = self.transport.now_ns();
+        self.forget_excess();
         if self.step == Step::Settled {
             self.counters.resyncs += 1;
         }
@@ -185,7 +211,13 @@ impl<T: Transport> Bus<T> {
         }
     }
 
+    fn forget_excess(&mut self) {
+        self.counters.stray_bytes += std::mem::take(&mut self.excess) as u64;
+        self.empty = false;
+    }
+
     pub(super) fn port_failed(&mut self, error: serial::Error) -> Error {
+        self.forget_excess();
         self.step = Step::Draining { quiet_from_ns: self.transport.now_ns() };
         if error.is_lost() {
             self.lose_all();

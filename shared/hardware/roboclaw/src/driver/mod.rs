@@ -163,6 +163,10 @@ pub struct Bus<T> {
     /// Start of the present run of unrequested bytes, ns.
     noisy_from_ns: Option<u64>,
     connection: u32,
+    /// The last answer came alone, and nothing was waited for since: the port is empty.
+    empty: bool,
+    /// Bytes that arrived with the last answer after its end.
+    excess: usize,
     /// The unit addressed last: unexpected bytes are most likely its.
     last_unit: usize,
     next_fence: usize,
@@ -222,6 +226,8 @@ impl<T: Transport> Bus<T> {
             step: step::Step::Draining { quiet_from_ns: 0 },
             noisy_from_ns: None,
             connection: 0,
+            empty: false,
+            excess: 0,
             last_unit: 0,
             next_fence: 0,
             turnaround_ns: 500_000,

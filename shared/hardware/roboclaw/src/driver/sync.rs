@@ -33,6 +33,7 @@ impl<T: Transport> Bus<T> {
     /// A step that has begun may end later by the time of an answer. One step is always begun: where answers have
     /// lately been slow, no call would otherwise be long enough. Call it between cycles, or in a loop to connect.
     pub fn settle(&mut self, deadline_ns: u64) -> Result<(), Error> {
+        self.empty = false;
         self.read_stop();
         // Time passes until the check of the deadline: without the pause the one step would always come slightly too
         // late.
