@@ -196,6 +196,9 @@ impl Device for Stuck {
 fn a_port_that_hangs_does_not_hold_up_the_caller() {
     let bus = Bus::new(Pipe::new("stuck", 0, Stuck), &bus_config(&[0x80], WIRE_MARGIN_NS)).unwrap();
     let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
+    // Once its thread has begun: before, it has no processor, and a busy machine may take milliseconds to give it one.
+    let begun = fleet.exchange(&all(Command::HOLD, 0), monotonic_ns() + PATIENCE_NS);
+    assert!(matches!(begun.units[0].outcome, Err(Error::Resynchronising { .. })), "{begun:?}");
     // One exchange with it takes most of a second; every call ends by its own deadline all the same, and states what
     // the port is at.
     for cycle in 1..20 {
