@@ -126,7 +126,7 @@ impl LqGain {
             // W = 0, S, 2 S, ..
             inverse_spd(&(s * f64::from(horizon)))
         } else {
-            recursion(&s, &state_weight, horizon)
+            after_horizon(&s, &state_weight, horizon)
         };
         let m = m.ok_or(LawError::Singular)?;
         let mut gain = Self { rows: [Vector3::zeros(); MAX_CABLES], len: n };
@@ -207,14 +207,74 @@ fn is_positive_semidefinite(q: &Matrix3<f64>) -> bool {
     scale == 0.0 || symmetric && linalg::solve_spd(&shifted, &Vector3::zeros()).is_some()
 }
 
-/// M after as many steps as the horizon; None if a matrix has no inverse.
-fn recursion(s: &Matrix3<f64>, state_weight: &Matrix3<f64>, horizon: u32) -> Option<Matrix3<f64>> {
-    let mut m = inverse_spd(s)?;
-    for _ in 1..horizon {
-        let w = inverse_spd(&(state_weight + m))?;
-        m = inverse_spd(&(w + s))?;
+/// M after as many steps as the horizon; None if a matrix has no inverse. The step is M → ((Q + M)⁻¹ + S)⁻¹, and the
+/// first M is S⁻¹. The steps are doubled, so their number hardly costs.
+fn after_horizon(s: &Matrix3<f64>, state_weight: &Matrix3<f64>, horizon: u32) -> Option<Matrix3<f64>> {
+    let mut steps = Steps::NONE;
+    let mut doubled = Steps::single(s, state_weight)?;
+    let mut left = horizon - 1;
+    while left > 0 {
+        if left % 2 == 1 {
+            steps = doubled.after(&steps)?;
+        }
+        left /= 2;
+        if left > 0 {
+            doubled = doubled.after(&doubled)?;
+        }
     }
-    Some(m)
+    // S⁻¹ (I + G S⁻¹)⁻¹ = (S + G)⁻¹: S itself needs no inverse.
+    let inner = inverse_spd(&(s + steps.g))?;
+    Some(symmetric(&(steps.h + product(&steps.a.transpose(), &product(&inner, &steps.a)))))
+}
+
+/// Several steps in one: M → H + Aᵀ M (I + G M)⁻¹ A, with symmetric G and H (the structured doubling algorithm of
+/// E. K.-W. Chu, H.-Y. Fan and W.-W. Lin, Linear Algebra and its Applications 396, 2005).
+struct Steps {
+    a: Matrix3<f64>,
+    g: Matrix3<f64>,
+    h: Matrix3<f64>,
+}
+
+impl Steps {
+    const NONE: Steps = {
+        let zero = Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        Steps { a: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), g: zero, h: zero }
+    };
+
+    /// One step: the state weight is added, then comes the input.
+    fn single(s: &Matrix3<f64>, state_weight: &Matrix3<f64>) -> Option<Self> {
+        let weighted = Self { h: *state_weight, ..Self::NONE };
+        Self { g: *s, ..Self::NONE }.after(&weighted)
+    }
+
+    /// These steps after those before.
+    fn after(&self, before: &Self) -> Option<Self> {
+        let w = inverse(&(Matrix3::identity() + product(&self.g, &before.h)))?;
+        let w_a = product(&w, &self.a);
+        let before_w = product(&before.a, &w);
+        Some(Self {
+            a: product(&before.a, &w_a),
+            g: symmetric(&(before.g + product(&product(&before_w, &self.g), &before.a.transpose()))),
+            h: symmetric(&(self.h + product(&self.a.transpose(), &product(&before.h, &w_a)))),
+        })
+    }
+}
+
+fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
+    Matrix3::from_fn(|i, j| a[(i, 0)] * b[(0, j)] + a[(i, 1)] * b[(1, j)] + a[(i, 2)] * b[(2, j)])
+}
+
+fn symmetric(m: &Matrix3<f64>) -> Matrix3<f64> {
+    (m + m.transpose()) * 0.5
+}
+
+/// Inverse by cofactors.
+fn inverse(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let [a, b, c] = [m.column(0).into_owned(), m.column(1).into_owned(), m.column(2).into_owned()];
+    let rows = [b.cross(&c), c.cross(&a), a.cross(&b)];
+    let determinant = a.dot(&rows[0]);
+    let scale = 1.0 / determinant;
+    scale.is_finite().then(|| Matrix3::from_columns(&rows.map(|row| row * scale)).transpose())
 }
 
 /// Inverse of a symmetric positive definite matrix, exactly symmetric. The matrix is scaled to unit size first, because
@@ -365,8 +425,31 @@ mod tests {
         (0..n).map(|i| a[i][size] / a[i][i]).collect()
     }
 
+    /// M step by step.
+    fn recursion(s: &Matrix3<f64>, state_weight: &Matrix3<f64>, horizon: u32) -> Option<Matrix3<f64>> {
+        let mut m = inverse_spd(s)?;
+        for _ in 1..horizon {
+            let w = inverse_spd(&(state_weight + m))?;
+            m = inverse_spd(&(w + s))?;
+        }
+        Some(m)
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
+
+        #[test]
+        fn doubled_steps_end_where_the_recursion_ends(
+            four in any::<bool>(), p in inside(), horizon in 1u32..=1000, period_s in 1e-3..0.1f64, r in 0.01..100.0f64,
+            q in proptest::array::uniform3(0.0..1000.0f64), small in -12..=0,
+        ) {
+            let b = jacobian(four, &p).node_jacobian().unwrap();
+            let s = b.iter().fold(Matrix3::zeros(), |s, b| s + linalg::outer(b, b)) * (period_s * period_s / r);
+            let q = Matrix3::from_diagonal(&Vector3::from(q)) * libm::pow(10.0, f64::from(small));
+            let expected = recursion(&s, &q, horizon).unwrap();
+            let found = after_horizon(&s, &q, horizon).unwrap();
+            prop_assert!((found - expected).norm() <= 1e-9 * expected.norm(), "{found} {expected}");
+        }
 
         #[test]
         fn without_a_state_weight_the_closed_form_is_the_end_of_the_recursion(
