@@ -2,8 +2,8 @@
 
 use cable_robot::{Segment, Setpoint};
 use messages::{
-    ControlStatus, Energy, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, Rule, SLOTS, TruthNode,
-    blended_estimate,
+    ControlStatus, Energy, Message, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, Rule, SLOTS,
+    TruthNode, blended_estimate,
 };
 use runlog::RecordedSample;
 use segments::segment_of;
@@ -35,6 +35,9 @@ pub struct Cycle<'a> {
     pub control: Option<&'a ControlStatus>,
     /// Power and loss.
     pub energy: Option<&'a Energy>,
+    /// Time from the publication of `motor/state` to that of the command by which the controller in charge answered it,
+    /// ns; `None` without an answer, and in a run of before headers had times of publication.
+    pub answered_ns: Option<u64>,
     /// Current segment; `None` unless the robot follows a motion.
     pub segment: Option<&'a Segment>,
     /// Setpoint of the node.
@@ -70,7 +73,17 @@ struct CycleRow {
     estimates: [Option<NodeEstimate>; SLOTS],
     /// By slot.
     controls: [Option<ControlStatus>; SLOTS],
+    /// Times of publication of the commands, by slot, ns.
+    commanded_ns: [Option<u64>; SLOTS],
     energy: Option<Energy>,
+}
+
+impl CycleRow {
+    fn answered_ns(&self, slot: usize) -> Option<u64> {
+        let published_ns = self.state.as_ref()?.header.published_ns;
+        let commanded_ns = self.commanded_ns.get(slot).copied().flatten()?;
+        (published_ns > 0 && commanded_ns > 0).then(|| commanded_ns.saturating_sub(published_ns))
+    }
 }
 
 /// The segments of one motion, sorted by start time.
@@ -131,6 +144,9 @@ impl Tracker {
             "control/status/a" | "control/status/b" => {
                 self.store(recorded, each, |row, sample| row.controls[slot] = Some(sample))
             }
+            "motor/command/a" | "motor/command/b" => self.store(recorded, each, |row, sample: MotorCommand| {
+                row.commanded_ns[slot] = Some(sample.header.published_ns);
+            }),
             "truth/node" => recorded.decode::<TruthNode>().map(|truth| self.truth.push_back(truth)).is_some(),
             "plan/motion" => recorded.decode::<PlanMotion>().map(|motion| self.motion(&motion)).is_some(),
             _ => true,
@@ -243,6 +259,7 @@ impl Tracker {
             estimate: estimate.as_ref().filter(|estimate| estimate.valid == 1),
             control: row.controls[usize::from(authority.active_controller).min(SLOTS - 1)].as_ref(),
             energy: row.energy.as_ref(),
+            answered_ns: row.answered_ns(usize::from(authority.active_controller)),
             segment,
             setpoint,
             moving,

@@ -6,7 +6,9 @@ use analysis::report::report;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Segment, Vector3};
 use command::Failure;
-use messages::{ControlStatus, Energy, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, TruthNode};
+use messages::{
+    ControlStatus, Energy, Message, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, TruthNode,
+};
 use robot_state::Periods;
 use runlog::{ChannelId, ChannelSpec, RunClock, RunWriter};
 use segments::segment_message;
@@ -262,4 +264,49 @@ fn cycles_and_energy_count_over_all_lives() {
     assert_eq!(value["cables"][0]["energy_j"].as_f64().unwrap(), 3.0 * one as f64);
     let legs = value["legs"].as_array().unwrap();
     assert!(legs.iter().all(|leg| leg["energy_j"].as_f64().is_some_and(|energy| energy > 0.0)), "{legs:?}");
+}
+
+/// The command of the controller in charge counts, of each cycle that it answered.
+#[test]
+fn a_run_shows_the_time_from_state_to_command() {
+    const ANSWERED_NS: [u64; 2] = [150_000, 90_000];
+    const CYCLES: u64 = 200;
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer =
+        RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+    let channels = [
+        writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<MotorCommand>("motor/command/a")).unwrap(),
+        writer.add_channel(&ChannelSpec::for_type::<MotorCommand>("motor/command/b")).unwrap(),
+    ];
+    for cycle in 1..=CYCLES {
+        let stamp_ns = cycle * PERIOD_NS;
+        let mut write = |channel: usize, log_ns: u64, sample: &[u8]| {
+            writer.write(channels[channel], cycle, log_ns, log_ns, sample).unwrap();
+        };
+        // Slot b is in charge of the second half.
+        let slot = u8::from(cycle > CYCLES / 2);
+        let authority = MotorAuthority { period_s: 0.01, active_controller: slot, ..Default::default() };
+        write(0, stamp_ns, bytemuck::bytes_of(&stamped(authority, cycle, stamp_ns)));
+        let mut state = stamped(MotorState::default(), cycle, stamp_ns);
+        state.header.published_ns = stamp_ns + 1000;
+        write(1, stamp_ns + 1000, bytemuck::bytes_of(&state));
+        for (slot, answered_ns) in ANSWERED_NS.into_iter().enumerate() {
+            // Every tenth cycle has no answer.
+            if !cycle.is_multiple_of(10) {
+                let mut command = stamped(MotorCommand::default(), cycle, stamp_ns);
+                command.header.published_ns = stamp_ns + 1000 + answered_ns;
+                write(2 + slot, command.header.published_ns, bytemuck::bytes_of(&command));
+            }
+        }
+    }
+    writer.finish(&Default::default()).unwrap();
+    let figures = analysis::report::figures(folder.path()).unwrap();
+    let times = figures["times"].as_array().unwrap();
+    let found = times.iter().find(|times| times["what"] == "state_to_command").unwrap();
+    assert_eq!(found["samples"], CYCLES * 9 / 10);
+    let [p50_ns, p99_ns] = ["p50_ns", "p99_ns"].map(|name| found[name].as_u64().unwrap());
+    let close = |found_ns: u64, wanted_ns: u64| found_ns.abs_diff(wanted_ns) <= wanted_ns / 100;
+    assert!(close(p50_ns, ANSWERED_NS[1]) && close(p99_ns, ANSWERED_NS[0]), "{found}");
 }

@@ -243,12 +243,13 @@ pub fn power(run: &RunData) -> Vec<Figure> {
 /// Timing of the control cycle.
 pub fn timing(run: &RunData) -> Vec<Figure> {
     let time = TimeAxis::new(run);
-    let [wake, bus, age] = &run.times;
+    let [wake, bus, age, answer_time] = &run.times;
     let [computer, drive, resync, answer] = &run.losses;
     let times = [
         ("oldest reading to command", ALONE, &age.trace),
         ("bus exchange", 0, &bus.trace),
         ("tick to wake-up", 3, &wake.trace),
+        ("publication of state to command", 1, &answer_time.trace),
     ];
     let counts = [("resync", 3, resync), ("drive", 2, drive), ("computer", 0, computer), ("answer", 1, answer)];
     vec![

@@ -161,8 +161,9 @@ pub struct RunData {
     pub periods: Periods,
     /// Accumulated lost periods, by cause.
     pub losses: [Trace; 4],
-    /// Times of a cycle: tick to wake-up, bus exchange, oldest reading to command.
-    pub times: [StepTimes; 3],
+    /// Times of a cycle: tick to wake-up, bus exchange, oldest reading to command, publication of the state to that of
+    /// the command that answers it.
+    pub times: [StepTimes; 4],
     /// Rate of the plan clock.
     pub rate: Trace,
     /// Modes with start and end, s.
@@ -318,7 +319,7 @@ impl Collector {
             power: [trace(), trace()],
             periods: Periods::default(),
             losses: [trace(), trace(), trace(), trace()],
-            times: [times()?, times()?, times()?],
+            times: [times()?, times()?, times()?, times()?],
             rate: trace(),
             modes: Vec::new(),
             slots: Vec::new(),
@@ -391,7 +392,8 @@ impl Collector {
             trace.add(time_s, count as f64);
         }
         let age_ns = cycle.segment.is_some().then_some(authority.command_age_ns);
-        for (times, ns) in data.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), age_ns]) {
+        let steps_ns = [Some(authority.wake_ns), Some(authority.bus_ns), age_ns, cycle.answered_ns];
+        for (times, ns) in data.times.iter_mut().zip(steps_ns) {
             if let Some(ns) = ns {
                 times.add(time_s, ns);
             }

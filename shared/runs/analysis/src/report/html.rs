@@ -401,7 +401,8 @@ fn timing_table(run: &RunData) -> String {
     let Some(last) = &run.authority else { return String::new() };
     let head = ["", "median, ms", "99 %, ms", "99.9 %, ms", "longest, ms"];
     let mut table = Table::new("", &head);
-    for (name, times) in ["tick to wake-up", "bus exchange", "oldest reading to command"].into_iter().zip(&run.times) {
+    let steps = ["tick to wake-up", "bus exchange", "oldest reading to command", "publication of state to command"];
+    for (name, times) in steps.into_iter().zip(&run.times) {
         let ms = |ns: u64| if times.all.is_empty() { "-".to_owned() } else { format!("{:.3}", ns as f64 * 1e-6) };
         let quantile = |share: f64| ms(times.all.value_at_quantile(share));
         table.row([name.to_owned(), quantile(0.5), quantile(0.99), quantile(0.999), ms(times.all.max())]);

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 /// Returns the figures of a run.
 pub fn value(assessment: &RunAssessment) -> Value {
     let RunAssessment { run, verdict, legs, deviations, between } = assessment;
-    let times: Vec<Value> = ["wake", "bus", "command_age"]
+    let times: Vec<Value> = ["wake", "bus", "command_age", "state_to_command"]
         .into_iter()
         .zip(&run.times)
         .map(|(name, times)| {
