@@ -7,7 +7,8 @@
 //! Invariants:
 //! * [`core::Core`] decides everything and is pure: bytes, peers and answers in, actions out. No bytes make it panic.
 //! * Everything that a client can fill is bounded: frames, calls, subscriptions, connections, waiting bytes. Nothing
-//!   that a client does or leaves undone delays another client for longer than one pass.
+//!   that a client does or leaves undone delays another client for longer than one pass: what waits for the disk or for
+//!   the channel of a sensor has a thread of its own.
 //! * Requests that stop the robot have their own places on the bus, taken when the robot is joined. An emergency stop
 //!   needs none.
 //! * A client is no process of the robot's user: it starts no program of its own choice, and no name from it is opened
@@ -30,6 +31,7 @@ mod hub;
 mod lane;
 mod make;
 mod outbox;
+mod outlet;
 mod own_channels;
 pub mod plugin;
 mod robot;

@@ -1,19 +1,22 @@
 //! The robot, while one runs: its place on the bus, requests to its processes, and its subscriptions.
 
-use crate::events::{OwnMessage, Ticket};
+use crate::core::UNANSWERED;
+use crate::events::Ticket;
 use crate::hub::{Delivery, Hub};
 use crate::lane::{Lane, Waiting, failed, stops};
-use crate::own_channels::OwnChannels;
+use crate::outlet::{Delivered, Outlet, Published};
 use bus::estop::Attempt;
-use bus::{Bus, BusError, Domain, Participant, Publisher};
+use bus::{Bus, BusError, Domain, Participant};
 use client::{ANSWER, MOTOR_IO, PLANNER, Running, SUPERVISOR};
 use gateway_protocol::{ChannelRow, MemoryFigures, RobotFacts};
-use messages::{Header, OperatorRequest, Reading, RequestAnswer, put_sentence};
+use messages::{OperatorRequest, RequestAnswer, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use rustix::process::{Pid, test_kill_process};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 /// Name under which the gateway joins the domain.
 const NAME: &str = "gateway";
@@ -21,8 +24,6 @@ const NAME: &str = "gateway";
 const LOOK_NS: u64 = 250_000_000;
 /// Time after an attempt to join that has failed, ns: the attempt itself takes a second.
 const REJOIN_NS: u64 = 5_000_000_000;
-/// Time between two attempts to create the channel of a sensor, ns.
-const AGAIN_NS: u64 = 1_000_000_000;
 /// Largest number of emergency stops under way: further ones are answered with the last of them.
 const STOPS: usize = 64;
 
@@ -30,18 +31,13 @@ const STOPS: usize = 64;
 struct Joined {
     /// Process id of its supervisor; another one is another life of the robot.
     supervisor: Option<u32>,
-    /// Channels of plug-ins.
-    sensors: BTreeMap<String, SensorChannel>,
-    /// Channels of sensors with their own messages.
-    declared: OwnChannels,
+    /// What sensors publish, from the first of it on.
+    outlet: Option<Outlet>,
     /// Created first and dropped last of the two: the places reserved for a stop.
     lanes: BTreeMap<String, Lane>,
     members: Bus,
     guests: Bus,
 }
-
-/// The channel of a plug-in; or until when it is not tried to create it again, ns, with the reason.
-type SensorChannel = Result<Publisher<Reading>, (u64, Box<RequestAnswer>)>;
 
 /// The robot of a domain, whether it runs or not.
 pub(crate) struct Robot {
@@ -58,6 +54,8 @@ pub(crate) struct Robot {
     again: Option<Waiting>,
     /// Requests whose robot has ended before it answered.
     orphans: Vec<Ticket>,
+    /// Threads that are leaving a robot.
+    leaving: Vec<JoinHandle<()>>,
     look_ns: u64,
     /// Why the robot could not be joined, to be reported once.
     unjoined: Option<String>,
@@ -80,6 +78,7 @@ impl Robot {
             stopped: 0,
             again: None,
             orphans,
+            leaving: Vec::new(),
             look_ns: 0,
             unjoined: None,
         }
@@ -96,6 +95,9 @@ impl Robot {
             return None;
         }
         self.look_ns = now_ns + LOOK_NS;
+        if !self.leaving.is_empty() {
+            self.remove_remains();
+        }
         let domain = Domain::existing(&self.domain).ok().flatten();
         let alive = domain.as_ref().map(Alive::in_domain).unwrap_or_default();
         let stays = self.joined.as_ref().is_some_and(|joined| alive.is_the_robot_of(joined.supervisor));
@@ -125,15 +127,25 @@ impl Robot {
 
     /// Leaves the robot. The last one to leave a domain removes its objects.
     pub(crate) fn leave(&mut self) {
-        let Some(joined) = self.joined.take() else { return };
+        let Some(mut joined) = self.joined.take() else { return };
         self.again = None;
         for lane in joined.lanes.values() {
             self.orphans.extend(lane.unanswered());
         }
         self.hub.detach();
+        if let Some((thread, waiting)) = joined.outlet.take().map(Outlet::leave) {
+            self.orphans.extend(waiting);
+            self.leaving.push(thread);
+        }
         drop(joined);
-        // The objects of a robot that has ended would otherwise remain until its next start.
-        if let Ok(Some(domain)) = Domain::existing(&self.domain)
+        self.remove_remains();
+    }
+
+    /// Removes what a robot that has ended would otherwise leave until its next start, when no thread uses it any more.
+    fn remove_remains(&mut self) {
+        self.leaving.retain(|thread| !thread.is_finished());
+        if self.leaving.is_empty()
+            && let Ok(Some(domain)) = Domain::existing(&self.domain)
             && Alive::in_domain(&domain) == Alive::default()
             && domain.alive().is_empty()
             && let Ok(claim) = domain.claim()
@@ -144,7 +156,9 @@ impl Robot {
 
     /// Returns whether something is under way that needs a look every few milliseconds.
     pub(crate) fn is_busy(&self) -> bool {
-        let asked = |joined: &Joined| joined.lanes.values().any(Lane::is_busy);
+        let asked = |joined: &Joined| {
+            joined.lanes.values().any(Lane::is_busy) || joined.outlet.as_ref().is_some_and(Outlet::is_busy)
+        };
         !self.stops.is_empty() || !self.orphans.is_empty() || self.joined.as_ref().is_some_and(asked)
     }
 
@@ -229,58 +243,30 @@ impl Robot {
         }
     }
 
-    /// Publishes a reading of a plug-in. Its channel is created with the first one, and stays as long as the robot:
-    /// connections that come and go make no further channels.
+    /// Begins to publish what a sensor has called for; the result comes with [`Robot::published`].
     ///
     /// # Errors
-    /// No robot runs, or the channel cannot be created: the answer.
-    pub(crate) fn publish(
-        &mut self,
-        sensor: &str,
-        mut reading: Reading,
-        now_ns: u64,
-    ) -> Result<(), Box<RequestAnswer>> {
+    /// No robot runs, or too much waits: the answer.
+    pub(crate) fn publish(&mut self, ticket: Ticket, delivered: Delivered) -> Published {
         let absent = self.absent();
         let joined = self.joined.as_mut().ok_or(absent)?;
-        let created = joined.sensors.get(sensor);
-        if created.is_none_or(|created| created.as_ref().is_err_and(|(again_ns, _)| now_ns >= *again_ns)) {
-            // As a guest: it leaves the places and the memory that the robot's own processes need.
-            let publisher = joined.guests.publisher::<Reading>(&format!("sensor/{sensor}"));
-            let publisher = publisher.map_err(|error| (now_ns + AGAIN_NS, failed(&error)));
-            joined.sensors.insert(sensor.to_owned(), publisher);
+        let outlet = match &mut joined.outlet {
+            Some(outlet) => outlet,
+            none => {
+                let started = Outlet::start(joined.guests.domain(), NAME);
+                let unstarted = |error| Reason::RobotUnreached { why: detail(format_args!("no thread: {error}")) };
+                none.insert(started.map_err(|error| Box::new(unstarted(error).answer()))?)
+            }
+        };
+        if outlet.begin(ticket, delivered) {
+            return Ok(());
         }
-        match joined.sensors.get_mut(sensor) {
-            Some(Ok(publisher)) => publisher.send(&mut reading).map(|_| ()).map_err(|error| failed(&error)),
-            Some(Err((_, answer))) => Err(answer.clone()),
-            None => Ok(()),
-        }
+        Err(Box::new(Reason::GatewayBusy { most: UNANSWERED }.answer()))
     }
 
-    /// Opens the channel of a sensor with its own message. It stays as long as the robot.
-    ///
-    /// # Errors
-    /// No robot runs, or as [`OwnChannels::open`]: the answer.
-    pub(crate) fn declare(&mut self, sensor: &OwnMessage, now_ns: u64) -> Result<(), Box<RequestAnswer>> {
-        let absent = self.absent();
-        let joined = self.joined.as_mut().ok_or(absent)?;
-        joined.declared.open(&joined.guests, sensor, now_ns).map(|_| ())
-    }
-
-    /// Publishes a sample of a sensor with its own message.
-    ///
-    /// # Errors
-    /// As [`Robot::declare`].
-    pub(crate) fn publish_sample(
-        &mut self,
-        sensor: &OwnMessage,
-        header: Header,
-        sample: &[u8],
-        now_ns: u64,
-    ) -> Result<(), Box<RequestAnswer>> {
-        let absent = self.absent();
-        let joined = self.joined.as_mut().ok_or(absent)?;
-        let publisher = joined.declared.open(&joined.guests, sensor, now_ns)?;
-        publisher.send(header, sample).map_err(|error| failed(&error))
+    /// Returns the next result of what sensors have called for, if there is one.
+    pub(crate) fn published(&mut self) -> Option<(Ticket, Published)> {
+        self.joined.as_mut()?.outlet.as_mut()?.poll()
     }
 
     /// Sends an emergency stop. It needs no place on the bus, so it is sent even if the robot could not be joined.
@@ -355,6 +341,10 @@ impl Robot {
 impl Drop for Robot {
     fn drop(&mut self) {
         self.leave();
+        for thread in std::mem::take(&mut self.leaving) {
+            let _ = thread.join();
+        }
+        self.remove_remains();
     }
 }
 
@@ -368,8 +358,10 @@ impl Joined {
         {
             lanes.insert(name.to_owned(), Lane::new(members.client(process)?));
         }
+        // Lanes to other processes are made when they are asked for, while stops may come.
+        members.set_patience(Duration::ZERO);
         let guests = Bus::join_as(domain, NAME, Participant::Guest)?;
-        Ok(Self { supervisor, sensors: BTreeMap::new(), declared: OwnChannels::default(), lanes, members, guests })
+        Ok(Self { supervisor, outlet: None, lanes, members, guests })
     }
 }
 

@@ -5,6 +5,7 @@ use crate::disk::{Disk, Job, Outcome};
 use crate::hub::{Delivery, count};
 use crate::lane::stops;
 use crate::outbox::{DESCRIPTORS, Outbox, PAUSED};
+use crate::outlet::Delivered;
 use crate::plugin::Verb;
 use crate::robot::Robot;
 use crate::roles::Roles;
@@ -127,6 +128,7 @@ impl Server {
                 (self.facts, self.rows) = (None, None);
             }
             self.robot_answers();
+            self.published();
             self.disk_outcomes();
             self.samples();
             let actions = self.core.step(now_ns(), Event::Tick);
@@ -242,16 +244,11 @@ impl Server {
                 }
                 Action::Plugin { ticket, verb, name } => self.plugin(ticket, name, verb),
                 Action::Publish { ticket, sensor, reading } => {
-                    let published = self.robot.publish(&sensor, *reading, now_ns());
-                    self.published(ticket, published);
+                    self.publish(ticket, Delivered::Reading(sensor, reading));
                 }
-                Action::Declare { ticket, sensor } => {
-                    let opened = self.robot.declare(&sensor, now_ns());
-                    self.published(ticket, opened);
-                }
+                Action::Declare { ticket, sensor } => self.publish(ticket, Delivered::Declaration(sensor)),
                 Action::PublishSample { ticket, sensor, header, sample } => {
-                    let published = self.robot.publish_sample(&sensor, header, &sample, now_ns());
-                    self.published(ticket, published);
+                    self.publish(ticket, Delivered::Sample(sensor, header, sample));
                 }
                 Action::Look { ticket, what } => self.look(ticket, what),
                 Action::Subscribe { client, id, channel, rate_hz } => {
@@ -264,12 +261,20 @@ impl Server {
         }
     }
 
-    fn published(&mut self, ticket: Ticket, published: Result<(), Box<RequestAnswer>>) {
-        let done = match published {
-            Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
-            Err(answer) => Done::Answer(answer),
-        };
-        self.done(ticket, done);
+    fn publish(&mut self, ticket: Ticket, delivered: Delivered) {
+        if let Err(answer) = self.robot.publish(ticket, delivered) {
+            self.answer(ticket, answer);
+        }
+    }
+
+    fn published(&mut self) {
+        while let Some((ticket, published)) = self.robot.published() {
+            let done = match published {
+                Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
+                Err(answer) => Done::Answer(answer),
+            };
+            self.done(ticket, done);
+        }
     }
 
     fn plugin(&mut self, ticket: Ticket, plugin: String, verb: Verb) {

@@ -2,12 +2,14 @@
 
 use crate::rig::{Client, Gateway, OWNER};
 use crate::robot::{Robot, program, root};
-use bus::clock;
-use gateway_protocol::{Call, Reply};
-use messages::{Declaration, Header, Message, MotorAuthority};
+use bus::{Bus, Domain, clock};
+use gateway_protocol::{Accepted, Call, Reply};
+use messages::{Declaration, Header, Message, MotorAuthority, Request};
 use rustix::process::Signal;
-use std::path::Path;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, SystemTime};
 
 messages::message! {
     /// A reading of the device.
@@ -163,6 +165,67 @@ fn a_declared_message_is_the_type_of_the_struct_and_does_not_change() {
     }
     assert!(gateway.lives());
     assert_ne!(robot.last.mode, MotorAuthority::MODE_FAULTED);
+    robot.down(Signal::INT);
+}
+
+/// The file of a channel in the folder of a domain.
+fn channel_file(domain: &Domain, channel: &str) -> PathBuf {
+    let (name, kind) = (format!("service_name = \"{channel}\""), "[messaging_pattern.PublishSubscribe]");
+    let entries = std::fs::read_dir(domain.root().join("services")).unwrap();
+    let mut files = entries.map(|entry| entry.unwrap().path());
+    files
+        .find(|path| std::fs::read_to_string(path).is_ok_and(|text| text.contains(&name) && text.contains(kind)))
+        .unwrap()
+}
+
+/// Leaves a channel half made, as a process that is killed while it creates it, and young for ever.
+fn half_made(robot: &Robot, channel: &str) -> PathBuf {
+    // Where it would be: the names of a channel in two domains differ in their beginning.
+    let other = Domain::for_test();
+    let bus = Bus::join(&other, "other").unwrap();
+    let known = "motor/authority";
+    let _known = bus.publisher::<MotorAuthority>(known).unwrap();
+    let declared = Declaration::new("Soil", Soil::schema()).unwrap();
+    let quality = messages::quality_for(channel, declared.size());
+    let _wanted = bus.declared_publisher(channel, &declared, quality).unwrap();
+    let name = |domain: &Domain, channel: &str| {
+        channel_file(domain, channel).file_name().unwrap().to_str().unwrap().to_owned()
+    };
+    let (here, there) = (name(&robot.domain, known), name(&other, known));
+    let same = here.bytes().rev().zip(there.bytes().rev()).take_while(|(a, b)| a == b).count();
+    let (here, there) = (&here[..here.len() - same], &there[..there.len() - same]);
+    let own = name(&other, channel).strip_prefix(there).map(|rest| format!("{here}{rest}")).unwrap();
+    let path = robot.domain.root().join("services").join(own);
+    let file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&path).unwrap();
+    file.set_modified(SystemTime::now() + Duration::from_secs(3600)).unwrap();
+    path
+}
+
+/// A channel that another process left half made is waited for, and nothing else waits: the gateway carries the stops.
+#[test]
+fn a_half_made_channel_delays_no_stop() {
+    let mut robot = Robot::up("");
+    robot.arm();
+    let gateway = Gateway::joined(&robot, OWNER);
+    let (mut sensor, mut person) = (gateway.client(), gateway.client());
+    robot.fly();
+    let half_made = half_made(&robot, "sensor/leaf");
+    let declares = Call::Declare { id: 3, sensor: "leaf".to_owned(), message: "Soil".to_owned() };
+    sensor.send(&declares, Soil::schema().as_bytes());
+    // What is asked after it on the same connection is answered before it.
+    sensor.send(&Call::Robot { id: 4 }, &[]);
+    let (first, _) = sensor.next().unwrap();
+    assert!(matches!(first, Reply::Robot { id: 4, .. }), "{first:?}");
+    assert_eq!(person.ask(Request::Stop).1, Accepted::Accepted);
+    robot.until("it holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    let (second, _) = sensor.next().unwrap();
+    assert!(matches!(second, Reply::Answer { id: 3, accepted: Accepted::Refused, .. }), "{second:?}");
+    // Without it the sensor publishes.
+    drop(sensor);
+    std::fs::remove_file(half_made).unwrap();
+    gateway.until("the channel is there", |gateway| {
+        reason(&gateway.client().call_with(&declares, Soil::schema().as_bytes())) == 0
+    });
     robot.down(Signal::INT);
 }
 

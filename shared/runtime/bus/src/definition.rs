@@ -17,7 +17,7 @@ use messages::schema::{is_same, without_comments};
 use messages::{documented, hash_of};
 use std::borrow::Cow;
 
-use crate::clock::{SECOND_NS, now_ns, sleep_until};
+use crate::clock::{now_ns, sleep_until};
 use crate::places::PROCESSES;
 use crate::{BusError, Domain};
 
@@ -38,8 +38,6 @@ const CONTINUATION_BYTES: usize = ATTRIBUTES * ATTRIBUTE_BYTES;
 const CONTINUATIONS: usize = 15;
 /// Most bytes of text.
 const ROOM: usize = FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES;
-/// Time to wait while another process creates a continuation, ns; the same as for channels.
-const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 
 /// An open continuation of a schema text.
 pub(crate) type SchemaContinuation = event::PortFactory<ipc::Service>;
@@ -76,16 +74,17 @@ pub(crate) fn limit(attributes: &AttributeSet) -> usize {
 }
 
 /// Creates or opens the continuations of this text. To be called before the channel is created, so that a process that
-/// finds the channel can read the whole text.
+/// finds the channel can read the whole text. Waits until `give_up` while another process creates one.
 pub(crate) fn continuations(
     node: &Node<ipc::Service>,
     domain: &Domain,
     text: &str,
+    give_up: u64,
 ) -> Result<Vec<SchemaContinuation>, BusError> {
     let rest = text.get(FIRST_BYTES..).unwrap_or_default();
     (1..)
         .zip(chunks(rest, CONTINUATION_BYTES))
-        .map(|(number, part)| continuation(node, domain, &continuation_name(&hash(text), number), part))
+        .map(|(number, part)| continuation(node, domain, &continuation_name(&hash(text), number), part, give_up))
         .collect()
 }
 
@@ -94,12 +93,12 @@ fn continuation(
     domain: &Domain,
     name: &str,
     part: &str,
+    give_up: u64,
 ) -> Result<SchemaContinuation, BusError> {
     let service = ServiceName::new(name).map_err(|error| BusError::failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
     let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
     let builder = || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(PROCESSES);
-    let give_up = now_ns() + OPEN_TIMEOUT_NS;
     loop {
         let error = match builder().open() {
             Ok(continuation) => return Ok(continuation),

@@ -1,6 +1,6 @@
 //! The connection of a process to the bus, through which it opens channels.
 
-use std::cell::{OnceCell, RefCell};
+use std::cell::{Cell, OnceCell, RefCell};
 use std::collections::HashMap;
 use std::fmt::Debug;
 use std::time::Duration;
@@ -80,6 +80,8 @@ pub struct Bus {
     process: String,
     pub(crate) party: Participant,
     pub(crate) port_name: PortName,
+    /// Time to wait while another process creates a channel, ns.
+    patience_ns: Cell<u64>,
     /// Announces new channels; `None` if all places are taken, which stays so.
     announcer: OnceCell<Option<Notifier<ipc::Service>>>,
     /// Continuations of long schema texts by type name, open as long as this value exists.
@@ -144,6 +146,7 @@ impl Bus {
             process: process.to_owned(),
             party,
             port_name,
+            patience_ns: Cell::new(OPEN_TIMEOUT_NS),
             announcer,
             continuations,
         })
@@ -159,6 +162,18 @@ impl Bus {
     #[must_use]
     pub fn process(&self) -> &str {
         &self.process
+    }
+
+    /// Sets for how long opening a channel waits while another process creates it; 4 s if it is not set. Afterwards the
+    /// channel counts as broken. A process that answers within milliseconds sets 0, and tries again later: an attempt
+    /// itself takes up to 0.2 s.
+    pub fn set_patience(&self, patience: Duration) {
+        self.patience_ns.set(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
+    }
+
+    /// The instant at which an attempt to open that begins now is given up, ns.
+    pub(crate) fn give_up_ns(&self) -> u64 {
+        now_ns().saturating_add(self.patience_ns.get())
     }
 
     /// Opens or creates a channel with the quality of service of the channel table, and stores the schema text with it.
@@ -187,10 +202,10 @@ impl Bus {
         let text = definition::stored(type_name, schema);
         let attributes = definition::attributes(type_name, &text)?;
         if !self.continuations.borrow().contains_key(type_name) {
-            let continuations = definition::continuations(&self.node, &self.domain, &text)?;
+            let continuations = definition::continuations(&self.node, &self.domain, &text, self.give_up_ns())?;
             self.continuations.borrow_mut().insert(type_name.to_owned(), continuations);
         }
-        let give_up = now_ns() + OPEN_TIMEOUT_NS;
+        let give_up = self.give_up_ns();
         let mut cleaned = false;
         loop {
             // Open first: a peer in another language, or a tunnel, may have created the channel without the schema
@@ -292,7 +307,7 @@ impl Bus {
     pub(crate) fn open_event(&self, channel: &str) -> Result<event::PortFactory<ipc::Service>, BusError> {
         let name = service_name(channel)?;
         self.need(0, channel)?;
-        let give_up = now_ns() + OPEN_TIMEOUT_NS;
+        let give_up = self.give_up_ns();
         let places = event_places(channel);
         let mut cleaned = false;
         loop {

@@ -84,7 +84,7 @@ impl Bus {
         let channel = request_event(process);
         let name = crate::node::service_name(&channel)?;
         self.need(MEMORY_BYTES, &channel)?;
-        let give_up = now_ns() + 4 * crate::clock::SECOND_NS;
+        let give_up = self.give_up_ns();
         loop {
             let made = self
                 .node
