@@ -7,6 +7,7 @@ use messages::MotorState;
 use serde_json::{Value, json};
 use site_calibration::calibrate::{self, MeasurementsFile};
 use site_calibration::robot_file::with_calibration;
+use site_calibration::say;
 use site_calibration::setup::captured::{CapturedLengths, lengths};
 use site_calibration::setup::file_text;
 use site_calibration::setup::guide::{Guide, NextStep, Reply};
@@ -43,7 +44,7 @@ pub(crate) struct Given {
 /// One sentence: why they cannot be used.
 pub(crate) fn captured(state: Option<&MotorState>, counts_per_m: Option<Vec<f64>>) -> Result<CapturedLengths, String> {
     let (Some(state), Some(counts_per_m)) = (state, counts_per_m) else {
-        return Err("the robot publishes no lengths; `nims status` says why".to_owned());
+        return Err(say!("the robot publishes no lengths; `nims status` says why"));
     };
     lengths(state, counts_per_m)
 }
@@ -56,7 +57,7 @@ pub(crate) fn step(given: &Given) -> Result<Value, String> {
     let name = given.name.as_str();
     let letters = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     if name.is_empty() || name.len() > NAME || !name.chars().all(letters) {
-        return Err(format!("`{name}` is no name of a site; use up to {NAME} letters, digits and -"));
+        return Err(say!("`{name}` is no name of a site; use up to {NAME} letters, digits and -"));
     }
     let mut guide = resumed(name, &given.measurements)?;
     let reply = given.line.as_deref().map(|line| answered(&mut guide, line, &given.captured));
@@ -99,10 +100,9 @@ fn answered(guide: &mut Guide, line: &str, captured: &Result<CapturedLengths, St
         };
     }
     if guide.takes_touch_down(line) {
-        return stays(
+        return stays(say!(
             "A touch-down is watched by `nims setup` on the robot; here, set the node down by hand with every cable taut, and type capture."
-                .to_owned(),
-        );
+        ));
     }
     guide.answer(line)
 }

@@ -1,5 +1,5 @@
-//! The languages of the page are complete: every label, and every reason of the catalogue of answers with its
-//! parameters.
+//! The languages of the page are complete: every label, every reason of the catalogue of answers with its parameters,
+//! and every sentence of the guided calibration.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -71,10 +71,49 @@ fn labels() -> BTreeSet<String> {
     labels
 }
 
+/// Where the guided calibration says something: in `say!("…")`.
+const GUIDE: [&str; 2] = ["../../shared/tools/site-calibration/src", "src"];
+
+/// The sentences of the guided calibration.
+fn guide() -> BTreeSet<String> {
+    let mut sentences = BTreeSet::new();
+    let mut folders: Vec<_> = GUIDE.iter().map(|at| Path::new(env!("CARGO_MANIFEST_DIR")).join(at)).collect();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
+                let text = std::fs::read_to_string(&path).unwrap();
+                sentences.extend(text.split("say!(").skip(1).filter_map(|rest| literal(rest.trim_start())));
+            }
+        }
+    }
+    sentences.iter().map(|text| template(text)).collect()
+}
+
+/// The text of a literal of Rust at the beginning of a source.
+fn literal(source: &str) -> Option<String> {
+    let (mut text, mut letters) = (String::new(), source.strip_prefix('"')?.chars().peekable());
+    loop {
+        match letters.next()? {
+            '"' => return Some(text),
+            '\\' => match letters.next()? {
+                'n' => text.push('\n'),
+                // The rest of a sentence stands in the next line.
+                '\n' => while letters.next_if(|letter| letter.is_whitespace()).is_some() {},
+                other => text.push(other),
+            },
+            other => text.push(other),
+        }
+    }
+}
+
 #[test]
 fn every_language_has_every_label_and_every_reason() {
-    let (templates, labels) = (templates(), labels());
-    assert!(templates.len() > 200 && labels.len() > 80, "{} {}", templates.len(), labels.len());
+    let (templates, labels, guide) = (templates(), labels(), guide());
+    let counts = (templates.len(), labels.len(), guide.len());
+    assert!(counts.0 > 200 && counts.1 > 80 && counts.2 > 70, "{counts:?}");
     for language in LANGUAGES {
         let path = sources().join(format!("lang/{language}.json"));
         let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
@@ -82,7 +121,14 @@ fn every_language_has_every_label_and_every_reason() {
             let rows = file[key].as_object().unwrap().iter();
             rows.map(|(key, value)| (key.clone(), value.as_str().unwrap().to_owned())).collect()
         };
-        let (own_labels, own_reasons) = (of("labels"), of("reasons"));
+        let (own_labels, own_reasons, own_guide) = (of("labels"), of("reasons"), of("guide"));
+        let missing: Vec<_> = guide.iter().filter(|sentence| !own_guide.contains_key(*sentence)).collect();
+        assert!(missing.is_empty(), "{language} has no {missing:#?} of the guided calibration");
+        let unused: Vec<_> = own_guide.keys().filter(|sentence| !guide.contains(*sentence)).collect();
+        assert!(unused.is_empty(), "{language}: no sentence of the guided calibration is {unused:#?}");
+        for (sentence, own) in &own_guide {
+            assert_eq!(parameters(sentence), parameters(own), "{language}: {sentence}");
+        }
         let missing: Vec<_> = labels.iter().filter(|label| !own_labels.contains_key(*label)).collect();
         assert!(missing.is_empty(), "{language} has no {missing:#?}");
         let unused: Vec<_> = own_labels.keys().filter(|label| !labels.contains(*label)).collect();

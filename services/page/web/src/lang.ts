@@ -1,15 +1,15 @@
-// Languages of the page: its labels, and the sentences of the catalogue of answers.
+// Languages of the page: its labels, the sentences of the catalogue of answers, and those of the guided calibration.
 
 import de from "./lang/de.json";
 import es from "./lang/es.json";
 import fr from "./lang/fr.json";
 import reasons from "./lang/reasons.json";
 
-/** A language: its words for the English labels, and its sentences by the numbers of the reasons. */
-interface Language { name: string; labels: Record<string, string>; reasons: Record<string, string> }
+/** A language: its words for the English labels, its sentences by the numbers of the reasons, and those for the English sentences of the guided calibration. */
+interface Language { name: string; labels: Record<string, string>; reasons: Record<string, string>; guide: Record<string, string> }
 
 const KEPT = "nims-language";
-const ENGLISH: Language = { name: "English", labels: {}, reasons: {} };
+const ENGLISH: Language = { name: "English", labels: {}, reasons: {}, guide: {} };
 export const LANGUAGES: Record<string, Language> = { en: ENGLISH, de, es, fr };
 
 /** The language of this browser: the chosen one, otherwise that of its settings. */
@@ -32,14 +32,42 @@ export function t(label: string, values: Record<string, string | number> = {}): 
 export function sentence(reason: number, english: string): string {
     const template = (reasons as Record<string, string>)[reason], translated = language.reasons[reason];
     if (!template || !translated) return english;
+    const values = matched(template, english);
+    return values ? filled(translated, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, word(value)]))) : english;
+}
+
+/** The parameters that an English text has in the places of its template; null if it is not of that template. Those with a name like `counted` are whole numbers. */
+function matched(template: string, english: string, counted = /^$/): Record<string, string> | null {
     const names: string[] = [];
     const pattern = template.split(/(\{\w+\})/).map((part) => {
         if (!/^\{\w+\}$/.test(part)) return part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
-        names.push(part.slice(1, -1));
-        return "(.*?)";
+        const name = part.slice(1, -1);
+        names.push(name);
+        return counted.test(name) ? "(\\d+)" : "(.*?)";
     });
     const found = new RegExp(`^${pattern.join("")}$`, "s").exec(english);
-    return found ? filled(translated, Object.fromEntries(names.map((name, i) => [name, word(found[i + 1] ?? "")]))) : english;
+    return found ? Object.fromEntries(names.map((name, i) => [name, found[i + 1] ?? ""])) : null;
+}
+
+/** The sentences of the guided calibration; those with the most words of their own first, so that none is taken for a part of another. */
+const GUIDE = Object.entries(language.guide).map(([template, translated]) => [template.trimStart(), translated.trimStart()] as const).sort(([a], [b]) => own(b) - own(a));
+const COUNTED = /^(cable|cables|count|from|line|most|of|open|other|point|points|pulley|to|FEWEST|MOST|POINTS)$/;
+function own(template: string): number { return template.replace(/\{\w+\}/g, "").length; }
+
+/** A text of the guided calibration in the language of the browser: its sentences stand within each other, and one after the other in lines. */
+export function guided(english: string): string {
+    // A clause is told as a sentence, with a capital letter and a full stop.
+    const clause = english.charAt(0).toLowerCase() + english.slice(1);
+    for (const [template, translated] of GUIDE) {
+        for (const text of [english, clause, clause.replace(/\.$/, ""), english.replace(/\.$/, "")]) {
+            const values = matched(template, text, COUNTED);
+            if (!values) continue;
+            const told = filled(translated, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, value === english ? value : guided(value)])));
+            const begun = text.charAt(0) === english.charAt(0) ? told : told.charAt(0).toUpperCase() + told.slice(1);
+            return text.endsWith(".") || !english.endsWith(".") ? begun : `${begun}.`;
+        }
+    }
+    return english.includes("\n") ? english.split("\n").map(guided).join("\n") : english;
 }
 
 /** A word of the server in the language of the browser, if it is one of those below. */

@@ -2,7 +2,7 @@
 
 import { h, renew, write } from "./dom.js";
 import { drawing, siteDrawing } from "./drawings.js";
-import { sentence, t } from "./lang.js";
+import { guided, sentence, t } from "./lang.js";
 import type { Conversation, Store } from "./link.js";
 import { question } from "./question.js";
 import type { Stepped } from "./protocol.js";
@@ -16,6 +16,8 @@ export class SetUp {
     private sites: Record<string, string> = JSON.parse(localStorage.getItem(SITES) ?? "{}") as Record<string, string>;
     private name = localStorage.getItem(OPEN) ?? FIRST;
     private stepped: Stepped | null = null;
+    /** Its question in the language of the browser. */
+    private asks = "";
     private asked = false;
     private busy = false;
     /** How often a site has been opened: an answer that comes after the next one is not shown. */
@@ -79,13 +81,14 @@ export class SetUp {
         if (reply.reply !== "setup") {
             // Without a connection it is asked for again.
             this.asked = this.stepped !== null || ("reason" in reply && this.conversation.isOpen);
-            this.said("sentence" in reply ? sentence("reason" in reply ? reply.reason : 0, reply.sentence) : t("no answer"), true);
+            this.said("sentence" in reply ? guided(sentence("reason" in reply ? reply.reason : 0, reply.sentence)) : t("no answer"), true);
             return;
         }
         this.stepped = reply;
+        this.asks = guided(reply.question);
         // What was typed meanwhile stays.
         if (line !== null && this.line.value === line) this.line.value = "";
-        if (reply.message) this.said(reply.message, !reply.changed);
+        if (reply.message) this.said(guided(reply.message), !reply.changed);
         else this.message.hidden = true;
         if (reply.finished) this.finish(reply.finished);
         else if (reply.changed) this.files.replaceChildren();
@@ -121,9 +124,9 @@ export class SetUp {
     draw(): void {
         if (!this.asked && this.conversation.isOpen && this.store.welcome) void this.step(null);
         const { stepped } = this, open = stepped?.open ?? null;
-        write(this.question, stepped?.question ?? (this.store.flies ? "" : t("A site is calibrated by who may fly: pair this browser in the view Robot.")));
+        write(this.question, stepped ? this.asks : (this.store.flies ? "" : t("A site is calibrated by who may fly: pair this browser in the view Robot.")));
         const theme = document.documentElement.dataset.theme ?? "";
-        this.question.classList.toggle("long", (stepped?.question.length ?? 0) > 300);
+        this.question.classList.toggle("long", this.asks.length > 300);
         renew(this.picture, JSON.stringify([open, theme]), () => (open ? [drawing(open)] : []));
         renew(this.map, JSON.stringify([stepped?.map, theme]), () => (stepped ? [siteDrawing(stepped.map)] : []));
         renew(this.known, JSON.stringify([stepped?.map.known, stepped?.map.best]), () => (stepped?.map.known ?? []).map((one, i) => h("p", { class: "soft" }, t("Pole {n}: within {level} mm on the level with 95 %, its height ±{height} mm", { n: i + 1, level: (1000 * one.half_axes_m[0]).toFixed(0), height: (1000 * one.height_std_m).toFixed(0) }))).concat(stepped?.map.best ? [h("p", {}, t("One more point helps most at the cross: it makes the least certain coordinate {share} % more certain.", { share: (100 - (100 * stepped.map.best.worst_std_m[1]) / stepped.map.best.worst_std_m[0]).toFixed(1) }))] : []));

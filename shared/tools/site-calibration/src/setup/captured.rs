@@ -21,20 +21,21 @@ pub struct CapturedLengths {
 pub fn lengths(state: &MotorState, counts_per_m: Vec<f64>) -> Result<CapturedLengths, String> {
     let cables = usize::from(state.cable_count).min(state.length_m.len());
     if state.position_known != MotorState::POSITION_KNOWN {
-        return Err("the robot's lengths have no zero in this run; hang the node at a place that you know roughly, and set it with \
+        return Err(say!(
+            "the robot's lengths have no zero in this run; hang the node at a place that you know roughly, and set it with \
                     `nims zero --at X,Y,Z`"
-            .to_owned());
+        ));
     }
     if let Some(cable) = (0..cables).find(|i| state.fresh[*i] == 0) {
-        return Err(format!("the encoder of cable {} does not answer; `nims status` says why", cable + 1));
+        return Err(say!("the encoder of cable {} does not answer; `nims status` says why", cable + 1));
     }
     if let Some(cable) =
         (0..cables).find(|i| state.velocity_m_s[*i].is_nan() || state.velocity_m_s[*i].abs() > REST_M_S)
     {
-        return Err(format!("cable {} moves; hold the node still and try again", cable + 1));
+        return Err(say!("cable {} moves; hold the node still and try again", cable + 1));
     }
     if counts_per_m.len() != cables {
-        return Err(format!(
+        return Err(say!(
             "the system file has counts_per_m of {} cables, and the robot has {cables}",
             counts_per_m.len()
         ));

@@ -5,7 +5,6 @@ use cable_robot::{Anchors, kinematics};
 use calibration::{
     JointInput, Measurements, Method, calibrate, calibrate_joint, calibrate_joint_with_pulleys, survey_network,
 };
-use std::fmt::Write as _;
 
 /// Significance of a misfit, as the number of standard deviations of a normal variate with the same probability.
 const SIGNIFICANCE_SIGMAS: f64 = 4.0;
@@ -64,9 +63,11 @@ pub fn find(file: &MeasurementsFile) -> Option<DoubtfulPoint> {
         gain(&rest).is_some_and(|gain| gain >= best - MIN_GAIN)
     });
     if let Some(height) = height {
-        let _ = write!(description, " (unless the height of pulley {} is wrong)", measured.heights[height].anchor + 1);
+        let pulley = measured.heights[height].anchor + 1;
+        description = say!("{description} (unless the height of pulley {pulley} is wrong)");
     } else if best_fit(&rest).is_some_and(|(rest, left)| left > 0.0 && rest > quantile(left as usize)) {
-        description.push_str(" (and the others do not fit each other either: a distance or a height may be wrong)");
+        description =
+            say!("{description} (and the others do not fit each other either: a distance or a height may be wrong)");
     }
     Some(DoubtfulPoint { point: open[index] + 1, description })
 }
@@ -100,8 +101,8 @@ fn quantile(degrees_of_freedom: usize) -> f64 {
 
 /// Describes where the cables of a point meet according to the calibration without it.
 fn describe_misfit(rest: &Measurements, lengths_m: &[f64]) -> String {
-    let vague = || "its cables do not meet in one place".to_owned();
-    let Ok(found) = calibrate(rest, Method::Survey) else { return "the other points contradict each other".to_owned() };
+    let vague = || say!("its cables do not meet in one place");
+    let Ok(found) = calibrate(rest, Method::Survey) else { return say!("the other points contradict each other") };
     let anchors = Anchors::new(&found.anchors_m);
     let with_pulleys = |anchors: Anchors| match found.pulley_radius_m.as_slice() {
         [] => Ok(anchors),
@@ -110,13 +111,16 @@ fn describe_misfit(rest: &Measurements, lengths_m: &[f64]) -> String {
     let Ok(anchors) = anchors.and_then(with_pulleys) else { return vague() };
     match kinematics::forward_kinematics(&anchors, lengths_m, None) {
         Ok(at) if at.position.z.abs() > NOTEWORTHY_M.max(at.residual_rms_m) => {
-            let side = if at.position.z > 0.0 { "above" } else { "below" };
-            format!("according to them, its cables meet {:.2} m {side} the floor", at.position.z.abs())
+            if at.position.z > 0.0 {
+                say!("according to them, its cables meet {:.2} m above the floor", at.position.z)
+            } else {
+                say!("according to them, its cables meet {:.2} m below the floor", -at.position.z)
+            }
         }
         Ok(at) if at.residual_rms_m > 0.5 * NOTEWORTHY_M => {
-            format!("its cables miss each other by {:.3} m", at.residual_rms_m)
+            say!("its cables miss each other by {:.3} m", at.residual_rms_m)
         }
-        Ok(at) => format!("according to them, its cables meet {:.3} m off the floor", at.position.z.abs()),
+        Ok(at) => say!("according to them, its cables meet {:.3} m off the floor", at.position.z.abs()),
         Err(_) => vague(),
     }
 }

@@ -87,28 +87,27 @@ impl Guide {
     /// One clause without the file name: why they cannot be continued.
     pub fn resume(file: MeasurementsFile) -> Result<Self, String> {
         let Some(setup) = &file.setup else {
-            return Err(
+            return Err(say!(
                 "it has no [setup], so `nims setup` did not create it and would drop its comments; name a new file, \
                         or pass this one to `nims calibrate`"
-                    .to_owned(),
-            );
+            ));
         };
         let count = setup.pulleys.unwrap_or(0);
         if setup.pulleys.is_some_and(|count| !(3..=cable_robot::MAX_CABLES).contains(&count)) {
-            return Err(format!("pulleys is {count}; accepted: 3 to {}", cable_robot::MAX_CABLES));
+            return Err(say!("pulleys is {count}; accepted: 3 to {}", cable_robot::MAX_CABLES));
         }
         let named = file.range.iter().flat_map(|r| [r.from, r.to]).chain(file.height.iter().map(|h| h.anchor));
         let plans = setup.skipped.iter().flatten().chain(&setup.unmeasured).copied();
         if let Some(other) = named.chain(plans).find(|pulley| !(1..=count).contains(pulley)) {
-            return Err(format!("it names pulley {other}; there are {count} pulleys"));
+            return Err(say!("it names pulley {other}; there are {count} pulleys"));
         }
         if file.point.iter().any(|point| point.lengths_m.len() != count) || setup.lengths_so_far_m.len() > count {
-            return Err(format!("a [[point]] does not have one length for each of the {count} pulleys"));
+            return Err(say!("a [[point]] does not have one length for each of the {count} pulleys"));
         }
         let points = file.point.len();
         let odd = |doubt: &PointDecision| !(1..=doubt.after).contains(&doubt.point) || doubt.after > points;
         if file.doubt.iter().any(odd) || setup.plan.iter().any(|plan| plan[0] > points || plan[1] > 2 * MOST) {
-            return Err("a [[doubt]] or the plan refers to points that do not exist".to_owned());
+            return Err(say!("a [[doubt]] or the plan refers to points that do not exist"));
         }
         if count > 0 {
             let method = file.usual_method();
@@ -126,7 +125,7 @@ impl Guide {
             if !matches!(question, Question::Points | Question::PulleyRadius | Question::PulleyTurn)
                 && (points > 0 || !setup.plan.is_empty())
             {
-                return Err("it has points, but an answer that is asked before them is missing".to_owned());
+                return Err(say!("it has points, but an answer that is asked before them is missing"));
             }
             if points > 0
                 && let Err(error @ CalibrationError::InvalidArgument(_)) = calibrate(&measured, method)
@@ -159,27 +158,27 @@ impl Guide {
             "quit" | "exit" => return Reply { message: String::new(), changed: false, next_step: NextStep::Leave },
             "undo" => {
                 return match undo(&mut self.file) {
-                    Some(what) => self.changed(format!("Taken back: {what}.")),
-                    None => refused("There is no answer to take back.".to_owned()),
+                    Some(what) => self.changed(say!("Taken back: {what}.")),
+                    None => refused(say!("There is no answer to take back.")),
                 };
             }
-            "help" | "?" => return refused(HELP.to_owned()),
+            "help" | "?" => return refused(help()),
             _ => {}
         }
         if self.question == Question::Finish && line.is_empty() {
             return match crate::calibrate::judge(&self.file, self.file.usual_method()) {
                 Ok(_) => Reply { message: String::new(), changed: false, next_step: NextStep::Finish },
-                Err(_) => refused(
-                    "There is no calibration yet: type the number of further points that you will measure.".to_owned(),
-                ),
+                Err(_) => refused(say!(
+                    "There is no calibration yet: type the number of further points that you will measure."
+                )),
             };
         }
         let typed = line.starts_with(|c: char| c.is_ascii_digit());
         if typed && matches!(self.question, Question::Lengths { .. } | Question::Confirmation { .. }) {
             if self.file.counts_per_m.is_some() && !self.file.point.is_empty() {
-                return refused(
-                    "The points so far were captured, and typed lengths have other zeros: type capture.".to_owned(),
-                );
+                return refused(say!(
+                    "The points so far were captured, and typed lengths have other zeros: type capture."
+                ));
             }
             if self.file.counts_per_m.take().is_some() {
                 self.file.sigma_offset_m = (self.file.pulley == Some(PulleyKind::Swivel)).then_some(SIGMA_TYPED_ZERO_M);
@@ -217,14 +216,13 @@ impl Guide {
         let count = pulleys(&self.file);
         if captured.lengths_m.len() != count {
             let cables = captured.lengths_m.len();
-            return refused(format!("The running robot has {cables} cables, and this site has {count} pulleys."));
+            return refused(say!("The running robot has {cables} cables, and this site has {count} pulleys."));
         }
         let same = self.file.counts_per_m.as_ref().is_none_or(|counts| *counts == captured.counts_per_m);
         if !same || (self.file.counts_per_m.is_none() && !self.file.point.is_empty()) {
-            return refused(
+            return refused(say!(
                 "The points so far have lengths of another source, whose zeros differ; go on in the same way, or take them back with undo."
-                    .to_owned(),
-            );
+            ));
         }
         let before = self.clone();
         self.file.counts_per_m = Some(captured.counts_per_m.clone());
@@ -234,8 +232,8 @@ impl Guide {
         let typed: Vec<String> = captured.lengths_m.iter().map(|m| format!("{m:.4}")).collect();
         let mut reply = self.apply(&typed.join(" "));
         if reply.changed {
-            reply.message =
-                format!("Captured {} m.\n{}", listed(&captured.lengths_m), reply.message).trim_end().to_owned();
+            let captured = say!("Captured {} m.", listed(&captured.lengths_m));
+            reply.message = format!("{captured}\n{}", reply.message).trim_end().to_owned();
         } else {
             *self = before;
         }
@@ -254,8 +252,12 @@ impl Guide {
 }
 
 /// Text for `help`.
-const HELP: &str = "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
-                    points, quit stops. capture takes the lengths of the running robot, and touch those at which it sets the node down. All answers are saved, and the same command continues.";
+fn help() -> String {
+    say!(
+        "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
+                    points, quit stops. capture takes the lengths of the running robot, and touch those at which it sets the node down. All answers are saved, and the same command continues."
+    )
+}
 
 /// A reply that changes nothing and asks again.
 #[must_use]
@@ -282,14 +284,14 @@ fn progress(file: &MeasurementsFile) -> Option<String> {
     match crate::calibrate::honest_calibration(&measured, file.usual_method()) {
         Ok(found) => {
             let (anchor, axis, std) = found.covariance.worst();
-            Some(format!(
+            Some(say!(
                 "So far every pulley is known to ±{std:.3} m or better ({} of pulley {} least).",
-                ["x", "y", "the height"][axis],
+                [say!("x"), say!("y"), say!("the height")][axis],
                 anchor + 1
             ))
         }
         Err(_) if measured.lengths_m.len() < FEWEST => None,
-        Err(error) => Some(sentence(&format!("not determined yet: {error}"))),
+        Err(error) => Some(sentence(&say!("not determined yet: {error}"))),
     }
 }
 
@@ -298,17 +300,17 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
     let done = line.eq_ignore_ascii_case("done");
     if done && !matches!(question, Question::Lengths { .. }) {
         return Err(match question {
-            Question::Finish => "the points are complete: press Enter to write the calibration".to_owned(),
-            Question::PointDecision { .. } => "answer keep or again first".to_owned(),
-            Question::Confirmation { .. } => "press Enter, or type the lengths of this point again, first".to_owned(),
-            _ => "done ends the points, which come after this question".to_owned(),
+            Question::Finish => say!("the points are complete: press Enter to write the calibration"),
+            Question::PointDecision { .. } => say!("answer keep or again first"),
+            Question::Confirmation { .. } => say!("press Enter, or type the lengths of this point again, first"),
+            _ => say!("done ends the points, which come after this question"),
         });
     }
     match question {
         Question::Pulleys => {
             let most = cable_robot::MAX_CABLES;
             let count =
-                whole(line, 3, most).ok_or_else(|| format!("`{}` is not a number from 3 to {most}", excerpt(line)))?;
+                whole(line, 3, most).ok_or_else(|| say!("`{}` is not a number from 3 to {most}", excerpt(line)))?;
             file.setup.get_or_insert_default().pulleys = Some(count);
             Ok(String::new())
         }
@@ -326,7 +328,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
         }
         Question::ApproximateHeight => {
             if line.is_empty() {
-                return Err("a guess is needed to predict the cable lengths; e.g. 3".to_owned());
+                return Err(say!("a guess is needed to predict the cable lengths; e.g. 3"));
             }
             file.setup.get_or_insert_default().about_m = Some(numbers::length(line, numbers::HEIGHT)?);
             Ok(String::new())
@@ -344,7 +346,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             if points_complete(file) || file.setup.as_ref().is_some_and(|setup| setup.lengths_so_far_m.len() == open) {
                 return Ok(message);
             }
-            Err(format!("type all {open} lengths again, or press Enter"))
+            Err(say!("type all {open} lengths again, or press Enter"))
         }
         Question::PointDecision { doubtful, .. } => point_decision(file, doubtful.point, line),
         Question::Tape { cable } => tape::answer(file, pulleys(file), *cable, line),
@@ -357,7 +359,7 @@ fn point_decision(file: &mut MeasurementsFile, point: usize, line: &str) -> Resu
     let used = match line.to_lowercase().as_str() {
         "keep" | "k" => true,
         "again" | "a" => false,
-        _ => return Err(format!("`{}` is neither keep nor again", excerpt(line))),
+        _ => return Err(say!("`{}` is neither keep nor again", excerpt(line))),
     };
     file.doubt.push(PointDecision { point, used, after: file.point.len() });
     Ok(String::new())
@@ -366,7 +368,7 @@ fn point_decision(file: &mut MeasurementsFile, point: usize, line: &str) -> Resu
 fn further_points(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
     let used = file.used(file.usual_method()).len();
     let more = whole(line, 1, MOST.saturating_sub(used).max(1)).ok_or_else(|| {
-        format!("`{}` is neither Enter nor a number of further points (up to {MOST} in all)", excerpt(line))
+        say!("`{}` is neither Enter nor a number of further points (up to {MOST} in all)", excerpt(line))
     })?;
     let points = file.point.len();
     file.setup.get_or_insert_default().plan.push([points, used + more]);
@@ -377,7 +379,7 @@ fn side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String
     let side = match line.to_lowercase().as_str() {
         "l" | "left" => 1,
         "r" | "right" => -1,
-        _ => return Err(format!("`{}` is not a side; type l for left or r for right", excerpt(line))),
+        _ => return Err(say!("`{}` is not a side; type l for left or r for right", excerpt(line))),
     };
     if let Some(range) = file.range.iter_mut().rfind(|range| range.from.max(range.to) == pulley) {
         range.side = Some(side);
@@ -388,14 +390,14 @@ fn side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String
 fn number_of_points(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
     let count = if line.is_empty() { Some(POINTS) } else { whole(line, FEWEST, MOST) };
     let count = count.ok_or_else(|| {
-        format!(
+        say!(
             "`{}` is not a number from {FEWEST} to {MOST}; fewer than {FEWEST} points determine nothing",
             excerpt(line)
         )
     })?;
     let points = file.point.len();
     file.setup.get_or_insert_default().plan.push([points, count]);
-    Ok("A step beside a place does no harm. The node must touch the floor, and all cables must be taut.".to_owned())
+    Ok(say!("A step beside a place does no harm. The node must touch the floor, and all cables must be taut."))
 }
 
 /// Parses a whole number within a range.
@@ -412,7 +414,7 @@ fn distance(
 ) -> Result<String, String> {
     if line.is_empty() {
         if needed {
-            return Err(format!("the position of pulley {to} needs the distance {from}-{to}; measure it"));
+            return Err(say!("the position of pulley {to} needs the distance {from}-{to}; measure it"));
         }
         file.setup.get_or_insert_default().skipped.push([from, to]);
     } else {
@@ -434,11 +436,11 @@ fn lengths(file: &mut MeasurementsFile, place: usize, line: &str) -> Result<Stri
     let so_far = file.setup.get_or_insert_default().lengths_so_far_m.clone();
     let open = count - so_far.len().min(count);
     if line.is_empty() {
-        return Err("read the cables and type their lengths; done ends the points, quit stops for now".to_owned());
+        return Err(say!("read the cables and type their lengths; done ends the points, quit stops for now"));
     }
     let read = numbers::lengths(line, numbers::LENGTH)?;
     if read.len() != 1 && read.len() != open {
-        return Err(format!("`{}` is {} lengths; type {open}, or one at a time", excerpt(line), read.len()));
+        return Err(say!("`{}` is {} lengths; type {open}, or one at a time", excerpt(line), read.len()));
     }
     let all: Vec<f64> = so_far.into_iter().chain(read).collect();
     let sigma_m = file.sigma_length_m.unwrap_or(DEFAULT_SIGMA_LENGTH_M);
@@ -465,11 +467,15 @@ fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, Stri
     if line.is_empty() {
         file.pulley = Some(PulleyKind::Eye);
         let seen = file.height.len() == pulleys(file);
-        let message = "Points alone can hardly tell eyes from wheels, so the calibration will state large deviations. With the height \
-                       of every pulley, by a tape or a laser, they are small: undo goes back to these questions.";
-        return Ok(if seen { String::new() } else { message.to_owned() });
+        let message = || {
+            say!(
+                "Points alone can hardly tell eyes from wheels, so the calibration will state large deviations. With the height \
+                       of every pulley, by a tape or a laser, they are small: undo goes back to these questions."
+            )
+        };
+        return Ok(if seen { String::new() } else { message() });
     }
-    let radius_m = 0.5 * numbers::small("what a wheel measures across", line, numbers::ACROSS)?;
+    let radius_m = 0.5 * numbers::small(&say!("what a wheel measures across"), line, numbers::ACROSS)?;
     file.pulley = Some(PulleyKind::Swivel);
     file.pulley_radius_m = vec![radius_m; pulleys(file)];
     file.sigma_pulley_radius_m = Some(SIGMA_RADIUS_M);
@@ -482,9 +488,9 @@ fn pulley_radius(file: &mut MeasurementsFile, line: &str) -> Result<String, Stri
 
 /// The second measurement of the wheels: a radius in place of a diameter is a mistake that no point reveals.
 fn pulley_turn(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
-    file.pulley_turn_m = Some(numbers::small("the cable of one turn", line, numbers::TURN)?);
+    file.pulley_turn_m = Some(numbers::small(&say!("the cable of one turn"), line, numbers::TURN)?);
     if let Err(why) = file.measurements(file.usual_method()) {
-        return Err(format!("{why}; type the turn again, or undo and what the wheel measures across"));
+        return Err(say!("{why}; type the turn again, or undo and what the wheel measures across"));
     }
     Ok(String::new())
 }
@@ -492,21 +498,21 @@ fn pulley_turn(file: &mut MeasurementsFile, line: &str) -> Result<String, String
 /// The instrument of the distances, which says how good they are.
 fn instrument(file: &mut MeasurementsFile, line: &str) -> Option<String> {
     let (name, sigma_m) = match line.to_lowercase().as_str() {
-        "laser" => ("a laser meter", SIGMA_LASER_M),
-        "tape" => ("a tape", SIGMA_RANGE_M),
+        "laser" => (say!("a laser meter"), SIGMA_LASER_M),
+        "tape" => (say!("a tape"), SIGMA_RANGE_M),
         _ => return None,
     };
     file.sigma_range_m = Some(sigma_m);
-    Some(format!("Then the distances are good to {:.0} mm, as by {name}.", 1e3 * sigma_m))
+    Some(say!("Then the distances are good to {:.0} mm, as by {name}.", 1e3 * sigma_m))
 }
 
 fn end_early(file: &mut MeasurementsFile) -> Result<String, String> {
     if file.setup.as_ref().is_some_and(|setup| !setup.lengths_so_far_m.is_empty()) {
-        return Err("this point is incomplete: type the other lengths, or take it back with undo".to_owned());
+        return Err(say!("this point is incomplete: type the other lengths, or take it back with undo"));
     }
     let measured = file.measurements(file.usual_method())?;
     if let Err(error) = calibrate(&measured, file.usual_method()) {
-        return Err(format!("the points are not enough yet: {error}"));
+        return Err(say!("the points are not enough yet: {error}"));
     }
     let (points, used) = (file.point.len(), file.used(file.usual_method()).len());
     file.setup.get_or_insert_default().plan.push([points, used]);

@@ -33,7 +33,7 @@ pub fn small(what: &str, text: &str, bounds: Bounds) -> Result<f64, String> {
         None => length(text, Bounds { least_m: 0.0, ..bounds }).ok(),
     };
     m.filter(|m| (bounds.least_m..=bounds.most_m).contains(m)).ok_or_else(|| {
-        format!(
+        say!(
             "`{}` is not {what} (accepted: {:.0} to {:.0} mm); write it like 50 mm or 5 cm",
             excerpt(text),
             1e3 * bounds.least_m,
@@ -49,7 +49,7 @@ pub fn small(what: &str, text: &str, bounds: Bounds) -> Result<f64, String> {
 pub fn length(text: &str, bounds: Bounds) -> Result<f64, String> {
     match lengths(text, bounds)?.as_slice() {
         [one] => Ok(*one),
-        several => Err(format!("`{}` is {} numbers; type one", excerpt(text), several.len())),
+        several => Err(say!("`{}` is {} numbers; type one", excerpt(text), several.len())),
     }
 }
 
@@ -59,7 +59,7 @@ pub fn length(text: &str, bounds: Bounds) -> Result<f64, String> {
 /// As for [`length`].
 pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
     let no_length =
-        || format!("`{}` is not understood; write a length as 12.43, 12,43, 12.43 m or 1243 cm", excerpt(text));
+        || say!("`{}` is not understood; write a length as 12.43, 12,43, 12.43 m or 1243 cm", excerpt(text));
     // (number as written, its unit)
     let mut written: Vec<(&str, Option<Unit>)> = Vec::new();
     for word in text.split(|c: char| c.is_whitespace() || c == ';') {
@@ -93,7 +93,7 @@ pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
     }
     if written.iter().any(|(_, unit)| *unit == Some(Unit::Centimetre)) && written.iter().any(|(_, unit)| unit.is_none())
     {
-        return Err("some of these numbers have a unit and some do not; write cm after each of them".to_owned());
+        return Err(say!("some of these numbers have a unit and some do not; write cm after each of them"));
     }
     let value = |(digits, unit): (&str, Option<Unit>)| {
         let number = parse_digits(digits).ok_or_else(no_length)?;
@@ -102,9 +102,10 @@ pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
         if (bounds.least_m..=bounds.most_m).contains(&m) {
             return Ok(m);
         }
-        Err(format!(
+        Err(say!(
             "{m} m is not plausible (accepted: {} to {} m); write centimetres like 1243 cm",
-            bounds.least_m, bounds.most_m
+            bounds.least_m,
+            bounds.most_m
         ))
     };
     written.into_iter().map(value).collect()

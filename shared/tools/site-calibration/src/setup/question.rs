@@ -7,7 +7,6 @@ use crate::calibrate;
 use crate::calibrate::{MeasurementsFile, Setup, TapeEntry, places};
 use calibration::calibrate;
 use config::PulleyKind;
-use std::fmt::Write as _;
 
 /// Proposed number of points: three at each corner of three pulleys.
 pub const POINTS: usize = 9;
@@ -171,37 +170,47 @@ impl Question {
     /// Returns the text of the question.
     pub fn text(&self, file: &MeasurementsFile) -> String {
         match self {
-            Self::Pulleys => "How many pulleys are there (3 to 8)?".to_owned(),
+            Self::Pulleys => say!("How many pulleys are there (3 to 8)?"),
             Self::Distance { from, to, needed } => {
-                let level = if (*from, *to) == (1, 2) { " (measured on the level; with a laser meter, type laser first)" } else { "" };
-                let skip = if *needed { "" } else { " (Enter: not measured)" };
-                format!("How far apart are the plumb lines of pulleys {from} and {to}{level}?{skip}")
+                if (*from, *to) == (1, 2) {
+                    say!(
+                        "How far apart are the plumb lines of pulleys {from} and {to} (measured on the level; with a laser meter, type laser \
+                         first)?"
+                    )
+                } else if *needed {
+                    say!("How far apart are the plumb lines of pulleys {from} and {to}?")
+                } else {
+                    say!("How far apart are the plumb lines of pulleys {from} and {to}? (Enter: not measured)")
+                }
             }
-            Self::Side { pulley, from, to } => format!(
+            Self::Side { pulley, from, to } => say!(
                 "Stand at pulley {from} and look towards pulley {to}: is pulley {pulley} to the left or to the right (l or r)?"
             ),
             Self::Height { pulley } => {
-                format!("How high above the floor is pulley {pulley} (Enter: not measured)?")
+                say!("How high above the floor is pulley {pulley} (Enter: not measured)?")
             }
             Self::ApproximateHeight => {
-                "About how high are the pulleys above the floor (a guess is enough; only the plan uses it)?".to_owned()
+                say!("About how high are the pulleys above the floor (a guess is enough; only the plan uses it)?")
             }
             Self::PulleyRadius => {
-                "Do the cables leave over wheels that swivel? Type how far a wheel is across at the bottom of its groove, plus one thickness of the cable, \
+                say!(
+                    "Do the cables leave over wheels that swivel? Type how far a wheel is across at the bottom of its groove, plus one thickness of the cable, \
                  like 50 mm (Enter: eyes, no wheels)."
-                    .to_owned()
+                )
             }
             Self::PulleyTurn => {
-                "Mark a cable at its wheel and pull it until the wheel has turned once. How far has the mark moved, like 157 mm?".to_owned()
+                say!(
+                    "Mark a cable at its wheel and pull it until the wheel has turned once. How far has the mark moved, like 157 mm?"
+                )
             }
             Self::Points => {
-                format!(
+                say!(
                     "At how many points will the node be held on the floor (Enter: {POINTS}; more points are more accurate)?"
                 )
             }
             Self::Lengths { place } => lengths_text(file, *place),
             Self::Confirmation { place } => confirmation_text(file, *place),
-            Self::PointDecision { place, doubtful } => format!(
+            Self::PointDecision { place, doubtful } => say!(
                 "Point {} does not fit the others: {}.\nUse it anyway (keep), or measure it again (again)?",
                 place + 1,
                 doubtful.description
@@ -209,11 +218,11 @@ impl Question {
             Self::Tape { cable } => tape::text(*cable),
             Self::TapeDecision { doubted } => tape::doubt_text(doubted),
             Self::Finish => match calibrate::judge(file, file.usual_method()) {
-                Ok(judged) => format!(
+                Ok(judged) => say!(
                     "\n{}\nPress Enter to write the calibration, or type the number of further points that you will measure:",
                     judged.words.trim_end()
                 ),
-                Err(why) => format!(
+                Err(why) => say!(
                     "There is no calibration yet: {why}. Type the number of further points that you will measure, or \
                      take back a wrong answer with undo."
                 ),
@@ -226,21 +235,18 @@ fn lengths_text(file: &MeasurementsFile, place: usize) -> String {
     let (setup, count) = (setup_answers(file), pulleys(file));
     let so_far = setup.lengths_so_far_m.len();
     if so_far > 0 {
-        return format!("Point {}: how long is cable {}?", place + 1, so_far + 1);
+        return say!("Point {}: how long is cable {}?", place + 1, so_far + 1);
     }
-    let mut text = format!("Point {} of {}", place + 1, wanted(file).unwrap_or(0).max(place + 1));
-    if let Some(expected) = expected(file, place) {
-        let _ = write!(
-            text,
-            ": hold the node on the floor, {} from the foot of pulley {} towards the middle of the site.\nThe cables show about {} m \
-             there",
-            metres(expected.from_foot_m),
-            expected.pulley,
-            listed(&expected.lengths_m)
-        );
-    }
-    let _ = write!(text, ". How long are cables 1 to {count}?");
-    text
+    let (point, of) = (place + 1, wanted(file).unwrap_or(0).max(place + 1));
+    let Some(Place { pulley, from_foot_m, lengths_m }) = expected(file, place) else {
+        return say!("Point {point} of {of}. How long are cables 1 to {count}?");
+    };
+    say!(
+        "Point {point} of {of}: hold the node on the floor, {} from the foot of pulley {pulley} towards the middle of the site.\nThe \
+         cables show about {} m there. How long are cables 1 to {count}?",
+        metres(from_foot_m),
+        listed(&lengths_m)
+    )
 }
 
 /// Difference from the expected length that is asked about, m: a misread decimetre is more likely than a team that
@@ -259,19 +265,19 @@ pub fn unexpected(file: &MeasurementsFile, place: usize, lengths_m: &[f64]) -> O
 fn confirmation_text(file: &MeasurementsFile, place: usize) -> String {
     let lengths_m = setup_answers(file).lengths_so_far_m;
     let Some((cable, expected, read)) = unexpected(file, place, &lengths_m) else {
-        return format!(
+        return say!(
             "The cables show {} m. Press Enter if this is right, or type all lengths again:",
             listed(&lengths_m)
         );
     };
-    format!(
+    say!(
         "Cable {} was expected to show about {} at the place, and {} was typed ({} {}). Press Enter if it is right and the node is \
          elsewhere, or type all lengths again:",
         cable + 1,
         metres(expected),
         metres(read),
         metres((read - expected).abs()),
-        if read > expected { "more" } else { "less" }
+        if read > expected { say!("more") } else { say!("less") }
     )
 }
 

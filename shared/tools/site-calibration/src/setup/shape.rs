@@ -38,7 +38,7 @@ pub fn check_triangles(file: &MeasurementsFile, a: usize, b: usize) -> Result<()
         let most = ab.max(ac).max(bc);
         if most > sum - most + SLACK_SIGMAS * sigma_m {
             let all: Vec<String> = sides.iter().map(|(m, name)| format!("{name} ({})", metres(*m))).collect();
-            return Err(format!(
+            return Err(say!(
                 "the distances {} do not fit: {longest} is longer than the other two together; measure {} again, or \
                  take back an earlier one with undo",
                 joined(&all),
@@ -56,7 +56,7 @@ pub fn check_triangles(file: &MeasurementsFile, a: usize, b: usize) -> Result<()
 /// One sentence: why they form no shape.
 pub fn survey(file: &MeasurementsFile, count: usize) -> Result<Survey, String> {
     if count < 3 {
-        return Err("two pulleys form no shape".to_owned());
+        return Err(say!("two pulleys form no shape"));
     }
     let measured = file.measurements(Method::Survey)?;
     let ranges: Vec<Range> = measured.ranges.iter().filter(|r| r.from.max(r.to) < count).copied().collect();
@@ -76,7 +76,7 @@ pub fn contradiction(file: &MeasurementsFile, survey: &Survey, pulley: usize) ->
     let within = measured.ranges.iter().filter(|r| r.from.max(r.to) < pulley);
     let worst = within.max_by(|p, q| (off(p) / p.sigma_m).total_cmp(&(off(q) / q.sigma_m)))?;
     (survey.degrees_of_freedom > 0 && off(&worst) > MISFIT_SIGMAS * worst.sigma_m).then(|| {
-        format!(
+        say!(
             "These distances do not quite fit: even in the best shape, {}-{} is off by {}. If one of them may be wrong, \
              take them back with undo.",
             worst.from.min(worst.to) + 1,
@@ -97,7 +97,7 @@ pub fn check_lengths(anchors: &[[f64; 3]], lengths_m: &[f64], slack_m: f64) -> R
             if let (Some(first), Some(second)) = (lengths_m.get(i), lengths_m.get(j))
                 && first + second + slack_m < apart
             {
-                return Err(format!(
+                return Err(say!(
                     "cables {} and {} cannot meet: {} and {} together are less than the {} between their pulleys; read them again",
                     i + 1,
                     j + 1,

@@ -27,7 +27,7 @@ pub fn doubted(file: &MeasurementsFile) -> Option<TapeEntry> {
 
 /// Returns the question.
 pub fn text(cable: usize) -> String {
-    format!(
+    say!(
         "Check cable {cable}: mark it where it leaves the pulley, run out {COUNTED_M:.0} m as the robot counts them \
          (a jog is at most 2 m), and measure how far the mark has moved (two lengths: what the robot counted, then the \
          tape; Enter: not checked)?"
@@ -37,12 +37,12 @@ pub fn text(cable: usize) -> String {
 /// Returns the question about a reading that is far from what the robot counted.
 pub fn doubt_text(entry: &TapeEntry) -> String {
     let m = entry.m.unwrap_or_default();
-    format!(
+    say!(
         "The robot counted {}, and {} was typed ({} {}). Press Enter if the tape shows that, or type the lengths of cable {} again:",
         metres(entry.counted_m),
         metres(m),
         metres((m - entry.counted_m).abs()),
-        if m > entry.counted_m { "more" } else { "less" },
+        if m > entry.counted_m { say!("more") } else { say!("less") },
         entry.cable
     )
 }
@@ -60,7 +60,7 @@ pub fn answer(file: &mut MeasurementsFile, cables: usize, cable: usize, line: &s
     let (counted_m, m) = match numbers::lengths(line, TAPE)?.as_slice() {
         [m] => (COUNTED_M, *m),
         [counted_m, m] => (*counted_m, *m),
-        more => return Err(format!("these are {} numbers; type what the robot counted and the tape", more.len())),
+        more => return Err(say!("these are {} numbers; type what the robot counted and the tape", more.len())),
     };
     let entry = TapeEntry { cable, counted_m, m: Some(m), sigma_m: None, after };
     let tried: Vec<TapeEntry> = file.tape.iter().chain([&entry]).cloned().collect();
@@ -90,7 +90,7 @@ pub fn confirm(file: &mut MeasurementsFile, cables: usize, entry: &TapeEntry, li
 /// Takes back the last answer about a tape, if no later answer exists. `wanted`: points of the plan.
 pub fn undo(file: &mut MeasurementsFile, wanted: Option<usize>) -> Option<String> {
     if let Some(entry) = file.setup.as_mut().and_then(|setup| setup.tape_so_far.take()) {
-        return Some(format!("the tape of cable {} was {}", entry.cable, metres(entry.m.unwrap_or_default())));
+        return Some(say!("the tape of cable {} was {}", entry.cable, metres(entry.m.unwrap_or_default())));
     }
     let points = file.point.len();
     // A number of further points was answered after the tapes.
@@ -99,7 +99,7 @@ pub fn undo(file: &mut MeasurementsFile, wanted: Option<usize>) -> Option<String
     }
     let entry = file.tape.pop_if(|entry| entry.after == Some(points))?;
     Some(match entry.m {
-        Some(m) => format!("the tape of cable {} was {}", entry.cable, metres(m)),
-        None => format!("cable {} was not checked", entry.cable),
+        Some(m) => say!("the tape of cable {} was {}", entry.cable, metres(m)),
+        None => say!("cable {} was not checked", entry.cable),
     })
 }
