@@ -14,6 +14,9 @@ const DEPTH: usize = 4;
 const FILES: usize = 4096;
 /// Largest number of runs in a list.
 const RUNS: usize = 8192;
+/// The quota of an installation, and the folder that it is for (`configs/host/nims-runs.service`).
+const QUOTA: &str = "/etc/nims/quota";
+const QUOTA_RUNS: &str = "/var/lib/nims/runs";
 /// File that every run has.
 const MANIFEST: &str = "manifest.json";
 
@@ -82,7 +85,15 @@ fn collect(folder: &Path, before: &str, depth: usize, files: &mut Vec<FileRow>) 
 #[must_use]
 pub fn disk(runs: &Path) -> Option<DiskFigures> {
     let found = rustix::fs::statvfs(runs).ok()?;
-    Some(DiskFigures { total: found.f_blocks * found.f_frsize, free: found.f_bavail * found.f_frsize })
+    let quota = (runs == Path::new(QUOTA_RUNS)).then(|| quota(&fs::read_to_string(QUOTA).ok()?)).flatten();
+    Some(DiskFigures { total: found.f_blocks * found.f_frsize, free: found.f_bavail * found.f_frsize, quota })
+}
+
+/// The quota in a text like `RUNS_MAX_GB=20`, bytes; none for 0.
+fn quota(text: &str) -> Option<u64> {
+    let lines = text.lines().filter_map(|line| line.trim().strip_prefix("RUNS_MAX_GB="));
+    let gb: u64 = lines.last()?.trim().parse().ok()?;
+    gb.checked_mul(1_000_000_000).filter(|bytes| *bytes > 0)
 }
 
 /// Opens a file of a finished run for reading; returns its size too.
@@ -144,6 +155,15 @@ mod tests {
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, *file).unwrap();
         }
+    }
+
+    #[test]
+    fn the_quota_is_that_of_the_installation() {
+        let file = include_str!("../../../configs/host/quota");
+        assert_eq!(quota(file), None);
+        assert_eq!(quota(&file.replace("GB=0", "GB=20")), Some(20_000_000_000));
+        assert_eq!([quota(""), quota("RUNS_MAX_GB=much"), quota("# RUNS_MAX_GB=20")], [None; 3]);
+        assert!(include_str!("../../../configs/host/nims-runs.service").contains(&format!(" {QUOTA_RUNS} ")));
     }
 
     #[test]

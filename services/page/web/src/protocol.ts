@@ -72,7 +72,7 @@ export interface Answer { reply: "answer"; id: number; accepted: "accepted" | "r
 export interface Checked { reply: "check"; id: number; possible: boolean; sentence: string }
 export interface RunRow { name: string; files: number; bytes: number }
 export interface FileRow { name: string; bytes: number }
-export interface Runs { reply: "runs"; id: number; runs: RunRow[]; disk?: { total: number; free: number } }
+export interface Runs { reply: "runs"; id: number; runs: RunRow[]; disk?: { total: number; free: number; quota?: number } }
 export interface Files { reply: "files"; id: number; files: FileRow[] }
 export interface Download { reply: "download"; id: number; path: string; bytes: number }
 /** Who flies and who asks to, told whenever it changes. */

@@ -37,12 +37,28 @@ export class Runs {
         this.room.replaceChildren(...(disk ? [
             h("p", {}, t("{n} runs have {used}; the disk has {free} free of {total}", { n: reply.runs.length, used: bytes(used), free: bytes(disk.free), total: bytes(disk.total) })),
             h("meter", { min: 0, max: disk.total, value: disk.total - disk.free, high: 0.9 * disk.total, "aria-label": t("space in use") }),
-        ] : []));
+            h("p", { class: "soft" }, disk.quota ? t("Above {most} of runs the machine deletes the oldest ones.", { most: bytes(disk.quota) }) : t("The machine deletes no runs: the recording stops when the disk is full. Download and delete runs before; a quota is set in /etc/nims/quota.")),
+        ] : []), ...this.oldest(reply.runs));
         const runs = reply.runs.toReversed(), rows = runs.slice(0, this.shown).map((run) => new Run(run, this.store, this.conversation, () => void this.load()));
         this.list.replaceChildren(...(rows.length ? rows.map((row) => row.element) : [h("p", { class: "soft" }, t("no finished run yet; a run ends when the robot is switched off"))]),
             ...(runs.length > this.shown ? [h("button", { class: "button", type: "button", click: () => { this.shown += SHOWN; void this.load(); } }, t("Older runs"))] : []));
         // One after the other: the gateway opens a bounded number of files at once.
         for (const row of rows) await row.read();
+    }
+
+    /** Deletes the oldest run after two questions, to make room. */
+    private oldest(runs: RunRow[]): HTMLElement[] {
+        const [run] = runs, said = h("p", { class: "answer refused", role: "status", hidden: true });
+        if (!run || runs.length < 2 || !this.store.flies) return [];
+        const { name } = run;
+        return [h("button", { class: "button", type: "button", click: async () => {
+            if (!await question(t("Delete the run {name} with all its files from the robot?", { name }), t("Delete it"))) return;
+            if (!await question(t("The run {name} is lost for good. Delete it?", { name }), t("Delete it for good"))) return;
+            const reply = await this.conversation.call({ call: "remove", run: name }, MAKING_MS);
+            if (reply.reply === "done") { await this.load(); return; }
+            said.hidden = false;
+            said.textContent = words_of(reply, t("it cannot be deleted"));
+        } }, t("Delete the oldest run: {name}, {size}", { name, size: bytes(run.bytes) })), said];
     }
 }
 

@@ -247,6 +247,9 @@ pub struct DiskFigures {
     pub total: u64,
     /// What the robot's user can still write.
     pub free: u64,
+    /// Above this size of all runs the machine deletes the oldest ones; `None`: it deletes none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quota: Option<u64>,
 }
 
 /// A finding about the robot's machine.
