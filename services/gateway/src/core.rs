@@ -397,6 +397,9 @@ impl Core {
             Call::Make { run, what, .. } => Question::Make(run, what),
             Call::Remove { run, .. } => Question::Remove(run),
             Call::Doctor { .. } => Question::Doctor,
+            Call::RobotFile { calibration_bytes, .. } => {
+                return self.robot_file(now_ns, (client, id), holder, body, calibration_bytes);
+            }
             Call::Subscribe { channel, rate_hz, .. } => return self.subscribe(client, id, channel, rate_hz),
             Call::Publish { .. } | Call::Declare { .. } | Call::Sample { .. } => {
                 return self.publish_call(now_ns, client, call, body);

@@ -2,6 +2,7 @@
 
 use crate::events::{Done, Ticket, TokenChange};
 use crate::plugin::{self, Verb};
+use crate::robot_file::{self, RobotTexts};
 use crate::{make, runs};
 use gateway_protocol::{FileRow, Reply, RunFiles};
 use robot_state::Reason;
@@ -29,6 +30,8 @@ pub(crate) enum Job {
     Remove(Option<PathBuf>, String),
     /// Finds what is wrong with the machine for this system file.
     Doctor(PathBuf),
+    /// Stores the robot file of this system file, whose robot has this domain.
+    RobotFile { system: PathBuf, domain: String, texts: Box<RobotTexts> },
     /// Reads the configuration of a run.
     Configuration(PathBuf),
     /// Starts or stops the unit of a plug-in.
@@ -144,6 +147,9 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                     Err(reason) => Done::Answer(Box::new(reason.answer())),
                 },
             ),
+            Job::RobotFile { system, domain, texts } => {
+                Outcome::Done(ticket, answered(robot_file::store(&system, &domain, &texts)))
+            }
             Job::Configuration(run) => Outcome::Done(
                 ticket,
                 match runs::configuration(&run, CONFIGURATION) {

@@ -1,6 +1,7 @@
 //! What goes into the core of the gateway, and what comes out of it.
 
 use crate::plugin::Verb;
+use crate::robot_file::RobotTexts;
 use crate::roles::Peer;
 use crate::tokens::Tokens;
 use gateway_protocol::{Reply, RunFiles};
@@ -226,4 +227,6 @@ pub enum Question {
     Remove(String),
     /// What is wrong with the machine.
     Doctor,
+    /// A robot file to be stored.
+    RobotFile(Box<RobotTexts>),
 }

@@ -12,7 +12,8 @@
 //! * Requests that stop the robot have their own places on the bus, taken when the robot is joined. An emergency stop
 //!   needs none.
 //! * A client is no process of the robot's user: it starts no program of its own choice, and no name from it is opened
-//!   as a path. A plug-in that the system file declares is started by the service manager, as another user.
+//!   as a path, also none in a robot file that it hands over. A plug-in that the system file declares is started by the
+//!   service manager, as another user.
 //! * A plug-in delivers readings of its declared sensor, or samples of a message that it declares itself, at its
 //!   declared rate, and nothing else: the kernel names the unit in which its process runs. Its channel stays as long as
 //!   the robot, however often it connects. A message that a sensor declares is none of the robot's own.
@@ -35,6 +36,7 @@ mod outlet;
 mod own_channels;
 pub mod plugin;
 mod robot;
+mod robot_file;
 pub mod roles;
 mod runs;
 mod seat;
@@ -46,4 +48,5 @@ pub mod tokens;
 mod users;
 
 pub use exec::exec;
+pub use robot_file::RobotTexts;
 pub use server::Server;

@@ -90,7 +90,7 @@ struct Doctor {
     findings: Vec<FindingRow>,
 }
 
-fn last_line(text: &str, otherwise: &str) -> String {
+pub(crate) fn last_line(text: &str, otherwise: &str) -> String {
     text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or(otherwise).to_owned()
 }
 
@@ -114,7 +114,7 @@ fn finished(runs: &Path, present: Option<&Path>, run: &str) -> Result<PathBuf, B
 }
 
 /// The program `nims`, with the rest of the line to be added.
-fn aside(nims: &Path) -> Command {
+pub(crate) fn aside(nims: &Path) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", ASIDE, "sh"]).arg(nims).arg("--json").stdin(Stdio::null());
     command
@@ -122,7 +122,7 @@ fn aside(nims: &Path) -> Command {
 
 /// Waits for the end of a program, and returns how it ended with the last that it printed about it; none if it takes
 /// longer. What it prints goes to a file: a pipe that is read only after the end stops a program that fills it.
-fn ended(command: &mut Command, longest: Duration) -> Result<Option<(ExitStatus, String)>, Box<Reason>> {
+pub(crate) fn ended(command: &mut Command, longest: Duration) -> Result<Option<(ExitStatus, String)>, Box<Reason>> {
     let mut sentence = tempfile::tempfile().map_err(|error| refused(&error))?;
     let writes = sentence.try_clone().map_err(|error| refused(&error))?;
     let mut child = command.stderr(writes).spawn().map_err(|error| refused(&error))?;
@@ -143,7 +143,7 @@ fn ended(command: &mut Command, longest: Duration) -> Result<Option<(ExitStatus,
 }
 
 /// The end of a file, at most this many bytes; nothing if it cannot be read.
-fn printed(file: &mut File, most: u64) -> Vec<u8> {
+pub(crate) fn printed(file: &mut File, most: u64) -> Vec<u8> {
     let mut bytes = Vec::new();
     let length = file.metadata().map_or(0, |metadata| metadata.len());
     if file.seek(SeekFrom::Start(length.saturating_sub(most))).is_ok() {

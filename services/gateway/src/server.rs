@@ -73,8 +73,9 @@ pub struct Server {
     /// Requests whose mission is being stored.
     missions: BTreeMap<Ticket, (String, Box<OperatorRequest>, u64)>,
     tokens: PathBuf,
-    /// The system file.
+    /// The system file, and the domain of its robot.
     system: PathBuf,
+    domain: String,
     /// The gateway's own subscription has the expected type.
     reads_motions: bool,
 }
@@ -108,6 +109,7 @@ impl Server {
             missions: BTreeMap::new(),
             tokens: settings.tokens.clone(),
             system: settings.system.clone(),
+            domain: settings.domain.clone(),
             reads_motions: false,
         })
     }
@@ -323,6 +325,13 @@ impl Server {
             }
             Question::Open(run, file) => self.begin(ticket, Job::Open(present, run, file)),
             Question::Doctor => self.begin(ticket, Job::Doctor(self.system.clone())),
+            Question::RobotFile(texts) => {
+                if let Some((user, role)) = self.core.described(ticket) {
+                    eprintln!("gateway: {user} ({}): store a robot file", role.name());
+                }
+                let (system, domain) = (self.system.clone(), self.domain.clone());
+                self.begin(ticket, Job::RobotFile { system, domain, texts });
+            }
             Question::Make(run, what) => self.begin(ticket, Job::Make(present, run, what)),
             Question::Remove(run) => {
                 // No channel of the robot records it, because a run that is over has none.
@@ -359,7 +368,7 @@ impl Server {
         let disk = match job {
             Job::Mission(..) => &mut self.inbox,
             Job::Plugin { .. } => &mut self.units,
-            Job::Make(..) | Job::Remove(..) | Job::Doctor(_) => &mut self.makers,
+            Job::Make(..) | Job::Remove(..) | Job::Doctor(_) | Job::RobotFile { .. } => &mut self.makers,
             _ => &mut self.disk,
         };
         match disk.begin(ticket, job) {

@@ -62,6 +62,13 @@ pub(crate) enum FromBrowser {
     Doctor { id: u64 },
     /// Deletes a finished run.
     Remove { id: u64, run: String },
+    /// Stores a robot file on the robot, and the calibration that it takes its anchors from.
+    RobotFile {
+        id: u64,
+        robot: String,
+        #[serde(default)]
+        calibration: Option<String>,
+    },
 }
 
 impl FromBrowser {

@@ -2,11 +2,35 @@
 
 use super::{Core, Holder, OPENS_PER_S};
 use crate::events::{Action, ClientId, Question};
+use crate::robot_file::RobotTexts;
 use crate::roles::Role;
 use robot_state::Reason;
 use robot_state::answers::detail;
 
 impl Core {
+    /// Begins to store the robot file in the body of a call, and the calibration after it.
+    pub(super) fn robot_file(
+        &mut self,
+        now_ns: u64,
+        (client, id): (ClientId, u64),
+        holder: &Holder,
+        mut body: Vec<u8>,
+        calibration_bytes: Option<usize>,
+    ) {
+        let begins = calibration_bytes.map_or(Some(body.len()), |bytes| body.len().checked_sub(bytes));
+        let rest = begins.map(|begins| body.split_off(begins)).unwrap_or_default();
+        match (begins, String::from_utf8(body), String::from_utf8(rest)) {
+            (Some(_), Ok(robot), Ok(calibration)) => {
+                let texts = RobotTexts { robot, calibration: calibration_bytes.map(|_| calibration) };
+                self.look(now_ns, client, id, holder, Question::RobotFile(Box::new(texts)));
+            }
+            _ => {
+                let why = detail("the body is not the text of a robot file with that of its calibration");
+                self.refuse(client, id, Reason::NotAsked { why });
+            }
+        }
+    }
+
     pub(super) fn look(&mut self, now_ns: u64, client: ClientId, id: u64, holder: &Holder, what: Question) {
         if let Some(verb) = of_pilots(&what).filter(|_| holder.role < Role::Fly) {
             let (needs, user, has) = (Role::Fly.name(), detail(&holder.user), holder.role.name());
@@ -31,12 +55,13 @@ impl Core {
     }
 }
 
-/// What changes the folder of the runs or takes the machine for a while, for a sentence.
+/// What changes the folder of the runs or the robot file, or takes the machine for a while, for a sentence.
 fn of_pilots(what: &Question) -> Option<&'static str> {
     match what {
         Question::Make(..) => Some("make files of a run"),
         Question::Remove(_) => Some("delete a run"),
         Question::Doctor => Some("check the machine"),
+        Question::RobotFile(_) => Some("store a robot file"),
         _ => None,
     }
 }

@@ -127,5 +127,6 @@ export type Call =
     | { call: "make"; run: string; what: "report" | "maps" | "csv" | "parquet" }
     | { call: "remove"; run: string }
     | { call: "doctor" }
+    | { call: "robot-file"; robot: string; calibration: string | null }
     | { call: "fields" }
     | { call: "series"; channel: string; field: string; after_ms: number };

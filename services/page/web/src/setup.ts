@@ -108,8 +108,17 @@ export class SetUp {
 
     private finish(finished: NonNullable<Stepped["finished"]>): void {
         const offers = [finished.calibration, finished.robot].filter((file) => file !== null);
+        const { calibration, robot } = finished, { name } = this;
+        const store = h("button", { class: "button main", type: "button", click: async () => {
+            if (!robot || !await question(t("Store this calibration in the robot file on the robot? It flies with it from its next start; the robot file of before is kept."))) return;
+            store.disabled = true;
+            const reply = await this.conversation.call({ call: "robot-file", robot: robot.text, calibration: calibration.text }, 60_000);
+            store.disabled = false;
+            if (name !== this.name) return;
+            this.said("sentence" in reply ? sentence("reason" in reply ? reply.reason : 0, reply.sentence) : t("no answer"), !("accepted" in reply && reply.accepted === "accepted"));
+        } }, t("Store it on the robot"));
         this.files.replaceChildren(h("pre", { class: "verdict" }, finished.words),
-            h("p", {}, finished.robot ? t("The robot file names the calibration: put both into the folder of the robot file on the robot, and run `nims check` there.") : t("In [robot] of the robot file write calibration = '{name}' in place of anchors_m, and run `nims check` there.", { name: finished.calibration.name })),
+            ...(robot ? [h("div", { class: "row" }, store), h("p", { class: "soft" }, t("Or take the files: the robot file names the calibration."))] : [h("p", {}, t("In [robot] of the robot file write calibration = '{name}' in place of anchors_m, and run `nims check` there.", { name: calibration.name }))]),
             h("div", { class: "row" }, ...offers.map((file) => offer(file.name, file.text)), offer(`${this.name}.toml`, this.sites[this.name] ?? "")));
     }
 

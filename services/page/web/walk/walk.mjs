@@ -239,6 +239,25 @@ const [robotFile] = await Promise.all([page.waitForEvent("download"), page.getBy
 assert.ok((await readFile(await robotFile.path(), "utf8")).includes('calibration = "site-calibration.toml"'));
 said("a site is set up, with mistakes");
 
+// The robot takes the calibration when it is disarmed, and not before.
+const stores = async (words) => {
+    await press("Store it on the robot");
+    await press("Yes");
+    await page.locator(".answer:visible", { hasText: words }).waitFor();
+};
+await stores("disarm the robot");
+await page.getByRole("tab", { name: "Fly" }).click();
+await press("Disarm");
+await mode("disarmed");
+await page.getByRole("tab", { name: "Set up" }).click();
+await stores("lab3.toml is stored");
+await stores("is the same already");
+await page.getByRole("tab", { name: "Fly" }).click();
+await press("Arm");
+await mode("holding");
+await page.getByRole("tab", { name: "Set up" }).click();
+said("the robot keeps the calibration");
+
 // An answer that is under way while another site is opened belongs to its own site.
 const sites = () => page.evaluate(() => JSON.parse(localStorage.getItem("nims-sites")));
 const first = (await sites()).site;

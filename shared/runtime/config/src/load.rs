@@ -236,6 +236,15 @@ impl SystemFile {
     /// # Errors
     /// A file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        Self::load_with(path, None)
+    }
+
+    /// As [`SystemFile::load`], with another robot file than the one that it names; its path is not relative to the
+    /// folder of the system file.
+    ///
+    /// # Errors
+    /// As [`SystemFile::load`].
+    pub fn load_with(path: &Path, robot: Option<&Path>) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         FileKind::System.expect(&source)?;
         let mut file: Self = source.parse()?;
@@ -246,6 +255,9 @@ impl SystemFile {
         }
         for inner in [&mut file.robot, &mut file.runs, &mut file.planner.missions] {
             *inner = join_normalized(folder, inner);
+        }
+        if let Some(robot) = robot {
+            robot.clone_into(&mut file.robot);
         }
         if let Some(table) = &mut file.motor_box {
             table.set_source(&source);

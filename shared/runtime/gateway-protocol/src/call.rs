@@ -240,6 +240,15 @@ pub enum Call {
         /// Number that the reply repeats.
         id: u64,
     },
+    /// Replaces the robot file that the system file names; body: its text, and after it that of a calibration. It is
+    /// checked as `nims check` does, and the robot uses it from its next start.
+    RobotFile {
+        /// Number that the reply repeats.
+        id: u64,
+        /// Size of the calibration, which the robot file then takes its anchors from, bytes; default: none follows.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        calibration_bytes: Option<usize>,
+    },
     /// Asks for the seat of the one who flies from a page, or answers who asks.
     Seat {
         /// Number that the reply repeats.
@@ -308,6 +317,7 @@ impl Call {
             | Self::Make { id, .. }
             | Self::Remove { id, .. }
             | Self::Doctor { id }
+            | Self::RobotFile { id, .. }
             | Self::Seat { id, .. }
             | Self::CodeAdd { id, .. }
             | Self::CodeUse { id, .. }

@@ -385,6 +385,10 @@ answers! {
     480 SeatAsked { asks: Detail } REFUSED, "{asks} has asked to take over already; try again in ten seconds";
     481 CodeInvalid { left: usize } REFUSED, "the code is unknown, was used, or is older than ten minutes; {left} more attempts, or ask for a new code";
     482 PairingLocked { for_s: f64 } REFUSED, "too many wrong codes were given; wait for {for_s:.0} s, then try again";
+    483 RobotFileStored { file: Detail, kept: Detail } ACCEPTED, "{file} is stored, and the one before it is kept as {kept}; the robot uses it from its next start";
+    484 RobotFileSame { file: Detail } ACCEPTED, "{file} is the same already";
+    485 RobotFileInUse { file: Detail } REFUSED, "{file} is not changed while the robot is armed; disarm the robot, then try again";
+    486 RobotFileRefused { why: Detail } BAD_INPUT, "the robot file is not stored: {why}";
 
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.

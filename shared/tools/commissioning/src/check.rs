@@ -24,6 +24,9 @@ pub struct Args {
     /// For a mission: the robot or system file to plan it with.
     #[arg(long = "for", value_name = "CONFIG")]
     pub on: Option<PathBuf>,
+    /// For a system file: the robot file to check it with, in place of its own.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["on", "accepted"])]
+    pub robot: Option<PathBuf>,
     /// Only check whether the processes of a system accept its file; used by the supervisor before it starts them.
     #[arg(long, hide = true, conflicts_with = "on")]
     pub accepted: bool,
@@ -38,7 +41,10 @@ pub fn run(args: &Args) -> Answer<Output> {
         can_be_built(&SystemFile::load(&args.config).map_err(Failure::bad)?)?;
         return Ok(Output::new(json!({ "accepted": true }), String::new()));
     }
-    let found = check(&args.config, args.on.as_deref())?;
+    let found = match &args.robot {
+        Some(robot) => check_with(&args.config, robot)?,
+        None => check(&args.config, args.on.as_deref())?,
+    };
     let errors = errors(&found);
     let failure = (errors > 0).then(|| {
         let file = args.config.display();
@@ -54,13 +60,7 @@ pub fn run(args: &Args) -> Answer<Output> {
 pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
     match config_kind(path)? {
         FileKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
-        FileKind::System => {
-            let file = SystemFile::load(path).map_err(Failure::bad)?;
-            can_be_built(&file)?;
-            let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
-            findings.extend(system(&file)?);
-            Ok(findings)
-        }
+        FileKind::System => whole(&SystemFile::load(path).map_err(Failure::bad)?),
         FileKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
         FileKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
         FileKind::Measurements | FileKind::Loads => Err(Failure::BadInput(format!(
@@ -92,6 +92,22 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             }?])
         }
     }
+}
+
+/// Checks a system file with another robot file than its own.
+///
+/// # Errors
+/// As [`check`]; a file that is no system file.
+pub fn check_with(system: &Path, robot: &Path) -> Answer<Vec<Finding>> {
+    whole(&SystemFile::load_with(system, Some(robot)).map_err(Failure::bad)?)
+}
+
+/// Checks a system with its robot.
+fn whole(file: &SystemFile) -> Answer<Vec<Finding>> {
+    can_be_built(file)?;
+    let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
+    findings.extend(system(file)?);
+    Ok(findings)
 }
 
 /// Builds the configuration of each process from the files of a system, so that their own checks run before anything is

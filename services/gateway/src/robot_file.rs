@@ -1,0 +1,331 @@
+//! A robot file that a client hands over as text. It is checked as `nims check` does, and takes the place of the one
+//! that the system file names; the one before it is kept beside it. The robot reads it at its next start.
+//!
+//! No name of a client becomes a path: the robot file and a calibration are named here, and a text may name no other
+//! files than the present one does.
+
+use crate::make::{aside, ended, last_line, printed};
+use bus::{Bus, Domain, Participant, clock};
+use client::Running;
+use config::{SystemFile, file};
+use gateway_protocol::FindingRow;
+use messages::MotorAuthority;
+use robot_state::Reason;
+use robot_state::answers::detail;
+use site_calibration::robot_file::with_calibration;
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Longest time for the check, which reads some files.
+const LONGEST: Duration = Duration::from_secs(30);
+/// Largest size of what the check prints, bytes.
+const FINDINGS: u64 = 1 << 20;
+/// Most files of one kind beside a robot file.
+const NAMES: usize = 100;
+/// Time in which a running robot publishes its mode, ns: more than hundred of its cycles.
+const MODE_NS: u64 = 2_000_000_000;
+
+/// What a client hands over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RobotTexts {
+    /// The robot file.
+    pub robot: String,
+    /// A calibration from which it takes its anchors.
+    pub calibration: Option<String>,
+}
+
+/// Stores the robot file of a system file; returns the answer. `domain`: that of the robot.
+pub(crate) fn store(system: &Path, domain: &str, texts: &RobotTexts) -> Reason {
+    let nims = std::env::current_exe().map(|path| path.with_file_name("nims"));
+    let stored = nims.map_err(|error| refused(&error)).and_then(|nims| {
+        if is_armed(domain) {
+            let robot = SystemFile::load(system).map_err(|error| refused(&error))?.robot;
+            return Err(Box::new(Reason::RobotFileInUse { file: detail(name_of(&robot)) }));
+        }
+        store_by(&nims, system, flown(domain).as_deref(), texts)
+    });
+    stored.unwrap_or_else(|reason| *reason)
+}
+
+/// The robot file with which the robot of a domain was started, if one runs.
+fn flown(domain: &str) -> Option<String> {
+    let running = Running::read(&Domain::existing(domain).ok().flatten()?)?;
+    file::read_text(&running.run.join("robot.toml")).ok()
+}
+
+fn store_by(nims: &Path, system: &Path, flown: Option<&str>, texts: &RobotTexts) -> Result<Reason, Box<Reason>> {
+    let present = SystemFile::load(system).map_err(|error| refused(&error))?.robot;
+    let before = file::read_text(&present).map_err(|error| refused(&error))?;
+    let (text, calibration) = match &texts.calibration {
+        None => (texts.robot.clone(), None),
+        Some(calibration) => {
+            let path = beside(&present, "calibration", |path| same(path, calibration))?;
+            (with_calibration(&texts.robot, &name_of(&path)).map_err(|why| refused(&why))?, Some((path, calibration)))
+        }
+    };
+    names_no_other_files(&text, &before, calibration.is_some())?;
+    // What a client hands over is made from what the robot flies with.
+    if text != before && flown.is_some_and(|flown| flown != before) {
+        let name = name_of(&present);
+        return Err(refused(&format!(
+            "{name} was changed since the robot was started; start the robot again, then repeat this"
+        )));
+    }
+    let made = calibration.filter(|(path, _)| !path.exists());
+    if let Some((path, text)) = &made {
+        create(path, text)?;
+    }
+    let stored = checked_and_replaced(nims, system, (&present, &before), &text);
+    if let (Err(_), Some((path, _))) = (&stored, &made) {
+        let _ = fs::remove_file(path);
+    }
+    stored
+}
+
+/// Puts a text in the place of the present robot file, if the system can be used with it.
+fn checked_and_replaced(
+    nims: &Path,
+    system: &Path,
+    (present, before): (&Path, &str),
+    text: &str,
+) -> Result<Reason, Box<Reason>> {
+    let name = detail(name_of(present));
+    if text == before {
+        return Ok(Reason::RobotFileSame { file: name });
+    }
+    // In the folder of the robot file, because the files that it names are found from there.
+    let candidate = present.with_file_name(format!(".{}.candidate.toml", stem_of(present)));
+    file::replace(&candidate, text).map_err(|error| cannot(present, &error))?;
+    let replaced = check(nims, system, &candidate, present).and_then(|()| {
+        let kept = beside(present, "before", |_| false)?;
+        create(&kept, before)?;
+        fs::rename(&candidate, present).map_err(|error| cannot(present, &error))?;
+        Ok(Reason::RobotFileStored { file: name, kept: detail(name_of(&kept)) })
+    });
+    let _ = fs::remove_file(&candidate);
+    replaced
+}
+
+/// Runs `nims check` for the system with this robot file; its first error is the reason.
+fn check(nims: &Path, system: &Path, candidate: &Path, present: &Path) -> Result<(), Box<Reason>> {
+    let mut found = tempfile::tempfile().map_err(|error| refused(&error))?;
+    let mut command = aside(nims);
+    command.arg("check").arg(system).arg("--robot").arg(candidate);
+    command.stdout(found.try_clone().map_err(|error| refused(&error))?);
+    let Some((status, sentence)) = ended(&mut command, LONGEST)? else {
+        return Err(refused(&format!("nims check takes more than {} s; try again", LONGEST.as_secs())));
+    };
+    if status.success() {
+        return Ok(());
+    }
+    let checked = serde_json::from_slice::<Checked>(&printed(&mut found, FINDINGS)).unwrap_or_default();
+    let error = checked.findings.into_iter().find(|one| one.level == "error");
+    let why = error.map_or_else(
+        || last_line(&sentence, "nims check does not accept it"),
+        |one| format!("{}; {}", one.finding, one.cure),
+    );
+    // The person knows the file by its own name.
+    let why = why.replace(&candidate.display().to_string(), &name_of(present));
+    Err(refused(&why.strip_prefix("nims: ").unwrap_or(&why)))
+}
+
+/// What `nims check` prints.
+#[derive(Default, serde::Deserialize)]
+struct Checked {
+    findings: Vec<FindingRow>,
+}
+
+/// Refuses a text that names other files than the present one; a calibration that came with it is named here.
+fn names_no_other_files(text: &str, before: &str, with_calibration: bool) -> Result<(), Box<Reason>> {
+    let table = |text: &str| text.parse::<toml::Table>().map_err(|error| refused(&error.message()));
+    let (new, old) = (table(text)?, table(before)?);
+    for (section, key) in [("robot", "calibration"), ("motor", "table")] {
+        let of = |table: &toml::Table| table.get(section).and_then(|section| section.get(key)).cloned();
+        let is_own = with_calibration && key == "calibration";
+        if of(&new).is_some() && of(&new) != of(&old) && !is_own {
+            let why = format!("[{section}] {key} names a file; a robot file from here names those of the present one");
+            return Err(refused(&why));
+        }
+    }
+    Ok(())
+}
+
+/// Whether a robot runs here that is not disarmed, or does not say so.
+fn is_armed(domain: &str) -> bool {
+    let Ok(Some(domain)) = Domain::existing(domain) else { return false };
+    if !bus::estop::is_heard(&domain) {
+        return false;
+    }
+    let Ok(guests) = Bus::join_as(&domain, "gateway", Participant::Guest) else { return true };
+    let Ok(mut modes) = guests.subscriber::<MotorAuthority>("motor/authority") else { return true };
+    let give_up = clock::now_ns() + MODE_NS;
+    while clock::now_ns() < give_up {
+        if let Ok(Some(seen)) = modes.receive() {
+            return seen.mode != MotorAuthority::MODE_DISARMED;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    true
+}
+
+/// A free name beside the robot file, or that of a file that `fits`.
+fn beside(present: &Path, what: &str, fits: impl Fn(&Path) -> bool) -> Result<PathBuf, Box<Reason>> {
+    let stem = stem_of(present);
+    let path = |number: usize| match number {
+        1 => present.with_file_name(format!("{stem}-{what}.toml")),
+        number => present.with_file_name(format!("{stem}-{what}-{number}.toml")),
+    };
+    let full = || refused(&format!("there are {NAMES} files {stem}-{what} already; remove some"));
+    (1..=NAMES).map(path).find(|path| !path.exists() || fits(path)).ok_or_else(full)
+}
+
+fn same(path: &Path, text: &str) -> bool {
+    file::read_text(path).is_ok_and(|found| found == text)
+}
+
+/// Creates a file, which is on the disk afterwards.
+fn create(path: &Path, text: &str) -> Result<(), Box<Reason>> {
+    let write = || {
+        let mut new = OpenOptions::new().write(true).create_new(true).open(path)?;
+        new.write_all(text.as_bytes())?;
+        new.sync_all()?;
+        fs::File::open(file::folder_of(path))?.sync_all()
+    };
+    write().map_err(|error| cannot(path, &error))
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn stem_of(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn cannot(path: &Path, error: &std::io::Error) -> Box<Reason> {
+    refused(&format!("{} cannot be written: {error}", path.display()))
+}
+
+fn refused(why: &dyn std::fmt::Display) -> Box<Reason> {
+    Box::new(Reason::RobotFileRefused { why: detail(why) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    /// A system with its robot file, and a program in place of `nims`.
+    struct Site {
+        folder: tempfile::TempDir,
+        nims: PathBuf,
+        system: PathBuf,
+        robot: PathBuf,
+    }
+
+    fn site(script: &str) -> Site {
+        let folder = tempfile::tempdir().unwrap();
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+        let (system, robot) = (folder.path().join("systems/demo3.toml"), folder.path().join("robots/lab3.toml"));
+        for (from, to) in [("systems/demo3.toml", &system), ("robots/lab3.toml", &robot)] {
+            fs::create_dir_all(to.parent().unwrap()).unwrap();
+            fs::copy(configs.join(from), to).unwrap();
+        }
+        let nims = folder.path().join("nims");
+        fs::write(&nims, format!("#!/bin/sh\n{script}\n")).unwrap();
+        fs::set_permissions(&nims, fs::Permissions::from_mode(0o700)).unwrap();
+        Site { folder, nims, system, robot }
+    }
+
+    impl Site {
+        fn store(&self, robot: &str, calibration: Option<&str>) -> Result<Reason, Box<Reason>> {
+            let texts = RobotTexts { robot: robot.to_owned(), calibration: calibration.map(str::to_owned) };
+            store_by(&self.nims, &self.system, None, &texts)
+        }
+
+        fn text(&self) -> String {
+            fs::read_to_string(&self.robot).unwrap()
+        }
+
+        fn files(&self) -> Vec<String> {
+            let entries = fs::read_dir(self.robot.parent().unwrap()).unwrap();
+            let mut names: Vec<_> =
+                entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+            names.sort();
+            names
+        }
+    }
+
+    #[test]
+    fn what_the_check_accepts_takes_the_place_and_the_one_before_is_kept() {
+        let site = site("test \"$2 $4\" = 'check --robot' && grep -q heavier \"$5\"");
+        let before = site.text();
+        let heavier = format!("{before}# heavier\n");
+        let stored = site.store(&heavier, None).unwrap();
+        assert!(format!("{stored:?}").contains("lab3-before.toml"), "{stored:?}");
+        assert_eq!((site.text(), site.files()), (heavier.clone(), vec!["lab3-before.toml".into(), "lab3.toml".into()]));
+        assert_eq!(fs::read_to_string(site.robot.with_file_name("lab3-before.toml")).unwrap(), before);
+        assert_eq!(site.store(&heavier, None).unwrap().code(), 484);
+        // The next ones get names of their own, and an equal calibration is not stored twice.
+        site.store(&heavier, Some("method = 1\n")).unwrap();
+        assert!(
+            site.text().contains("calibration = \"lab3-calibration.toml\"") && !site.text().contains("anchors_m =")
+        );
+        assert_eq!(site.store(&heavier, Some("method = 1\n")).unwrap().code(), 484);
+        site.store(&heavier, Some("method = 2\n")).unwrap();
+        assert!(site.text().contains("calibration = \"lab3-calibration-2.toml\""));
+        assert_eq!(site.files().len(), 6, "{:?}", site.files());
+        assert!(site.folder.path().join("systems").read_dir().unwrap().count() == 1);
+    }
+
+    #[test]
+    fn what_the_check_refuses_changes_nothing() {
+        let finding = r#"{"findings":[{"level":"note","finding":"a","cure":""},{"level":"error","finding":"too heavy","cure":"take less"}]}"#;
+        for (script, words) in [
+            (format!("echo '{finding}'; exit 2"), "too heavy; take less"),
+            ("echo \"nims: $5: [robot] is missing\" >&2; exit 2".to_owned(), "lab3.toml: [robot] is missing"),
+        ] {
+            let site = site(&script);
+            let before = site.text();
+            for calibration in [None, Some("method = 1\n")] {
+                let reason = site.store(&format!("{before}# more\n"), calibration).unwrap_err();
+                assert!(format!("{reason:?}").contains(words), "{reason:?}");
+                assert_eq!((site.text(), site.files()), (before.clone(), vec!["lab3.toml".to_owned()]));
+            }
+        }
+    }
+
+    #[test]
+    fn a_change_since_the_start_of_the_robot_is_not_overwritten() {
+        let site = site("exit 0");
+        let before = site.text();
+        let store = |flown: &str, text: &str| {
+            let texts = RobotTexts { robot: text.to_owned(), calibration: None };
+            store_by(&site.nims, &site.system, Some(flown), &texts)
+        };
+        assert_eq!(store("older", &format!("{before}# more\n")).unwrap_err().code(), 486);
+        assert_eq!(store("older", &before).unwrap().code(), 484);
+        assert_eq!(store(&before, &format!("{before}# more\n")).unwrap().code(), 483);
+    }
+
+    #[test]
+    fn a_text_names_no_file_of_its_own() {
+        let site = site("exit 0");
+        let before = site.text();
+        let named = before.replacen("[robot]\n", "[robot]\ncalibration = \"../../etc/passwd\"\n", 1);
+        assert_ne!(named, before);
+        let table = before.replacen("[motor] ", "[motor]\ntable = \"/etc/passwd\" # ", 1);
+        assert_ne!(table, before);
+        for (text, calibration) in
+            [(&named, None), (&table, None), (&table, Some("method = 1\n")), (&"x".to_owned(), None)]
+        {
+            assert_eq!(site.store(text, calibration).unwrap_err().code(), 486, "{text}");
+            assert_eq!(site.files(), ["lab3.toml"]);
+        }
+        // A calibration that came with it replaces the name.
+        site.store(&named, Some("method = 1\n")).unwrap();
+        assert!(!site.text().contains("passwd"));
+    }
+}
