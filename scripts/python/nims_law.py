@@ -1,4 +1,4 @@
-"""A control law in Python for `nims sim`, without packages.
+"""A control law in Python, without packages: for `nims sim`, and for a robot with `controller --program`.
 
     import nims_law
 

@@ -5,7 +5,8 @@
 //! * Every finite input gives finite velocities within the limits. Where no such answer exists, the row is not `valid`.
 //! * A further law is a variant of [`Law`] and a name in the configuration; motions, slots, limits and stretch stay as
 //!   they are. A custom law is a [`CableLaw`] in a separate program ([`process::main_with`]) that the system file names
-//!   in place of this one.
+//!   in place of this one; in another language it is a program
+//!   that this one asks over a pipe ([`program`]).
 #![forbid(unsafe_code)]
 
 mod controller;
@@ -15,6 +16,7 @@ mod law;
 pub mod lockstep;
 mod preview;
 pub mod process;
+pub mod program;
 mod retune;
 mod settings;
 mod target;

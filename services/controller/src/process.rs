@@ -1,6 +1,8 @@
 //! The process of a controller: waits for `node/estimate/*` and publishes `motor/command/SLOT`.
 
+use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use config::{RobotFile, SystemFile};
 use messages::{
@@ -9,6 +11,7 @@ use messages::{
 };
 use runtime::{Args, BadInput, Change, Chassis, FirstOutput, Program, Tuning};
 
+use crate::program::ProgramLaw;
 use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law, lockstep};
 
 /// Runs a whole process with a custom law.
@@ -45,6 +48,29 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<Controller
     ControllerConfig::from_files(&file, &file.robot_file()?, chassis.incarnation())
         .map(|config| ControllerConfig { thread: std::process::id(), ..config })
         .map_err(|error| BadInput(format!("[controller] {error}")).into())
+}
+
+/// Share of the period that the program of a law has for its answer: the rest is for the drives and the estimator.
+const PROGRAM_SHARE: f64 = 0.5;
+
+/// Runs with the law of a program in any language; see [`crate::program`].
+///
+/// # Errors
+/// The program fails, and those of the bus.
+pub fn run_program(
+    chassis: &mut Chassis,
+    config: ControllerConfig,
+    command: &str,
+    system: &Path,
+) -> anyhow::Result<()> {
+    let deadline = Duration::from_secs_f64(PROGRAM_SHARE * chassis.system_file()?.period_s());
+    let law = ProgramLaw::start(command, system, config.robot.cable_count(), Some(deadline))
+        .map_err(|error| BadInput(format!("{error:#}")))?;
+    let complaint = law.complaint();
+    run_checked(chassis, Controller::with_law(config, Box::new(law)), || {
+        let complaint = complaint.lock().ok().and_then(|mut complaint| complaint.take());
+        complaint.map_or(Ok(()), |complaint| Err(anyhow::anyhow!(complaint)))
+    })
 }
 
 /// Law and parameters of this controller: declares them for the run file, and receives changes of the parameters.
@@ -95,7 +121,16 @@ impl LawInUse {
 ///
 /// # Errors
 /// Those of the bus.
-pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<()> {
+pub fn run(chassis: &mut Chassis, controller: Controller) -> anyhow::Result<()> {
+    run_checked(chassis, controller, || Ok(()))
+}
+
+/// The same, as long as `check` succeeds in each cycle.
+fn run_checked(
+    chassis: &mut Chassis,
+    mut controller: Controller,
+    mut check: impl FnMut() -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
     let slot = chassis.slot().name();
     let mut commands = chassis.output::<MotorCommand>(&format!("motor/command/{slot}"))?;
     let bus = chassis.bus();
@@ -133,6 +168,7 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
                 controller.configure(change.made.0, in_use.fade_s);
             }
             let (mut command, mut status) = controller.step(&inputs);
+            check()?;
             commands.send(&mut command)?;
             statuses.send(&mut status)?;
             chassis.pass_end();

@@ -147,6 +147,16 @@ fn what_is_changed_is_compared_with_what_was_commanded() {
     assert!(law.command_m_s.iter().all(|spread| spread.max >= spread.rms && spread.rms > 0.0), "{law:?}");
     assert!(law.sent_m_s.iter().all(|spread| spread.max == 0.0), "motor-io gets the recorded commands: {law:?}");
 
+    // The template computes the same law in a program of its own.
+    let gain = ("controller.length_gain_per_s".to_owned(), "1.5".to_owned());
+    let built_in = instead(&Changes { law: Some("p-feedforward".to_owned()), set: vec![gain], ..Changes::default() });
+    let program = env!("CARGO_BIN_EXE_my-law").to_owned();
+    let own = instead(&Changes { program: Some(program), ..Changes::default() });
+    assert_eq!(own.command_m_s, built_in.command_m_s);
+    let program = Some("no-such-program".to_owned());
+    let refused = run(&path, &Changes { program, ..Changes::default() }, &mut |_| {}).unwrap_err();
+    assert!(refused.to_string().contains("no-such-program"), "{refused}");
+
     let stop = instead(&set("robot.tension_limits_n", "[2.0, 8.0]"));
     assert!(stop.cycles_of_other_mode > 100, "every cable exceeds its limit: {stop:?}");
     let method = instead(&set("estimator.method", "kalman"));

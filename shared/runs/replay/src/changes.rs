@@ -5,6 +5,8 @@
 pub struct Changes {
     /// Law for all controllers.
     pub law: Option<String>,
+    /// Custom law for all controllers: the command of its program.
+    pub program: Option<String>,
     /// Keys of the system file or the robot file, each with its new value.
     pub set: Vec<(String, String)>,
 }

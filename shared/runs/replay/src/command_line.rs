@@ -11,22 +11,25 @@ use std::time::Instant;
 
 /// `nims replay`.
 #[derive(Debug, clap::Args)]
-#[command(group(clap::ArgGroup::new("another").args(["law", "set"]).multiple(true)))]
+#[command(group(clap::ArgGroup::new("another").args(["law", "program", "set"]).multiple(true)))]
 pub struct Args {
     /// Run folder or file.
     pub run: PathBuf,
     /// Replace the control law.
     #[arg(long, value_name = "LAW")]
     pub law: Option<String>,
+    /// Replace the law by a custom one: the command of its program, as for `nims sim`.
+    #[arg(long, value_name = "COMMAND", conflicts_with = "law")]
+    pub program: Option<String>,
     /// Replace the value of a key of the system file or the robot file, e.g. controller.horizon_cycles=30; repeatable.
     #[arg(long, value_name = "KEY=VALUE", value_parser = assignment)]
     pub set: Vec<(String, String)>,
-    /// With --law or --set: plot recorded and changed velocities of each cable to this .svg or .png file.
+    /// With --law, --program or --set: plot recorded and changed velocities of each cable to this .svg or .png file.
     #[arg(long, value_name = "FILE", requires = "another")]
     pub plot: Option<PathBuf>,
     /// Instead: show what every process had received and published at this time, in seconds since the start of the run
     /// or as UTC.
-    #[arg(long, value_name = "TIME", conflicts_with_all = ["law", "set", "plot"], allow_negative_numbers = true)]
+    #[arg(long, value_name = "TIME", conflicts_with_all = ["law", "program", "set", "plot"], allow_negative_numbers = true)]
     pub at: Option<String>,
     /// With --at: also the internal state of motor-io, estimators and controllers, by a replay up to then.
     #[arg(long, requires = "at")]
@@ -44,7 +47,7 @@ pub fn replay(args: &Args) -> Answer<Output> {
     if let Some(at) = &args.at {
         return show_at(args, at);
     }
-    let changes = Changes { law: args.law.clone(), set: args.set.clone() };
+    let changes = Changes { law: args.law.clone(), program: args.program.clone(), set: args.set.clone() };
     let bar = progress_bar();
     let began = Instant::now();
     let replayed = run(&args.run, &changes, &mut |share| bar.set_position((STEPS * share) as u64))?;
@@ -106,7 +109,11 @@ fn show_at(args: &Args, at: &str) -> Answer<Output> {
 
 fn change_list(changes: &Changes) -> String {
     let law = changes.law.iter().map(|law| format!("law {law}"));
-    law.chain(changes.set.iter().map(|(key, value)| format!("{key} = {value}"))).collect::<Vec<_>>().join(", ")
+    let program = changes.program.iter().map(|program| format!("program {program}"));
+    law.chain(program)
+        .chain(changes.set.iter().map(|(key, value)| format!("{key} = {value}")))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 fn table(replayed: &Replayed) -> Vec<String> {

@@ -3,13 +3,16 @@
 use super::changes::Changes;
 use command::{Answer, Failure};
 use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
-use controller::{ControllerConfig, Law};
+use controller::program::ProgramLaw;
+use controller::{Controller, ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
 use runlog::{Attachment, SYSTEM_FILE, is_system_file};
 use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
+use tempfile::TempDir;
 use toml::{Table, Value};
 
 /// File name under which the recorder stores the robot file.
@@ -29,6 +32,15 @@ pub(super) struct Configuration {
     method_changed: bool,
     /// Requested changes of the `[controller]` and `[estimator]` sections.
     sections_changed: Vec<(String, String)>,
+    /// Custom law in place of the recorded one.
+    program: Option<Program>,
+}
+
+/// A custom law, and the folder with the files that it reads.
+#[derive(Debug, Clone)]
+struct Program {
+    command: String,
+    folder: Arc<TempDir>,
 }
 
 impl Configuration {
@@ -37,7 +49,7 @@ impl Configuration {
     /// # Errors
     /// The run has no configuration, it cannot be used, or a change cannot be applied.
     pub(super) fn from_attachments(attachments: &[Attachment], changes: &Changes) -> Answer<Self> {
-        let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+        let folder = Arc::new(tempfile::tempdir().map_err(Failure::not_now)?);
         // The name of an attachment must not lead out of the folder.
         for (attachment, name) in attachments.iter().filter_map(|one| Some((one, Path::new(&one.name).file_name()?))) {
             let name = if name.to_str().is_some_and(is_system_file) { Path::new(SYSTEM_FILE) } else { Path::new(name) };
@@ -77,7 +89,9 @@ impl Configuration {
             sections_changed: changes.set.iter().filter(|(key, _)| is_of_a_section(key)).cloned().collect(),
             file,
             robot,
+            program: changes.program.clone().map(|command| Program { command, folder: Arc::clone(&folder) }),
         };
+        this.law().transpose().map_err(|error| plain(&format!("{error:#}")))?;
         this.controller_config(1, None).map_err(|error| plain(&format!("[controller] {error}")))?;
         this.estimator_config(1, None).map_err(|error| plain(&format!("[estimator] {error}")))?;
         Ok(this)
@@ -101,8 +115,26 @@ impl Configuration {
 
     /// Returns the configuration of a controller from the law in its answers and its reported parameters.
     pub(super) fn controller(&self, incarnation: u32, law: u8, parameters: Option<&str>) -> Option<ControllerConfig> {
-        let law = Law::numbered(law)?;
-        self.with_sections(parameters)?.controller_config(incarnation, Some(law)).ok()
+        let law = Law::numbered(law);
+        // A custom law that was flown can only be replayed by its program.
+        if law.is_none() && self.program.is_none() {
+            return None;
+        }
+        self.with_sections(parameters)?.controller_config(incarnation, law).ok()
+    }
+
+    /// Starts the program with the custom law, if there is one.
+    fn law(&self) -> Option<anyhow::Result<ProgramLaw>> {
+        let Program { command, folder } = self.program.as_ref()?;
+        Some(ProgramLaw::start(command, &folder.path().join(SYSTEM_FILE), self.core.cable_count(), None))
+    }
+
+    /// Creates a controller, with the custom law if there is one.
+    pub(super) fn start(&self, config: ControllerConfig) -> Option<Controller> {
+        match self.law() {
+            Some(law) => Some(Controller::with_law(config, Box::new(law.ok()?))),
+            None => Some(Controller::new(config)),
+        }
     }
 
     /// Returns the time in which a controller fades from old parameters to new ones, s.

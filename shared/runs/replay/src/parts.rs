@@ -206,7 +206,7 @@ impl Controllers {
     ) -> Result<(MotorCommand, ControlStatus), SkipReason> {
         let ControlStatus { header, incarnation, chosen_law, .. } = *recorded;
         let config = |parameters: Option<&str>| configuration.controller(incarnation, chosen_law, parameters);
-        let begin = || config(recent.reported.at_start(incarnation)).map(Controller::new);
+        let begin = || configuration.start(config(recent.reported.at_start(incarnation))?);
         let controller = self.incarnations.part(incarnation, header.seq, begin)?;
         if let Some(config) =
             recent.reported.from(incarnation, header.seq).and_then(|parameters| config(Some(parameters)))

@@ -5,13 +5,13 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use config::SystemFile;
 use controller::Controller;
+use controller::program::ProgramLaw;
 use lockstep::{Chain, Cycle, Flight, Observed, Scenario, fly_chain};
 use messages::MotorAuthority;
 use motor_box::BoxConfig;
 use planner::Mission;
 
 use crate::args::Args;
-use crate::law::ProgramLaw;
 use crate::tape::{Tape, true_node};
 
 /// Cycles between two samples of `plan/status`, about as in the planner's process.
@@ -54,7 +54,7 @@ fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
     flown.period_s = scenario.period_s;
     let mut complaint = None;
     if let Some(program) = &args.program {
-        let law = ProgramLaw::start(program, &system, scenario.robot.cable_count())?;
+        let law = ProgramLaw::start(program, &system, scenario.robot.cable_count(), None)?;
         complaint = Some(law.complaint());
         chain.controller = Controller::with_law(*chain.controller.config(), Box::new(law));
     }
@@ -78,7 +78,7 @@ fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
 }
 
 /// Everything of the flight but the chain, which is that of the system file.
-fn scenario(file: &SystemFile, args: &Args) -> Result<Scenario> {
+pub(crate) fn scenario(file: &SystemFile, args: &Args) -> Result<Scenario> {
     let robot_file = file.robot_file()?;
     let asked = args.mission.as_deref().unwrap_or(&file.planner.demo);
     let mission = Mission::read(&command::mission_path(asked, Some(&file.planner.missions))?)?;
@@ -87,7 +87,8 @@ fn scenario(file: &SystemFile, args: &Args) -> Result<Scenario> {
     Ok(Scenario { longest_s: args.longest, ..scenario })
 }
 
-fn record(tape: &mut Tape, seen: &Observed<'_>) -> Result<()> {
+/// Writes a cycle, its plan and its truth.
+pub(crate) fn record(tape: &mut Tape, seen: &Observed<'_>) -> Result<()> {
     tape.cycle(seen.cycle, seen.slots)?;
     if seen.cycle.input.header.cycle.is_multiple_of(SLOW_CYCLES) {
         let mut plan = seen.cycle.plan;

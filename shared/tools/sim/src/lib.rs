@@ -15,7 +15,6 @@
 mod args;
 mod files;
 mod fly;
-mod law;
 mod page;
 mod table;
 mod tape;
@@ -40,7 +39,6 @@ use variants::Variant;
 /// A file or an option that is not accepted, a folder that cannot be written; and, beside the table, a flight that did
 /// not reach the end of its mission.
 pub fn run(args: &Args) -> Answer<Output> {
-    let variants = args.variants()?;
     // The folder of a table alone is needed only while it flies.
     let (_temporary, folder) = match &args.out {
         Some(out) => (None, out.clone()),
@@ -50,6 +48,7 @@ pub fn run(args: &Args) -> Answer<Output> {
             (Some(folder), path)
         }
     };
+    let variants = args.variants()?;
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
     let prepared = |variant: &Variant| prepare(variant, &args.system, &file.robot, &folder);
     let folders = variants.iter().map(prepared).collect::<Answer<Vec<PathBuf>>>()?;
