@@ -16,6 +16,10 @@
             moisture, temperature = read_the_probe()
             sensor.send(moisture_percent=moisture, temperature_c=temperature)
 
+A field is a number, a truth value (`c_bool`), an `enum.IntEnum` (its values become constants of the message), a text
+(`c_char * 32`, UTF-8), an array (`c_double * 8`), also of two dimensions (`(c_double * 8) * 4`, 4 rows of 8), or a
+struct of those.
+
 The struct is the message: its definition for run files and its type name are derived from it, so the recorder and
 `nims channel info|echo` have the names of its fields, and what they mean.
 
@@ -29,6 +33,7 @@ The domain is the first of: the argument `domain`, `--domain NAME`, the variable
 """
 
 import ctypes
+import enum
 import json
 import keyword
 import math
@@ -57,6 +62,7 @@ LAG_S = 2.5
 # Shared memory reserved for the robot, and what a channel needs beside its samples, bytes.
 MARGIN_BYTES, CHANNEL_BYTES = 4 << 20, 1 << 20
 PRIMITIVES = {
+    ctypes.c_bool: "bool",
     ctypes.c_double: "float64", ctypes.c_float: "float32",
     ctypes.c_int8: "int8", ctypes.c_int16: "int16", ctypes.c_int32: "int32", ctypes.c_int64: "int64",
     ctypes.c_uint8: "uint8", ctypes.c_uint16: "uint16", ctypes.c_uint32: "uint32", ctypes.c_uint64: "uint64",
@@ -100,7 +106,8 @@ class _WithHeader(type(ctypes.Structure)):
         if "_fields_" in body:
             given = body["_fields_"]
             body["_comments_"] = {field[0]: field[2] for field in given if len(field) > 2 and isinstance(field[2], str)}
-            fields = [field[:2] if field[0] in body["_comments_"] else field for field in given]
+            body["_enums_"] = {field[0]: field[1] for field in given if isinstance(field[1], type) and issubclass(field[1], enum.IntEnum)}
+            fields = [(field[0], _integer(field[1]) if field[0] in body["_enums_"] else field[1]) for field in given]
             if bases != (ctypes.Structure,):
                 fields.insert(0, ("header", Header))
                 size = sum(ctypes.sizeof(field[1]) for field in fields)
@@ -108,6 +115,18 @@ class _WithHeader(type(ctypes.Structure)):
                     fields.append(("pad0", ctypes.c_uint8 * (8 - size % 8)))
             body["_fields_"] = fields
         return super().__new__(mcs, name, bases, body)
+
+
+def _integer(choices):
+    """The smallest integer that holds every value of an enum."""
+    values = [int(choice) for choice in choices]
+    kinds = [ctypes.c_uint8, ctypes.c_uint16, ctypes.c_uint32] if min(values) >= 0 else [ctypes.c_int8, ctypes.c_int16, ctypes.c_int32]
+    for kind in kinds:
+        bits = 8 * ctypes.sizeof(kind)
+        low, high = (0, 2**bits) if min(values) >= 0 else (-(2 ** (bits - 1)), 2 ** (bits - 1))
+        if low <= min(values) and max(values) < high:
+            return kind
+    raise SensorError(f"`{choices.__name__}` has values beyond 32 bits: use smaller ones")
 
 
 class Part(ctypes.Structure, metaclass=_WithHeader):
@@ -147,8 +166,18 @@ def _lines(struct_type, nested):
                 f"there are {at - end} hidden bytes before `{name}` of `{name_of}`: put wide fields first, or add pad0 = c_uint8 * {at - end} there"
             )
         end = at + ctypes.sizeof(kind)
-        element, length = (kind._type_, f"[{kind._length_}]") if hasattr(kind, "_length_") else (kind, "")
-        if element in PRIMITIVES:
+        element, shape = kind, []
+        while hasattr(element, "_length_"):
+            element, shape = element._type_, [*shape, element._length_]
+        length = f"[{math.prod(shape)}]" if shape else ""
+        comment = comments.get(name)
+        if len(shape) > 1:
+            # ROS 2 has arrays of one dimension.
+            rows = f"{' x '.join(str(count) for count in shape)}, row by row."
+            comment = f"{comment}\n{rows}" if comment else rows
+        if element is ctypes.c_char:
+            ros = "uint8"
+        elif element in PRIMITIVES:
             ros = PRIMITIVES[element]
         elif isinstance(element, type) and issubclass(element, ctypes.Structure):
             ros = f"nims_msgs/{element.__name__}"
@@ -157,7 +186,9 @@ def _lines(struct_type, nested):
                 nested[element.__name__] = _lines(element, nested)
         else:
             raise SensorError(f"the field `{name}` of `{name_of}` is not a number, array of numbers or struct of those")
-        text += f"{_comment(comments.get(name), f'{name_of}.{name}')}{ros}{length} {name}\n"
+        choices = getattr(struct_type, "_enums_", {}).get(name, ())
+        constants = "".join(f"{ros} {name.upper()}_{choice.name.upper()}={int(choice)}\n" for choice in choices)
+        text += f"{constants}{_comment(comment, f'{name_of}.{name}')}{ros}{length} {name}\n"
     if end != ctypes.sizeof(struct_type):
         raise SensorError(f"there are {ctypes.sizeof(struct_type) - end} hidden bytes at the end of `{name_of}`: fill them with a field pad0")
     return text
@@ -217,10 +248,24 @@ class Sensor:
             if kind is None:
                 raise SensorError(f"`{self._message.__name__}` has no field `{name}`")
             if hasattr(kind, "_length_"):
-                _fill(getattr(sample, name), value, name)
+                self._set_array(sample, name, kind, value)
             else:
                 setattr(sample, name, value)
         return self._way.publish(sample, now_ns() if stamp_ns is None else stamp_ns)
+
+    def _set_array(self, sample, name, kind, value):
+        if kind._type_ is ctypes.c_char:
+            text = value.encode() if isinstance(value, str) else bytes(value)
+            if len(text) > kind._length_:
+                raise SensorError(f"the text of `{name}` has {len(text)} bytes, and {kind._length_} fit: shorten it, or make the field longer")
+            setattr(sample, name, text)
+        elif hasattr(kind._type_, "_length_"):
+            if len(value) != kind._length_:
+                raise SensorError(f"the field `{name}` has {kind._length_} rows, but {len(value)} were given")
+            for row, values in zip(getattr(sample, name), value, strict=True):
+                _fill(row, values, name)
+        else:
+            _fill(getattr(sample, name), value, name)
 
     def _end(self, *_):
         self._ended = True

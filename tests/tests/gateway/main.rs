@@ -8,6 +8,7 @@ mod robot;
 
 mod hostile;
 mod own_messages;
+mod python;
 mod rig;
 mod roles;
 mod runs_and_sensors;

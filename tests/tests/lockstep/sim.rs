@@ -147,3 +147,23 @@ fn a_key_that_does_not_exist_is_refused_by_its_name() {
     let why = output.value["flights"][0]["failed"].as_str().unwrap();
     assert!(why.contains("no_such_key"), "{why}");
 }
+
+/// The script says what it leaves out, because a package is not installed.
+#[test]
+fn a_flight_from_python_is_that_of_the_same_law_inside() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = std::env::current_exe().unwrap().parent().unwrap().join("../nims-sim");
+    let output = std::process::Command::new(nims_tests::python())
+        .env("PYTHONPATH", project().join("scripts/python"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .arg(project().join("tests/python/check_package.py"))
+        .args([&project().join("configs/systems/demo3.toml"), &program, folder.path()])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    for line in said.lines() {
+        let (what, why) = line.strip_prefix("left out: ").and_then(|line| line.split_once(", which ")).expect(line);
+        notes::left_out(what, &format!("it needs a package that {why}"));
+    }
+}

@@ -161,7 +161,11 @@ impl Lockstep {
         self.zero_and_arm_observed(&mut |_| Ok(()))
     }
 
-    fn zero_and_arm_observed(&mut self, observe: &mut impl FnMut(&Observed<'_>) -> Result<()>) -> Result<()> {
+    /// The same; `observe` sees each cycle after it was computed.
+    ///
+    /// # Errors
+    /// The robot does not hold after arming, or `observe` fails.
+    pub fn zero_and_arm_observed(&mut self, observe: &mut impl FnMut(&Observed<'_>) -> Result<()>) -> Result<()> {
         self.observed_cycle(observe)?;
         let position_m = self.plant.position_m();
         self.request(Request::ZeroAt { position_m });

@@ -122,10 +122,13 @@ impl Slots {
         self.commands[slot] = Some(command);
     }
 
-    /// Alters the last command of a controller, to simulate a faulty one.
+    /// Alters the last command of a controller, to simulate a faulty one or to answer in its place.
     pub fn alter_command(&mut self, slot: usize, alter: impl FnOnce(&mut MotorCommand)) {
-        if let Some(command) = &mut self.commands[slot] {
-            alter(command);
+        let Some(command) = &mut self.commands[slot] else { return };
+        alter(command);
+        let answers = self.outputs.iter_mut().flatten();
+        for output in answers.filter(|output| output.slot == slot && is_same_answer(&output.command, command)) {
+            output.command = *command;
         }
     }
 
@@ -234,4 +237,9 @@ impl Slots {
             None => Default::default(),
         }
     }
+}
+
+/// Whether two commands are the same answer, however it was altered.
+fn is_same_answer(one: &MotorCommand, other: &MotorCommand) -> bool {
+    one.based_on_cycle == other.based_on_cycle && one.header.seq == other.header.seq
 }

@@ -30,16 +30,16 @@ pub struct Args {
     #[arg(long = "sweep", value_name = "KEY=A,B,C")]
     pub sweeps: Vec<Sweep>,
     /// Drawn worlds, such as 1,2 or 1..20; see `nims truth`. Default: the world of the system file.
-    #[arg(long = "world", value_name = "SEEDS")]
+    #[arg(long = "world", value_name = "SEEDS", group = "drawn")]
     pub worlds: Option<Worlds>,
     /// How far a drawn world is from the model.
-    #[arg(long, default_value_t = 1.0, requires = "worlds")]
+    #[arg(long, default_value_t = 1.0, requires = "drawn")]
     pub spread: f64,
     /// Mean wind in a drawn world, m/s.
-    #[arg(long, value_name = "M_S", default_value_t = 0.0, requires = "worlds")]
+    #[arg(long, value_name = "M_S", default_value_t = 0.0, requires = "drawn")]
     pub wind: f64,
     /// Warming over ten minutes in a drawn world, K.
-    #[arg(long, value_name = "K", default_value_t = 0.0, requires = "worlds", allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", default_value_t = 0.0, requires = "drawn", allow_negative_numbers = true)]
     pub warming: f64,
     /// Longest flight, s.
     #[arg(long, value_name = "S", default_value_t = 600.0)]
@@ -47,6 +47,9 @@ pub struct Args {
     /// Folder for a run folder of each flight, the table and the charts; default: the table alone.
     #[arg(long, value_name = "FOLDER")]
     pub out: Option<PathBuf>,
+    /// Takes the cable velocities of each cycle from standard input: for programs, such as `nims.Sim` in Python.
+    #[arg(long, group = "drawn", conflicts_with_all = ["law", "program", "sweeps", "jobs"])]
+    pub steps: bool,
     /// Flights at the same time; default: the number of processors.
     #[arg(long, value_parser = jobs)]
     pub jobs: Option<usize>,
@@ -57,14 +60,22 @@ fn jobs(text: &str) -> Result<usize, String> {
 }
 
 impl Args {
+    /// Values that all flights have.
+    pub(crate) fn all_sets(&self) -> Vec<Assignment> {
+        let law = self.law.iter().map(|law| Assignment { key: "controller.law".into(), value: law.clone() });
+        law.chain(self.sets.iter().cloned()).collect()
+    }
+
+    pub(crate) fn weather(&self) -> Weather {
+        Weather { spread: self.spread, wind_m_s: self.wind, warming_k: self.warming }
+    }
+
     /// Returns every flight that these arguments ask for.
     ///
     /// # Errors
     /// More than a command may fly.
     pub(crate) fn variants(&self) -> Answer<Vec<Variant>> {
-        let law = self.law.iter().map(|law| Assignment { key: "controller.law".into(), value: law.clone() });
-        let sets: Vec<Assignment> = law.chain(self.sets.iter().cloned()).collect();
-        let weather = Weather { spread: self.spread, wind_m_s: self.wind, warming_k: self.warming };
+        let (sets, weather) = (self.all_sets(), self.weather());
         let seeds = self.worlds.as_ref().map(|worlds| worlds.0.as_slice()).unwrap_or_default();
         let count = self.sweeps.iter().map(|sweep| sweep.values.len()).product::<usize>() * seeds.len().max(1);
         if count > MOST_FLIGHTS {

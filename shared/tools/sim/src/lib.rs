@@ -15,7 +15,9 @@
 mod args;
 mod files;
 mod fly;
+mod observation;
 mod page;
+mod steps;
 mod table;
 mod tape;
 pub mod variants;
@@ -48,6 +50,10 @@ pub fn run(args: &Args) -> Answer<Output> {
             (Some(folder), path)
         }
     };
+    if args.steps {
+        steps::serve(args, &folder, std::io::stdin().lock(), std::io::BufWriter::new(std::io::stdout().lock()))?;
+        return Ok(Output::new(serde_json::Value::Null, ""));
+    }
     let variants = args.variants()?;
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
     let prepared = |variant: &Variant| prepare(variant, &args.system, &file.robot, &folder);

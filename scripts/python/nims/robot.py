@@ -1,0 +1,276 @@
+"""A running robot, through its gateway: its channels, and requests.
+
+    import nims
+
+    with nims.Robot() as robot:
+        robot.arm()
+        robot.goto([4.0, 3.0, 1.2], speed_m_s=0.2)
+        for state in robot.subscribe("motor/state", rate_hz=10):
+            print(state["header"]["cycle"], state["length_m"][:3])
+
+The gateway checks who may do what, and refuses as the command `nims` does: `Refused` has the number of the reason and
+its parameters. Its socket is found as by sensors (`nims_sensor`): the argument, NIMS_GATEWAY, the only one that runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal
+
+import numpy as np
+
+VERSION = 1
+LONGEST_S = 60.0
+
+Vector = Sequence[float]
+
+
+class RobotError(Exception):
+    """One sentence: what is wrong, and what to do."""
+
+
+class Refused(RobotError):
+    """A request that was refused: the robot's sentence, its number, and its parameters."""
+
+    def __init__(self, answer: Mapping[str, Any]) -> None:
+        super().__init__(answer.get("sentence", str(answer)))
+        self.reason: int = answer.get("reason", 0)
+        self.is_bad_input: bool = answer.get("accepted") == "bad-input"
+        """It makes no sense, whenever it is requested; otherwise it cannot be done now."""
+        self.numbers: list[int] = answer.get("numbers", [])
+        self.values: list[float | None] = answer.get("values", [])
+        self.detail: str = answer.get("detail", "")
+
+
+class Link:
+    """One connection to a gateway."""
+
+    def __init__(self, path: str, token: str | None, timeout_s: float | None) -> None:
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.settimeout(timeout_s)
+        try:
+            self.socket.connect(path)
+        except OSError as error:
+            raise RobotError(f"the gateway {path} is out of reach ({error.strerror}): is the robot running?") from None
+        self._number = 0
+        self.send({"call": "hello", "version": VERSION, "origin": "python"} | ({"token": token} if token else {}))
+        self.welcome, _ = self.receive()
+        if self.welcome.get("reply") != "welcome":
+            raise Refused(self.welcome)
+
+    def send(self, call: Mapping[str, Any], body: bytes = b"") -> None:
+        header = json.dumps(call).encode()
+        self.socket.sendall(struct.pack("<II", len(header), len(body)) + header + body)
+
+    def call(self, call: Mapping[str, Any], body: bytes = b"") -> dict[str, Any]:
+        """Sends a call and returns its reply; raises what was refused."""
+        self._number += 1
+        self.send({**call, "id": self._number}, body)
+        while True:
+            reply, _ = self.receive()
+            if reply.get("id") == self._number:
+                break
+        if reply["reply"] == "answer" and reply["accepted"] != "accepted":
+            raise Refused(reply)
+        return reply
+
+    def receive(self) -> tuple[dict[str, Any], bytes]:
+        header, body = struct.unpack("<II", self._exactly(8))
+        return json.loads(self._exactly(header)), self._exactly(body)
+
+    def _exactly(self, count: int) -> bytes:
+        data = bytearray(count)
+        view, at = memoryview(data), 0
+        while at < count:
+            got = self.socket.recv_into(view[at:])
+            if not got:
+                raise RobotError("the gateway has closed the connection")
+            at += got
+        return bytes(data)
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+class Subscription:
+    """Samples of one channel, each a structured NumPy value of the channel's own definition.
+
+    It waits for a channel that does not exist yet, and goes on with the next robot.
+    """
+
+    def __init__(self, link: Link, channel: str, rate_hz: float | None) -> None:
+        self.channel = channel
+        self.dropped = 0
+        """Samples left out so far: by the rate, or because this program reads too slowly."""
+        self.missed = 0
+        """Samples that the gateway itself has missed."""
+        self.definition: Any = None
+        """The definition of the samples (`nims_run.Definition`), once a sample has come."""
+        self._link = link
+        link.call({"call": "subscribe", "channel": channel} | ({"rate_hz": rate_hz} if rate_hz else {}))
+
+    def __iter__(self) -> Iterator[np.void]:
+        return self
+
+    def __next__(self) -> np.void:
+        return self.receive()
+
+    def receive(self, timeout_s: float | None = None) -> np.void:
+        """The next sample; raises `TimeoutError` if none comes in time."""
+        self._link.socket.settimeout(timeout_s)
+        while True:
+            reply, body = self._link.receive()
+            if reply["reply"] == "definition":
+                self.definition = _definition(reply, self.channel)
+            elif reply["reply"] == "sample" and self.definition is not None:
+                self.dropped, self.missed = reply["dropped"], reply["missed"]
+                return np.frombuffer(body, self.definition.dtype)[0]  # type: ignore[no-any-return]
+            elif reply["reply"] == "answer":
+                raise Refused(reply)
+
+    def names(self, field: str) -> dict[int, str]:
+        """The names of a field's values, once a sample has come."""
+        return dict(self.definition.constants.get(field, {})) if self.definition else {}
+
+    def close(self) -> None:
+        self._link.close()
+
+    def __enter__(self) -> Subscription:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class Robot:
+    """A robot that runs on this machine."""
+
+    def __init__(self, gateway: str | os.PathLike[str] | None = None, *, domain: str | None = None, token: str | None = None) -> None:
+        """`gateway` is the path of its socket, `token` the secret of a person (`nims token add`)."""
+        self._path = os.fspath(gateway) if gateway else _found(domain)
+        self._token = token or os.environ.get("NIMS_TOKEN")
+        self._link = Link(self._path, self._token, LONGEST_S)
+        self.name: str = self._link.welcome["robot"]
+        self.role: str = self._link.welcome["role"]
+        """What this user may do: look, stop, fly or owner."""
+
+    def channels(self) -> list[str]:
+        """Names of the channels."""
+        return [row["name"] for row in self._link.call({"call": "channels"})["channels"]]
+
+    def subscribe(self, channel: str, rate_hz: float | None = None) -> Subscription:
+        """Subscribes to a channel by name; with a rate, the newest sample so often."""
+        return Subscription(Link(self._path, self._token, LONGEST_S), channel, rate_hz)
+
+    def ask(self, verb: str, body: bytes = b"", **parameters: Any) -> str:
+        """Sends a request (docs/gateway.md has the verbs); returns the robot's answer, or raises `Refused`."""
+        given = {key: _plain(value) for key, value in parameters.items()}
+        sentence: str = self._link.call({"call": "ask", "request": {"verb": verb, **given}}, body)["sentence"]
+        return sentence
+
+    def arm(self) -> str:
+        """Powers the motors and holds the node."""
+        return self.ask("arm")
+
+    def disarm(self) -> str:
+        """Releases the motors."""
+        return self.ask("disarm")
+
+    def hold(self) -> str:
+        """Comes to rest on the path and holds."""
+        return self.ask("hold")
+
+    def stop(self) -> str:
+        """Comes to rest on the path and ends the mission."""
+        return self.ask("stop")
+
+    def estop(self) -> str:
+        """Stops at once."""
+        return self.ask("estop")
+
+    def reset(self) -> str:
+        """Leaves a fault or an emergency stop."""
+        return self.ask("reset")
+
+    def pause(self) -> str:
+        """Pauses the mission."""
+        return self.ask("pause")
+
+    def resume(self) -> str:
+        """Continues the mission."""
+        return self.ask("resume")
+
+    def confirm_position(self) -> str:
+        """Confirms the stored position after a restart."""
+        return self.ask("confirm-position")
+
+    def zero_at(self, position_m: Vector) -> str:
+        """States where the node is."""
+        return self.ask("zero-at", position_m=position_m)
+
+    def goto(self, to_m: Vector, *, path: Literal["line", "parabola", "lateral"] = "line", mu_per_m: float | None = None, speed_m_s: float | None = None) -> str:
+        """Flies to a point."""
+        shape = {"shape": path} | ({"mu_per_m": mu_per_m} if path == "parabola" else {})
+        return self.ask("goto", to_m=to_m, path=shape, speed_m_s=speed_m_s)
+
+    def run(self, mission: str | os.PathLike[str], *, continues: bool = False) -> str:
+        """Flies the mission in this file; `continues`: the rest of one that was interrupted."""
+        file = Path(mission)
+        text = file.read_bytes()
+        return self.ask("run", text, mission=file.stem, hash=hashlib.sha256(text).hexdigest(), continues=continues)
+
+    def speed(self, rate: float) -> str:
+        """Flies at this share of the planned speed, 0 to 1."""
+        return self.ask("speed", rate=rate)
+
+    def set(self, key: str, value: float | int | bool | str) -> str:
+        """Sets a parameter of the running robot, such as `controller.length_gain_per_s`."""
+        text = str(value).lower() if isinstance(value, bool) else json.dumps(value)
+        return self.ask("set", key=key, value=text)
+
+    def swap(self, role: Literal["controller", "estimator"], slot: Literal["a", "b"]) -> str:
+        """Puts the controller or estimator of this slot in charge."""
+        return self.ask("swap", role=role, slot=slot)
+
+    def close(self) -> None:
+        """Ends the connection; the robot goes on."""
+        self._link.close()
+
+    def __enter__(self) -> Robot:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def _plain(value: Any) -> Any:
+    """NumPy's numbers and arrays as JSON has them."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _definition(reply: Mapping[str, Any], channel: str) -> Any:
+    from nims_run import Definition
+
+    if not reply["schema"]:
+        raise RobotError(f"the channel `{channel}` has no definition: its program is older than this one")
+    definition = Definition(reply["schema"])
+    if definition.dtype.itemsize != reply["size_bytes"]:
+        raise RobotError(f"samples of `{channel}` have {reply['size_bytes']} bytes, and its definition {definition.dtype.itemsize}")
+    return definition
+
+
+def _found(domain: str | None) -> str:
+    from nims_sensor import SensorError, _gateway_of
+
+    given = os.environ.get("NIMS_GATEWAY")
+    try:
+        return given or str(_gateway_of(domain))
+    except SensorError as error:
+        raise RobotError(str(error)) from None
