@@ -5,7 +5,10 @@ use crate::programs;
 /// Each group with its commands, in the order of their use.
 const GROUPS: [(&str, &[&str]); 8] = [
     ("Try it without a robot", &["demo", "sim", "truth"]),
-    ("Before a flight", &["check", "doctor", "bench", "setup", "calibrate", "loads", "motor-table", "drive-capture"]),
+    (
+        "Before a flight",
+        &["check", "doctor", "bench", "setup", "calibrate", "loads", "motor-table", "identify", "drive-capture"],
+    ),
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
     ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "soft", "hold", "stop", "estop"]),
     ("Look", &["status", "top", "channel", "page"]),

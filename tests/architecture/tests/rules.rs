@@ -49,6 +49,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("cable-control", &["cable-robot"]),
     ("calibration", &["cable-robot"]),
     ("survey", &[]),
+    ("identification", &[]),
     // for tests only
     ("sentences", &[]),
     ("notes", &[]),
@@ -86,6 +87,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "plot",
             "georeference",
             "survey",
+            "identification",
             "calibration",
             "robot-state",
             "command",

@@ -13,6 +13,7 @@ mod energy;
 mod export;
 mod flights;
 mod georeference;
+mod identify;
 /// The template for a custom law.
 #[path = "../../../scripts/templates/law/src/law.rs"]
 mod law;

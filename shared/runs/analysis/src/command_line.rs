@@ -1,6 +1,6 @@
 //! The commands of this crate.
 
-use crate::{map, motor_table, report, runs};
+use crate::{identify, map, motor_table, report, runs};
 use command::{Answer, Output};
 use std::path::PathBuf;
 
@@ -23,6 +23,8 @@ pub enum Command {
     },
     /// Measure the motor current over speed and tension from recorded runs that raise and lower known loads.
     MotorTable(motor_table::Args),
+    /// Identify delay and lag of the drives, motors, friction and the node's mass from a run.
+    Identify(identify::Args),
 }
 
 impl Command {
@@ -37,6 +39,7 @@ impl Command {
             Self::Info { run } => runs::info(run),
             Self::Recover { run } => runs::recover(run),
             Self::MotorTable(args) => motor_table::run(args),
+            Self::Identify(args) => identify::run(args),
         }
     }
 }

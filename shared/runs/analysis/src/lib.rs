@@ -11,6 +11,7 @@ mod colours;
 mod command_line;
 pub mod counters;
 pub mod export;
+pub mod identify;
 pub mod map;
 pub mod motor_table;
 pub mod portrait;
