@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Name of the run, as `nims runs` lists it.
     pub run: String,
-    /// New folder for the copy; default: the name of the run in the current folder.
+    /// New folder for the copy, or a folder in which it is placed; default: the current one.
     pub dest: Option<PathBuf>,
 }
 
@@ -47,7 +47,12 @@ pub fn runs(place: Place<'_>, folder: Option<&Path>) -> Answer<Output> {
 /// # Errors
 /// There is no such run, the destination exists, or a file cannot be copied whole.
 pub fn fetch(place: Place<'_>, args: &Args) -> Answer<Output> {
-    let dest = args.dest.clone().unwrap_or_else(|| PathBuf::from(&args.run));
+    let dest = match &args.dest {
+        // As `cp` does.
+        Some(folder) if folder.is_dir() => folder.join(&args.run),
+        Some(new) => new.clone(),
+        None => PathBuf::from(&args.run),
+    };
     if dest.exists() {
         return Err(Failure::BadInput(format!("{} exists already; give another folder", dest.display())));
     }

@@ -92,6 +92,9 @@ fn a_finished_run_is_fetched_whole_and_only_a_finished_one() {
         assert_eq!(refused.status.code(), Some(2), "{name}");
     }
     assert!(!home.path().join("other").exists());
+    told(&gateway, home.path(), &["fetch", &run, "."]);
+    assert!(home.path().join(&run).join("run.mcap").is_file());
+    assert_eq!(nims(&gateway, home.path(), &["fetch", &run, "."]).status.code(), Some(2), "it is there already");
 }
 
 /// A client that connects, publishes and closes in a loop: the channel stays the same one, and is not taken without
