@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 
 /// Command-line arguments of `nims drive-capture`.
 #[derive(Debug, Clone, clap::Args)]
-#[group(id = "what", required = true, multiple = false, args = ["port", "show", "replay"])]
+#[command(group(clap::ArgGroup::new("what").args(["port", "show", "replay"]).required(true)))]
 pub struct Args {
     /// Serial port of the drive, to record.
     pub port: Option<PathBuf>,
@@ -87,4 +87,29 @@ fn show(path: &Path) -> Answer<Output> {
     let recording = Recording::load(path)?;
     let timing = timing(&recording);
     Ok(Output::new(timing.to_json(), timing.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Args as _;
+
+    fn accepted(line: &str) -> bool {
+        let command = super::Args::augment_args(clap::Command::new("drive-capture"));
+        command.try_get_matches_from(["drive-capture"].into_iter().chain(line.split_whitespace())).is_ok()
+    }
+
+    #[test]
+    fn one_of_port_recording_to_show_and_recording_to_replay_is_given() {
+        for line in [
+            "/dev/ttyACM0",
+            "/dev/serial/by-id/drive --baud 230400 --out bench.capture --link /tmp/drive0",
+            "--show bench.capture",
+            "--replay bench.capture --link /tmp/drive0",
+        ] {
+            assert!(accepted(line), "{line}");
+        }
+        for line in ["", "--link /tmp/drive0", "/dev/ttyACM0 --show bench.capture", "--show a --replay b"] {
+            assert!(!accepted(line), "{line}");
+        }
+    }
 }
