@@ -266,7 +266,9 @@ impl Core {
         };
         self.decision.scale = scale;
         self.settle(before, &speed_m_s);
-        let released = if self.resets_loops(&speed_m_s) { [true; CABLES] } else { self.safety.released() };
+        let holds = *self.safety.mode() == Mode::Holding || self.safety.mode().is_latched();
+        let resets = self.still.resets_loops(&self.config, holds && speed_m_s == [0.0; CABLES]);
+        let released = if resets { [true; CABLES] } else { self.safety.released() };
         let radius_ratio = std::array::from_fn(|cable| self.odometry.radius_ratio(cable));
         let current_a = if let Mode::Soft(soft) = self.safety.mode() { Some(soft.current_a) } else { None };
         self.sent = DriveCommand { speed_m_s, released, radius_ratio, current_a };

@@ -53,7 +53,7 @@ impl Core {
         for (cable, strain) in self.node.counted_strains() {
             self.odometry.set_strain(cable, strain);
         }
-        self.average_currents();
+        self.still.average(&self.config, &self.watch);
         self.close_period(input);
         let state = self.state(input, &velocity, &fresh);
         let supply = self.watch.supply_v();

@@ -57,7 +57,7 @@ impl Core {
             return Err(Reason::NotSoftPosition);
         }
         let at = self.node.position_m().ok_or(Reason::NotSoftPosition)?;
-        let held_a = self.currents_that_hold_a().ok_or(Reason::NotSoftYet)?;
+        let held_a = self.still.currents_a(&self.config, &self.watch).ok_or(Reason::NotSoftYet)?;
         if self.unit_trouble || (0..n).any(|i| self.odometry.velocity_m_s(i).abs() > REST_M_S) {
             return Err(Reason::NotSoftYet);
         }

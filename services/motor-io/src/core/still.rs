@@ -5,8 +5,8 @@
 //! integral drives the drum on, slowly, without end and unseen. A drive whose loop was open for a moment starts
 //! without an integral.
 
-use super::Core;
-use crate::mode::Mode;
+use crate::settings::CoreConfig;
+use crate::watch::Watch;
 use messages::CABLES;
 
 /// Times at rest at which the loops are reset, s: once the drums stand, and again when the node no longer swings.
@@ -29,38 +29,36 @@ pub(super) struct Still {
     current_a: [f64; CABLES],
 }
 
-impl Core {
-    /// Returns true in the one cycle in which every drive gets duty 0 instead of speed 0. A gear that does not hold its
-    /// cable pays out less than a tenth of a millimetre in it.
-    pub(super) fn resets_loops(&mut self, sent: &[f64; CABLES]) -> bool {
-        let at_rest = matches!(self.safety.mode(), Mode::Holding | Mode::Faulted | Mode::EmergencyStop);
-        let still = at_rest && *sent == [0.0; CABLES];
-        self.still.cycles = if still { self.still.cycles.saturating_add(1) } else { 0 };
-        still && RESET_S.iter().any(|seconds| self.still.cycles == self.config.cycles(*seconds))
-    }
-
-    /// Cycles at rest after which the loops hold.
-    fn settled_cycles(&self) -> u32 {
-        let [_, last_s] = RESET_S;
-        self.config.cycles(last_s) + self.config.cycles(SETTLED_S)
+impl Still {
+    /// Counts a cycle; `at_rest`: the drives hold, and nothing is to move. Returns true in the one cycle in which every
+    /// drive gets duty 0 instead of speed 0. A gear that does not hold its cable pays out less than a tenth of a
+    /// millimetre in it.
+    pub(super) fn resets_loops(&mut self, config: &CoreConfig, at_rest: bool) -> bool {
+        self.cycles = if at_rest { self.cycles.saturating_add(1) } else { 0 };
+        at_rest && RESET_S.iter().any(|seconds| self.cycles == config.cycles(*seconds))
     }
 
     /// Adds the newest currents to the average of those that hold.
-    pub(super) fn average_currents(&mut self) {
-        let from = self.settled_cycles() - self.config.cycles(AVERAGED_S);
-        let averaged = self.still.cycles.saturating_sub(from).clamp(1, self.config.cycles(AVERAGE_S));
-        for i in 0..self.config.cable_count() {
-            let mean_a = &mut self.still.current_a[i];
-            *mean_a += (self.watch.current_a(i) - *mean_a) / f64::from(averaged);
+    pub(super) fn average(&mut self, config: &CoreConfig, watch: &Watch) {
+        let from = settled_cycles(config) - config.cycles(AVERAGED_S);
+        let averaged = self.cycles.saturating_sub(from).clamp(1, config.cycles(AVERAGE_S));
+        for (i, mean_a) in self.current_a.iter_mut().enumerate().take(config.cable_count()) {
+            *mean_a += (watch.current_a(i) - *mean_a) / f64::from(averaged);
         }
     }
 
     /// Average currents of the motors, A, once the loops are not reset any more and every current was read while they
     /// held. A single reading is no measure of the load: the loop of a motor with little friction turns it to and fro
     /// by a step of its encoder.
-    pub(super) fn currents_that_hold_a(&self) -> Option<&[f64; CABLES]> {
-        let settled = self.settled_cycles();
-        let read = |i| self.still.cycles.saturating_sub(self.watch.current_age(i)) >= settled;
-        (0..self.config.cable_count()).all(read).then_some(&self.still.current_a)
+    pub(super) fn currents_a(&self, config: &CoreConfig, watch: &Watch) -> Option<&[f64; CABLES]> {
+        let settled = settled_cycles(config);
+        let read = |i| self.cycles.saturating_sub(watch.current_age(i)) >= settled;
+        (0..config.cable_count()).all(read).then_some(&self.current_a)
     }
+}
+
+/// Cycles at rest after which the loops hold.
+fn settled_cycles(config: &CoreConfig) -> u32 {
+    let [_, last_s] = RESET_S;
+    config.cycles(last_s) + config.cycles(SETTLED_S)
 }
