@@ -247,7 +247,7 @@ check_dependencies() {
     deny=$(tool cargo-deny)
     deny() { "$deny" --log-level error --config "$PWD/deny.toml" "$@"; }
     deny check --hide-inclusion-graph bans licenses sources
-    for workspace in services/page services/viewer tests/benchmarks; do
+    for workspace in services/page services/viewer tests/benchmarks tests/peers; do
         deny --manifest-path $workspace/Cargo.toml check --hide-inclusion-graph licenses sources
     done
     # A download that failed leaves a folder without content.
@@ -267,7 +267,7 @@ check_links() {
 # bring along (a web server, Foxglove's library, the peers of the benchmarks) is compiled by their own scripts only.
 check_separate_workspaces() {
     local workspace
-    for workspace in services/page services/viewer tests/benchmarks; do
+    for workspace in services/page services/viewer tests/benchmarks tests/peers; do
         cargo fmt --manifest-path $workspace/Cargo.toml --check
         cargo metadata --locked --format-version 1 --manifest-path $workspace/Cargo.toml >/dev/null ||
             give_up "$workspace/Cargo.lock is older than the manifests: run its script (scripts/page, scripts/viewer or scripts/bench), and add the lock file"

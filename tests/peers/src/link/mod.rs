@@ -1,0 +1,89 @@
+//! The ways from one process to another.
+
+mod plain;
+mod shared;
+
+use anyhow::{Context, Result};
+use std::path::Path;
+
+/// Size of a sample, bytes: that of `motor/state`.
+pub const BYTES: usize = size_of::<messages::MotorState>();
+
+/// The sending end.
+pub trait Sender {
+    /// Sends a sample with this time, ns.
+    fn send(&mut self, sent_ns: u64) -> Result<()>;
+}
+
+/// The receiving end.
+pub trait Receiver {
+    /// Sleeps until a sample arrives; returns the time that it holds, ns.
+    fn receive(&mut self) -> Result<u64>;
+}
+
+/// A way from one process to another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// Sends nothing: what the schedule itself costs.
+    Nothing,
+    /// The bus of nims.
+    Nims,
+    /// iceoryx2 with its listener, as in its examples.
+    Iceoryx,
+    /// Samples of iceoryx2, and an eventfd that wakes.
+    Doorbell,
+    /// A datagram between sockets of this machine.
+    Datagram,
+}
+
+impl Way {
+    /// Every way, with its name.
+    pub const ALL: &[(Way, &'static str)] = &[
+        (Way::Nothing, "the schedule alone"),
+        (Way::Nims, "nims"),
+        (Way::Iceoryx, "iceoryx2 with its listener"),
+        (Way::Doorbell, "iceoryx2 with an eventfd"),
+        (Way::Datagram, "datagram"),
+    ];
+
+    /// Returns the way of a name.
+    pub fn named(name: &str) -> Result<Way> {
+        let found = Self::ALL.iter().find(|(_, known)| *known == name);
+        Ok(found.with_context(|| format!("{name} is no way"))?.0)
+    }
+
+    /// Opens the sending end. The receiving end is there.
+    pub fn sender(self, place: &Path) -> Result<Box<dyn Sender>> {
+        Ok(match self {
+            Way::Nothing => Box::new(plain::Nothing),
+            Way::Nims => Box::new(shared::NimsSender::open(place)?),
+            Way::Iceoryx => Box::new(shared::IceoryxSender::open()?),
+            Way::Doorbell => Box::new(shared::DoorbellSender::open()?),
+            Way::Datagram => Box::new(plain::DatagramSender::open(place)?),
+        })
+    }
+
+    /// Opens the receiving end.
+    pub fn receiver(self, place: &Path) -> Result<Box<dyn Receiver>> {
+        Ok(match self {
+            Way::Nothing => Box::new(plain::Nothing),
+            Way::Nims => Box::new(shared::NimsReceiver::open(place)?),
+            Way::Iceoryx => Box::new(shared::IceoryxReceiver::open()?),
+            Way::Doorbell => Box::new(shared::DoorbellReceiver::open()?),
+            Way::Datagram => Box::new(plain::DatagramReceiver::open(place)?),
+        })
+    }
+}
+
+/// A sample with this time, as bytes.
+fn filled(sent_ns: u64) -> [u8; BYTES] {
+    let mut bytes = [0; BYTES];
+    bytes[..8].copy_from_slice(&sent_ns.to_ne_bytes());
+    bytes
+}
+
+/// The time that a sample holds, ns.
+fn time_of(bytes: &[u8]) -> Result<u64> {
+    let bytes = bytes.get(..8).context("a sample is too short")?;
+    Ok(u64::from_ne_bytes(bytes.try_into()?))
+}
