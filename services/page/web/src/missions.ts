@@ -136,6 +136,8 @@ export class Missions {
     private async fly(continues: boolean): Promise<void> {
         const reply = await this.conversation.call({ call: "fly", name: this.name.value, text: this.text.value, continues });
         if (reply.reply === "answer") this.said(reply);
+        // On a small screen the answer, and with it Pause, is far above the button.
+        this.now.scrollIntoView({ block: "center" });
     }
 
     draw(): void {
