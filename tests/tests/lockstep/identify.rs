@@ -42,6 +42,7 @@ fn judged(run: &Path, delay_s: f64, lag_s: f64) -> Vec<Judged> {
     let truth = &system["motor_box"]["truth"];
     let mut all = vec![Judged::of("mass", &found["node_mass_kg"], truth["node_mass_kg"].as_float().unwrap())];
     for (index, cable) in found["cables"].as_array().unwrap().iter().enumerate() {
+        assert!(cable["failed"].is_null(), "{cable}");
         let of = |key: &str| truth[key][index].as_float().unwrap();
         all.push(Judged::of("delay", &cable["delay_s"], delay_s));
         all.push(Judged::of("lag", &cable["lag_s"], lag_s));

@@ -164,6 +164,6 @@ fn a_flight_from_python_is_that_of_the_same_law_inside() {
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
     for line in said.lines() {
         let (what, why) = line.strip_prefix("left out: ").and_then(|line| line.split_once(", which ")).expect(line);
-        notes::left_out(what, &format!("it needs a package that {why}"));
+        notes::left_out(what, format!("it needs a package that {why}"));
     }
 }

@@ -112,8 +112,8 @@ impl Linearised {
         Self { residuals: here, by }
     }
 
-    /// Gauss-Newton step without a part, if the loop's frequency is off by `off`.
-    fn step(&self, without: Option<usize>, off: f64, damping: f64) -> Option<Vector2<f64>> {
+    /// Normal equations without a part, if the loop's frequency is off by `off`.
+    fn normal(&self, without: Option<usize>, off: f64) -> (Matrix2<f64>, Vector2<f64>) {
         let (mut matrix, mut vector) = (Matrix2::zeros(), Vector2::zeros());
         for (k, residual) in self.residuals.iter().enumerate() {
             if Some(part_of(k, self.residuals.len())) == without {
@@ -123,9 +123,33 @@ impl Linearised {
             matrix += row * row.transpose();
             vector -= row * (residual + self.by[2][k] * off);
         }
+        (matrix, vector)
+    }
+
+    /// Gauss-Newton step. Without a lag both times have the same effect, and the step is one of the delay alone.
+    fn step(&self, without: Option<usize>, off: f64) -> Option<Vector2<f64>> {
+        let (matrix, vector) = self.normal(without, off);
+        let delay_s = vector[0] / matrix[(0, 0)];
+        let together = matrix.cholesky().map(|solver| solver.solve(&vector)).filter(|step| step.amax() < LONGEST_S);
+        together.or_else(|| delay_s.is_finite().then(|| Vector2::new(delay_s, 0.0)))
+    }
+
+    /// Damped step from `at` that keeps both times at 0 or above.
+    fn bounded_step(&self, at: Vector2<f64>, damping: f64) -> Option<Vector2<f64>> {
+        let (mut matrix, vector) = self.normal(None, 0.0);
         matrix[(0, 0)] *= 1.0 + damping;
         matrix[(1, 1)] *= 1.0 + damping;
-        matrix.cholesky().map(|solver| solver.solve(&vector))
+        let step = matrix.cholesky()?.solve(&vector);
+        for (bound, free) in [(0, 1), (1, 0)] {
+            if at[bound] + step[bound] < 0.0 {
+                // The other time alone, with this one at its bound.
+                let mut held = Vector2::zeros();
+                held[bound] = -at[bound];
+                held[free] = (vector[free] - matrix[(free, bound)] * held[bound]) / matrix[(free, free)];
+                return Some(held);
+            }
+        }
+        Some(step)
     }
 }
 
@@ -141,7 +165,7 @@ fn minimise(
     for _ in 0..MAX_PASSES {
         let linear = Linearised::of(record, blocks, at, loop_rad_s);
         loop {
-            let step = linear.step(None, 0.0, damping).ok_or(IdentifyError::NotDetermined)?;
+            let step = linear.bounded_step(at, damping).ok_or(IdentifyError::NotDetermined)?;
             let to = (at + step).map(|time_s| time_s.clamp(0.0, LONGEST_S));
             let there = square(&residuals(record, blocks, &simulate(record, to, loop_rad_s)));
             if there <= cost {
@@ -159,7 +183,8 @@ fn minimise(
             damping *= 5.0;
         }
     }
-    Err(IdentifyError::NotDetermined)
+    // The bottom of a flat valley: the deviations say how flat.
+    Ok(at)
 }
 
 /// Fits delay and lag, with a speed loop behind them if its frequency is known.
@@ -176,14 +201,14 @@ pub(crate) fn fit(record: &Record, frequency: Option<&Spread>) -> Result<Fitted,
             (Some(frequency), Some(part)) => frequency.without[part] - frequency.all,
             _ => 0.0,
         };
-        Some(at + linear.step(part, off, 0.0)?)
+        Some(at + linear.step(part, off)?)
     };
     let spread = |of: &dyn Fn(Vector2<f64>) -> f64| {
         Spread::of(|part| without(part).map(of)).ok_or(IdentifyError::NotDetermined).map(|spread| spread.sigma())
     };
     // A loop that is faster or slower than assumed moves the split, and not the sum.
     let split = match frequency {
-        Some(frequency) => linear.step(None, MODEL.loop_share * frequency.all, 0.0),
+        Some(frequency) => linear.step(None, MODEL.loop_share * frequency.all),
         None => Some(minimise(record, &blocks, at, TYPICAL_LOOP_RAD_S)? - at),
     };
     let split = split.ok_or(IdentifyError::NotDetermined)?;

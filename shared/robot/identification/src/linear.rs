@@ -83,7 +83,7 @@ mod tests {
         let mut equations = Equations::new(1);
         for k in 0..1000 {
             let part = part_of(k, 1000);
-            equations.add(part, &[1.0], 3.0 + if part % 2 == 0 { 1.0 } else { -1.0 });
+            equations.add(part, &[1.0], 3.0 + if part.is_multiple_of(2) { 1.0 } else { -1.0 });
         }
         let spread = Spread::of(|part| Some(equations.solve(part)?[0])).unwrap();
         assert!((spread.all - 3.0).abs() < 1e-12 && (spread.sigma() - 1.0 / 3.0).abs() < 1e-9);
