@@ -71,7 +71,7 @@ fn covered(all: &[&Judged], sigmas: f64) -> f64 {
 fn what_is_stated_covers_the_truth() {
     let folder = tempfile::tempdir().unwrap();
     let mut all = Vec::new();
-    // The deviations of the model were chosen with worlds 1 to 10.
+    // The deviations of the model were chosen with worlds 1 to 3.
     for (number, (delay_s, lag_s)) in [(0.03, 0.04), (0.05, 0.02), (0.015, 0.06)].into_iter().enumerate() {
         all.extend(fly(&folder.path().join(number.to_string()), delay_s, lag_s, "101..104"));
     }
