@@ -5,8 +5,8 @@
 //! three steps that are linear in their unknowns, over windows of a tenth of a second:
 //!
 //! 1. `supply duty = resistance current + force constant velocity` gives the motor's constants;
-//! 2. `force constant current = inertia acceleration + load + friction`, with the load and the friction in proportion to
-//!    the tensions of the robot's model, gives inertia, friction, and the share of the modelled load that truly hangs;
+//! 2. `force constant current = inertia acceleration + load + friction`, with load and friction in proportion to the
+//!    tensions of the robot's model, gives inertia, friction, and the share of the modelled load that truly hangs;
 //! 3. `duty = .. + g (commanded - measured length)` gives the integral gain `g` of the loop, and with the above its
 //!    frequency `w² = force constant supply g / (resistance inertia)`.
 //!
