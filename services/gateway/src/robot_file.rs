@@ -239,6 +239,17 @@ mod tests {
         Site { folder, nims, system, robot }
     }
 
+    /// A calibration of that date, with standard deviations of 1 cm.
+    fn calibration(date: &str) -> String {
+        let row = |i: usize| format!("{:?}", (0..9).map(|j| if i == j { 1e-4 } else { 0.0 }).collect::<Vec<f64>>());
+        let rows: Vec<_> = (0..9).map(row).collect();
+        format!(
+            "method = \"survey\"\ndate = \"{date}\"\nverdict = \"good\"\nanchors_m = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.1], \
+             [4.7, 8.6, 2.98]]\ncovariance_m2 = [{}]\n",
+            rows.join(", ")
+        )
+    }
+
     impl Site {
         fn store(&self, robot: &str, calibration: Option<&str>) -> Result<Reason, Box<Reason>> {
             let texts = RobotTexts { robot: robot.to_owned(), calibration: calibration.map(str::to_owned) };
@@ -269,12 +280,13 @@ mod tests {
         assert_eq!(fs::read_to_string(site.robot.with_file_name("lab3-before.toml")).unwrap(), before);
         assert_eq!(site.store(&heavier, None).unwrap().code(), 484);
         // The next ones get names of their own, and an equal calibration is not stored twice.
-        site.store(&heavier, Some("method = 1\n")).unwrap();
+        let (first, second) = (calibration("2026-01-01"), calibration("2026-01-02"));
+        site.store(&heavier, Some(&first)).unwrap();
         assert!(
-            site.text().contains("calibration = \"lab3-calibration.toml\"") && !site.text().contains("anchors_m =")
+            site.text().contains("calibration = \"lab3-calibration.toml\"") && !site.text().contains("anchors_m = [")
         );
-        assert_eq!(site.store(&heavier, Some("method = 1\n")).unwrap().code(), 484);
-        site.store(&heavier, Some("method = 2\n")).unwrap();
+        assert_eq!(site.store(&heavier, Some(&first)).unwrap().code(), 484);
+        site.store(&heavier, Some(&second)).unwrap();
         assert!(site.text().contains("calibration = \"lab3-calibration-2.toml\""));
         assert_eq!(site.files().len(), 6, "{:?}", site.files());
         assert!(site.folder.path().join("systems").read_dir().unwrap().count() == 1);
