@@ -110,7 +110,7 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
 impl SensorLogger {
     /// Subscribes to a new channel if it is that of a sensor, and creates its publishers.
     fn add_channel(&mut self, chassis: &Chassis, info: &ChannelInfo, first: bool) -> Result<(), BusError> {
-        let Some((("sensor" | "blob"), name)) = info.name.split_once('/') else { return Ok(()) };
+        let Some(("sensor" | "blob", name)) = info.name.split_once('/') else { return Ok(()) };
         let Some(config) = self.config.sensor(name) else { return Ok(()) };
         let decoder = match self.decoder(info, name, &config) {
             Ok(decoder) => decoder,
