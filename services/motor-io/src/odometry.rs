@@ -29,8 +29,8 @@ const JUMP_MARGIN_M: f64 = 0.005;
 const RETURN_TOLERANCE_M: f64 = 0.005;
 /// Time over which a velocity is measured, ns.
 const VELOCITY_WINDOW_NS: u64 = 50_000_000;
-/// Readings kept for a velocity: enough for 500 cycles per second.
-const HISTORY: usize = 32;
+/// Readings kept for a velocity: enough for 250 cycles per second.
+const HISTORY: usize = 16;
 
 /// Credible motion of a unit's counts, for its cables (from 1): the bound of [`Odometry::read`] in counts.
 ///

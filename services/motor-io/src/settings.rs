@@ -250,7 +250,7 @@ impl CoreConfig {
                 refuse(key, format!("is {value}"), accepted)
             }
         };
-        inside("period", self.period_s, 0.002, 0.1, "10 to 500 cycles per second (rate_hz)")?;
+        inside("period", self.period_s, 0.004, 0.1, "10 to 250 cycles per second (rate_hz)")?;
         for (cable, counts) in self.counts_per_m[..self.cable_count()].iter().enumerate() {
             if !(counts.is_finite() && (100.0..=1e7).contains(&counts.abs())) {
                 let problem = format!("is {counts} for cable {}", cable + 1);

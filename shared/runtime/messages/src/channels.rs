@@ -126,7 +126,7 @@ pub struct Channel {
     pub quality: Quality,
 }
 
-/// 250 Hz x 2.5 s, rounded up: also holds 500 Hz for more than a second, and 100 Hz through a stall of six seconds.
+/// 250 Hz x 2.5 s, rounded up: also holds 100 Hz through a stall of six seconds.
 const CYCLE: Quality = Quality { buffer: 640, history: 256, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
 /// 10 Hz and below.
 const SLOW: Quality = Quality { buffer: 64, history: 32, late: 4, publishers: 1, subscribers: 24, nodes: 48 };
