@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::Value;
 use crate::linear::{PARTS, Spread, part_of};
 use crate::record::{IdentifyError, Record};
 use crate::response::{Response, Simulated};
+use crate::value::Value;
 
 /// What the models leave out, as standard deviations that are added to those of the record. Measured with flights in
 /// drawn worlds, in which backlash, stiction and the drum's layers act (`tests/tests/lockstep/identify.rs`).

@@ -23,19 +23,12 @@ mod linear;
 mod motor;
 mod record;
 mod response;
+mod value;
 
 pub use drive::{Drive, MODEL, ModelError};
 pub use motor::Motor;
 pub use record::{IdentifyError, LEAST_CYCLES, Record};
-
-/// A value with its standard deviation.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Value {
-    /// Value.
-    pub value: f64,
-    /// Standard deviation.
-    pub sigma: f64,
-}
+pub use value::Value;
 
 /// What a record says of one cable.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,9 +1,9 @@
 //! Constants of a motor, its friction, and the load, from duty, current and velocity.
 
-use crate::Value;
 use crate::drive::{Fitted, MODEL};
 use crate::linear::{Equations, Spread, part_of};
 use crate::record::Record;
+use crate::value::Value;
 
 /// Duration of a window, s: long compared with an encoder step and the drives' own averaging, short compared with a
 /// change of speed.

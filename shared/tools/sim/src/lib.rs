@@ -25,12 +25,11 @@ pub mod variants;
 pub use args::Args;
 pub use tape::{Tape, true_node};
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use command::{Answer, Failure, Output};
 use config::SystemFile;
-use files::{cannot_write, write};
+use files::write;
 use fly::{Ended, Flown};
 use indicatif::{ProgressBar, ProgressStyle};
 use variants::Variant;
@@ -56,7 +55,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     }
     let variants = args.variants()?;
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
-    let prepared = |variant: &Variant| prepare(variant, &args.system, &file.robot, &folder);
+    let prepared = |variant: &Variant| variant.prepare(&args.system, &file.robot, &folder);
     let folders = variants.iter().map(prepared).collect::<Answer<Vec<PathBuf>>>()?;
     let progress = progress(variants.len());
     let flown = command::parallel(&folders, args.jobs.unwrap_or_else(command::processors), |folder| {
@@ -77,14 +76,6 @@ pub fn run(args: &Args) -> Answer<Output> {
     let failure = (failed > 0)
         .then(|| Failure::NotNow(format!("{failed} of {} flights did not reach the end of the mission", rows.len())));
     Ok(Output::new(value, table::text(&rows, args.out.as_deref())).failing(failure))
-}
-
-/// Writes the files of a variant into a folder of its own below `out`, and returns that folder.
-fn prepare(variant: &Variant, system: &Path, robot: &Path, out: &Path) -> Answer<PathBuf> {
-    let folder = out.join(variant.folder_name());
-    fs::create_dir_all(&folder).map_err(|error| cannot_write(&folder, &error))?;
-    variant.write(system, robot, &folder)?;
-    Ok(folder)
 }
 
 fn progress(flights: usize) -> ProgressBar {

@@ -134,7 +134,7 @@ fn open(args: &Args, out: &Path, number: usize, seed: Option<u64>) -> Result<(Op
     let variant = variants.first_mut().context("no flight")?;
     variant.number = number;
     let source = SystemFile::load(&args.system)?;
-    let folder = crate::prepare(variant, &args.system, &source.robot, out)?;
+    let folder = variant.prepare(&args.system, &source.robot, out)?;
     let system = folder.join("system.toml");
     let file = SystemFile::load(&system)?;
     let (scenario, mut chain) = (fly::scenario(&file, args)?, Chain::from_file(&file)?);

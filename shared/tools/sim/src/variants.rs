@@ -168,6 +168,17 @@ impl Variant {
         format!("{:03}-{name}", self.number)
     }
 
+    /// Writes the files into a folder of its own below `out`, and returns that folder.
+    ///
+    /// # Errors
+    /// As [`Variant::write`].
+    pub(crate) fn prepare(&self, system: &Path, robot: &Path, out: &Path) -> Answer<PathBuf> {
+        let folder = out.join(self.folder_name());
+        fs::create_dir_all(&folder).map_err(|error| files::cannot_write(&folder, &error))?;
+        self.write(system, robot, &folder)?;
+        Ok(folder)
+    }
+
     /// Writes `system.toml`, and `robot.toml` if a value of it differs, into the folder of the flight. `robot` is the
     /// robot file of the system.
     ///

@@ -1,5 +1,6 @@
 //! `nims identify`: delay and lag of the drives, motor constants, friction and the node's mass from a run.
 
+mod findings;
 mod page;
 mod rows;
 
@@ -7,6 +8,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use command::{Answer, Failure, Output};
+use findings::Findings;
 use identification::{Identified, Value, identify};
 use serde_json::{Value as Json, json};
 
@@ -18,14 +20,6 @@ pub struct Args {
     /// Folder for identified.toml and the plots; default: the table alone.
     #[arg(long, value_name = "FOLDER")]
     pub out: Option<PathBuf>,
-}
-
-/// What a run says of each cable, and of the node.
-pub(crate) struct Findings {
-    pub cables: Vec<Result<Identified, String>>,
-    pub mass_kg: Option<Value>,
-    /// Seconds of the run that were used.
-    pub used_s: f64,
 }
 
 /// Runs `nims identify`.

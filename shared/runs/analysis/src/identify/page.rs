@@ -7,7 +7,7 @@ use command::Answer;
 use identification::{Identified, Value};
 use plot::{Axis, Chart, Legend, Picture, Series, SeriesStyle};
 
-use super::Findings;
+use super::findings::Findings;
 use super::rows::Recorded;
 
 /// Most points of a line.
