@@ -1,6 +1,6 @@
 //! Keeps blobs in memory and passes on those around a fault, a stop or an emergency stop.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 
 use messages::{Message, MotorAuthority, OperatorRequest, RequestBody};
 
@@ -28,13 +28,11 @@ pub(crate) struct BlobsAround {
     until_ns: u64,
     /// Faults of the last cycle.
     faults: u32,
-    /// Blobs passed on, by the index of their channel: they are numbered without those that are not wanted.
-    numbers: HashMap<usize, u64>,
 }
 
 impl BlobsAround {
     pub(crate) fn new(settings: Around) -> Self {
-        Self { settings, waiting: VecDeque::new(), waiting_bytes: 0, until_ns: 0, faults: 0, numbers: HashMap::new() }
+        Self { settings, waiting: VecDeque::new(), waiting_bytes: 0, until_ns: 0, faults: 0 }
     }
 
     /// Moves a sorted batch to `selected`, without the blobs that no event needs yet and with those that an event in it
@@ -49,8 +47,7 @@ impl BlobsAround {
                 }
                 selected.push(*received, sample);
             } else if received.logged_ns <= self.until_ns {
-                let received = self.numbered(*received);
-                selected.push(received, sample);
+                selected.push(*received, sample);
             } else {
                 self.keep(*received, sample);
             }
@@ -77,7 +74,6 @@ impl BlobsAround {
         let from_ns = event_ns.saturating_sub(self.settings.before_ns);
         for (received, sample) in std::mem::take(&mut self.waiting) {
             if received.logged_ns >= from_ns {
-                let received = self.numbered(received);
                 selected.push(received, &sample);
             }
         }
@@ -94,12 +90,6 @@ impl BlobsAround {
             self.waiting_bytes -= bytes.len();
             self.waiting.pop_front();
         }
-    }
-
-    fn numbered(&mut self, received: ReceivedSample) -> ReceivedSample {
-        let number = self.numbers.entry(received.row).or_default();
-        *number += 1;
-        ReceivedSample { seq: *number, ..received }
     }
 }
 
@@ -168,7 +158,8 @@ mod tests {
         let found = selected(1 << 20, &[(5.0, 1, fault), (5.1, 1, fault), (5.5, 2, stop), (15.0, 2, stop)]);
         let times: Vec<f64> = (30..=65).chain(130..=160).map(|tenth| f64::from(tenth) / 10.0).collect();
         assert_eq!(found.iter().map(|(time_s, _)| (time_s * 10.0).round() / 10.0).collect::<Vec<_>>(), times);
-        assert!(found.iter().zip(1..).all(|((_, seq), number)| *seq == number), "{found:?}");
+        // Each keeps the number of its publisher, by which its place is found.
+        assert!(found.iter().all(|(time_s, seq)| *seq == (time_s * 10.0).round() as u64 + 1), "{found:?}");
     }
 
     #[test]

@@ -55,6 +55,7 @@ fn recorded(more: &str, count: u64) -> Vec<u64> {
             let number = u64::from(u32::from_le_bytes(sample.sample[4..8].try_into().unwrap()));
             assert_eq!(sample.sample, picture(number), "picture {number}");
             assert_eq!(sample.channel.schema_name, "sensor_msgs/msg/CompressedImage");
+            assert_eq!(u64::from(sample.sequence), number, "the number of the publisher");
             numbers.push(number);
         }
     }

@@ -110,7 +110,7 @@ impl Transport for Port {
                 Ok(n) => rest = rest.get(n..).unwrap_or_default(),
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => {
-                    if !self.is_ready(PollFlags::OUT, deadline_ns) {
+                    if monotonic_ns() >= deadline_ns || !self.is_ready(PollFlags::OUT, deadline_ns) {
                         return Err(Error::Stuck { port: Arc::clone(&self.name) });
                     }
                 }

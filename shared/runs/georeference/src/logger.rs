@@ -137,7 +137,7 @@ impl Logger {
         sensor.waiting.push_back((now_ns, reading));
         sensor.last = Some((now_ns, reading.sample));
         let judge = |quality: &mut Quality, value: usize, found: &mut dyn FnMut(Place)| {
-            // What has no value is judged by its number: only its gaps are flags.
+            // What has no value is judged by its number, which has no flags but gaps.
             let sample = &reading.sample;
             let value = if sample.count == 0 { sample.reading_seq as f64 } else { sample.value[value] };
             quality.add(sample.header.stamp_ns, value, &mut |place| found(place));

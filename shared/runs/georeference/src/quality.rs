@@ -118,10 +118,12 @@ impl Quality {
         };
         let interval_s = seconds(at_ns - last_ns);
         let gap = self.is_gap(interval_s);
-        if gap {
-            self.place(Doubt::Gap, last_ns, Some(at_ns), interval_s, found);
-        } else {
+        if !gap {
             learn(&mut self.interval_s, interval_s, self.samples);
+        }
+        // Readings of a link that stood still arrive late, with their times of measurement.
+        if gap || self.lasting[usize::from(Doubt::Gap.kind())].is_some() {
+            self.place(Doubt::Gap, last_ns, Some(at_ns), interval_s, found);
         }
         if value.to_bits() != last.to_bits() || gap {
             self.judge_flat_line(last_ns, true, found);
@@ -259,6 +261,20 @@ mod tests {
         assert!((0.5..0.55).contains(&size) && (whole - 5.1).abs() < 1e-9, "{found:?}");
         let gaps = judged(|at| (at < 300).then(|| noise(at))).0.tally(Doubt::Gap);
         assert_eq!(gaps.count, 1, "a sensor that stays silent");
+    }
+
+    #[test]
+    fn a_silence_of_the_link_ends_although_no_measurement_is_missing() {
+        let (mut quality, mut places) = (Quality::new(None), Vec::new());
+        let second = |at: u64| 1_000_000_000 * at;
+        (0..30).for_each(|at| quality.add(second(at), noise(at as u32), &mut |place| places.push(place)));
+        quality.silent(6.0, &mut |place| places.push(place));
+        (30..40).for_each(|at| quality.add(second(at), noise(at as u32), &mut |place| places.push(place)));
+        let [begin, end] = places[..] else { panic!("{places:?}") };
+        assert_eq!((begin.doubt, begin.begin_ns, begin.end_ns), (Doubt::Gap, second(29), None));
+        assert_eq!((end.doubt, end.begin_ns, end.end_ns, end.size), (Doubt::Gap, second(29), Some(second(30)), 6.0));
+        quality.silent(6.0, &mut |place| places.push(place));
+        assert_eq!((places.len(), quality.tally(Doubt::Gap).count), (3, 2), "the next one is found again");
     }
 
     #[test]

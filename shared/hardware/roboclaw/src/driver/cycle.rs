@@ -81,6 +81,8 @@ impl<T: Transport> Bus<T> {
     ///
     /// Starts nothing that is unlikely to end by the deadline. The results are in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
+        // Time passed since the last answer.
+        self.empty = false;
         self.read_stop();
         if self.transport.now_ns() < deadline_ns
             && self.get_in_step(deadline_ns).is_ok()
