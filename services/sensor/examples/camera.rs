@@ -5,8 +5,8 @@
 //! nims plug camera -- target/release/examples/camera --rate 30 --most-bytes 400000 FOLDER
 //! ```
 //!
-//! The pictures here are the JPEG files of a folder, in the order of their names, again and again. For a camera, replace
-//! [`pictures`] by what delivers its pictures.
+//! The pictures here are the JPEG files of a folder, in the order of their names, again and again. For a camera,
+//! replace [`pictures`] by what delivers its pictures.
 #![forbid(unsafe_code)]
 
 use std::path::{Path, PathBuf};

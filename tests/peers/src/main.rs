@@ -1,8 +1,8 @@
 //! Time from sending a sample until the process that sleeps for it has it, over the bus of nims and over what one could
 //! use instead, and the processor time of both.
 //!
-//! Each way has a sender and a receiver process of its own. All send in turn, on one schedule, so that every way has the
-//! same machine. `scripts/bench peers` runs it; nothing here asserts a time.
+//! Each way has a sender and a receiver process of its own. All send in turn, on one schedule, so that every way has
+//! the same machine. `scripts/bench peers` runs it; nothing here asserts a time.
 #![forbid(unsafe_code)]
 
 mod link;

@@ -75,8 +75,8 @@ pub trait Transport: Send {
         self.fill_at_least(buffer, least, deadline_ns)
     }
 
-    /// Reads until `buffer` has `least` bytes or the deadline has passed; returns the number of bytes. More than `least`
-    /// are those that had arrived with them.
+    /// Reads until `buffer` has `least` bytes or the deadline has passed; returns the number of bytes. More than
+    /// `least` are those that had arrived with them.
     fn fill_at_least(&mut self, buffer: &mut [u8], least: usize, deadline_ns: u64) -> Result<usize, Error> {
         let mut filled = 0;
         while filled < least

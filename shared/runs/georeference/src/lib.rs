@@ -7,7 +7,7 @@
 //! Invariants:
 //! * [`Logger`] and [`SensorMap`] are pure: no clock, no I/O. The sensor logger runs them live, `nims map` on recorded
 //!   runs, with the same result.
-//! * Each reading is judged by itself ([`Quality`]), and becomes one sample, or is counted with the reason ([`Counts`]).
+//! * Each reading is judged by itself ([`Quality`]), and becomes one sample or is counted with the reason ([`Counts`]).
 //! * No allocation per reading: buffers and grids are allocated when a sensor appears.
 #![forbid(unsafe_code)]
 

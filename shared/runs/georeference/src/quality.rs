@@ -168,8 +168,8 @@ impl Quality {
         if known && outside && nearest > most {
             self.place(Doubt::Spike, at_ns, Some(at_ns), size, found);
         }
-        // A value that stays the same says nothing about the noise. A spike counts as the largest value that is none, so
-        // that the deviation follows noise that has grown.
+        // A value that stays the same says nothing about the noise. A spike counts as the largest value that is none,
+        // so that the deviation follows noise that has grown.
         if size > 0.0 {
             learn(&mut self.deviation, if known { size.min(most) } else { size }, self.samples);
         }

@@ -127,7 +127,8 @@ fn check(spec: &ChannelSpec) -> Result<String, SchemaRefusal> {
     if spec.schema.is_empty() {
         return Err(SchemaRefusal::NoDefinition);
     }
-    if ros::schema_of(&spec.type_name).is_some_and(|known| known == spec.schema) {
+    let of_blobs = || BlobType::of_name(&spec.type_name).map(BlobType::schema);
+    if ros::schema_of(&spec.type_name).or_else(of_blobs).is_some_and(|known| known == spec.schema) {
         return Ok(name); // has strings and sequences, which every reader decodes
     }
     let schema = Schema::parse(&spec.schema)?;

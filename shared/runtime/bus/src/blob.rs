@@ -112,7 +112,7 @@ impl BlobPublisher {
     /// Numbers the sample, publishes it and wakes the waiters.
     ///
     /// # Errors
-    /// [`BusError::Failed`] if the body has more bytes than the publisher was created for, or none; nothing is sent then.
+    /// [`BusError::Failed`] if the body is longer than the publisher was created for, or empty; nothing is sent then.
     pub fn send(&mut self, mut header: Header, body: &[u8]) -> Result<(), BusError> {
         if body.is_empty() || body.len() > self.most_bytes {
             let why = format!("it has {} bytes; accepted: 1 to {}", body.len(), self.most_bytes);
@@ -133,8 +133,8 @@ impl BlobPublisher {
         if payload.len() != body.len() {
             return Err(BusError::failed(&self.channel, "lend a blob", &"its length is another one"));
         }
-        // SAFETY: `CustomPayloadMarker` is one byte wide (`repr(C)` over a u8), both have the same length, and the loan is
-        // memory of its own.
+        // SAFETY: `CustomPayloadMarker` is one byte wide (`repr(C)` over a u8), both have the same length, and the loan
+        // is memory of its own.
         #[allow(unsafe_code)]
         unsafe {
             std::ptr::copy_nonoverlapping(body.as_ptr(), payload.as_mut_ptr().cast(), body.len());

@@ -1,7 +1,7 @@
 //! Messages of ROS 2 whose samples have different lengths: pictures, scans and grids.
 //!
-//! They are the one exception from samples of fixed size. A channel `blob/NAME` reserves memory for samples of its largest
-//! length when its publisher is created. No process of the control chain reads or writes one.
+//! They are the one exception from samples of fixed size. A channel `blob/NAME` reserves memory for samples of its
+//! largest length when its publisher is created. No process of the control chain reads or writes one.
 
 use std::sync::OnceLock;
 

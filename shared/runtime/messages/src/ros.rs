@@ -6,7 +6,6 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::blob::BlobType;
 use crate::message::expanded::complete;
 use crate::message::hash_of;
 
@@ -170,6 +169,5 @@ pub fn schema_of(type_name: &str) -> Option<&'static str> {
         row::<PointCloud2>(),
         row::<Log>(),
     ];
-    let fixed = all.into_iter().find(|(name, _)| *name == type_name).map(|(_, schema)| schema);
-    fixed.or_else(|| BlobType::of_name(type_name).map(BlobType::schema))
+    all.into_iter().find(|(name, _)| *name == type_name).map(|(_, schema)| schema)
 }
