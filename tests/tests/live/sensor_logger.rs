@@ -271,21 +271,21 @@ fn on_a_robot_it_is_a_process_like_the_others() {
     robot.accepted(&["plug", "soil", "--", "my-sensor"]);
     let samples = RefCell::new(robot.bus.subscriber::<Sample>("sample/soil").unwrap());
     let maps = RefCell::new(robot.bus.subscriber::<FieldMap>("map/soil").unwrap());
-    let newest = || std::iter::from_fn(|| samples.borrow_mut().receive().unwrap()).last();
-    let last = Cell::new(0);
-    let note = || last.set(newest().map_or(last.get(), |sample: Sample| sample.reading_seq));
+    let seen = Cell::new(0);
+    let note = || seen.set(seen.get() + std::iter::from_fn(|| samples.borrow_mut().receive().unwrap()).count());
     robot.until("samples", |_| {
         note();
-        last.get() > 5
+        seen.get() > 5
     });
     robot.until("a map", |_| maps.borrow_mut().receive().unwrap().is_some_and(|map| map.samples > 0));
     // it dies, restarts, and continues
     robot.signal("sensor-logger", Signal::KILL);
     note();
-    let died = last.get();
+    let before = seen.get();
+    // Counted, because the numbers of the readings go on while it is dead.
     robot.until("samples again", |_| {
         note();
-        last.get() > died + 20
+        seen.get() > before + 20
     });
     // the exit code reports a process that died on the way, as a failure
     assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.printed());
