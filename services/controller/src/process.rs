@@ -11,7 +11,7 @@ use messages::{
 };
 use runtime::{Args, BadInput, Change, Chassis, FirstOutput, Program, Tuning};
 
-use crate::program::ProgramLaw;
+use crate::program::{ProgramLaw, StartError, Waits};
 use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law, lockstep};
 
 /// Runs a whole process with a custom law.
@@ -64,8 +64,12 @@ pub fn run_program(
     system: &Path,
 ) -> anyhow::Result<()> {
     let deadline = Duration::from_secs_f64(PROGRAM_SHARE * chassis.system_file()?.period_s());
-    let law = ProgramLaw::start(command, system, config.robot.cable_count(), Some(deadline))
-        .map_err(|error| BadInput(format!("{error:#}")))?;
+    let law = ProgramLaw::start(command, system, config.robot.cable_count(), Waits::in_flight(deadline)).map_err(
+        |error| match error {
+            StartError::NoLaw(why) => anyhow::Error::from(BadInput(why)),
+            StartError::Fails(why) => anyhow::Error::msg(why),
+        },
+    )?;
     let complaint = law.complaint();
     run_checked(chassis, Controller::with_law(config, Box::new(law)), || {
         let complaint = complaint.lock().ok().and_then(|mut complaint| complaint.take());

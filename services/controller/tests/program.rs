@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use cable_robot::{Setpoint, Vector3};
 use config::SystemFile;
-use controller::program::ProgramLaw;
+use controller::program::{ProgramLaw, StartError, Waits};
 use controller::{CableLaw, LawInput};
 use messages::NodeEstimate;
 
@@ -16,7 +16,7 @@ fn system() -> PathBuf {
 }
 
 /// A program that answers the question of cycle N after `answer` with N for each cable.
-fn law(folder: &Path, answer: &str, deadline: Option<Duration>) -> ProgramLaw {
+fn law(folder: &Path, answer: &str, waits: Waits) -> ProgramLaw {
     let path = folder.join("law.sh");
     let text = format!(
         r#"read hello
@@ -30,7 +30,7 @@ done
 "#
     );
     std::fs::write(&path, text).unwrap();
-    ProgramLaw::start(&format!("sh {}", path.display()), &system(), 3, deadline).unwrap()
+    ProgramLaw::start(&format!("sh {}", path.display()), &system(), 3, waits).unwrap()
 }
 
 fn ask(law: &mut ProgramLaw, cycle: u64) -> Option<f64> {
@@ -61,7 +61,8 @@ fn a_late_answer_is_dropped_and_the_next_one_is_that_of_its_question() {
     let gate = folder.path().join("gate");
     let wait = format!("if [ $cycle = 2 ]; then while [ ! -e {} ]; do sleep 0.01; done; fi", gate.display());
     // The deadline is never the limit of a machine that stands still: only cycle 2 has to miss it.
-    let mut law = law(folder.path(), &wait, Some(Duration::from_secs(3)));
+    let mut law =
+        law(folder.path(), &wait, Waits { longest: Duration::from_secs(60), deadline: Some(Duration::from_secs(3)) });
     assert!(law.parameters().starts_with("program = \"sh ") && law.parameters().ends_with("gain = 2\n"));
     assert_eq!(ask(&mut law, 1), Some(1.0));
     assert_eq!(ask(&mut law, 2), None);
@@ -79,7 +80,86 @@ fn a_late_answer_is_dropped_and_the_next_one_is_that_of_its_question() {
 #[test]
 fn a_program_that_ends_is_a_complaint() {
     let folder = tempfile::tempdir().unwrap();
-    let mut law = law(folder.path(), "if [ $cycle = 2 ]; then exit 3; fi", Some(Duration::from_secs(20)));
+    let mut law = law(folder.path(), "if [ $cycle = 2 ]; then exit 3; fi", Waits::in_flight(Duration::from_secs(20)));
     assert_eq!((ask(&mut law, 1), ask(&mut law, 2)), (Some(1.0), None));
     assert!(law.complaint().lock().unwrap().as_ref().unwrap().contains("has ended"));
+    assert_eq!(ask(&mut law, 3), None, "it is not asked again");
+}
+
+#[test]
+fn a_program_that_hangs_is_given_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let waits = Waits { longest: Duration::from_secs(5), deadline: Some(Duration::from_secs(2)) };
+    let mut law = law(folder.path(), "if [ $cycle = 2 ]; then exec sleep 600; fi", waits);
+    assert_eq!((ask(&mut law, 1), ask(&mut law, 2)), (Some(1.0), None));
+    assert!(law.complaint().lock().unwrap().is_none(), "the first late answer is dropped");
+    let complaint = (3..3000).find_map(|cycle| {
+        std::thread::sleep(Duration::from_millis(10));
+        assert_eq!(ask(&mut law, cycle), None);
+        law.complaint().lock().unwrap().clone()
+    });
+    assert!(complaint.unwrap().contains("has not answered within 5 s"));
+}
+
+#[test]
+fn a_line_without_end_is_a_complaint() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut law = law(folder.path(), "exec tr '\\0' x < /dev/zero", Waits::in_flight(Duration::from_secs(20)));
+    assert_eq!(ask(&mut law, 1), None);
+    let complaint = law.complaint().lock().unwrap().clone().unwrap();
+    assert!(complaint.contains("a line of more than 65536 bytes") && complaint.len() < 500, "{complaint}");
+}
+
+#[test]
+fn only_a_wrong_command_or_a_wrong_first_answer_is_bad_input() {
+    let start = |command: &str| {
+        let waits = Waits { longest: Duration::from_secs(1), ..Waits::in_lockstep() };
+        ProgramLaw::start(command, &system(), 3, waits).err().unwrap()
+    };
+    for (command, part) in [("", "is empty"), ("no-such-program", "does not start")] {
+        let error = start(command);
+        assert!(matches!(&error, StartError::NoLaw(why) if why.contains(part)), "{error:?}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let script = |text: &str| {
+        let path = folder.path().join("law.sh");
+        std::fs::write(&path, text).unwrap();
+        format!("sh {}", path.display())
+    };
+    let hangs = start(&script("exec sleep 600"));
+    assert!(matches!(&hangs, StartError::Fails(why) if why.contains("has not answered within 1 s")), "{hangs:?}");
+    let waits = Waits::in_lockstep();
+    let wrong = ProgramLaw::start(&script("echo hello; exec sleep 600"), &system(), 3, waits).err().unwrap();
+    assert!(matches!(&wrong, StartError::NoLaw(why) if why.contains("does not answer as a law")), "{wrong:?}");
+    let ends = ProgramLaw::start(&script("exit 3"), &system(), 3, waits).err().unwrap();
+    assert!(matches!(&ends, StartError::Fails(why) if why.contains("has ended")), "{ends:?}");
+}
+
+/// The processors of a status of a process.
+fn processors(status: &str) -> String {
+    let line = status.lines().find(|line| line.starts_with("Cpus_allowed_list:"));
+    line.unwrap().split_whitespace().nth(1).unwrap().to_owned()
+}
+
+#[test]
+fn a_program_in_flight_is_not_bound_to_the_processor_of_the_control_thread() {
+    let all = processors(&std::fs::read_to_string("/proc/thread-self/status").unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("status");
+    let keep = format!("cat /proc/self/status > {}", file.display());
+    let (one, mut law) = std::thread::scope(|scope| {
+        let bound = scope.spawn(|| {
+            let first = rustix::thread::sched_getaffinity(None).unwrap();
+            let cpu = (0..rustix::thread::CpuSet::MAX_CPU).find(|cpu| first.is_set(*cpu)).unwrap();
+            let mut set = rustix::thread::CpuSet::new();
+            set.set(cpu);
+            rustix::thread::sched_setaffinity(None, &set).unwrap();
+            (cpu.to_string(), law(folder.path(), &keep, Waits::in_flight(Duration::from_secs(20))))
+        });
+        bound.join().unwrap()
+    });
+    assert_eq!(ask(&mut law, 1), Some(1.0));
+    let of_law = processors(&std::fs::read_to_string(&file).unwrap());
+    // A machine with one processor shows nothing.
+    assert!(all == one || of_law != one, "{of_law}");
 }

@@ -3,7 +3,7 @@
 use super::changes::Changes;
 use command::{Answer, Failure};
 use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
-use controller::program::ProgramLaw;
+use controller::program::{Complaint, ProgramLaw, StartError, Waits};
 use controller::{Controller, ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
@@ -11,7 +11,7 @@ use runlog::{Attachment, SYSTEM_FILE, is_system_file};
 use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use tempfile::TempDir;
 use toml::{Table, Value};
 
@@ -41,6 +41,8 @@ pub(super) struct Configuration {
 struct Program {
     command: String,
     folder: Arc<TempDir>,
+    /// Of each controller that was started with it.
+    complaints: Arc<Mutex<Vec<Complaint>>>,
 }
 
 impl Configuration {
@@ -89,9 +91,16 @@ impl Configuration {
             sections_changed: changes.set.iter().filter(|(key, _)| is_of_a_section(key)).cloned().collect(),
             file,
             robot,
-            program: changes.program.clone().map(|command| Program { command, folder: Arc::clone(&folder) }),
+            program: changes.program.clone().map(|command| Program {
+                command,
+                folder: Arc::clone(&folder),
+                complaints: Arc::default(),
+            }),
         };
-        this.law().transpose().map_err(|error| plain(&format!("{error:#}")))?;
+        this.law().transpose().map_err(|error| match error {
+            StartError::NoLaw(_) => plain(&error),
+            StartError::Fails(_) => Failure::not_now(error),
+        })?;
         this.controller_config(1, None).map_err(|error| plain(&format!("[controller] {error}")))?;
         this.estimator_config(1, None).map_err(|error| plain(&format!("[estimator] {error}")))?;
         Ok(this)
@@ -124,15 +133,42 @@ impl Configuration {
     }
 
     /// Starts the program with the custom law, if there is one.
-    fn law(&self) -> Option<anyhow::Result<ProgramLaw>> {
-        let Program { command, folder } = self.program.as_ref()?;
-        Some(ProgramLaw::start(command, &folder.path().join(SYSTEM_FILE), self.core.cable_count(), None))
+    fn law(&self) -> Option<Result<ProgramLaw, StartError>> {
+        let Program { command, folder, .. } = self.program.as_ref()?;
+        let system = folder.path().join(SYSTEM_FILE);
+        Some(ProgramLaw::start(command, &system, self.core.cable_count(), Waits::in_lockstep()))
+    }
+
+    /// Checks that the program of the custom law, if there is one, has answered each question.
+    ///
+    /// # Errors
+    /// Its complaint: a law without answers would be compared as one that commands nothing.
+    pub(super) fn check_law(&self) -> Answer {
+        let Some(complaints) = self.program.as_ref().and_then(|program| program.complaints.lock().ok()) else {
+            return Ok(());
+        };
+        let first = complaints.iter().find_map(|complaint| complaint.lock().ok()?.clone());
+        first.map_or(Ok(()), |complaint| Err(Failure::NotNow(complaint)))
+    }
+
+    /// Keeps the complaint of a program that was started.
+    fn watch(&self, complaint: Complaint) {
+        if let Some(mut complaints) = self.program.as_ref().and_then(|program| program.complaints.lock().ok()) {
+            complaints.push(complaint);
+        }
     }
 
     /// Creates a controller, with the custom law if there is one.
     pub(super) fn start(&self, config: ControllerConfig) -> Option<Controller> {
         match self.law() {
-            Some(law) => Some(Controller::with_law(config, Box::new(law.ok()?))),
+            Some(Ok(law)) => {
+                self.watch(law.complaint());
+                Some(Controller::with_law(config, Box::new(law)))
+            }
+            Some(Err(error)) => {
+                self.watch(Arc::new(Mutex::new(Some(error.to_string()))));
+                None
+            }
             None => Some(Controller::new(config)),
         }
     }

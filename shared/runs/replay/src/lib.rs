@@ -83,7 +83,7 @@ impl Replayed {
 /// Replays a run; calls `progress` repeatedly with the completed share, 0 to 1.
 ///
 /// # Errors
-/// The run does not exist or has no configuration, or a change cannot be applied.
+/// The run does not exist or has no configuration, a change cannot be applied, or the program of a law fails.
 pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Answer<Replayed> {
     if !path.exists() {
         return Err(Failure::BadInput(format!("{} does not exist; give a run folder or a run file", path.display())));
@@ -99,6 +99,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     let mut count = 0_u64;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
         replay.add(&recorded);
+        replay.configuration.check_law()?;
         count += 1;
         if count.is_multiple_of(4096) {
             progress(reader.position() as f64 / total);
@@ -106,7 +107,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     }
     let damage = reader.damage().iter().map(|(file, damage)| format!("{}: {}", file.display(), damage.why));
     let damage: Vec<String> = damage.collect();
-    Ok(Replayed { damage, recorded_by, ..replay.end() })
+    Ok(Replayed { damage, recorded_by, ..replay.end()? })
 }
 
 /// Replays a run up to a UNIX time in ns and returns the internal state of each deciding part after its last step, as
@@ -443,20 +444,21 @@ impl Replay {
     }
 
     /// Processes the remaining samples and returns the result.
-    fn end(mut self) -> Replayed {
+    fn end(mut self) -> Answer<Replayed> {
         self.process(u64::MAX);
+        self.configuration.check_law()?;
         let Self { state, authority, slots, energy, request, estimate, command, control, .. } = self;
         let motor_io = [state.end(), authority.end(), slots.end(), energy.end(), request.end_of_some()];
         let estimators = estimate.map(Channel::end);
         let controllers = [command.map(Channel::end), control.map(Channel::end)].into_iter().flatten();
         let (first_ns, last_ns) = self.first_and_last_ns.unwrap_or_default();
-        Replayed {
+        Ok(Replayed {
             channels: motor_io.into_iter().chain(estimators).chain(controllers).flatten().collect(),
             cycles: self.cycles,
             flown_s: last_ns.saturating_sub(first_ns) as f64 * 1e-9,
             damage: Vec::new(),
             instead: self.collector.map(Collector::end),
             recorded_by: None,
-        }
+        })
     }
 }

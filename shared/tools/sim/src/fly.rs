@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use config::SystemFile;
 use controller::Controller;
-use controller::program::ProgramLaw;
+use controller::program::{ProgramLaw, Waits};
 use lockstep::{Chain, Cycle, Flight, Observed, Scenario, fly_chain};
 use messages::MotorAuthority;
 use motor_box::BoxConfig;
@@ -54,7 +54,7 @@ fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
     flown.period_s = scenario.period_s;
     let mut complaint = None;
     if let Some(program) = &args.program {
-        let law = ProgramLaw::start(program, &system, scenario.robot.cable_count(), None)?;
+        let law = ProgramLaw::start(program, &system, scenario.robot.cable_count(), Waits::in_lockstep())?;
         complaint = Some(law.complaint());
         chain.controller = Controller::with_law(*chain.controller.config(), Box::new(law));
     }
