@@ -27,7 +27,7 @@ mod value;
 
 pub use drive::{Drive, MODEL, ModelError};
 pub use motor::Motor;
-pub use record::{IdentifyError, LEAST_CYCLES, Record};
+pub use record::{IdentifyError, LEAST_CYCLES, MOVING_M_S, Record};
 pub use value::Value;
 
 /// What a record says of one cable.

@@ -3,6 +3,7 @@
 mod findings;
 mod page;
 mod rows;
+mod stretch;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
