@@ -60,6 +60,11 @@ class RunError(Exception):
     """One sentence: what is wrong with a run, and what to do."""
 
 
+def has_texts_or_lists(text):
+    """Whether samples of this ROS 2 definition differ in size."""
+    return any(_is_open(part, {}) for part in re.split(r"^=+\n(?:MSG:.*\n)?", text, flags=re.MULTILINE))
+
+
 class Definition:
     """A ROS 2 definition: the NumPy type of a sample, and the names of values.
 
@@ -216,7 +221,7 @@ class Run:
     def definition(self, name):
         """The definition of this channel's samples."""
         text = self._schema(name).data.decode()
-        if not any(_is_open(part, {}) for part in re.split(r"^=+\n(?:MSG:.*\n)?", text, flags=re.MULTILINE)):
+        if not has_texts_or_lists(text):
             return Definition(text)
         for file in range(len(self.files)):
             for chunk, entries_of in self._chunks(file, [name], lambda _: True):

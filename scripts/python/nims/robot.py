@@ -19,6 +19,7 @@ import json
 import os
 import socket
 import struct
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -55,6 +56,8 @@ class Link:
     def __init__(self, path: str, token: str | None, timeout_s: float | None) -> None:
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.settimeout(timeout_s)
+        self._read = bytearray()
+        """What has been read of the next frames: a timeout within a frame loses nothing."""
         try:
             self.socket.connect(path)
         except OSError as error:
@@ -82,18 +85,19 @@ class Link:
         return reply
 
     def receive(self) -> tuple[dict[str, Any], bytes]:
-        header, body = struct.unpack("<II", self._exactly(8))
-        return json.loads(self._exactly(header)), self._exactly(body)
+        self._read_up_to(8)
+        header, body = struct.unpack_from("<II", self._read)
+        self._read_up_to(8 + header + body)
+        reply, data = bytes(self._read[8 : 8 + header]), bytes(self._read[8 + header : 8 + header + body])
+        del self._read[: 8 + header + body]
+        return json.loads(reply), data
 
-    def _exactly(self, count: int) -> bytes:
-        data = bytearray(count)
-        view, at = memoryview(data), 0
-        while at < count:
-            got = self.socket.recv_into(view[at:])
-            if not got:
+    def _read_up_to(self, count: int) -> None:
+        while len(self._read) < count:
+            piece = self.socket.recv(max(count - len(self._read), 65536))
+            if not piece:
                 raise RobotError("the gateway has closed the connection")
-            at += got
-        return bytes(data)
+            self._read += piece
 
     def close(self) -> None:
         self.socket.close()
@@ -102,6 +106,7 @@ class Link:
 class Subscription:
     """Samples of one channel, each a structured NumPy value of the channel's own definition.
 
+    If the definition has texts or lists (pictures, scans, frames), each sample is its `bytes`, as `schema` defines them.
     It waits for a channel that does not exist yet, and goes on with the next robot.
     """
 
@@ -112,26 +117,30 @@ class Subscription:
         self.missed = 0
         """Samples that the gateway itself has missed."""
         self.definition: Any = None
-        """The definition of the samples (`nims_run.Definition`), once a sample has come."""
+        """The definition of the samples (`nims_run.Definition`), once a sample has come; None if it has texts or lists."""
+        self.schema = ""
+        """The ROS 2 definition as text, once a sample has come."""
         self._link = link
         link.call({"call": "subscribe", "channel": channel} | ({"rate_hz": rate_hz} if rate_hz else {}))
 
-    def __iter__(self) -> Iterator[np.void]:
+    def __iter__(self) -> Iterator[Any]:
         return self
 
-    def __next__(self) -> np.void:
+    def __next__(self) -> Any:
         return self.receive()
 
-    def receive(self, timeout_s: float | None = None) -> np.void:
+    def receive(self, timeout_s: float | None = None) -> Any:
         """The next sample; raises `TimeoutError` if none comes in time."""
-        self._link.socket.settimeout(timeout_s)
+        until_s = None if timeout_s is None else time.monotonic() + timeout_s
         while True:
+            # What has come is read also after the time; 0 would mean not to wait at all.
+            self._link.socket.settimeout(None if until_s is None else max(until_s - time.monotonic(), 0.001))
             reply, body = self._link.receive()
             if reply["reply"] == "definition":
-                self.definition = _definition(reply, self.channel)
-            elif reply["reply"] == "sample" and self.definition is not None:
+                self.definition, self.schema = _definition(reply, self.channel), reply["schema"]
+            elif reply["reply"] == "sample" and self.schema:
                 self.dropped, self.missed = reply["dropped"], reply["missed"]
-                return np.frombuffer(body, self.definition.dtype)[0]  # type: ignore[no-any-return]
+                return body if self.definition is None else np.frombuffer(body, self.definition.dtype)[0]
             elif reply["reply"] == "answer":
                 raise Refused(reply)
 
@@ -256,11 +265,16 @@ def _plain(value: Any) -> Any:
 
 
 def _definition(reply: Mapping[str, Any], channel: str) -> Any:
-    from nims_run import Definition
+    from nims_run import Definition, RunError, has_texts_or_lists
 
     if not reply["schema"]:
         raise RobotError(f"the channel `{channel}` has no definition: its program is older than this one")
-    definition = Definition(reply["schema"])
+    if has_texts_or_lists(reply["schema"]):
+        return None
+    try:
+        definition = Definition(reply["schema"])
+    except RunError as error:
+        raise RobotError(f"the channel `{channel}`: {error}") from None
     if definition.dtype.itemsize != reply["size_bytes"]:
         raise RobotError(f"samples of `{channel}` have {reply['size_bytes']} bytes, and its definition {definition.dtype.itemsize}")
     return definition

@@ -21,3 +21,14 @@ fn a_robot_is_flown_and_watched_from_python() {
     assert!(output.status.success(), "{}{}", String::from_utf8_lossy(&output.stderr), robot.printed());
     robot.for_cycles(20);
 }
+
+#[test]
+fn a_timeout_within_a_sample_loses_nothing_in_python() {
+    let output = Command::new(nims_tests::python())
+        .env("PYTHONPATH", root().join("scripts/python"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .arg(root().join("tests/python/check_link.py"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
