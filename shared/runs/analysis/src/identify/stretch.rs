@@ -218,6 +218,24 @@ mod tests {
     }
 
     #[test]
+    fn a_lost_reading_does_not_end_a_stretch() {
+        let mut stretches = stretches();
+        for cycle in 1..=1000 {
+            let mut row = row(cycle, 0.1);
+            // An answer that is lost in each fiftieth cycle.
+            if let Some(state) = row.state.as_mut().filter(|_| cycle % 50 == 0) {
+                state.sampled_ns[0] -= 10_000_000;
+            }
+            stretches.add((1, cycle), &row);
+        }
+        let record = stretches.longest().remove(0);
+        assert_eq!(record.len(), 1000);
+        let readings = record.read_s.windows(2).map(|pair| pair[1] - pair[0]);
+        assert!(readings.take(998).all(|step_s| (step_s - 0.01).abs() < 1e-6));
+        assert!(record.is_flown[..999].iter().all(|flown| *flown) && !record.is_flown[999]);
+    }
+
+    #[test]
     fn the_supply_of_an_unknown_unit_is_unknown() {
         let mut stretches = Stretches::new([None; CABLES]);
         stretches.add((1, 1), &row(1, 0.1));
