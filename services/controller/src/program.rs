@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use cable_robot::CableVec;
+use rustix::fs::OFlags;
 use thiserror::Error;
 
 use crate::custom_law::{CableLaw, LawInput};
@@ -120,6 +121,10 @@ impl ProgramLaw {
         let fails = |error: anyhow::Error| StartError::Fails(format!("{error:#}"));
         let mut child = spawn(command, system, waits.deadline.is_some())?;
         let (questions, output) = (child.stdin.take(), child.stdout.take());
+        // A program that does not read its questions must not block the one that asks: the pipe holds many of them.
+        if let Some(questions) = &questions {
+            rustix::fs::fcntl_setfl(questions, OFlags::NONBLOCK).map_err(|error| fails(error.into()))?;
+        }
         // One answer, and one line too many: a program that prints without end waits.
         let (send, answers) = sync_channel(2);
         let mut law = Self {
@@ -195,8 +200,10 @@ impl ProgramLaw {
         let questions = self.questions.as_mut().context("the law's program has no input")?;
         let mut line = serde_json::to_vec(question)?;
         line.push(b'\n');
-        // It cannot block: the program has read the question before, and the pipe holds many.
         let sent = questions.write_all(&line).and_then(|()| questions.flush());
+        if sent.as_ref().is_err_and(|error| error.kind() == ErrorKind::WouldBlock) {
+            bail!("the law's program {command} does not read its questions; read one line before each answer");
+        }
         match self.answers.recv_timeout(self.waits.deadline.unwrap_or(self.waits.longest)) {
             Ok(Ok(answer)) if sent.is_ok() => {
                 self.times.taken_s.push(begun.elapsed().as_secs_f64());

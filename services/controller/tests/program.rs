@@ -111,6 +111,20 @@ fn a_line_without_end_is_a_complaint() {
 }
 
 #[test]
+fn a_program_that_does_not_read_blocks_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let blind = "while :; do sleep 0.01; echo '[1,1,1]'; done";
+    let mut law = law(folder.path(), blind, Waits::in_flight(Duration::from_secs(20)));
+    let complaint = (1..10_000).find_map(|cycle| {
+        ask(&mut law, cycle);
+        law.complaint().lock().unwrap().clone()
+    });
+    // Where the machine stands still for a moment, a second answer is found first.
+    let complaint = complaint.unwrap();
+    assert!(complaint.contains("does not read") || complaint.contains("without a question"), "{complaint}");
+}
+
+#[test]
 fn only_a_wrong_command_or_a_wrong_first_answer_is_bad_input() {
     let start = |command: &str| {
         let waits = Waits { longest: Duration::from_secs(1), ..Waits::in_lockstep() };
