@@ -15,6 +15,8 @@ const AGAIN_NS: u64 = 1_000_000_000;
 const KEPT_NS: u64 = 10_000_000_000;
 /// Largest number of samples of a channel that one poll takes, so that no channel delays the rest.
 const AT_ONCE: usize = 64;
+/// Bytes of samples of a channel after which a poll takes no more, because all of them are in memory at once.
+const AT_ONCE_BYTES: usize = 4 << 20;
 
 /// What is delivered to a client.
 #[derive(Debug)]
@@ -167,9 +169,14 @@ impl Channel {
                 out.push(one.delivery(Rc::clone(sample), self.missed));
             }
         }
+        let mut bytes = 0;
         for _ in 0..AT_ONCE {
+            if bytes >= AT_ONCE_BYTES {
+                break;
+            }
             let Some((sample, missing)) = tap.receive(|raw| (Rc::<[u8]>::from(raw.bytes), raw.missing))? else { break };
             self.missed += missing;
+            bytes += sample.len();
             for one in &mut self.subscriptions {
                 one.take(&sample, self.missed, now_ns, out);
             }

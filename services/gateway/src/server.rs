@@ -4,7 +4,7 @@ use crate::core::{Action, ClientId, Core, Done, Event, Motion, NO_CLIENT, Questi
 use crate::disk::{Disk, Job, Outcome};
 use crate::hub::{Delivery, count};
 use crate::lane::stops;
-use crate::outbox::{DESCRIPTORS, Outbox, PAUSED};
+use crate::outbox::{DESCRIPTORS, Outbox, is_large};
 use crate::outlet::Delivered;
 use crate::plugin::Verb;
 use crate::robot::Robot;
@@ -159,7 +159,7 @@ impl Server {
             for client in self.clients.values() {
                 let mut flags = PollFlags::empty();
                 // A client that does not take its replies is not asked for more calls.
-                flags.set(PollFlags::IN, client.closes_ns.is_none() && client.outbox.waiting() < PAUSED);
+                flags.set(PollFlags::IN, client.closes_ns.is_none() && !client.outbox.is_paused());
                 flags.set(PollFlags::OUT, client.outbox.waiting() > 0);
                 entries.push(PollFd::new(&client.socket, flags));
             }
@@ -449,13 +449,15 @@ impl Server {
                 }
                 Delivery::Definition(client, reply) => self.post(client, &reply, &[], None),
                 Delivery::Sample(client, id, bytes, missed, dropped) => {
+                    let of_all = || self.clients.values().map(|client| client.outbox.large()).sum();
+                    let large: usize = if is_large(bytes.len()) { of_all() } else { 0 };
                     let Some(entry) = self.clients.get_mut(&client) else { continue };
-                    if entry.closes_ns.is_some() || !entry.outbox.has_room(bytes.len()) {
+                    if entry.closes_ns.is_some() || !entry.outbox.has_room(bytes.len(), large) {
                         count(&dropped);
                         continue;
                     }
-                    let dropped = dropped.get();
-                    self.post(client, &Reply::Sample { id, dropped, missed }, &bytes, None);
+                    let reply = Reply::Sample { id, dropped: dropped.get(), missed };
+                    entry.outbox.push_sample(encode(&reply.header(), &bytes));
                 }
             }
         }
