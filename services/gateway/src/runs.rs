@@ -91,8 +91,8 @@ pub fn disk(runs: &Path) -> Option<DiskFigures> {
 
 /// The quota in a text like `RUNS_MAX_GB=20`, bytes; none for 0.
 fn quota(text: &str) -> Option<u64> {
-    let lines = text.lines().filter_map(|line| line.trim().strip_prefix("RUNS_MAX_GB="));
-    let gb: u64 = lines.last()?.trim().parse().ok()?;
+    let mut lines = text.lines().filter_map(|line| line.trim().strip_prefix("RUNS_MAX_GB="));
+    let gb: u64 = lines.next_back()?.trim().parse().ok()?;
     gb.checked_mul(1_000_000_000).filter(|bytes| *bytes > 0)
 }
 
