@@ -30,6 +30,7 @@ mod exec;
 mod held;
 mod hub;
 mod lane;
+mod lasting;
 mod make;
 mod outbox;
 mod outlet;

@@ -5,8 +5,9 @@
 
 use crate::events::{OwnMessage, Ticket};
 use crate::lane::failed;
+use crate::lasting::Lasting;
 use crate::own_channels::OwnChannels;
-use bus::{Bus, BusError, Domain, Participant, Publisher};
+use bus::{Bus, Domain, Participant, Publisher};
 use messages::{Header, Reading, RequestAnswer};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
@@ -14,8 +15,6 @@ use std::thread::JoinHandle;
 
 /// Largest number of waiting samples, which have at most 64 KiB each.
 const WAITING: usize = 64;
-/// Time between two attempts to create the channel of a sensor, or to join the robot, ns.
-const AGAIN_NS: u64 = 1_000_000_000;
 
 /// What a sensor has called for.
 #[derive(Debug)]
@@ -79,70 +78,42 @@ impl Outlet {
     }
 }
 
-/// The channels of the sensors, and the place on the bus by which they are created.
-struct Channels {
-    guests: Bus,
-    readings: BTreeMap<String, SensorChannel>,
-    declared: OwnChannels,
-}
-
-/// The channel of a plug-in; or until when it is not tried to create it again, ns, with the reason.
-type SensorChannel = Result<Publisher<Reading>, (u64, Box<RequestAnswer>)>;
-
 fn work(domain: &Domain, name: &str, jobs: &Receiver<(Ticket, Delivered)>, done: &Sender<(Ticket, Published)>) {
     // As a guest: it leaves the places and the memory that the robot's own processes need.
     let join = || Bus::join_as(domain, name, Participant::Guest);
-    let mut channels: Option<Channels> = None;
-    let mut refused: Option<(u64, Box<RequestAnswer>)> = None;
+    let (mut guests, mut channels) = (Lasting::default(), Channels::default());
     while let Ok((ticket, delivered)) = jobs.recv() {
-        let now_ns = bus::clock::now_ns();
-        if channels.is_none() && refused.as_ref().is_none_or(|(again_ns, _)| now_ns >= *again_ns) {
-            match join() {
-                Ok(guests) => channels = Some(Channels::new(guests)),
-                Err(error) => refused = Some((now_ns + AGAIN_NS, failed(&error))),
-            }
-        }
-        let published = match (&mut channels, &refused) {
-            (Some(channels), _) => channels.publish(delivered, now_ns),
-            (None, Some((_, answer))) => Err(answer.clone()),
-            (None, None) => Ok(()),
-        };
+        let published = guests.get(join).and_then(|guests| channels.publish(guests, delivered));
         if done.send((ticket, published)).is_err() {
             return;
         }
     }
 }
 
+/// The channels of the sensors.
+#[derive(Default)]
+struct Channels {
+    readings: BTreeMap<String, Lasting<Publisher<Reading>>>,
+    declared: OwnChannels,
+}
+
 impl Channels {
-    fn new(guests: Bus) -> Self {
-        Self { guests, readings: BTreeMap::new(), declared: OwnChannels::default() }
-    }
-
-    fn publish(&mut self, delivered: Delivered, now_ns: u64) -> Published {
-        let sent = |result: Result<(), BusError>| result.map_err(|error| failed(&error));
+    /// Publishes what a sensor has called for; `guests`: the place on the bus by which channels are created.
+    fn publish(&mut self, guests: &Bus, delivered: Delivered) -> Published {
         match delivered {
-            Delivered::Reading(sensor, reading) => self.reading(sensor, *reading, now_ns),
-            Delivered::Declaration(sensor) => self.declared.open(&self.guests, &sensor, now_ns).map(|_| ()),
-            Delivered::Sample(sensor, header, sample) => {
-                let publisher = self.declared.open(&self.guests, &sensor, now_ns)?;
-                sent(publisher.send(header, &sample))
+            Delivered::Reading(sensor, mut reading) => {
+                let channel = format!("sensor/{sensor}");
+                // Its channel is created with the first one, and stays as long as the robot: connections that come and
+                // go make no further channels.
+                let readings = self.readings.entry(sensor).or_default();
+                let publisher = readings.get(|| guests.publisher::<Reading>(&channel))?;
+                publisher.send(&mut reading).map(|_| ()).map_err(|error| failed(&error))
             }
-        }
-    }
-
-    /// Publishes a reading of a plug-in. Its channel is created with the first one, and stays as long as the robot:
-    /// connections that come and go make no further channels.
-    fn reading(&mut self, sensor: String, mut reading: Reading, now_ns: u64) -> Published {
-        let created = self.readings.get(&sensor);
-        if created.is_none_or(|created| created.as_ref().is_err_and(|(again_ns, _)| now_ns >= *again_ns)) {
-            let publisher = self.guests.publisher::<Reading>(&format!("sensor/{sensor}"));
-            let publisher = publisher.map_err(|error| (now_ns + AGAIN_NS, failed(&error)));
-            self.readings.insert(sensor.clone(), publisher);
-        }
-        match self.readings.get_mut(&sensor) {
-            Some(Ok(publisher)) => publisher.send(&mut reading).map(|_| ()).map_err(|error| failed(&error)),
-            Some(Err((_, answer))) => Err(answer.clone()),
-            None => Ok(()),
+            Delivered::Declaration(sensor) => self.declared.open(guests, &sensor).map(|_| ()),
+            Delivered::Sample(sensor, header, sample) => {
+                let publisher = self.declared.open(guests, &sensor)?;
+                publisher.send(header, &sample).map_err(|error| failed(&error))
+            }
         }
     }
 }
