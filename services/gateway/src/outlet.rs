@@ -10,6 +10,8 @@ use crate::own_channels::OwnChannels;
 use bus::{Bus, Domain, Participant, Publisher};
 use messages::{Header, Reading, RequestAnswer};
 use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
 use std::thread::JoinHandle;
 
@@ -36,6 +38,8 @@ pub(crate) struct Outlet {
     results: Receiver<(Ticket, Published)>,
     /// Those that wait for the thread.
     waiting: Vec<Ticket>,
+    /// Set when the robot is left.
+    leaves: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
 
@@ -45,10 +49,12 @@ impl Outlet {
         let (jobs, todo) = sync_channel(WAITING);
         let (done, results) = channel();
         let domain = domain.clone();
+        let leaves = Arc::<AtomicBool>::default();
+        let left = Arc::clone(&leaves);
         let thread = std::thread::Builder::new().name("outlet".to_owned()).spawn(move || {
-            work(&domain, name, &todo, &done);
+            work(&domain, name, &left, (&todo, &done));
         })?;
-        Ok(Self { jobs, results, waiting: Vec::new(), thread })
+        Ok(Self { jobs, results, waiting: Vec::new(), leaves, thread })
     }
 
     /// Passes something on; false if too much waits.
@@ -72,17 +78,25 @@ impl Outlet {
         !self.waiting.is_empty()
     }
 
-    /// Lets the thread leave the robot when it has done what it has; returns it, and what has no result.
+    /// Lets the thread leave the robot when it has done what it is at; returns it, and what has no result.
     pub(crate) fn leave(self) -> (JoinHandle<()>, Vec<Ticket>) {
+        self.leaves.store(true, Ordering::Relaxed);
         (self.thread, self.waiting)
     }
 }
 
-fn work(domain: &Domain, name: &str, jobs: &Receiver<(Ticket, Delivered)>, done: &Sender<(Ticket, Published)>) {
+/// The two ends that the thread has.
+type Ends<'a> = (&'a Receiver<(Ticket, Delivered)>, &'a Sender<(Ticket, Published)>);
+
+fn work(domain: &Domain, name: &str, leaves: &AtomicBool, (jobs, done): Ends<'_>) {
     // As a guest: it leaves the places and the memory that the robot's own processes need.
     let join = || Bus::join_as(domain, name, Participant::Guest);
     let (mut guests, mut channels) = (Lasting::default(), Channels::default());
     while let Ok((ticket, delivered)) = jobs.recv() {
+        // Each of those that wait can take seconds, and its sensor is told that the robot has ended.
+        if leaves.load(Ordering::Relaxed) {
+            return;
+        }
         let published = guests.get(join).and_then(|guests| channels.publish(guests, delivered));
         if done.send((ticket, published)).is_err() {
             return;
@@ -114,6 +128,25 @@ impl Channels {
                 let publisher = self.declared.open(guests, &sensor)?;
                 publisher.send(header, &sample).map_err(|error| failed(&error))
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_waits_when_the_robot_is_left_is_not_begun() {
+        let domain = Domain::for_test();
+        let reading = || Delivered::Reading("air".to_owned(), Box::default());
+        for (leaves, results) in [(true, 0), (false, 3)] {
+            let ((jobs, todo), (done, published)) = (sync_channel(WAITING), channel());
+            (0..3).for_each(|ticket| jobs.send((ticket, reading())).unwrap());
+            // Without its owner the thread ends when it has done everything.
+            let _kept = leaves.then_some(jobs);
+            work(&domain, "gateway", &AtomicBool::new(leaves), (&todo, &done));
+            assert_eq!(published.try_iter().count(), results);
         }
     }
 }
