@@ -15,6 +15,7 @@ use robot_state::answers::detail;
 use site_calibration::robot_file::with_calibration;
 use std::fs::{self, OpenOptions};
 use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -75,7 +76,7 @@ fn store_by(nims: &Path, system: &Path, flown: Option<&str>, texts: &RobotTexts)
     }
     let made = calibration.filter(|(path, _)| !path.exists());
     if let Some((path, text)) = &made {
-        create(path, text)?;
+        create(path, text, &present)?;
     }
     let stored = checked_and_replaced(nims, system, (&present, &before), &text);
     if let (Err(_), Some((path, _))) = (&stored, &made) {
@@ -97,10 +98,14 @@ fn checked_and_replaced(
     }
     // In the folder of the robot file, because the files that it names are found from there.
     let candidate = present.with_file_name(format!(".{}.candidate.toml", stem_of(present)));
-    file::replace(&candidate, text).map_err(|error| cannot(present, &error))?;
-    let replaced = check(nims, system, &candidate, present).and_then(|()| {
+    let write = || {
+        file::replace(&candidate, text)?;
+        as_readable(&fs::File::open(&candidate)?, present)
+    };
+    let written = write().map_err(|error| cannot(present, &error));
+    let replaced = written.and_then(|()| check(nims, system, &candidate, present)).and_then(|()| {
         let kept = beside(present, "before", |_| false)?;
-        create(&kept, before)?;
+        create(&kept, before, present)?;
         fs::rename(&candidate, present).map_err(|error| cannot(present, &error))?;
         Ok(Reason::RobotFileStored { file: name, kept: detail(name_of(&kept)) })
     });
@@ -185,12 +190,19 @@ fn same(path: &Path, text: &str) -> bool {
     file::read_text(path).is_ok_and(|found| found == text)
 }
 
-/// Creates a file, which is on the disk afterwards.
-fn create(path: &Path, text: &str) -> Result<(), Box<Reason>> {
+/// Gives a file the permissions of the present robot file: the service creates files for its own user alone.
+fn as_readable(file: &fs::File, present: &Path) -> std::io::Result<()> {
+    let mode = fs::metadata(present)?.permissions().mode() & 0o777;
+    file.set_permissions(fs::Permissions::from_mode(mode))?;
+    file.sync_all()
+}
+
+/// Creates a file beside the present robot file, which is on the disk afterwards.
+fn create(path: &Path, text: &str, present: &Path) -> Result<(), Box<Reason>> {
     let write = || {
         let mut new = OpenOptions::new().write(true).create_new(true).open(path)?;
         new.write_all(text.as_bytes())?;
-        new.sync_all()?;
+        as_readable(&new, present)?;
         fs::File::open(file::folder_of(path))?.sync_all()
     };
     write().map_err(|error| cannot(path, &error))
@@ -215,7 +227,6 @@ fn refused(why: &dyn std::fmt::Display) -> Box<Reason> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::PermissionsExt;
 
     /// A system with its robot file, and a program in place of `nims`.
     struct Site {
@@ -290,6 +301,19 @@ mod tests {
         assert!(site.text().contains("calibration = \"lab3-calibration-2.toml\""));
         assert_eq!(site.files().len(), 6, "{:?}", site.files());
         assert!(site.folder.path().join("systems").read_dir().unwrap().count() == 1);
+    }
+
+    #[test]
+    fn new_files_are_readable_as_the_robot_file_was() {
+        let site = site("exit 0");
+        // One that no usual mask of a process gives.
+        fs::set_permissions(&site.robot, fs::Permissions::from_mode(0o646)).unwrap();
+        site.store(&site.text(), Some(&calibration("2026-01-01"))).unwrap();
+        assert_eq!(site.files(), ["lab3-before.toml", "lab3-calibration.toml", "lab3.toml"]);
+        for name in site.files() {
+            let mode = fs::metadata(site.robot.with_file_name(&name)).unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o646, "{name}");
+        }
     }
 
     #[test]
