@@ -9,6 +9,7 @@ use robot_state::Reason;
 use robot_state::answers::detail;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
+use std::time::Instant;
 
 /// Largest number of waiting jobs.
 const WAITING: usize = 64;
@@ -30,8 +31,8 @@ pub(crate) enum Job {
     Remove(Option<PathBuf>, String),
     /// Finds what is wrong with the machine for this system file.
     Doctor(PathBuf),
-    /// Stores the robot file of this system file, whose robot has this domain.
-    RobotFile { system: PathBuf, domain: String, texts: Box<RobotTexts> },
+    /// Stores the robot file of this system file, whose robot has this domain, as was asked for at this instant.
+    RobotFile { system: PathBuf, domain: String, texts: Box<RobotTexts>, asked: Instant },
     /// Reads the configuration of a run.
     Configuration(PathBuf),
     /// Starts or stops the unit of a plug-in.
@@ -147,8 +148,8 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                     Err(reason) => Done::Answer(Box::new(reason.answer())),
                 },
             ),
-            Job::RobotFile { system, domain, texts } => {
-                Outcome::Done(ticket, answered(robot_file::store(&system, &domain, &texts)))
+            Job::RobotFile { system, domain, texts, asked } => {
+                Outcome::Done(ticket, answered(robot_file::store(&system, &domain, &texts, asked.elapsed())))
             }
             Job::Configuration(run) => Outcome::Done(
                 ticket,

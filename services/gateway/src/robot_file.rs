@@ -21,6 +21,8 @@ use std::time::Duration;
 
 /// Longest time for the check, which reads some files.
 const LONGEST: Duration = Duration::from_secs(30);
+/// Longest wait behind other work: with the check and twice the mode it ends within the minute for which a page waits.
+const WAITED: Duration = Duration::from_secs(25);
 /// Largest size of what the check prints, bytes.
 const FINDINGS: u64 = 1 << 20;
 /// Most files of one kind beside a robot file.
@@ -37,15 +39,20 @@ pub struct RobotTexts {
     pub calibration: Option<String>,
 }
 
-/// Stores the robot file of a system file; returns the answer. `domain`: that of the robot.
-pub(crate) fn store(system: &Path, domain: &str, texts: &RobotTexts) -> Reason {
+/// Stores the robot file of a system file; returns the answer. `domain`: that of the robot; `waited`: since the call.
+pub(crate) fn store(system: &Path, domain: &str, texts: &RobotTexts, waited: Duration) -> Reason {
     let nims = std::env::current_exe().map(|path| path.with_file_name("nims"));
     let stored = nims.map_err(|error| refused(&error)).and_then(|nims| {
-        if is_armed(domain) {
-            let robot = SystemFile::load(system).map_err(|error| refused(&error))?.robot;
-            return Err(Box::new(Reason::RobotFileInUse { file: detail(name_of(&robot)) }));
+        // The page has told its person by then that it failed.
+        if waited > WAITED {
+            let why = format!("the gateway was busy with other files for {} s; try again", waited.as_secs());
+            return Err(refused(&why));
         }
-        store_by(&nims, system, flown(domain).as_deref(), texts)
+        let is_armed = || is_armed(domain);
+        if is_armed() {
+            return Err(in_use(&SystemFile::load(system).map_err(|error| refused(&error))?.robot));
+        }
+        store_by((&nims, system), flown(domain).as_deref(), texts, &is_armed)
     });
     stored.unwrap_or_else(|reason| *reason)
 }
@@ -56,7 +63,13 @@ fn flown(domain: &str) -> Option<String> {
     file::read_text(&running.run.join("robot.toml")).ok()
 }
 
-fn store_by(nims: &Path, system: &Path, flown: Option<&str>, texts: &RobotTexts) -> Result<Reason, Box<Reason>> {
+/// Stores it with the check of this program for this system file, unless the robot `is_armed` after the check.
+fn store_by(
+    (nims, system): (&Path, &Path),
+    flown: Option<&str>,
+    texts: &RobotTexts,
+    is_armed: &dyn Fn() -> bool,
+) -> Result<Reason, Box<Reason>> {
     let present = SystemFile::load(system).map_err(|error| refused(&error))?.robot;
     let before = file::read_text(&present).map_err(|error| refused(&error))?;
     let (text, calibration) = match &texts.calibration {
@@ -78,7 +91,7 @@ fn store_by(nims: &Path, system: &Path, flown: Option<&str>, texts: &RobotTexts)
     if let Some((path, text)) = &made {
         create(path, text, &present)?;
     }
-    let stored = checked_and_replaced(nims, system, (&present, &before), &text);
+    let stored = checked_and_replaced((nims, system), (&present, &before), &text, is_armed);
     if let (Err(_), Some((path, _))) = (&stored, &made) {
         let _ = fs::remove_file(path);
     }
@@ -87,10 +100,10 @@ fn store_by(nims: &Path, system: &Path, flown: Option<&str>, texts: &RobotTexts)
 
 /// Puts a text in the place of the present robot file, if the system can be used with it.
 fn checked_and_replaced(
-    nims: &Path,
-    system: &Path,
+    (nims, system): (&Path, &Path),
     (present, before): (&Path, &str),
     text: &str,
+    is_armed: &dyn Fn() -> bool,
 ) -> Result<Reason, Box<Reason>> {
     let name = detail(name_of(present));
     if text == before {
@@ -104,6 +117,10 @@ fn checked_and_replaced(
     };
     let written = write().map_err(|error| cannot(present, &error));
     let replaced = written.and_then(|()| check(nims, system, &candidate, present)).and_then(|()| {
+        // The check takes long enough to arm the robot.
+        if is_armed() {
+            return Err(in_use(present));
+        }
         let kept = beside(present, "before", |_| false)?;
         create(&kept, before, present)?;
         fs::rename(&candidate, present).map_err(|error| cannot(present, &error))?;
@@ -216,6 +233,10 @@ fn stem_of(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
+fn in_use(present: &Path) -> Box<Reason> {
+    Box::new(Reason::RobotFileInUse { file: detail(name_of(present)) })
+}
+
 fn cannot(path: &Path, error: &std::io::Error) -> Box<Reason> {
     refused(&format!("{} cannot be written: {error}", path.display()))
 }
@@ -264,7 +285,7 @@ mod tests {
     impl Site {
         fn store(&self, robot: &str, calibration: Option<&str>) -> Result<Reason, Box<Reason>> {
             let texts = RobotTexts { robot: robot.to_owned(), calibration: calibration.map(str::to_owned) };
-            store_by(&self.nims, &self.system, None, &texts)
+            store_by((&self.nims, &self.system), None, &texts, &|| false)
         }
 
         fn text(&self) -> String {
@@ -334,12 +355,27 @@ mod tests {
     }
 
     #[test]
+    fn a_store_that_comes_late_or_while_the_robot_is_armed_changes_nothing() {
+        let site = site("touch \"${0%nims}checked\"");
+        let before = site.text();
+        let texts = RobotTexts { robot: format!("{before}# more\n"), calibration: Some("method = 1\n".to_owned()) };
+        // It is armed during the check.
+        let is_armed = || site.folder.path().join("checked").exists();
+        assert!(!is_armed());
+        let reason = store_by((&site.nims, &site.system), None, &texts, &is_armed).unwrap_err();
+        assert_eq!(reason.code(), 485);
+        let late = store(&site.system, "no-robot-of-this-name", &texts, WAITED + Duration::from_secs(1));
+        assert!(late.code() == 486 && format!("{late:?}").contains("busy with other files for 26 s"), "{late:?}");
+        assert_eq!((site.text(), site.files()), (before, vec!["lab3.toml".to_owned()]));
+    }
+
+    #[test]
     fn a_change_since_the_start_of_the_robot_is_not_overwritten() {
         let site = site("exit 0");
         let before = site.text();
         let store = |flown: &str, text: &str| {
             let texts = RobotTexts { robot: text.to_owned(), calibration: None };
-            store_by(&site.nims, &site.system, Some(flown), &texts)
+            store_by((&site.nims, &site.system), Some(flown), &texts, &|| false)
         };
         assert_eq!(store("older", &format!("{before}# more\n")).unwrap_err().code(), 486);
         assert_eq!(store("older", &before).unwrap().code(), 484);

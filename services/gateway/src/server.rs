@@ -24,6 +24,7 @@ use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
+use std::time::Instant;
 
 /// Longest wait: while the robot is looked for, while samples are passed on, and while an answer is awaited, ns.
 const IDLE_NS: u64 = 250_000_000;
@@ -330,7 +331,7 @@ impl Server {
                     eprintln!("gateway: {user} ({}): store a robot file", role.name());
                 }
                 let (system, domain) = (self.system.clone(), self.domain.clone());
-                self.begin(ticket, Job::RobotFile { system, domain, texts });
+                self.begin(ticket, Job::RobotFile { system, domain, texts, asked: Instant::now() });
             }
             Question::Make(run, what) => self.begin(ticket, Job::Make(present, run, what)),
             Question::Remove(run) => {
