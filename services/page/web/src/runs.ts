@@ -12,6 +12,8 @@ const SHOWN = 12;
 const MAKING_MS = 16 * 60_000;
 /** Endings of files that a browser shows. */
 const SHOWS = /\.(html|svg|png|txt|toml|json)$/;
+/** Names that begin with their date, as `nims-runs-quota` knows the age of a run; of another name it is not known. */
+const DATED = /^\d{4}-\d\d-\d\dT/;
 const REPORT = "report.html", FIGURES = "report.json", MANIFEST = "manifest.json";
 
 interface Figures { runs?: { verdict?: { grade?: string; sentence?: string }; sensors?: { channel: string; samples: number }[]; recording?: { duration_s?: number | null } }[] }
@@ -46,10 +48,10 @@ export class Runs {
         for (const row of rows) await row.read();
     }
 
-    /** Deletes the oldest run after two questions, to make room. */
+    /** Deletes the oldest run after two questions, to make room; their list is sorted by name. */
     private oldest(runs: RunRow[]): HTMLElement[] {
-        const [run] = runs, said = h("p", { class: "answer refused", role: "status", hidden: true });
-        if (!run || runs.length < 2 || !this.store.flies) return [];
+        const dated = runs.filter((run) => DATED.test(run.name)), [run] = dated, said = h("p", { class: "answer refused", role: "status", hidden: true });
+        if (!run || dated.length < 2 || !this.store.flies) return [];
         const { name } = run;
         return [h("button", { class: "button", type: "button", click: async () => {
             if (!await question(t("Delete the run {name} with all its files from the robot?", { name }), t("Delete it"))) return;
