@@ -213,23 +213,27 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     let (_, sample) = own.last().unwrap();
     assert_eq!((sample.count, sample.value[0], text_of(&sample.quantity)), (1, 20.0, "temperature_c".to_owned()));
 
-    // The first sensor fell silent, and the values of the probe were outside their range.
-    let flags = |channel: &str| runlog::read_channel::<SensorFlag>(&run, channel).unwrap();
-    let [(_, gap)] = flags("flag/s0")[..] else { panic!("{:?}", flags("flag/s0")) };
-    let last_ns = runlog::read_channel::<Reading>(&run, "sensor/s0").unwrap().last().unwrap().1.header.oldest_input_ns;
-    assert_eq!((gap.kind, gap.begin_ns, gap.end_ns, gap.count), (SensorFlag::KIND_GAP, last_ns, 0, 1));
-    let [(_, range)] = flags("flag/probe")[..] else { panic!("{:?}", flags("flag/probe")) };
-    assert_eq!((range.kind, range.end_ns, range.size, range.number), (SensorFlag::KIND_RANGE, 0, 5.0, 1));
-    assert_eq!(text_of(&range.quantity), "temperature_c");
-    assert!(runlog::read_channel::<FieldMap>(&run, "map/probe").unwrap().is_empty(), "no value was believable");
-    let log = runlog::read_channel::<LogEvent>(&run, "system/log/sensor-logger").unwrap();
-    let sentence = "sensor/probe: temperature_c: 5.0000 outside the range in the system file; not in the map";
-    assert!(log.iter().any(|(_, event)| text_of(&event.text) == sentence), "{log:?}");
+    flags_are_recorded(&run);
 
     let maps = runlog::read_channel::<FieldMap>(&run, "map/s1").unwrap();
     let (_, map) = maps.last().expect("a map");
     assert_eq!((text_of(&map.quantity), text_of(&map.unit)), ("place".to_owned(), "m".to_owned()));
     known_cells_show_x(map);
+}
+
+/// The first sensor fell silent, and the values of the probe were outside their range.
+fn flags_are_recorded(run: &Path) {
+    let flags = |channel: &str| runlog::read_channel::<SensorFlag>(run, channel).unwrap();
+    let [(_, gap)] = flags("flag/s0")[..] else { panic!("{:?}", flags("flag/s0")) };
+    let last_ns = runlog::read_channel::<Reading>(run, "sensor/s0").unwrap().last().unwrap().1.header.oldest_input_ns;
+    assert_eq!((gap.kind, gap.begin_ns, gap.end_ns, gap.count), (SensorFlag::KIND_GAP, last_ns, 0, 1));
+    let [(_, range)] = flags("flag/probe")[..] else { panic!("{:?}", flags("flag/probe")) };
+    assert_eq!((range.kind, range.end_ns, range.size, range.number), (SensorFlag::KIND_RANGE, 0, 5.0, 1));
+    assert_eq!(text_of(&range.quantity), "temperature_c");
+    assert!(runlog::read_channel::<FieldMap>(run, "map/probe").unwrap().is_empty(), "no value was believable");
+    let log = runlog::read_channel::<LogEvent>(run, "system/log/sensor-logger").unwrap();
+    let sentence = "sensor/probe: temperature_c: 5.0000 outside the range in the system file; not in the map";
+    assert!(log.iter().any(|(_, event)| text_of(&event.text) == sentence), "{log:?}");
 }
 
 /// A map of a sensor that measures its position along x.

@@ -343,9 +343,10 @@ fn describe(domain: &Domain, details: &ServiceDetails<ipc::Service>) -> Option<C
     let Pattern::PublishSubscribe(settings) = statics.messaging_pattern() else { return None };
     let types = settings.message_type_details();
     let payload = &types.payload;
+    let header_name = types.user_header.type_name().to_string();
     let is_blob = payload.variant() == TypeVariant::Dynamic
         && payload.size() == 1
-        && types.user_header.type_name().to_string() == BLOB_HEADER
+        && header_name == BLOB_HEADER
         && types.user_header.size() == size_of::<Header>();
     let type_name = payload.type_name().to_string();
     let (schema, schema_hash) = definition::read(domain, &type_name, statics.attributes());
