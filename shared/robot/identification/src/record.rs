@@ -77,8 +77,8 @@ impl Record {
         self.sent_s.is_empty()
     }
 
-    /// Interpolates time and length of cycles whose reading was lost, which repeat the one before. After more than three
-    /// of them in a row, the cycles count as not flown.
+    /// Interpolates time and length of cycles whose reading was lost, which repeat the one before. After more than
+    /// three of them in a row, the cycles count as not flown.
     pub fn interpolate_lost(&mut self) {
         let Some(mut last) = self.read_s.first().map(|_| 0) else { return };
         for k in 1..self.len() {

@@ -181,7 +181,7 @@ message! {
 }
 
 message! {
-    /// `flag/NAME`: values of a sensor that are doubtful by themselves, in the manner of QARTOD (docs/analysis.md).
+    /// `flag/NAME`: values of a sensor that are doubtful by themselves, in the manner of QARTOD.
     ///
     /// What lasts is published twice: when it is found, with `end_ns` 0, and when it ends. `stamp_ns` is the time at
     /// which it was found.
