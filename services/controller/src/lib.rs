@@ -6,7 +6,7 @@
 //! * A further law is a variant of [`Law`] and a name in the configuration; motions, slots, limits and stretch stay as
 //!   they are. A custom law is a [`CableLaw`] in a separate program ([`process::main_with`]) that the system file names
 //!   in place of this one; in another language it is a program
-//!   that this one asks over a pipe ([`program`]).
+//!   that this one asks over a pipe ([`mod@program`]).
 #![forbid(unsafe_code)]
 
 mod controller;

@@ -17,7 +17,7 @@ use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law, lockstep};
 /// Runs a whole process with a custom law.
 ///
 /// Horizon, limits and tension distribution are those of `[controller]` in the system file; its `law` is not used.
-/// `program` is [`program!()`](crate::program), so that the run identifies the program and not nims. With
+/// `program` is [`program!()`](macro@crate::program), so that the run identifies the program and not nims. With
 /// [`lockstep::ARGUMENT`] the same program answers `nims sim` instead.
 pub fn main_with(program: Program, mut law: Box<dyn CableLaw>) -> ExitCode {
     if std::env::args().any(|argument| argument == lockstep::ARGUMENT) {
@@ -53,7 +53,7 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<Controller
 /// Share of the period that the program of a law has for its answer: the rest is for the drives and the estimator.
 const PROGRAM_SHARE: f64 = 0.5;
 
-/// Runs with the law of a program in any language; see [`crate::program`].
+/// Runs with the law of a program in any language; see [`ProgramLaw`].
 ///
 /// # Errors
 /// The program fails, and those of the bus.
