@@ -88,6 +88,8 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
             for info in &new {
                 sensor_logger.add_channel(chassis, info, true)?;
             }
+            // Flags are rare: who subscribes after one would wait for the next.
+            sensor_logger.outputs.iter_mut().for_each(|output| output.flags.update_connections());
         }
         sensor_logger.process_samples()?;
         if now >= map_ns {
