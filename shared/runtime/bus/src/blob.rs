@@ -3,15 +3,14 @@
 use std::mem::MaybeUninit;
 
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::{PortFactory as _, ZeroCopySend, ipc};
-use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
+use iceoryx2::prelude::{ZeroCopySend, ipc};
+use iceoryx2::service::marker::CustomPayloadMarker;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use messages::blob::BlobType;
 use messages::{Header, quality_of_blobs};
 
-use crate::memory::CONNECTION_BYTES;
-use crate::node::{BORROWS, Bus, LOANS, SampleType, service_name, shared, sized};
-use crate::port::as_made;
+use crate::node::{Bus, SampleType};
+use crate::untyped::{Layout, UntypedPort};
 use crate::{BusError, clock, definition};
 
 /// The header of a blob, beside its payload in shared memory.
@@ -30,12 +29,10 @@ unsafe impl ZeroCopySend for BlobHeader {
     }
 }
 
-type RawPort = iceoryx2::port::publisher::Publisher<ipc::Service, [CustomPayloadMarker], CustomHeaderMarker>;
-
 /// Sends blobs of one type.
 #[derive(Debug)]
 pub struct BlobPublisher {
-    port: RawPort,
+    port: UntypedPort,
     notifier: Notifier<ipc::Service>,
     channel: String,
     most_bytes: usize,
@@ -59,51 +56,16 @@ impl Bus {
             let why = "blobs have channels blob/NAME, and at least one byte";
             return Err(BusError::failed(channel, "be published on", &why));
         }
-        let name = service_name(channel)?;
         let quality = quality_of_blobs(most_bytes).at_rate(rate_hz);
-        let bytes = quality.samples(BORROWS, LOANS).saturating_mul(most_bytes);
-        self.need(bytes.saturating_add(CONNECTION_BYTES * quality.subscribers), channel)?;
-        let unfit = |why: &str| BusError::Schema { type_name: kind.type_name().to_owned(), why: why.to_owned() };
-        let payload = TypeDetail::__internal_new_from_parts(TypeVariant::Dynamic, kind.type_name(), 1, 1)
-            .map_err(|_| unfit("its name is too long"))?;
-        let header = TypeDetail::new::<BlobHeader>(TypeVariant::FixedSize);
-        let builder = || {
-            let plain = self
-                .node
-                .service_builder(&name)
-                .publish_subscribe::<[CustomPayloadMarker]>()
-                .user_header::<CustomHeaderMarker>();
-            // SAFETY: an element of the payload is one byte, and every bit pattern of it and of the header is a value.
-            // `send` writes as many bytes as it loans, and the header.
-            #[allow(unsafe_code)]
-            let typed = unsafe {
-                plain.__internal_set_payload_type_details(&payload).__internal_set_user_header_type_details(&header)
-            };
-            shared(typed)
+        let layout = Layout {
+            variant: TypeVariant::Dynamic,
+            element: [1, 1],
+            most: most_bytes,
+            header: TypeDetail::new::<BlobHeader>(TypeVariant::FixedSize),
         };
-        let service = self.open_or_create(
-            channel,
-            SampleType { name: kind.type_name(), schema: kind.schema(), quality },
-            || builder().open(),
-            |attributes| {
-                let limited = definition::with_limit(attributes, most_bytes);
-                sized(builder(), &quality).create_with_attributes(limited.as_ref().unwrap_or(attributes))
-            },
-        )?;
-        let made = as_made(quality, service.static_config());
-        let samples = made.samples(service.static_config().subscriber_max_borrowed_samples(), LOANS);
-        let make = || {
-            service
-                .publisher_builder()
-                .initial_max_slice_len(most_bytes)
-                .max_loaned_samples(LOANS)
-                .override_sample_preallocation(move |_| samples)
-                .name(&self.port_name)
-                .create()
-        };
-        let port = self.take_publisher(channel, &made, make)?;
-        let notifier = self.notifier(channel)?;
-        self.announce();
+        let sample = SampleType { name: kind.type_name(), schema: kind.schema(), quality };
+        let limited = |attributes: &_| definition::with_limit(attributes, most_bytes);
+        let (port, notifier) = self.untyped_publisher(channel, sample, &layout, limited)?;
         Ok(BlobPublisher { port, notifier, channel: channel.to_owned(), most_bytes, seq: 0 })
     }
 }

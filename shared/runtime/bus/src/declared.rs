@@ -3,21 +3,19 @@
 use std::mem::MaybeUninit;
 
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::{PortFactory as _, ipc};
-use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
+use iceoryx2::prelude::ipc;
+use iceoryx2::service::marker::CustomPayloadMarker;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use messages::{Declaration, Header, Quality};
 
-use crate::node::{Bus, LOANS, SampleType, service_name, shared, sized};
-use crate::port::as_made;
+use crate::node::{Bus, SampleType};
+use crate::untyped::{Layout, UntypedPort};
 use crate::{BusError, clock};
-
-type RawPort = iceoryx2::port::publisher::Publisher<ipc::Service, [CustomPayloadMarker], CustomHeaderMarker>;
 
 /// Sends samples of a declared type as bytes.
 #[derive(Debug)]
 pub struct DeclaredPublisher {
-    port: RawPort,
+    port: UntypedPort,
     notifier: Notifier<ipc::Service>,
     channel: String,
     type_name: String,
@@ -38,56 +36,18 @@ impl Bus {
         declared: &Declaration,
         quality: Quality,
     ) -> Result<DeclaredPublisher, BusError> {
-        let name = service_name(channel)?;
         let (type_name, size) = (declared.type_name(), declared.size());
-        self.need_for(channel, &quality, size)?;
-        let unfit = |_| BusError::Schema { type_name: type_name.to_owned(), why: "its name is too long".to_owned() };
-        // A sample begins with its header, whose numbers have eight bytes.
-        let payload =
-            TypeDetail::__internal_new_from_parts(TypeVariant::FixedSize, type_name, size, align_of::<Header>());
-        let (payload, header) = (payload.map_err(unfit)?, TypeDetail::new::<()>(TypeVariant::FixedSize));
-        let builder = || {
-            let plain = self
-                .node
-                .service_builder(&name)
-                .publish_subscribe::<[CustomPayloadMarker]>()
-                .user_header::<CustomHeaderMarker>();
-            // SAFETY: the details are those of a struct of the declared fields: its size has no hidden padding, and
-            // every bit pattern is a value. `send` writes exactly that many bytes.
-            #[allow(unsafe_code)]
-            let typed = unsafe {
-                plain.__internal_set_payload_type_details(&payload).__internal_set_user_header_type_details(&header)
-            };
-            shared(typed)
+        let layout = Layout {
+            variant: TypeVariant::FixedSize,
+            // A sample begins with its header, whose numbers have eight bytes.
+            element: [size, align_of::<Header>()],
+            most: 1,
+            header: TypeDetail::new::<()>(TypeVariant::FixedSize),
         };
-        let service = self.open_or_create(
-            channel,
-            SampleType { name: type_name, schema: declared.definition(), quality },
-            || builder().open(),
-            |attributes| sized(builder(), &quality).create_with_attributes(attributes),
-        )?;
-        let made = as_made(quality, service.static_config());
-        let samples = made.samples(service.static_config().subscriber_max_borrowed_samples(), LOANS);
-        let make = || {
-            service
-                .publisher_builder()
-                .initial_max_slice_len(1)
-                .max_loaned_samples(LOANS)
-                .override_sample_preallocation(move |_| samples)
-                .name(&self.port_name)
-                .create()
-        };
-        let port = self.take_publisher(channel, &made, make)?;
-        let publisher = DeclaredPublisher {
-            port,
-            notifier: self.notifier(channel)?,
-            channel: channel.to_owned(),
-            type_name: type_name.to_owned(),
-            size,
-            seq: 0,
-        };
-        self.announce();
-        Ok(publisher)
+        let sample = SampleType { name: type_name, schema: declared.definition(), quality };
+        let (port, notifier) = self.untyped_publisher(channel, sample, &layout, |_| None)?;
+        let (channel, type_name) = (channel.to_owned(), type_name.to_owned());
+        Ok(DeclaredPublisher { port, notifier, channel, type_name, size, seq: 0 })
     }
 }
 

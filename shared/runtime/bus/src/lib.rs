@@ -53,6 +53,7 @@ mod requester;
 mod shm_sample;
 mod sweep;
 mod tap;
+mod untyped;
 mod waiter;
 
 pub use blob::BlobPublisher;
