@@ -162,7 +162,7 @@ answers! {
 
     // motor-io
     10 Armed ACCEPTED, "Armed: the drives hold the cables.";
-    11 ArmedRestored ACCEPTED, "Armed: the drives hold the cables; the position was kept from before motor-io was started, so look where the node is and confirm it or zero before a motion.";
+    11 ArmedRestored ACCEPTED, "Armed: the drives hold the cables; the position needs a confirmation, because motor-io was started or a fault made it doubtful: look where the node is, and confirm it or zero before a motion.";
     12 ArmedUnknown ACCEPTED, "Armed: the drives hold the cables; the position is unknown, so zero before a motion.";
     13 AlreadyArmed ACCEPTED, "Already armed.";
     14 NotArmedStopped REFUSED, "Not armed: the robot is stopped by a fault; reset it first.";
@@ -281,7 +281,7 @@ answers! {
     208 RobotEmergencyStop REFUSED, "the emergency stop is on; release it and nims reset";
     219 RobotSoft REFUSED, "the robot is soft and led by hand; hold it with nims hold";
     209 RobotMoves REFUSED, "the robot is moving; wait until it holds, or stop it with nims stop";
-    210 PositionRestored REFUSED, "the position was kept from before motor-io was started; look whether the node is where nims status says, then nims confirm-position, or nims zero --at x,y,z";
+    210 PositionRestored REFUSED, "the position needs a confirmation, because motor-io was started or a fault made it doubtful; look whether the node is where nims status says, then nims confirm-position, or nims zero --at x,y,z";
     211 PositionUnknown REFUSED, "the position is not known; set it with nims zero --at x,y,z";
     212 NoEstimate REFUSED, "the position estimate is missing or stale; see nims status for the estimator and the drives";
     213 MissionNotBegun { mission: Detail } REFUSED, "mission \"{mission}\" was not begun; run it without --continue";

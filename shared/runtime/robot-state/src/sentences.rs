@@ -420,7 +420,7 @@ pub fn position_sentence(position_known: u8) -> &'static str {
     match position_known {
         MotorState::POSITION_KNOWN => "The position is known.",
         MotorState::POSITION_RESTORED => {
-            "The position was kept from before motor-io was started: look where the node is, then confirm it (nims confirm-position) or zero (nims zero)."
+            "The position needs a confirmation, because motor-io was started or a fault made it doubtful: look where the node is, then confirm it (nims confirm-position) or zero (nims zero)."
         }
         _ => "The position is unknown: zero where the node is (nims zero).",
     }
