@@ -37,7 +37,7 @@ pub struct MotorBoxSection {
     pub drum_radius_m: f64,
     /// Cable diameter, m.
     pub line_diameter_m: f64,
-    /// Time in which a drive unit answers, s.
+    /// Time from the last byte of a question on the wire to the first byte of its answer, of every family, s.
     pub turnaround_s: f64,
     /// Supply voltage, V.
     pub supply_v: f64,

@@ -11,6 +11,7 @@
 //!   cut off is passed over.
 #![forbid(unsafe_code)]
 
+mod question;
 mod recording;
 mod relay;
 mod replay;
@@ -40,6 +41,9 @@ pub struct Args {
     /// Baud rate of the port.
     #[arg(long, default_value_t = 230_400)]
     pub baud: u32,
+    /// The port is USB: it has no baud rate, and bytes take no time.
+    #[arg(long, conflicts_with = "baud")]
+    pub usb: bool,
     /// File to record to; it must not exist.
     #[arg(long, value_name = "FILE", default_value = "drive.capture")]
     pub out: PathBuf,
@@ -75,7 +79,8 @@ pub fn run(args: &Args) -> Answer<Output> {
         port.display(),
         args.out.display()
     );
-    let ended = record(port, args.baud, &args.link, &args.out, &stop)?;
+    let baud = if args.usb { 0 } else { args.baud };
+    let ended = record(port, baud, &args.link, &args.out, &stop)?;
     let shown = show(&args.out)?;
     match ended {
         Ended::Signal => Ok(shown),
@@ -103,12 +108,19 @@ mod tests {
         for line in [
             "/dev/ttyACM0",
             "/dev/serial/by-id/drive --baud 230400 --out bench.capture --link /tmp/drive0",
+            "/dev/ttyACM0 --usb",
             "--show bench.capture",
             "--replay bench.capture --link /tmp/drive0",
         ] {
             assert!(accepted(line), "{line}");
         }
-        for line in ["", "--link /tmp/drive0", "/dev/ttyACM0 --show bench.capture", "--show a --replay b"] {
+        for line in [
+            "",
+            "--link /tmp/drive0",
+            "/dev/ttyACM0 --usb --baud 9600",
+            "/dev/ttyACM0 --show bench.capture",
+            "--show a --replay b",
+        ] {
             assert!(!accepted(line), "{line}");
         }
     }

@@ -16,6 +16,8 @@ const TURN_NS: u64 = 300_000;
 const WRITE_NS: u64 = 100_000_000;
 /// Times between two releases of a killed program's port and two writes of the file, ns.
 const TIDY_NS: u64 = 250_000_000;
+/// Baud rate at which a USB port is opened; it ignores it.
+const USB_BAUD: u32 = 115_200;
 /// Pause of a drive that is only replayed, ns.
 const REPLAY_PAUSE_NS: u64 = 200_000;
 
@@ -37,7 +39,8 @@ pub struct Counts {
     pub unknown_bytes: u64,
 }
 
-/// Passes bytes between a program on `link` and the drive on `port`, and records them to `out`, until `stop`.
+/// Passes bytes between a program on `link` and the drive on `port`, and records them to `out`, until `stop`. `baud` 0:
+/// the port is USB.
 ///
 /// # Errors
 /// The port or the link cannot be opened, or the file is there or cannot be written.
@@ -45,7 +48,7 @@ pub fn record(port: &Path, baud: u32, link: &Path, out: &Path, stop: &AtomicBool
     let name: Arc<str> = Arc::from(port.to_string_lossy());
     let mut jack = PtyLink::new(link);
     jack.plug().map_err(Failure::not_now)?;
-    let mut drive = Port::open(&name, baud).map_err(Failure::not_now)?;
+    let mut drive = Port::open(&name, if baud > 0 { baud } else { USB_BAUD }).map_err(Failure::not_now)?;
     let unwritable = |error: std::io::Error| Failure::NotNow(format!("{}: cannot be written ({error})", out.display()));
     let file = File::create_new(out).map_err(|error| {
         Failure::BadInput(format!("{}: cannot be made ({error}); name another with --out", out.display()))
