@@ -67,6 +67,8 @@ pub struct DriveFamily {
     pub second_turn: Option<f64>,
     /// Bytes that it adds to a cycle of a unit.
     pub second_bytes: f64,
+    /// What a builder sets before the first use, in the words of the maker's program.
+    pub set: &'static str,
     /// What to do about units that cannot be used.
     pub remedies: Remedies,
     /// Most units on a serial wire, and on a USB adapter.
@@ -126,6 +128,9 @@ const ROBOCLAW: DriveFamily = DriveFamily {
     second_encoders: None,
     second_turn: None,
     second_bytes: 0.0,
+    set: "in Motion Studio: packet serial mode, address and baud rate of the system file, and multi-unit mode if a bus has \
+          several units; the speed loop, tuned with the cable's load on the drum; motor leads such that a positive speed \
+          makes the count rise; a current limit, and the E-stop input if a button is wired to it",
     remedies: Remedies {
         silent: "switch its supply on, and check address and baud rate in Motion Studio",
         foreign: "check that it is the units' port, and in Motion Studio packet serial mode and this baud rate",
@@ -156,6 +161,10 @@ const MOTEUS: DriveFamily = DriveFamily {
     // A turn of the encoder.
     second_turn: Some(100_000.0),
     second_bytes: 4.0 + 8.0,
+    set: "with moteus_tool: --calibrate for each motor, and another id.id for each unit on an adapter; in tview: \
+          servopos.position_min and position_max to nan, motor_position such that a positive velocity makes the position \
+          rise, the gains of servo.pid_position and servo.max_current_A with the cable's load on the drum, and \
+          servo.timeout_mode 12",
     remedies: Remedies {
         silent: "switch its supply on, check id.id with moteus_tool --info, and that wire is usb for a fdcanusb and \
                  serial for a UART",
@@ -185,6 +194,10 @@ const ODRIVE: DriveFamily = DriveFamily {
     second_encoders: None,
     second_turn: None,
     second_bytes: 0.0,
+    set: "in odrivetool: motor and encoder calibration of each axis with startup_closed_loop_control off, on a UART the \
+          ASCII protocol alone with the baud rate of the system file, input_mode pass-through, vel_limit above the \
+          fastest command, current_lim and the gains of the velocity loop with the cable's load on the drum, and a \
+          direction in which a positive velocity makes the position rise; then save it",
     remedies: Remedies {
         silent: "switch its supply on, and check config.uart_a_baudrate in odrivetool: 921600 for two axes at 100 Hz",
         foreign: "check that it is the board's port, and in odrivetool config.uart_a_baudrate and that only the ASCII \
@@ -215,6 +228,10 @@ const ROBOTEQ: DriveFamily = DriveFamily {
     second_encoders: None,
     second_turn: None,
     second_bytes: 0.0,
+    set: "in Roborun+: MMOD 1 for each channel with a cable, EPPR and the encoder as feedback of its channel, MXRPM a \
+          little above the fastest command, MAC and MDEC above the accelerations of the robot, ALIM, a direction in which \
+          a positive command makes the count rise, the stop button as an emergency stop, and no script; then save it to \
+          the controller",
     remedies: Remedies {
         // An echo is part of this protocol, so a loopback looks like silence.
         silent: "switch its supply on, remove a loopback plug, and check its cable and that its port has 115200 \

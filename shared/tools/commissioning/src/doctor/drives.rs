@@ -8,6 +8,18 @@ use motor_io::{CoreConfig, Trouble};
 /// Time for the units of a port to be set up, s: silent ones are asked again twice a second.
 const PATIENCE_S: f64 = 3.0;
 
+/// What is to be set in the makers' programs, for every real port.
+pub fn to_set(file: &SystemFile) -> Vec<Finding> {
+    let say =
+        |(number, port): (usize, &PortSection)| note(format!("port {number}: set {}", port.protocol.family().set));
+    real(file).map(say).collect()
+}
+
+fn real(file: &SystemFile) -> impl Iterator<Item = (usize, &PortSection)> {
+    let numbered = file.motor_io.ports.iter().enumerate().map(|(index, port)| (index + 1, port));
+    numbered.filter(|(_, port)| !port.path.contains("{domain}"))
+}
+
 /// Asks the drives on every real port.
 ///
 /// # Errors
@@ -15,8 +27,7 @@ const PATIENCE_S: f64 = 3.0;
 pub fn ask(file: &SystemFile) -> Answer<Vec<Finding>> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let config = CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
-    let ports = file.motor_io.ports.iter().enumerate().filter(|(_, port)| !port.path.contains("{domain}"));
-    Ok(ports.flat_map(|(index, port)| findings(index + 1, port, &config)).collect())
+    Ok(real(file).flat_map(|(number, port)| findings(number, port, &config)).collect())
 }
 
 fn findings(number: usize, port: &PortSection, config: &CoreConfig) -> Vec<Finding> {

@@ -51,6 +51,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     }
     let mut found: Vec<Finding> = judge::judge(&probe::probe(file.as_ref()));
     found.extend(examined.into_iter().map(|examined| examined.finding));
+    found.extend(file.iter().flat_map(drives::to_set));
     if let (true, Some(file)) = (args.drives, &file) {
         found.extend(drives::ask(file)?);
     }
