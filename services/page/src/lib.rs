@@ -17,7 +17,9 @@ mod app;
 mod assets;
 mod certificate;
 mod control;
+mod drives;
 mod fields;
+mod freshness;
 mod gather;
 mod history;
 mod http;
@@ -35,6 +37,7 @@ pub mod settings;
 mod setup;
 mod start;
 mod stops;
+mod weigh;
 
 pub use pair::{pair, revoke, tokens};
 pub use server::serve;

@@ -12,7 +12,7 @@ use bus::clock::now_ns;
 use command::Answer;
 use gateway_protocol::{Call, Reply};
 use serde_json::{Value, json};
-use site_calibration::setup::captured::CapturedLengths;
+use site_calibration::setup::captured::{CapturedLengths, UpAndDown};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -98,6 +98,20 @@ impl Topics {
         let robot = locked(&self.robot);
         let is_fresh = robot.age_s(now_ns()).is_some_and(|age_s| age_s < 1.0);
         setup::captured(robot.motors().filter(|_| is_fresh), counts_per_m)
+    }
+
+    /// The place at which the robot hangs, as the measurements with a weight capture it.
+    pub(crate) fn place(&self) -> Result<[f64; 3], String> {
+        let counts_per_m = self.scene().map(|scene| scene.counts_per_m.clone());
+        let robot = locked(&self.robot);
+        let is_fresh = robot.age_s(now_ns()).is_some_and(|age_s| age_s < 1.0);
+        setup::place(robot.motors().filter(|_| is_fresh), counts_per_m)
+    }
+
+    /// The motion of the robot after an instant, ms in time of this server.
+    pub(crate) fn moved(&self, after_ms: f64) -> UpAndDown {
+        let ago_ns = ((self.now_ms() - after_ms).max(0.0) * 1e6) as u64;
+        locked(&self.robot).moved(now_ns().saturating_sub(ago_ns))
     }
 
     /// The last ten minutes.

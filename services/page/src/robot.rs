@@ -1,5 +1,7 @@
 //! What the page knows of the robot: the newest samples in, plain data for browsers out. No clock, no I/O.
 
+use crate::drives::Units;
+use crate::freshness::{self, Missed};
 use cable_robot::Path;
 use messages::{
     Heartbeat, LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion,
@@ -8,13 +10,14 @@ use messages::{
 };
 use robot_state::{Periods, sentences};
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use site_calibration::setup::captured::{Moving, UpAndDown, moving};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// The channels and the largest number of samples per second of each; `None`: every sample, because each is a row or an
 /// event.
 pub(crate) const CHANNELS: [(&str, Option<f64>); 11] = [
     ("motor/authority", Some(20.0)),
-    ("motor/state", Some(10.0)),
+    ("motor/state", Some(20.0)),
     ("node/estimate/a", Some(20.0)),
     ("node/estimate/b", Some(20.0)),
     ("motor/slots", Some(2.0)),
@@ -29,10 +32,10 @@ pub(crate) const CHANNELS: [(&str, Option<f64>); 11] = [
 const VERSION_OF: &str = "system/heartbeat/motor-io";
 /// Beginning of the names of the channels with the logs of processes.
 pub(crate) const LOGS: &str = "system/log/";
-/// The recorder publishes once a second; an older sample says that it has failed, s.
-const RECORDER_OLD_S: f64 = 2.5;
 /// Time for which a valid estimate is shown while newer ones are not valid, s.
 const SHOWN_S: f64 = 0.5;
+/// Samples of motions that are kept for the weighing of the node: five minutes of them.
+const MOVING: usize = 6000;
 /// Points along a drawn segment.
 const POINTS: usize = 48;
 
@@ -48,6 +51,10 @@ pub(crate) struct Robot {
     plan: Option<PlanStatus>,
     motion: Option<PlanMotion>,
     recorder: Option<RecorderStatus>,
+    missed: Missed,
+    units: Units,
+    /// The last samples in motion, with their times, ns.
+    moving: VecDeque<(u64, Moving)>,
     processes: BTreeMap<String, ProcessState>,
     flyer: Option<OperatorRequest>,
     version: Option<String>,
@@ -79,8 +86,11 @@ impl Robot {
             return None;
         }
         match channel {
-            "motor/authority" => self.authority = read(bytes).or(self.authority),
-            "motor/state" => self.state = read(bytes).or(self.state),
+            "motor/authority" => {
+                self.authority = read(bytes).or(self.authority);
+                self.authority.iter().for_each(|authority| self.missed.take(authority));
+            }
+            "motor/state" => self.motors_are(read(bytes)?),
             "node/estimate/a" => self.estimates[0] = read(bytes).or(self.estimates[0]),
             "node/estimate/b" => self.estimates[1] = read(bytes).or(self.estimates[1]),
             "motor/slots" => {
@@ -99,6 +109,24 @@ impl Robot {
         }
         self.valid = self.estimate().or(self.valid);
         None
+    }
+
+    fn motors_are(&mut self, state: MotorState) {
+        if state.node_command_m_s.iter().any(|m_s| *m_s != 0.0) {
+            self.moving.truncate(MOVING - 1);
+            self.moving.push_front((state.header.stamp_ns, moving(&state)));
+        }
+        self.units.take(&state);
+        self.state = Some(state);
+    }
+
+    /// The motion after an instant, ns.
+    pub(crate) fn moved(&self, after_ns: u64) -> UpAndDown {
+        let mut motion = UpAndDown::default();
+        for (_, sample) in self.moving.iter().filter(|(stamp_ns, _)| *stamp_ns > after_ns) {
+            motion.take(sample);
+        }
+        motion
     }
 
     fn row(&mut self, row: &ProcessState) {
@@ -158,7 +186,9 @@ impl Robot {
             value["segment"] = json!(authority.segment);
             let (hz, summary) = (1.0 / authority.period_s, periods.summary());
             value["cycle"] = json!({ "number": authority.header.cycle, "hz": hz, "summary": summary,
-                "unsteered": periods.unsteered(), "all": periods.all() });
+                "unsteered": periods.unsteered(), "missed": self.missed.last_minute(now_ns), "all": periods.all() });
+            // Without an estimate so far it is not known yet whether the position is known.
+            value["located"] = json!(authority.position_known == 0 || self.estimates.iter().any(Option::is_some));
         }
         if let Some(state) = &self.state {
             let (cables, units) = (count(state.cable_count, state.length_m.len()), usize::from(state.unit_count));
@@ -228,17 +258,14 @@ impl Robot {
                     "well": well(row.state) })
             })
             .collect();
-        let recorder = self.recorder.as_ref().map(|row| {
-            let age_s = since_s(row.header.stamp_ns, now_ns);
-            let silent = (age_s > RECORDER_OLD_S).then(|| format!("no message from the recorder for {age_s:.0} s"));
-            json!({ "problem": silent.or_else(|| client::unrecorded_of(row)), "bytes": row.total_bytes,
-                "disk_free_bytes": row.disk_free_bytes })
-        });
+        let lost = self.processes.get("recorder").filter(|row| !well(row.state));
+        let lost = lost.map(|row| format!("the recorder: {}", client::state_name(row.state)));
+        let recorder = self.recorder.as_ref().map(|row| freshness::recorder(row, lost, now_ns));
         let flyer = self.flyer.as_ref().map(
             |request| json!({ "name": holder(&text_of(&request.requester)), "ago_s": since_s(request.header.stamp_ns, now_ns) }),
         );
         json!({ "type": "robot", "processes": processes, "recorder": recorder, "flyer": flyer,
-            "slots": self.slots.as_ref().map(slots), "sensors": self.sensors, "version": self.version,
+            "slots": self.slots.as_ref().map(slots), "units": self.state.as_ref().map(|state| self.units.told(state)), "sensors": self.sensors, "version": self.version,
             "unknown_channels": self.foreign })
     }
 
@@ -336,7 +363,7 @@ fn count(given: u8, most: usize) -> usize {
     usize::from(given).min(most)
 }
 
-fn since_s(stamp_ns: u64, now_ns: u64) -> f64 {
+pub(crate) fn since_s(stamp_ns: u64, now_ns: u64) -> f64 {
     now_ns.saturating_sub(stamp_ns) as f64 * 1e-9
 }
 

@@ -1,10 +1,12 @@
 //! What is drawn and does not move: anchors, obstacles, keep-out boxes; and the check of a target.
 
+use crate::drives;
 use cable_robot::Vector3;
 use command::{Answer, Failure};
 use config::{ObstacleSection, Role, SystemFile};
 use gateway_protocol::FileRow;
 use serde_json::{Value, json};
+use site_calibration::loads::LoadsRobot;
 
 /// The robot of a run.
 #[derive(Debug)]
@@ -14,6 +16,8 @@ pub(crate) struct Scene {
     pub(crate) counts_per_m: Vec<f64>,
     /// Name and text of the robot file.
     pub(crate) robot_file: (String, String),
+    /// For the measurements with a known weight, or why it cannot be used for them.
+    pub(crate) loads: Result<LoadsRobot, String>,
     /// For browsers.
     pub(crate) value: Value,
 }
@@ -37,11 +41,13 @@ impl Scene {
             "speed_limit_m_s": robot.speed_limit_m_s(), "jog_speed_m_s": system.motor_io.jog_speed_m_s,
             "laws": laws(), "plugins": system.plugin.iter().map(|plugin| &plugin.name).collect::<Vec<_>>(),
             "supply_min_v": system.motor_io.supply_min_v, "keep_out_m": keep_out,
+            "drives": drives::declared(&system, file.cable_speed_limit_m_s()),
             "obstacles": file.obstacle.iter().map(drawn).collect::<Vec<_>>(),
         });
         let text = std::fs::read_to_string(&system.robot).map_err(Failure::not_now)?;
         let name = system.robot.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { robot, counts_per_m: system.motor_io.counts_per_m, robot_file: (name, text), value })
+        let loads = LoadsRobot::new(&file, text.clone(), &name);
+        Ok(Self { robot, counts_per_m: system.motor_io.counts_per_m, robot_file: (name, text), loads, value })
     }
 
     /// Whether the node can hang at a target, and the finding in one sentence.

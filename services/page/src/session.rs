@@ -7,6 +7,7 @@ use crate::link::{self, Browser, Incoming, NoLink, Outgoing};
 use crate::protocol::{FromBrowser, ask, refusal, stops};
 use crate::setup::{self, Given};
 use crate::stops::Stops;
+use crate::weigh;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
 use bus::clock::now_ns;
 use command::Failure;
@@ -327,6 +328,7 @@ impl Inbound<'_> {
                 self.answer(json!({ "reply": "check", "id": id, "possible": possible, "sentence": sentence }));
             }
             FromBrowser::Setup { id, name, measurements, line } => self.set_up(id, name, measurements, line),
+            FromBrowser::Weigh { id, measurements, line, after_ms } => self.weigh(id, measurements, line, after_ms),
             FromBrowser::Fields { id } => {
                 let channels = locked_fields(self.app).told();
                 self.answer(json!({ "reply": "fields", "id": id, "channels": channels }));
@@ -372,11 +374,7 @@ impl Inbound<'_> {
         }
     }
 
-    /// Evaluates an answer of the guided calibration, on a thread of its own: a stop does not wait for it.
     fn set_up(&self, id: u64, name: String, measurements: String, line: Option<String>) {
-        if !self.flies {
-            return self.answer(refusal(id, "a site is calibrated by who may fly; pair this browser first"));
-        }
         let topics = &self.app.topics;
         let given = Given {
             name,
@@ -386,6 +384,26 @@ impl Inbound<'_> {
             robot_file: topics.scene().map(|scene| scene.robot_file.clone()),
             date: runlog::utc(bus::clock::unix_ns()),
         };
+        self.evaluate(id, move || setup::step(&given));
+    }
+
+    fn weigh(&self, id: u64, measurements: String, line: Option<String>, after_ms: f64) {
+        let topics = &self.app.topics;
+        let given = weigh::Given {
+            measurements,
+            line,
+            scene: topics.scene(),
+            place: topics.place(),
+            motion: topics.moved(after_ms),
+        };
+        self.evaluate(id, move || weigh::step(&given));
+    }
+
+    /// Evaluates an answer of Set up, on a thread of its own: a stop does not wait for it.
+    fn evaluate(&self, id: u64, step: impl FnOnce() -> Result<Value, String> + Send + 'static) {
+        if !self.flies {
+            return self.answer(refusal(id, "a site is calibrated by who may fly; pair this browser first"));
+        }
         let (app, local) = (Arc::clone(self.app), self.local.clone());
         tokio::spawn(async move {
             // It is never closed. A browser that has gone waits no more.
@@ -393,7 +411,7 @@ impl Inbound<'_> {
             if local.is_closed() {
                 return;
             }
-            let stepped = tokio::task::spawn_blocking(move || setup::step(&given)).await;
+            let stepped = tokio::task::spawn_blocking(step).await;
             let value = match stepped {
                 Ok(Ok(mut value)) => {
                     (value["reply"], value["id"]) = (json!("setup"), json!(id));

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use site_calibration::calibrate::{self, MeasurementsFile};
 use site_calibration::robot_file::with_calibration;
 use site_calibration::say;
-use site_calibration::setup::captured::{CapturedLengths, lengths};
+use site_calibration::setup::captured::{self, CapturedLengths, lengths};
 use site_calibration::setup::file_text;
 use site_calibration::setup::guide::{Guide, NextStep, Reply};
 use site_calibration::setup::map::site_map;
@@ -47,6 +47,17 @@ pub(crate) fn captured(state: Option<&MotorState>, counts_per_m: Option<Vec<f64>
         return Err(say!("the robot publishes no lengths; `nims status` says why"));
     };
     lengths(state, counts_per_m)
+}
+
+/// The place at which a robot hangs, as `nims setup` captures it.
+///
+/// # Errors
+/// One sentence: why it cannot be used.
+pub(crate) fn place(state: Option<&MotorState>, counts_per_m: Option<Vec<f64>>) -> Result<[f64; 3], String> {
+    let (Some(state), Some(counts_per_m)) = (state, counts_per_m) else {
+        return Err(say!("the robot publishes no position; `nims status` says why"));
+    };
+    captured::place(state, counts_per_m)
 }
 
 /// Evaluates an answer; returns what the browser shows next. It takes up to some seconds.

@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use config::DriveProtocol;
 use robot_state::answers::CATALOGUE;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -89,7 +90,70 @@ fn guide() -> BTreeSet<String> {
             }
         }
     }
-    sentences.iter().map(|text| template(text)).collect()
+    let drives = DriveProtocol::ALL.iter().flat_map(|protocol| {
+        let family = protocol.family();
+        [family.set, family.remedies.silent]
+    });
+    sentences.iter().map(|text| template(text)).chain(drives.map(str::to_owned)).collect()
+}
+
+/// What a person does at a terminal: the page has buttons for it.
+const TERMINAL: [&str; 8] = ["Enter", "Eingabetaste", "Intro", "Entrée", "undo", "capture", "quit", "(l or r)"];
+
+#[test]
+fn the_page_asks_for_buttons_and_not_for_what_is_typed_at_a_terminal() {
+    let read = |language: &str| -> Value {
+        let path = sources().join(format!("lang/{language}.json"));
+        serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+    };
+    let (english, guide) = (read("en"), guide());
+    let own = english["guide"].as_object().unwrap();
+    let is_word = |text: &str, word: &str| {
+        text.match_indices(word).any(|(at, _)| {
+            let letter = |one: Option<char>| one.is_some_and(char::is_alphanumeric);
+            !letter(text[..at].chars().last()) && !letter(text[at + word.len()..].chars().next())
+        })
+    };
+    let asks = |text: &str| TERMINAL.iter().find(|word| is_word(text, word)).copied();
+    for sentence in &guide {
+        let told = own.get(sentence).map_or(sentence.as_str(), |told| told.as_str().unwrap());
+        assert_eq!(asks(told), None, "en: {told}");
+        assert_eq!(parameters(sentence), parameters(told), "en: {sentence}");
+    }
+    let unused: Vec<_> = own.keys().filter(|sentence| !guide.contains(*sentence)).collect();
+    assert!(unused.is_empty(), "en: no sentence of the guided calibration is {unused:#?}");
+    for language in LANGUAGES {
+        for told in read(language)["guide"].as_object().unwrap().values() {
+            assert_eq!(asks(told.as_str().unwrap()), None, "{language}: {told}");
+        }
+    }
+    // A button that a sentence names in quotation marks is there.
+    for (language, [before, after]) in
+        [("en", ["\"", "\""]), ("de", ["„", "“"]), ("es", ["«", "»"]), ("fr", ["« ", " »"])]
+    {
+        let (file, labels) = (read(language), labels());
+        let shown: BTreeSet<&str> = match file["labels"].as_object() {
+            Some(rows) => rows.values().filter_map(Value::as_str).collect(),
+            None => labels.iter().map(String::as_str).collect(),
+        };
+        let mut named = 0;
+        for told in file["guide"].as_object().unwrap().values() {
+            for part in told
+                .as_str()
+                .unwrap()
+                .replace("pulley = \"swivel\"", "")
+                .replace("pulley = \"eye\"", "")
+                .split(before)
+                .skip(1)
+                .step_by(if before == after { 2 } else { 1 })
+            {
+                let button = part.split(after).next().unwrap();
+                assert!(shown.contains(button), "{language}: no button is {button}");
+                named += 1;
+            }
+        }
+        assert!(named > 10, "{language} names {named} buttons");
+    }
 }
 
 /// The text of a literal of Rust at the beginning of a source.

@@ -58,9 +58,25 @@ const STEPS: Record<string, (open: Open) => [string, SVGElement[]]> = {
     finish: () => [t("The points are complete."), [...pole(60, 46, "1"), ...pole(180, 46, "2"), ...pole(300, 46, "3"), s("path", { d: "M140 112 l28 28 l58 -64", class: "done" })]],
 };
 
+/** The node in the air, with its cables, and a weight under it. */
+function hanging(y: number, weight: boolean): SVGElement[] {
+    return [...pole(60, 40, "1"), ...pole(300, 40, "2"), line(60, 40, 180, y, "cable"), line(300, 40, 180, y, "cable"), s("rect", { x: 169, y: y - 4, width: 22, height: 16, rx: 3, class: "node" }),
+        ...(weight ? [line(180, y + 12, 180, y + 26, "thin"), dot(180, y + 32, 8, "weight")] : [])];
+}
+
+const WEIGHING: typeof STEPS = {
+    weight: () => [t("A weight that is one to two times as heavy as the node."), [...hanging(70, true), text(215, 108, "? kg", "asked-words")]],
+    hang: ({ place }) => [t("The node hangs still, without the weight."), [...hanging(80, false), text(180, FLOOR + 20, t("place {n}", { n: place ?? 0 }))]],
+    sunk: () => [t("The weight pulls the node down: by how much?"), [...hanging(84, true), line(150, 66, 210, 66, "thin"), ...measure(240, 66, 240, 92, "? mm")]],
+    motion: () => [t("The node goes up and down by 0.4 m."), [...hanging(84, false), ...measure(240, 56, 240, 112, "0.4 m")]],
+    up: ({ weight }) => [t("The currents on the way up."), [...hanging(84, weight === true), ...measure(240, 112, 240, 56, "↑ ? A")]],
+    down: ({ weight }) => [t("The currents on the way down."), [...hanging(84, weight === true), ...measure(240, 56, 240, 112, "↓ ? A")]],
+    renew: () => [t("The measurements with the weight are complete."), [...hanging(70, true), s("path", { d: "M220 112 l20 20 l40 -44", class: "done" })]],
+};
+
 /** The drawing of a step. */
 export function drawing(open: Open): SVGElement {
-    const [words, parts] = STEPS[open.kind]?.(open) ?? [open.kind, []];
+    const [words, parts] = (STEPS[open.kind] ?? WEIGHING[open.kind])?.(open) ?? [open.kind, []];
     const flat = ["side", "radius", "turn", "tape", "tape-decision"].includes(open.kind);
     return s("svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, class: "picture", role: "img", "aria-label": words }, s("title", {}, words), ...(flat ? [] : scene()), ...parts);
 }

@@ -36,11 +36,12 @@ export class Head {
         dress(localStorage.getItem("nims-theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "bright"));
     }
 
-    private set(name: string, text: string | null, bad = false): void {
+    private set(name: string, text: string | null, bad = false, dim = false): void {
         const fact = this.facts.get(name);
         if (!fact) return;
         fact.row.hidden = text === null;
         fact.row.classList.toggle("bad", bad);
+        fact.row.classList.toggle("dim", dim);
         write(fact.value, text ?? "");
     }
 
@@ -50,13 +51,16 @@ export class Head {
         this.mode.dataset.sign = SIGNS[mode] ?? "?";
         write(this.mode, t(mode));
         this.mode.title = state?.mode_sentence ?? "";
-        const within = state?.within_m;
-        this.set("node", within == null ? t("not known") : `±${Math.round(within * 1000)} mm`, within == null || within > 0.1);
+        const within = state?.within_m, unheard = state?.mode == null || state.located === false;
+        if (within == null && unheard) this.set("node", t("not heard yet"), false, true);
+        else this.set("node", within == null ? t("not known") : `±${Math.round(within * 1000)} mm`, within == null || within > 0.1);
         this.set("supply", state?.supply_v == null ? null : `${state.supply_v.toFixed(1)} V`, (state?.supply_v ?? 0) < (scene?.supply_min_v ?? 0) + 1);
-        const disk = robot?.recorder?.disk_free_bytes;
-        this.set("disk", robot?.recorder?.problem ? t("NOT RECORDING") : disk ? bytes(disk) : null, !!robot?.recorder?.problem || (disk ?? SCARCE) < SCARCE);
-        const cycle = state?.cycle;
-        this.set("cycles", cycle ? (cycle.unsteered ? t("{n} lost", { n: cycle.unsteered }) : `${cycle.hz.toFixed(0)} Hz`) : null, (cycle?.unsteered ?? 0) > 0);
+        const recorder = robot?.recorder, disk = recorder?.disk_free_bytes;
+        if (recorder?.problem) this.set("disk", t("NOT RECORDING"), true);
+        else if (recorder?.silent_s != null) this.set("disk", t("recorder silent for {s} s", { s: recorder.silent_s }), false, true);
+        else this.set("disk", disk ? bytes(disk) : link?.run ? t("not heard yet") : null, (disk ?? SCARCE) < SCARCE, !disk);
+        const cycle = state?.cycle, missed = cycle?.missed ?? 0;
+        this.set("cycles", cycle ? (missed ? t("{n} missed in a minute", { n: missed }) : `${cycle.hz.toFixed(0)} Hz`) : null, missed > 0);
         this.set("flies", seat.flyer ?? robot?.flyer?.name ?? null);
         this.seat.draw();
         this.set("you", welcome ? `${welcome.paired ? `${welcome.user}, ` : ""}${{ look: t("may look and stop"), stop: t("may stop") }[welcome.role] ?? t("may fly")}` : null);

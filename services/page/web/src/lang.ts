@@ -1,6 +1,7 @@
 // Languages of the page: its labels, the sentences of the catalogue of answers, and those of the guided calibration.
 
 import de from "./lang/de.json";
+import en from "./lang/en.json";
 import es from "./lang/es.json";
 import fr from "./lang/fr.json";
 import reasons from "./lang/reasons.json";
@@ -9,7 +10,8 @@ import reasons from "./lang/reasons.json";
 interface Language { name: string; labels: Record<string, string>; reasons: Record<string, string>; guide: Record<string, string> }
 
 const KEPT = "nims-language";
-const ENGLISH: Language = { name: "English", labels: {}, reasons: {}, guide: {} };
+/** English has words of its own only where those of `nims setup` are for a terminal: here, buttons do that. */
+const ENGLISH: Language = { name: "English", labels: {}, reasons: {}, guide: en.guide };
 export const LANGUAGES: Record<string, Language> = { en: ENGLISH, de, es, fr };
 
 /** The language of this browser: the chosen one, otherwise that of its settings. */

@@ -2,7 +2,7 @@
 
 export type Point = [number, number, number];
 
-export interface Cycle { number: number; hz: number; summary: string; unsteered: number; all: number }
+export interface Cycle { number: number; hz: number; summary: string; unsteered: number; missed: number; all: number }
 
 export interface Mission {
     state: string; name: string; leg: number; legs: number; progress: number; time_left_s: number | null; reason: string; reason_code: number;
@@ -21,6 +21,8 @@ export interface State {
     faults?: string[];
     position?: string;
     position_known?: number;
+    /** Whether it is known where the node is, or that it is not known. */
+    located?: boolean;
     rate?: number;
     rate_target?: number;
     cycle?: Cycle;
@@ -37,19 +39,25 @@ export interface State {
 
 export interface Obstacle { center_m: [number, number] | null; radius_m: number | null; corners_m: [number, number][]; height_m: [number, number] }
 
+/** A port with drives, and what to set in their maker's program. */
+export interface Port { number: number; family: string; virtual: boolean; path: string; units: { address: number; cables: number[] }[]; set: string; silent: string; fastest_counts_s: number }
+
 export interface Scene {
     type: "scene"; system: string; robot: string; anchors_m: Point[]; ground_m: number; planar: boolean;
     tension_limits_n: [number, number]; speed_limit_m_s: number; jog_speed_m_s: number; supply_min_v: number;
-    keep_out_m: [Point, Point][]; obstacles: Obstacle[]; laws: Record<string, string[]>; plugins: string[];
+    keep_out_m: [Point, Point][]; obstacles: Obstacle[]; laws: Record<string, string[]>; plugins: string[]; drives: Port[];
 }
 
 export interface Process { name: string; state: string; pid: number; restarts: number; role: string; reason: string; well: boolean }
 export interface Slot { slot: string; phase: string; cause: string; in_charge: boolean; good_cycles: number; qualify_cycles: number; deviation: number | null; failures: number }
 
+/** What a drive unit answers. */
+export interface Unit { answers: boolean; supply_v: number }
+
 /** The state that changes rarely. */
 export interface Robot {
-    type: "robot"; processes: Process[]; recorder: { problem: string | null; bytes: number; disk_free_bytes: number } | null;
-    flyer: { name: string; ago_s: number } | null; slots: Record<string, Slot[]> | null; sensors: string[]; version: string | null; unknown_channels: string[];
+    type: "robot"; processes: Process[]; recorder: { problem: string | null; silent_s: number | null; bytes: number; disk_free_bytes: number } | null;
+    flyer: { name: string; ago_s: number } | null; slots: Record<string, Slot[]> | null; units: Unit[] | null; sensors: string[]; version: string | null; unknown_channels: string[];
 }
 
 export interface Plan { type: "plan"; segments: { id: number; points_m: Point[] }[] }
@@ -80,17 +88,17 @@ export interface Seat { reply: "seat"; id: number; flyer: string | null; asks: s
 export interface Done { reply: "done"; id: number }
 export interface Token { reply: "token"; id: number; secret: string }
 /** The open question of the guided calibration, for its drawing. */
-export interface Open { kind: string; from?: number; to?: number; pulley?: number; place?: number; cable?: number; optional?: boolean }
+export interface Open { kind: string; from?: number; to?: number; pulley?: number; place?: number; cable?: number; optional?: boolean; weight?: boolean }
 /** The site from above. */
 export interface SiteMap {
     anchors_m: Point[]; known: { half_axes_m: [number, number]; angle_rad: number; height_std_m: number }[]; points_m: [number, number][];
     next_m: [number, number] | null; best: { at_m: [number, number]; worst_std_m: [number, number] } | null;
 }
 export interface TextFile { name: string; text: string }
-/** What follows from an answer of the guided calibration. */
+/** What follows from an answer of the guided calibration, or of the measurements with a weight, which have no map and a name. */
 export interface Stepped {
-    reply: "setup"; id: number; message: string; changed: boolean; question: string; open: Open; measurements: string; map: SiteMap;
-    finished: { words: string; calibration: TextFile; robot: TextFile | null } | null;
+    reply: "setup"; id: number; message: string; changed: boolean; question: string; open: Open; measurements: string; name?: string; map: SiteMap | null;
+    finished: { words: string; calibration: TextFile | null; robot: TextFile | null } | null;
 }
 /** The names of all numbers by channel, and the values of one. */
 export interface Fields { reply: "fields"; id: number; channels: Record<string, string[]> }
@@ -121,6 +129,7 @@ export type Call =
     | { call: "seat"; what: "ask" | "give" | "keep" }
     | { call: "check"; to_m: Point }
     | { call: "setup"; name: string; measurements: string; line: string | null }
+    | { call: "weigh"; measurements: string; line: string | null; after_ms: number }
     | { call: "runs" }
     | { call: "files"; run: string }
     | { call: "open"; run: string; file: string; show: boolean }

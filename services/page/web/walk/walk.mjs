@@ -245,6 +245,41 @@ const [robotFile] = await Promise.all([page.waitForEvent("download"), page.getBy
 assert.ok((await readFile(await robotFile.path(), "utf8")).includes('calibration = "site-calibration.toml"'));
 said("a site is set up, with mistakes");
 
+// The node is weighed by a person who mistypes. What is determined is not stored while the robot is armed.
+await press("Weigh the node");
+await page.locator(`.step[data-key*='"kind":"weight"']`).waitFor();
+await answer("heavy", null);
+for (const [line, kind] of [["2 kg", "hang"], ["5.246 6.884 6.855", "sunk"], ["63,5 mm", "hang"], ["3.840 8.001 7.987", "sunk"], ["4.6 cm", "hang"]]) await answer(line, kind);
+await page.reload();
+await page.getByRole("tab", { name: "Set up" }).click();
+await press("Weigh the node");
+await page.locator(`.step[data-key*='"kind":"hang","place":3']`).waitFor();
+await moves(() => press("No more places"));
+await answer("4.9 6.7 7.1", "up");
+await press("Take the robot's currents");
+await page.locator(".answer.refused:visible", { hasText: "has not moved up and down" }).waitFor();
+for (const [line, kind] of [["0.545 0.549 0.566", "down"], ["-0.065 -0.065 -0.063", "up"], ["1.254 1.264 1.308", "down"], ["-0.006 -0.005 -0.001", "renew"]]) await answer(line, kind);
+await press("Show what is determined");
+await page.locator(".verdict", { hasText: "weight of the node" }).waitFor();
+const [weighed] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: /-loads\.toml$/ }).click()]);
+assert.ok((await readFile(await weighed.path(), "utf8")).includes("[[weighing]]"));
+await press("Store it on the robot");
+await press("Yes");
+await page.locator(".answer:visible", { hasText: "disarm the robot" }).waitFor();
+if (folder) {
+    mkdirSync(folder, { recursive: true });
+    await page.screenshot({ path: `${folder}/set-up-weighed-tablet.png` });
+}
+await press("Calibrate the site");
+await page.locator(`.step[data-key*='"kind":"finish"']`).waitFor();
+await press("Write the calibration");
+said("the node is weighed, with mistakes and a reload");
+
+// The drives say what is to be set in their maker's program, and whether they answer.
+await page.locator("p", { hasText: "in Motion Studio: packet serial mode" }).first().waitFor();
+await page.locator("p", { hasText: /unit 128.*answers/ }).first().waitFor();
+said("the drives");
+
 // The robot takes the calibration when it is disarmed, and not before.
 const stores = async (words) => {
     await press("Store it on the robot");
@@ -354,10 +389,12 @@ for (const language of ["de", "es", "fr", "en"]) {
     // The guided calibration asks in the language of the browser: its question and its refusal are not the English ones.
     await page.getByRole("tab").nth(VIEWS.indexOf("Set up")).click();
     const asked = page.locator(".question:visible");
-    await asked.filter({ hasText: { de: "Enter drücken", es: "Pulse Enter", fr: "Appuyer sur Entrée", en: "Press Enter" }[language] }).waitFor();
+    await asked.filter({ hasText: { de: "„Kalibrierung schreiben“ drücken", es: "Pulse «Escribir la calibración»", fr: "Appuyer sur « Écrire la calibration »", en: 'Press "Write the calibration"' }[language] }).waitFor();
+    // So is the verdict, with its figures.
+    await asked.filter({ hasText: { de: /Anker 1: x.*die unsicherste Koordinate ist/s, es: /anclaje 1: x.*la coordenada menos segura es/s, fr: /ancrage 1 : x.*la coordonnée la moins sûre est/s, en: /anchor 1: x.*the least certain coordinate is/s }[language] }).waitFor();
     await page.locator("form input:visible").first().fill("many");
     await page.locator("form button.main:visible").first().click();
-    await page.locator(".answer.refused:visible", { hasText: { de: "ist weder Enter", es: "no es ni Enter", fr: "n'est ni Entrée", en: "is neither Enter" }[language] }).waitFor();
+    await page.locator(".answer.refused:visible", { hasText: { de: "ist keine Zahl weiterer Punkte", es: "no es un número de puntos", fr: "n'est pas un nombre de points", en: "is not a number of further points" }[language] }).waitFor();
     if (language === "de") {
         await page.getByRole("tab", { name: "Fliegen" }).click();
         assert.equal(await page.getByRole("button", { name: "Scharf schalten" }).count(), 0);

@@ -7,5 +7,6 @@
 #![forbid(unsafe_code)]
 
 pub mod calibrate;
+pub mod loads;
 pub mod robot_file;
 pub mod setup;

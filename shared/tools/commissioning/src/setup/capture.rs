@@ -1,11 +1,11 @@
 //! Lengths, places and currents of a running robot, in place of typed ones.
 
 use cable_robot::{CableVec, STANDARD_GRAVITY};
-use calibration::{Moving, Paying, TouchDown, UpAndDown, Weighing};
+use calibration::{Paying, TouchDown, UpAndDown, Weighing};
 use client::{Place, RobotLink, Samples, link, newest, system_of};
 use command::{Answer, Failure};
 use messages::MotorState;
-use site_calibration::setup::captured::{CapturedLengths, lengths};
+use site_calibration::setup::captured::{self, CapturedLengths, lengths, moving};
 use std::time::Duration;
 
 /// Longest wait for a sample: half a second, in which even the slowest cycle passes many times.
@@ -32,11 +32,7 @@ pub fn place(domain: Option<&str>) -> Answer<[f64; 3]> {
     let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
     let state = newest::<MotorState>(&link, "motor/state", PATIENCE)?
         .ok_or_else(|| Failure::NotNow("the robot publishes no position; `nims status` says why".to_owned()))?;
-    lengths(&state, counts_per_m).map_err(Failure::NotNow)?;
-    if !state.node_m.iter().all(|m| m.is_finite()) {
-        return Err(Failure::NotNow("the lengths of the robot fit no position; `nims status` says why".to_owned()));
-    }
-    Ok(state.node_m)
+    captured::place(&state, counts_per_m).map_err(Failure::NotNow)
 }
 
 /// Takes the currents of a running robot that goes up and down.
@@ -64,11 +60,7 @@ impl MotionWatch {
     /// The channel cannot be read.
     pub fn poll(&mut self) -> Answer<()> {
         while let Some(state) = self.states.receive()? {
-            self.motion.take(&Moving {
-                position_m: state.node_m,
-                velocity_m_s: state.node_command_m_s,
-                current_a: CableVec::from_array8(&state.current_a, usize::from(state.cable_count)),
-            });
+            self.motion.take(&moving(&state));
         }
         Ok(())
     }

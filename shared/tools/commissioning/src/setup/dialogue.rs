@@ -1,14 +1,15 @@
 //! The dialogue of the measurements with a known weight, and their file on the disk.
 
 use super::capture::{self, MotionWatch};
-use super::loads::LoadsGuide;
 use super::stored::Stored;
 use super::terminal::{Terminal, print_message};
-use crate::loads::{self, LoadsFile};
+use crate::loads;
 use command::{Answer, Failure};
 use config::{FileKind, file};
 use serde_json::Value;
-use site_calibration::setup::guide::NextStep;
+use site_calibration::loads::{LoadsFile, LoadsRobot, file_text};
+use site_calibration::setup::guide::{NextStep, refused, sentence};
+use site_calibration::setup::loads::LoadsGuide;
 use std::path::{Path, PathBuf};
 
 /// How the measurements with a weight ended.
@@ -46,7 +47,10 @@ pub fn run(measurements: &Path, terminal: &mut Terminal<'_>) -> Answer<LoadsEnd>
         return Ok(LoadsEnd::Skipped);
     }
     let wrong = |why: String| Failure::bad(format!("{}: {why}", path.display()));
-    let mut guide = LoadsGuide::new(there, file::folder_of(&path)).map_err(wrong)?;
+    let folder = file::folder_of(&path);
+    let named = there.as_ref().map(|file| &file.robot).filter(|robot| !robot.as_os_str().is_empty());
+    let robot = named.map(|robot| loads::robot(&folder.join(robot))).transpose().map_err(wrong)?;
+    let mut guide = LoadsGuide::new(there, robot).map_err(wrong)?;
     let left = || {
         let site = measurements.display();
         Failure::NotNow(format!("not finished: all answers are saved; `nims setup {site}` continues"))
@@ -71,11 +75,16 @@ pub fn run(measurements: &Path, terminal: &mut Terminal<'_>) -> Answer<LoadsEnd>
                     continue;
                 }
             }
+        } else if guide.takes_robot(&line) {
+            match robot_of(line.trim(), folder) {
+                Ok((path, robot)) => guide.take_robot(path, robot),
+                Err(why) => refused(sentence(&why)),
+            }
         } else {
             guide.answer(&line)
         };
         if reply.changed {
-            stored.save(to_toml(guide.file(), &path).map_err(|error| wrong(error.to_string()))?)?;
+            stored.save(file_text(guide.file(), &name_of(&path)).map_err(|error| wrong(error.to_string()))?)?;
         }
         if !reply.message.is_empty() {
             print_message(&reply.message);
@@ -86,12 +95,25 @@ pub fn run(measurements: &Path, terminal: &mut Terminal<'_>) -> Answer<LoadsEnd>
             NextStep::Finish if guide.is_skipped() => return Ok(LoadsEnd::Skipped),
             NextStep::Finish => {
                 let done = LoadsFile { setup: None, ..guide.file().clone() };
-                stored.save(to_toml(&done, &path).map_err(|error| wrong(error.to_string()))?)?;
+                stored.save(file_text(&done, &name_of(&path)).map_err(|error| wrong(error.to_string()))?)?;
                 let output = loads::run(&loads::Args { measurements: path, write: true })?;
                 return Ok(LoadsEnd::Done(output.value, output.words));
             }
         }
     }
+}
+
+/// The robot file that was typed: a path is relative to the folder of the measurements, or to the present one.
+fn robot_of(typed: &str, folder: &Path) -> Result<(PathBuf, LoadsRobot), String> {
+    let typed = PathBuf::from(typed);
+    let (path, kept) = if folder.join(&typed).is_file() {
+        (folder.join(&typed), typed)
+    } else {
+        let whole =
+            typed.canonicalize().map_err(|why| format!("there is no robot file {} ({why})", typed.display()))?;
+        (whole.clone(), whole)
+    };
+    Ok((kept, loads::robot(&path)?))
 }
 
 /// Takes the currents of the running robot while it goes up and down, until a line is typed.
@@ -107,16 +129,6 @@ fn watch(terminal: &mut Terminal<'_>, guide: &LoadsGuide) -> Answer<calibration:
         Some(failure) => Err(failure),
         None => watch.weighing(guide.motion_kg()).map_err(Failure::NotNow),
     }
-}
-
-/// Formats the measurements as a file with an explanatory header.
-pub(super) fn to_toml(file: &LoadsFile, path: &Path) -> Result<String, toml::ser::Error> {
-    let name = name_of(path);
-    let body = toml::to_string(file)?;
-    Ok(format!(
-        "# Measurements with a known weight, written by `nims setup` (which drops comments added here while it continues);\n\
-         # `nims loads {name}` reads them. configs/measurements/loads3.toml explains every key.\n\n{body}"
-    ))
 }
 
 /// The name of a file, without its folder.

@@ -10,7 +10,6 @@
 mod capture;
 mod dialogue;
 mod input;
-mod loads;
 mod stored;
 mod terminal;
 

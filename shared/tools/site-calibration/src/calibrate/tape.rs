@@ -1,8 +1,8 @@
 //! Checks of the scale of single cables along a tape.
 
+use crate::say;
 use calibration::length_check::{self, CableScale, TapeCheck};
 use serde::{Deserialize, Serialize};
-use std::fmt::Write as _;
 
 /// Default standard deviation of a move along a tape, m: two readings of a mark, each good to 2 mm.
 const SIGMA_TAPE_M: f64 = 0.0025;
@@ -36,7 +36,7 @@ pub fn scales(
     cables: usize,
 ) -> Result<Vec<Option<CableScale>>, String> {
     if let Some(entry) = tape.iter().find(|entry| !(1..=cables).contains(&entry.cable)) {
-        return Err(format!("a [[tape]] names cable {}; there are {cables} cables", entry.cable));
+        return Err(say!("a [[tape]] names cable {}; there are {cables} cables", entry.cable));
     }
     let measured = |cable: usize| tape.iter().filter(move |entry| entry.cable == cable && entry.m.is_some());
     let scale = |cable: usize| -> Result<Option<CableScale>, String> {
@@ -44,7 +44,7 @@ pub fn scales(
             return Ok(None);
         }
         let Some(counts_per_m) = counts_per_m.and_then(|counts| counts.get(cable - 1)) else {
-            return Err(format!(
+            return Err(say!(
                 "the [[tape]] of cable {cable} needs counts_per_m, with which the robot computed its lengths"
             ));
         };
@@ -57,7 +57,7 @@ pub fn scales(
                 tape_sigma_m: entry.sigma_m.unwrap_or(SIGMA_TAPE_M),
             })
             .collect();
-        length_check::scale(&moves, *counts_per_m).map(Some).map_err(|why| format!("[[tape]] of cable {cable}: {why}"))
+        length_check::scale(&moves, *counts_per_m).map(Some).map_err(|why| say!("[[tape]] of cable {cable}: {why}"))
     };
     (1..=cables).map(scale).collect()
 }
@@ -72,11 +72,11 @@ pub fn words(scales: &[Option<CableScale>]) -> String {
     let mut text = String::new();
     for (i, found) in scales.iter().enumerate() {
         if let Some(CableScale { scale, std, counts_per_m }) = found {
-            let _ = writeln!(
-                text,
+            text += &say!(
                 "cable {}: counts {scale:.4} ±{std:.4} times the tape, {counts_per_m:.1} counts per metre",
                 i + 1
             );
+            text.push('\n');
         }
     }
     text

@@ -1,5 +1,7 @@
-//! Lengths of a running robot, in place of typed ones.
+//! Lengths, places and currents of a running robot, in place of typed ones.
 
+use cable_robot::CableVec;
+pub use calibration::{Moving, UpAndDown};
 use messages::MotorState;
 
 /// Largest velocity of a cable at rest, m/s: the resolution of the velocity of a coarse encoder.
@@ -43,6 +45,27 @@ pub fn lengths(state: &MotorState, counts_per_m: Vec<f64>) -> Result<CapturedLen
     Ok(CapturedLengths { lengths_m: state.length_m[..cables].to_vec(), counts_per_m })
 }
 
+/// Takes the place at which the robot of a sample hangs, m.
+///
+/// # Errors
+/// One sentence: why it cannot be used.
+pub fn place(state: &MotorState, counts_per_m: Vec<f64>) -> Result<[f64; 3], String> {
+    lengths(state, counts_per_m)?;
+    if !state.node_m.iter().all(|m| m.is_finite()) {
+        return Err(say!("the lengths of the robot fit no position; `nims status` says why"));
+    }
+    Ok(state.node_m)
+}
+
+/// The motion and the currents of a sample.
+pub fn moving(state: &MotorState) -> Moving {
+    Moving {
+        position_m: state.node_m,
+        velocity_m_s: state.node_command_m_s,
+        current_a: CableVec::from_array8(&state.current_a, usize::from(state.cable_count)),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,5 +91,14 @@ mod tests {
         assert!(refused(|s| s.velocity_m_s[1] = -0.02).contains("cable 2"));
         assert!(refused(|s| s.fresh[2] = 0).contains("cable 3"));
         assert!(refused(|s| s.cable_count = 4).contains("counts_per_m"));
+    }
+
+    #[test]
+    fn a_place_needs_lengths_that_fit() {
+        let counts = vec![10_000.0; 3];
+        let hangs = MotorState { node_m: [1.0, 2.0, 0.5], ..state() };
+        assert_eq!(place(&hangs, counts.clone()), Ok([1.0, 2.0, 0.5]));
+        assert!(place(&MotorState { node_m: [f64::NAN; 3], ..hangs }, counts.clone()).is_err());
+        assert!(place(&MotorState { fresh: [0; 8], ..hangs }, counts).unwrap_err().contains("cable 1"));
     }
 }

@@ -12,6 +12,7 @@ macro_rules! say {
 pub mod captured;
 mod doubt;
 pub mod guide;
+pub mod loads;
 pub mod map;
 pub mod numbers;
 pub mod question;

@@ -1,14 +1,13 @@
 //! The questions after a calibration: stiffness of the cables and weight of the node, from a known weight that is hung
-//! on the node. No input and output; the state is the file of `nims loads`.
+//! on the node. No input and output; the state is the file of `nims loads`, and the robot file is read by the caller.
 
-use crate::loads::{self, LoadsFile, LoadsSetup, SinkingEntry, WeighingEntry};
-use cable_robot::Robot;
+use super::guide::{NextStep, Reply, refused, sentence};
+use super::numbers::{self, Bounds, excerpt};
+use super::text::listed;
+use crate::loads::{self, LoadsFile, LoadsRobot, LoadsSetup, SinkingEntry, WeighingEntry};
 use calibration::Weighing;
 use config::Point;
-use site_calibration::setup::guide::{NextStep, Reply, refused, sentence};
-use site_calibration::setup::numbers::{self, Bounds, excerpt};
-use site_calibration::setup::text::listed;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Accepted weights, kg: what moves a node by more than a ruler's error, and a person.
 const WEIGHT_KG: [f64; 2] = [0.05, 200.0];
@@ -50,24 +49,36 @@ pub enum LoadsQuestion {
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadsGuide {
     file: LoadsFile,
-    folder: PathBuf,
-    robot: Option<Robot>,
+    robot: Option<LoadsRobot>,
+    /// The robot is that which runs, so it is not asked for.
+    is_given: bool,
 }
 
 impl LoadsGuide {
-    /// Begins or continues the measurements of a file in this folder.
+    /// Begins the measurements, or continues those of a file, with the robot that it names.
     ///
     /// # Errors
     /// One clause: why the file cannot be continued.
-    pub fn new(file: Option<LoadsFile>, folder: &Path) -> Result<Self, String> {
+    pub fn new(file: Option<LoadsFile>, robot: Option<LoadsRobot>) -> Result<Self, String> {
         let begun = LoadsFile { setup: Some(LoadsSetup::default()), ..LoadsFile::default() };
-        let mut guide = Self { file: file.unwrap_or(begun), folder: folder.to_owned(), robot: None };
-        if !guide.file.robot.as_os_str().is_empty() {
-            let robot = loads::robot(&folder.join(&guide.file.robot))?;
-            guide.file.measurements(&robot)?;
-            guide.robot = Some(robot);
+        let guide = Self { file: file.unwrap_or(begun), robot, is_given: false };
+        if let Some(robot) = &guide.robot {
+            guide.file.measurements(robot.robot())?;
         }
         Ok(guide)
+    }
+
+    /// Begins or continues the measurements of the robot that runs, whose file has this name.
+    ///
+    /// # Errors
+    /// One clause: why the file cannot be continued.
+    pub fn of_running(file: Option<LoadsFile>, name: &str, robot: LoadsRobot) -> Result<Self, String> {
+        let guide = Self::new(file, Some(robot))?;
+        if !guide.file.robot.as_os_str().is_empty() && guide.file.robot.as_os_str() != name {
+            let other = guide.file.robot.display();
+            return Err(say!("it is of the robot file {other}, and the robot flies with {name}; begin again"));
+        }
+        Ok(Self { file: LoadsFile { robot: name.into(), ..guide.file }, is_given: true, ..guide })
     }
 
     /// The measurements so far.
@@ -102,34 +113,54 @@ impl LoadsGuide {
 
     /// Text of the open question.
     pub fn question(&self) -> String {
-        let with = if self.file.weighing.is_empty() { "without the weight" } else { "with the weight on it" };
         match self.open() {
-            LoadsQuestion::Robot => "A known weight on the node gives the stiffness of the cables and the weight of the node. The robot file must \
+            LoadsQuestion::Robot => say!(
+                "A known weight on the node gives the stiffness of the cables and the weight of the node. The robot file must \
                  have this calibration. Which robot file is it (Enter: not now)?"
-                .to_owned(),
+            ),
             LoadsQuestion::Weight => {
-                "How heavy is the weight (one to two times the node shows most; like 2 kg or 2000 g)?".to_owned()
+                say!("How heavy is the weight (one to two times the node shows most; like 2 kg or 2000 g)?")
             }
-            LoadsQuestion::Place => format!(
+            LoadsQuestion::Place => say!(
                 "Place {}: let the node hang still without the weight, at places where the cables are short and where they are long. How \
                  long are the cables there, or capture (Enter: no more places; {PLACES} to 6 are good)?",
                 self.file.sinking.len() + 1
             ),
             LoadsQuestion::Sunk => {
-                "Hang the weight on the node while no winch turns. By how much does the node sink (like 63 mm)?".to_owned()
+                say!("Hang the weight on the node while no winch turns. By how much does the node sink (like 63 mm)?")
             }
-            LoadsQuestion::MotionPlace => "Let the node go up and down by 0.4 m at one speed, some times. How long are the cables in the middle of \
+            LoadsQuestion::MotionPlace => say!(
+                "Let the node go up and down by 0.4 m at one speed, some times. How long are the cables in the middle of \
                  that motion, or capture (Enter: the currents are not measured, so the weight of the node stays unknown)?"
-                .to_owned(),
-            LoadsQuestion::Up => format!(
-                "Up and down {with}: what is the mean current of each motor on the way up, in A, positive where it pulls the cable in? Or \
-                 type watch, and let the robot go up and down."
             ),
-            LoadsQuestion::Down => "And on the way down?".to_owned(),
+            LoadsQuestion::Up => {
+                let with = if self.file.weighing.is_empty() {
+                    say!("without the weight")
+                } else {
+                    say!("with the weight on it")
+                };
+                say!(
+                    "Up and down {with}: what is the mean current of each motor on the way up, in A, positive where it pulls the cable in? Or \
+                     type watch, and let the robot go up and down."
+                )
+            }
+            LoadsQuestion::Down => say!("And on the way down?"),
             LoadsQuestion::Finish => {
-                "Press Enter to write what is determined into the robot file, or type more for further places:".to_owned()
+                say!("Press Enter to write what is determined into the robot file, or type more for further places:")
             }
         }
+    }
+
+    /// Whether this line names the robot file, which the caller reads.
+    pub fn takes_robot(&self, line: &str) -> bool {
+        let line = line.trim().to_lowercase();
+        self.open() == LoadsQuestion::Robot && !["", "undo", "quit", "exit"].contains(&line.as_str())
+    }
+
+    /// Takes the robot file, with the path that the measurements name it by.
+    pub fn take_robot(&mut self, path: PathBuf, robot: LoadsRobot) -> Reply {
+        (self.file.robot, self.robot) = (path, Some(robot));
+        reply(String::new(), true, NextStep::Ask)
     }
 
     /// Whether this line asks for the place at which the running robot hangs.
@@ -156,8 +187,8 @@ impl LoadsGuide {
             "quit" | "exit" => return reply(String::new(), false, NextStep::Leave),
             "undo" => {
                 return match self.undo() {
-                    Some(what) => reply(format!("Taken back: {what}."), true, NextStep::Ask),
-                    None => refused("There is no answer to take back.".to_owned()),
+                    Some(what) => reply(say!("Taken back: {what}."), true, NextStep::Ask),
+                    None => refused(say!("There is no answer to take back.")),
                 };
             }
             _ => {}
@@ -183,7 +214,7 @@ impl LoadsGuide {
         let before = self.clone();
         self.file.setup.get_or_insert_default().position_m = Some(self.point(position_m));
         match self.check() {
-            Ok(()) => reply(format!("Captured {} m.", listed(&position_m)), true, NextStep::Ask),
+            Ok(()) => reply(say!("Captured {} m.", listed(&position_m)), true, NextStep::Ask),
             Err(why) => {
                 *self = before;
                 refused(sentence(&why))
@@ -196,7 +227,7 @@ impl LoadsGuide {
         let position_m = Some(self.point(weighing.position_m));
         let added_kg = self.motion_kg();
         let (up_a, down_a) = (weighing.up_a.to_vec(), weighing.down_a.to_vec());
-        let said = format!("Up {} A, down {} A.", listed(&up_a), listed(&down_a));
+        let said = say!("Up {} A, down {} A.", listed(&up_a), listed(&down_a));
         self.file.weighing.push(WeighingEntry { position_m, lengths_m: Vec::new(), added_kg, up_a, down_a });
         let setup = self.file.setup.get_or_insert_default();
         (setup.position_m, setup.lengths_m) = (None, Vec::new());
@@ -204,15 +235,16 @@ impl LoadsGuide {
     }
 
     fn point(&self, position_m: [f64; 3]) -> Point {
-        Point { position_m, planar: self.robot.is_some_and(|robot| robot.is_planar()) }
+        Point { position_m, planar: self.robot.as_ref().is_some_and(|robot| robot.robot().is_planar()) }
     }
 
     fn apply(&mut self, line: &str) -> Result<(), String> {
         let open = self.open();
-        let cables = self.robot.map_or(0, |robot| robot.cable_count());
+        let cables = self.robot.as_ref().map_or(0, |robot| robot.robot().cable_count());
         let setup = self.file.setup.get_or_insert_default();
         match open {
-            LoadsQuestion::Robot => return self.take_robot(line),
+            // The caller reads it.
+            LoadsQuestion::Robot => {}
             LoadsQuestion::Weight => self.file.added_kg = Some(weight_kg(line)?),
             LoadsQuestion::Place if line.is_empty() => setup.places_done = true,
             LoadsQuestion::MotionPlace if line.is_empty() => setup.motions_done = true,
@@ -220,7 +252,7 @@ impl LoadsGuide {
                 setup.lengths_m = numbers::lengths(line, numbers::LENGTH)?;
             }
             LoadsQuestion::Sunk => {
-                let sunk_m = numbers::small("the sinking", line, SUNK)?;
+                let sunk_m = numbers::small(&say!("the sinking"), line, SUNK)?;
                 let (position_m, lengths_m) = (setup.position_m.take(), std::mem::take(&mut setup.lengths_m));
                 self.file.sinking.push(SinkingEntry { position_m, lengths_m, added_kg: None, sunk_m });
             }
@@ -239,29 +271,16 @@ impl LoadsGuide {
             LoadsQuestion::Finish if line.eq_ignore_ascii_case("more") => {
                 (setup.places_done, setup.motions_done) = (false, true);
             }
-            LoadsQuestion::Finish => return Err(format!("`{}` is neither Enter nor more", excerpt(line))),
+            LoadsQuestion::Finish => return Err(say!("`{}` is neither Enter nor more", excerpt(line))),
         }
-        Ok(())
-    }
-
-    /// A path is relative to the folder of the measurements, or to the present one.
-    fn take_robot(&mut self, line: &str) -> Result<(), String> {
-        let typed = PathBuf::from(line);
-        let (path, kept) = if self.folder.join(&typed).is_file() {
-            (self.folder.join(&typed), typed)
-        } else {
-            let whole =
-                typed.canonicalize().map_err(|why| format!("there is no robot file {} ({why})", typed.display()))?;
-            (whole.clone(), whole)
-        };
-        self.robot = Some(loads::robot(&path)?);
-        self.file.robot = kept;
         Ok(())
     }
 
     /// Refuses measurements that cannot be used, the open place included.
     fn check(&self) -> Result<(), String> {
-        let (Some(robot), setup) = (&self.robot, self.progress()) else { return Ok(()) };
+        let (Some(robot), setup) = (self.robot.as_ref().map(LoadsRobot::robot), self.progress()) else {
+            return Ok(());
+        };
         if setup.position_m.is_some() || !setup.lengths_m.is_empty() {
             loads::position(setup.position_m.as_ref(), &setup.lengths_m, robot)?;
         }
@@ -273,39 +292,43 @@ impl LoadsGuide {
         if self.open() != LoadsQuestion::Finish {
             return String::new();
         }
-        match loads::judge(&self.file, &self.folder) {
-            Ok(found) => found.words.trim_end().to_owned(),
-            Err(why) => sentence(&why),
+        match self.robot.as_ref().map(|robot| loads::judge(&self.file, robot)) {
+            Some(Ok(found)) => found.words.trim_end().to_owned(),
+            Some(Err(why)) => sentence(&why),
+            None => String::new(),
         }
     }
 
     fn undo(&mut self) -> Option<String> {
         let setup = self.file.setup.get_or_insert_default();
         if std::mem::take(&mut setup.motions_done) {
-            return Some("the end of the currents".to_owned());
+            return Some(say!("the end of the currents"));
         }
         if !setup.up_a.is_empty() {
             setup.up_a.clear();
-            return Some("the currents upwards".to_owned());
+            return Some(say!("the currents upwards"));
         }
         if setup.position_m.take().is_some() || !std::mem::take(&mut setup.lengths_m).is_empty() {
-            return Some("the place".to_owned());
+            return Some(say!("the place"));
         }
         if self.file.weighing.pop().is_some() {
-            return Some("the last motion up and down".to_owned());
+            return Some(say!("the last motion up and down"));
         }
         if std::mem::take(&mut setup.places_done) {
-            return Some("the end of the places".to_owned());
+            return Some(say!("the end of the places"));
         }
         if self.file.sinking.pop().is_some() {
-            return Some(format!("place {}", self.file.sinking.len() + 1));
+            return Some(say!("place {}", self.file.sinking.len() + 1));
         }
         if self.file.added_kg.take().is_some() {
-            return Some("the weight".to_owned());
+            return Some(say!("the weight"));
+        }
+        if self.is_given {
+            return None;
         }
         self.robot.take()?;
         self.file.robot = PathBuf::new();
-        Some("the robot file".to_owned())
+        Some(say!("the robot file"))
     }
 }
 
@@ -321,7 +344,7 @@ fn weight_kg(line: &str) -> Result<f64, String> {
         None => lower.strip_suffix('g').map_or((lower.as_str(), 1.0), |number| (number, 1e-3)),
     };
     let kg = number.trim().parse::<f64>().ok().map(|number| unit * number).filter(|kg| (least..=most).contains(kg));
-    kg.ok_or_else(|| format!("`{}` is not a weight of {least} to {most} kg", excerpt(line)))
+    kg.ok_or_else(|| say!("`{}` is not a weight of {least} to {most} kg", excerpt(line)))
 }
 
 fn currents_a(line: &str, motors: usize) -> Result<Vec<f64>, String> {
@@ -329,7 +352,7 @@ fn currents_a(line: &str, motors: usize) -> Result<Vec<f64>, String> {
     let read: Vec<Option<f64>> = line.split_whitespace().map(|part| decimal(part).parse().ok()).collect();
     let sound = read.iter().all(|a| a.is_some_and(|a: f64| a.abs() <= MOST_A));
     if read.len() != motors || !sound {
-        return Err(format!("`{}` is not one current for each of the {motors} motors, in A", excerpt(line)));
+        return Err(say!("`{}` is not one current for each of the {motors} motors, in A", excerpt(line)));
     }
     Ok(read.into_iter().flatten().collect())
 }
@@ -337,14 +360,23 @@ fn currents_a(line: &str, motors: usize) -> Result<Vec<f64>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::setup::dialogue::to_toml;
+    use config::{RobotFile, toml_file};
+    use std::path::Path;
 
-    fn guide() -> (tempfile::TempDir, LoadsGuide) {
-        let folder = tempfile::tempdir().unwrap();
-        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs");
-        std::fs::copy(configs.join("robots/lab3.toml"), folder.path().join("lab3.toml")).unwrap();
-        let guide = LoadsGuide::new(None, folder.path()).unwrap();
-        (folder, guide)
+    const LAB3: &str = include_str!("../../../../../configs/robots/lab3.toml");
+
+    fn lab3() -> LoadsRobot {
+        let file: RobotFile = toml_file::parse(LAB3, Path::new("lab3.toml")).unwrap();
+        LoadsRobot::new(&file, LAB3.to_owned(), "lab3.toml").unwrap()
+    }
+
+    fn guide() -> LoadsGuide {
+        LoadsGuide::new(None, None).unwrap()
+    }
+
+    /// What a dialogue does with a line.
+    fn typed(guide: &mut LoadsGuide, line: &str) -> Reply {
+        if guide.takes_robot(line) { guide.take_robot(line.into(), lab3()) } else { guide.answer(line) }
     }
 
     /// The measurements of configs/measurements/loads3.toml.
@@ -366,13 +398,13 @@ mod tests {
 
     #[test]
     fn typed_measurements_are_those_of_a_file() {
-        let (folder, mut guide) = guide();
+        let mut guide = guide();
         for (k, line) in TYPED.iter().take(12).enumerate() {
             // Every answer is on the disk, and another life continues from it.
-            let text = to_toml(guide.file(), Path::new("site-loads.toml")).unwrap();
-            let read: LoadsFile = config::toml_file::parse(&text, Path::new("site-loads.toml")).unwrap();
-            assert_eq!(LoadsGuide::new(Some(read), folder.path()).unwrap(), guide, "before answer {k}");
-            let reply = guide.answer(line);
+            let text = loads::file_text(guide.file(), "site-loads.toml").unwrap();
+            let read: LoadsFile = toml_file::parse(&text, Path::new("site-loads.toml")).unwrap();
+            assert_eq!(LoadsGuide::new(Some(read), guide.robot.clone()).unwrap(), guide, "before answer {k}");
+            let reply = typed(&mut guide, line);
             assert!(reply.changed, "{line}: {}", reply.message);
             if k == 11 {
                 assert!(reply.message.contains("stiffness EA") && reply.message.contains("95 %"), "{}", reply.message);
@@ -388,12 +420,12 @@ mod tests {
 
     #[test]
     fn undo_takes_back_every_answer() {
-        let (_folder, mut guide) = guide();
+        let mut guide = guide();
         let begun = guide.clone();
         let mut stages = Vec::new();
         for line in TYPED {
             stages.push(guide.open());
-            assert!(guide.answer(line).changed, "{line}");
+            assert!(typed(&mut guide, line).changed, "{line}");
         }
         assert_eq!(guide.open(), LoadsQuestion::Place);
         for _ in 0..40 {
@@ -407,14 +439,14 @@ mod tests {
 
     #[test]
     fn what_cannot_be_used_is_asked_again() {
-        let (_folder, mut guide) = guide();
+        let mut guide = guide();
         let refused = |guide: &mut LoadsGuide, line: &str| {
             let (before, reply) = (guide.clone(), guide.answer(line));
             assert!(!reply.changed && *guide == before && reply.next_step == NextStep::Ask, "{line}");
             reply.message
         };
-        assert!(refused(&mut guide, "lab4.toml").contains("lab4.toml"));
-        assert!(guide.answer("lab3.toml").changed);
+        assert!(!guide.takes_robot(" ") && !guide.takes_robot("undo"));
+        assert!(typed(&mut guide, "lab3.toml").changed);
         assert!(refused(&mut guide, "two").contains("two"));
         assert!(refused(&mut guide, "2000 kg").contains("2000"));
         assert!(guide.answer("2000g").changed && guide.file().added_kg == Some(2.0));
@@ -430,8 +462,18 @@ mod tests {
 
     #[test]
     fn an_empty_line_skips_the_step() {
-        let (_folder, mut guide) = guide();
+        let mut guide = guide();
         assert_eq!(guide.answer(" ").next_step, NextStep::Finish);
         assert!(guide.is_skipped());
+    }
+
+    #[test]
+    fn the_robot_that_runs_is_neither_asked_for_nor_taken_back() {
+        let mut guide = LoadsGuide::of_running(None, "lab3.toml", lab3()).unwrap();
+        assert_eq!(guide.open(), LoadsQuestion::Weight);
+        assert!(guide.answer("2 kg").changed && guide.answer("undo").changed);
+        assert!(!guide.answer("undo").changed && guide.open() == LoadsQuestion::Weight);
+        let other = LoadsFile { robot: "pond.toml".into(), ..guide.file().clone() };
+        assert!(LoadsGuide::of_running(Some(other), "lab3.toml", lab3()).unwrap_err().contains("pond.toml"));
     }
 }

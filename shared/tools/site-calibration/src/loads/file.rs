@@ -1,6 +1,7 @@
 //! The file of measurements with a known weight that `nims loads` reads. Lengths are in m, masses in kg,
 //! currents in A; entries count from 1.
 
+use crate::say;
 use cable_robot::{CableVec, Robot, STANDARD_GRAVITY, kinematics};
 use calibration::{LoadMeasurements, Sinking, Weighing};
 use config::Point;
@@ -87,14 +88,17 @@ pub struct WeighingEntry {
 }
 
 /// Returns a position, m, given as such or by the lengths of the cables.
-pub(crate) fn position(position_m: Option<&Point>, lengths_m: &[f64], robot: &Robot) -> Result<[f64; 3], String> {
+///
+/// # Errors
+/// One clause: why there is none.
+pub fn position(position_m: Option<&Point>, lengths_m: &[f64], robot: &Robot) -> Result<[f64; 3], String> {
     match (position_m, lengths_m) {
         (Some(at), []) => at.resolve(robot.is_planar()),
         (None, lengths_m) if lengths_m.len() == robot.cable_count() => {
             let found = kinematics::forward_kinematics(robot.anchors(), lengths_m, None);
-            found.map(|found| found.position.into()).map_err(|error| format!("lengths_m: {error}"))
+            found.map(|found| found.position.into()).map_err(|error| say!("lengths_m: {error}"))
         }
-        _ => Err(format!(
+        _ => Err(say!(
             "it needs position_m, or lengths_m with one length for each of the {} cables",
             robot.cable_count()
         )),
@@ -111,22 +115,22 @@ impl LoadsFile {
             if (0.0..=HEAVIEST_KG).contains(&kg) {
                 return Ok(kg * STANDARD_GRAVITY);
             }
-            Err(format!("{entry}: added_kg is {kg}; accepted: 0 to {HEAVIEST_KG} kg"))
+            Err(say!("{entry}: added_kg is {kg}; accepted: 0 to {HEAVIEST_KG} kg"))
         };
         let sinking = |(k, entry): (usize, &SinkingEntry)| {
-            let name = format!("[[sinking]] number {}", k + 1);
+            let name = say!("[[sinking]] number {}", k + 1);
             let kg = entry.added_kg.or(self.added_kg).ok_or_else(|| {
-                format!("{name} has no weight; give added_kg, in kg, there or once at the top of the file")
+                say!("{name} has no weight; give added_kg, in kg, there or once at the top of the file")
             })?;
             let position_m =
-                position(entry.position_m.as_ref(), &entry.lengths_m, robot).map_err(|why| format!("{name}: {why}"))?;
+                position(entry.position_m.as_ref(), &entry.lengths_m, robot).map_err(|why| say!("{name}: {why}"))?;
             Ok(Sinking { position_m, added_n: weight_n(kg, &name)?, sunk_m: entry.sunk_m })
         };
         let weighing = |(k, entry): (usize, &WeighingEntry)| {
-            let name = format!("[[weighing]] number {}", k + 1);
+            let name = say!("[[weighing]] number {}", k + 1);
             let position_m =
-                position(entry.position_m.as_ref(), &entry.lengths_m, robot).map_err(|why| format!("{name}: {why}"))?;
-            let currents = |a: &[f64]| CableVec::from_slice(a).map_err(|why| format!("{name}: {why}"));
+                position(entry.position_m.as_ref(), &entry.lengths_m, robot).map_err(|why| say!("{name}: {why}"))?;
+            let currents = |a: &[f64]| CableVec::from_slice(a).map_err(|why| say!("{name}: {why}"));
             let added_n = weight_n(entry.added_kg, &name)?;
             Ok(Weighing { position_m, added_n, up_a: currents(&entry.up_a)?, down_a: currents(&entry.down_a)? })
         };
