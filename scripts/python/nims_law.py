@@ -26,13 +26,20 @@ from types import SimpleNamespace
 
 def run(law, **parameters):
     """Answers until the flight ends. The parameters are recorded in the run file."""
+
+    def velocities(asked):
+        answer = law(asked)
+        return None if answer is None else [float(velocity) for velocity in answer]
+
+    answer(velocities, parameters)
+
+
+def answer(function, parameters):
+    """Answers each line with what the function makes of it."""
     _system = json.loads(sys.stdin.readline() or "null")
-    text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in parameters.items())
-    _say({"parameters": text})
+    _say({"parameters": "".join(f"{key} = {json.dumps(value)}\n" for key, value in parameters.items())})
     for line in sys.stdin:
-        asked = json.loads(line, object_hook=lambda fields: SimpleNamespace(**fields))
-        velocities = law(asked)
-        _say(None if velocities is None else [float(velocity) for velocity in velocities])
+        _say(function(json.loads(line, object_hook=lambda fields: SimpleNamespace(**fields))))
 
 
 def _say(value):

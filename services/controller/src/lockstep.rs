@@ -1,39 +1,18 @@
 //! A law in a program of its own that answers over a pipe, cycle by cycle, for flights in lockstep (`nims sim`).
 //!
-//! Both sides write lines of JSON. The first line to the program is a [`Hello`], its answer a [`Parameters`]. Then
-//! each line is a [`Question`], and the answer the cable velocities in m/s, or `null` for no answer to this estimate.
-//! Numbers are written so that the same bits are read.
+//! The first lines are those of [`program_pipe`]. Then each line is a [`Question`], and the answer the cable velocities
+//! in m/s, or `null` for no answer to this estimate.
 
-use std::io::{self, BufRead, Write};
-use std::path::PathBuf;
+use std::io::{BufRead, Write};
 
 use cable_robot::elastic::Realisation;
 use cable_robot::{CableVec, Robot, Setpoint};
 use config::SystemFile;
 use messages::{CABLES, NodeEstimate};
+use program_pipe::{Hello, Parameters, say};
 use serde::{Deserialize, Serialize};
 
 use crate::custom_law::{CableLaw, LawInput};
-
-/// Argument of a law's program that makes it answer over its standard input and output instead of the bus.
-pub const ARGUMENT: &str = "--lockstep";
-
-/// What is flown.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Hello {
-    /// System file, with the robot file that it names.
-    pub system: PathBuf,
-    /// Number of cables.
-    pub cables: usize,
-}
-
-/// Parameters of the law, for the run file.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Parameters {
-    /// As [`CableLaw::parameters`].
-    #[serde(default)]
-    pub parameters: String,
-}
 
 /// A setpoint.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -217,10 +196,4 @@ pub fn serve(law: &mut dyn CableLaw, questions: impl BufRead, mut answers: impl 
         say(&mut answers, &question.answer(&robot, law).map(|velocity| velocity.to_vec()))?;
     }
     Ok(())
-}
-
-fn say(answers: &mut impl Write, value: &impl Serialize) -> io::Result<()> {
-    serde_json::to_writer(&mut *answers, value)?;
-    answers.write_all(b"\n")?;
-    answers.flush()
 }

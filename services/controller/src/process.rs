@@ -18,9 +18,9 @@ use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law, lockstep};
 ///
 /// Horizon, limits and tension distribution are those of `[controller]` in the system file; its `law` is not used.
 /// `program` is [`program!()`](macro@crate::program), so that the run identifies the program and not nims. With
-/// [`lockstep::ARGUMENT`] the same program answers `nims sim` instead.
+/// [`program_pipe::ARGUMENT`] the same program answers `nims sim` instead.
 pub fn main_with(program: Program, mut law: Box<dyn CableLaw>) -> ExitCode {
-    if std::env::args().any(|argument| argument == lockstep::ARGUMENT) {
+    if std::env::args().any(|argument| argument == program_pipe::ARGUMENT) {
         return match lockstep::serve(law.as_mut(), std::io::stdin().lock(), std::io::stdout().lock()) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
@@ -66,7 +66,7 @@ pub fn run_program(
     let deadline = Duration::from_secs_f64(PROGRAM_SHARE * chassis.system_file()?.period_s());
     let law = ProgramLaw::start(command, system, config.robot.cable_count(), Waits::in_flight(deadline)).map_err(
         |error| match error {
-            StartError::NoLaw(why) => anyhow::Error::from(BadInput(why)),
+            StartError::NotOne(why) => anyhow::Error::from(BadInput(why)),
             StartError::Fails(why) => anyhow::Error::msg(why),
         },
     )?;

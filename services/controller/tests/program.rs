@@ -15,6 +15,12 @@ fn system() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml")
 }
 
+/// The waits of a flight whose answers count from the first one.
+fn at_once(longest_s: u64, deadline_s: u64) -> Waits {
+    let (longest, deadline) = (Duration::from_secs(longest_s), Some(Duration::from_secs(deadline_s)));
+    Waits { longest, deadline, measured: 0 }
+}
+
 /// A program that answers the question of cycle N after `answer` with N for each cable.
 fn law(folder: &Path, answer: &str, waits: Waits) -> ProgramLaw {
     let path = folder.join("law.sh");
@@ -61,8 +67,7 @@ fn a_late_answer_is_dropped_and_the_next_one_is_that_of_its_question() {
     let gate = folder.path().join("gate");
     let wait = format!("if [ $cycle = 2 ]; then while [ ! -e {} ]; do sleep 0.01; done; fi", gate.display());
     // The deadline is never the limit of a machine that stands still: only cycle 2 has to miss it.
-    let mut law =
-        law(folder.path(), &wait, Waits { longest: Duration::from_secs(60), deadline: Some(Duration::from_secs(3)) });
+    let mut law = law(folder.path(), &wait, at_once(60, 3));
     assert!(law.parameters().starts_with("program = \"sh ") && law.parameters().ends_with("gain = 2\n"));
     assert_eq!(ask(&mut law, 1), Some(1.0));
     assert_eq!(ask(&mut law, 2), None);
@@ -78,9 +83,29 @@ fn a_late_answer_is_dropped_and_the_next_one_is_that_of_its_question() {
 }
 
 #[test]
+fn answers_count_after_the_deadline_was_kept_for_long_enough() {
+    let folder = tempfile::tempdir().unwrap();
+    let gate = folder.path().join("gate");
+    let wait = format!("if [ $cycle = 3 ]; then while [ ! -e {} ]; do sleep 0.01; done; fi", gate.display());
+    // The machine may stand still for less than the deadline; only cycle 3 has to miss it.
+    let mut law = law(folder.path(), &wait, Waits { longest: Duration::from_secs(60), measured: 10, ..at_once(60, 3) });
+    for cycle in 1..=3 {
+        assert_eq!(ask(&mut law, cycle), None, "cycle {cycle}");
+    }
+    std::fs::write(&gate, "").unwrap();
+    // A cycle that finds the late answer missing is another late one: then it begins again.
+    let answers = (4..2000).map(|cycle| {
+        std::thread::sleep(Duration::from_millis(10));
+        ask(&mut law, cycle)
+    });
+    let unused = answers.take_while(Option::is_none).count();
+    assert!((10..1900).contains(&unused), "{unused} answers were not used");
+}
+
+#[test]
 fn a_program_that_ends_is_a_complaint() {
     let folder = tempfile::tempdir().unwrap();
-    let mut law = law(folder.path(), "if [ $cycle = 2 ]; then exit 3; fi", Waits::in_flight(Duration::from_secs(20)));
+    let mut law = law(folder.path(), "if [ $cycle = 2 ]; then exit 3; fi", at_once(10, 20));
     assert_eq!((ask(&mut law, 1), ask(&mut law, 2)), (Some(1.0), None));
     assert!(law.complaint().lock().unwrap().as_ref().unwrap().contains("has ended"));
     assert_eq!(ask(&mut law, 3), None, "it is not asked again");
@@ -89,8 +114,7 @@ fn a_program_that_ends_is_a_complaint() {
 #[test]
 fn a_program_that_hangs_is_given_up() {
     let folder = tempfile::tempdir().unwrap();
-    let waits = Waits { longest: Duration::from_secs(5), deadline: Some(Duration::from_secs(2)) };
-    let mut law = law(folder.path(), "if [ $cycle = 2 ]; then exec sleep 600; fi", waits);
+    let mut law = law(folder.path(), "if [ $cycle = 2 ]; then exec sleep 600; fi", at_once(5, 2));
     assert_eq!((ask(&mut law, 1), ask(&mut law, 2)), (Some(1.0), None));
     assert!(law.complaint().lock().unwrap().is_none(), "the first late answer is dropped");
     let complaint = (3..3000).find_map(|cycle| {
@@ -104,7 +128,7 @@ fn a_program_that_hangs_is_given_up() {
 #[test]
 fn a_line_without_end_is_a_complaint() {
     let folder = tempfile::tempdir().unwrap();
-    let mut law = law(folder.path(), "exec tr '\\0' x < /dev/zero", Waits::in_flight(Duration::from_secs(20)));
+    let mut law = law(folder.path(), "exec tr '\\0' x < /dev/zero", at_once(10, 20));
     assert_eq!(ask(&mut law, 1), None);
     let complaint = law.complaint().lock().unwrap().clone().unwrap();
     assert!(complaint.contains("a line of more than 65536 bytes") && complaint.len() < 500, "{complaint}");
@@ -114,7 +138,7 @@ fn a_line_without_end_is_a_complaint() {
 fn a_program_that_does_not_read_blocks_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let blind = "while :; do sleep 0.01; echo '[1,1,1]'; done";
-    let mut law = law(folder.path(), blind, Waits::in_flight(Duration::from_secs(20)));
+    let mut law = law(folder.path(), blind, at_once(10, 20));
     let complaint = (1..10_000).find_map(|cycle| {
         ask(&mut law, cycle);
         law.complaint().lock().unwrap().clone()
@@ -132,7 +156,7 @@ fn only_a_wrong_command_or_a_wrong_first_answer_is_bad_input() {
     };
     for (command, part) in [("", "is empty"), ("no-such-program", "does not start")] {
         let error = start(command);
-        assert!(matches!(&error, StartError::NoLaw(why) if why.contains(part)), "{error:?}");
+        assert!(matches!(&error, StartError::NotOne(why) if why.contains(part)), "{error:?}");
     }
     let folder = tempfile::tempdir().unwrap();
     let script = |text: &str| {
@@ -144,7 +168,7 @@ fn only_a_wrong_command_or_a_wrong_first_answer_is_bad_input() {
     assert!(matches!(&hangs, StartError::Fails(why) if why.contains("has not answered within 1 s")), "{hangs:?}");
     let waits = Waits::in_lockstep();
     let wrong = ProgramLaw::start(&script("echo hello; exec sleep 600"), &system(), 3, waits).err().unwrap();
-    assert!(matches!(&wrong, StartError::NoLaw(why) if why.contains("does not answer as a law")), "{wrong:?}");
+    assert!(matches!(&wrong, StartError::NotOne(why) if why.contains("does not answer as the law")), "{wrong:?}");
     let ends = ProgramLaw::start(&script("exit 3"), &system(), 3, waits).err().unwrap();
     assert!(matches!(&ends, StartError::Fails(why) if why.contains("has ended")), "{ends:?}");
 }
@@ -168,7 +192,7 @@ fn a_program_in_flight_is_not_bound_to_the_processor_of_the_control_thread() {
             let mut set = rustix::thread::CpuSet::new();
             set.set(cpu);
             rustix::thread::sched_setaffinity(None, &set).unwrap();
-            (cpu.to_string(), law(folder.path(), &keep, Waits::in_flight(Duration::from_secs(20))))
+            (cpu.to_string(), law(folder.path(), &keep, at_once(10, 20)))
         });
         bound.join().unwrap()
     });

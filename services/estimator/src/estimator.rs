@@ -5,8 +5,11 @@ use cable_robot::{CableVec, Robot, Vector3, elastic};
 use config::EstimatorSection;
 use messages::{CABLES, Header, MotorAuthority, MotorState, NodeEstimate, same_life};
 
-use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement};
+use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, Instant};
+use crate::cables::Cables;
 use crate::method::Method;
+use crate::program::ProgramEstimator;
+use crate::readings::{self, Readings};
 use crate::swing::{Rest, SwingObserver};
 use cable_control::length_filter::FilterError;
 use std::fmt;
@@ -51,8 +54,8 @@ impl EstimatorConfig {
 #[derive(Clone)]
 pub struct Estimator {
     config: EstimatorConfig,
-    /// One per cable; empty for a custom method that was not given.
-    cables: Vec<Cable>,
+    cables: Cables,
+    readings: Readings,
     last_life: u64,
     last_cycle: u64,
     last_stamp_ns: u64,
@@ -89,63 +92,31 @@ struct Zero {
     errors: Option<LengthErrors>,
 }
 
-/// State of a cable: that of its method, and the cycle of its newest reading.
-#[derive(Clone)]
-struct Cable {
-    method: Box<dyn CableEstimator>,
-    /// Cycle of the newest reading; `None` before the first.
-    read_cycle: Option<u64>,
-}
-
-impl Cable {
-    /// Processes the part of motor/state for cable `i`.
-    fn read(&mut self, state: &MotorState, i: usize) {
-        let sample = CableSample {
-            cycle: state.header.cycle,
-            length_m: Some(state.length_m[i]).filter(|length_m| state.fresh[i] != 0 && length_m.is_finite()),
-            sampled_ns: state.sampled_ns[i],
-            command_m_s: if state.command_m_s[i].is_finite() { state.command_m_s[i] } else { 0.0 },
-        };
-        if sample.length_m.is_some() {
-            self.read_cycle = Some(sample.cycle);
-        }
-        self.method.read(&sample);
-    }
-
-    /// Returns length and velocity at an instant; `None` without a recent reading or a finite result of the method.
-    fn at(&self, instant: &Instant) -> Option<Measurement> {
-        if instant.cycle.checked_sub(self.read_cycle?)? > BRIDGED_CYCLES {
-            return None;
-        }
-        self.method.at(instant).filter(|at| at.length_m.is_finite() && at.velocity_m_s.is_finite())
-    }
-
-    fn forget(&mut self) {
-        self.read_cycle = None;
-        self.method.forget();
-    }
-}
-
 impl Estimator {
     /// Creates an estimator without readings. With [`Robot::with_rigid_lines`], stretch is not corrected. If the
     /// configured method is a custom one, no estimate is valid: use [`Estimator::with_method`].
     pub fn new(config: &EstimatorConfig) -> Self {
-        Self::with_cable(config, config.method.cable())
+        Self::with_cables(config, Cables::each(config.method.cable(), config.robot.cable_count()))
     }
 
     /// Creates an estimator with a custom method instead of the configured one; each cable gets a copy of `cable`.
     pub fn with_method(config: &EstimatorConfig, mut cable: Box<dyn CableEstimator>) -> Self {
-        let config = EstimatorConfig { method: config.method.to_custom(), ..*config };
         cable.retune(config.method.parameters());
-        Self::with_cable(&config, Some(cable))
+        let cables = Cables::each(Some(cable), config.robot.cable_count());
+        Self::with_cables(&EstimatorConfig { method: config.method.to_custom(), ..*config }, cables)
     }
 
-    fn with_cable(config: &EstimatorConfig, cable: Option<Box<dyn CableEstimator>>) -> Self {
-        let cables =
-            cable.map_or_else(Vec::new, |method| vec![Cable { method, read_cycle: None }; config.robot.cable_count()]);
+    /// Creates an estimator with the method of a program instead of the configured one. A copy asks the same program.
+    pub fn with_program(config: &EstimatorConfig, program: ProgramEstimator) -> Self {
+        let config = EstimatorConfig { method: config.method.to_custom(), ..*config };
+        Self::with_cables(&config, Cables::Program(program))
+    }
+
+    fn with_cables(config: &EstimatorConfig, cables: Cables) -> Self {
         Self {
             config: *config,
             cables,
+            readings: Readings::default(),
             last_life: 0,
             last_cycle: 0,
             last_stamp_ns: 0,
@@ -165,7 +136,7 @@ impl Estimator {
 
     /// Returns the constants of a custom method, as TOML.
     pub fn constants(&self) -> String {
-        self.cables.first().map(|cable| cable.method.constants()).unwrap_or_default()
+        self.cables.constants()
     }
 
     /// Changes the parameters between two steps. The state of the filters remains, so the estimate does not jump.
@@ -174,7 +145,7 @@ impl Estimator {
         self.config.sigma_length_m = config.sigma_length_m;
         if config.method.number() == self.config.method.number() {
             self.config.method = config.method;
-            self.cables.iter_mut().for_each(|cable| cable.method.retune(config.method.parameters()));
+            self.cables.retune(config.method.parameters());
         }
     }
 
@@ -206,20 +177,20 @@ impl Estimator {
         let epoch = authority.map_or(self.last_epoch, |authority| authority.epoch);
         if epoch != self.last_epoch {
             self.last_epoch = epoch;
-            self.cables.iter_mut().for_each(|cable| cable.method.expect_anything());
+            self.cables.expect_anything();
         }
         (self.last_life, self.last_cycle) = (state.header.life, state.header.cycle);
         (self.last_stamp_ns, self.last_instant_ns) = (state.header.stamp_ns, instant_ns);
         let mut known = usize::from(state.cable_count) == n
-            && self.cables.len() == n
+            && self.cables.are(n)
             && state.position_known != MotorState::POSITION_UNKNOWN;
         let sigma_length_m = self.config.sigma_length_m;
         let mut sigma_m = CableVec::repeat(n, sigma_length_m);
         let mut velocity_m_s = CableVec::zeros(n);
         let instant = Instant { cycle: state.header.cycle, time_ns: instant_ns };
-        for (i, cable) in self.cables.iter_mut().enumerate() {
-            cable.read(state, i);
-            let Some(at) = cable.at(&instant) else {
+        let measured = self.cables.measure(&mut self.readings, &readings::samples(state)[..n], &instant);
+        for (i, at) in measured.iter().enumerate().take(n) {
+            let Some(at) = at else {
                 known = false;
                 continue;
             };
@@ -274,7 +245,8 @@ impl Estimator {
 
     fn forget(&mut self) {
         (self.last_cycle, self.last_stamp_ns, self.last_instant_ns) = (0, 0, 0);
-        self.cables.iter_mut().for_each(Cable::forget);
+        self.readings.forget();
+        self.cables.forget();
         self.position = None;
         self.velocity_m_s = Vector3::zeros();
         self.swing.forget();

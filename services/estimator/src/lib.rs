@@ -6,13 +6,18 @@
 //!   knows the position, and every number is finite. An invalid estimate carries only what was measured.
 //! * A method is a [`CableEstimator`]: the readings and commands of one cable to its length and velocity. A standard
 //!   method is a row in `method.rs`. A custom method is a separate program ([`process::main_with`]) that the system
-//!   file names in place of this one or beside it.
+//!   file names in place of this one or beside it; in another language it is a program that this one asks over a pipe
+//!   ([`mod@program`]).
 #![forbid(unsafe_code)]
 
 mod cable_estimator;
+mod cables;
 mod estimator;
 mod method;
 pub mod process;
+pub mod program;
+mod readings;
+mod serve;
 mod swing;
 
 pub use cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement, Parameters};

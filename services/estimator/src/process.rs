@@ -1,21 +1,35 @@
 //! The process of an estimator: waits for `motor/state` and publishes `node/estimate/SLOT`.
 
+use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use config::{RobotFile, SystemFile};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, newer};
+use program_pipe::{StartError, Waits};
 use runtime::{Args, BadInput, Chassis, FirstOutput, Program, Tuning};
 
 use crate::cable_estimator::CableEstimator;
 use crate::estimator::{Estimator, EstimatorConfig};
 use crate::method::Method;
+use crate::program::ProgramEstimator;
+use crate::serve::serve;
 
 /// Runs a whole process with a custom method. Each cable gets a copy of `cable`.
 ///
 /// `stretch`, `sigma_length_m` and the [`Parameters`](crate::Parameters) are those of `[estimator]` in the system file;
 /// its `method` is not used. `program` is [`program!()`](crate::program), so that the run identifies the program and
-/// not nims.
+/// not nims. With [`program_pipe::ARGUMENT`] the same program answers `nims sim` instead.
 pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
+    if std::env::args().any(|argument| argument == program_pipe::ARGUMENT) {
+        return match serve(cable, std::io::stdin().lock(), std::io::stdout().lock()) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(error) => {
+                eprintln!("{error:#}");
+                ExitCode::FAILURE
+            }
+        };
+    }
     runtime::main("estimator", move |_: &Args, chassis| {
         chassis.is_program(&program);
         let file = chassis.system_file()?;
@@ -41,6 +55,33 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<EstimatorC
 
 fn with_thread(config: EstimatorConfig) -> EstimatorConfig {
     EstimatorConfig { thread: std::process::id(), ..config }
+}
+
+/// Share of the period that a program has for its answer: the controller, the drives and motor-io need the rest.
+const PROGRAM_SHARE: f64 = 0.25;
+
+/// Runs with the method of a program in any language; see [`ProgramEstimator`].
+///
+/// # Errors
+/// The program fails, and those of the bus.
+pub fn run_program(
+    chassis: &mut Chassis,
+    config: &EstimatorConfig,
+    command: &str,
+    system: &Path,
+) -> anyhow::Result<()> {
+    let deadline = Duration::from_secs_f64(PROGRAM_SHARE * chassis.system_file()?.period_s());
+    let cables = config.robot.cable_count();
+    let program = ProgramEstimator::start(command, system, cables, Waits::in_flight(deadline));
+    let program = program.map_err(|error| match error {
+        StartError::NotOne(why) => anyhow::Error::from(BadInput(why)),
+        StartError::Fails(why) => anyhow::Error::msg(why),
+    })?;
+    let complaint = program.complaint();
+    run_checked(chassis, Estimator::with_program(config, program), || {
+        let complaint = complaint.lock().ok().and_then(|mut complaint| complaint.take());
+        complaint.map_or(Ok(()), |complaint| Err(anyhow::anyhow!(complaint)))
+    })
 }
 
 /// Method and parameters of this estimator: declares them for the run file, and receives changes of the parameters.
@@ -80,7 +121,16 @@ impl MethodInUse {
 ///
 /// # Errors
 /// Those of the bus.
-pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()> {
+pub fn run(chassis: &mut Chassis, estimator: Estimator) -> anyhow::Result<()> {
+    run_checked(chassis, estimator, || Ok(()))
+}
+
+/// The same, as long as `check` succeeds in each cycle.
+fn run_checked(
+    chassis: &mut Chassis,
+    mut estimator: Estimator,
+    mut check: impl FnMut() -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
     let cables = estimator.config().robot.cable_count();
     let mut in_use = MethodInUse::declare(chassis, &estimator)?;
     let mut states = chassis.bus().subscriber::<MotorState>("motor/state")?;
@@ -104,7 +154,9 @@ pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()
             if let Some(change) = &change {
                 estimator.configure(&change.made.0);
             }
-            estimates.send(&mut estimator.step(&state, authority.as_ref()))?;
+            let mut estimate = estimator.step(&state, authority.as_ref());
+            check()?;
+            estimates.send(&mut estimate)?;
             answers += 1;
             chassis.pass_end();
             if let Some(change) = change {

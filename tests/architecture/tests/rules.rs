@@ -72,6 +72,8 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("segments", &["messages", "cable-robot"]),
     // the runtime of a process fills in samples
     ("runtime", &["bus", "messages", "config", "robot-state"]),
+    // starts its program with ordinary scheduling
+    ("program-pipe", &["runtime"]),
     ("robot-state", &["messages"]),
     // an error wraps the errors of the layers below
     ("command", &["bus", "runlog", "messages", "config", "cable-robot"]),

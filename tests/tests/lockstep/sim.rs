@@ -1,8 +1,10 @@
 //! `nims sim`: its figures are those of the same flight made by hand, its runs those of the recorder, and a law in a
 //! program of its own flies as one that is built in.
 
+use crate::method::MyEstimator;
 use clap::Parser;
 use command::Output;
+use estimator::Estimator;
 use nims_sim::Args;
 use nims_tests::lockstep::{Chain, fly_chain};
 use nims_tests::scenarios::planar;
@@ -96,6 +98,68 @@ fn a_law_in_its_own_program_flies_as_a_built_in_one() {
         let own = flights(&fly("aq4", &["--program", &program]));
         for figure in ["/tracking/rms_m", "/truth/max_m", "/energy_j", "/tension_n/0"] {
             assert_eq!(number(&own[0], figure), number(&built_in[0], figure), "{figure} of {program}");
+        }
+    }
+}
+
+/// The page has the file that is compiled here, and the whole script.
+#[test]
+fn the_laws_of_the_page_fly_alike_in_both_languages() {
+    let page = std::fs::read_to_string(project().join("docs/simulation.md")).unwrap();
+    let block = |language: &str| {
+        let begun = page.split_once(&format!("```{language}\n")).unwrap().1;
+        let indent = if language == "python" { "   " } else { "" };
+        let lines = begun.lines().take_while(|line| line.trim() != "```");
+        lines.map(|line| line.strip_prefix(indent).unwrap_or(line).to_owned() + "\n").collect::<String>()
+    };
+    let compiled = std::fs::read_to_string(project().join("tests/src/pi/law.rs")).unwrap();
+    assert_eq!(block("rust"), compiled);
+    let folder = tempfile::tempdir().unwrap();
+    let script = folder.path().join("pi.py");
+    std::fs::write(&script, block("python")).unwrap();
+    let python = format!("env PYTHONPATH={} python3 {}", project().join("scripts/python").display(), script.display());
+    let [rust, python] = [env!("CARGO_BIN_EXE_pi-law"), &python].map(|program| {
+        let all = flights(&fly("aq4", &["--program", program]));
+        assert_eq!(all[0]["completed"], true, "{}", all[0]);
+        all
+    });
+    assert_eq!(rust[0]["tracking"], python[0]["tracking"]);
+    assert_eq!(rust[0]["energy_j"], python[0]["energy_j"]);
+    let without = flights(&fly("aq4", &["--law", "p-feedforward", "--set", "controller.length_gain_per_s=1.5"]));
+    assert_ne!(rust[0]["tracking"], without[0]["tracking"], "the integral makes no difference");
+}
+
+/// Both templates compute the same as the method of the template inside the flight, bit for bit.
+#[test]
+fn an_estimator_in_its_own_program_flies_as_one_inside() {
+    let file = config::SystemFile::load(&project().join("configs/systems/aq4.toml")).unwrap();
+    let chain = Chain::from_file(&file).unwrap();
+    let estimator = Estimator::with_method(chain.estimator.config(), Box::new(MyEstimator::default()));
+    let inside = fly_chain(planar().unwrap(), Chain { estimator, ..chain }, |_| Ok(())).unwrap();
+    let standard = flights(&fly("aq4", &[]));
+    assert_ne!(number(&standard[0], "/truth/max_m"), inside.truth.max_m, "the method makes no difference");
+    let rust = env!("CARGO_BIN_EXE_my-estimator").to_owned();
+    let script = project().join("scripts/templates/estimator.py");
+    let python = format!("env PYTHONPATH={} python3 {}", project().join("scripts/python").display(), script.display());
+    for program in [rust, python] {
+        let own = flights(&fly("aq4", &["--estimator-program", &program]));
+        assert_eq!(number(&own[0], "/tracking/rms_m"), inside.estimate.rms_m, "{program}");
+        assert_eq!(number(&own[0], "/truth/max_m"), inside.truth.max_m, "{program}");
+        assert_eq!(number(&own[0], "/energy_j"), inside.energy_j, "{program}");
+    }
+}
+
+/// One that leaves out cables has no estimate, so the mission is not flown; a wrong answer fails the flight.
+#[test]
+fn an_estimator_without_an_answer_does_not_fly() {
+    let folder = tempfile::tempdir().unwrap();
+    for (answer, named) in [("null", None), ("[null,null,null,null]", None), ("[null]", Some("1 for 4 cables"))] {
+        let program = script(folder.path(), &format!(r"{answer}\n"));
+        let output = fly("aq4", &["--estimator-program", &program, "--longest", "5"]);
+        let flight = &flights(&output)[0];
+        assert!(output.failure.is_some() && flight["completed"] != true, "{flight}");
+        if let Some(named) = named {
+            assert!(flight["failed"].as_str().unwrap().contains(named), "{flight}");
         }
     }
 }

@@ -98,7 +98,7 @@ impl Configuration {
             }),
         };
         this.law().transpose().map_err(|error| match error {
-            StartError::NoLaw(_) => plain(&error),
+            StartError::NotOne(_) => plain(&error),
             StartError::Fails(_) => Failure::not_now(error),
         })?;
         this.controller_config(1, None).map_err(|error| plain(&format!("[controller] {error}")))?;

@@ -23,6 +23,9 @@ pub struct Args {
     /// Own law: the command of its program, which answers cycle by cycle over a pipe.
     #[arg(long, value_name = "COMMAND")]
     pub program: Option<String>,
+    /// Own estimator: the command of its program, as for a law.
+    #[arg(long, value_name = "COMMAND")]
+    pub estimator_program: Option<String>,
     /// Value of the system or robot file, such as controller.horizon_cycles=20 or robot.node_mass_kg=2.5.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<Assignment>,
@@ -48,7 +51,7 @@ pub struct Args {
     #[arg(long, value_name = "FOLDER")]
     pub out: Option<PathBuf>,
     /// Takes the cable velocities of each cycle from standard input: for programs, such as `nims.Sim` in Python.
-    #[arg(long, group = "drawn", conflicts_with_all = ["law", "program", "sweeps", "jobs"])]
+    #[arg(long, group = "drawn", conflicts_with_all = ["law", "program", "estimator_program", "sweeps", "jobs"])]
     pub steps: bool,
     /// Flights at the same time; default: the number of processors.
     #[arg(long, value_parser = jobs)]

@@ -6,6 +6,8 @@ use anyhow::{Context, Result};
 use config::SystemFile;
 use controller::Controller;
 use controller::program::{ProgramLaw, Waits};
+use estimator::Estimator;
+use estimator::program::ProgramEstimator;
 use lockstep::{Chain, Cycle, Flight, Observed, Scenario, fly_chain};
 use messages::MotorAuthority;
 use motor_box::BoxConfig;
@@ -52,19 +54,25 @@ fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
     let file = SystemFile::load(&system)?;
     let (scenario, mut chain) = (scenario(&file, args)?, Chain::from_file(&file)?);
     flown.period_s = scenario.period_s;
-    let mut complaint = None;
+    let mut complaints = Vec::new();
+    let (cables, waits) = (scenario.robot.cable_count(), Waits::in_lockstep());
     if let Some(program) = &args.program {
-        let law = ProgramLaw::start(program, &system, scenario.robot.cable_count(), Waits::in_lockstep())?;
-        complaint = Some(law.complaint());
+        let law = ProgramLaw::start(program, &system, cables, waits)?;
+        complaints.push(law.complaint());
         chain.controller = Controller::with_law(*chain.controller.config(), Box::new(law));
+    }
+    if let Some(program) = &args.estimator_program {
+        let program = ProgramEstimator::start(program, &system, cables, waits)?;
+        complaints.push(program.complaint());
+        chain.estimator = Estimator::with_program(chain.estimator.config(), program);
     }
     let mut tape = match args.out {
         Some(_) => Some(Tape::new(&folder.join("run.mcap"), &system)?),
         None => None,
     };
     let flight = fly_chain(scenario, chain, |seen| {
-        // A law that fails would only bring the robot to rest.
-        if let Some(complaint) = complaint.as_ref().and_then(|complaint| complaint.lock().ok()?.clone()) {
+        // A program that fails would only bring the robot to rest.
+        if let Some(complaint) = complaints.iter().find_map(|complaint| complaint.lock().ok()?.clone()) {
             anyhow::bail!(complaint);
         }
         flown.distances.extend(distances(seen.cycle));

@@ -1,0 +1,31 @@
+"""An estimator in Python, without packages: for `nims sim`, and for a robot with `estimator --program`.
+
+    import nims_estimator
+
+    def estimate(asked):
+        return [
+            None if length_m is None else {"length_m": length_m, "velocity_m_s": command_m_s}
+            for length_m, command_m_s in zip(asked.lengths_m, asked.commands_m_s, strict=True)
+        ]
+
+    nims_estimator.run(estimate)
+
+`nims sim SYSTEM.toml --estimator-program "python3 my_estimator.py"` flies with it in lockstep. The function is called
+once per control cycle, and returns for each cable what it estimates at the instant, or None.
+
+`asked` has: cycle; instant_ns, the instant that is asked for; for each cable lengths_m (unstretched, from the encoder;
+None where this cycle has no reading), sampled_ns (when it was read), ahead_s (from the newest reading to the instant;
+None before the first one), commands_m_s (in effect in this cycle, above 0 pays out); forget (all earlier readings are
+invalid); expect_anything (the operator may have set the lengths: readings that do not fit are correct).
+
+An estimate has length_m and velocity_m_s, and may have steady_velocity_m_s (for the velocity of the node; default:
+motor-io's mean over 50 ms), sigma_m (standard deviation in addition to that of a reading) and phi (the motor model).
+Position of the node, tensions and covariance follow from the lengths, as for every estimator.
+"""
+
+import nims_law
+
+
+def run(estimate, **parameters):
+    """Answers until the flight ends. The parameters are recorded in the run file."""
+    nims_law.answer(estimate, parameters)

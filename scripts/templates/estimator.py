@@ -1,0 +1,49 @@
+#!/usr/bin/env python3
+"""An estimator for `nims sim` and for a robot: change the function. Needs nims_estimator.py and nims_law.py beside it or
+in PYTHONPATH. As it is, it is an alpha-beta filter, the same as in the folder estimator."""
+
+import nims_estimator
+
+ALPHA = 0.5
+BETA = ALPHA * ALPHA / (2.0 - ALPHA)
+BRIDGED_CYCLES = 3
+
+# Of each cable that was read: length (m), velocity (m/s), time (ns) and cycle of the newest reading.
+states = {}
+
+
+def estimate(asked):
+    """Length and velocity dL/dt (above 0 pays out) of each cable at the instant, or None."""
+    if asked.forget:
+        states.clear()
+    return [cable(asked, i) for i in range(len(asked.lengths_m))]
+
+
+def cable(asked, i):
+    length_m, sampled_ns = asked.lengths_m[i], asked.sampled_ns[i]
+    if length_m is not None:
+        velocity_m_s = 0.0
+        # After a long silence, or where the lengths were set again, it begins at rest with the reading.
+        last = None if asked.expect_anything else states.get(i)
+        if last and asked.cycle - last[3] <= BRIDGED_CYCLES and sampled_ns > last[2]:
+            passed_s = (sampled_ns - last[2]) * 1e-9
+            expected_m = last[0] + last[1] * passed_s
+            difference_m = length_m - expected_m
+            length_m = expected_m + ALPHA * difference_m
+            velocity_m_s = last[1] + BETA * difference_m / passed_s
+        states[i] = (length_m, velocity_m_s, sampled_ns, asked.cycle)
+    if i not in states:
+        return None
+    length_m, velocity_m_s, _, _ = states[i]
+    moved_m = velocity_m_s * asked.ahead_s[i]
+    return {
+        "length_m": length_m + moved_m,
+        "velocity_m_s": velocity_m_s,
+        # The velocity of the filter is smooth enough for that of the node.
+        "steady_velocity_m_s": velocity_m_s,
+        # Assumed: half of the extrapolation.
+        "sigma_m": 0.5 * abs(moved_m),
+    }
+
+
+nims_estimator.run(estimate, alpha=ALPHA, beta=BETA)
