@@ -1,6 +1,5 @@
 //! What is not heard yet, what is silent, and what is wrong: only the last alarms.
 
-use crate::robot::since_s;
 use messages::{MotorAuthority, RecorderStatus};
 use robot_state::Periods;
 use serde_json::{Value, json};
@@ -13,6 +12,11 @@ const SILENT_S: f64 = 2.5;
 const GONE_S: f64 = 15.0;
 /// Time for which periods that were not steered are shown, ns.
 const MISSED_NS: u64 = 60_000_000_000;
+
+/// Time since a stamp, s; 0 for one of the future.
+pub(crate) fn since_s(stamp_ns: u64, now_ns: u64) -> f64 {
+    now_ns.saturating_sub(stamp_ns) as f64 * 1e-9
+}
 
 /// The recorder for browsers: `problem` is why nothing is recorded, `silent_s` since when it is not heard. `row`: its
 /// newest status; `lost`: its process died or hangs.

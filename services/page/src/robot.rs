@@ -1,7 +1,7 @@
 //! What the page knows of the robot: the newest samples in, plain data for browsers out. No clock, no I/O.
 
 use crate::drives::Units;
-use crate::freshness::{self, Missed};
+use crate::freshness::{self, Missed, since_s};
 use cable_robot::Path;
 use messages::{
     Heartbeat, LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion,
@@ -361,10 +361,6 @@ fn points(message: &PlanSegment) -> Option<Vec<[f64; 3]>> {
 
 fn count(given: u8, most: usize) -> usize {
     usize::from(given).min(most)
-}
-
-pub(crate) fn since_s(stamp_ns: u64, now_ns: u64) -> f64 {
-    now_ns.saturating_sub(stamp_ns) as f64 * 1e-9
 }
 
 fn read<T: Message>(bytes: &[u8]) -> Option<T> {

@@ -6,6 +6,9 @@
 //! * The measurements file is the whole state of the questions.
 #![forbid(unsafe_code)]
 
+#[macro_use]
+mod say;
+
 pub mod calibrate;
 pub mod loads;
 pub mod robot_file;

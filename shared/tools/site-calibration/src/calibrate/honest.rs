@@ -1,6 +1,5 @@
 //! What a calibration with small residuals may hide, as one clause for users.
 
-use crate::say;
 use calibration::{
     Calibration, Effect, Freed, Measurements, Misfit, RadiusCheck, RadiusSlip, Undecided, UnmeasuredRadius, misfit,
     radius_check, undecided,

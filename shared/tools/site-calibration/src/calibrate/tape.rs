@@ -1,6 +1,5 @@
 //! Checks of the scale of single cables along a tape.
 
-use crate::say;
 use calibration::length_check::{self, CableScale, TapeCheck};
 use serde::{Deserialize, Serialize};
 

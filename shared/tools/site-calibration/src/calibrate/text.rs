@@ -1,7 +1,6 @@
 //! The result of a calibration as text.
 
 use super::honest;
-use crate::say;
 use calibration::{self, Calibration, Holdout, Measurements, Method, UnmeasuredRadius};
 
 /// Greatest standard deviation of an anchor coordinate in a good calibration, m: the position of the node is then about

@@ -1,7 +1,6 @@
 //! The file of measurements with a known weight that `nims loads` reads. Lengths are in m, masses in kg,
 //! currents in A; entries count from 1.
 
-use crate::say;
 use cable_robot::{CableVec, Robot, STANDARD_GRAVITY, kinematics};
 use calibration::{LoadMeasurements, Sinking, Weighing};
 use config::Point;

@@ -5,7 +5,6 @@ mod robot_file;
 
 pub use file::{LoadsFile, LoadsSetup, SinkingEntry, WeighingEntry, position};
 
-use crate::say;
 use cable_robot::{Robot, RobotParts, STANDARD_GRAVITY};
 use calibration::{Found, Loads};
 use config::{RobotFile, toml_file};

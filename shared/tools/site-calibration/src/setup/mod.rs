@@ -1,14 +1,5 @@
 //! The guided field calibration, one question at a time. No input and output: the measurements are the whole state.
 
-/// A sentence of the guide, as `format!`. The page translates what stands in this macro; a test of the page collects it
-/// from the source, so that the English words stand in one place.
-#[macro_export]
-macro_rules! say {
-    ($($sentence:tt)*) => {
-        ::std::fmt::format(::std::format_args!($($sentence)*))
-    };
-}
-
 pub mod captured;
 mod doubt;
 pub mod guide;
