@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, VecDeque};
 /// Minimum speed of a moving setpoint, m/s; slower ones are the ends of a profile, where every law is accurate.
 const MOVING_M_S: f64 = 1e-3;
 /// Number of cycles that wait for late samples. The file is sorted by stamps, except for samples that the recorder
-/// received one poll (10 ms) later.
+/// received one poll (20 ms) later.
 const WINDOW: usize = 128;
 /// Maximum distance of consecutive rows in cycles; the plan clock between them is known.
 const MAX_CYCLE_STEP: u64 = 5;
