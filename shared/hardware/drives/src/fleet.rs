@@ -1,7 +1,9 @@
 //! Several ports at once: one thread each, all starting a cycle together.
 //!
 //! Each port is owned by its thread, so a port that is slow, silent or unplugged delays no other and recovers on its
-//! own. The threads inherit scheduling policy, priority and processors of the thread that opens the fleet.
+//! own. A single port has a thread too: a missing answer is waited for up to 12 ms on a native port and 25 ms on USB,
+//! longer than a cycle lasts, and neither the end of the cycle nor the next request may wait for that. The threads
+//! inherit scheduling policy, priority and processors of the thread that opens the fleet.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
