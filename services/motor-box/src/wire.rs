@@ -9,8 +9,9 @@ use serial::{Error, Pty, PtyLink, Random, WireQueue, byte_time_ns};
 /// A wire whose far end programs open under a stable name.
 ///
 /// A pseudo-terminal delivers bytes at once, so both directions are delayed here until a real wire would have delivered
-/// them. Bytes to the units arrive one by one. An answer is delivered as a whole when its last byte is due, because
-/// half of it is of no use and every delivery wakes a process.
+/// them. Bytes to the units arrive one by one; the box looks when the first text line of several and when the last byte
+/// has arrived. An answer is delivered as a whole when its last byte is due, because half of it is of no use and every
+/// delivery wakes a process.
 #[derive(Debug)]
 pub struct Wire {
     jack: PtyLink,
@@ -18,6 +19,10 @@ pub struct Wire {
     to_units: WireQueue,
     /// Time of arrival of the last byte to the units, ns.
     to_units_done_ns: u64,
+    /// Time of arrival of the first end of a text line among several, ns: a unit answers it while the others arrive.
+    first_line_ns: Option<u64>,
+    /// An end of a line was among the bytes since the wire was empty.
+    has_line: bool,
     from_units: WireQueue,
     answers: VecDeque<(u64, usize)>,
     answer_bytes: VecDeque<u8>,
@@ -43,6 +48,8 @@ impl Wire {
             byte_ns: byte_time_ns(baud),
             to_units: WireQueue::new(baud),
             to_units_done_ns: 0,
+            first_line_ns: None,
+            has_line: false,
             from_units: WireQueue::new(baud),
             answers: VecDeque::with_capacity(64),
             answer_bytes: VecDeque::with_capacity(1024),
@@ -72,8 +79,16 @@ impl Wire {
                 return Ok(());
             }
             spoil(&mut buffer[..n], self.noise, &mut self.random);
+            let begin_ns = self.to_units_done_ns.max(now_ns);
+            self.has_line &= !self.to_units.is_empty();
+            if !self.has_line
+                && let Some(end) = buffer[..n].iter().position(|byte| matches!(byte, b'\r' | b'\n'))
+            {
+                self.has_line = true;
+                self.first_line_ns = Some(begin_ns + (end as u64 + 1) * self.byte_ns);
+            }
             self.to_units.push(now_ns, &buffer[..n]);
-            self.to_units_done_ns = self.to_units_done_ns.max(now_ns) + n as u64 * self.byte_ns;
+            self.to_units_done_ns = begin_ns + n as u64 * self.byte_ns;
             if n < buffer.len() {
                 return Ok(());
             }
@@ -82,7 +97,9 @@ impl Wire {
 
     /// Takes the next byte that has reached the units by `now_ns`, with its time of arrival.
     pub fn next_for_units(&mut self, now_ns: u64) -> Option<(u64, u8)> {
-        self.to_units.pop(now_ns)
+        let arrived = self.to_units.pop(now_ns);
+        self.first_line_ns = self.first_line_ns.filter(|line_ns| arrived.is_none_or(|(at_ns, _)| at_ns < *line_ns));
+        arrived
     }
 
     /// Calls `speak`, which puts an answer on the wire.
@@ -131,7 +148,7 @@ impl Wire {
 
     /// Time of the next event that is not caused by a program, ns.
     pub fn next_ns(&self) -> Option<u64> {
-        let to_units = (!self.to_units.is_empty()).then_some(self.to_units_done_ns);
+        let to_units = (!self.to_units.is_empty()).then(|| self.first_line_ns.unwrap_or(self.to_units_done_ns));
         let from_units = self.answers.front().map(|&(done_ns, _)| done_ns);
         [to_units, from_units].into_iter().flatten().min()
     }
@@ -148,6 +165,7 @@ impl Wire {
     pub fn unplug(&mut self) {
         self.jack.unplug();
         self.to_units.clear();
+        self.first_line_ns = None;
         self.from_units.clear();
         self.answers.clear();
         self.answer_bytes.clear();
@@ -174,5 +192,37 @@ fn spoil(bytes: &mut [u8], probability: f64, random: &mut Random) {
         if random.chance(probability) {
             *byte ^= 1 << (random.byte() % 8);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serial::{Port, Transport};
+    use std::sync::Arc;
+
+    #[test]
+    fn the_first_of_several_lines_arrives_before_the_others() {
+        let link = std::env::temp_dir().join(format!("nims-wire-{}", std::process::id()));
+        // 10 us for each byte.
+        let mut wire = Wire::new(&link, 1_000_000, 0).unwrap();
+        let mut port = Port::open(&Arc::from(link.to_string_lossy()), 115_200).unwrap();
+        let mut ask = |wire: &mut Wire, now_ns: u64, question: &[u8]| {
+            port.write_all(question, u64::MAX).unwrap();
+            // The kernel passes the bytes on when it has a processor.
+            while wire.next_ns().is_none() {
+                std::thread::yield_now();
+                wire.take_in(now_ns).unwrap();
+            }
+        };
+        let arrived = |wire: &mut Wire, now_ns| std::iter::from_fn(|| wire.next_for_units(now_ns)).count();
+        ask(&mut wire, 1_000, b"r a\nr bc\nr d\n");
+        assert_eq!(wire.next_ns(), Some(41_000));
+        assert_eq!(arrived(&mut wire, 41_000), 4);
+        assert_eq!(wire.next_ns(), Some(131_000));
+        assert_eq!((arrived(&mut wire, 131_000), wire.next_ns()), (9, None));
+        // A packet is whole with its last byte.
+        ask(&mut wire, 200_000, &[0x80, 0x23, 0x01]);
+        assert_eq!(wire.next_ns(), Some(230_000));
     }
 }
