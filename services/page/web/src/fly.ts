@@ -185,6 +185,8 @@ export class Fly {
         };
         button.addEventListener("pointerdown", (event) => { button.setPointerCapture(event.pointerId); begin(); });
         for (const event of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(event, end);
+        // Turning a phone moves the button from under the finger, and the drawing with it.
+        UPRIGHT.addEventListener("change", end);
         button.addEventListener("keydown", (event) => { if (event.key === "Enter" && !event.repeat) begin(); });
         button.addEventListener("keyup", (event) => { if (event.key === "Enter") end(); });
         button.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -261,5 +263,7 @@ export class Fly {
     }
 }
 
+/** Whether the screen is upright. */
+const UPRIGHT = matchMedia("(orientation: portrait)");
 /** A refusal of the page itself. */
 const refused = (sentence: string): Answer => ({ reply: "answer", id: 0, accepted: "refused", reason: 0, sentence });
