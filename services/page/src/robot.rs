@@ -395,6 +395,26 @@ mod tests {
     }
 
     #[test]
+    fn what_is_not_heard_yet_is_told_from_what_is_not_known() {
+        let mut robot = Robot::default();
+        let mut known =
+            MotorAuthority { position_known: MotorState::POSITION_KNOWN, period_s: 0.01, ..Default::default() };
+        taken(&mut robot, "motor/authority", &known);
+        // The position is known, and no estimate has come so far.
+        let state = robot.live(0);
+        assert_eq!((&state["located"], &state["within_m"]), (&json!(false), &Value::Null));
+        known.position_known = MotorState::POSITION_UNKNOWN;
+        taken(&mut robot, "motor/authority", &known);
+        assert_eq!(robot.live(0)["located"], true);
+        known.position_known = MotorState::POSITION_KNOWN;
+        taken(&mut robot, "motor/authority", &known);
+        taken(&mut robot, "node/estimate/a", &NodeEstimate::default());
+        assert_eq!(robot.live(0)["located"], true);
+        // The recorder has not been heard: nothing is said about it.
+        assert_eq!(robot.slow(0)["recorder"], Value::Null);
+    }
+
+    #[test]
     fn a_sample_of_another_type_or_size_changes_nothing() {
         let mut robot = Robot::default();
         robot.take("motor/authority", &[7; 12]);

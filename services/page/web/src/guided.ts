@@ -10,8 +10,8 @@ import type { Call, Open, Stepped } from "./protocol.js";
 
 /** What one dialogue asks about. */
 export interface Subject {
-    /** Name of the measurements that are open. */
-    name: () => string;
+    /** Name of the measurements that are open; null while it is not known. */
+    name: () => string | null;
     /** The call that answers the open question, or without a line asks for it. */
     call: (name: string, measurements: string, line: string | null) => Call;
     /** The measurements of a name in this browser; empty without any. */
@@ -62,9 +62,10 @@ export class Dialogue {
 
     /** Answers the open question; without a line it only asks for it. */
     private async step(line: string | null): Promise<void> {
-        if (this.busy) return;
+        const name = this.subject.name();
+        if (this.busy || name === null) return;
         this.asked = this.busy = this.send.disabled = true;
-        const { opened, subject } = this, name = subject.name(), measurements = subject.kept(name);
+        const { opened, subject } = this, measurements = subject.kept(name);
         const reply = await this.conversation.call(subject.call(name, measurements, line), 60_000);
         this.busy = this.send.disabled = false;
         // Measurements that were deleted meanwhile stay deleted.

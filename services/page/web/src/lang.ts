@@ -61,6 +61,8 @@ export function guided(english: string): string {
     // A clause is told as a sentence, with a capital letter and a full stop.
     const clause = english.charAt(0).toLowerCase() + english.slice(1);
     for (const [template, translated] of GUIDE) {
+        // Sentences that stand in lines are told one by one.
+        if (english.includes("\n") && !template.includes("\n")) continue;
         for (const text of [english, clause, clause.replace(/\.$/, ""), english.replace(/\.$/, "")]) {
             const values = matched(template, text, COUNTED);
             if (!values) continue;

@@ -15,7 +15,10 @@ const FIRST = "site";
 /** Texts by name that this browser keeps. */
 class Kept {
     private texts: Record<string, string>;
-    constructor(private readonly key: string) { this.texts = JSON.parse(localStorage.getItem(key) ?? "{}") as Record<string, string>; }
+    constructor(private readonly key: string) {
+        // A browser may have kept a part of it only: the page works without.
+        try { this.texts = JSON.parse(localStorage.getItem(key) ?? "{}") as Record<string, string>; } catch { this.texts = {}; }
+    }
     get names(): string[] { return Object.keys(this.texts); }
     of(name: string): string { return this.texts[name] ?? ""; }
     put(name: string, text: string): void { this.set({ ...this.texts, [name]: text }); }
@@ -58,7 +61,7 @@ export class SetUp {
             file: () => `${this.name}.toml`,
         });
         this.weighs = new Dialogue(store, conversation, {
-            name: () => store.scene?.robot ?? FIRST, kept: (name) => weighed.of(name), keep: (name, text) => weighed.put(name, text), empty: WEIGH_EMPTY,
+            name: () => store.scene?.robot ?? null, kept: (name) => weighed.of(name), keep: (name, text) => weighed.put(name, text), empty: WEIGH_EMPTY,
             call: (_, measurements, line) => ({ call: "weigh", measurements, line, after_ms: this.since_ms }),
             acts: ({ kind }, act) => [
                 kind === "hang" || kind === "motion" ? act(t("Take the robot's place"), "capture") : null, kind === "up" ? act(t("Take the robot's currents"), "watch") : null,

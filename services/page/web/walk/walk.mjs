@@ -155,6 +155,10 @@ said("stopped while a question is open");
 const up = page.getByRole("button", { name: "up: z grows, while held" });
 const down = async () => { await up.hover(); await page.mouse.down(); };
 await hold("moves while a button is held", down, () => page.mouse.up());
+// A phone that is turned meanwhile ends it: the button is no more under the finger.
+await page.setViewportSize({ width: 390, height: 844 });
+await hold("a held motion ends when the phone is turned", down, async () => { await page.setViewportSize({ width: 844, height: 390 }); await mode("holding"); await page.mouse.up(); });
+await page.setViewportSize({ width: 820, height: 1180 });
 await press("The node is at …");
 await asks.waitFor();
 await hold("moves while a button is held and a question is open", down, () => page.mouse.up());
@@ -162,9 +166,13 @@ await press("Cancel");
 const stick = (value) => page.evaluate((value) => { window.pad.axes[3] = value; }, value);
 await hold("moves while a stick is held", () => stick(-1), () => stick(0));
 await fly([4.0, 2.6, 0.5]);
-await page.evaluate(() => { window.pad.buttons[1].pressed = true; });
+// Pressed until the page has seen it, and no longer: held for a second it is the emergency stop.
+await page.evaluate(async () => {
+    window.pad.buttons[1].pressed = true;
+    while (!document.querySelector("#stop.pressed")) await new Promise((done) => setTimeout(done, 5));
+    window.pad.buttons[1].pressed = false;
+});
 await mode("holding");
-await page.evaluate(() => { window.pad.buttons[1].pressed = false; });
 said("stopped by the gamepad");
 
 // A raster is written by the form, checked, flown, paused, resumed and stopped.
@@ -253,7 +261,7 @@ for (const [line, kind] of [["2 kg", "hang"], ["5.246 6.884 6.855", "sunk"], ["6
 await page.reload();
 await page.getByRole("tab", { name: "Set up" }).click();
 await press("Weigh the node");
-await page.locator(`.step[data-key*='"kind":"hang","place":3']`).waitFor();
+await page.locator(`.step[data-key*='"kind":"hang"'][data-key*='"place":3']`).waitFor();
 await moves(() => press("No more places"));
 await answer("4.9 6.7 7.1", "up");
 await press("Take the robot's currents");
@@ -408,6 +416,14 @@ for (const language of ["de", "es", "fr", "en"]) {
     }
 }
 assert.deepEqual(cuts, []);
+// A phone on its side: STOP beside the view, which keeps most of the height.
+await page.setViewportSize({ width: 844, height: 390 });
+for (const tab of await page.getByRole("tab").all()) {
+    await tab.click();
+    const [view, field] = [await page.locator("main").boundingBox(), await page.locator("#stop").boundingBox()];
+    assert.ok(view && field && view.height > 170 && field.height > 300 && field.x > view.x + view.width - 20, JSON.stringify([view, field]));
+    if (folder) await page.screenshot({ path: `${folder}/landscape-${await tab.getAttribute("data-view")}.png` });
+}
 said("nothing is cut at 360 px and above, and the questions of a site, in four languages");
 
 if (folder) {
