@@ -200,6 +200,10 @@ class Robot:
         """Comes to rest on the path and ends the mission."""
         return self.ask("stop")
 
+    def mark(self, text: str) -> str:
+        """Marks this instant in the run file, to find it again in the report."""
+        return self.ask("mark", text=text)
+
     def estop(self) -> str:
         """Stops at once."""
         return self.ask("estop")

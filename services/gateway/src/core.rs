@@ -557,6 +557,7 @@ fn process_of(request: &Request, named: Option<&str>) -> Option<String> {
         | Request::RestartProcess { .. }
         | Request::Plug { .. }
         | Request::Unplug { .. }
+        | Request::Mark { .. }
         | Request::Set { .. } => client::SUPERVISOR,
         Request::Fault { .. } => match named {
             Some(named) if OUTPUTS.contains(&named) => return Some(named.to_owned()),

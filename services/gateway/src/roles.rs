@@ -152,7 +152,7 @@ fn is_group(peer: &Peer, entry: &str) -> bool {
 #[must_use]
 pub fn needed(request: &Request) -> Role {
     match request {
-        Request::Hold | Request::Pause | Request::Stop | Request::Estop => Role::Stop,
+        Request::Hold | Request::Pause | Request::Stop | Request::Estop | Request::Mark { .. } => Role::Stop,
         // It runs any program as the robot's user.
         Request::Plug { .. } => Role::Owner,
         Request::Arm
@@ -202,6 +202,7 @@ pub fn deed(request: &Request) -> &'static str {
         Request::RestartProcess { .. } => "restart a process",
         Request::Plug { .. } => "plug in a program",
         Request::Unplug { .. } => "unplug a process",
+        Request::Mark { .. } => "mark the run",
         Request::Set { .. } => "set a parameter",
     }
 }

@@ -62,6 +62,7 @@ impl Core {
             | Request::RestartProcess { .. }
             | Request::Plug { .. }
             | Request::Unplug { .. }
+            | Request::Mark { .. }
             | Request::Set { .. } => Err(Reason::ForSupervisor),
         }
     }

@@ -3,7 +3,7 @@
 use crate::wait::Follower;
 use bus::Participant;
 use cable_robot::{Robot, Vector3, kinematics};
-use client::{MOTOR_IO, PLANNER, Place, RobotLink, robot_of, send, system_of};
+use client::{MOTOR_IO, PLANNER, Place, RobotLink, SUPERVISOR, robot_of, send, system_of};
 use command::values::{Numbers, finite, numbers, point};
 use command::{Answer, Failure, Output, points};
 use commissioning::plan::PathKind;
@@ -54,6 +54,12 @@ pub enum Command {
     Pause,
     /// Continue after pause or hold.
     Resume,
+    /// Mark this instant in the run file, to find it again in the report.
+    Mark {
+        /// What is to be found again.
+        #[arg(value_parser = clap::builder::NonEmptyStringValueParser::new())]
+        text: String,
+    },
     /// Set the speed of a mission.
     Speed {
         /// Percent of the planned speed, 5 to 100.
@@ -87,6 +93,7 @@ impl Command {
             Self::Run(args) => return run(&join()?, args),
             Self::Pause => ask(Request::Pause, Participant::Member),
             Self::Resume => ask(Request::Resume, Participant::Command),
+            Self::Mark { text } => send(&join()?, SUPERVISOR, &Request::Mark { text: text.clone() }),
             Self::Speed { percent } => speed(&join()?, *percent),
         };
         sentence.map(Output::accepted)

@@ -1,4 +1,4 @@
-//! Keeps blobs in memory and passes on those around a fault, a stop or an emergency stop.
+//! Keeps blobs in memory and passes on those around a fault, a stop, an emergency stop or a mark.
 
 use std::collections::VecDeque;
 
@@ -64,7 +64,7 @@ impl BlobsAround {
             request.answered == 0
                 && matches!(
                     request.body.verb,
-                    RequestBody::VERB_STOP | RequestBody::VERB_HOLD | RequestBody::VERB_ESTOP
+                    RequestBody::VERB_STOP | RequestBody::VERB_HOLD | RequestBody::VERB_ESTOP | RequestBody::VERB_MARK
                 )
         })
     }
@@ -145,6 +145,15 @@ mod tests {
             }));
         }
         out
+    }
+
+    #[test]
+    fn blobs_before_and_after_a_mark_are_selected() {
+        let mut mark = OperatorRequest::default();
+        mark.body.verb = RequestBody::VERB_MARK;
+        let found = selected(1 << 20, &[(5.0, 2, bytemuck::bytes_of(&mark))]);
+        let ends = [found.first(), found.last()].map(|one| one.map(|(time_s, _)| (time_s * 10.0).round()));
+        assert_eq!((ends, found.len()), ([Some(30.0), Some(60.0)], 31));
     }
 
     #[test]

@@ -93,6 +93,8 @@ impl Supervisor {
                 }
             }
             Request::Set { key, value } => self.set(key, value),
+            // The recorder has the request itself.
+            Request::Mark { text } => Ok(Reason::Marked { mark: detail(text) }),
             _ => Ok(Reason::OtherProcess { takes: detail("requests for processes and parameters") }),
         }
     }

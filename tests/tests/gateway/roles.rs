@@ -40,6 +40,7 @@ fn actions() -> Vec<(&'static str, &'static str, Call, Vec<u8>)> {
         ("fly", "restart", Request::RestartProcess { name: nothing() }),
         ("owner", "plug", plug),
         ("fly", "unplug", Request::Unplug { name: nothing() }),
+        ("stop", "mark", Request::Mark { text: "a leaf moved".to_owned() }),
         ("fly", "set", Request::Set { key: nothing(), value: "1".to_owned() }),
         ("fly", "disarm", Request::Disarm),
     ];

@@ -96,6 +96,7 @@ fn requests() -> Vec<Request> {
         Request::RestartProcess { name: name() },
         Request::Plug { name: name(), folder: "/".to_owned(), command: vec!["sh".to_owned()], replace: false },
         Request::Unplug { name: name() },
+        Request::Mark { text: "a leaf moved".to_owned() },
         Request::Set { key: "controller.horizon_cycles".to_owned(), value: "3".to_owned() },
     ]
 }

@@ -4,9 +4,9 @@ use super::*;
 
 #[test]
 fn a_request_passes_only_with_its_role_and_names_its_user() {
-    let stops = ["hold", "stop", "estop", "pause"];
+    let stops = ["hold", "stop", "estop", "pause", "mark"];
     let verbs: BTreeSet<u8> = requests().iter().map(Request::verb).collect();
-    assert_eq!(verbs.len(), 25, "a request is missing here");
+    assert_eq!(verbs.len(), 26, "a request is missing here");
     for (user, number) in [
         ("eve", OperatorRequest::ROLE_OBSERVER),
         ("zoe", OperatorRequest::ROLE_OBSERVER),

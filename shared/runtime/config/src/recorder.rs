@@ -13,11 +13,11 @@ crate::section! {
         pub segment_bytes: u64 = 2_000_000_000 => between(1e7, 1e12, "bytes"),
         /// Age at which the next file of the run is started, s.
         pub segment_s: f64 = 900.0 => between(10.0, 1e6, "s"),
-        /// Seconds before and after a fault, a stop or an emergency stop for which blobs (pictures, scans, grids) are
-        /// recorded. Default: all are recorded.
+        /// Seconds before and after a fault, a stop, an emergency stop or a mark for which blobs (pictures, scans,
+        /// grids) are recorded. Default: all are recorded.
         #[serde(deserialize_with = "crate::exactly_if_given")]
         pub blobs_around_s: Option<[f64; 2]> = None => between(0.0, 600.0, "s").each("two times"),
-        /// Memory for blobs that wait for a fault or a stop; the oldest are dropped beyond, bytes.
+        /// Memory for blobs that wait for such an event; the oldest are dropped beyond, bytes.
         pub blobs_waiting_bytes: u64 = 256_000_000 => between(1e6, 1e11, "bytes"),
         /// Channels that are not recorded (names; a trailing `*` matches any ending).
         pub exclude: Vec<String> = Vec::new(),

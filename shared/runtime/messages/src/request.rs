@@ -153,6 +153,11 @@ pub enum Request {
         /// Name of the process.
         name: String,
     },
+    /// supervisor: marks this instant in the run file.
+    Mark {
+        /// What is to be found again.
+        text: String,
+    },
     /// supervisor: sets a parameter of every process of a role, until the run ends.
     Set {
         /// Key in the system file.
@@ -240,6 +245,7 @@ impl Request {
             Self::RestartProcess { .. } => Body::VERB_RESTART,
             Self::Plug { .. } => Body::VERB_PLUG,
             Self::Unplug { .. } => Body::VERB_UNPLUG,
+            Self::Mark { .. } => Body::VERB_MARK,
             Self::Set { .. } => Body::VERB_SET,
         }
     }
@@ -300,6 +306,7 @@ impl Request {
                 put_whole(name, "the name of the mission", mission)?;
             }
             Self::Fault { text: fault } => put_whole(text, "the fault", fault)?,
+            Self::Mark { text: mark } => put_whole(text, "the mark", mark)?,
             Self::StartProcess { name: process, law, .. } => {
                 put_whole(name, PROCESS, process)?;
                 put_whole(text, "the law", law.as_deref().unwrap_or_default())?;
@@ -384,6 +391,7 @@ impl Request {
                 Self::Plug { name: name()?, folder, command: lines.collect(), replace: flag(Body::FLAG_REPLACE) }
             }
             Body::VERB_UNPLUG => Self::Unplug { name: name()? },
+            Body::VERB_MARK => Self::Mark { text: text()? },
             Body::VERB_SET => Self::Set { key: name()?, value: text()? },
             unknown => return Err(DecodeError::Verb(unknown)),
         })
@@ -391,6 +399,9 @@ impl Request {
 }
 
 impl RequestBody {
+    /// Marks an instant. Not in the definition, whose text is as long as the attributes of a channel may be.
+    pub const VERB_MARK: u8 = 46;
+
     fn wrong(&self, field: &'static str, value: u8) -> DecodeError {
         DecodeError::Field { verb: self.verb, field, value }
     }

@@ -18,7 +18,7 @@ layout! {
         mu_per_m: f64,
         /// SPEED: rate of the plan clock, 0 to 1.
         rate: f64,
-        /// 0: none. END: of a process; STOP: of the robot.
+        /// 0: none; 46: MARK. END: of a process; STOP: of the robot.
         verb: u8 {
             VERB_ARM = 1, VERB_DISARM = 2, VERB_HOLD = 3, VERB_STOP = 4, VERB_ESTOP = 5, VERB_RESET = 6, VERB_ZERO_AT = 7,
             VERB_ZERO_LENGTHS = 8, VERB_CONFIRM = 9, VERB_JOG = 10, VERB_PAUSE = 11, VERB_RESUME = 12, VERB_SPEED = 13, VERB_SWAP = 14, VERB_ADMIT = 15, VERB_SOFT = 16,
@@ -75,7 +75,8 @@ message! {
         hash: [u8; 32],
         /// RUN: the mission. Requests to the supervisor: the process, or the key of SET.
         name: [u8; 128],
-        /// START: law. PLUG: folder and arguments, a text line each. SET: value. FAULT: the fault.
+        /// START: law. PLUG: folder and arguments, a text line each. SET: value. FAULT: the fault. MARK: what to find
+        /// again.
         text: [u8; 512],
         /// Text parameter of `reason`.
         detail: [u8; 512],

@@ -318,6 +318,7 @@ answers! {
     // 308, 320 and 321 held sentences alone
     309 ParameterUnchanged { key: Detail, value: Detail } ACCEPTED, "{key} is {value} already";
     310 ParameterChanged { cycle: u64, key: Detail, value: Detail, before: Detail } ACCEPTED, "{key} is {value} from cycle {cycle} on (before: {}), in every {}, until this run ends", OrNone(before), key.split('.').next().unwrap_or_default();
+    311 Marked { mark: Detail } ACCEPTED, "marked: {mark}";
     324 UnknownProcess { process: Detail, known: Detail } BAD_INPUT, "there is no process \"{process}\" here; there are {known}";
     325 NameTaken { process: Detail } BAD_INPUT, "the name \"{process}\" is taken; choose another, or see `nims status`";
     326 NameRuns { process: Detail } BAD_INPUT, "the name \"{process}\" is taken; choose another, or unplug that process first, or put this one in its place with --replace";

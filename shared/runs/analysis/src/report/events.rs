@@ -1,6 +1,6 @@
 //! Events of a run, one sentence each.
 
-use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, text_of};
+use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, RequestBody, text_of};
 use robot_state::sentences::{fault_clauses, faults_of, mode_name, mode_sentence};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -21,6 +21,8 @@ pub enum EventKind {
     Fault,
     /// Operator request.
     Operator,
+    /// Mark of an operator.
+    Mark,
     /// Mission.
     Mission,
     /// Process.
@@ -36,6 +38,7 @@ impl EventKind {
             Self::Mode => "mode",
             Self::Fault => "fault",
             Self::Operator => "operator",
+            Self::Mark => "mark",
             Self::Mission => "mission",
             Self::Process => "process",
             Self::Log => "log",
@@ -140,6 +143,10 @@ impl Events {
     /// Records answered requests.
     pub fn request(&mut self, time_s: f64, request: &OperatorRequest) {
         if request.answered != 1 {
+            return;
+        }
+        if request.body.verb == RequestBody::VERB_MARK && request.accepted == OperatorRequest::ACCEPTED {
+            self.push(time_s, EventKind::Mark, text_of(&request.text));
             return;
         }
         let answer = text_of(&request.answer);

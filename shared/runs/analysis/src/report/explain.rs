@@ -188,7 +188,7 @@ pub fn explain(of: &'static str, max_m: f64, rise: &Rise, robot: Option<&Robot>,
             EventKind::Fault => ("fault", text.split(": ").next().unwrap_or(text)),
             EventKind::Process => ("process", text),
             EventKind::Operator => ("request", without_cure(text)),
-            EventKind::Mode | EventKind::Mission | EventKind::Log => continue,
+            EventKind::Mode | EventKind::Mark | EventKind::Mission | EventKind::Log => continue,
         };
         causes.push(Cause { kind, text: text.to_owned() });
     }

@@ -86,6 +86,7 @@ fn request() -> impl Strategy<Value = Request> {
             .prop_map(|(name, folder, command, replace)| Request::Plug { name, folder, command, replace }),
         text(128).prop_map(|name| Request::Unplug { name }),
         (text(128), text(512)).prop_map(|(key, value)| Request::Set { key, value }),
+        text(512).prop_map(|text| Request::Mark { text }),
     ];
     prop_oneof![motor, planner, supervisor]
 }
