@@ -15,6 +15,7 @@ mod lives;
 mod losses;
 mod own_estimator;
 mod own_law;
+mod own_program;
 mod plugged_sensors;
 mod power;
 mod processes;
