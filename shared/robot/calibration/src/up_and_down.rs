@@ -15,8 +15,9 @@ const LEAST_SAMPLES: usize = 50;
 const LEAST_M_S: f64 = 0.02;
 const LEAST_HEIGHT_M: f64 = 0.1;
 
-/// Share of the greatest vertical speed that counts as full speed.
-const FULL: f64 = 0.9;
+/// Greatest difference from the full speed, as a share of it. The full speed is the median: of a motion by 0.4 m the
+/// ramps are a small part, and a correction of the controller is a short peak.
+const FULL: f64 = 0.1;
 
 /// Greatest level speed as a share of the vertical one, and greatest way to the side, m, of an upright motion.
 const LEVEL: f64 = 0.1;
@@ -59,9 +60,11 @@ impl UpAndDown {
     /// # Errors
     /// One clause: why the motion so far is no weighing, and what to do.
     pub fn weighing(&self, added_n: f64) -> Result<Weighing, String> {
-        let fastest_m_s = self.samples.iter().map(|s| s.velocity_m_s[2].abs()).fold(0.0, f64::max);
-        let full: Vec<&Moving> =
-            self.samples.iter().filter(|s| s.velocity_m_s[2].abs() >= FULL * fastest_m_s).collect();
+        let mut speeds_m_s: Vec<f64> = self.samples.iter().map(|s| s.velocity_m_s[2].abs()).collect();
+        speeds_m_s.sort_by(f64::total_cmp);
+        let full_m_s = speeds_m_s.get(speeds_m_s.len() / 2).copied().unwrap_or_default();
+        let is_full = |s: &&Moving| (s.velocity_m_s[2].abs() - full_m_s).abs() <= FULL * full_m_s;
+        let full: Vec<&Moving> = self.samples.iter().filter(is_full).collect();
         let extent = |k: usize| {
             full.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| {
                 (low.min(s.position_m[k]), high.max(s.position_m[k]))
@@ -140,6 +143,15 @@ mod tests {
             assert!((found.up_a[i] - 0.7 - 0.1 * i as f64).abs() < 1e-12, "{found:?}");
             assert!((found.down_a[i] - 0.3 - 0.1 * i as f64).abs() < 1e-12, "{found:?}");
         }
+    }
+
+    #[test]
+    fn a_peak_of_the_command_does_not_hide_the_motion() {
+        let calm = motion(2, 1.0);
+        let mut peak = calm.clone();
+        peak.samples[150].velocity_m_s[2] *= 3.0;
+        let (calm, peak) = (calm.weighing(20.0).unwrap(), peak.weighing(20.0).unwrap());
+        assert!((calm.up_a[0] - peak.up_a[0]).abs() < 1e-9 && (calm.down_a[0] - peak.down_a[0]).abs() < 1e-9);
     }
 
     #[test]
