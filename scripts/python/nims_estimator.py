@@ -23,9 +23,26 @@ motor-io's mean over 50 ms), sigma_m (standard deviation in addition to that of 
 Position of the node, tensions and covariance follow from the lengths, as for every estimator.
 """
 
+import math
+
 import nims_law
 
 
 def run(estimate, **parameters):
     """Answers until the flight ends. The parameters are recorded in the run file."""
-    nims_law.answer(estimate, parameters)
+
+    def cables(asked):
+        estimates = estimate(asked)
+        return None if estimates is None else [_plain(one) for one in estimates]
+
+    nims_law.answer(cables, parameters)
+
+
+def _plain(estimate):
+    """An estimate in numbers of Python; None where one is not finite: JSON has no such numbers."""
+    if estimate is None:
+        return None
+    given = {name: value for name, value in estimate.items() if value is not None}
+    phi = [float(number) for number in given.pop("phi", (0.0, 0.0))]
+    plain = {name: float(value) for name, value in given.items()}
+    return {**plain, "phi": phi} if all(map(math.isfinite, [*plain.values(), *phi])) else None

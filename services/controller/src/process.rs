@@ -64,17 +64,10 @@ pub fn run_program(
     system: &Path,
 ) -> anyhow::Result<()> {
     let deadline = Duration::from_secs_f64(PROGRAM_SHARE * chassis.system_file()?.period_s());
-    let law = ProgramLaw::start(command, system, config.robot.cable_count(), Waits::in_flight(deadline)).map_err(
-        |error| match error {
-            StartError::NotOne(why) => anyhow::Error::from(BadInput(why)),
-            StartError::Fails(why) => anyhow::Error::msg(why),
-        },
-    )?;
+    let law = ProgramLaw::start(command, system, config.robot.cable_count(), Waits::in_flight(deadline))
+        .map_err(StartError::failure)?;
     let complaint = law.complaint();
-    run_checked(chassis, Controller::with_law(config, Box::new(law)), || {
-        let complaint = complaint.lock().ok().and_then(|mut complaint| complaint.take());
-        complaint.map_or(Ok(()), |complaint| Err(anyhow::anyhow!(complaint)))
-    })
+    run_checked(chassis, Controller::with_law(config, Box::new(law)), || program_pipe::check(&complaint))
 }
 
 /// Law and parameters of this controller: declares them for the run file, and receives changes of the parameters.

@@ -149,7 +149,8 @@ impl Estimator {
         }
     }
 
-    /// Computes the estimate for the cycle of one motor/state, at the instant of its newest reading. Allocates nothing.
+    /// Computes the estimate for the cycle of one motor/state, at the instant of its newest reading. Allocates nothing,
+    /// unless it asks a program.
     ///
     /// The paper predicts lengths over a whole iteration, because its encoder counts arrive with the last command. Here
     /// the encoders are read in the cycle itself, so the model bridges only the milliseconds between the reading of

@@ -1,7 +1,8 @@
 //! Computes the node estimate from the motor state: position, velocity and cable tensions.
 //!
 //! Invariants:
-//! * [`Estimator::step`] is pure: no clock, no I/O, no allocation. The same samples give the same bits.
+//! * [`Estimator::step`] is pure: no clock, no I/O, no allocation. The same samples give the same bits. Only with a
+//!   method in a program it waits for that program's answer, until a deadline.
 //! * An estimate is `valid` only if every cable was read in this cycle or at most [`BRIDGED_CYCLES`] before, motor-io
 //!   knows the position, and every number is finite. An invalid estimate carries only what was measured.
 //! * A method is a [`CableEstimator`]: the readings and commands of one cable to its length and velocity. A standard

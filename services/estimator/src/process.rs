@@ -72,16 +72,10 @@ pub fn run_program(
 ) -> anyhow::Result<()> {
     let deadline = Duration::from_secs_f64(PROGRAM_SHARE * chassis.system_file()?.period_s());
     let cables = config.robot.cable_count();
-    let program = ProgramEstimator::start(command, system, cables, Waits::in_flight(deadline));
-    let program = program.map_err(|error| match error {
-        StartError::NotOne(why) => anyhow::Error::from(BadInput(why)),
-        StartError::Fails(why) => anyhow::Error::msg(why),
-    })?;
+    let program =
+        ProgramEstimator::start(command, system, cables, Waits::in_flight(deadline)).map_err(StartError::failure)?;
     let complaint = program.complaint();
-    run_checked(chassis, Estimator::with_program(config, program), || {
-        let complaint = complaint.lock().ok().and_then(|mut complaint| complaint.take());
-        complaint.map_or(Ok(()), |complaint| Err(anyhow::anyhow!(complaint)))
-    })
+    run_checked(chassis, Estimator::with_program(config, program), || program_pipe::check(&complaint))
 }
 
 /// Method and parameters of this estimator: declares them for the run file, and receives changes of the parameters.

@@ -49,7 +49,7 @@ pub fn serve(
             .collect();
         let instant = Instant { cycle: question.cycle, time_ns: question.instant_ns };
         let measured = cables.measure(&mut readings, &samples, &instant);
-        let answer: Vec<Option<Answer>> = measured.iter().take(count).map(|at| at.map(Answer::from)).collect();
+        let answer: Vec<Option<Answer>> = measured.iter().take(count).map(|at| at.and_then(Answer::of)).collect();
         say(&mut answers, &answer)?;
     }
     Ok(())

@@ -14,7 +14,7 @@ use crate::session::Session;
 use crate::settings::Settings;
 
 /// Time between two polls of the channels, ns. Their buffers hold seconds; this bounds the loss by a kill beyond the
-/// last flush. Most of a poll is looking at channels without a new sample, so twice the period costs little over half.
+/// last flush. Most of a poll is looking at channels without a new sample, so twice the period costs two thirds.
 const POLL_NS: u64 = 20_000_000;
 /// Time between two searches for channels that were not announced, ns.
 const SEARCH_NS: u64 = SECOND_NS;

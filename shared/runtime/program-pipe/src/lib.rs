@@ -11,7 +11,8 @@
 //! Invariants:
 //! * A program that does not read, prints without end, or hangs never blocks the one that asks for longer than its
 //!   wait.
-//! * An answer is always that of the last question.
+//! * The next question is asked only after the answer to the last one, so a late answer is never taken for that of
+//!   another question. A program that prints more than its answers fails, at the latest in the next cycle.
 #![forbid(unsafe_code)]
 
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
@@ -50,8 +51,8 @@ pub struct Parameters {
 const REPORT_ANSWERS: usize = 6000;
 /// Answers in time, in a row, after which the answers of a flying program count: two seconds at 50 Hz.
 pub const MEASURED_ANSWERS: u32 = 100;
-/// Late answers among about [`MEASURED_ANSWERS`] after which a program is measured again: a hiccup of the machine is
-/// shorter, and the arbiter bridges as many in a row.
+/// Late answers in a row that a program may have before it is measured again: a hiccup of the machine is shorter, and the
+/// arbiter bridges as many. In the long run this is one late answer in 34.
 const LATE_ANSWERS: u32 = 3;
 /// Longest line of an answer: the parameters are a few lines, the numbers of eight cables far less.
 const LONGEST_LINE_BYTES: usize = 65_536;
@@ -94,8 +95,28 @@ pub enum StartError {
     Fails(String),
 }
 
+impl StartError {
+    /// The failure of the process that starts the program.
+    #[must_use]
+    pub fn failure(self) -> anyhow::Error {
+        match self {
+            Self::NotOne(why) => runtime::BadInput(why).into(),
+            Self::Fails(why) => anyhow::Error::msg(why),
+        }
+    }
+}
+
 /// What a program did wrong, for the flight that it flies.
 pub type Complaint = Arc<Mutex<Option<String>>>;
+
+/// Returns the complaint of a program, once.
+///
+/// # Errors
+/// The complaint.
+pub fn check(complaint: &Complaint) -> Result<()> {
+    let complaint = complaint.lock().ok().and_then(|mut complaint| complaint.take());
+    complaint.map_or(Ok(()), |complaint| Err(anyhow::anyhow!(complaint)))
+}
 
 /// The program and its pipe.
 pub struct Program {
@@ -224,7 +245,8 @@ impl Program {
             })?
             .parameters;
         program.waits = waits;
-        program.punctuality = Punctuality::Measured(0);
+        // The time of the first answer is that of the program's start.
+        (program.punctuality, program.times) = (Punctuality::Measured(0), AnswerTimes::default());
         Ok(program)
     }
 
@@ -239,7 +261,31 @@ impl Program {
         }
     }
 
-    /// Returns what `check` makes of the answer. `None`: no answer in time, or `null`, or the program has failed, which
+    /// Takes the answer that came too late. False while it is still missing, which counts as a late answer: the program
+    /// cannot be asked in this cycle.
+    pub fn is_ready(&mut self) -> bool {
+        if self.has_failed {
+            return false;
+        }
+        let ready = self.catch_up().unwrap_or_else(|error| {
+            self.fail(&error);
+            false
+        });
+        if !ready && !self.has_failed {
+            self.times.late += 1;
+            self.measure(false);
+        }
+        ready
+    }
+
+    fn fail(&mut self, error: &anyhow::Error) {
+        self.has_failed = true;
+        if let Ok(mut complaint) = self.complaint.lock() {
+            complaint.get_or_insert_with(|| format!("{error:#}"));
+        }
+    }
+
+    /// Asks, if it [is ready](Self::is_ready), and returns what `check` makes of the answer. `None`: no answer in time, or `null`, or the program has failed, which
     /// is its complaint.
     pub fn answer<A: DeserializeOwned, T>(
         &mut self,
@@ -247,14 +293,11 @@ impl Program {
         accepted: &str,
         check: impl FnOnce(A) -> Result<T>,
     ) -> Option<T> {
-        if self.has_failed {
+        if !self.is_ready() {
             return None;
         }
         self.checked(question, accepted, check).unwrap_or_else(|error| {
-            self.has_failed = true;
-            if let Ok(mut complaint) = self.complaint.lock() {
-                complaint.get_or_insert_with(|| format!("{error:#}"));
-            }
+            self.fail(&error);
             None
         })
     }
@@ -332,11 +375,6 @@ impl Program {
 
     /// Returns the answer; `None`: it has not come by the deadline.
     fn ask(&mut self, question: &impl serde::Serialize) -> Result<Option<String>> {
-        if !self.catch_up()? {
-            self.times.late += 1;
-            self.measure(false);
-            return Ok(None);
-        }
         let (role, command) = (self.role, &self.command);
         let begun = Instant::now();
         let questions = self.questions.as_mut().context("the program has no input")?;
@@ -348,7 +386,13 @@ impl Program {
         }
         match self.answers.recv_timeout(self.waits.deadline.unwrap_or(self.waits.longest)) {
             Ok(Ok(answer)) if sent.is_ok() => {
-                self.times.taken_s.push(begun.elapsed().as_secs_f64());
+                let taken = begun.elapsed();
+                // A thread that slept longer than its wait finds an answer that is too late.
+                if let Some(deadline) = self.waits.deadline.filter(|deadline| taken > *deadline) {
+                    self.is_late(deadline);
+                    return Ok(None);
+                }
+                self.times.taken_s.push(taken.as_secs_f64());
                 self.measure(true);
                 Ok(Some(answer))
             }
@@ -358,7 +402,8 @@ impl Program {
             }
             Err(RecvTimeoutError::Timeout) => match self.waits.deadline {
                 Some(deadline) => {
-                    self.is_late(begun, deadline);
+                    self.unanswered_since = Some(begun);
+                    self.is_late(deadline);
                     Ok(None)
                 }
                 None => bail!(self.given_up()),
@@ -366,8 +411,7 @@ impl Program {
         }
     }
 
-    fn is_late(&mut self, asked: Instant, deadline: Duration) {
-        self.unanswered_since = Some(asked);
+    fn is_late(&mut self, deadline: Duration) {
         self.times.late += 1;
         self.measure(false);
         if !std::mem::replace(&mut self.has_been_late, true) {

@@ -20,10 +20,10 @@ pub struct Args {
     /// Control law, as `law` of `[controller]`.
     #[arg(long, conflicts_with = "program")]
     pub law: Option<String>,
-    /// Own law: the command of its program, which answers cycle by cycle over a pipe.
+    /// Custom law: the command of its program, which answers cycle by cycle over a pipe.
     #[arg(long, value_name = "COMMAND")]
     pub program: Option<String>,
-    /// Own estimator: the command of its program, as for a law.
+    /// Custom estimator: the command of its program, as for a law.
     #[arg(long, value_name = "COMMAND")]
     pub estimator_program: Option<String>,
     /// Value of the system or robot file, such as controller.horizon_cycles=20 or robot.node_mass_kg=2.5.
