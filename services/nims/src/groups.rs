@@ -10,7 +10,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
         &["check", "doctor", "bench", "setup", "calibrate", "loads", "motor-table", "identify", "drive-capture"],
     ),
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
-    ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "soft", "hold", "stop", "estop"]),
+    ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "soft", "hold", "stop", "estop", "mark"]),
     ("Look", &["status", "top", "channel", "page"]),
     (
         "Change in flight",
