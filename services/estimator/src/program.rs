@@ -155,8 +155,8 @@ mod tests {
     use std::path::PathBuf;
     use std::time::Duration;
 
-    /// A program that answers each question of cycle N after `answer` with a length of N m for three cables, and N + 0.5
-    /// m where it is to forget.
+    /// A program that answers each question of cycle N after `answer` with a length of N m for three cables, and N +
+    /// 0.5 m where it is to forget.
     fn estimator(folder: &Path, answer: &str) -> ProgramEstimator {
         let path = folder.join("estimator.sh");
         let text = format!(

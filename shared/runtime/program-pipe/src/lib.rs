@@ -51,8 +51,8 @@ pub struct Parameters {
 const REPORT_ANSWERS: usize = 6000;
 /// Answers in time, in a row, after which the answers of a flying program count: two seconds at 50 Hz.
 pub const MEASURED_ANSWERS: u32 = 100;
-/// Late answers in a row that a program may have before it is measured again: a hiccup of the machine is shorter, and the
-/// arbiter bridges as many. In the long run this is one late answer in 34.
+/// Late answers in a row that a program may have before it is measured again: a hiccup of the machine is shorter, and
+/// the arbiter bridges as many. In the long run this is one late answer in 34.
 const LATE_ANSWERS: u32 = 3;
 /// Longest line of an answer: the parameters are a few lines, the numbers of eight cables far less.
 const LONGEST_LINE_BYTES: usize = 65_536;
