@@ -285,8 +285,8 @@ impl Program {
         }
     }
 
-    /// Asks, if it [is ready](Self::is_ready), and returns what `check` makes of the answer. `None`: no answer in time, or `null`, or the program has failed, which
-    /// is its complaint.
+    /// Asks, if it [is ready](Self::is_ready), and returns what `check` makes of the answer. `None`: no answer in time,
+    /// or `null`, or the program has failed, which is its complaint.
     pub fn answer<A: DeserializeOwned, T>(
         &mut self,
         question: &impl Serialize,
