@@ -397,8 +397,8 @@ impl Core {
             Call::Make { run, what, .. } => Question::Make(run, what),
             Call::Remove { run, .. } => Question::Remove(run),
             Call::Doctor { .. } => Question::Doctor,
-            Call::RobotFile { calibration_bytes, .. } => {
-                return self.robot_file(now_ns, (client, id), holder, body, calibration_bytes);
+            Call::RobotFile { calibration_bytes, made_from, .. } => {
+                return self.robot_file(now_ns, (client, id), holder, (body, calibration_bytes), made_from);
             }
             Call::Subscribe { channel, rate_hz, .. } => return self.subscribe(client, id, channel, rate_hz),
             Call::Publish { .. } | Call::Declare { .. } | Call::Sample { .. } => {

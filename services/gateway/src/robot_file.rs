@@ -37,6 +37,8 @@ pub struct RobotTexts {
     pub robot: String,
     /// A calibration from which it takes its anchors.
     pub calibration: Option<String>,
+    /// SHA-256 of the robot file that they were made from, if it is known.
+    pub made_from: Option<String>,
 }
 
 /// Stores the robot file of a system file; returns the answer. `domain`: that of the robot; `waited`: since the call.
@@ -85,6 +87,13 @@ fn store_by(
         let name = name_of(&present);
         return Err(refused(&format!(
             "{name} was changed since the robot was started; start the robot again, then repeat this"
+        )));
+    }
+    // A text that was offered before another one was stored would undo that one.
+    if text != before && texts.made_from.as_ref().is_some_and(|hash| *hash != file::text_hash(&before)) {
+        let name = name_of(&present);
+        return Err(refused(&format!(
+            "{name} is not the file from which this one was made; answer the last question again"
         )));
     }
     let made = calibration.filter(|(path, _)| !path.exists());
@@ -284,7 +293,8 @@ mod tests {
 
     impl Site {
         fn store(&self, robot: &str, calibration: Option<&str>) -> Result<Reason, Box<Reason>> {
-            let texts = RobotTexts { robot: robot.to_owned(), calibration: calibration.map(str::to_owned) };
+            let texts =
+                RobotTexts { robot: robot.to_owned(), calibration: calibration.map(str::to_owned), made_from: None };
             store_by((&self.nims, &self.system), None, &texts, &|| false)
         }
 
@@ -358,7 +368,11 @@ mod tests {
     fn a_store_that_comes_late_or_while_the_robot_is_armed_changes_nothing() {
         let site = site("touch \"${0%nims}checked\"");
         let before = site.text();
-        let texts = RobotTexts { robot: format!("{before}# more\n"), calibration: Some("method = 1\n".to_owned()) };
+        let texts = RobotTexts {
+            robot: format!("{before}# more\n"),
+            calibration: Some("method = 1\n".to_owned()),
+            made_from: None,
+        };
         // It is armed during the check.
         let is_armed = || site.folder.path().join("checked").exists();
         assert!(!is_armed());
@@ -374,12 +388,33 @@ mod tests {
         let site = site("exit 0");
         let before = site.text();
         let store = |flown: &str, text: &str| {
-            let texts = RobotTexts { robot: text.to_owned(), calibration: None };
+            let texts = RobotTexts { robot: text.to_owned(), calibration: None, made_from: None };
             store_by((&site.nims, &site.system), Some(flown), &texts, &|| false)
         };
         assert_eq!(store("older", &format!("{before}# more\n")).unwrap_err().code(), 486);
         assert_eq!(store("older", &before).unwrap().code(), 484);
         assert_eq!(store(&before, &format!("{before}# more\n")).unwrap().code(), 483);
+    }
+
+    #[test]
+    fn a_text_that_was_made_from_another_robot_file_does_not_replace_this_one() {
+        let site = site("exit 0");
+        let before = site.text();
+        let made_from = Some(file::text_hash(&before));
+        let store = |more: &str, calibration: Option<&str>| {
+            let (robot, calibration) = (format!("{before}{more}"), calibration.map(str::to_owned));
+            let texts = RobotTexts { robot, calibration, made_from: made_from.clone() };
+            store_by((&site.nims, &site.system), None, &texts, &|| false)
+        };
+        assert_eq!(store("# weighed\n", None).unwrap().code(), 483);
+        // The same once more changes nothing, and what was made from the file of before is refused.
+        assert_eq!(store("# weighed\n", None).unwrap().code(), 484);
+        let kept = (site.text(), site.files());
+        for calibration in [None, Some("method = 1\n")] {
+            let reason = store("# calibrated\n", calibration).unwrap_err();
+            assert!(reason.code() == 486 && format!("{reason:?}").contains("was made"), "{reason:?}");
+        }
+        assert_eq!((site.text(), site.files()), kept);
     }
 
     #[test]

@@ -71,6 +71,8 @@ pub(crate) enum FromBrowser {
         robot: String,
         #[serde(default)]
         calibration: Option<String>,
+        /// SHA-256 of the robot file from which this one was made.
+        made_from: String,
     },
 }
 

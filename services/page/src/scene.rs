@@ -35,6 +35,7 @@ impl Scene {
         let anchors: Vec<[f64; 3]> = robot.anchors().pulleys().map(|pulley| pulley.anchor.into()).collect();
         let keep_out: Vec<Value> =
             robot.keep_out().iter().map(|one| json!([vector(&one.min), vector(&one.max)])).collect();
+        let text = std::fs::read_to_string(&system.robot).map_err(Failure::not_now)?;
         let value = json!({
             "type": "scene", "system": system.name, "robot": file.name, "anchors_m": anchors,
             "ground_m": robot.ground_m(), "planar": robot.is_planar(), "tension_limits_n": robot.tension_limits_n(),
@@ -42,9 +43,9 @@ impl Scene {
             "laws": laws(), "plugins": system.plugin.iter().map(|plugin| &plugin.name).collect::<Vec<_>>(),
             "supply_min_v": system.motor_io.supply_min_v, "keep_out_m": keep_out,
             "drives": drives::declared(&system, file.cable_speed_limit_m_s()),
+            "robot_file": config::file::text_hash(&text),
             "obstacles": file.obstacle.iter().map(drawn).collect::<Vec<_>>(),
         });
-        let text = std::fs::read_to_string(&system.robot).map_err(Failure::not_now)?;
         let name = system.robot.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let loads = LoadsRobot::new(&file, text.clone(), &name);
         Ok(Self { robot, counts_per_m: system.motor_io.counts_per_m, robot_file: (name, text), loads, value })

@@ -345,10 +345,11 @@ impl Inbound<'_> {
             FromBrowser::Make { id, run, what } => self.call(Call::Make { id, run, what }, Vec::new()),
             FromBrowser::Doctor { id } => self.call(Call::Doctor { id }, Vec::new()),
             FromBrowser::Remove { id, run } => self.call(Call::Remove { id, run }, Vec::new()),
-            FromBrowser::RobotFile { id, robot, calibration } => {
+            FromBrowser::RobotFile { id, robot, calibration, made_from } => {
                 let calibration_bytes = calibration.as_ref().map(String::len);
                 let body = robot + calibration.as_deref().unwrap_or_default();
-                self.call(Call::RobotFile { id, calibration_bytes }, body.into_bytes());
+                let made_from = Some(made_from);
+                self.call(Call::RobotFile { id, calibration_bytes, made_from }, body.into_bytes());
             }
             FromBrowser::Open { id, run, file, show } => {
                 let name = (format!("{run}-{}", file.replace('/', "-")), show);

@@ -126,8 +126,9 @@ fn finished(name: &str, guide: &Guide, text: &str, given: &Given) -> Result<Valu
     let calibration_name = format!("{name}-calibration.toml");
     let anchors = result.covariance.anchor_count();
     let robot = given.robot_file.as_ref().and_then(|(file, text)| {
+        let made_from = config::file::text_hash(text);
         let text = with_calibration(text, &calibration_name).ok()?;
-        Some(json!({ "name": file, "text": text }))
+        Some(json!({ "name": file, "text": text, "made_from": made_from }))
     });
     Ok(json!({ "words": result.words, "pulleys": anchors,
         "calibration": { "name": calibration_name, "text": calibration }, "robot": robot }))

@@ -94,8 +94,8 @@ fn answered(guide: &mut LoadsGuide, line: &str, given: &Given) -> Reply {
 
 /// The robot file that the measurements make.
 fn finished(robot_name: &str, robot: &LoadsRobot, file: &LoadsFile) -> Result<Value, String> {
-    let found = judge(file, robot)?;
-    let robot = found.renewed.map(|text| json!({ "name": robot_name, "text": text }));
+    let (found, made_from) = (judge(file, robot)?, config::file::text_hash(robot.text()));
+    let robot = found.renewed.map(|text| json!({ "name": robot_name, "text": text, "made_from": made_from }));
     Ok(json!({ "words": found.words.trim_end(), "calibration": null, "robot": robot }))
 }
 

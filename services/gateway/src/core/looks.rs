@@ -14,14 +14,14 @@ impl Core {
         now_ns: u64,
         (client, id): (ClientId, u64),
         holder: &Holder,
-        mut body: Vec<u8>,
-        calibration_bytes: Option<usize>,
+        (mut body, calibration_bytes): (Vec<u8>, Option<usize>),
+        made_from: Option<String>,
     ) {
         let begins = calibration_bytes.map_or(Some(body.len()), |bytes| body.len().checked_sub(bytes));
         let rest = begins.map(|begins| body.split_off(begins)).unwrap_or_default();
         match (begins, String::from_utf8(body), String::from_utf8(rest)) {
             (Some(_), Ok(robot), Ok(calibration)) => {
-                let texts = RobotTexts { robot, calibration: calibration_bytes.map(|_| calibration) };
+                let texts = RobotTexts { robot, calibration: calibration_bytes.map(|_| calibration), made_from };
                 self.look(now_ns, client, id, holder, Question::RobotFile(Box::new(texts)));
             }
             _ => {

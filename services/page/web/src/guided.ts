@@ -38,6 +38,8 @@ export class Dialogue {
     private busy = false;
     /** How often other measurements have been opened: an answer that comes after the next ones is not shown. */
     private opened = 0;
+    /** The robot file with which the robot flies: what was made from another one is not offered. */
+    private flown: string | null = null;
     private readonly picture = h("div", { class: "step" });
     private readonly question = h("p", { class: "big question", role: "status" });
     private readonly message = h("p", { class: "answer", role: "status", hidden: true });
@@ -101,7 +103,7 @@ export class Dialogue {
         const store = h("button", { class: "button main", type: "button", click: async () => {
             if (!robot || !await question(this.subject.asks)) return;
             store.disabled = true;
-            const reply = await this.conversation.call({ call: "robot-file", robot: robot.text, calibration: calibration?.text ?? null }, 60_000);
+            const reply = await this.conversation.call({ call: "robot-file", robot: robot.text, calibration: calibration?.text ?? null, made_from: robot.made_from }, 60_000);
             store.disabled = false;
             if (opened !== this.opened) return;
             this.said("sentence" in reply ? sentence("reason" in reply ? reply.reason : 0, reply.sentence) : t("no answer"), !("accepted" in reply && reply.accepted === "accepted"));
@@ -112,6 +114,11 @@ export class Dialogue {
     }
 
     draw(): void {
+        const flown = this.store.scene?.robot_file ?? null;
+        if (flown !== this.flown) {
+            this.flown = flown;
+            if (this.stepped) this.restart();
+        }
         if (!this.asked && this.conversation.isOpen && this.store.welcome) void this.step(null);
         const { stepped, subject } = this, open = stepped?.open ?? null;
         write(this.question, stepped ? this.asks : (this.store.flies ? "" : t("A site is calibrated by who may fly: pair this browser in the view Robot.")));

@@ -46,6 +46,8 @@ export interface Scene {
     type: "scene"; system: string; robot: string; anchors_m: Point[]; ground_m: number; planar: boolean;
     tension_limits_n: [number, number]; speed_limit_m_s: number; jog_speed_m_s: number; supply_min_v: number;
     keep_out_m: [Point, Point][]; obstacles: Obstacle[]; laws: Record<string, string[]>; plugins: string[]; drives: Port[];
+    /** SHA-256 of the robot file with which it flies. */
+    robot_file: string;
 }
 
 export interface Process { name: string; state: string; pid: number; restarts: number; role: string; reason: string; well: boolean }
@@ -95,10 +97,12 @@ export interface SiteMap {
     next_m: [number, number] | null; best: { at_m: [number, number]; worst_std_m: [number, number] } | null;
 }
 export interface TextFile { name: string; text: string }
+/** `made_from`: SHA-256 of the robot file from which this one was made. */
+export interface RobotFile extends TextFile { made_from: string }
 /** What follows from an answer of the guided calibration, or of the measurements with a weight, which have no map and a name. */
 export interface Stepped {
     reply: "setup"; id: number; message: string; changed: boolean; question: string; open: Open; measurements: string; name?: string; map: SiteMap | null;
-    finished: { words: string; calibration: TextFile | null; robot: TextFile | null } | null;
+    finished: { words: string; calibration: TextFile | null; robot: RobotFile | null } | null;
 }
 /** The names of all numbers by channel, and the values of one. */
 export interface Fields { reply: "fields"; id: number; channels: Record<string, string[]> }
@@ -136,6 +140,6 @@ export type Call =
     | { call: "make"; run: string; what: "report" | "maps" | "csv" | "parquet" }
     | { call: "remove"; run: string }
     | { call: "doctor" }
-    | { call: "robot-file"; robot: string; calibration: string | null }
+    | { call: "robot-file"; robot: string; calibration: string | null; made_from: string }
     | { call: "fields" }
     | { call: "series"; channel: string; field: string; after_ms: number };

@@ -4,6 +4,7 @@
 //! such files at once, without waiting and without reading them into memory.
 
 use rustix::fs::OFlags;
+use sha2::{Digest, Sha256};
 use std::fs::{self, File, FileType, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
@@ -11,6 +12,12 @@ use std::path::{Path, PathBuf};
 
 /// Largest file that is read, bytes: a mission with the largest accepted number of legs and points has about 12 MB.
 pub const LARGEST_BYTES: u64 = 16 << 20;
+
+/// SHA-256 of a text, in hexadecimal digits.
+#[must_use]
+pub fn text_hash(text: &str) -> String {
+    messages::hex(&<[u8; 32]>::from(Sha256::digest(text.as_bytes())))
+}
 
 /// Why a file was not read, as the clause after "cannot be read".
 #[derive(Debug, thiserror::Error)]

@@ -248,6 +248,10 @@ pub enum Call {
         /// Size of the calibration, which the robot file then takes its anchors from, bytes; default: none follows.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         calibration_bytes: Option<usize>,
+        /// SHA-256 of the robot file that the text was made from, in hexadecimal digits: another one is not replaced.
+        /// Default: any is.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        made_from: Option<String>,
     },
     /// Asks for the seat of the one who flies from a page, or answers who asks.
     Seat {

@@ -123,8 +123,8 @@ fn every_call_is_read_as_it_was_written() {
         Call::Make { id: 21, run: "first".to_owned(), what: RunFiles::Parquet },
         Call::Remove { id: 22, run: "first".to_owned() },
         Call::Doctor { id: 23 },
-        Call::RobotFile { id: 24, calibration_bytes: Some(7) },
-        Call::RobotFile { id: 25, calibration_bytes: None },
+        Call::RobotFile { id: 24, calibration_bytes: Some(7), made_from: Some("0a".repeat(32)) },
+        Call::RobotFile { id: 25, calibration_bytes: None, made_from: None },
     ];
     for (number, call) in calls.iter().enumerate() {
         assert_eq!(Call::read(&call.header().unwrap()).unwrap(), *call);
