@@ -40,8 +40,8 @@ pub(crate) enum FromBrowser {
     /// Answers a question of the guided calibration, or asks for the open one; with the measurements so far.
     Setup { id: u64, name: String, measurements: String, line: Option<String> },
     /// Answers a question of the measurements with a known weight, or asks for the open one; with the measurements so
-    /// far. `after_ms`: in time of the server, since when motions of the robot count.
-    Weigh { id: u64, measurements: String, line: Option<String>, after_ms: f64 },
+    /// far. `after_ms`: in time of the server, since when motions of the robot count; none does without it.
+    Weigh { id: u64, measurements: String, line: Option<String>, after_ms: Option<f64> },
     /// Asks for the names of all numbers that are kept for the charts.
     Fields { id: u64 },
     /// Asks for the values of a number after an instant, ms in time of the server.

@@ -376,6 +376,9 @@ impl Inbound<'_> {
     }
 
     fn set_up(&self, id: u64, name: String, measurements: String, line: Option<String>) {
+        if !self.flies {
+            return self.answer(not_for_this_role(id));
+        }
         let topics = &self.app.topics;
         let given = Given {
             name,
@@ -388,23 +391,23 @@ impl Inbound<'_> {
         self.evaluate(id, move || setup::step(&given));
     }
 
-    fn weigh(&self, id: u64, measurements: String, line: Option<String>, after_ms: f64) {
+    fn weigh(&self, id: u64, measurements: String, line: Option<String>, after_ms: Option<f64>) {
+        if !self.flies {
+            return self.answer(not_for_this_role(id));
+        }
         let topics = &self.app.topics;
         let given = weigh::Given {
             measurements,
             line,
             scene: topics.scene(),
             place: topics.place(),
-            motion: topics.moved(after_ms),
+            motion: after_ms.map(|after_ms| topics.moved(after_ms)),
         };
         self.evaluate(id, move || weigh::step(&given));
     }
 
-    /// Evaluates an answer of Set up, on a thread of its own: a stop does not wait for it.
+    /// Evaluates an answer of Set up from a role that flies, on a thread of its own: a stop does not wait for it.
     fn evaluate(&self, id: u64, step: impl FnOnce() -> Result<Value, String> + Send + 'static) {
-        if !self.flies {
-            return self.answer(refusal(id, "a site is calibrated by who may fly; pair this browser first"));
-        }
         let (app, local) = (Arc::clone(self.app), self.local.clone());
         tokio::spawn(async move {
             // It is never closed. A browser that has gone waits no more.
@@ -459,6 +462,10 @@ impl Inbound<'_> {
 
 fn locked_fields(app: &App) -> MutexGuard<'_, Fields> {
     crate::observer::locked(&app.topics.fields)
+}
+
+fn not_for_this_role(id: u64) -> Value {
+    refusal(id, "a site is calibrated by who may fly; pair this browser first")
 }
 
 /// A refusal of the page itself, with a reason of the catalogue.

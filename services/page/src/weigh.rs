@@ -27,8 +27,8 @@ pub(crate) struct Given {
     pub(crate) scene: Option<Arc<Scene>>,
     /// Where it hangs, m, or why that cannot be used.
     pub(crate) place: Result<[f64; 3], String>,
-    /// How it has moved since the question came.
-    pub(crate) motion: UpAndDown,
+    /// How it has moved since the weight was said to hang; `None` before.
+    pub(crate) motion: Option<UpAndDown>,
 }
 
 /// Evaluates an answer; returns what the browser shows next.
@@ -84,7 +84,12 @@ fn answered(guide: &mut LoadsGuide, line: &str, given: &Given) -> Reply {
         };
     }
     if guide.takes_watch(line) {
-        return match given.motion.weighing(guide.motion_kg() * STANDARD_GRAVITY) {
+        let Some(motion) = &given.motion else {
+            return refused(sentence(&say!(
+                "no motion counts yet: press the button with which counting begins, and let the node go up and down"
+            )));
+        };
+        return match motion.weighing(guide.motion_kg() * STANDARD_GRAVITY) {
             Ok(weighing) => guide.watched(&weighing),
             Err(why) => refused(sentence(&why)),
         };
@@ -134,7 +139,7 @@ mod tests {
             line: line.map(str::to_owned),
             scene: None,
             place: Err("it moves".to_owned()),
-            motion: UpAndDown::default(),
+            motion: None,
         }
     }
 
@@ -172,10 +177,13 @@ mod tests {
         say("4.6 cm", typed());
         assert_eq!(say("", typed())["open"]["kind"], "motion");
         let place = Given { place: Ok([4.8, 3.0, 0.7]), ..typed() };
-        assert_eq!(say("capture", place)["open"], json!({ "kind": "up", "weight": false }));
-        let told = say("watch", Given { motion: motion(0.3), ..typed() });
+        let asked = say("capture", place);
+        assert_eq!(asked["open"], json!({ "kind": "up", "weight": false }));
+        let early = next(&given(asked["measurements"].as_str().unwrap(), Some("watch"))).unwrap();
+        assert!(early["message"].as_str().unwrap().contains("counting begins"), "{early}");
+        let told = say("watch", Given { motion: Some(motion(0.3)), ..typed() });
         assert_eq!(told["open"], json!({ "kind": "up", "weight": true }));
-        let told = say("watch", Given { motion: motion(0.9), ..typed() });
+        let told = say("watch", Given { motion: Some(motion(0.9)), ..typed() });
         assert_eq!(told["open"]["kind"], "renew");
         assert!(told["message"].as_str().unwrap().contains("stiffness EA"), "{}", told["message"]);
         let done = next(&given(&text, Some(""))).unwrap();

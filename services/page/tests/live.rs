@@ -339,24 +339,26 @@ fn a_site_is_calibrated_by_the_questions_of_the_command_line() {
 fn a_node_is_weighed_by_the_currents_of_the_robot_that_goes_up_and_down() {
     let rig = Rig::up();
     let (mut flyer, mut visitor) = (rig.browser(Some(&rig.token("tablet", "fly"))), rig.browser(None));
-    let weigh = |text: &str, line: Value, after_ms: f64| json!({ "call": "weigh", "measurements": text, "line": line, "after_ms": after_ms });
-    assert_eq!(visitor.call(weigh("", Value::Null, 0.0))["accepted"], "refused");
+    let weigh = |text: &str, line: Value, after_ms: Option<f64>| json!({ "call": "weigh", "measurements": text, "line": line, "after_ms": after_ms });
+    assert_eq!(visitor.call(weigh("", Value::Null, None))["accepted"], "refused");
     ready(&mut flyer, START);
     let mut text = String::new();
     for (line, kind) in [("2 kg", "hang"), ("", "motion"), ("capture", "up")] {
         let begun = Instant::now();
-        let mut next = flyer.call(weigh(&text, json!(line), 0.0));
+        let mut next = flyer.call(weigh(&text, json!(line), None));
         // The place that the page has may be of the moment before.
         while next["changed"] != true {
             assert!(begun.elapsed() < LONG, "{line}: {next}");
             flyer.until_state("a state", |_| true);
-            next = flyer.call(weigh(&text, json!(line), 0.0));
+            next = flyer.call(weigh(&text, json!(line), None));
         }
         assert_eq!(next["open"]["kind"], kind, "{next}");
         text = next["measurements"].as_str().unwrap().to_owned();
     }
     let since_ms = flyer.until_state("a state", |state| state["at_ms"].is_f64())["at_ms"].as_f64().unwrap();
-    let early = flyer.call(weigh(&text, json!("watch"), since_ms));
+    let unbegun = flyer.call(weigh(&text, json!("watch"), None));
+    assert!(unbegun["message"].as_str().is_some_and(|why| why.contains("counting begins")), "{unbegun}");
+    let early = flyer.call(weigh(&text, json!("watch"), Some(since_ms)));
     assert_eq!(early["changed"], false, "{early}");
     // As often as it takes: on a machine that stands still the page gets fewer samples of each way.
     for round in 0..12 {
@@ -367,7 +369,7 @@ fn a_node_is_weighed_by_the_currents_of_the_robot_that_goes_up_and_down() {
             flyer.until_state("it moves", |state| state["mode"] == "following");
             flyer.until_state("it is there", |state| state["mode"] == "holding");
         }
-        let told = flyer.call(weigh(&text, json!("watch"), since_ms));
+        let told = flyer.call(weigh(&text, json!("watch"), Some(since_ms)));
         if told["changed"] == true {
             // Upwards the motors also overcome friction.
             let message = told["message"].as_str().unwrap();
@@ -375,7 +377,7 @@ fn a_node_is_weighed_by_the_currents_of_the_robot_that_goes_up_and_down() {
             assert_eq!(told["open"], json!({ "kind": "up", "weight": true }));
             // What moved before does not count for the next question.
             let now_ms = flyer.until_state("a state", |_| true)["at_ms"].as_f64().unwrap();
-            let again = flyer.call(weigh(told["measurements"].as_str().unwrap(), json!("watch"), now_ms));
+            let again = flyer.call(weigh(told["measurements"].as_str().unwrap(), json!("watch"), Some(now_ms)));
             assert_eq!(again["changed"], false, "{again}");
             return;
         }

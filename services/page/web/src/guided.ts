@@ -18,6 +18,8 @@ export interface Subject {
     kept: (name: string) => string;
     keep: (name: string, measurements: string) => void;
     /** Buttons beside those of every question. */
+    /** What these buttons depend on beside the question. */
+    acted?: () => unknown;
     acts: (open: Open, act: (name: string, line: string) => HTMLElement) => (HTMLElement | null)[];
     /** What an empty answer means. */
     empty: Record<string, string>;
@@ -91,7 +93,7 @@ export class Dialogue {
         if (line !== null) this.line.focus({ preventScroll: true });
     }
 
-    private said(words: string, refused: boolean): void {
+    said(words: string, refused: boolean): void {
         this.message.hidden = false;
         this.message.classList.toggle("refused", refused);
         write(this.message, words);
@@ -124,7 +126,7 @@ export class Dialogue {
         write(this.question, stepped ? this.asks : (this.store.flies ? "" : t("A site is calibrated by who may fly: pair this browser in the view Robot.")));
         this.question.classList.toggle("long", this.asks.length > 300);
         renew(this.picture, JSON.stringify([open, document.documentElement.dataset.theme ?? ""]), () => (open ? [drawing(open)] : []));
-        renew(this.buttons, JSON.stringify([open, this.store.flies]), () => {
+        renew(this.buttons, JSON.stringify([open, this.store.flies, subject.acted?.()]), () => {
             const act = (name: string, line: string) => h("button", { class: "button", type: "button", click: () => void this.step(line) }, name);
             if (!open || !this.store.flies) return [];
             return [...subject.acts(open, act), open.optional ? act(subject.empty[open.kind] ?? t("Leave it out"), "") : null, act(t("Take the last answer back"), "undo")];

@@ -133,7 +133,7 @@ export type Call =
     | { call: "seat"; what: "ask" | "give" | "keep" }
     | { call: "check"; to_m: Point }
     | { call: "setup"; name: string; measurements: string; line: string | null }
-    | { call: "weigh"; measurements: string; line: string | null; after_ms: number }
+    | { call: "weigh"; measurements: string; line: string | null; after_ms: number | null }
     | { call: "runs" }
     | { call: "files"; run: string }
     | { call: "open"; run: string; file: string; show: boolean }

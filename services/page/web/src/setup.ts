@@ -34,8 +34,8 @@ export class SetUp {
     private readonly calibrates: Dialogue;
     private readonly weighs: Dialogue;
     private weighing = false;
-    /** Since when motions of the robot count for the weighing, ms in time of the server; and for which question. */
-    private since_ms = 0;
+    /** Since when motions of the robot count for the weighing, ms in time of the server; null before that was pressed. And for which question. */
+    private since_ms: number | null = null;
     private sinceFor = "";
     private readonly which = h("div", { class: "row" });
     private readonly asks = h("div", {});
@@ -63,8 +63,10 @@ export class SetUp {
         this.weighs = new Dialogue(store, conversation, {
             name: () => store.scene?.robot ?? null, kept: (name) => weighed.of(name), keep: (name, text) => weighed.put(name, text), empty: WEIGH_EMPTY,
             call: (_, measurements, line) => ({ call: "weigh", measurements, line, after_ms: this.since_ms }),
-            acts: ({ kind }, act) => [
-                kind === "hang" || kind === "motion" ? act(t("Take the robot's place"), "capture") : null, kind === "up" ? act(t("Take the robot's currents"), "watch") : null,
+            acted: () => this.since_ms === null,
+            acts: ({ kind, weight }, act) => [
+                kind === "hang" || kind === "motion" ? act(t("Take the robot's place"), "capture") : null,
+                ...(kind === "up" ? [this.since_ms === null ? null : act(t("Take the robot's currents"), "watch"), this.begins(weight === true)] : []),
                 kind === "renew" ? act(t("More places"), "more") : null,
             ],
             asks: t("Store the stiffness and the weight in the robot file on the robot? It flies with them from its next start; the robot file of before is kept."),
@@ -77,6 +79,16 @@ export class SetUp {
             h("section", { class: "card" }, h("h2", {}, t("How well each pole is known")), this.map, this.known, h("h2", {}, t("Sites in this browser")), this.list, begin),
             h("section", { class: "card" }, h("h2", {}, t("The drives")), this.drives),
             h("section", { class: "card" }, h("h2", {}, t("The robot's machine")), this.check, this.findings)));
+    }
+
+    /** A button from which on motions count: before it is pressed the node may move without the weight. */
+    private begins(weight: boolean): HTMLElement {
+        const words = this.since_ms !== null ? t("Begin again") : weight ? t("The weight hangs: begin") : t("No weight hangs: begin");
+        return h("button", { class: "button", type: "button", click: () => {
+            const { made_ms } = this.store.sign(), isSeen = this.store.age_s() < 1 && Number.isFinite(made_ms);
+            this.since_ms = isSeen ? made_ms : null;
+            this.weighs.said(isSeen ? t("Motions count from now on.") : t("Nothing has come from the robot"), !isSeen);
+        } }, words);
     }
 
     private open(name: string): void {
@@ -105,12 +117,12 @@ export class SetUp {
     draw(): void {
         const now = this.weighing ? this.weighs : this.calibrates;
         now.draw();
-        // Only motions while the currents are asked for count: those of before had another weight.
-        const asked = JSON.stringify([this.weighs.stepped?.open, this.weighs.stepped?.measurements]);
-        if (asked !== this.sinceFor) [this.sinceFor, this.since_ms] = [asked, this.store.sign().seen_ms];
+        // What was begun is for this question and this run, in the time of this server: another one counts from 0.
+        const asked = JSON.stringify([this.weighs.stepped?.open, this.weighs.stepped?.measurements, this.store.link?.run]);
+        if (asked !== this.sinceFor || (this.since_ms !== null && this.store.sign().seen_ms < this.since_ms - 2000)) [this.sinceFor, this.since_ms] = [asked, null];
         renew(this.which, String(this.weighing), () => [[t("Calibrate the site"), false] as const, [t("Weigh the node"), true] as const].map(([name, weighing]) =>
             h("button", { class: "button", type: "button", "aria-pressed": String(weighing === this.weighing), click: () => { this.weighing = weighing; } }, name)));
-        renew(this.asks, String(this.weighing), () => [...(this.weighing ? [h("p", { class: "soft" }, t("A known weight on the node shows how stiff the lines are and how heavy the node is."))] : []), now.element]);
+        renew(this.asks, String(this.weighing), () => [...(this.weighing ? [h("p", { class: "soft" }, t("A known weight on the node shows how stiff the cables are and how heavy the node is."))] : []), now.element]);
         const map = this.calibrates.stepped?.map ?? null, theme = document.documentElement.dataset.theme ?? "";
         renew(this.map, JSON.stringify([map, theme]), () => (map ? [siteDrawing(map)] : []));
         renew(this.known, JSON.stringify([map?.known, map?.best]), () => (map?.known ?? []).map((one, i) => h("p", { class: "soft" }, t("Pole {n}: within {level} mm on the level with 95 %, its height ±{height} mm", { n: i + 1, level: (1000 * one.half_axes_m[0]).toFixed(0), height: (1000 * one.height_std_m).toFixed(0) }))).concat(map?.best ? [h("p", {}, t("One more point helps most at the cross: it makes the least certain coordinate {share} % more certain.", { share: (100 - (100 * map.best.worst_std_m[1]) / map.best.worst_std_m[0]).toFixed(1) }))] : []));

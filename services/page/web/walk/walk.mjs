@@ -264,6 +264,9 @@ await press("Weigh the node");
 await page.locator(`.step[data-key*='"kind":"hang"'][data-key*='"place":3']`).waitFor();
 await moves(() => press("No more places"));
 await answer("4.9 6.7 7.1", "up");
+// Counting begins at a press, and not with the question.
+assert.equal(await page.getByRole("button", { name: "Take the robot's currents" }).count(), 0);
+await press("No weight hangs: begin");
 await press("Take the robot's currents");
 await page.locator(".answer.refused:visible", { hasText: "has not moved up and down" }).waitFor();
 for (const [line, kind] of [["0.545 0.549 0.566", "down"], ["-0.065 -0.065 -0.063", "up"], ["1.254 1.264 1.308", "down"], ["-0.006 -0.005 -0.001", "renew"]]) await answer(line, kind);
