@@ -1,6 +1,6 @@
-//! What is not heard yet, what is silent, and what is wrong: only the last alarms.
+//! What is not received yet, what is silent, and what is wrong: only the last alarms.
 
-use messages::{MotorAuthority, RecorderStatus};
+use messages::{MotorAuthority, ProcessState, RecorderStatus};
 use robot_state::Periods;
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -18,13 +18,31 @@ pub(crate) fn since_s(stamp_ns: u64, now_ns: u64) -> f64 {
     now_ns.saturating_sub(stamp_ns) as f64 * 1e-9
 }
 
-/// The recorder for browsers: `problem` is why nothing is recorded, `silent_s` since when it is not heard. `row`: its
-/// newest status; `lost`: its process died or hangs.
-pub(crate) fn recorder(row: &RecorderStatus, lost: Option<String>, now_ns: u64) -> Value {
-    let age_s = since_s(row.header.stamp_ns, now_ns);
+/// The recorder for browsers: `problem` is why nothing is recorded, `silent_s` the age of its newest status. `row`: this
+/// status; `process`: the state of its process; `seen_s`: for how long the robot has been received.
+pub(crate) fn recorder(row: Option<&RecorderStatus>, process: Option<u8>, seen_s: f64, now_ns: u64) -> Value {
+    let age_s = row.map_or(seen_s, |row| since_s(row.header.stamp_ns, now_ns));
     let gone = (age_s > GONE_S).then(|| format!("no message from the recorder for {age_s:.0} s"));
-    json!({ "problem": client::unrecorded_of(row).or(lost).or(gone), "silent_s": (age_s > SILENT_S).then_some(age_s.round()),
-        "bytes": row.total_bytes, "disk_free_bytes": row.disk_free_bytes })
+    let lost =
+        process.filter(|state| is_lost(*state)).map(|state| format!("the recorder: {}", client::state_name(state)));
+    let problem = row.and_then(client::unrecorded_of).or(lost).or(gone);
+    if row.is_none() && problem.is_none() {
+        return Value::Null;
+    }
+    json!({ "problem": problem, "silent_s": row.and((age_s > SILENT_S).then_some(age_s.round())),
+        "bytes": row.map(|row| row.total_bytes), "disk_free_bytes": row.map(|row| row.disk_free_bytes) })
+}
+
+/// A process in this state records nothing, whatever its last status was.
+fn is_lost(state: u8) -> bool {
+    matches!(
+        state,
+        ProcessState::STATE_STOPPED
+            | ProcessState::STATE_DIED
+            | ProcessState::STATE_SILENT
+            | ProcessState::STATE_GAVE_UP
+            | ProcessState::STATE_GONE
+    )
 }
 
 /// The periods that were not steered, over the last minute.
@@ -70,14 +88,37 @@ mod tests {
     #[test]
     fn a_silent_recorder_is_told_from_one_that_does_not_record() {
         let row = RecorderStatus { header: header(10), state: RecorderStatus::STATE_RECORDING, ..Default::default() };
-        let at = |s: u64, lost: Option<&str>| recorder(&row, lost.map(str::to_owned), header(s).stamp_ns);
+        let at = |s: u64, process: Option<u8>| recorder(Some(&row), process, 0.0, header(s).stamp_ns);
         assert_eq!((&at(11, None)["problem"], &at(11, None)["silent_s"]), (&Value::Null, &Value::Null));
         // On a loaded machine its status is late, and it records.
         assert_eq!((&at(15, None)["problem"], &at(15, None)["silent_s"]), (&Value::Null, &json!(5.0)));
-        assert_eq!(at(15, Some("it died"))["problem"], "it died");
+        assert_eq!(at(15, Some(ProcessState::STATE_RUNNING))["problem"], Value::Null);
+        // Its process is known to be lost before its status is old, also where an operator stopped it.
+        for (state, name) in [
+            (ProcessState::STATE_DIED, "DIED"),
+            (ProcessState::STATE_STOPPED, "stopped"),
+            (ProcessState::STATE_GONE, "gone"),
+        ] {
+            assert_eq!(at(11, Some(state))["problem"], format!("the recorder: {name}"));
+        }
         assert!(at(40, None)["problem"].as_str().unwrap().contains("30 s"));
         let full = RecorderStatus { state: RecorderStatus::STATE_DISK_FULL, ..row };
-        assert!(recorder(&full, None, header(11).stamp_ns)["problem"].is_string());
+        assert!(recorder(Some(&full), None, 0.0, header(11).stamp_ns)["problem"].is_string());
+    }
+
+    #[test]
+    fn a_recorder_without_a_status_is_a_problem_when_it_is_lost_or_late() {
+        let of = |process: Option<u8>, seen_s: f64| recorder(None, process, seen_s, header(100).stamp_ns);
+        assert_eq!(of(None, 14.0), Value::Null);
+        assert_eq!(of(Some(ProcessState::STATE_STARTING), 14.0), Value::Null);
+        let lost = of(Some(ProcessState::STATE_GAVE_UP), 1.0);
+        assert!(
+            lost["problem"].is_string() && lost["silent_s"].is_null() && lost["disk_free_bytes"].is_null(),
+            "{lost}"
+        );
+        for process in [None, Some(ProcessState::STATE_READY)] {
+            assert!(of(process, 16.0)["problem"].as_str().unwrap().contains("16 s"));
+        }
     }
 
     #[test]

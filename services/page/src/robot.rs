@@ -30,10 +30,14 @@ pub(crate) const CHANNELS: [(&str, Option<f64>); 11] = [
 ];
 /// The heartbeat that states the version of the robot's programs.
 const VERSION_OF: &str = "system/heartbeat/motor-io";
+/// Name of the process that records.
+const RECORDER: &str = "recorder";
 /// Beginning of the names of the channels with the logs of processes.
 pub(crate) const LOGS: &str = "system/log/";
 /// Time for which a valid estimate is shown while newer ones are not valid, s.
 const SHOWN_S: f64 = 0.5;
+/// Time without an estimate after the first message of motor-io, after which it is not only late, s.
+const FIRST_S: f64 = 5.0;
 /// Samples of motions that are kept for the weighing of the node: five minutes of them.
 const MOVING: usize = 6000;
 /// Points along a drawn segment.
@@ -43,6 +47,8 @@ const POINTS: usize = 48;
 #[derive(Debug, Default)]
 pub(crate) struct Robot {
     authority: Option<MotorAuthority>,
+    /// When the first one was published, ns.
+    first_ns: Option<u64>,
     state: Option<MotorState>,
     estimates: [Option<NodeEstimate>; SLOTS],
     /// The last valid one in charge: a cycle without readings has none.
@@ -51,6 +57,8 @@ pub(crate) struct Robot {
     plan: Option<PlanStatus>,
     motion: Option<PlanMotion>,
     recorder: Option<RecorderStatus>,
+    /// State of the recorder's process.
+    recorder_process: Option<u8>,
     missed: Missed,
     units: Units,
     /// The last samples in motion, with their times, ns.
@@ -89,6 +97,7 @@ impl Robot {
             "motor/authority" => {
                 self.authority = read(bytes).or(self.authority);
                 self.authority.iter().for_each(|authority| self.missed.take(authority));
+                self.first_ns = self.first_ns.or(self.authority.map(|authority| authority.header.stamp_ns));
             }
             "motor/state" => self.motors_are(read(bytes)?),
             "node/estimate/a" => self.estimates[0] = read(bytes).or(self.estimates[0]),
@@ -112,7 +121,9 @@ impl Robot {
     }
 
     fn motors_are(&mut self, state: MotorState) {
-        if state.node_command_m_s.iter().any(|m_s| *m_s != 0.0) {
+        // Without a position the velocity is not known either.
+        let velocity_m_s = &state.node_command_m_s;
+        if velocity_m_s.iter().all(|m_s| m_s.is_finite()) && velocity_m_s.iter().any(|m_s| *m_s != 0.0) {
             self.moving.truncate(MOVING - 1);
             self.moving.push_front((state.header.stamp_ns, moving(&state)));
         }
@@ -131,6 +142,9 @@ impl Robot {
 
     fn row(&mut self, row: &ProcessState) {
         let name = text_of(&row.name);
+        if name == RECORDER {
+            self.recorder_process = Some(row.state);
+        }
         if row.state == ProcessState::STATE_GONE {
             self.processes.remove(&name);
         } else {
@@ -155,7 +169,7 @@ impl Robot {
 
     /// The estimate that is shown, which is valid.
     fn shown(&self, now_ns: u64) -> Option<NodeEstimate> {
-        let is_known = self.authority.is_some_and(|authority| authority.position_known != 0);
+        let is_known = self.authority.is_some_and(|authority| authority.position_known != MotorState::POSITION_UNKNOWN);
         self.valid.filter(|estimate| is_known && since_s(estimate.header.stamp_ns, now_ns) < SHOWN_S)
     }
 
@@ -187,8 +201,10 @@ impl Robot {
             let (hz, summary) = (1.0 / authority.period_s, periods.summary());
             value["cycle"] = json!({ "number": authority.header.cycle, "hz": hz, "summary": summary,
                 "unsteered": periods.unsteered(), "missed": self.missed.last_minute(now_ns), "all": periods.all() });
-            // Without an estimate so far it is not known yet whether the position is known.
-            value["located"] = json!(authority.position_known == 0 || self.estimates.iter().any(Option::is_some));
+            // Without an estimate at the beginning it is not known yet whether the position is known.
+            let is_late = self.first_ns.is_some_and(|first_ns| since_s(first_ns, now_ns) > FIRST_S);
+            let is_unknown = authority.position_known == MotorState::POSITION_UNKNOWN;
+            value["located"] = json!(is_unknown || is_late || self.estimates.iter().any(Option::is_some));
         }
         if let Some(state) = &self.state {
             let (cables, units) = (count(state.cable_count, state.length_m.len()), usize::from(state.unit_count));
@@ -258,9 +274,10 @@ impl Robot {
                     "well": well(row.state) })
             })
             .collect();
-        let lost = self.processes.get("recorder").filter(|row| !well(row.state));
-        let lost = lost.map(|row| format!("the recorder: {}", client::state_name(row.state)));
-        let recorder = self.recorder.as_ref().map(|row| freshness::recorder(row, lost, now_ns));
+        // Counted by what was received, so that a robot that is not received is not judged.
+        let seen = self.first_ns.zip(self.authority).map(|(first_ns, last)| since_s(first_ns, last.header.stamp_ns));
+        let recorder =
+            freshness::recorder(self.recorder.as_ref(), self.recorder_process, seen.unwrap_or_default(), now_ns);
         let flyer = self.flyer.as_ref().map(
             |request| json!({ "name": holder(&text_of(&request.requester)), "ago_s": since_s(request.header.stamp_ns, now_ns) }),
         );
@@ -395,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_heard_yet_is_told_from_what_is_not_known() {
+    fn what_is_not_received_yet_is_told_from_what_is_not_known() {
         let mut robot = Robot::default();
         let mut known =
             MotorAuthority { position_known: MotorState::POSITION_KNOWN, period_s: 0.01, ..Default::default() };
@@ -403,6 +420,9 @@ mod tests {
         // The position is known, and no estimate has come so far.
         let state = robot.live(0);
         assert_eq!((&state["located"], &state["within_m"]), (&json!(false), &Value::Null));
+        // An estimate that does not come is no longer late.
+        assert_eq!(robot.live(4_000_000_000)["located"], false);
+        assert_eq!(robot.live(6_000_000_000)["located"], true);
         known.position_known = MotorState::POSITION_UNKNOWN;
         taken(&mut robot, "motor/authority", &known);
         assert_eq!(robot.live(0)["located"], true);
@@ -410,8 +430,42 @@ mod tests {
         taken(&mut robot, "motor/authority", &known);
         taken(&mut robot, "node/estimate/a", &NodeEstimate::default());
         assert_eq!(robot.live(0)["located"], true);
-        // The recorder has not been heard: nothing is said about it.
+        // Nothing was received of the recorder so far, which is no alarm.
         assert_eq!(robot.slow(0)["recorder"], Value::Null);
+        known.header.stamp_ns = 16_000_000_000;
+        taken(&mut robot, "motor/authority", &known);
+        assert!(robot.slow(0)["recorder"]["problem"].as_str().unwrap().contains("16 s"));
+    }
+
+    #[test]
+    fn a_recorder_that_is_stopped_or_gone_is_a_problem_at_once() {
+        let mut robot = Robot::default();
+        for (state, is_lost) in [
+            (ProcessState::STATE_READY, false),
+            (ProcessState::STATE_STOPPED, true),
+            (ProcessState::STATE_STARTING, false),
+            (ProcessState::STATE_GONE, true),
+        ] {
+            let mut row = ProcessState { state, ..ProcessState::default() };
+            put_text(&mut row.name, RECORDER);
+            taken(&mut robot, "system/process", &row);
+            assert_eq!(robot.slow(0)["recorder"]["problem"].is_string(), is_lost, "{state}");
+        }
+    }
+
+    #[test]
+    fn a_robot_of_unknown_velocity_pushes_no_motion_out() {
+        let mut robot = Robot::default();
+        let mut at = |stamp_ns: u64, z_m_s: f64| {
+            let header = Header { stamp_ns, ..Header::default() };
+            taken(
+                &mut robot,
+                "motor/state",
+                &MotorState { header, node_command_m_s: [0.0, 0.0, z_m_s], ..MotorState::default() },
+            );
+            robot.moving.len()
+        };
+        assert_eq!([at(1, 0.1), at(2, f64::NAN), at(3, 0.0), at(4, -0.1)], [1, 1, 1, 2]);
     }
 
     #[test]

@@ -51,14 +51,14 @@ export class Head {
         this.mode.dataset.sign = SIGNS[mode] ?? "?";
         write(this.mode, t(mode));
         this.mode.title = state?.mode_sentence ?? "";
-        const within = state?.within_m, unheard = state?.mode == null || state.located === false;
-        if (within == null && unheard) this.set("node", t("not heard yet"), false, true);
+        const within = state?.within_m, unreceived = state?.mode == null || state.located === false;
+        if (within == null && unreceived) this.set("node", t("not received yet"), false, true);
         else this.set("node", within == null ? t("not known") : `±${Math.round(within * 1000)} mm`, within == null || within > 0.1);
         this.set("supply", state?.supply_v == null ? null : `${state.supply_v.toFixed(1)} V`, (state?.supply_v ?? 0) < (scene?.supply_min_v ?? 0) + 1);
         const recorder = robot?.recorder, disk = recorder?.disk_free_bytes;
         if (recorder?.problem) this.set("disk", t("NOT RECORDING"), true);
         else if (recorder?.silent_s != null) this.set("disk", t("recorder silent for {s} s", { s: recorder.silent_s }), false, true);
-        else this.set("disk", disk ? bytes(disk) : link?.run ? t("not heard yet") : null, (disk ?? SCARCE) < SCARCE, !disk);
+        else this.set("disk", disk != null ? bytes(disk) : link?.run ? t("not received yet") : null, (disk ?? SCARCE) < SCARCE, disk == null);
         const cycle = state?.cycle, missed = cycle?.missed ?? 0;
         this.set("cycles", cycle ? (missed ? t("{n} missed in a minute", { n: missed }) : `${cycle.hz.toFixed(0)} Hz`) : null, missed > 0);
         this.set("flies", seat.flyer ?? robot?.flyer?.name ?? null);

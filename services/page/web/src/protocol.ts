@@ -58,7 +58,7 @@ export interface Unit { answers: boolean; supply_v: number }
 
 /** The state that changes rarely. */
 export interface Robot {
-    type: "robot"; processes: Process[]; recorder: { problem: string | null; silent_s: number | null; bytes: number; disk_free_bytes: number } | null;
+    type: "robot"; processes: Process[]; recorder: { problem: string | null; silent_s: number | null; bytes: number | null; disk_free_bytes: number | null } | null;
     flyer: { name: string; ago_s: number } | null; slots: Record<string, Slot[]> | null; units: Unit[] | null; sensors: string[]; version: string | null; unknown_channels: string[];
 }
 

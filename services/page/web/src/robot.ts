@@ -86,7 +86,7 @@ export class RobotView {
                 : h("form", { class: "row", submit: (event: Event) => { event.preventDefault(); void this.conversation.pair(secret.value); } }, h("label", { class: "wide" }, t("code"), secret), h("button", { class: "button" }, t("Pair")))];
         });
         const recorder = robot?.recorder;
-        const facts = [link?.robot ? t("robot {name}", { name: link.robot }) : "", link?.run ? t("run {name}", { name: link.run }) : t("no robot runs"), recorder ? recorder.problem ?? t("recording, {bytes} so far, {free} free", { bytes: bytes(recorder.bytes), free: bytes(recorder.disk_free_bytes) }) : "", state?.cycle?.summary ?? "", robot?.unknown_channels.length ? t("not of this version: {channels}", { channels: robot.unknown_channels.join(", ") }) : ""].filter(Boolean);
+        const facts = [link?.robot ? t("robot {name}", { name: link.robot }) : "", link?.run ? t("run {name}", { name: link.run }) : t("no robot runs"), recorder ? recorder.problem ?? (recorder.silent_s != null ? t("recorder silent for {s} s", { s: recorder.silent_s }) : t("recording, {bytes} so far, {free} free", { bytes: bytes(recorder.bytes ?? 0), free: bytes(recorder.disk_free_bytes ?? 0) })) : "", state?.cycle?.summary ?? "", robot?.unknown_channels.length ? t("not of this version: {channels}", { channels: robot.unknown_channels.join(", ") }) : ""].filter(Boolean);
         renew(this.facts, facts.join("\n"), () => facts.map((fact) => h("p", {}, fact)));
         const processes = robot?.processes ?? [];
         renew(this.processes, JSON.stringify([processes, this.store.flies]), () => processes.map((row) => h("div", { class: "line" },

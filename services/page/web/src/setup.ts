@@ -140,7 +140,7 @@ function shownDrives(ports: Port[], units: Unit[] | null): HTMLElement[] {
         h("p", {}, h("b", {}, t("Port {n}: {family}", { n: port.number, family: port.family })), port.virtual ? ` (${t("virtual, so nothing is to be set")})` : ` ${port.path}`),
         ...port.units.map((unit) => {
             const told = units?.[index++], name = t("unit {address}, cables {cables}", { address: unit.address, cables: unit.cables.join(", ") });
-            if (!told) return h("p", { class: "soft" }, `${name}: ${t("not heard yet")}`);
+            if (!told) return h("p", { class: "soft" }, `${name}: ${t("not received yet")}`);
             if (!told.answers) return h("p", { class: "error" }, h("b", {}, `${name}: ${t("does not answer")}`), h("span", { class: "soft" }, ` ${t("Cure")}: ${guided(port.silent)}`));
             return h("p", {}, `${name}: `, h("span", { class: "good" }, t("answers")), told.supply_v > 0 ? `, ${told.supply_v.toFixed(1)} V` : "");
         }),
