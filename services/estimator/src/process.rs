@@ -18,8 +18,8 @@ use crate::serve::serve;
 /// Runs a whole process with a custom method. Each cable gets a copy of `cable`.
 ///
 /// `stretch`, `sigma_length_m` and the [`Parameters`](crate::Parameters) are those of `[estimator]` in the system file;
-/// its `method` is not used. `program` is [`program!()`](macro@crate::program), so that the run identifies the program and
-/// not nims. With [`program_pipe::ARGUMENT`] the same program answers `nims sim` instead.
+/// its `method` is not used. `program` is [`program!()`](macro@crate::program), so that the run identifies the program
+/// and not nims. With [`program_pipe::ARGUMENT`] the same program answers `nims sim` instead.
 pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
     if std::env::args().any(|argument| argument == program_pipe::ARGUMENT) {
         return match serve(cable, std::io::stdin().lock(), std::io::stdout().lock()) {

@@ -18,8 +18,8 @@ pub(crate) fn since_s(stamp_ns: u64, now_ns: u64) -> f64 {
     now_ns.saturating_sub(stamp_ns) as f64 * 1e-9
 }
 
-/// The recorder for browsers: `problem` is why nothing is recorded, `silent_s` the age of its newest status. `row`: this
-/// status; `process`: the state of its process; `seen_s`: for how long the robot has been received.
+/// The recorder for browsers: `problem` is why nothing is recorded, `silent_s` the age of its newest status. `row`:
+/// that status; `process`: the state of its process; `seen_s`: for how long the robot has been received.
 pub(crate) fn recorder(row: Option<&RecorderStatus>, process: Option<u8>, seen_s: f64, now_ns: u64) -> Value {
     let age_s = row.map_or(seen_s, |row| since_s(row.header.stamp_ns, now_ns));
     let gone = (age_s > GONE_S).then(|| format!("no message from the recorder for {age_s:.0} s"));
