@@ -55,7 +55,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn each_port_of_an_example_says_what_to_set() {
+    fn each_port_of_an_example_has_what_to_set() {
         let systems = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems");
         for entry in std::fs::read_dir(systems).unwrap() {
             let path = entry.unwrap().path();

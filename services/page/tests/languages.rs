@@ -73,7 +73,7 @@ fn labels() -> BTreeSet<String> {
 }
 
 /// Where the guided calibration says something: in `say!("…")`.
-const GUIDE: [&str; 2] = ["../../shared/tools/site-calibration/src", "src"];
+const GUIDE: [&str; 3] = ["../../shared/tools/site-calibration/src", "../../shared/robot/calibration/src", "src"];
 
 /// The sentences of the guided calibration.
 fn guide() -> BTreeSet<String> {

@@ -74,6 +74,14 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also rejects NaN, which `a > b` would accept")]
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
+/// A sentence about measurements with a weight, as `format!`. The page translates what stands in this macro, as it does
+/// for those of the guided calibration.
+macro_rules! say {
+    ($($sentence:tt)*) => {
+        ::std::fmt::format(::std::format_args!($($sentence)*))
+    };
+}
+
 mod covariance;
 mod determination;
 mod error;

@@ -148,7 +148,7 @@ fn check(robot: &Robot, measured: &LoadMeasurements) -> Result<(), CalibrationEr
     for (k, s) in measured.sinkings.iter().enumerate() {
         if !(s.added_n.is_finite() && s.added_n > 0.0 && s.sunk_m.is_finite() && s.sunk_m > 0.0) {
             let Sinking { added_n, sunk_m, .. } = s;
-            return invalid(format!(
+            return invalid(say!(
                 "sinking {} is {sunk_m} m under {added_n} N; give a weight and a sinking above 0",
                 k + 1
             ));
@@ -158,7 +158,7 @@ fn check(robot: &Robot, measured: &LoadMeasurements) -> Result<(), CalibrationEr
         let currents = w.up_a.iter().chain(w.down_a.iter()).all(|a| a.is_finite());
         let counts = [w.up_a.len(), w.down_a.len()].iter().all(|n| *n == robot.cable_count());
         if !(currents && counts && w.added_n.is_finite() && w.added_n >= 0.0) {
-            return invalid(format!(
+            return invalid(say!(
                 "weighing {} needs a weight of 0 N or more and a finite current of each of the {} motors up and down",
                 k + 1,
                 robot.cable_count()
@@ -173,9 +173,9 @@ type Stretch = SVector<f64, 3>;
 
 fn stretch(parts: &RobotParts, robot: &Robot, measured: &LoadMeasurements) -> Result<(Found, Found), CalibrationError> {
     let Some(stated_n) = robot.stiffness_n() else {
-        return invalid(
-            "the robot file has rigid cables; give stiffness_n in [lines], as the data sheet of the cable has it",
-        );
+        return invalid(say!(
+            "the robot file has rigid cables; give stiffness_n in [lines], as the data sheet of the cable has it"
+        ));
     };
     let priors = Stretch::new(robot.uncertainty().stiffness, measured.sigma_routed_m, robot.uncertainty().pole_m_n);
     let predict = |x: &Stretch| -> Result<DVector<f64>, CalibrationError> {
@@ -221,7 +221,7 @@ fn stretch(parts: &RobotParts, robot: &Robot, measured: &LoadMeasurements) -> Re
     let each = EACH_CABLE / (robot.cable_count() as f64).sqrt();
     let share = (remaining(0) * priors[0]).hypot(each);
     let stiffness = if share > REMAINING * priors[0] {
-        Found::Undetermined(format!(
+        Found::Undetermined(say!(
             "the sinkings determine the stiffness to {:.0} %, hardly better than the {:.0} % of the robot file; hang a \
              heavier weight, and measure where the cables are long",
             100.0 * share,
@@ -231,7 +231,7 @@ fn stretch(parts: &RobotParts, robot: &Robot, measured: &LoadMeasurements) -> Re
         Found::Determined { value: value_n, std: value_n * share }
     };
     let routed = if remaining(1) > REMAINING {
-        Found::Undetermined(format!(
+        Found::Undetermined(say!(
             "the sinkings determine the routed lengths to {:.2} m, hardly better than the {:.2} m of a tape; measure \
              them with a tape along the cable from drum to pulley",
             remaining(1) * priors[1],
@@ -263,7 +263,7 @@ fn worst_sinking(read: &DVector<f64>, found: &DVector<f64>, sigma_m: f64) -> (St
     // The cables differ from their reel, which is none of the unknowns.
     let off = (read - found).zip_map(found, |off, sunk| off / sigma_m.hypot(EACH_CABLE * sunk));
     let worst = off.icamax();
-    let words = format!(
+    let words = say!(
         "sinking {} is {:.0} mm, but with the others the node would sink by {:.0} mm there; measure it again, or state \
          the standard deviation of the ruler",
         worst + 1,
@@ -277,7 +277,7 @@ fn worst_sinking(read: &DVector<f64>, found: &DVector<f64>, sigma_m: f64) -> (St
 fn sinking_m(robot: &Robot, sinking: &Sinking, pole_m_n: f64, number: usize) -> Result<f64, CalibrationError> {
     let at = Vector3::from(sinking.position_m);
     let hangs = |why: &dyn std::fmt::Display| {
-        CalibrationError::InvalidArgument(format!("the node cannot hang at the place of sinking {}: {why}", number + 1))
+        CalibrationError::InvalidArgument(say!("the node cannot hang at the place of sinking {}: {why}", number + 1))
     };
     let added = Vector3::new(0.0, 0.0, sinking.added_n);
     let rest = Vector3::zeros();
@@ -299,9 +299,10 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
     let added: Vec<f64> = measured.weighings.iter().map(|w| w.added_n).collect();
     let (least_n, most_n) = added.iter().fold((f64::INFINITY, 0.0f64), |(a, b), n| (a.min(*n), b.max(*n)));
     if !(most_n > least_n) {
-        let why = "no two weighings have different weights, so nothing determines the weight of the node; move it up \
-                   and down without and with a known weight";
-        return Ok(Found::Undetermined(why.to_owned()));
+        return Ok(Found::Undetermined(say!(
+            "no two weighings have different weights, so nothing determines the weight of the node; move it up and down \
+             without and with a known weight"
+        )));
     }
     let stated_n = robot.net_weight_n();
     let priors = [FORCE_CONSTANT, robot.uncertainty().node_weight.max(1e-6)];
@@ -327,7 +328,7 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
         let held_n = c * (weight_n + w.added_n + cables_n(robot, w)?);
         // The motors differ in their force constants, which are one of the unknowns.
         if (force_n - held_n).abs() > CHANCE * sigma_n.hypot(FORCE_CONSTANT * held_n) {
-            return Ok(Found::Undetermined(format!(
+            return Ok(Found::Undetermined(say!(
                 "the currents of weighing {} lift {force_n:.1} N, but with the others it would be {held_n:.1} N; move \
                  the node up and down again with that weight",
                 k + 1
@@ -336,7 +337,7 @@ fn weight(robot: &Robot, measured: &LoadMeasurements) -> Result<Found, Calibrati
     }
     let remaining = covariance[(1, 1)].max(0.0).sqrt();
     if remaining > REMAINING {
-        return Ok(Found::Undetermined(format!(
+        return Ok(Found::Undetermined(say!(
             "the weighings determine the weight of the node to {:.1} %, hardly better than the {:.1} % of the robot \
              file; hang a heavier weight, or put the node on a scale",
             100.0 * remaining * priors[1],

@@ -74,13 +74,13 @@ impl UpAndDown {
         let height_m = high_m - low_m;
         // Also true without a sample.
         if !(height_m >= LEAST_HEIGHT_M) {
-            return Err(format!(
+            return Err(say!(
                 "the node has not moved up and down by {LEAST_HEIGHT_M} m at one speed of at least {LEAST_M_S} m/s; \
                  let it go 0.4 m up and down again"
             ));
         }
         if (right_m - left_m).max(back_m - front_m) > BESIDE_M {
-            return Err(format!(
+            return Err(say!(
                 "the node moved up and down at places that are more than {BESIDE_M} m apart; let it go up and down at one"
             ));
         }
@@ -99,7 +99,7 @@ impl UpAndDown {
             })
         };
         let (Some((up_a, up_m)), Some((down_a, down_m))) = (mean(true), mean(false)) else {
-            return Err(format!(
+            return Err(say!(
                 "a way has fewer than {LEAST_SAMPLES} samples in the middle of the height; let the node go up and down again"
             ));
         };
