@@ -62,11 +62,11 @@ export class SetUp {
         });
         this.weighs = new Dialogue(store, conversation, {
             name: () => store.scene?.robot ?? null, kept: (name) => weighed.of(name), keep: (name, text) => weighed.put(name, text), empty: WEIGH_EMPTY,
-            call: (_, measurements, line) => ({ call: "weigh", measurements, line, after_ms: this.since_ms }),
-            acted: () => this.since_ms === null,
+            call: (_, measurements, line) => ({ call: "weigh", measurements, line, after_ms: this.counted_ms() }),
+            acted: () => this.counted_ms() === null,
             acts: ({ kind, weight }, act) => [
                 kind === "hang" || kind === "motion" ? act(t("Take the robot's place"), "capture") : null,
-                ...(kind === "up" ? [this.since_ms === null ? null : act(t("Take the robot's currents"), "watch"), this.begins(weight === true)] : []),
+                ...(kind === "up" ? [this.counted_ms() === null ? null : act(t("Take the robot's currents"), "watch"), this.begins(weight === true)] : []),
                 kind === "renew" ? act(t("More places"), "more") : null,
             ],
             asks: t("Store the stiffness and the weight in the robot file on the robot? It flies with them from its next start; the robot file of before is kept."),
@@ -89,6 +89,14 @@ export class SetUp {
             this.since_ms = isSeen ? made_ms : null;
             this.weighs.said(isSeen ? t("Motions count from now on.") : t("Nothing has come from the robot"), !isSeen);
         } }, words);
+    }
+
+    /** Since when motions count for the question that is open. */
+    private counted_ms(): number | null {
+        // What was begun is for this question and this run, in the time of this server: another one counts from 0.
+        const asked = JSON.stringify([this.weighs.stepped?.open, this.weighs.stepped?.measurements, this.store.link?.run]);
+        if (asked !== this.sinceFor || (this.since_ms !== null && this.store.sign().seen_ms < this.since_ms - 2000)) [this.sinceFor, this.since_ms] = [asked, null];
+        return this.since_ms;
     }
 
     private open(name: string): void {
@@ -117,9 +125,6 @@ export class SetUp {
     draw(): void {
         const now = this.weighing ? this.weighs : this.calibrates;
         now.draw();
-        // What was begun is for this question and this run, in the time of this server: another one counts from 0.
-        const asked = JSON.stringify([this.weighs.stepped?.open, this.weighs.stepped?.measurements, this.store.link?.run]);
-        if (asked !== this.sinceFor || (this.since_ms !== null && this.store.sign().seen_ms < this.since_ms - 2000)) [this.sinceFor, this.since_ms] = [asked, null];
         renew(this.which, String(this.weighing), () => [[t("Calibrate the site"), false] as const, [t("Weigh the node"), true] as const].map(([name, weighing]) =>
             h("button", { class: "button", type: "button", "aria-pressed": String(weighing === this.weighing), click: () => { this.weighing = weighing; } }, name)));
         renew(this.asks, String(this.weighing), () => [...(this.weighing ? [h("p", { class: "soft" }, t("A known weight on the node shows how stiff the cables are and how heavy the node is."))] : []), now.element]);
