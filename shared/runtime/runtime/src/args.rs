@@ -68,6 +68,9 @@ pub struct VariantArgs {
     /// Law of the controller or method of the estimator; default: as in the system file.
     #[arg(long, value_name = "NAME")]
     pub law: Option<String>,
+    /// Custom law or method in any language: the command of its program, which answers cycle by cycle over a pipe.
+    #[arg(long, value_name = "COMMAND", conflicts_with = "law")]
+    pub program: Option<String>,
 }
 
 impl AsRef<CommonArgs> for VariantArgs {
