@@ -57,7 +57,7 @@ fn a_dead_estimator_is_not_believed(restart: bool) {
     robot.arm();
     robot.accepted(&["plug", "soil", "--", "my-sensor"]);
     fly_to(&mut robot, 0.8);
-    robot.accepted(&["swap", "estimator", "kalman"]);
+    robot.swapped(&["swap", "estimator", "kalman"]);
     fly_to(&mut robot, 0.6);
     another_life(&mut robot);
     if restart {
@@ -116,7 +116,7 @@ fn a_stranger_on_the_free_slot_does_nothing_to_the_robot_in_flight() {
         assert_eq!((robot.named, robot.last.in_charge), (0, begun.in_charge));
         assert_ne!(robot.slots.phase[SLOTS * ESTIMATORS + 1], MotorSlots::PHASE_QUALIFIED);
         // The next process in that slot is accepted: forged samples do not block a later, valid sample.
-        robot.accepted(&["swap", "estimator", "kalman"]);
+        robot.swapped(&["swap", "estimator", "kalman"]);
         robot.fly();
         robot.arrive();
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());

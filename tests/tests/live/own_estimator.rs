@@ -18,7 +18,7 @@ fn a_custom_estimator_is_swapped_in_during_a_flight() {
         let mut robot = Robot::up(OWN);
         robot.arm();
         robot.fly_at(0.05);
-        robot.accepted(&["swap", "estimator", "my-estimator"]);
+        robot.swapped(&["swap", "estimator", "my-estimator"]);
         robot.until("it is in charge", |robot| robot.slots.in_charge[ESTIMATORS] == 1);
         let mut estimates = robot.bus.subscriber::<NodeEstimate>("node/estimate/b").unwrap();
         robot.for_cycles(5);

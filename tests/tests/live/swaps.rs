@@ -5,7 +5,7 @@
 //! rate.
 
 use crate::counters::counted_alike;
-use crate::robot::{Robot, THREE_CABLES, samples_of, steadily};
+use crate::robot::{Late, Robot, SWAPS, THREE_CABLES, samples_of, steadily};
 use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorSlots, NodeEstimate, SLOT_NAMES, SLOTS,
     TruthNode,
@@ -72,24 +72,18 @@ fn in_flight(more: &str) -> Robot {
 /// Returns how often the place changed hands.
 fn swap(robot: &mut Robot, role: &str) -> u64 {
     let mut changes = 1;
-    for _ in 0..3 {
+    for _ in 0..SWAPS {
         let output = robot.nims(&["swap", role]);
         if output.status.success() {
             return changes;
         }
         let why = String::from_utf8_lossy(&output.stderr).into_owned();
-        // The phrase of the cause in the sentence distinguishes the two cases: the swap is over, and so is its cause in
-        // `motor/slots`. A swap without a cause was late in the announced cycle.
-        let index = if role == "controller" { CONTROLLERS } else { ESTIMATORS };
-        let names = |cause: u8| why.contains(robot_state::sentences::cause_phrase(index, cause));
-        let given_back = names(MotorSlots::CAUSE_PROBATION);
-        let other = (MotorSlots::CAUSE_ABSENT..MotorSlots::CAUSE_PROBATION).any(names);
-        let late = !other && why.contains("announced");
-        assert!(output.status.code() == Some(1) && (given_back || late), "{why}{}", robot.printed());
-        changes += 2 * u64::from(given_back);
+        let late = Late::from_refusal(&why);
+        assert!(output.status.code() == Some(1) && late.is_some(), "{why}{}", robot.printed());
+        changes += 2 * u64::from(late == Some(Late::Probation));
         until_doubled(robot);
     }
-    panic!("three times no swap\n{}", robot.printed());
+    panic!("{SWAPS} times no swap\n{}", robot.printed());
 }
 
 /// Whether both roles have a process in charge and a standby.
@@ -358,7 +352,7 @@ fn another_law_is_started_and_takes_over_in_flight() {
             if keep {
                 args.push("--keep");
             }
-            let sentence = robot.accepted(&args);
+            let sentence = robot.swapped(&args);
             assert!(sentence.contains(&format!("{role}-b")), "{sentence}");
         }
         robot.until("the slots in charge are published", |robot| robot.slots.in_charge == [1, 1]);

@@ -4,9 +4,11 @@
 mod moves;
 mod starvation;
 mod steady;
+mod swapped;
 
 pub use moves::goto;
 pub use steady::steadily;
+pub use swapped::{Late, SWAPS};
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
 use messages::{
