@@ -5,6 +5,7 @@
 
 use config::DriveProtocol;
 use robot_state::answers::CATALOGUE;
+use robot_state::sentences;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -97,6 +98,75 @@ fn guide() -> BTreeSet<String> {
     sentences.iter().map(|text| template(text)).chain(drives.map(str::to_owned)).collect()
 }
 
+/// Where it is said why something cannot be done: in errors, and in what is written from parts.
+const WHY: [&str; 13] = [
+    "services/page/src/scene.rs",
+    "services/page/src/session.rs",
+    "services/planner/src/plan/builder.rs",
+    "services/planner/src/scan.rs",
+    "shared/robot/cable-robot/src/energy/error.rs",
+    "shared/robot/cable-robot/src/kinematics/solution.rs",
+    "shared/robot/cable-robot/src/motion.rs",
+    "shared/robot/cable-robot/src/path.rs",
+    "shared/robot/cable-robot/src/profile/mod.rs",
+    "shared/robot/cable-robot/src/tension/distribution.rs",
+    "shared/runtime/config/src/point.rs",
+    "shared/runtime/robot-state/src/answers.rs",
+    "shared/runtime/robot-state/src/sentences.rs",
+];
+const SAID: [&str; 7] = [
+    "#[error(",
+    "write!(f, ",
+    "f.write_str(",
+    "Err(format!(",
+    "(true, format!(",
+    "=> (false, ",
+    "let segment = format!(",
+];
+
+/// The clauses that are parameters of the sentences of the catalogue, and the sentences of a state.
+fn clauses() -> BTreeSet<String> {
+    let mut clauses = BTreeSet::new();
+    for path in WHY {
+        let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path)).unwrap();
+        let text = text.split("#[cfg(test)]\nmod tests").next().unwrap();
+        for begin in SAID {
+            clauses.extend(text.split(begin).skip(1).filter_map(|rest| literal(rest.trim_start())));
+        }
+        // The ends of missions; their faults follow.
+        clauses.extend(text.split("Stop { what: ").skip(1).filter_map(|rest| Some(literal(rest)? + ": {faults}")));
+    }
+    for number in 0..=u8::MAX {
+        clauses.insert(sentences::mode_sentence(number).to_owned());
+        clauses.insert(sentences::position_sentence(number).to_owned());
+        clauses.insert(sentences::verdict_sentence(number).to_owned());
+        clauses.extend([0, 1].map(|role| sentences::cause_phrase(role, number).to_owned()));
+    }
+    // What consists of parameters alone has no words; the page puts faults together with their cables or units.
+    let words = |clause: &String| clause.split(['{', '}']).step_by(2).any(|own| own.contains(char::is_alphabetic));
+    let faults = |clause: &String| clause == "cable {1}" || clause.starts_with(" on {what}");
+    let named = ["; and {left_out} more, which nims status names with their cures", ", and {left_out} more"];
+    let all = clauses.iter().map(|clause| template(clause)).chain(named.map(str::to_owned));
+    all.filter(|clause| words(clause) && !faults(clause)).collect()
+}
+
+/// The faults: each with its effect and its cure.
+fn faults() -> BTreeMap<&'static str, [&'static str; 3]> {
+    sentences::FAULTS.iter().map(|fault| (fault.clause, [fault.clause, fault.effect, fault.cure])).collect()
+}
+
+#[test]
+fn the_page_has_the_faults() {
+    let path = sources().join("lang/faults.json");
+    let rows: Vec<String> = faults().values().map(|texts| format!("  {}", serde_json::json!(texts))).collect();
+    let text = format!("[\n{}\n]\n", rows.join(",\n"));
+    if std::env::var_os("NIMS_RENEW").is_some() {
+        std::fs::write(&path, &text).unwrap();
+    }
+    let kept = std::fs::read_to_string(&path).unwrap();
+    assert!(kept == text, "{} has other faults: run this test with NIMS_RENEW=1", path.display());
+}
+
 /// What a person does at a terminal: the page has buttons for it.
 const TERMINAL: [&str; 8] = ["Enter", "Eingabetaste", "Intro", "Entrée", "undo", "capture", "quit", "(l or r)"];
 
@@ -175,9 +245,9 @@ fn literal(source: &str) -> Option<String> {
 
 #[test]
 fn every_language_has_every_label_and_every_reason() {
-    let (templates, labels, guide) = (templates(), labels(), guide());
-    let counts = (templates.len(), labels.len(), guide.len());
-    assert!(counts.0 > 200 && counts.1 > 80 && counts.2 > 70, "{counts:?}");
+    let (templates, labels, guide, clauses) = (templates(), labels(), guide(), clauses());
+    let counts = (templates.len(), labels.len(), guide.len(), clauses.len());
+    assert!(counts.0 > 200 && counts.1 > 80 && counts.2 > 70 && counts.3 > 90, "{counts:?}");
     for language in LANGUAGES {
         let path = sources().join(format!("lang/{language}.json"));
         let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
@@ -192,6 +262,22 @@ fn every_language_has_every_label_and_every_reason() {
         assert!(unused.is_empty(), "{language}: no sentence of the guided calibration is {unused:#?}");
         for (sentence, own) in &own_guide {
             assert_eq!(parameters(sentence), parameters(own), "{language}: {sentence}");
+        }
+        let own_clauses = of("clauses");
+        let missing: Vec<_> = clauses.iter().filter(|clause| !own_clauses.contains_key(*clause)).collect();
+        assert!(missing.is_empty(), "{language} has no {missing:#?} of the clauses");
+        let unused: Vec<_> = own_clauses.keys().filter(|clause| !clauses.contains(*clause)).collect();
+        assert!(unused.is_empty(), "{language}: there is no clause {unused:#?}");
+        for (clause, own) in &own_clauses {
+            assert_eq!(parameters(clause), parameters(own), "{language}: {clause}");
+        }
+        let own_faults = file["faults"].as_object().unwrap();
+        assert!(own_faults.keys().eq(faults().keys()), "{language}: the faults are {:#?}", faults().keys());
+        for (clause, own) in own_faults {
+            // Where there is an effect in English, there is one in the other languages.
+            let parts: Vec<bool> =
+                own.as_array().unwrap().iter().map(|part| part.as_str().unwrap().is_empty()).collect();
+            assert_eq!(parts, faults()[clause.as_str()].map(str::is_empty), "{language}: {clause}");
         }
         let missing: Vec<_> = labels.iter().filter(|label| !own_labels.contains_key(*label)).collect();
         assert!(missing.is_empty(), "{language} has no {missing:#?}");

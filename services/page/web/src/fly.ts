@@ -7,7 +7,7 @@ import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
 import { Space } from "./space.js";
 import { type Drawn, bounds, extend, missionText, nodeOf } from "./view.js";
-import { sentence, t } from "./lang.js";
+import { sentence, t, translate } from "./lang.js";
 
 /** Time without a change after which a target is checked, ms. */
 const SETTLED_MS = 120;
@@ -137,7 +137,7 @@ export class Fly {
         const possible = reply.reply === "check" && reply.possible;
         target.possible = possible;
         this.finding.className = possible ? "good" : "bad";
-        const finding = "sentence" in reply ? reply.sentence : t("the check gave no finding");
+        const finding = "sentence" in reply ? translate(reply.sentence) : t("the check gave no finding");
         write(this.finding, `${possible ? "✓" : "✕"} ${finding.charAt(0).toUpperCase()}${finding.slice(1)}.`);
     }
 
@@ -234,7 +234,7 @@ export class Fly {
         const at = nodeOf(state);
         write(this.place, at ? `${at.map((m) => metres(m, 3)).join("  ")} m` : t("position not known"));
         const faults = state?.faults ?? [], needs = state?.position_known === 2 || !state?.position ? [] : [state.position];
-        renew(this.told, [...faults, ...needs].join("\n"), () => [...faults.map((fault) => h("p", { class: "bad" }, fault)), ...needs.map((need) => h("p", { class: "warn" }, need))]);
+        renew(this.told, [...faults, ...needs].join("\n"), () => [...faults.map((fault) => h("p", { class: "bad" }, translate(fault))), ...needs.map((need) => h("p", { class: "warn" }, translate(need)))]);
         renew(this.acts, [state?.mode, state?.mission?.state, state?.position_known, state?.rate_target === 0, this.store.flies].join(), () => this.actions());
         const mission = state?.mission, active = mission && ["running", "paused", "ready"].includes(mission.state);
         write(this.mission, !mission || mission.state === "idle" ? "" : `${missionText(mission)}${!active && mission.reason ? `. ${sentence(mission.reason_code, mission.reason)}` : ""}`);

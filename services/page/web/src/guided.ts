@@ -3,7 +3,7 @@
 
 import { h, renew, write } from "./dom.js";
 import { drawing } from "./drawings.js";
-import { guided, sentence, t } from "./lang.js";
+import { sentence, t, translate } from "./lang.js";
 import type { Conversation, Store } from "./link.js";
 import { question } from "./question.js";
 import type { Call, Open, Stepped } from "./protocol.js";
@@ -79,14 +79,14 @@ export class Dialogue {
         if (reply.reply !== "setup") {
             // Without a connection it is asked for again.
             this.asked = this.stepped !== null || ("reason" in reply && this.conversation.isOpen);
-            this.said("sentence" in reply ? guided(sentence("reason" in reply ? reply.reason : 0, reply.sentence)) : t("no answer"), true);
+            this.said("sentence" in reply ? translate(sentence("reason" in reply ? reply.reason : 0, reply.sentence)) : t("no answer"), true);
             return;
         }
         this.stepped = reply;
-        this.asks = guided(reply.question);
+        this.asks = translate(reply.question);
         // What was typed meanwhile stays.
         if (line !== null && this.line.value === line) this.line.value = "";
-        if (reply.message) this.said(guided(reply.message), !reply.changed);
+        if (reply.message) this.said(translate(reply.message), !reply.changed);
         else this.message.hidden = true;
         if (reply.finished) this.finish(reply, reply.finished);
         else if (reply.changed) this.files.replaceChildren();
@@ -110,7 +110,7 @@ export class Dialogue {
             if (opened !== this.opened) return;
             this.said("sentence" in reply ? sentence("reason" in reply ? reply.reason : 0, reply.sentence) : t("no answer"), !("accepted" in reply && reply.accepted === "accepted"));
         } }, t("Store it on the robot"));
-        this.files.replaceChildren(h("pre", { class: "verdict" }, guided(finished.words)),
+        this.files.replaceChildren(h("pre", { class: "verdict" }, translate(finished.words)),
             ...(robot ? [h("div", { class: "row" }, store)] : []), h("p", { class: "soft" }, this.subject.words(finished)),
             h("div", { class: "row" }, ...offers.map((file) => offer(file.name, file.text)), offer(this.subject.file(stepped), stepped.measurements)));
     }

@@ -3,7 +3,7 @@
 import { bytes, h, write } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
 import { SeatBar } from "./seat.js";
-import { t } from "./lang.js";
+import { t, translate } from "./lang.js";
 
 /** Age from which the data is old, s. */
 const OLD_S = 1;
@@ -50,7 +50,7 @@ export class Head {
         this.mode.dataset.mode = mode;
         this.mode.dataset.sign = SIGNS[mode] ?? "?";
         write(this.mode, t(mode));
-        this.mode.title = state?.mode_sentence ?? "";
+        this.mode.title = translate(state?.mode_sentence ?? "");
         const within = state?.within_m, unreceived = state?.mode == null || state.located === false;
         if (within == null && unreceived) this.set("node", t("not received yet"), false, true);
         else this.set("node", within == null ? t("not known") : `±${Math.round(within * 1000)} mm`, within == null || within > 0.1);

@@ -1,17 +1,22 @@
-// Languages of the page: its labels, the sentences of the catalogue of answers, and those of the guided calibration.
+// Languages of the page: its labels, the sentences of the catalogue of answers with their clauses, the faults, and the
+// sentences of the guided calibration.
 
 import de from "./lang/de.json";
 import en from "./lang/en.json";
 import es from "./lang/es.json";
 import fr from "./lang/fr.json";
+import faults from "./lang/faults.json";
 import reasons from "./lang/reasons.json";
 
-/** A language: its words for the English labels, its sentences by the numbers of the reasons, and those for the English sentences of the guided calibration. */
-interface Language { name: string; labels: Record<string, string>; reasons: Record<string, string>; guide: Record<string, string> }
+/** A language: its words for the English labels, its sentences by the numbers of the reasons, and those for the English clauses and sentences of the guided calibration; and by the English clause of each fault its own, the effect and the cure. */
+interface Language {
+    name: string; labels: Record<string, string>; reasons: Record<string, string>; guide: Record<string, string>;
+    clauses: Record<string, string>; faults: Record<string, string[]>;
+}
 
 const KEPT = "nims-language";
 /** English has words of its own only where those of `nims setup` are for a terminal: here, buttons do that. */
-const ENGLISH: Language = { name: "English", labels: {}, reasons: {}, guide: en.guide };
+const ENGLISH: Language = { name: "English", labels: {}, reasons: {}, guide: en.guide, clauses: {}, faults: {} };
 export const LANGUAGES: Record<string, Language> = { en: ENGLISH, de, es, fr };
 
 /** The language of this browser: the chosen one, otherwise that of its settings. */
@@ -33,53 +38,106 @@ export function t(label: string, values: Record<string, string | number> = {}): 
 /** The sentence of a reason in the language of the browser: its parameters are those of the English one. */
 export function sentence(reason: number, english: string): string {
     const template = (reasons as Record<string, string>)[reason], translated = language.reasons[reason];
-    if (!template || !translated) return english;
-    const values = matched(template, english);
-    return values ? filled(translated, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, word(value)]))) : english;
+    // A sentence that is a parameter alone has no words of its own.
+    if (!template || !translated) return translate(english);
+    const values = matched(pattern(template, translated, /^$/), english);
+    return values ? filled(translated, all(values)) : translate(english);
 }
 
-/** The parameters that an English text has in the places of its template; null if it is not of that template. Those with a name like `counted` are whole numbers. */
-function matched(template: string, english: string, counted = /^$/): Record<string, string> | null {
+/** What a template looks for: its pattern, the names of its parameters, and the text in the language of the browser. */
+interface Pattern { looks: RegExp; names: string[]; translated: string; lines: boolean; own: number }
+
+/** Parameters that are whole numbers, and the cables or units of a fault. */
+const COUNTED = /^(cable|cables|count|from|left_out|line|most|of|open|other|point|points|pulley|to|FEWEST|MOST|POINTS)$/;
+const PLACE = "((?: \\(| on )(?:cable|unit)s? [\\d, ]+\\)?|)";
+
+function pattern(template: string, translated: string, counted = COUNTED): Pattern {
     const names: string[] = [];
-    const pattern = template.split(/(\{\w+\})/).map((part) => {
+    const parts = template.split(/(\{\w+\})/).map((part) => {
         if (!/^\{\w+\}$/.test(part)) return part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
         const name = part.slice(1, -1);
         names.push(name);
-        return counted.test(name) ? "(\\d+)" : "(.*?)";
+        return name === "place" ? PLACE : counted.test(name) ? "(\\d+)" : "(.*?)";
     });
-    const found = new RegExp(`^${pattern.join("")}$`, "s").exec(english);
+    return { looks: new RegExp(`^${parts.join("")}$`, "s"), names, translated, lines: template.includes("\n"), own: template.replace(/\{\w+\}/g, "").length };
+}
+
+/** The parameters that an English text has in the places of a template; null if it is not of that template. */
+function matched({ looks, names }: Pattern, english: string): Record<string, string> | null {
+    const found = looks.exec(english);
     return found ? Object.fromEntries(names.map((name, i) => [name, found[i + 1] ?? ""])) : null;
 }
 
-/** The sentences of the guided calibration; those with the most words of their own first, so that none is taken for a part of another. */
-const GUIDE = Object.entries(language.guide).map(([template, translated]) => [template.trimStart(), translated.trimStart()] as const).sort(([a], [b]) => own(b) - own(a));
-const COUNTED = /^(cable|cables|count|from|line|most|of|open|other|point|points|pulley|to|FEWEST|MOST|POINTS)$/;
-function own(template: string): number { return template.replace(/\{\w+\}/g, "").length; }
+/** The forms in which a fault is told: alone with its cure, as one of several that forbid something, and as the end of a mission. */
+function faultForms([clause = "", effect = "", cure = ""]: string[]): string[] {
+    const begun = clause.charAt(0).toUpperCase() + clause.slice(1);
+    return [`${begun}${effect}: ${cure}{place}`, `${clause}${effect}{place} (${cure})`, `${clause}{place}`];
+}
 
-/** A text of the guided calibration in the language of the browser: its sentences stand within each other, and one after the other in lines. */
-export function guided(english: string): string {
+/** The sentences and clauses; those with the most words of their own first, so that none is taken for a part of another. */
+const PATTERNS: Pattern[] = [
+    ...Object.entries(language.guide).map(([template, translated]) => pattern(template.trimStart(), translated.trimStart())),
+    ...Object.entries(language.clauses).map(([template, translated]) => {
+        const bare = /[^.]\.$/.test(template) && translated.endsWith(".") ? -1 : undefined;
+        // The end of a sentence stands behind what it adds to.
+        const head = /^[ ,;]/.test(template) ? "{head}" : "";
+        return pattern(head + template.slice(0, bare), head + translated.slice(0, bare));
+    }),
+    ...faults.flatMap((fault) => {
+        const own = language.faults[fault[0] ?? ""];
+        return own ? faultForms(fault).map((form, i) => pattern(form, faultForms(own)[i] ?? form)) : [];
+    }),
+].sort((a, b) => b.own - a.own);
+
+/** A text of the server in the language of the browser: its sentences and clauses stand within each other, and one after the other in lines. */
+export function translate(english: string): string {
+    return translation(english) ?? (english.includes("\n") ? english.split("\n").map(translate).join("\n") : english);
+}
+
+function translation(english: string): string | null {
+    const own = place(english) ?? language.labels[english];
+    if (own) return own;
     // A clause is told as a sentence, with a capital letter and a full stop.
     const clause = english.charAt(0).toLowerCase() + english.slice(1);
-    for (const [template, translated] of GUIDE) {
+    for (const one of PATTERNS) {
         // Sentences that stand in lines are told one by one.
-        if (english.includes("\n") && !template.includes("\n")) continue;
+        if (english.includes("\n") && !one.lines) continue;
         for (const text of [english, clause, clause.replace(/\.$/, ""), english.replace(/\.$/, "")]) {
-            const values = matched(template, text, COUNTED);
-            if (!values) continue;
-            const told = filled(translated, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, value === english ? value : guided(value)])));
-            const begun = text.charAt(0) === english.charAt(0) ? told : told.charAt(0).toUpperCase() + told.slice(1);
+            const values = matched(one, text);
+            if (!values || Object.values(values).includes(english)) continue;
+            const whole = filled(one.translated, all(values));
+            const begun = text.charAt(0) === english.charAt(0) ? whole : whole.charAt(0).toUpperCase() + whole.slice(1);
             return text.endsWith(".") || !english.endsWith(".") ? begun : `${begun}.`;
         }
     }
-    return english.includes("\n") ? english.split("\n").map(guided).join("\n") : english;
+    return several(english);
 }
 
-/** A word of the server in the language of the browser, if it is one of those below. */
-function word(english: string): string { return language.labels[english] ?? english; }
+/** Several clauses in a row, if each is known. */
+function several(english: string): string | null {
+    for (let at = english.indexOf(", and "); at >= 0; at = english.indexOf(", and ", at + 1)) {
+        const one = translation(english.slice(0, at)), rest = one === null ? null : translation(english.slice(at + 6));
+        if (one !== null && rest !== null) return t("{one}, and {rest}", { one, rest });
+    }
+    return null;
+}
+
+/** The cables or drive units of a fault. */
+function place(english: string): string | null {
+    const found = /^( \(| on )(cable|unit)(s?) ([\d, ]+)\)?$/.exec(english);
+    if (!found) return null;
+    const numbers = { numbers: found[4] ?? "" }, several = found[3] === "s";
+    const named = found[2] === "cable" ? (several ? t("cables {numbers}", numbers) : t("cable {numbers}", numbers)) : several ? t("units {numbers}", numbers) : t("unit {numbers}", numbers);
+    return ` (${named})`;
+}
+
+function all(values: Record<string, string>): Record<string, string> {
+    return Object.fromEntries(Object.entries(values).map(([name, value]) => [name, translate(value)]));
+}
 
 function filled(text: string, values: Record<string, string | number>): string {
     return text.replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 }
 
 /** Words of the server that are shown as they come, or stand in its sentences. */
-export const WORDS = [t("accepted"), t("continues"), t("controller"), t("estimator"), t("pays out"), t("reels in"), t("the node"), t("disarmed"), t("holding"), t("jogging"), t("soft"), t("following"), t("stopping"), t("faulted"), t("emergency stop"), t("unknown"), t("running"), t("paused"), t("ready"), t("done"), t("aborted"), t("refused"), t("idle")];
+export const WORDS = [t("above the upper"), t("accepted"), t("below the lower"), t("end"), t("pay out"), t("reel in"), t("start"), t("continues"), t("controller"), t("estimator"), t("pays out"), t("reels in"), t("the node"), t("disarmed"), t("holding"), t("jogging"), t("soft"), t("following"), t("stopping"), t("faulted"), t("emergency stop"), t("unknown"), t("running"), t("paused"), t("ready"), t("done"), t("aborted"), t("refused"), t("idle")];

@@ -6,7 +6,7 @@ import type { Conversation, Store } from "./link.js";
 import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
 import { type Drawn, missionText, nodeOf } from "./view.js";
-import { sentence, t } from "./lang.js";
+import { sentence, t, translate } from "./lang.js";
 
 interface Kept { name: string; text: string }
 
@@ -108,7 +108,7 @@ export class Missions {
             if (this.drawn.preview !== before) return;
             if (reply.reply === "check" && reply.possible) continue;
             this.finding.className = "bad";
-            write(this.finding, `✕ ${"sentence" in reply ? reply.sentence : t("the check gave no finding")}`);
+            write(this.finding, `✕ ${"sentence" in reply ? translate(reply.sentence) : t("the check gave no finding")}`);
             return;
         }
         this.finding.className = "good";

@@ -4,7 +4,7 @@ import { bytes, h, renew } from "./dom.js";
 import type { Conversation, Store } from "./link.js";
 import type { Answer, Process, Request, Slot } from "./protocol.js";
 import { question } from "./question.js";
-import { LANGUAGES, choose, chosen, sentence, t } from "./lang.js";
+import { LANGUAGES, choose, chosen, sentence, t, translate } from "./lang.js";
 
 /** States of a process that runs. */
 const RUNS = ["starting", "ready", "running", "SILENT", "stopping"];
@@ -48,7 +48,7 @@ export class RobotView {
     private role(role: string, slots: Slot[], laws: string[]): HTMLElement {
         const button = (words: string, does: () => void, main = false) => h("button", { class: main ? "button main" : "button", type: "button", click: does }, words);
         const rows = slots.map((one) => {
-            const words = [one.phase === "empty" ? t("empty") : one.phase, one.in_charge ? t("in charge") : "", one.cause ? `(it ${one.cause})` : "", one.failures ? t("{n} failures", { n: one.failures }) : "",
+            const words = [one.phase === "empty" ? t("empty") : one.phase, one.in_charge ? t("in charge") : "", one.cause ? `(${translate(one.cause)})` : "", one.failures ? t("{n} failures", { n: one.failures }) : "",
                 one.deviation !== null && !one.in_charge ? t("differs by {value}", { value: `${(1000 * one.deviation).toFixed(1)} ${role === "controller" ? "mm/s" : "mm"}` }) : ""].filter(Boolean).join(", ");
             const law = h("select", { "aria-label": t("law or method of {role} {slot}", { role, slot: one.slot }) }, ...laws.map((name) => h("option", { value: name }, name)));
             const start = () => void this.ask({ verb: "start-process", name: role, slot: one.slot, law: law.value });

@@ -3,7 +3,7 @@
 import { h, renew } from "./dom.js";
 import { siteDrawing } from "./drawings.js";
 import { Dialogue } from "./guided.js";
-import { guided, sentence, t } from "./lang.js";
+import { sentence, t, translate } from "./lang.js";
 import type { Conversation, Store } from "./link.js";
 import { question } from "./question.js";
 import type { Port, Unit } from "./protocol.js";
@@ -146,10 +146,10 @@ function shownDrives(ports: Port[], units: Unit[] | null): HTMLElement[] {
         ...port.units.map((unit) => {
             const told = units?.[index++], name = t("unit {address}, cables {cables}", { address: unit.address, cables: unit.cables.join(", ") });
             if (!told) return h("p", { class: "soft" }, `${name}: ${t("not received yet")}`);
-            if (!told.answers) return h("p", { class: "error" }, h("b", {}, `${name}: ${t("does not answer")}`), h("span", { class: "soft" }, ` ${t("Cure")}: ${guided(port.silent)}`));
+            if (!told.answers) return h("p", { class: "error" }, h("b", {}, `${name}: ${t("does not answer")}`), h("span", { class: "soft" }, ` ${t("Cure")}: ${translate(port.silent)}`));
             return h("p", {}, `${name}: `, h("span", { class: "good" }, t("answers")), told.supply_v > 0 ? `, ${told.supply_v.toFixed(1)} V` : "");
         }),
-        h("p", { class: "soft" }, `${port.virtual ? t("With real drives, set") : t("Set")} ${guided(port.set)}. ${t("The fastest command is {n} counts per second.", { n: port.fastest_counts_s })}`),
+        h("p", { class: "soft" }, `${port.virtual ? t("With real drives, set") : t("Set")} ${translate(port.set)}. ${t("The fastest command is {n} counts per second.", { n: port.fastest_counts_s })}`),
     ]);
 }
 
