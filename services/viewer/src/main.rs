@@ -46,6 +46,7 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         address,
         port: args.port.unwrap_or(section.port),
         rate_hz: section.rate_hz,
+        look: section.look,
         clock: set.map_or_else(RunClock::now, |set| RunClock { t0_unix_ns: set.unix_ns, t0_mono_ns: set.mono_ns }),
     };
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;

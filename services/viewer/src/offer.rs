@@ -1,14 +1,14 @@
 //! A channel that is offered to tools, with a subscription while a tool requests it.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 use bus::{Bus, BusError, ChannelInfo, Tap};
-use foxglove::{ChannelId, Context, FoxgloveError, PartialMetadata, RawChannel, Schema, SinkId};
 use messages::schema::Schema as Layout;
 use runlog::{CDR_HEADER, ChannelSpec, Definitions, RunClock, published_ns};
 
 use crate::budget::Budget;
+use crate::hub::Hub;
+use crate::protocol::Advertised;
 
 /// A sample in the form for tools.
 #[derive(Debug, Default, Clone)]
@@ -34,7 +34,8 @@ struct Subscription {
 /// A channel offered to tools.
 pub(crate) struct Offer {
     info: ChannelInfo,
-    channel: Arc<RawChannel>,
+    /// Its number in the hub.
+    id: u32,
     has_header: bool,
     subscription: Option<Subscription>,
     /// Whether a failed subscription was reported.
@@ -43,11 +44,7 @@ pub(crate) struct Offer {
 
 impl Offer {
     /// Offers a channel to every tool.
-    pub(crate) fn new(
-        context: &Arc<Context>,
-        info: ChannelInfo,
-        definitions: &mut Definitions,
-    ) -> Result<Self, FoxgloveError> {
+    pub(crate) fn new(hub: &Hub, info: ChannelInfo, definitions: &mut Definitions) -> Self {
         let spec = ChannelSpec {
             name: info.name.clone(),
             type_name: info.type_name.clone(),
@@ -56,17 +53,19 @@ impl Offer {
         };
         let has_header = Layout::parse(&spec.schema).is_ok_and(|layout| layout.has_header());
         let definition = definitions.definition_of(&spec);
-        let channel = context
-            .channel_builder(format!("/{}", info.name))
-            .message_encoding("cdr")
-            .schema(Schema::new(definition.schema_name, "ros2msg", definition.text.into_bytes()))
-            .metadata(definition.metadata)
-            .build_raw()?;
-        Ok(Self { info, channel, has_header, subscription: None, reported: false })
+        let id = hub.advertise(Advertised {
+            id: 0,
+            topic: format!("/{}", info.name),
+            encoding: "cdr",
+            schema_name: definition.schema_name,
+            schema: definition.text,
+            schema_encoding: "ros2msg",
+        });
+        Self { info, id, has_header, subscription: None, reported: false }
     }
 
-    pub(crate) fn id(&self) -> ChannelId {
-        self.channel.id()
+    pub(crate) fn id(&self) -> u32 {
+        self.id
     }
 
     pub(crate) fn info(&self) -> &ChannelInfo {
@@ -78,13 +77,13 @@ impl Offer {
     }
 
     /// Withdraws the channel from all tools.
-    pub(crate) fn withdraw(self) {
-        self.channel.close();
+    pub(crate) fn withdraw(self, hub: &Hub) {
+        hub.withdraw(self.id);
     }
 
     /// Subscribes when a tool requests the channel, and unsubscribes when none does.
-    pub(crate) fn update_subscription(&mut self, bus: &Bus, rate_hz: f64, now_ns: u64) {
-        if !self.channel.has_sinks() {
+    pub(crate) fn update_subscription(&mut self, hub: &Hub, bus: &Bus, rate_hz: f64, now_ns: u64) {
+        if !hub.is_shown(self.id) {
             self.subscription = None;
         } else if self.subscription.is_none() {
             match bus.tap(&self.info.name) {
@@ -109,7 +108,7 @@ impl Offer {
     ///
     /// # Errors
     /// Shared memory is damaged.
-    pub(crate) fn forward(&mut self, clock: RunClock, rate_hz: f64, now_ns: u64) -> Result<(), BusError> {
+    pub(crate) fn forward(&mut self, hub: &Hub, clock: RunClock, rate_hz: f64, now_ns: u64) -> Result<(), BusError> {
         let (has_header, most) = (self.has_header, rate_hz.max(1.0) as usize);
         let Some(Subscription { tap, budget, waiting, spare, last }) = &mut self.subscription else { return Ok(()) };
         let mut count = 0;
@@ -136,7 +135,7 @@ impl Offer {
         }
         let granted = budget.spend(waiting.len(), now_ns);
         for sample in waiting.iter().skip(waiting.len() - granted) {
-            self.channel.log_with_meta(&sample.body, PartialMetadata::with_log_time(sample.unix_ns));
+            hub.send(self.id, sample.unix_ns, &sample.body, None);
         }
         if let Some(newest) = waiting.back() {
             last.clone_from(newest);
@@ -146,11 +145,10 @@ impl Offer {
     }
 
     /// Sends the last sample to a tool that requests this channel after another one already did.
-    pub(crate) fn send_last(&self, to: SinkId) {
+    pub(crate) fn send_last(&self, hub: &Hub, tool: u64) {
         let subscription = self.subscription.as_ref().filter(|subscription| !subscription.last.body.is_empty());
         if let Some(Subscription { last, .. }) = subscription {
-            let time = PartialMetadata::with_log_time(last.unix_ns);
-            self.channel.log_with_meta_to_sink(&last.body, time, Some(to));
+            hub.send(self.id, last.unix_ns, &last.body, Some(tool));
         }
     }
 

@@ -1,20 +1,19 @@
 //! The server and the channels that it offers.
 
-use std::net::IpAddr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::net::{IpAddr, TcpListener};
+use std::sync::Arc;
 
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{Bus, BusError, ChannelWatch};
-use foxglove::websocket::{ChannelView, Client, ServerListener};
-use foxglove::{ChannelId, Context, FoxgloveError, SinkId, WebSocketServer, WebSocketServerHandle};
 use runlog::{Definitions, RunClock};
 
+use crate::hub::Hub;
 use crate::offer::Offer;
+use crate::permission::Permission;
+use crate::server::Server;
 
 /// Time between two searches for channels that were not announced, ns.
 const SEARCH_NS: u64 = SECOND_NS;
-/// Largest number of samples that wait for a slow tool; then the oldest are dropped.
-const BACKLOG: usize = 1024;
 
 /// Settings of a viewer.
 #[derive(Debug, Clone)]
@@ -27,6 +26,8 @@ pub struct Settings {
     pub port: u16,
     /// Largest number of samples per second and channel.
     pub rate_hz: f64,
+    /// Users and, after `@`, groups of this machine that may look beside the user of this process and root.
+    pub look: Vec<String>,
     /// The clock of the run.
     pub clock: RunClock,
 }
@@ -49,23 +50,11 @@ pub enum ViewerError {
     },
 }
 
-/// Subscriptions by tools since the last poll.
-#[derive(Default)]
-struct NewSubscriptions(Mutex<Vec<(ChannelId, SinkId)>>);
-
-impl ServerListener for NewSubscriptions {
-    fn on_subscribe(&self, client: Client, channel: ChannelView) {
-        if let Some(sink) = client.sink_id() {
-            self.0.lock().unwrap_or_else(PoisonError::into_inner).push((channel.id(), sink));
-        }
-    }
-}
-
 /// Serves every channel of a domain to connected tools.
 pub struct Viewer {
-    server: WebSocketServerHandle,
-    context: Arc<Context>,
-    new_subscriptions: Arc<NewSubscriptions>,
+    server: Server,
+    port: u16,
+    hub: Arc<Hub>,
     clock: RunClock,
     rate_hz: f64,
     watch: ChannelWatch,
@@ -81,20 +70,19 @@ impl Viewer {
     /// # Errors
     /// [`ViewerError::Listen`].
     pub fn open(settings: &Settings) -> Result<Self, ViewerError> {
-        let Settings { name, address, port, rate_hz, clock } = settings;
-        let (context, new_subscriptions) = (Context::new(), Arc::new(NewSubscriptions::default()));
-        let server = WebSocketServer::new()
-            .name(name)
-            .bind(address.to_string(), *port)
-            .context(&context)
-            .message_backlog_size(BACKLOG)
-            .listener(new_subscriptions.clone())
-            .start_blocking()
-            .map_err(|error| ViewerError::Listen { address: *address, port: *port, why: error.to_string() })?;
+        let Settings { name, address, port, rate_hz, look, clock } = settings;
+        let refused = |error: std::io::Error| {
+            let why = error.to_string();
+            ViewerError::Listen { address: *address, port: *port, why }
+        };
+        let listener = TcpListener::bind((*address, *port)).map_err(refused)?;
+        let own = listener.local_addr().map_err(refused)?;
+        let hub = Arc::new(Hub::new(name, clock.unix_of(now_ns()).to_string()));
+        let server = Server::start(listener, hub.clone(), Permission::new(look.clone())).map_err(refused)?;
         Ok(Self {
             server,
-            context,
-            new_subscriptions,
+            port: own.port(),
+            hub,
             clock: *clock,
             rate_hz: *rate_hz,
             watch: ChannelWatch::new(),
@@ -108,7 +96,7 @@ impl Viewer {
     /// Returns the port on which it listens.
     #[must_use]
     pub fn port(&self) -> u16 {
-        self.server.port()
+        self.port
     }
 
     /// Returns the time of the next poll, CLOCK_MONOTONIC, ns; `None` without connected tools, when a few polls per
@@ -129,17 +117,15 @@ impl Viewer {
             self.next_search_ns = now + SEARCH_NS;
             self.discover(bus)?;
         }
-        let new_subscriptions =
-            std::mem::take(&mut *self.new_subscriptions.0.lock().unwrap_or_else(PoisonError::into_inner));
-        for (id, sink) in new_subscriptions {
-            if let Some(offer) = self.offers.iter().find(|offer| offer.id() == id) {
-                offer.send_last(sink);
+        for begun in self.hub.take_begun() {
+            if let Some(offer) = self.offers.iter().find(|offer| offer.id() == begun.channel) {
+                offer.send_last(&self.hub, begun.tool);
             }
         }
         let mut lost = 0;
         for offer in &mut self.offers {
-            offer.update_subscription(bus, self.rate_hz, now);
-            offer.forward(self.clock, self.rate_hz, now)?;
+            offer.update_subscription(&self.hub, bus, self.rate_hz, now);
+            offer.forward(&self.hub, self.clock, self.rate_hz, now)?;
             lost += offer.lost();
         }
         self.lost = lost;
@@ -150,13 +136,9 @@ impl Viewer {
         for info in self.watch.new_channels(bus)? {
             // A channel that was created again, perhaps with another type, replaces the old one.
             if let Some(at) = self.offers.iter().position(|offer| offer.info().name == info.name) {
-                self.offers.swap_remove(at).withdraw();
+                self.offers.swap_remove(at).withdraw(&self.hub);
             }
-            let name = info.name.clone();
-            match Offer::new(&self.context, info, &mut self.definitions) {
-                Ok(offer) => self.offers.push(offer),
-                Err(error) => warn_not_shown(&name, &error),
-            }
+            self.offers.push(Offer::new(&self.hub, info, &mut self.definitions));
         }
         Ok(())
     }
@@ -169,10 +151,6 @@ impl Viewer {
 
     /// Ends every connection, also that of a tool that has stopped reading.
     pub fn close(self) {
-        drop(self.server.stop());
+        drop(self.server);
     }
-}
-
-fn warn_not_shown(name: &str, error: &FoxgloveError) {
-    tracing::warn!("channel {name} is not shown: {error}");
 }

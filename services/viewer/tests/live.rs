@@ -2,10 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::io::{BufRead, BufReader};
+mod support;
+
 use std::path::Path;
-use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
-use std::sync::mpsc;
+use std::process::{ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::clock::now_ns;
@@ -14,9 +14,8 @@ use messages::ros::{Payload, TfMessage};
 use messages::schema::{Number, Schema};
 use messages::{Field, Header, Message, MotorInput, MotorState, Reading, schema_name};
 use serde_json::{Map, Value, json};
+use support::{LONG, Lines, Running, start, stop, until};
 
-/// Longest time to wait for an event; the machine may stall.
-const LONG: Duration = Duration::from_secs(60);
 /// Number of different samples of each channel; they are published repeatedly.
 const SAMPLES: u64 = 100;
 
@@ -47,55 +46,6 @@ impl Message for Broken {
     fn header_mut(&mut self) -> &mut Header {
         &mut self.header
     }
-}
-
-/// A process that is killed when dropped.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-/// The text lines of a pipe; each is waited for at most [`LONG`].
-struct Lines(mpsc::Receiver<String>);
-
-impl Lines {
-    fn read(pipe: impl std::io::Read + Send + 'static) -> Self {
-        let (send, receive) = mpsc::channel();
-        std::thread::spawn(move || {
-            for line in BufReader::new(pipe).lines().map_while(Result::ok) {
-                let _ = send.send(line);
-            }
-        });
-        Self(receive)
-    }
-
-    fn until(&self, what: &str) -> String {
-        let begun = Instant::now();
-        let mut said = String::new();
-        while let Ok(line) = self.0.recv_timeout(LONG.saturating_sub(begun.elapsed())) {
-            if line.contains(what) {
-                return line;
-            }
-            said += &format!("{line}\n");
-        }
-        panic!("\"{what}\" was not printed, but:\n{said}");
-    }
-}
-
-/// Starts a viewer; returns it and its messages.
-fn start(domain: &Domain, more: &[&str]) -> (Running, Lines) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_viewer"))
-        .args(["--domain", domain.name(), "--port", "0"])
-        .args(more)
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let said: ChildStderr = child.stderr.take().unwrap();
-    (Running(child), Lines::read(said))
 }
 
 fn address(said: &Lines) -> String {
@@ -181,14 +131,6 @@ fn subscribers(bus: &Bus, channel: &str) -> usize {
     bus.ports(channel).unwrap().1
 }
 
-fn until(what: &str, mut done: impl FnMut() -> bool) {
-    let begin = Instant::now();
-    while !done() {
-        assert!(begin.elapsed() < LONG, "{what}: not within {LONG:?}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
 #[test]
 fn a_tool_receives_every_channel_live_and_bit_exact_without_disturbing_others() {
     let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/node/read_live.mjs");
@@ -265,12 +207,6 @@ fn a_tool_receives_every_channel_live_and_bit_exact_without_disturbing_others() 
 
     until("the viewer unsubscribes", || subscribers(&bus, "motor/state") == 0);
     stop(viewer);
-}
-
-fn stop(mut viewer: Running) {
-    let pid = rustix::process::Pid::from_child(&viewer.0);
-    rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
-    assert_eq!(viewer.0.wait().unwrap().code(), Some(0));
 }
 
 #[test]

@@ -106,6 +106,7 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     file.planner.check(&robot.robot)?;
     file.recorder.check_ranges("recorder")?;
     file.viewer.check_ranges("viewer")?;
+    gateway::check_names("viewer.look", &file.viewer.look)?;
     gateway::check(&file.gateway)?;
     logger::check(&file.sensor_logger)?;
     file.realtime.check_ranges("realtime")?;

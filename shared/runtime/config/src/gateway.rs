@@ -28,21 +28,32 @@ crate::section! {
 /// # Errors
 /// An entry that is no name of a user or a group.
 pub(super) fn check(section: &GatewaySection) -> Result<(), Problem> {
-    let usable = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.' | b'$');
     for (key, entries) in
         [("fly", &section.fly), ("stop", &section.stop), ("look", &section.look), ("publish", &section.publish)]
     {
-        for entry in entries {
-            let name = entry.strip_prefix('@').unwrap_or(entry);
-            if name.is_empty() || !name.bytes().all(usable) {
-                let clause =
-                    format!("contains \"{entry}\"; accepted: the name or number of a user, or `@` and that of a group");
-                return Err(Problem::with_clause(format!("gateway.{key}"), clause));
-            }
-            if key == "publish" && entry.starts_with('@') {
-                let clause = format!("contains \"{entry}\"; accepted: users, no groups");
-                return Err(Problem::with_clause("gateway.publish", clause));
-            }
+        check_names(&format!("gateway.{key}"), entries)?;
+    }
+    match section.publish.iter().find(|entry| entry.starts_with('@')) {
+        Some(entry) => {
+            let clause = format!("contains \"{entry}\"; accepted: users, no groups");
+            Err(Problem::with_clause("gateway.publish", clause))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Checks entries of a key that lists users and groups.
+///
+/// # Errors
+/// An entry that is no name of a user or a group.
+pub(super) fn check_names(key: &str, entries: &[String]) -> Result<(), Problem> {
+    let usable = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.' | b'$');
+    for entry in entries {
+        let name = entry.strip_prefix('@').unwrap_or(entry);
+        if name.is_empty() || !name.bytes().all(usable) {
+            let clause =
+                format!("contains \"{entry}\"; accepted: the name or number of a user, or `@` and that of a group");
+            return Err(Problem::with_clause(key, clause));
         }
     }
     Ok(())

@@ -9,6 +9,9 @@ crate::section! {
         /// Address to listen on; default: only this machine. There is no password, so use another address only in a
         /// network whose members may all see the data.
         pub address: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST),
+        /// Users and, after `@`, groups of this machine that may look, by name or number, beside the user of the viewer
+        /// and root.
+        pub look: Vec<String> = vec!["@nims-operators".to_owned()],
         /// TCP port; 0: any free port.
         pub port: u16 = 8765,
         /// Largest number of samples per second and channel sent to a tool. Short bursts pass; of a faster channel the

@@ -1,0 +1,169 @@
+//! The user at the other end of a connection.
+//!
+//! TCP does not state it. If the other end is on this machine, the kernel's table of connections contains that end too,
+//! with its user.
+
+use std::io::{BufRead, BufReader};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+
+/// The tables of this network namespace. A socket of IPv6 that is connected to an address of IPv4 is in the second.
+const TABLES: [&str; 2] = ["/proc/thread-self/net/tcp", "/proc/thread-self/net/tcp6"];
+/// A table that changes while it is read can lack an entry.
+const ATTEMPTS: usize = 3;
+/// Connected: any other state of the other end is no client that may look, and of a closed one the kernel may state
+/// the user 0.
+const ESTABLISHED: &str = "01";
+
+/// Address and port of one end; an address of IPv4 is one in a socket of IPv6 too.
+type End = (IpAddr, u16);
+
+/// The other end of a connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Peer {
+    /// A program of this user on this machine.
+    Local(u32),
+    /// A program on another machine.
+    Remote,
+    /// A program on this machine that has no open connection any more.
+    Gone,
+}
+
+/// Returns who is at the other end, `peer`, of the connection whose end here is `own`.
+///
+/// # Errors
+/// The kernel's tables cannot be read.
+pub(crate) fn peer_of(own: SocketAddr, peer: SocketAddr) -> std::io::Result<Peer> {
+    for _ in 0..ATTEMPTS {
+        for table in TABLES {
+            let file = match std::fs::File::open(table) {
+                Ok(file) => file,
+                // A kernel without IPv6.
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound && table == TABLES[1] => continue,
+                Err(error) => return Err(error),
+            };
+            if let Some(uid) = owner_in(BufReader::new(file), peer, own)? {
+                return Ok(Peer::Local(uid));
+            }
+        }
+        if !is_of_this_machine(peer) {
+            return Ok(Peer::Remote);
+        }
+    }
+    Ok(Peer::Gone)
+}
+
+/// Returns the user of the connected socket with these addresses in a table of the kernel.
+fn owner_in(table: impl BufRead, local: SocketAddr, remote: SocketAddr) -> std::io::Result<Option<u32>> {
+    let (local, remote) = (canonical(local), canonical(remote));
+    for line in table.lines() {
+        if let Some((of, to, uid)) = connection(&line?)
+            && (of, to) == (local, remote)
+        {
+            return Ok(Some(uid));
+        }
+    }
+    Ok(None)
+}
+
+/// Both addresses and the user of one line, if it is a connection with a socket:
+/// `sl local remote state queues timer retransmissions uid timeout inode ...`.
+fn connection(line: &str) -> Option<(End, End, u32)> {
+    let mut fields = line.split_ascii_whitespace().skip(1);
+    let (local, remote, state) = (fields.next()?, fields.next()?, fields.next()?);
+    let (uid, inode) = (fields.nth(3)?, fields.nth(1)?);
+    (state == ESTABLISHED && inode != "0").then_some(())?;
+    Some((address(local)?, address(remote)?, uid.parse().ok()?))
+}
+
+/// `0100007F:1F90`: words of 32 bits in the order of this processor, and the port.
+fn address(text: &str) -> Option<End> {
+    let (words, port) = text.split_once(':')?;
+    let mut bytes = Vec::with_capacity(16);
+    for at in (0..words.len()).step_by(8) {
+        bytes.extend(u32::from_str_radix(words.get(at..at + 8)?, 16).ok()?.to_ne_bytes());
+    }
+    let ip = match bytes.len() {
+        4 => IpAddr::V4(Ipv4Addr::from(<[u8; 4]>::try_from(bytes).ok()?)),
+        16 => IpAddr::V6(Ipv6Addr::from(<[u8; 16]>::try_from(bytes).ok()?)),
+        _ => return None,
+    };
+    Some((ip.to_canonical(), u16::from_str_radix(port, 16).ok()?))
+}
+
+fn canonical(address: SocketAddr) -> End {
+    (address.ip().to_canonical(), address.port())
+}
+
+/// Only an address of this machine can be bound.
+fn is_of_this_machine(mut address: SocketAddr) -> bool {
+    address.set_port(0);
+    address.ip().to_canonical().is_loopback() || UdpSocket::bind(address).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::{TcpListener, TcpStream};
+
+    const TABLE: &str =
+        "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode
+   0: 0100007F:223D 00000000:0000 0A 00000000:00000000 00:00000000 00000000  1000        0 4711 1 0 100 0 0 10 0
+   1: 0100007F:9C40 0100007F:223D 01 00000000:00000000 00:00000000 00000000  1001        0 4712 1 0 20 4 30 10 -1
+   2: 0100007F:223D 0100007F:9C40 01 00000000:00000000 00:00000000 00000000  1000        0 4713 1 0 20 4 30 10 -1
+   3: 0100007F:9C41 0100007F:223D 06 00000000:00000000 03:00000A2B 00000000     0        0 0 3 0
+   4: 0100007F:9C42 0100007F:223D 05 00000000:00000000 00:00000000 00000000     0        0 0 1 0 20 4 30 10 -1
+   5: 0100007F:9C43 0100007F:223D 01 00000000:00000000 00:00000000 00000000     0        0 0 1 0 20 4 30 10 -1
+   6: broken
+";
+
+    fn at(port: u16) -> SocketAddr {
+        SocketAddr::from(([127, 0, 0, 1], port))
+    }
+
+    #[test]
+    #[cfg(target_endian = "little")]
+    fn only_the_other_end_of_an_open_connection_states_its_user() {
+        let of = |port| owner_in(TABLE.as_bytes(), at(port), at(0x223D)).unwrap();
+        assert_eq!(of(0x9C40), Some(1001));
+        // Closed ends, of which the kernel states the user 0, and one that does not exist.
+        assert_eq!([of(0x9C41), of(0x9C42), of(0x9C43), of(0x9C44)], [None; 4]);
+        let mapped = SocketAddr::from((Ipv4Addr::LOCALHOST.to_ipv6_mapped(), 0x9C40));
+        assert_eq!(owner_in(TABLE.as_bytes(), mapped, at(0x223D)).unwrap(), Some(1001));
+    }
+
+    #[test]
+    fn addresses_are_read_as_the_kernel_writes_them() {
+        let word = |bytes: [u8; 4]| format!("{:08X}", u32::from_ne_bytes(bytes));
+        assert_eq!(address(&format!("{}:1F90", word([127, 0, 0, 1]))), Some((Ipv4Addr::LOCALHOST.into(), 8080)));
+        let (zero, one) = (word([0; 4]), word([0, 0, 0, 1]));
+        assert_eq!(address(&format!("{zero}{zero}{zero}{one}:0001")), Some((Ipv6Addr::LOCALHOST.into(), 1)));
+        let mapped = format!("{zero}{zero}{}{}:0001", word([0, 0, 0xff, 0xff]), word([10, 0, 0, 7]));
+        assert_eq!(address(&mapped), Some((Ipv4Addr::new(10, 0, 0, 7).into(), 1)));
+        assert_eq!([address("0100007F"), address("01:1"), address(""), address("zz00007F:1F90")], [None; 4]);
+    }
+
+    /// Every way to connect from this machine states the user of this test: also a socket of IPv6 to an address of
+    /// IPv4, and other addresses of this machine.
+    #[test]
+    fn the_kernel_states_who_connects() {
+        let own = rustix::process::geteuid().as_raw();
+        for (listen, connect) in [
+            ("127.0.0.1", "127.0.0.1"),
+            ("0.0.0.0", "127.0.0.7"),
+            ("127.0.0.1", "::ffff:127.0.0.1"),
+            ("::1", "::1"),
+            ("::", "127.0.0.1"),
+        ] {
+            let Ok(listener) = TcpListener::bind((listen.parse::<IpAddr>().unwrap(), 0)) else { continue };
+            let to = SocketAddr::new(connect.parse().unwrap(), listener.local_addr().unwrap().port());
+            let client = TcpStream::connect(to).unwrap();
+            let (stream, peer) = listener.accept().unwrap();
+            let here = stream.local_addr().unwrap();
+            assert_eq!(peer_of(here, peer).unwrap(), Peer::Local(own), "{connect} to {listen}");
+            drop(client);
+            assert_eq!(peer_of(here, peer).unwrap(), Peer::Gone, "{connect} to {listen}");
+        }
+        // An address for documentation, which no machine has.
+        assert_eq!(peer_of(at(8765), SocketAddr::from(([192, 0, 2, 1], 4000))).unwrap(), Peer::Remote);
+    }
+}

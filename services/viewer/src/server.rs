@@ -1,0 +1,171 @@
+//! Accepts tools, and carries messages between them and the hub, in a thread of its own.
+
+use std::net::{SocketAddr, TcpListener as StdListener};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use futures_util::{SinkExt, StreamExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio_tungstenite::tungstenite::Message;
+use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
+use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header::SEC_WEBSOCKET_PROTOCOL};
+use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
+use tokio_tungstenite::{WebSocketStream, accept_hdr_async_with_config};
+
+use crate::hub::Hub;
+use crate::permission::Permission;
+use crate::protocol::VERSIONS;
+
+/// Largest number of tools at once, with those that have not finished their first request.
+const TOOLS: usize = 16;
+/// Longest time from the connection to the end of the first request.
+const HANDSHAKE: Duration = Duration::from_secs(10);
+/// Largest request of a tool, bytes: a subscription to ten thousand channels has less.
+const REQUEST_BYTES: usize = 1 << 20;
+/// Pause after a refused connection, in times of what it took to refuse it: who connects again and again gets at most
+/// a fifth of a processor.
+const PAUSE: u32 = 4;
+/// Pause after the kernel cannot accept, e.g. because this process has too many open files.
+const AGAIN: Duration = Duration::from_millis(100);
+
+/// The thread; dropping it ends every connection, also that of a tool that has stopped reading.
+#[derive(Debug)]
+pub(crate) struct Server {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Starts to accept.
+    ///
+    /// # Errors
+    /// The operating system gives no thread or no event queue.
+    pub(crate) fn start(listener: StdListener, hub: Arc<Hub>, permission: Permission) -> std::io::Result<Self> {
+        listener.set_nonblocking(true)?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        let (end, ended) = oneshot::channel();
+        let thread = std::thread::Builder::new().name("tools".to_owned()).spawn(move || {
+            runtime.block_on(async {
+                match TcpListener::from_std(listener) {
+                    Ok(listener) => tokio::select! {
+                        () = accept(&listener, &hub, permission) => {}
+                        _ = ended => {}
+                    },
+                    Err(error) => tracing::error!("no tool can connect: {error}; start the viewer again"),
+                }
+            });
+        })?;
+        Ok(Self { end: Some(end), thread: Some(thread) })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+async fn accept(listener: &TcpListener, hub: &Arc<Hub>, mut permission: Permission) {
+    let places = Arc::new(Semaphore::new(TOOLS));
+    let (mut full, mut failing) = (false, false);
+    loop {
+        let (stream, peer) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                if !std::mem::replace(&mut failing, true) {
+                    tracing::warn!("a tool cannot connect, retrying: {error}");
+                }
+                tokio::time::sleep(AGAIN).await;
+                continue;
+            }
+        };
+        failing = false;
+        let begun = Instant::now();
+        // Nothing is read from the connection and nothing is sent to it before.
+        let admitted = stream.local_addr().is_ok_and(|own| permission.admits(own, peer));
+        match (admitted, places.clone().try_acquire_owned()) {
+            (true, Ok(place)) => {
+                full = false;
+                tokio::spawn(serve(stream, peer, hub.clone(), place));
+                continue;
+            }
+            (true, Err(_)) => {
+                if !std::mem::replace(&mut full, true) {
+                    tracing::warn!("a tool at {peer} is refused, because {TOOLS} are connected; close one of them");
+                }
+                turn_away(&stream, "503 Service Unavailable", "The viewer has no place for another tool.");
+            }
+            (false, _) => turn_away(&stream, "403 Forbidden", "This user may not look; see the log of the viewer."),
+        }
+        drop(stream);
+        tokio::time::sleep(begun.elapsed() * PAUSE).await;
+    }
+}
+
+/// Answers without reading the request; a tool that is not ready for the answer does not get it.
+fn turn_away(stream: &TcpStream, status: &str, sentence: &str) {
+    let answer = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: text/plain\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{sentence}\n",
+        sentence.len() + 1
+    );
+    let _ = stream.try_write(answer.as_bytes());
+}
+
+async fn serve(stream: TcpStream, peer: SocketAddr, hub: Arc<Hub>, _place: OwnedSemaphorePermit) {
+    let _ = stream.set_nodelay(true);
+    let config = WebSocketConfig::default().max_message_size(Some(REQUEST_BYTES)).max_frame_size(Some(REQUEST_BYTES));
+    let handshake = accept_hdr_async_with_config(stream, choose_version, Some(config));
+    let socket = match tokio::time::timeout(HANDSHAKE, handshake).await {
+        Ok(Ok(socket)) => socket,
+        Ok(Err(error)) => return tracing::debug!("no tool at {peer}: {error}"),
+        Err(_) => return tracing::debug!("no tool at {peer}: no request in {HANDSHAKE:?}"),
+    };
+    let (number, outbox) = hub.connect();
+    tracing::debug!("tool {number} at {peer} has connected");
+    let (mut sink, mut requests) = WebSocketStream::split(socket);
+    let receive = async {
+        while let Some(Ok(message)) = requests.next().await {
+            if let Message::Text(text) = message {
+                hub.request(number, &text);
+            }
+        }
+    };
+    let send = async {
+        while let Ok(message) = outbox.next().await {
+            if sink.send(message).await.is_err() {
+                break;
+            }
+        }
+    };
+    tokio::select! {
+        () = receive => {}
+        () = send => {}
+    }
+    hub.disconnect(number);
+    tracing::debug!("tool {number} at {peer} has disconnected");
+}
+
+/// Answers with the version of the protocol, of those that the tool offers.
+// The type of the answer is given.
+#[allow(clippy::result_large_err)]
+fn choose_version(request: &Request, mut response: Response) -> Result<Response, ErrorResponse> {
+    let lists = request.headers().get_all(SEC_WEBSOCKET_PROTOCOL).iter();
+    let offered: Vec<&str> =
+        lists.filter_map(|list| list.to_str().ok()).flat_map(|list| list.split(',').map(str::trim)).collect();
+    match VERSIONS.into_iter().find(|version| offered.contains(version)) {
+        Some(version) => {
+            response.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(version));
+            Ok(response)
+        }
+        None => {
+            let mut refused = ErrorResponse::new(Some(format!("The viewer speaks {}.\n", VERSIONS.join(" and "))));
+            *refused.status_mut() = StatusCode::BAD_REQUEST;
+            Err(refused)
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! Only users who may look receive anything of the robot.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod support;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use bus::{Bus, Domain, TestDomain};
+use bytemuck::Zeroable;
+use messages::MotorState;
+use serde_json::Value;
+use support::{Lines, Running, start, stop, until};
+
+/// A user who is listed, a member of a listed group of that number, and one who is not listed.
+const OPERATOR: u32 = 65532;
+const STRANGER: u32 = 65533;
+
+/// A tool without packages, for any user who may run Python.
+fn look(user: u32, address: &str, port: &str, wanted: u32) -> Command {
+    let mut command = Command::new("setpriv");
+    command.args([format!("--reuid={user}"), format!("--regid={user}"), "--clear-groups".to_owned()]);
+    command.args(["--", "/usr/bin/python3", "-c", include_str!("look.py"), address, port, &wanted.to_string()]);
+    command.current_dir("/").stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn seen(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// A system file in which OPERATOR may look.
+fn system(folder: &Path) -> PathBuf {
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+    for part in ["robots", "systems", "sensors"] {
+        std::fs::create_dir(folder.join(part)).unwrap();
+        for entry in std::fs::read_dir(configs.join(part)).unwrap().map(Result::unwrap) {
+            if entry.file_type().unwrap().is_file() {
+                std::fs::copy(entry.path(), folder.join(part).join(entry.file_name())).unwrap();
+            }
+        }
+    }
+    let path = folder.join("systems/demo3.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, format!("{text}\n[viewer]\nlook = [\"{OPERATOR}\"]\n")).unwrap();
+    path
+}
+
+/// Open files of a process.
+fn files(process: &Running) -> usize {
+    std::fs::read_dir(format!("/proc/{}/fd", process.0.id())).unwrap().count()
+}
+
+/// Largest memory of a process so far, kB.
+fn memory_kb(process: &Running) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", process.0.id())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.split_whitespace().next().unwrap().parse().unwrap()
+}
+
+/// A robot of one channel that publishes until this test ends, and its viewer.
+fn with_robot(more: &[&str], check: impl FnOnce(&str, Lines, &Running) + Send) {
+    let (domain, folder): (TestDomain, _) = (Domain::for_test(), tempfile::tempdir().unwrap());
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut port = bus.publisher::<MotorState>("motor/state").unwrap();
+    let system = system(folder.path());
+    let (viewer, said) = start(&domain, &[&["--system", system.to_str().unwrap()], more].concat());
+    let line = said.until("open ws://");
+    let tcp_port = line.rsplit(':').next().unwrap().split(['\u{1b}', ' ']).next().unwrap().to_owned();
+    std::thread::scope(|scope| {
+        let (tcp_port, viewer) = (&tcp_port, &viewer);
+        let checking = scope.spawn(move || check(tcp_port, said, viewer));
+        while !checking.is_finished() {
+            port.send(&mut MotorState::zeroed()).unwrap();
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        checking.join().unwrap();
+    });
+    stop(viewer);
+}
+
+fn only_root(check: &str) -> bool {
+    let is_root = rustix::process::geteuid().is_root();
+    if !is_root {
+        notes::left_out(check, "only root can act as another user");
+    }
+    is_root
+}
+
+#[test]
+fn another_user_receives_nothing_and_disturbs_no_view() {
+    if !only_root("what another user sees through the viewer") {
+        return;
+    }
+    with_robot(&[], |port, said, viewer| {
+        // The one who may look is there first, and for the whole test.
+        let operator = look(OPERATOR, "127.0.0.1", port, 400).spawn().unwrap();
+        let before = files(viewer);
+        // Also from a socket of IPv6, which the kernel lists elsewhere.
+        for address in ["127.0.0.1", "::ffff:127.0.0.1"] {
+            let stranger = seen(&look(STRANGER, address, port, 1).output().unwrap());
+            assert_eq!(stranger["messages"], 0, "{stranger}");
+            // Reset, or refused; nothing else.
+            let answer = stranger["answer"].as_str().unwrap();
+            assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 403"), "{stranger}");
+            assert!(!answer.contains("motor") && !answer.contains("nims"), "{stranger}");
+        }
+        let line = said.until("refused");
+        assert!(line.contains(&STRANGER.to_string()) && line.contains("[viewer]"), "{line}");
+        // A thousand connections at once: each ends, none is kept.
+        let crowd = seen(&look(STRANGER, "127.0.0.1", port, 0).arg("1000").output().unwrap());
+        assert_eq!((&crowd["ended"], &crowd["messages"]), (&Value::from(1000), &Value::from(0)), "{crowd}");
+        until("the viewer has closed them", || files(viewer) <= before + 1);
+        assert!(memory_kb(viewer) < 100_000, "{} kB", memory_kb(viewer));
+        let output = operator.wait_with_output().unwrap();
+        let operator = seen(&output);
+        assert_eq!((&operator["samples"], &operator["protocol"]), (&Value::from(400), &"foxglove.sdk.v1".into()));
+        println!("{} kB at most; the operator's view: {operator}; the crowd: {crowd}", memory_kb(viewer));
+        // A new view after all this, and that of root.
+        for user in [OPERATOR, 0] {
+            let late = seen(&look(user, "127.0.0.1", port, 5).output().unwrap());
+            assert_eq!(late["samples"], 5, "{late}");
+        }
+    });
+}
+
+/// An address that other machines reach is open to these by choice, and still not to other users of this one.
+#[test]
+fn another_user_of_this_machine_is_refused_at_every_address() {
+    if !only_root("what another user sees through a viewer with another address") {
+        return;
+    }
+    with_robot(&["--address", "0.0.0.0"], |port, _, _| {
+        for address in ["127.0.0.1", "127.0.0.7"].map(str::to_owned).into_iter().chain(own_addresses()) {
+            let stranger = seen(&look(STRANGER, &address, port, 1).output().unwrap());
+            assert_eq!(stranger["messages"], 0, "{address}: {stranger}");
+            let operator = seen(&look(OPERATOR, &address, port, 1).output().unwrap());
+            assert_eq!(operator["samples"], 1, "{address}: {operator}");
+            println!("tried {address}");
+        }
+    });
+}
+
+/// Addresses of this machine beyond the loopback.
+fn own_addresses() -> Vec<String> {
+    let output = Command::new("hostname").arg("-I").output();
+    let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
+    text.split_whitespace().filter(|address| address.contains('.')).map(str::to_owned).collect()
+}
+
+/// Both versions of the protocol have the same content, and a tool that speaks neither is told which.
+#[test]
+fn both_versions_of_the_protocol_are_spoken() {
+    with_robot(&[], |port, _, _| {
+        for (offered, chosen) in [
+            ("foxglove.sdk.v1", "foxglove.sdk.v1"),
+            ("foxglove.websocket.v1", "foxglove.websocket.v1"),
+            ("foxglove.websocket.v1, foxglove.sdk.v1.1, foxglove.sdk.v1", "foxglove.sdk.v1"),
+        ] {
+            let tool = seen(&own_tool(port, offered));
+            assert_eq!((&tool["protocol"], &tool["samples"]), (&chosen.into(), &Value::from(20)), "{tool}");
+            assert!(tool["topics"].as_array().unwrap().contains(&"/motor/state".into()), "{tool}");
+        }
+        let tool = seen(&own_tool(port, "other.v1"));
+        let answer = tool["answer"].as_str().unwrap();
+        assert!(answer.starts_with("HTTP/1.1 400") && answer.contains("foxglove.websocket.v1"), "{tool}");
+    });
+}
+
+fn own_tool(port: &str, offered: &str) -> Output {
+    let mut command = Command::new("python3");
+    command.args(["-c", include_str!("look.py"), "127.0.0.1", port, "20", "1", offered]).output().unwrap()
+}
