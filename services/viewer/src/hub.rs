@@ -3,13 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crate::graph::{self, Graph};
 use crate::outbox::Outbox;
+use crate::parameters::{Parameter, Values};
 use crate::protocol::{self, Advertised, Asked, Subscription};
 
 /// Largest number of channels in one message.
 const CHANNELS: usize = 100;
-/// Largest number of channels that a tool shows.
+/// Largest number of channels that a tool shows, and of parameters.
 const SUBSCRIPTIONS: usize = 10_000;
+/// Largest number of requests for parameters that wait for their values; others are not answered.
+const REQUESTS: usize = 1000;
 
 /// A channel and a tool that has begun to show it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,13 +38,32 @@ struct State {
     begun: Vec<Begun>,
     last_channel: u32,
     last_tool: u64,
+    graph: Graph,
+    parameters: Values,
+    requests: Vec<ParameterRequest>,
 }
 
+/// A request for the values of parameters.
 #[derive(Debug)]
+struct ParameterRequest {
+    tool: u64,
+    id: Option<String>,
+    /// Empty: all.
+    names: BTreeSet<String>,
+}
+
+#[derive(Debug, Default)]
 struct Tool {
     outbox: Arc<Outbox>,
     /// By channel, the number that the tool chose.
     subscriptions: BTreeMap<u32, u32>,
+    /// Whether it draws the graph.
+    graph: bool,
+    /// Whether it has asked for parameters.
+    asks: bool,
+    /// Parameters whose new values it gets.
+    follows: BTreeSet<String>,
+    follows_all: bool,
     /// Requests that were answered with a warning already.
     warned: BTreeSet<String>,
 }
@@ -99,6 +122,49 @@ impl Hub {
         }
     }
 
+    /// Returns whether a tool draws the graph.
+    pub(crate) fn draws_graph(&self) -> bool {
+        self.state().tools.values().any(|tool| tool.graph)
+    }
+
+    /// Sends the changes of the graph to the tools that draw it.
+    pub(crate) fn set_graph(&self, new: Graph) {
+        let mut state = self.state();
+        if let Some(text) = graph::update(&state.graph, &new) {
+            state.tools.values().filter(|tool| tool.graph).for_each(|tool| tool.outbox.push_text(text.clone()));
+        }
+        state.graph = new;
+    }
+
+    /// Returns whether a connected tool has asked for parameters.
+    pub(crate) fn shows_parameters(&self) -> bool {
+        self.state().tools.values().any(|tool| tool.asks)
+    }
+
+    /// Sends changed values to the tools that follow them, and answers the requests for values.
+    pub(crate) fn set_parameters(&self, new: Values) {
+        let mut state = self.state();
+        let changed: Vec<&Parameter> =
+            new.values().filter(|value| state.parameters.get(&value.name) != Some(value)).collect();
+        for tool in state.tools.values() {
+            let mut followed = changed
+                .iter()
+                .copied()
+                .filter(|value| tool.follows_all || tool.follows.contains(&value.name))
+                .peekable();
+            if followed.peek().is_some() {
+                tool.outbox.push_text(protocol::parameter_values(followed, None));
+            }
+        }
+        for ParameterRequest { tool, id, names } in std::mem::take(&mut state.requests) {
+            if let Some(tool) = state.tools.get(&tool) {
+                let asked = new.values().filter(|value| names.is_empty() || names.contains(&value.name));
+                tool.outbox.push_text(protocol::parameter_values(asked, id.as_deref()));
+            }
+        }
+        state.parameters = new;
+    }
+
     /// Adds a tool and tells it what is offered.
     pub(crate) fn connect(&self) -> (u64, Arc<Outbox>) {
         let mut state = self.state();
@@ -109,7 +175,7 @@ impl Hub {
         for some in channels.chunks(CHANNELS) {
             outbox.push_text(protocol::advertise(some.iter().copied()));
         }
-        let tool = Tool { outbox: outbox.clone(), subscriptions: BTreeMap::default(), warned: BTreeSet::default() };
+        let tool = Tool { outbox: outbox.clone(), ..Tool::default() };
         state.tools.insert(number, tool);
         (number, outbox)
     }
@@ -122,7 +188,7 @@ impl Hub {
     /// Carries out a request of a tool.
     pub(crate) fn request(&self, number: u64, text: &str) {
         let mut state = self.state();
-        let State { channels, tools, begun, .. } = &mut *state;
+        let State { channels, tools, begun, graph, requests, .. } = &mut *state;
         let Some(tool) = tools.get_mut(&number) else { return };
         match serde_json::from_str(text) {
             Ok(Asked::Subscribe { subscriptions }) => {
@@ -139,6 +205,30 @@ impl Hub {
             Ok(Asked::Unsubscribe { subscription_ids }) => {
                 tool.subscriptions.retain(|_, id| !subscription_ids.contains(id));
             }
+            Ok(Asked::GetParameters { parameter_names, id }) => {
+                tool.asks = true;
+                if requests.len() < REQUESTS {
+                    let names = parameter_names.into_iter().collect();
+                    requests.push(ParameterRequest { tool: number, id, names });
+                }
+            }
+            Ok(Asked::SubscribeParameterUpdates { parameter_names }) => {
+                tool.asks = true;
+                tool.follows_all |= parameter_names.is_empty();
+                let free = SUBSCRIPTIONS.saturating_sub(tool.follows.len());
+                tool.follows.extend(parameter_names.into_iter().take(free));
+            }
+            Ok(Asked::UnsubscribeParameterUpdates { parameter_names }) => {
+                let all = parameter_names.is_empty();
+                tool.follows_all &= !all;
+                tool.follows.retain(|name| !all && !parameter_names.contains(name));
+            }
+            Ok(Asked::SubscribeConnectionGraph) => {
+                if !std::mem::replace(&mut tool.graph, true) {
+                    graph::update(&Graph::new(), graph).into_iter().for_each(|text| tool.outbox.push_text(text));
+                }
+            }
+            Ok(Asked::UnsubscribeConnectionGraph) => tool.graph = false,
             Ok(Asked::Other) => tool.refuse(&protocol::name_of(text), "only shows, and does not carry out"),
             Err(_) => tool.refuse(&protocol::name_of(text), "cannot read"),
         }

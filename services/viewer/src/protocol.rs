@@ -6,10 +6,12 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::parameters::Parameter;
+
 /// The versions of the protocol, the preferred one first.
 pub(crate) const VERSIONS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// What the server can do beyond channels.
-const CAPABILITIES: [&str; 0] = [];
+const CAPABILITIES: [&str; 3] = ["connectionGraph", "parameters", "parametersSubscribe"];
 /// First byte of a binary message that contains a sample.
 const SAMPLE: u8 = 1;
 /// Severity of a status.
@@ -44,6 +46,30 @@ pub(crate) enum Asked {
         /// Numbers that the tool chose.
         subscription_ids: Vec<u32>,
     },
+    /// Send the values of these parameters; none named: of all.
+    #[serde(rename_all = "camelCase")]
+    GetParameters {
+        #[serde(default)]
+        parameter_names: Vec<String>,
+        /// The answer contains it.
+        id: Option<String>,
+    },
+    /// Send each new value of these parameters; none named: of all.
+    #[serde(rename_all = "camelCase")]
+    SubscribeParameterUpdates {
+        #[serde(default)]
+        parameter_names: Vec<String>,
+    },
+    /// Send no more new values of these parameters; none named: of all.
+    #[serde(rename_all = "camelCase")]
+    UnsubscribeParameterUpdates {
+        #[serde(default)]
+        parameter_names: Vec<String>,
+    },
+    /// Send who publishes and subscribes, and each change of it.
+    SubscribeConnectionGraph,
+    /// Send no more of it.
+    UnsubscribeConnectionGraph,
     /// Anything else.
     #[serde(other)]
     Other,
@@ -68,6 +94,15 @@ pub(crate) fn server_info(name: &str, session: &str) -> String {
 /// Offers channels.
 pub(crate) fn advertise<'a>(channels: impl IntoIterator<Item = &'a Advertised>) -> String {
     json!({ "op": "advertise", "channels": channels.into_iter().collect::<Vec<_>>() }).to_string()
+}
+
+/// Values of parameters; with the name of the request that it answers.
+pub(crate) fn parameter_values<'a>(values: impl Iterator<Item = &'a Parameter>, id: Option<&str>) -> String {
+    let mut message = json!({ "op": "parameterValues", "parameters": values.collect::<Vec<_>>() });
+    if let Some(id) = id {
+        message["id"] = json!(id);
+    }
+    message.to_string()
 }
 
 /// Withdraws a channel.
@@ -108,6 +143,11 @@ mod tests {
         assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::Subscribe { subscriptions });
         let text = r#"{"op":"unsubscribe","subscriptionIds":[0,1]}"#;
         assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::Unsubscribe { subscription_ids: vec![0, 1] });
+        let text = r#"{"op":"getParameters","parameterNames":[],"id":"get-all-params"}"#;
+        let id = Some("get-all-params".to_owned());
+        assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::GetParameters { parameter_names: vec![], id });
+        let text = r#"{"op":"subscribeConnectionGraph"}"#;
+        assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::SubscribeConnectionGraph);
         let text = r#"{"op":"advertise","channels":[{"id":1}]}"#;
         assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::Other);
         assert_eq!(name_of(text), "advertise");

@@ -7,13 +7,17 @@ use bus::clock::{SECOND_NS, now_ns};
 use bus::{Bus, BusError, ChannelWatch};
 use runlog::{Definitions, RunClock};
 
+use crate::graph;
 use crate::hub::Hub;
 use crate::offer::Offer;
+use crate::parameters::Parameters;
 use crate::permission::Permission;
 use crate::server::Server;
 
 /// Time between two searches for channels that were not announced, ns.
 const SEARCH_NS: u64 = SECOND_NS;
+/// Time after which every process has delivered its parameters to a new subscriber: two of their heartbeats, ns.
+const PARAMETERS_NS: u64 = SECOND_NS;
 
 /// Settings of a viewer.
 #[derive(Debug, Clone)]
@@ -62,6 +66,9 @@ pub struct Viewer {
     offers: Vec<Offer>,
     lost: u64,
     next_search_ns: u64,
+    next_graph_ns: u64,
+    /// The parameters, and when they are complete, while a tool shows them.
+    parameters: Option<(Parameters, u64)>,
 }
 
 impl Viewer {
@@ -90,6 +97,8 @@ impl Viewer {
             offers: Vec::new(),
             lost: 0,
             next_search_ns: 0,
+            next_graph_ns: 0,
+            parameters: None,
         })
     }
 
@@ -122,6 +131,7 @@ impl Viewer {
                 offer.send_last(&self.hub, begun.tool);
             }
         }
+        self.describe_robot(bus, now)?;
         let mut lost = 0;
         for offer in &mut self.offers {
             offer.update_subscription(&self.hub, bus, self.rate_hz, now);
@@ -129,6 +139,28 @@ impl Viewer {
             lost += offer.lost();
         }
         self.lost = lost;
+        Ok(())
+    }
+
+    /// Sends the graph and the parameters, while a tool shows them.
+    fn describe_robot(&mut self, bus: &Bus, now_ns: u64) -> Result<(), BusError> {
+        let names = || self.offers.iter().map(|offer| offer.info().name.as_str());
+        if !self.hub.draws_graph() {
+            self.hub.set_graph(graph::Graph::new());
+        } else if now_ns >= self.next_graph_ns {
+            self.next_graph_ns = now_ns + SEARCH_NS;
+            self.hub.set_graph(graph::read(bus, names()));
+        }
+        if !self.hub.shows_parameters() {
+            self.parameters = None;
+            return Ok(());
+        }
+        let (parameters, complete_ns) =
+            self.parameters.get_or_insert_with(|| (Parameters::default(), now_ns + PARAMETERS_NS));
+        parameters.update(bus, names())?;
+        if now_ns >= *complete_ns {
+            self.hub.set_parameters(parameters.all());
+        }
         Ok(())
     }
 

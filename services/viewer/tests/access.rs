@@ -4,17 +4,12 @@
 
 mod support;
 
-use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use bus::{Bus, Domain, TestDomain};
-use bytemuck::Zeroable;
-use messages::MotorState;
 use serde_json::Value;
-use support::{Lines, Running, start, stop, until};
+use support::{OPERATOR, Running, until, with_robot};
 
-/// A user who is listed, a member of a listed group of that number, and one who is not listed.
-const OPERATOR: u32 = 65532;
+/// A user who may not look.
 const STRANGER: u32 = 65533;
 
 /// A tool without packages, for any user who may run Python.
@@ -31,23 +26,6 @@ fn seen(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// A system file in which OPERATOR may look.
-fn system(folder: &Path) -> PathBuf {
-    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
-    for part in ["robots", "systems", "sensors"] {
-        std::fs::create_dir(folder.join(part)).unwrap();
-        for entry in std::fs::read_dir(configs.join(part)).unwrap().map(Result::unwrap) {
-            if entry.file_type().unwrap().is_file() {
-                std::fs::copy(entry.path(), folder.join(part).join(entry.file_name())).unwrap();
-            }
-        }
-    }
-    let path = folder.join("systems/demo3.toml");
-    let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, format!("{text}\n[viewer]\nlook = [\"{OPERATOR}\"]\n")).unwrap();
-    path
-}
-
 /// Open files of a process.
 fn files(process: &Running) -> usize {
     std::fs::read_dir(format!("/proc/{}/fd", process.0.id())).unwrap().count()
@@ -58,27 +36,6 @@ fn memory_kb(process: &Running) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", process.0.id())).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.split_whitespace().next().unwrap().parse().unwrap()
-}
-
-/// A robot of one channel that publishes until this test ends, and its viewer.
-fn with_robot(more: &[&str], check: impl FnOnce(&str, Lines, &Running) + Send) {
-    let (domain, folder): (TestDomain, _) = (Domain::for_test(), tempfile::tempdir().unwrap());
-    let bus = Bus::join(&domain, "test").unwrap();
-    let mut port = bus.publisher::<MotorState>("motor/state").unwrap();
-    let system = system(folder.path());
-    let (viewer, said) = start(&domain, &[&["--system", system.to_str().unwrap()], more].concat());
-    let line = said.until("open ws://");
-    let tcp_port = line.rsplit(':').next().unwrap().split(['\u{1b}', ' ']).next().unwrap().to_owned();
-    std::thread::scope(|scope| {
-        let (tcp_port, viewer) = (&tcp_port, &viewer);
-        let checking = scope.spawn(move || check(tcp_port, said, viewer));
-        while !checking.is_finished() {
-            port.send(&mut MotorState::zeroed()).unwrap();
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
-        checking.join().unwrap();
-    });
-    stop(viewer);
 }
 
 fn only_root(check: &str) -> bool {
@@ -148,28 +105,4 @@ fn own_addresses() -> Vec<String> {
     let output = Command::new("hostname").arg("-I").output();
     let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
     text.split_whitespace().filter(|address| address.contains('.')).map(str::to_owned).collect()
-}
-
-/// Both versions of the protocol have the same content, and a tool that speaks neither is told which.
-#[test]
-fn both_versions_of_the_protocol_are_spoken() {
-    with_robot(&[], |port, _, _| {
-        for (offered, chosen) in [
-            ("foxglove.sdk.v1", "foxglove.sdk.v1"),
-            ("foxglove.websocket.v1", "foxglove.websocket.v1"),
-            ("foxglove.websocket.v1, foxglove.sdk.v1.1, foxglove.sdk.v1", "foxglove.sdk.v1"),
-        ] {
-            let tool = seen(&own_tool(port, offered));
-            assert_eq!((&tool["protocol"], &tool["samples"]), (&chosen.into(), &Value::from(20)), "{tool}");
-            assert!(tool["topics"].as_array().unwrap().contains(&"/motor/state".into()), "{tool}");
-        }
-        let tool = seen(&own_tool(port, "other.v1"));
-        let answer = tool["answer"].as_str().unwrap();
-        assert!(answer.starts_with("HTTP/1.1 400") && answer.contains("foxglove.websocket.v1"), "{tool}");
-    });
-}
-
-fn own_tool(port: &str, offered: &str) -> Output {
-    let mut command = Command::new("python3");
-    command.args(["-c", include_str!("look.py"), "127.0.0.1", port, "20", "1", offered]).output().unwrap()
 }

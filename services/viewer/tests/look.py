@@ -1,9 +1,9 @@
 """Looks at a robot over Foxglove's WebSocket protocol, with nothing but the standard library.
 
-look.py ADDRESS PORT SAMPLES [CONNECTIONS [VERSIONS]]
+look.py ADDRESS PORT SAMPLES [CONNECTIONS [VERSIONS [REQUESTS REPLIES]]]
 
 Connects, subscribes to every channel and ends after so many samples, or when the server ends the connection; the result
-is one object of JSON. With several connections, all are open before the first one is read.
+is one object of JSON. It also sends the requests, an array of JSON, and waits for so many replies. With several connections, all are open before the first one is read.
 """
 
 import base64
@@ -16,6 +16,8 @@ import sys
 address, port, wanted = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 count = int(sys.argv[4]) if len(sys.argv) > 4 else 1
 versions = sys.argv[5] if len(sys.argv) > 5 else "foxglove.sdk.v1"
+requests = json.loads(sys.argv[6]) if len(sys.argv) > 6 else []
+replies = int(sys.argv[7]) if len(sys.argv) > 7 else 0
 REQUEST = (
     f"GET / HTTP/1.1\r\nHost: {address}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     f"Sec-WebSocket-Key: {base64.b64encode(os.urandom(16)).decode()}\r\nSec-WebSocket-Version: 13\r\n"
@@ -84,7 +86,7 @@ def send(connection, message):
 
 
 connections = [connect() for _ in range(count)]
-result = {"answer": "", "protocol": "", "messages": 0, "samples": 0, "topics": [], "info": None, "ended": 0}
+result = {"answer": "", "protocol": "", "messages": 0, "samples": 0, "topics": [], "info": None, "ended": 0, "replies": []}
 for connection in connections:
     reader = Reader(connection)
     try:
@@ -96,13 +98,17 @@ for connection in connections:
             while True:
                 result["answer"] = head + reader.buffer.decode("latin1")
                 reader.more()
-        while result["samples"] < wanted:
+        for request in requests:
+            send(connection, request)
+        while result["samples"] < wanted or len(result["replies"]) < replies:
             kind, content = reader.frame()
             result["messages"] += 1
             result["samples"] += kind == 2
             message = json.loads(content) if kind == 1 else {}
             if message.get("op") == "serverInfo":
                 result["info"] = message
+            if message.get("op") in ("parameterValues", "connectionGraphUpdate", "status"):
+                result["replies"].append(message)
             if message.get("op") == "advertise":
                 result["topics"] += [channel["topic"] for channel in message["channels"]]
                 asked = [{"id": channel["id"] + 7, "channelId": channel["id"]} for channel in message["channels"]]

@@ -125,6 +125,22 @@ impl Bus {
         }))
     }
 
+    /// Returns the process ids of the subscribers of a channel, one entry for each subscriber.
+    ///
+    /// # Errors
+    /// As [`Bus::tap`].
+    pub fn subscribers(&self, name: &str) -> Result<Vec<u32>, BusError> {
+        let (service, _) = self.open_raw(name)?;
+        Ok(collect_listed(|note| {
+            service.dynamic_config().list_subscribers(|port| {
+                if let Ok(pid) = port.node_id.pid::<ipc::Service>() {
+                    note(pid.value().unsigned_abs());
+                }
+                CallbackProgression::Continue
+            });
+        }))
+    }
+
     /// Subscribes to an existing channel of any type, with a buffer of [`messages::Quality::shallow`] samples and the
     /// history for late subscribers.
     ///
