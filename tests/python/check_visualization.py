@@ -26,6 +26,7 @@ KINDS = {
     "/visualization/plan": "nav_msgs/msg/Path",
     "/visualization/track": "nav_msgs/msg/Path",
     "/visualization/samples/sensor-height": "sensor_msgs/msg/PointCloud2",
+    "/visualization/map/height": "nav_msgs/msg/OccupancyGrid",
     "/log": "rcl_interfaces/msg/Log",
 }
 
@@ -96,6 +97,14 @@ def check(topic, message, expected):
         points = list(struct.iter_unpack("<4f", bytes(message.data)))
         real = [point for point in points if not math.isnan(point[3])]
         return real[-1] if real else None
+    elif topic.startswith("/visualization/map/"):
+        stamp(message.header)
+        upright(message.info.origin.orientation)
+        for field, value in expected["map"].items():
+            same(f"map {field}", getattr(message.info, field), value)
+        same("corner", xyz(message.info.origin.position), expected["corner"])
+        cells = [cell for cell in message.data if cell != -1]
+        same("cells", [len(message.data), cells], [64 * 64, expected["cells"]])
     elif topic == "/log":
         for field, value in expected["log"].items():
             same(f"log {field}", getattr(message, field), value)

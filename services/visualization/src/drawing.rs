@@ -7,12 +7,14 @@ use cable_robot::Robot;
 use messages::ros::Payload;
 use messages::ros::{self, CLOUD_POINT_BYTES, CLOUD_POINTS, PATH_POSES};
 use messages::{
-    CABLES, LogEvent, Message, MotorAuthority, NodeEstimate, PlanMotion, Reading, Rule, SLOTS, Sample,
+    CABLES, FieldMap, LogEvent, Message, MotorAuthority, NodeEstimate, PlanMotion, Reading, Rule, SLOTS, Sample,
     blended_estimate, put_text, text_of,
 };
 use segments::segment_of;
 
 use messages::cdr::Cdr;
+
+use crate::grid::grid;
 
 /// Coordinate frame of the robot file. Four bytes with its terminating zero, so that every header has 16 bytes.
 const MAP: &str = "map";
@@ -51,6 +53,8 @@ pub enum Kind {
     Markers,
     /// `sensor_msgs/PointCloud2`.
     Cloud,
+    /// `nav_msgs/OccupancyGrid`.
+    Grid,
     /// `rcl_interfaces/Log`.
     Log,
 }
@@ -68,6 +72,7 @@ impl Kind {
             Self::Path => definition::<ros::Path>(),
             Self::Markers => definition::<ros::MarkerArray>(),
             Self::Cloud => definition::<ros::PointCloud2>(),
+            Self::Grid => definition::<ros::OccupancyGrid>(),
             Self::Log => definition::<ros::Log>(),
         }
     }
@@ -147,10 +152,10 @@ impl Visualization {
     #[must_use]
     pub fn wants(channel: &str) -> bool {
         matches!(channel, "motor/authority" | "node/estimate/a" | "node/estimate/b" | "plan/motion")
-            || ["sensor/", "sample/", "system/log/"].iter().any(|beginning| channel.starts_with(beginning))
+            || ["sensor/", "sample/", "map/", "system/log/"].iter().any(|beginning| channel.starts_with(beginning))
     }
 
-    /// Processes the bytes of a sample; a log event returns its drawing at once. Samples of other types or versions are
+    /// Processes the bytes of a sample; a log event and a map return their drawing at once. Samples of other types or versions are
     /// ignored.
     pub fn record(&mut self, channel: &str, type_name: &str, sample: &[u8]) -> Option<Drawing> {
         match channel {
@@ -166,7 +171,10 @@ impl Visualization {
                 }
             }
             _ if channel.starts_with("system/log/") => return read(type_name, sample).map(|event| self.log(&event)),
-            _ => self.add_point(channel, type_name, sample),
+            _ => match channel.strip_prefix("map/") {
+                Some(name) => return read(type_name, sample).map(|map| self.map(name, &map)),
+                None => self.add_point(channel, type_name, sample),
+            },
         }
         None
     }
@@ -319,6 +327,16 @@ impl Visualization {
             );
         }
         cdr
+    }
+
+    fn map(&self, name: &str, map: &FieldMap) -> Drawing {
+        let unix_ns = self.unix_ns(map.header.stamp_ns);
+        Drawing {
+            channel: format!("visualization/map/{name}"),
+            kind: Kind::Grid,
+            unix_ns,
+            body: grid(unix_ns, MAP, map).0,
+        }
     }
 
     fn log(&self, event: &LogEvent) -> Drawing {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use bus::clock::{SECOND_NS, WallClock, now_ns};
 use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Publisher, Tap};
-use messages::ros::{Log, MarkerArray, Path, PointCloud2, PoseStamped, TfMessage};
+use messages::ros::{Log, MarkerArray, OccupancyGrid, Path, PointCloud2, PoseStamped, TfMessage};
 use runtime::Chassis;
 
 use crate::{Drawing, Kind, Visualization};
@@ -21,6 +21,7 @@ enum Port {
     Path(Publisher<Path>),
     Markers(Publisher<MarkerArray>),
     Cloud(Publisher<PointCloud2>),
+    Grid(Publisher<OccupancyGrid>),
     Log(Publisher<Log>),
 }
 
@@ -32,6 +33,7 @@ impl Port {
             Kind::Path => Self::Path(bus.publisher(channel)?),
             Kind::Markers => Self::Markers(bus.publisher(channel)?),
             Kind::Cloud => Self::Cloud(bus.publisher(channel)?),
+            Kind::Grid => Self::Grid(bus.publisher(channel)?),
             Kind::Log => Self::Log(bus.publisher(channel)?),
         })
     }
@@ -52,6 +54,7 @@ impl Port {
             Self::Path(port) => send!(port, Path),
             Self::Markers(port) => send!(port, MarkerArray),
             Self::Cloud(port) => send!(port, PointCloud2),
+            Self::Grid(port) => send!(port, OccupancyGrid),
             Self::Log(port) => send!(port, Log),
         }
     }

@@ -1,7 +1,7 @@
 //! A run drawn in three dimensions: independent readers find every cable, pose and point at its position.
 
 use messages::ros::TfMessage;
-use messages::{LogEvent, Message, NodeEstimate, Reading, Request, put_text};
+use messages::{FieldMap, LogEvent, Message, NodeEstimate, Reading, Request, put_text};
 use nims::visualization_export::export_visualization;
 use nims_tests::python;
 use nims_tests::recorded::record;
@@ -14,7 +14,7 @@ use std::process::Command;
 /// Content of a process's log in the run.
 const SAID: &str = "the line \u{e4} is taut";
 
-/// The lockstep run, and a log event in a second file of it.
+/// The lockstep run, and a log event and a map in a second file of it.
 fn run(folder: &Path) -> PathBuf {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     let system_path = format!("{}/../configs/systems/demo3.toml", env!("CARGO_MANIFEST_DIR"));
@@ -32,6 +32,11 @@ fn run(folder: &Path) -> PathBuf {
     put_text(&mut event.process, "motor-io");
     put_text(&mut event.text, SAID);
     writer.write(channel, 1, stamp_ns, stamp_ns, bytemuck::bytes_of(&event)).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::for_type::<FieldMap>("map/height")).unwrap();
+    let mut map = FieldMap { origin_m: [1.5, -2.0], cell_m: 0.25, columns: 2, rows: 2, ..FieldMap::default() };
+    map.value[..4].copy_from_slice(&[1.0, f32::NAN, 3.0, 2.0]);
+    map.header_mut().stamp_ns = stamp_ns;
+    writer.write(channel, 1, stamp_ns, stamp_ns, bytemuck::bytes_of(&map)).unwrap();
     writer.finish(&Default::default()).unwrap();
     run
 }
@@ -65,6 +70,7 @@ fn a_run_is_drawn_and_read_field_by_field() {
     let expected = json!({
         "anchors": anchors, "places": places, "tensions": tensions, "last_sample": sample,
         "log": { "name": "motor-io", "msg": SAID, "level": 30, "file": "", "line": 0 },
+        "map": { "resolution": 0.25, "width": 64, "height": 64 }, "corner": [1.5, -2.0, 0.0], "cells": [0, 100, 50],
     });
     let file = folder.path().join("expected.json");
     std::fs::write(&file, expected.to_string()).unwrap();
@@ -81,7 +87,7 @@ fn a_run_is_drawn_and_read_field_by_field() {
     assert_eq!(checked.lines().filter(|line| line.ends_with("as expected")).count(), 2, "{checked}");
     // the project's reader for analysts, including texts and lists
     let reader = printed("python/check_reader.py", &[]);
-    assert!(reader.contains(" samples on 7 channels agree"), "{reader}");
+    assert!(reader.contains(" samples on 8 channels agree"), "{reader}");
 }
 
 /// Largest number of polls, 10 ms apart.

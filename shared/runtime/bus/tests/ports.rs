@@ -169,6 +169,9 @@ fn a_tap_receives_the_bytes_of_the_sample() {
     assert_eq!(info.schema.as_deref(), Some(NodeEstimate::schema()));
     assert_eq!(info.size, size_of::<NodeEstimate>());
     assert_eq!(bus.ports("node/estimate/a").unwrap(), (1, 1));
+    let own = std::process::id();
+    assert_eq!(bus.publishers("node/estimate/a").unwrap().iter().map(|(_, pid)| *pid).collect::<Vec<_>>(), [own]);
+    assert_eq!(bus.subscribers("node/estimate/a").unwrap(), [own]);
     let mut sample = NodeEstimate { position_m: [1.0, -2.0, f64::NAN], ..Default::default() };
     (sample.header.cycle, sample.header.stamp_ns) = (77, 123);
     publisher.send(&mut sample).unwrap();

@@ -8,12 +8,7 @@ use std::sync::OnceLock;
 use crate::cdr::Cdr;
 use crate::message::expanded::complete;
 use crate::message::hash_of;
-use crate::ros::{HEADER, IMAGE, POINT, POSE, QUATERNION, TIME};
-
-const META: (&str, &str) = (
-    "nav_msgs/MapMetaData",
-    "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\ngeometry_msgs/Pose origin\n",
-);
+use crate::ros::{GRID, HEADER, IMAGE, META, POINT, POSE, QUATERNION, TIME};
 
 /// Type of the samples of a blob channel. A sample is a CDR body of it; every tool that knows ROS 2 shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,11 +63,7 @@ impl BlobType {
                  float32[] intensities\n",
                 &[HEADER, TIME],
             ),
-            Self::OccupancyGrid => (
-                "nav_msgs/OccupancyGrid",
-                "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data\n",
-                &[HEADER, TIME, META, POSE, POINT, QUATERNION],
-            ),
+            Self::OccupancyGrid => (GRID.0, GRID.1, &[HEADER, TIME, META, POSE, POINT, QUATERNION]),
         };
         TEXTS[self as usize].get_or_init(|| {
             let nested: Vec<(&'static str, String)> =

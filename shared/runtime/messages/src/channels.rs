@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
-use crate::ros::{Log, MarkerArray, Path, Payload, PointCloud2, PoseStamped, TfMessage};
+use crate::ros::{Log, MarkerArray, OccupancyGrid, Path, Payload, PointCloud2, PoseStamped, TfMessage};
 use crate::{
     ControlStatus, Energy, FieldMap, Heartbeat, LogEvent, MotorAuthority, MotorCommand, MotorInput, MotorSlots,
     MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading, RecorderStatus, Sample,
@@ -226,6 +226,7 @@ channels! {
     "visualization/plan": Path by "visualization", SLOW_VISUALIZATION;
     "visualization/track": Path by "visualization", SLOW_VISUALIZATION;
     "visualization/samples/*": PointCloud2 by "visualization", SLOW_VISUALIZATION;
+    "visualization/map/*": OccupancyGrid by "visualization", SLOW_VISUALIZATION;
     "log": Log by "visualization", BURST;
 }
 

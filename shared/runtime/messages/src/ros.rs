@@ -78,6 +78,13 @@ const MARKER: (&str, &str) = (
 );
 pub(crate) const IMAGE: (&str, &str) =
     ("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data\n");
+/// Cells of a grid.
+pub(crate) const META: (&str, &str) = (
+    "nav_msgs/MapMetaData",
+    "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\ngeometry_msgs/Pose origin\n",
+);
+pub(crate) const GRID: (&str, &str) =
+    ("nav_msgs/OccupancyGrid", "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data\n");
 const UV: (&str, &str) = ("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n");
 const MESH: (&str, &str) = ("visualization_msgs/MeshFile", "string filename\nuint8[] data\n");
 const POINT_FIELD: (&str, &str) = (
@@ -148,6 +155,11 @@ ros! {
     [HEADER, TIME, POINT_FIELD]
 }
 ros! {
+    /// `visualization/map/NAME`: map of a sensor's values.
+    OccupancyGrid, "nav_msgs/OccupancyGrid", 100 + crate::FieldMap::CELLS, GRID.1,
+    [HEADER, TIME, META, POSE, POINT, QUATERNION]
+}
+ros! {
     /// `log`: log events of the processes.
     Log, "rcl_interfaces/Log", 640,
     "uint8 DEBUG=10\nuint8 INFO=20\nuint8 WARN=30\nuint8 ERROR=40\nuint8 FATAL=50\nbuiltin_interfaces/Time stamp\nuint8 level\n\
@@ -167,6 +179,7 @@ pub fn schema_of(type_name: &str) -> Option<&'static str> {
         row::<Path>(),
         row::<MarkerArray>(),
         row::<PointCloud2>(),
+        row::<OccupancyGrid>(),
         row::<Log>(),
     ];
     all.into_iter().find(|(name, _)| *name == type_name).map(|(_, schema)| schema)
