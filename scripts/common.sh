@@ -264,7 +264,7 @@ check_links() {
 }
 
 # The workspaces beside the main one: their format, and that their lock files are those of their manifests. What they
-# bring along (a web server, Foxglove's library, the peers of the benchmarks) is compiled by their own scripts only.
+# bring along (servers of web pages and WebSockets, the peers of the benchmarks) is compiled by their own scripts only.
 check_separate_workspaces() {
     local workspace
     for workspace in services/page services/viewer tests/benchmarks tests/peers; do

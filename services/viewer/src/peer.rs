@@ -3,13 +3,14 @@
 //! TCP does not state it. If the other end is on this machine, the kernel's table of connections contains that end too,
 //! with its user.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
 /// The tables of this network namespace. A socket of IPv6 that is connected to an address of IPv4 is in the second.
 const TABLES: [&str; 2] = ["/proc/thread-self/net/tcp", "/proc/thread-self/net/tcp6"];
 /// A table that changes while it is read can lack an entry.
-const ATTEMPTS: usize = 3;
+const ATTEMPTS: usize = 2;
 /// Connected: any other state of the other end is no client that may look, and of a closed one the kernel may state
 /// the user 0.
 const ESTABLISHED: &str = "01";
@@ -28,41 +29,53 @@ pub(crate) enum Peer {
     Gone,
 }
 
-/// Returns who is at the other end, `peer`, of the connection whose end here is `own`.
+/// The two ends of a connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Ends {
+    /// The end here.
+    pub(crate) own: SocketAddr,
+    /// The other one.
+    pub(crate) peer: SocketAddr,
+}
+
+/// Returns who is at the other end of each connection. One look at the tables serves all of them, because the kernel
+/// takes milliseconds for one.
 ///
 /// # Errors
 /// The kernel's tables cannot be read.
-pub(crate) fn peer_of(own: SocketAddr, peer: SocketAddr) -> std::io::Result<Peer> {
+pub(crate) fn peers_of(connections: &[Ends]) -> std::io::Result<Vec<Peer>> {
+    let mut owners = BTreeMap::new();
     for _ in 0..ATTEMPTS {
         for table in TABLES {
-            let file = match std::fs::File::open(table) {
-                Ok(file) => file,
+            match std::fs::File::open(table) {
+                Ok(file) => owners.extend(owners_in(BufReader::new(file), connections)?),
                 // A kernel without IPv6.
-                Err(error) if error.kind() == std::io::ErrorKind::NotFound && table == TABLES[1] => continue,
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound && table == TABLES[1] => {}
                 Err(error) => return Err(error),
-            };
-            if let Some(uid) = owner_in(BufReader::new(file), peer, own)? {
-                return Ok(Peer::Local(uid));
             }
         }
-        if !is_of_this_machine(peer) {
-            return Ok(Peer::Remote);
+        if (0..connections.len()).all(|at| owners.contains_key(&at)) {
+            break;
         }
     }
-    Ok(Peer::Gone)
+    let other = |peer| if is_of_this_machine(peer) { Peer::Gone } else { Peer::Remote };
+    let of = |(at, ends): (usize, &Ends)| owners.get(&at).map_or_else(|| other(ends.peer), |uid| Peer::Local(*uid));
+    Ok(connections.iter().enumerate().map(of).collect())
 }
 
-/// Returns the user of the connected socket with these addresses in a table of the kernel.
-fn owner_in(table: impl BufRead, local: SocketAddr, remote: SocketAddr) -> std::io::Result<Option<u32>> {
-    let (local, remote) = (canonical(local), canonical(remote));
+/// Returns the user of each connection whose other end is in a table of the kernel, by its place in `connections`.
+fn owners_in(table: impl BufRead, connections: &[Ends]) -> std::io::Result<BTreeMap<usize, u32>> {
+    let wanted: BTreeMap<(End, End), usize> =
+        connections.iter().enumerate().map(|(at, ends)| ((canonical(ends.peer), canonical(ends.own)), at)).collect();
+    let mut owners = BTreeMap::new();
     for line in table.lines() {
-        if let Some((of, to, uid)) = connection(&line?)
-            && (of, to) == (local, remote)
+        if let Some((local, remote, uid)) = connection(&line?)
+            && let Some(at) = wanted.get(&(local, remote))
         {
-            return Ok(Some(uid));
+            owners.insert(*at, uid);
         }
     }
-    Ok(None)
+    Ok(owners)
 }
 
 /// Both addresses and the user of one line, if it is a connection with a socket:
@@ -123,12 +136,13 @@ mod tests {
     #[test]
     #[cfg(target_endian = "little")]
     fn only_the_other_end_of_an_open_connection_states_its_user() {
-        let of = |port| owner_in(TABLE.as_bytes(), at(port), at(0x223D)).unwrap();
-        assert_eq!(of(0x9C40), Some(1001));
-        // Closed ends, of which the kernel states the user 0, and one that does not exist.
-        assert_eq!([of(0x9C41), of(0x9C42), of(0x9C43), of(0x9C44)], [None; 4]);
+        let from = |port| Ends { own: at(0x223D), peer: at(port) };
+        // Also closed ends, of which the kernel states the user 0, and one that does not exist.
+        let ends = [0x9C41, 0x9C42, 0x9C43, 0x9C44, 0x9C40].map(from);
+        assert_eq!(owners_in(TABLE.as_bytes(), &ends).unwrap(), BTreeMap::from([(4, 1001)]));
         let mapped = SocketAddr::from((Ipv4Addr::LOCALHOST.to_ipv6_mapped(), 0x9C40));
-        assert_eq!(owner_in(TABLE.as_bytes(), mapped, at(0x223D)).unwrap(), Some(1001));
+        let ends = [Ends { peer: mapped, ..from(0) }];
+        assert_eq!(owners_in(TABLE.as_bytes(), &ends).unwrap(), BTreeMap::from([(0, 1001)]));
     }
 
     #[test]
@@ -147,6 +161,7 @@ mod tests {
     #[test]
     fn the_kernel_states_who_connects() {
         let own = rustix::process::geteuid().as_raw();
+        let mut open = Vec::new();
         for (listen, connect) in [
             ("127.0.0.1", "127.0.0.1"),
             ("0.0.0.0", "127.0.0.7"),
@@ -158,12 +173,16 @@ mod tests {
             let to = SocketAddr::new(connect.parse().unwrap(), listener.local_addr().unwrap().port());
             let client = TcpStream::connect(to).unwrap();
             let (stream, peer) = listener.accept().unwrap();
-            let here = stream.local_addr().unwrap();
-            assert_eq!(peer_of(here, peer).unwrap(), Peer::Local(own), "{connect} to {listen}");
-            drop(client);
-            assert_eq!(peer_of(here, peer).unwrap(), Peer::Gone, "{connect} to {listen}");
+            open.push((client, Ends { own: stream.local_addr().unwrap(), peer }, stream));
         }
         // An address for documentation, which no machine has.
-        assert_eq!(peer_of(at(8765), SocketAddr::from(([192, 0, 2, 1], 4000))).unwrap(), Peer::Remote);
+        let remote = Ends { own: at(8765), peer: SocketAddr::from(([192, 0, 2, 1], 4000)) };
+        let ends: Vec<Ends> = open.iter().map(|(_, ends, _)| *ends).chain([remote]).collect();
+        let mut expected = vec![Peer::Local(own); open.len()];
+        expected.push(Peer::Remote);
+        assert_eq!(peers_of(&ends).unwrap(), expected, "{ends:?}");
+        drop(open.remove(1).0);
+        expected[1] = Peer::Gone;
+        assert_eq!(peers_of(&ends).unwrap(), expected, "{ends:?}");
     }
 }

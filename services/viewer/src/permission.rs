@@ -1,9 +1,8 @@
 //! Who may look: the robot's user, root, and the users and groups of `look` in `[viewer]`.
 
 use std::collections::BTreeSet;
-use std::net::SocketAddr;
 
-use crate::peer::{Peer, peer_of};
+use crate::peer::{Ends, Peer, peers_of};
 
 /// Names of local users and groups: a directory service could block the viewer.
 const USERS: &str = "/etc/passwd";
@@ -28,21 +27,19 @@ impl Permission {
         Self { own_uid, look, named: BTreeSet::new(), unreadable: false }
     }
 
-    /// Returns whether the program at the other end of a connection may look. Another machine may: who sets another
+    /// Returns for each connection whether the program at its other end may look. Another machine may: who sets another
     /// address than this machine's own permits its network.
-    pub(crate) fn admits(&mut self, own: SocketAddr, peer: SocketAddr) -> bool {
-        match peer_of(own, peer).and_then(|peer| self.judge(peer)) {
-            Ok(admitted) => admitted,
-            Err(error) => {
-                if !std::mem::replace(&mut self.unreadable, true) {
-                    tracing::error!(
-                        "no tool can connect, because it cannot be read who connects: {error}; /proc/net/tcp, {USERS} \
-                         and {GROUPS} have to be readable"
-                    );
-                }
-                false
+    pub(crate) fn admit(&mut self, connections: &[Ends]) -> Vec<bool> {
+        let judged = peers_of(connections).and_then(|peers| peers.into_iter().map(|peer| self.judge(peer)).collect());
+        judged.unwrap_or_else(|error: std::io::Error| {
+            if !std::mem::replace(&mut self.unreadable, true) {
+                tracing::error!(
+                    "no tool can connect, because it cannot be read who connects: {error}; /proc/net/tcp, {USERS} and \
+                     {GROUPS} have to be readable"
+                );
             }
-        }
+            vec![false; connections.len()]
+        })
     }
 
     fn judge(&mut self, peer: Peer) -> std::io::Result<bool> {

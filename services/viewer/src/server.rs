@@ -3,9 +3,9 @@
 use std::net::{SocketAddr, TcpListener as StdListener};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use futures_util::{SinkExt, StreamExt};
+use futures_util::{FutureExt, SinkExt, StreamExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_tungstenite::tungstenite::Message;
@@ -15,6 +15,7 @@ use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
 use tokio_tungstenite::{WebSocketStream, accept_hdr_async_with_config};
 
 use crate::hub::Hub;
+use crate::peer::Ends;
 use crate::permission::Permission;
 use crate::protocol::VERSIONS;
 
@@ -24,8 +25,10 @@ const TOOLS: usize = 16;
 const HANDSHAKE: Duration = Duration::from_secs(10);
 /// Largest request of a tool, bytes: a subscription to ten thousand channels has less.
 const REQUEST_BYTES: usize = 1 << 20;
-/// Pause after a refused connection, in times of what it took to refuse it: who connects again and again gets at most
-/// a fifth of a processor.
+/// Largest number of connections that are judged together; more do not wait to be accepted.
+const AT_ONCE: usize = 128;
+/// Pause after refused connections, in times of the processor time that they took: who connects again and again gets
+/// at most a fifth of a processor.
 const PAUSE: u32 = 4;
 /// Pause after the kernel cannot accept, e.g. because this process has too many open files.
 const AGAIN: Duration = Duration::from_millis(100);
@@ -74,8 +77,9 @@ async fn accept(listener: &TcpListener, hub: &Arc<Hub>, mut permission: Permissi
     let places = Arc::new(Semaphore::new(TOOLS));
     let (mut full, mut failing) = (false, false);
     loop {
-        let (stream, peer) = match listener.accept().await {
-            Ok(accepted) => accepted,
+        let mut streams = Vec::new();
+        match listener.accept().await {
+            Ok((stream, _)) => streams.push(stream),
             Err(error) => {
                 if !std::mem::replace(&mut failing, true) {
                     tracing::warn!("a tool cannot connect, retrying: {error}");
@@ -83,28 +87,47 @@ async fn accept(listener: &TcpListener, hub: &Arc<Hub>, mut permission: Permissi
                 tokio::time::sleep(AGAIN).await;
                 continue;
             }
-        };
-        failing = false;
-        let begun = Instant::now();
-        // Nothing is read from the connection and nothing is sent to it before.
-        let admitted = stream.local_addr().is_ok_and(|own| permission.admits(own, peer));
-        match (admitted, places.clone().try_acquire_owned()) {
-            (true, Ok(place)) => {
-                full = false;
-                tokio::spawn(serve(stream, peer, hub.clone(), place));
-                continue;
-            }
-            (true, Err(_)) => {
-                if !std::mem::replace(&mut full, true) {
-                    tracing::warn!("a tool at {peer} is refused, because {TOOLS} are connected; close one of them");
-                }
-                turn_away(&stream, "503 Service Unavailable", "The viewer has no place for another tool.");
-            }
-            (false, _) => turn_away(&stream, "403 Forbidden", "This user may not look; see the log of the viewer."),
         }
-        drop(stream);
-        tokio::time::sleep(begun.elapsed() * PAUSE).await;
+        failing = false;
+        let begun = processor_time();
+        while streams.len() < AT_ONCE
+            && let Some(Ok((stream, _))) = listener.accept().now_or_never()
+        {
+            streams.push(stream);
+        }
+        // Both are unknown only of a connection that has ended already.
+        let ends = |stream: &TcpStream| Some(Ends { own: stream.local_addr().ok()?, peer: stream.peer_addr().ok()? });
+        let (ends, streams): (Vec<Ends>, Vec<TcpStream>) =
+            streams.into_iter().filter_map(|stream| Some((ends(&stream)?, stream))).unzip();
+        let mut refused = false;
+        // Nothing is read from a connection and nothing is sent to it before.
+        for ((admitted, Ends { peer, .. }), stream) in permission.admit(&ends).into_iter().zip(&ends).zip(streams) {
+            match (admitted, places.clone().try_acquire_owned()) {
+                (true, Ok(place)) => {
+                    full = false;
+                    tokio::spawn(serve(stream, *peer, hub.clone(), place));
+                    continue;
+                }
+                (true, Err(_)) => {
+                    if !std::mem::replace(&mut full, true) {
+                        tracing::warn!("a tool at {peer} is refused, because {TOOLS} are connected; close one of them");
+                    }
+                    turn_away(&stream, "503 Service Unavailable", "The viewer has no place for another tool.");
+                }
+                (false, _) => turn_away(&stream, "403 Forbidden", "This user may not look; see the log of the viewer."),
+            }
+            refused = true;
+        }
+        if refused || ends.is_empty() {
+            tokio::time::sleep(processor_time().saturating_sub(begun) * PAUSE).await;
+        }
     }
+}
+
+/// Processor time of this thread so far.
+fn processor_time() -> Duration {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs() as u32)
 }
 
 /// Answers without reading the request; a tool that is not ready for the answer does not get it.

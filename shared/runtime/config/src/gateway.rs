@@ -58,3 +58,21 @@ pub(super) fn check_names(key: &str, entries: &[String]) -> Result<(), Problem> 
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_have_names_and_numbers_of_users_and_groups() {
+        let names = |entries: &[&str]| entries.iter().map(|entry| (*entry).to_owned()).collect::<Vec<_>>();
+        assert!(check_names("viewer.look", &names(&["ada", "1000", "@nims-operators", "@990", "a.b-c_$"])).is_ok());
+        for entry in ["", "@", "@@x", "a b", "ada:", "a/b", "é"] {
+            let problem = check_names("viewer.look", &names(&["ada", entry])).unwrap_err();
+            assert_eq!(problem.key(), "viewer.look");
+            assert!(problem.to_string().contains(&format!("\"{entry}\"")), "{problem}");
+        }
+        let section = GatewaySection { publish: names(&["@plugins"]), ..GatewaySection::default() };
+        assert_eq!(check(&section).unwrap_err().key(), "gateway.publish");
+    }
+}
