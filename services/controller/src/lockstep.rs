@@ -9,7 +9,7 @@ use cable_robot::elastic::Realisation;
 use cable_robot::{CableVec, Robot, Setpoint};
 use config::SystemFile;
 use messages::{CABLES, NodeEstimate};
-use program_pipe::{Hello, Parameters, say};
+use program_pipe::{Hello, Parameters};
 use serde::{Deserialize, Serialize};
 
 use crate::custom_law::{CableLaw, LawInput};
@@ -185,15 +185,10 @@ fn fill(into: &mut [f64; CABLES], values: &[f64]) {
 ///
 /// # Errors
 /// A line that is none of this protocol, a system file that is not accepted, or a stream that fails.
-pub fn serve(law: &mut dyn CableLaw, questions: impl BufRead, mut answers: impl Write) -> anyhow::Result<()> {
-    let mut lines = questions.lines();
-    let Some(hello) = lines.next() else { return Ok(()) };
-    let Hello { system, .. } = serde_json::from_str(&hello?)?;
-    let robot = SystemFile::load(&system)?.robot_file()?.robot()?;
-    say(&mut answers, &Parameters { parameters: law.parameters() })?;
-    for line in lines {
-        let question: Question = serde_json::from_str(&line?)?;
-        say(&mut answers, &question.answer(&robot, law).map(|velocity| velocity.to_vec()))?;
-    }
-    Ok(())
+pub fn serve(law: &mut dyn CableLaw, questions: impl BufRead, answers: impl Write) -> anyhow::Result<()> {
+    let parameters = Parameters { parameters: law.parameters() };
+    let begin = |Hello { system, .. }| Ok((SystemFile::load(&system)?.robot_file()?.robot()?, parameters));
+    program_pipe::serve(questions, answers, begin, |robot: &mut Robot, question: Question| {
+        question.answer(robot, law).map(|velocity| velocity.to_vec())
+    })
 }

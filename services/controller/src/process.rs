@@ -20,14 +20,9 @@ use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law, lockstep};
 /// `program` is [`program!()`](macro@crate::program), so that the run identifies the program and not nims. With
 /// [`program_pipe::ARGUMENT`] the same program answers `nims sim` instead.
 pub fn main_with(program: Program, mut law: Box<dyn CableLaw>) -> ExitCode {
-    if std::env::args().any(|argument| argument == program_pipe::ARGUMENT) {
-        return match lockstep::serve(law.as_mut(), std::io::stdin().lock(), std::io::stdout().lock()) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                eprintln!("{error:#}");
-                ExitCode::FAILURE
-            }
-        };
+    let served = program_pipe::serve_if_asked(|questions, answers| lockstep::serve(law.as_mut(), questions, answers));
+    if let Some(code) = served {
+        return code;
     }
     runtime::main("controller", move |_: &Args, chassis| {
         chassis.is_program(&program);

@@ -31,7 +31,7 @@ impl ProgramLaw {
 impl CableLaw for ProgramLaw {
     fn velocity(&mut self, input: &LawInput<'_>) -> Option<CableVec> {
         let cables = input.robot.cable_count();
-        self.0.answer(&Question::from(input), "a list of velocities, or null", |values: Vec<f64>| {
+        self.0.ready()?.answer(&Question::from(input), "a list of velocities, or null", |values: Vec<f64>| {
             ensure!(values.len() == cables, "these are {} velocities for {cables} cables", values.len());
             Ok(CableVec::from_slice(&values)?)
         })

@@ -21,14 +21,9 @@ use crate::serve::serve;
 /// its `method` is not used. `program` is [`program!()`](macro@crate::program), so that the run identifies the program
 /// and not nims. With [`program_pipe::ARGUMENT`] the same program answers `nims sim` instead.
 pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
-    if std::env::args().any(|argument| argument == program_pipe::ARGUMENT) {
-        return match serve(cable, std::io::stdin().lock(), std::io::stdout().lock()) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                eprintln!("{error:#}");
-                ExitCode::FAILURE
-            }
-        };
+    let served = program_pipe::serve_if_asked(|questions, answers| serve(cable.clone(), questions, answers));
+    if let Some(code) = served {
+        return code;
     }
     runtime::main("estimator", move |_: &Args, chassis| {
         chassis.is_program(&program);

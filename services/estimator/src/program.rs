@@ -116,9 +116,7 @@ impl ProgramEstimator {
     pub(crate) fn at(&mut self, samples: &[CableSample], instant: &Instant) -> Measurements {
         let mut measured = [None; CABLES];
         let Ok(mut program) = self.program.lock() else { return measured };
-        if !program.is_ready() {
-            return measured;
-        }
+        let Some(program) = program.ready() else { return measured };
         for (newest, sample) in self.newest.iter_mut().zip(samples).filter(|(_, sample)| sample.length_m.is_some()) {
             *newest = Some(Newest { cycle: sample.cycle, sampled_ns: sample.sampled_ns });
         }

@@ -5,7 +5,7 @@ use std::io::{BufRead, Write};
 use anyhow::ensure;
 use config::SystemFile;
 use messages::CABLES;
-use program_pipe::{Hello, Parameters, say};
+use program_pipe::{Hello, Parameters};
 
 use crate::cable_estimator::{CableEstimator, CableSample, Instant};
 use crate::cables::Cables;
@@ -17,26 +17,33 @@ use crate::readings::Readings;
 ///
 /// # Errors
 /// A line that is none of this protocol, a system file that is not accepted, or a stream that fails.
-pub fn serve(
-    mut cable: Box<dyn CableEstimator>,
-    questions: impl BufRead,
-    mut answers: impl Write,
-) -> anyhow::Result<()> {
-    let mut lines = questions.lines();
-    let Some(hello) = lines.next() else { return Ok(()) };
-    let Hello { system, cables: count } = serde_json::from_str(&hello?)?;
-    ensure!(count <= CABLES, "the system has {count} cables; accepted: at most {CABLES}");
-    cable.retune(Method::custom(&SystemFile::load(&system)?.estimator).parameters());
-    say(&mut answers, &Parameters { parameters: cable.constants() })?;
-    let (mut cables, mut readings) = (Cables::each(Some(cable), count), Readings::default());
-    for line in lines {
-        let question: Question = serde_json::from_str(&line?)?;
+pub fn serve(cable: Box<dyn CableEstimator>, questions: impl BufRead, answers: impl Write) -> anyhow::Result<()> {
+    program_pipe::serve(questions, answers, |hello| Served::begin(cable, &hello), Served::answer)
+}
+
+/// The cables of the system.
+struct Served {
+    count: usize,
+    cables: Cables,
+    readings: Readings,
+}
+
+impl Served {
+    fn begin(mut cable: Box<dyn CableEstimator>, hello: &Hello) -> anyhow::Result<(Self, Parameters)> {
+        let count = hello.cables;
+        ensure!(count <= CABLES, "the system has {count} cables; accepted: at most {CABLES}");
+        cable.retune(Method::custom(&SystemFile::load(&hello.system)?.estimator).parameters());
+        let parameters = Parameters { parameters: cable.constants() };
+        Ok((Self { count, cables: Cables::each(Some(cable), count), readings: Readings::default() }, parameters))
+    }
+
+    fn answer(&mut self, question: Question) -> Vec<Option<Answer>> {
         if question.forget {
-            readings.forget();
-            cables.forget();
+            self.readings.forget();
+            self.cables.forget();
         }
         if question.expect_anything {
-            cables.expect_anything();
+            self.cables.expect_anything();
         }
         let of_cables = question.lengths_m.iter().zip(&question.sampled_ns).zip(&question.commands_m_s);
         let samples: Vec<CableSample> = of_cables
@@ -48,9 +55,7 @@ pub fn serve(
             })
             .collect();
         let instant = Instant { cycle: question.cycle, time_ns: question.instant_ns };
-        let measured = cables.measure(&mut readings, &samples, &instant);
-        let answer: Vec<Option<Answer>> = measured.iter().take(count).map(|at| at.and_then(Answer::of)).collect();
-        say(&mut answers, &answer)?;
+        let measured = self.cables.measure(&mut self.readings, &samples, &instant);
+        measured.iter().take(self.count).map(|at| at.and_then(Answer::of)).collect()
     }
-    Ok(())
 }

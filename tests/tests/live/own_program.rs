@@ -1,60 +1,135 @@
-//! A custom law in Python, in a program of its own: first in the shadow, then in charge, at 50 Hz.
+//! A custom law and a custom estimator in Python, in programs of their own: first in the shadow, then in charge, at
+//! 50 Hz.
 
 use crate::robot::{Robot, THREE_CABLES, root, samples_of, steadily};
-use messages::{CONTROLLERS, MotorAuthority, MotorCommand, MotorSlots, SLOTS, SystemConfig, text_of};
+use messages::{
+    CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorSlots, NodeEstimate, SLOTS, SystemConfig, text_of,
+};
 use nims_tests::python;
 use rustix::process::Signal;
 use std::collections::HashMap;
+use std::path::{Path, PathBuf};
 
 /// Amplitude with which the node swings on its cables after a stop, m.
 const SWING_M: f64 = 0.01;
 
-/// The template in slot b, beside the standard controller.
-fn beside() -> String {
-    let (modules, law) = (root().join("scripts/python"), root().join("scripts/templates/law.py"));
-    let command = format!("env PYTHONPATH={} {} -B {}", modules.display(), python().display(), law.display());
+/// A program of a role in slot b, beside the standard one.
+fn beside(role: &str, program: &Path) -> String {
+    let modules = root().join("scripts/python");
+    let command = format!("env PYTHONPATH={} {} -B {}", modules.display(), python().display(), program.display());
     format!(
-        "\n[[process]]\nname = \"my-law\"\nrole = \"controller\"\nslot = \"b\"\ncommand = [\"controller\", \"--program\", {command:?}]\n"
+        "\n[[process]]\nname = \"mine\"\nrole = \"{role}\"\nslot = \"b\"\ncommand = [\"{role}\", \"--program\", {command:?}]\n"
     )
 }
 
-/// Puts the law in charge while the robot moves; a swap that the machine spoils is repeated.
-fn swap(robot: &mut Robot) {
+fn template(name: &str) -> PathBuf {
+    root().join("scripts/templates").join(name)
+}
+
+/// A robot of three cables at 50 Hz.
+fn slow(more: &str) -> Robot {
+    Robot::up_with(THREE_CABLES, more, |configs| {
+        let path = configs.join("systems/demo3.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains("rate_hz = 100.0"));
+        std::fs::write(&path, text.replacen("rate_hz = 100.0", "rate_hz = 50.0", 1)).unwrap();
+    })
+}
+
+/// Puts what is in slot b in charge while the robot moves; a swap that the machine spoils is repeated.
+fn swap(robot: &mut Robot, role: &str, kind: usize) {
     for _ in 0..5 {
         robot.until("it qualifies in flight", |robot| {
-            robot.slots.phase[SLOTS * CONTROLLERS + 1] == MotorSlots::PHASE_QUALIFIED
+            robot.slots.phase[SLOTS * kind + 1] == MotorSlots::PHASE_QUALIFIED
                 && robot.last.mode == MotorAuthority::MODE_FOLLOWING
         });
-        if robot.nims(&["swap", "controller"]).status.success() {
+        if robot.nims(&["swap", role]).status.success() {
             return;
         }
     }
     panic!("five times no swap\n{}", robot.printed());
 }
 
+/// Flies with a program in slot b, which takes over on the way, and ends the robot.
+fn fly(role: &str, kind: usize, program: &Path) -> Robot {
+    let mut robot = slow(&beside(role, program));
+    robot.until("the program", |robot| robot.slots.phase[SLOTS * kind + 1] != MotorSlots::PHASE_EMPTY);
+    robot.arm();
+    robot.fly_at(0.04);
+    swap(&mut robot, role, kind);
+    robot.until("it is in charge", |robot| robot.slots.in_charge[kind] == 1);
+    robot.for_cycles(200);
+    assert_eq!(robot.slots.in_charge[kind], 1, "it has lost its place\n{}", robot.printed());
+    robot.arrive();
+    robot.for_cycles(25);
+    let off_m = robot.distance_m(robot.goal);
+    assert!(off_m < SWING_M, "{off_m} m from the goal");
+    assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
+    robot
+}
+
 #[test]
 fn a_law_in_python_is_in_charge_after_it_kept_its_deadline_in_the_shadow() {
+    steadily(|| judge(&fly("controller", CONTROLLERS, &template("law.py"))));
+}
+
+#[test]
+fn an_estimator_in_python_is_in_charge_after_it_kept_its_deadline_in_the_shadow() {
+    steadily(|| judge_estimator(&fly("estimator", ESTIMATORS, &template("estimator.py"))));
+}
+
+/// By the run file: no estimate of the program was valid before it was measured, and those in charge moved the robot.
+fn judge_estimator(robot: &Robot) {
+    let run = robot.run();
+    let configs = samples_of::<SystemConfig>(&run, "system/config/estimator-b");
+    let parameters = text_of(&configs.last().unwrap().parameters);
+    assert!(parameters.contains("program = \"env ") && parameters.contains("alpha = 0.5"), "{parameters}");
+    let estimates = samples_of::<NodeEstimate>(&run, "node/estimate/b");
+    let unmeasured = estimates.iter().take_while(|estimate| estimate.valid == 0).count();
+    assert!(
+        unmeasured >= program_pipe::MEASURED_ANSWERS as usize,
+        "{unmeasured} estimates before the first that counts"
+    );
+    let valid: HashMap<u64, u8> = estimates.iter().map(|estimate| (estimate.header.cycle, estimate.valid)).collect();
+    let authorities = samples_of::<MotorAuthority>(&run, "motor/authority");
+    let in_charge: Vec<&MotorAuthority> = authorities
+        .iter()
+        .filter(|sample| sample.mode == MotorAuthority::MODE_FOLLOWING && sample.active_estimator == 1)
+        .collect();
+    let answered = in_charge.iter().filter(|sample| valid.get(&(sample.header.cycle - 1)) == Some(&1)).count();
+    let all = in_charge.len();
+    println!("{answered} of {all} cycles in charge by an estimate of the program, {unmeasured} cycles measured before");
+    assert!(all >= 200 && answered + 3 >= all, "{answered} of {all} cycles");
+}
+
+/// A program that no longer reads does not see that its pipe is closed.
+#[test]
+fn a_program_in_an_endless_loop_ends_with_the_controller_that_is_killed() {
     steadily(|| {
-        let mut robot = Robot::up_with(THREE_CABLES, &beside(), |configs| {
-            let path = configs.join("systems/demo3.toml");
-            let text = std::fs::read_to_string(&path).unwrap();
-            assert!(text.contains("rate_hz = 100.0"));
-            std::fs::write(&path, text.replacen("rate_hz = 100.0", "rate_hz = 50.0", 1)).unwrap();
-        });
-        robot.until("the law", |robot| robot.slots.phase[SLOTS * CONTROLLERS + 1] != MotorSlots::PHASE_EMPTY);
-        robot.arm();
-        robot.fly_at(0.04);
-        swap(&mut robot);
-        robot.until("it is in charge", |robot| robot.slots.in_charge[CONTROLLERS] == 1);
-        robot.for_cycles(200);
-        assert_eq!(robot.slots.in_charge[CONTROLLERS], 1, "it has lost its place\n{}", robot.printed());
-        robot.arrive();
-        robot.for_cycles(25);
-        let off_m = robot.distance_m(robot.goal);
-        assert!(off_m < SWING_M, "{off_m} m from the goal");
-        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.printed());
-        judge(&robot);
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("loop.py");
+        let text =
+            "import sys, time\nsys.stdin.readline()\nprint('{}', flush=True)\nwhile True:\n    time.sleep(0.01)\n";
+        std::fs::write(&program, text).unwrap();
+        let mut robot = slow(&beside("controller", &program));
+        robot.until_reported("the controller", |robot| robot.pid("controller-b").is_some());
+        let controller = robot.pid("controller-b").unwrap();
+        robot.until_reported("its program", |_| !children(controller).is_empty());
+        let program = children(controller);
+        robot.signal("controller-b", Signal::KILL);
+        let is_gone = |pid: &u32| {
+            let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+            state.is_empty() || state.contains(") Z")
+        };
+        robot.until_reported("the program ends", |_| program.iter().all(is_gone));
     });
+}
+
+/// Processes that the threads of this one have started.
+fn children(pid: u32) -> Vec<u32> {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let lists = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("children")).ok());
+    lists.flat_map(|list| list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<u32>>()).collect()
 }
 
 /// By the run file: no answer of the program counted before it was measured, and those in charge moved the robot.

@@ -15,9 +15,12 @@
 //!   another question. A program that prints more than its answers fails, at the latest in the next cycle.
 #![forbid(unsafe_code)]
 
-use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+mod serve;
+mod start;
+
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -25,10 +28,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use rustix::fs::OFlags;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use thiserror::Error;
 
-/// Argument that makes a program answer over its standard input and output instead of the bus.
-pub const ARGUMENT: &str = "--lockstep";
+pub use serve::{serve, serve_if_asked};
+pub use start::{ARGUMENT, StartError};
 
 /// What is flown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -84,28 +86,6 @@ impl Waits {
     }
 }
 
-/// Why a program does not start.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub enum StartError {
-    /// The command, or its first answer, is not that of such a program.
-    #[error("{0}")]
-    NotOne(String),
-    /// It fails, or does not answer in time.
-    #[error("{0}")]
-    Fails(String),
-}
-
-impl StartError {
-    /// The failure of the process that starts the program.
-    #[must_use]
-    pub fn failure(self) -> anyhow::Error {
-        match self {
-            Self::NotOne(why) => runtime::BadInput(why).into(),
-            Self::Fails(why) => anyhow::Error::msg(why),
-        }
-    }
-}
-
 /// What a program did wrong, for the flight that it flies.
 pub type Complaint = Arc<Mutex<Option<String>>>;
 
@@ -124,6 +104,8 @@ pub struct Program {
     role: &'static str,
     command: String,
     child: Child,
+    /// The thread that started the program ends with it, and the program with the thread.
+    _keeper: SyncSender<()>,
     questions: Option<ChildStdin>,
     answers: Receiver<Line>,
     parameters: String,
@@ -209,7 +191,7 @@ impl Program {
         waits: Waits,
     ) -> Result<Self, StartError> {
         let fails = |error: anyhow::Error| StartError::Fails(format!("{error:#}"));
-        let mut child = spawn(role, command, system, waits.deadline.is_some())?;
+        let (mut child, keeper) = start::spawn(role, command, system, waits.deadline.is_some())?;
         let (questions, output) = (child.stdin.take(), child.stdout.take());
         // A program that does not read its questions must not block the one that asks: the pipe holds many of them.
         if let Some(questions) = &questions {
@@ -221,6 +203,7 @@ impl Program {
             role,
             command: command.to_owned(),
             child,
+            _keeper: keeper,
             questions,
             answers,
             parameters: String::new(),
@@ -261,9 +244,13 @@ impl Program {
         }
     }
 
-    /// Takes the answer that came too late. False while it is still missing, which counts as a late answer: the program
-    /// cannot be asked in this cycle.
-    pub fn is_ready(&mut self) -> bool {
+    /// Takes the answer that came too late. `None` while it is still missing, which counts as a late answer, and after
+    /// a failure: the program cannot be asked in this cycle.
+    pub fn ready(&mut self) -> Option<Ready<'_>> {
+        self.is_ready().then_some(Ready(self))
+    }
+
+    fn is_ready(&mut self) -> bool {
         if self.has_failed {
             return false;
         }
@@ -283,23 +270,6 @@ impl Program {
         if let Ok(mut complaint) = self.complaint.lock() {
             complaint.get_or_insert_with(|| format!("{error:#}"));
         }
-    }
-
-    /// Asks, if it [is ready](Self::is_ready), and returns what `check` makes of the answer. `None`: no answer in time,
-    /// or `null`, or the program has failed, which is its complaint.
-    pub fn answer<A: DeserializeOwned, T>(
-        &mut self,
-        question: &impl Serialize,
-        accepted: &str,
-        check: impl FnOnce(A) -> Result<T>,
-    ) -> Option<T> {
-        if !self.is_ready() {
-            return None;
-        }
-        self.checked(question, accepted, check).unwrap_or_else(|error| {
-            self.fail(&error);
-            None
-        })
     }
 
     fn checked<A: DeserializeOwned, T>(
@@ -426,6 +396,26 @@ impl Program {
     }
 }
 
+/// A program that can be asked in this cycle.
+pub struct Ready<'a>(&'a mut Program);
+
+impl Ready<'_> {
+    /// Asks, and returns what `check` makes of the answer. `None`: no answer in time, or `null`, or the program has
+    /// failed, which is its complaint.
+    pub fn answer<A: DeserializeOwned, T>(
+        self,
+        question: &impl Serialize,
+        accepted: &str,
+        check: impl FnOnce(A) -> Result<T>,
+    ) -> Option<T> {
+        let Self(program) = self;
+        program.checked(question, accepted, check).unwrap_or_else(|error| {
+            program.fail(&error);
+            None
+        })
+    }
+}
+
 impl Drop for Program {
     /// Ends the program, also one that hangs.
     fn drop(&mut self) {
@@ -437,34 +427,6 @@ impl Drop for Program {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-/// Starts the program of a command.
-fn spawn(role: &str, command: &str, system: &Path, in_flight: bool) -> Result<Child, StartError> {
-    let mut words = command.split_whitespace();
-    let Some(program) = words.next() else {
-        return Err(StartError::NotOne(format!("the command of the {role}'s program is empty; give its path")));
-    };
-    let mut start = Command::new(program);
-    start.args(words).args([ARGUMENT, "--system"]).arg(system).stdin(Stdio::piped()).stdout(Stdio::piped());
-    let child = if in_flight { ordinary(start) } else { start.spawn() };
-    child.map_err(|error| {
-        let why = format!("the {role}'s program {program} does not start: {error}");
-        match error.kind() {
-            ErrorKind::NotFound | ErrorKind::PermissionDenied => StartError::NotOne(why),
-            _ => StartError::Fails(why),
-        }
-    })
-}
-
-/// Starts a program with ordinary scheduling: from the control thread it would inherit priority and processor, and a
-/// program that computes without end would take them from motor-io.
-fn ordinary(mut command: Command) -> io::Result<Child> {
-    let start = move || {
-        runtime::realtime::ordinary();
-        command.spawn()
-    };
-    std::thread::spawn(start).join().unwrap_or_else(|_| Err(io::Error::other("its thread has ended")))
 }
 
 /// Sends each line; ends with the program, after a line that is too long, or when the flight does not listen any more.
@@ -491,16 +453,6 @@ fn read_lines(mut output: BufReader<ChildStdout>, send: &SyncSender<Line>) {
 /// The beginning of an answer.
 fn shown(answer: &str) -> &str {
     answer.char_indices().nth(SHOWN_CHARACTERS).map_or(answer, |(end, _)| &answer[..end])
-}
-
-/// Writes a line of a program: its answer.
-///
-/// # Errors
-/// The stream fails.
-pub fn say(answers: &mut impl Write, value: &impl Serialize) -> io::Result<()> {
-    serde_json::to_writer(&mut *answers, value)?;
-    answers.write_all(b"\n")?;
-    answers.flush()
 }
 
 #[cfg(test)]
