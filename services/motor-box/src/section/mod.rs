@@ -80,9 +80,25 @@ impl MotorBoxSection {
     pub fn from_file(file: &SystemFile, robot: &RobotFile) -> Result<Option<Self>, ConfigError> {
         let Some(table) = &file.motor_box else { return Ok(None) };
         let mut section: Self = table.section()?;
+        section.take_identified(|key| table.states(key), robot);
         section.ground = section.ground.map(|path| table.path(&path));
         section.check(file, robot).map_err(|problem| table.error(&problem))?;
         Ok(Some(section))
+    }
+
+    /// What the table does not state is as the robot file's identified file has it.
+    fn take_identified(&mut self, states: impl Fn(&str) -> bool, robot: &RobotFile) {
+        let Some(identified) = &robot.identified else { return };
+        let values = [
+            ("delay_s", identified.delay_s, &mut self.delay_s),
+            ("lag_s", identified.lag_s, &mut self.lag_s),
+            ("stiffness_n", identified.stiffness_n, &mut self.stiffness_n),
+        ];
+        for (key, value, into) in values {
+            if let Some(value) = value.filter(|_| !states(key)) {
+                *into = value;
+            }
+        }
     }
 
     fn check(&self, file: &SystemFile, robot: &RobotFile) -> Result<(), Problem> {

@@ -2,8 +2,8 @@
 
 use super::measured::resolve_named_file;
 use super::{
-    CalibrationFile, DrumEncoder, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile, RobotSection,
-    SystemFile, check,
+    CalibrationFile, DrumEncoder, IdentifiedFile, MotorBoxTable, MotorSection, MotorTableFile, Point, RobotFile,
+    RobotSection, SystemFile, check,
 };
 use crate::Problem;
 use crate::file::join_normalized;
@@ -77,13 +77,34 @@ impl RobotFile {
         }
         let load = |named: &PathBuf| MotorTableFile::load(&resolve_named_file(folder, named));
         self.motor_tables = tables.iter().map(load).collect::<Result<_, _>>()?;
+        self.use_identified(folder, source)
+    }
+
+    /// Reads the file of `nims identify`, if this file names one, and puts its values into the sections.
+    fn use_identified(&mut self, folder: &Path, source: &Source) -> Result<(), ConfigError> {
+        let Some(named) = self.robot.identified.clone() else { return Ok(()) };
+        let mut others = self.robot.calibration.iter().chain(self.motor.table.paths());
+        if others.any(|other| other.file_name() == named.file_name()) {
+            let sentence = "`identified` and another key name files of the same name; give each its own name, because a \
+                            run keeps them side by side";
+            return Err(source.error(&Problem::with_sentence("robot.identified", sentence)));
+        }
+        // What the robot file states is checked too: it is shown beside what replaces it.
+        check::robot(self).map_err(|problem| source.error(&problem))?;
+        let path = resolve_named_file(folder, &named);
+        let file = IdentifiedFile::load(&path)?;
+        self.replaced = file.apply(self).map_err(|problem| match Source::read(&path) {
+            Ok(identified) => identified.error(&problem),
+            Err(error) => error,
+        })?;
+        self.identified = Some(file);
         Ok(())
     }
 
     /// Returns the paths of the files that this file, in `folder`, names.
     #[must_use]
     pub fn named_files(&self, folder: &Path) -> Vec<PathBuf> {
-        let named = self.robot.calibration.iter().chain(self.motor.table.paths());
+        let named = self.robot.calibration.iter().chain(self.motor.table.paths()).chain(&self.robot.identified);
         named.map(|named| resolve_named_file(folder, named)).collect()
     }
 
@@ -268,6 +289,7 @@ impl SystemFile {
         }
         let robot = RobotFile::load(&file.robot)?;
         check::system_file(&file, &robot).map_err(refuse)?;
+        file.identified(&source, &robot)?;
         let counts = robot.calibration.as_ref().map(|calibration| calibration.encoders(&file.motor_io.counts_per_m));
         if let Some(counts) = counts.transpose().map_err(refuse)?.flatten() {
             file.motor_io.counts_per_m = counts;

@@ -53,6 +53,12 @@ impl MotorBoxTable {
         self.source().parse::<Only<T>>().map(|file| file.motor_box)
     }
 
+    /// Returns whether the table states a key itself.
+    #[must_use]
+    pub fn states(&self, key: &str) -> bool {
+        self.table.contains_key(key)
+    }
+
     /// Adds file and line to a problem with a key `motor_box.KEY`.
     #[must_use]
     pub fn error(&self, problem: &Problem) -> ConfigError {

@@ -1,6 +1,8 @@
 //! The robot file: geometry, node, cables and motors.
 
-use super::{CalibrationFile, MotorTableFile, ObstacleSection, Point, Points, UncertaintySection};
+use super::{
+    CalibrationFile, IdentifiedFile, MotorTableFile, ObstacleSection, Point, Points, Replaced, UncertaintySection,
+};
 use crate::section::{above, between};
 use cable_robot::anchors::RADII_M;
 use serde::Deserialize;
@@ -57,6 +59,12 @@ pub struct RobotFile {
     /// The tables that `motor.table` names: none, one for all motors, or one per cable.
     #[serde(skip)]
     pub motor_tables: Vec<MotorTableFile>,
+    /// The file that `robot.identified` names.
+    #[serde(skip)]
+    pub identified: Option<IdentifiedFile>,
+    /// The values that it replaced; the sections have those in use.
+    #[serde(skip)]
+    pub replaced: Vec<Replaced>,
     /// Lowest supply voltage of the drives, V, if a system file names this robot.
     #[serde(skip)]
     pub supply_min_v: Option<f64>,
@@ -76,6 +84,10 @@ crate::section! {
         /// A file from `nims calibrate --out`, relative to the folder of this file, with the anchors and their
         /// covariance.
         pub calibration: Option<PathBuf>,
+        /// A file from `nims identify --out`, relative to the folder of this file. Its values take the places of
+        /// `node_mass_kg`, of `stiffness_n` in `[lines]` and of those in `[motor]`; its delay and lag are those of the
+        /// drives where the system file states no `drive_lag_s`.
+        pub identified: Option<PathBuf>,
         /// The points where the cables leave for the node, or where they enter their swivelling pulleys, m: one
         /// `[x, y, z]` per cable, 3 to 8; one `[x, z]` per cable, 2 to 8, for a planar robot. Omit them with a
         /// `calibration`.

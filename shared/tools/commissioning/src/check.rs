@@ -110,6 +110,18 @@ fn whole(file: &SystemFile) -> Answer<Vec<Finding>> {
     Ok(findings)
 }
 
+/// States whether delay and lag of the drives are those of the identified file, or of the system file.
+fn drive_finding(file: &SystemFile, robot: &RobotFile) -> Option<Finding> {
+    let [delay_s, lag_s] = robot.identified.as_ref()?.drive_lag_s()?;
+    let (used, filter_s) = (file.controller.drive_lag_s?, file.estimator.drive_lag_s);
+    let of = |is_identified: bool| if is_identified { "the identified file" } else { "this system file" };
+    let controller = of(used == [delay_s, lag_s]);
+    let estimator = of(filter_s.total_cmp(&(delay_s + lag_s)).is_eq());
+    Some(note(format!(
+        "drive_lag_s = {used:?} of [controller] is that of {controller}, and {filter_s} of [estimator] that of {estimator}"
+    )))
+}
+
 /// Builds the configuration of each process from the files of a system, so that their own checks run before anything is
 /// started.
 ///
@@ -164,6 +176,7 @@ pub fn system(file: &SystemFile) -> Answer<Vec<Finding>> {
     if let Ok(robot) = robot.robot() {
         findings.extend(swing::pause(file, &robot, &middle(&robot)).map(|(sentence, cure)| warning(sentence, &cure)));
     }
+    findings.extend(drive_finding(file, &robot));
     let (period, watchdog) = (file.period_s(), file.motor_io.watchdog_s);
     let (cable, node) = (robot.cable_speed_limit_m_s(), robot.robot.speed_limit_m_s);
     findings.push(note(format!(

@@ -104,6 +104,7 @@ pub(crate) fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     findings.extend(weight_finding(&robot, &at, distribution));
     findings.extend(collinear_anchors(&robot));
     findings.extend(file.calibration.as_ref().map(calibration_finding));
+    findings.extend(file.identified_in_words().map(note));
     let tables = file.motor_tables.len();
     for cable in 0..tables {
         let whose =
