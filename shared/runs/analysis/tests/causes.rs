@@ -6,8 +6,8 @@ use analysis::run_list;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Segment, Vector3};
 use messages::{
-    ControlStatus, LogEvent, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, Reading, SystemConfig,
-    TruthNode, put_text,
+    ControlStatus, LogEvent, Message, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, Reading,
+    RequestBody, SystemConfig, TruthNode, put_text,
 };
 use robot_state::DriveUnit;
 use runlog::{ChannelId, ChannelSpec, RunClock, RunWriter};
@@ -401,4 +401,30 @@ fn runs_of_a_folder_are_listed_with_their_trends() {
     // The figures that a report left are those that the list would compute.
     report(&[folder.path().join("2")], None).unwrap();
     assert_eq!(run_list::list(folder.path()).unwrap().value, listed);
+}
+
+#[test]
+fn charts_over_time_show_the_marks_of_operators() {
+    let lines = |marks: &[u64]| {
+        let mut flight = Flight::new().fly(true, |_, _| ());
+        for cycle in marks {
+            let mut request =
+                OperatorRequest { answered: 1, accepted: OperatorRequest::ACCEPTED, ..Default::default() };
+            request.body.verb = RequestBody::VERB_MARK;
+            put_text(&mut request.text, &format!("a leaf moved in {cycle}"));
+            flight.write("operator/request", request, *cycle);
+        }
+        let (_folder, run) = flight.close();
+        report(std::slice::from_ref(&run), None).unwrap();
+        let page = std::fs::read_to_string(run.join("report.html")).unwrap();
+        (page.matches("stroke-dasharray").count(), page.matches("</i>mark</").count(), page)
+    };
+    let (plain, keys, _) = lines(&[]);
+    assert_eq!(keys, 0);
+    let (one, keys, page) = lines(&[200]);
+    // The key of a section names them once.
+    assert!(keys >= 3 && one >= plain + keys, "{keys} keys, {plain} and {one} dashed lines");
+    assert!(page.contains("a leaf moved in 200"));
+    let (two, same, _) = lines(&[200, 400]);
+    assert_eq!((two, same), (plain + 2 * (one - plain), keys));
 }

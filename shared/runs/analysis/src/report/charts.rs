@@ -1,5 +1,6 @@
 //! The charts of the page. Every run gets the same ones, so that several runs can share axes side by side.
 
+use super::events::EventKind;
 use super::gather::{PathPoint, RunData};
 use super::trace::Trace;
 use crate::colours::{ESTIMATE, SETPOINT, TRUTH};
@@ -10,6 +11,8 @@ use robot_state::sentences::mode_name;
 
 /// Purple, for quantities that do not belong to a single cable.
 const ALONE: usize = 4;
+/// Black, for the marks of operators.
+const MARK: usize = BLACK;
 /// Size of a chart over time, px.
 const WIDE: (u32, u32) = (1060, 250);
 /// Size of a view of the path, px.
@@ -35,6 +38,8 @@ pub struct Figure {
     pub same_y: bool,
     size: (u32, u32),
     chart: Chart,
+    /// Where operators have marked the run, in the unit of x.
+    marks: Vec<f64>,
 }
 
 impl Figure {
@@ -42,7 +47,7 @@ impl Figure {
     pub(super) fn new(caption: &str, size: (u32, u32), chart: Chart) -> Self {
         let named = chart.series.iter().filter(|series| !series.name.is_empty());
         let key = named.map(|series| (css_colour(series.colour), series.name.clone())).collect();
-        Self { caption: caption.to_owned(), key, half: size.0 < WIDE.0, same_y: true, size, chart }
+        Self { caption: caption.to_owned(), key, half: size.0 < WIDE.0, same_y: true, size, chart, marks: Vec::new() }
     }
 
     /// Returns whether it has no points.
@@ -51,10 +56,28 @@ impl Figure {
         self.chart.series.iter().all(|series| series.points.is_empty())
     }
 
+    /// Adds the marks of operators, as lines over the whole height.
+    fn with_marks(mut self, marks: &[f64]) -> Self {
+        if !marks.is_empty() && !self.is_empty() {
+            self.marks = marks.to_vec();
+            self.key.push((css_colour(MARK), "mark".to_owned()));
+        }
+        self
+    }
+
     /// Renders the figure as SVG.
     #[must_use]
     pub fn svg(&self) -> String {
-        svg(&self.chart, self.size)
+        if self.marks.is_empty() {
+            return svg(&self.chart, self.size);
+        }
+        let mut chart = self.chart.clone();
+        // Several runs may share the range of y.
+        let [_, [low, high]] = ranges(&chart, self.size);
+        chart.y.range = Some([low, high]);
+        let line = |at: &f64| Series::line("", MARK, vec![[*at, low], [*at, high]]).with_style(SeriesStyle::Dashed);
+        chart.series.extend(self.marks.iter().map(line));
+        svg(&chart, self.size)
     }
 }
 
@@ -86,15 +109,23 @@ struct TimeAxis {
     label: &'static str,
     factor: f64,
     end: f64,
+    marks: Vec<f64>,
 }
 
 impl TimeAxis {
     fn new(run: &RunData) -> Self {
         let end_s = run.recording.duration_s.max(1e-3);
-        match end_s < MINUTES_FROM_S {
-            true => Self { label: "time since the start of the run, s", factor: 1.0, end: end_s },
-            false => Self { label: "time since the start of the run, min", factor: 1.0 / 60.0, end: end_s / 60.0 },
-        }
+        let (label, factor) = match end_s < MINUTES_FROM_S {
+            true => ("time since the start of the run, s", 1.0),
+            false => ("time since the start of the run, min", 1.0 / 60.0),
+        };
+        let marks = run.events.all().iter().filter(|event| event.kind == EventKind::Mark);
+        Self { label, factor, end: factor * end_s, marks: marks.map(|mark| factor * mark.time_s).collect() }
+    }
+
+    /// Creates a figure over time, with the marks of operators.
+    fn figure(&self, caption: &str, size: (u32, u32), chart: Chart) -> Figure {
+        Figure::new(caption, size, chart).with_marks(&self.marks)
     }
 
     fn axis(&self) -> Axis {
@@ -195,12 +226,12 @@ pub fn tracking(run: &RunData) -> Vec<Figure> {
     let [estimate, truth, model] = &run.errors;
     let mut chart = time.chart("distance, mm", &[("truth", TRUTH, truth), ("estimate", ESTIMATE, estimate)], 1000.0);
     chart.series.retain(|series| !series.points.is_empty());
-    let mut figures = vec![Figure::new("Distance from the setpoint while it moves", WIDE, chart)];
+    let mut figures = vec![time.figure("Distance from the setpoint while it moves", WIDE, chart)];
     if model.extremes().is_some() {
         let world = run.world.as_deref().unwrap_or("a virtual one");
         let caption = format!("Model error: distance of the truth from the estimate (world: {world})");
         let chart = time.chart("distance, mm", &[("truth from estimate", TRUTH, model)], 1000.0);
-        figures.push(Figure::new(&caption, WIDE, chart));
+        figures.push(time.figure(&caption, WIDE, chart));
     }
     figures
 }
@@ -213,7 +244,7 @@ pub fn cables(run: &RunData) -> Vec<Figure> {
         run.cables.iter().enumerate().map(|(i, cable)| (names[i].as_str(), i, pick(cable))).collect()
     };
     let figure = |caption: &str, label: &str, traces: &[(&str, usize, &Trace)]| {
-        Figure::new(caption, WIDE, time.chart(label, traces, 1.0))
+        time.figure(caption, WIDE, time.chart(label, traces, 1.0))
     };
     let mut tensions = time.chart("tension, N", &of(|cable| &cable.tension), 1.0);
     if let Some(robot) = &run.robot {
@@ -227,7 +258,7 @@ pub fn cables(run: &RunData) -> Vec<Figure> {
     vec![
         figure("Cable length", "length, m", &of(|cable| &cable.length)),
         figure("Cable speed; positive: paying out", "speed, m/s", &of(|cable| &cable.velocity)),
-        Figure::new("Tension (estimate)", WIDE, tensions),
+        time.figure("Tension (estimate)", WIDE, tensions),
         figure("Tension (truth)", "tension, N", &of(|cable| &cable.true_tension)),
         figure("Motor current", "current, A", &of(|cable| &cable.current)),
     ]
@@ -237,7 +268,8 @@ pub fn cables(run: &RunData) -> Vec<Figure> {
 pub fn power(run: &RunData) -> Vec<Figure> {
     let [electrical, loss] = &run.power;
     let traces = [("electrical power", ALONE, electrical), ("loss in the motors", COLOURS.len() - 5, loss)];
-    vec![Figure::new("Power of all motors", WIDE, TimeAxis::new(run).chart("power, W", &traces, 1.0))]
+    let time = TimeAxis::new(run);
+    vec![time.figure("Power of all motors", WIDE, time.chart("power, W", &traces, 1.0))]
 }
 
 /// Timing of the control cycle.
@@ -253,8 +285,8 @@ pub fn timing(run: &RunData) -> Vec<Figure> {
     ];
     let counts = [("resync", 3, resync), ("drive", 2, drive), ("computer", 0, computer), ("answer", 1, answer)];
     vec![
-        Figure::new("Times within each cycle", WIDE, time.chart("time, ms", &times, 1000.0)),
-        Figure::new("Periods not steered, by cause", (WIDE.0, 170), time.chart("periods", &counts, 1.0)),
+        time.figure("Times within each cycle", WIDE, time.chart("time, ms", &times, 1000.0)),
+        time.figure("Periods not steered, by cause", (WIDE.0, 170), time.chart("periods", &counts, 1.0)),
     ]
 }
 
@@ -307,7 +339,7 @@ pub fn timeline(run: &RunData) -> Vec<Figure> {
     }
     let size = (WIDE.0, AXIS_PX + LANE_PX * names.len() as u32);
     let y = Axis { range: Some([-0.6, names.len() as f64 - 0.4]), names, ..Axis::default() };
-    let mut figure = Figure::new(
+    let mut figure = time.figure(
         "Mode, legs, and the slots in charge",
         size,
         Chart { x: time.axis(), y, series, ..Chart::default() },
@@ -324,7 +356,7 @@ pub fn sensors(run: &RunData) -> Vec<Figure> {
         for (at, (quantity, trace)) in sensor.values.iter().enumerate() {
             let caption = format!("{name}: {quantity}");
             let chart = time.chart(quantity, &[("", at, trace)], 1.0);
-            figures.push(Figure::new(&caption, (WIDE.0, 200), chart));
+            figures.push(time.figure(&caption, (WIDE.0, 200), chart));
         }
         let places = sensor.places.points();
         let values = || places.iter().map(|(_, value)| *value).filter(|value| value.is_finite());
