@@ -390,17 +390,39 @@ def _sentence(answer):
 class _SharedMemory:
     """The way through shared memory, as one of the robot's own processes."""
 
+    _GROUP, _PUBLISHERS = "sensor", PUBLISHERS
+
+    def _size(self):
+        """Bytes of the largest sample."""
+        return ctypes.sizeof(self._message)
+
+    def _quality(self, size, rate_hz):
+        return _quality(size, rate_hz)
+
+    def _typed(self, builder):
+        """The builder of the channel with the types of its samples."""
+        return builder.publish_subscribe(self._message)
+
+    def _made(self, builder):
+        """The builder of the publisher with what it needs in addition."""
+        return builder
+
+    def _more(self):
+        """Attributes of the channel in addition to the definition."""
+        return []
+
     def __init__(self, name, message, domain, rate_hz):
         global iceoryx2
         _need_version()
         import iceoryx2
 
-        self.channel = f"sensor/{name}"
+        self.channel = f"{self._GROUP}/{name}"
         self._message, self._seq = message, 0
-        self._buffer, self._history, self._subscribers = _quality(ctypes.sizeof(message), rate_hz)
-        self._bytes = (self._subscribers * (self._buffer + BORROWS) + self._history + 1) * ctypes.sizeof(message)
+        size = self._size()
+        self._buffer, self._history, self._subscribers = self._quality(size, rate_hz)
+        self._bytes = (self._subscribers * (self._buffer + BORROWS) + self._history + 1) * size
         _need_room(self.channel, self._bytes)
-        root = _root(domain)
+        root = self.root = _root(domain)
         self._prefix, self._reserved, self._reserve_at = f"nims{_hash(root):08x}_", set(), 0.0
         config = iceoryx2.config.default()
         scope = config.global_cfg
@@ -420,7 +442,7 @@ class _SharedMemory:
         )
         try:
             service = self._open()
-            self._publisher = _patiently(lambda: service.publisher_builder().max_loaned_samples(1).create())
+            self._publisher = _patiently(lambda: self._made(service.publisher_builder().max_loaned_samples(1)).create())
             self._reserve()
             self._notifier = self._event(self.channel)
             self._reserve()
@@ -436,11 +458,10 @@ class _SharedMemory:
 
     def _builder(self):
         return (
-            self._node.service_builder(iceoryx2.ServiceName.new(self.channel))
-            .publish_subscribe(self._message)
+            self._typed(self._node.service_builder(iceoryx2.ServiceName.new(self.channel)))
             .enable_safe_overflow(True)
             .subscriber_max_borrowed_samples(BORROWS)
-            .max_publishers(PUBLISHERS)
+            .max_publishers(self._PUBLISHERS)
             .max_subscribers(self._subscribers)
             .max_nodes(NODES)
         )
@@ -479,7 +500,7 @@ class _SharedMemory:
             self._sheet(f"schema/{_hash(text):08x}/{number}", text[at : at + ATTRIBUTES * ATTRIBUTE_BYTES])
             for number, at in enumerate(range(first, len(text), ATTRIBUTES * ATTRIBUTE_BYTES), 1)
         ]
-        attributes = _attributes(text[:first], [("schema.hash", f"{_hash(text):08x}")])
+        attributes = _attributes(text[:first], [("schema.hash", f"{_hash(text):08x}"), *self._more()])
         last = None
         for _ in range(200):  # another process may be creating or removing the channel at the same time
             for attempt in (lambda: self._builder().open(), lambda: self._sized().create_with_attributes(attributes)):

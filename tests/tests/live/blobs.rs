@@ -18,6 +18,21 @@ fn picture(number: u32) -> Vec<u8> {
 
 #[test]
 fn the_pictures_of_a_camera_are_recorded_with_their_places() {
+    let camera = program().with_file_name("examples").join("camera");
+    are_recorded_with_their_places(&[camera.to_str().unwrap()], "ready");
+}
+
+#[test]
+fn the_pictures_of_a_camera_in_python_are_recorded_with_their_places() {
+    let (modules, camera, python) =
+        (root().join("scripts/python"), root().join("scripts/templates/camera.py"), python());
+    let path = format!("PYTHONPATH={}", modules.display());
+    let command = ["env", &path, python.to_str().unwrap(), "-B", camera.to_str().unwrap()];
+    are_recorded_with_their_places(&command, "running");
+}
+
+/// Plugs a camera in by this command, and flies.
+fn are_recorded_with_their_places(command: &[&str], state: &str) {
     let folder = tempfile::tempdir().unwrap();
     for number in 0..4 {
         fs::write(folder.path().join(format!("{number}.jpg")), picture(number)).unwrap();
@@ -25,10 +40,11 @@ fn the_pictures_of_a_camera_are_recorded_with_their_places() {
     let mut robot = Robot::up(LOGGER);
     robot.arm();
     robot.until("the logger", |robot| robot.pid("sensor-logger").is_some());
-    let camera = program().with_file_name("examples").join("camera");
     let pictures = folder.path().to_str().unwrap();
-    robot.accepted(&["plug", "camera", "--", camera.to_str().unwrap(), "--rate", "30", pictures]);
-    robot.until("the camera", |robot| robot.state("camera") == "ready");
+    robot.accepted(&[&["plug", "camera", "--"], command, &["--rate", "30", pictures]].concat());
+    robot.until("the camera", |robot| robot.state("camera") == state);
+    // It may be long on its way to the first picture.
+    robot.until("a picture", |robot| robot.bus.tap("blob/camera").is_ok());
     robot.fly();
     robot.until("the end of the motion", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     robot.accepted(&["unplug", "camera"]);
