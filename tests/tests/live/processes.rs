@@ -465,12 +465,16 @@ fn processes_outside_the_control_cycle_die_without_effect_on_the_flight() {
         }
         let mut watcher = Command::new(program());
         watcher.args(["--domain", robot.domain.name(), "channel", "echo", "motor/state"]);
+        let before = robot.domain.alive().len();
         let mut watcher = watcher.stdout(Stdio::null()).spawn().unwrap();
+        robot.until_reported("it watches", |robot| robot.domain.alive().len() > before);
         robot.for_cycles(20);
         watcher.kill().unwrap();
         watcher.wait().unwrap();
         robot.arrive();
         assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
+        // No process joins meanwhile, and the supervisor has not started the observer.
+        robot.until_reported("the supervisor removes it", |robot| robot.domain.dead() == 0);
     });
 }
 

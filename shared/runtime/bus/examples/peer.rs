@@ -1,7 +1,7 @@
-//! A test process for the bus, which tests also kill: `peer DOMAIN PROCESS publish|answer|silent`.
+//! A test process for the bus, which tests also kill: `peer DOMAIN PROCESS publish|answer|silent|own`.
 //!
 //! `publish` sends `motor/state` every millisecond, with ascending `counts`; `answer` answers requests; `silent`
-//! receives them and never answers. Prints `ready` on standard output, then runs until it is killed.
+//! receives them and never answers; `own` owns the domain and never sweeps it. Prints `ready` on standard output, then runs until it is killed.
 
 use bus::clock::Pacer;
 use bus::{Bus, BusError, Domain};
@@ -10,10 +10,12 @@ use messages::MotorState;
 fn main() -> Result<(), BusError> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [domain, process, what] = arguments.as_slice() else {
-        println!("usage: peer DOMAIN PROCESS publish|answer|silent");
+        println!("usage: peer DOMAIN PROCESS publish|answer|silent|own");
         return Ok(());
     };
-    let bus = Bus::join(&Domain::parse(domain)?, process)?;
+    let domain = Domain::parse(domain)?;
+    let _claim = (what == "own").then(|| domain.claim()).transpose()?;
+    let bus = Bus::join(&domain, process)?;
     if what == "publish" { publish(&bus) } else { serve(&bus, what == "answer") }
 }
 

@@ -18,6 +18,7 @@ use messages::{documented, hash_of};
 use std::borrow::Cow;
 
 use crate::clock::{now_ns, sleep_until};
+use crate::error::PlaceKind;
 use crate::places::PROCESSES;
 use crate::{BusError, Domain};
 
@@ -108,7 +109,8 @@ fn continuation(
                 Err(error) => Some(format!("{error:?}")),
             },
             Err(EventOpenError::ExceedsMaxNumberOfNodes) => {
-                return Err(BusError::failed(name, "be held by more processes", &PROCESSES));
+                let (channel, what) = (name.to_owned(), PlaceKind::Processes);
+                return Err(BusError::Full { channel, limit: PROCESSES, what, holders: String::new() });
             }
             Err(error) => Some(format!("{error:?}")),
         };

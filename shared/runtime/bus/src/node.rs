@@ -89,8 +89,8 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Joins a domain under a process name as one of the robot's processes, and removes the objects of killed
-    /// processes.
+    /// Joins a domain under a process name as one of the robot's processes. Removes the objects of killed processes,
+    /// unless another process owns the domain and does so ([`Domain::claim`]).
     ///
     /// # Errors
     /// [`BusError::Join`] if the name is longer than 63 bytes or the folder cannot be used, [`BusError::NoMemory`] if
@@ -119,11 +119,16 @@ impl Bus {
         }
         let node_name = NodeName::new(process).map_err(|error| failed(error.to_string()))?;
         let give_up = now_ns() + JOIN_TIMEOUT_NS;
+        let cleans = !domain.has_other_owner();
+        let mut config = domain.config().clone();
+        config.global.node.cleanup_dead_nodes_on_creation = cleans;
         let node = loop {
-            domain.before_cleaning(); // creating a node cleans up after dead processes
+            if cleans {
+                domain.before_cleaning();
+            }
             let node = NodeBuilder::new()
                 .name(&node_name)
-                .config(domain.config())
+                .config(&config)
                 .signal_handling_mode(SignalHandlingMode::Disabled)
                 .create::<ipc::Service>();
             match node {
@@ -138,7 +143,10 @@ impl Bus {
                 }
             }
         };
-        domain.restrict_access();
+        if cleans {
+            // The owner has done so when it joined.
+            domain.restrict_access();
+        }
         let (announcer, continuations) = (OnceCell::new(), RefCell::default());
         Ok(Self {
             node,

@@ -9,7 +9,7 @@ use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode, ipc};
 use rustix::process::geteuid;
 
 use crate::clock::{now_ns, sleep_until};
-use crate::domain::SHARED_MEMORY;
+use crate::domain::{CLAIM_FILE, SHARED_MEMORY};
 use crate::error::UnusableFolder;
 use crate::{BusError, Domain};
 
@@ -35,7 +35,8 @@ impl Domain {
     /// Cleans up after killed processes: wipes the domain if no process runs in it, otherwise removes the objects of
     /// dead processes.
     ///
-    /// The owner of the domain ([`Domain::claim`]) calls it before it starts the first process and after one has died.
+    /// The owner of the domain ([`Domain::claim`]) calls it before it starts the first process, after one has died, and
+    /// now and then, because processes that it has not started die too.
     ///
     /// # Errors
     /// [`BusError::DomainFolder`] if the cleaner hangs. Then every process of the domain must be ended and started
@@ -70,6 +71,14 @@ impl Domain {
             }
         }
         Ok(swept)
+    }
+
+    /// Returns whether another living process owns the domain. It sweeps, so a joining process need not look at all
+    /// others: among hundreds that would take most of the time of a start. If the owner hangs, or is killed meanwhile,
+    /// the places of dead processes are freed when they are needed.
+    pub(crate) fn has_other_owner(&self) -> bool {
+        let owner = fs::read_to_string(self.root().join(CLAIM_FILE)).ok().and_then(|text| text.trim().parse().ok());
+        owner.is_some_and(|pid: u32| pid != std::process::id() && runs(pid))
     }
 
     /// Removes incomplete objects of processes that were killed while they created them. No process can open these, and
@@ -128,4 +137,11 @@ impl Domain {
         }
         (old, young)
     }
+}
+
+/// Returns whether a process of this id runs, and is not only waiting for its parent after its end.
+fn runs(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    let state = stat.rsplit_once(") ").and_then(|(_, rest)| rest.chars().next());
+    state.is_some_and(|state| !"ZXx".contains(state))
 }

@@ -1,48 +1,16 @@
 //! Ports between processes, also after a process was killed.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::io::{BufRead, BufReader};
+mod peer;
+
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use bus::clock::now_ns;
 use bus::{Bus, BusError, Domain, Subscriber, UnusableFolder, Waiter};
 use messages::{MotorState, Request};
-
-/// A running peer process; killed when dropped.
-struct Peer(Child);
-
-impl Peer {
-    fn start(domain: &str, process: &str, what: &str) -> Self {
-        Self::run(Command::new(example()).args([domain, process, what]))
-    }
-
-    fn run(command: &mut Command) -> Self {
-        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        assert_eq!(line, "ready\n");
-        Self(child)
-    }
-
-    fn kill(mut self) {
-        self.0.kill().unwrap();
-        self.0.wait().unwrap();
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-/// Path of the peer program: cargo builds examples before it runs tests, in a folder next to that of the tests.
-fn example() -> PathBuf {
-    std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("examples/peer")
-}
+use peer::{Peer, example};
 
 /// Receives at least `count` samples of one or more publishers and returns them, those of each publisher in order.
 fn receive(count: usize, subscriber: &mut Subscriber<MotorState>, waiter: &mut Waiter) -> Vec<MotorState> {

@@ -2,7 +2,7 @@
 //! them owns the name.
 
 use bus::clock::now_ns;
-use bus::{Bus, BusError, Publisher};
+use bus::{Bus, BusError, PlaceKind, Publisher};
 use messages::{Heartbeat, Message, SystemConfig};
 
 use crate::bad_input::BadInput;
@@ -32,11 +32,11 @@ pub(crate) fn open(bus: &Bus) -> anyhow::Result<Ports> {
 /// Opens the channels of the name when the predecessor has closed them; returns `None` until then.
 pub(crate) fn take_over(bus: &Bus) -> Result<Option<Ports>, BusError> {
     let heartbeat = match bus.publisher(&heartbeats(bus)) {
-        Err(BusError::Full { .. }) => return Ok(None),
+        Err(error) if is_taken(&error) => return Ok(None),
         other => other?,
     };
     match bus.publisher(&configuration(bus)) {
-        Err(BusError::Full { .. }) => Ok(None),
+        Err(error) if is_taken(&error) => Ok(None),
         other => Ok(Some((heartbeat, other?))),
     }
 }
@@ -48,14 +48,19 @@ fn lease<T: Message>(bus: &Bus, channel: &str) -> anyhow::Result<Publisher<T>> {
     loop {
         match bus.publisher(channel) {
             Ok(port) => return Ok(port),
-            Err(BusError::Full { .. }) if now_ns() < give_up && !lives(bus, name) => {
+            Err(error) if !is_taken(&error) => return Err(error.into()),
+            Err(_) if now_ns() < give_up && !lives(bus, name) => {
                 bus::clock::sleep_until(now_ns() + RETRY_NS);
                 bus.clean();
             }
-            Err(BusError::Full { .. }) => return Err(BadInput(already_runs(bus, name)).into()),
-            Err(other) => return Err(other.into()),
+            Err(_) => return Err(BadInput(already_runs(bus, name)).into()),
         }
     }
+}
+
+/// Returns whether the place of the publisher is taken. Any other limit that is reached stays so.
+fn is_taken(error: &BusError) -> bool {
+    matches!(error, BusError::Full { what: PlaceKind::Publishers, .. })
 }
 
 /// Returns whether another process of that name runs in the domain.
