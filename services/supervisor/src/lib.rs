@@ -54,6 +54,7 @@ use process_spec::RunContext;
 use recording::Recording;
 use service_manager::ServiceManager;
 use settings::Settings;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use unfinished_runs::UnfinishedRuns;
@@ -128,6 +129,8 @@ pub struct Supervisor {
     busy: busy::Watch,
     heartbeat: Publisher<Heartbeat>,
     table: Publisher<ProcessState>,
+    /// Last row of each process since all rows were published, by name.
+    published_rows: HashMap<[u8; 32], ProcessState>,
     authority: Subscriber<MotorAuthority>,
     last_authority: Option<MotorAuthority>,
     recording: Recording,

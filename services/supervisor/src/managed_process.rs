@@ -4,6 +4,7 @@ use super::process_spec::ProcessSpec;
 use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
 use super::service_manager;
+use super::stale_processes::ProcessIdentity;
 use bus::clock;
 use config::Role;
 use messages::ProcessState;
@@ -52,6 +53,8 @@ pub struct ManagedProcess {
     pub member: ProcessSpec,
     /// Process id.
     pub pid: u32,
+    /// Its identity, for the next supervisor; `None` if it ended at once.
+    pub identity: Option<ProcessIdentity>,
     /// When it was started, CLOCK_MONOTONIC, ns.
     pub started_ns: u64,
     /// Count of its deaths and restarts.
@@ -134,6 +137,7 @@ impl ManagedProcess {
         let child = Self {
             member: member.clone(),
             pid: process.id(),
+            identity: ProcessIdentity::now(&member.name, process.id()),
             started_ns: clock::now_ns(),
             restarts,
             ready_ns: None,

@@ -80,7 +80,7 @@ impl ProcessSet {
                 && child.exit.is_none()
                 && child.ready_ns.is_some()
         };
-        self.children.iter().find(stands_in).filter(|_| member.role.has_slots())
+        if member.role.has_slots() { self.children.iter().find(stands_in) } else { None }
     }
 
     /// Ends all processes; calls `while_waiting` every few milliseconds, and `killed` with the name of each process

@@ -25,7 +25,7 @@ use config::{Role, SystemFile};
 use evidence::busy;
 use evidence::busy::SystemLoad;
 use messages::{Heartbeat, put_text};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 /// Longest time from the start of a process to its readiness, ns. motor-io may have to find and query the drives first.
@@ -150,6 +150,7 @@ impl Supervisor {
             busy: busy::Watch::new(),
             heartbeat: bus.publisher(&format!("system/heartbeat/{SUPERVISOR}"))?,
             table: bus.publisher("system/process")?,
+            published_rows: HashMap::new(),
             authority: bus.subscriber("motor/authority")?,
             last_authority: None,
             recording: Recording::new(&bus)?,
@@ -188,6 +189,8 @@ impl Supervisor {
             waiting = later;
             for member in now {
                 self.launch(&member, Restarts::default())?;
+                // Starting hundreds takes longer than motor-io waits for a sign of life.
+                self.heartbeat_if_due()?;
             }
             self.poll_heartbeats()?;
             self.heartbeat_if_due()?;
@@ -290,7 +293,7 @@ impl Supervisor {
         let successors = self.process_set.successors.iter().map(|successor| &successor.child);
         let started: Vec<ProcessIdentity> = (self.process_set.iter().chain(successors))
             .filter(|child| child.exit.is_none())
-            .filter_map(|child| ProcessIdentity::now(&child.member.name, child.pid))
+            .filter_map(|child| child.identity.clone())
             .collect();
         // Not fatal: the processes run, and the next supervisor also finds them in the domain.
         if let Err(failure) = stale_processes::record(&self.domain, &started) {

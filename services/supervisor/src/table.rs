@@ -1,4 +1,4 @@
-//! The process table: one row per process on `system/process`, published every second and on change.
+//! The process table: one row per process on `system/process`, each published every second and on its change.
 
 use super::Supervisor;
 use super::cures::{LossState, cure};
@@ -13,14 +13,19 @@ use std::os::unix::process::ExitStatusExt;
 const TABLE_NS: u64 = 1_000_000_000;
 
 impl Supervisor {
-    /// Publishes the table if it is due.
+    /// Publishes every row if they are due.
     pub(super) fn refresh_table(&mut self) -> Answer {
-        if clock::now_ns() >= self.last_table_ns + TABLE_NS { self.publish_table() } else { Ok(()) }
+        if clock::now_ns() < self.last_table_ns + TABLE_NS {
+            return Ok(());
+        }
+        self.last_table_ns = clock::now_ns();
+        self.published_rows.clear();
+        self.publish_table()
     }
 
-    /// Publishes every row.
+    /// Publishes the rows that have changed: of hundreds of processes that become ready one after another, all rows
+    /// would overflow the buffers.
     pub(super) fn publish_table(&mut self) -> Answer {
-        self.last_table_ns = clock::now_ns();
         let running =
             self.process_set.iter().map(|child| row(child, self.process_set.standby_of(&child.member).is_some()));
         let asleep = self.context.file.process.iter().filter(|section| {
@@ -28,7 +33,9 @@ impl Supervisor {
         });
         let mut rows: Vec<ProcessState> = running.chain(asleep.map(not_started)).collect();
         for row in &mut rows {
-            self.send_row(row)?;
+            if self.published_rows.get(&row.name) != Some(row) {
+                self.send_row(row)?;
+            }
         }
         Ok(())
     }
@@ -40,7 +47,9 @@ impl Supervisor {
         self.send_row(&mut row)
     }
 
+    /// Publishes a row whose header is not filled yet.
     pub(super) fn send_row(&mut self, row: &mut ProcessState) -> Answer {
+        self.published_rows.insert(row.name, *row);
         row.header.stamp_ns = clock::now_ns();
         row.header.oldest_input_ns = row.header.stamp_ns;
         self.table.send(row)?;
