@@ -1,16 +1,19 @@
 //! A measurement, not a test: cost and capacity of the recorder.
 //!
-//! `NIMS_LOAD_S=60 cargo test --workspace --test load -- --ignored --nocapture`
+//! `NIMS_LOAD_S=60 cargo test --workspace --test load -- --ignored --nocapture`, or one of them, such as `one_more`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod rig;
 
+use std::collections::BTreeMap;
 use std::process::Command;
 
 use bus::clock::Pacer;
 use bus::{Bus, Domain};
+use config::RecorderSection;
 use messages::{Field, Header, Message};
+use recorder::{Recorder, Settings};
 use rig::Recording;
 use runlog::info;
 use tempfile::TempDir;
@@ -146,4 +149,43 @@ fn ceiling() {
             return;
         }
     }
+}
+
+/// Time that a recorder of so many channels needs for one more, and the private memory that each takes.
+#[test]
+#[ignore = "a measurement"]
+fn one_more_channel() {
+    let (domain, folder) = (Domain::for_test(), TempDir::new().unwrap());
+    let [publishing, bus] = ["test", "recorder"].map(|name| Bus::join(&domain, name).unwrap());
+    let settings = Settings::new(&RecorderSection::default(), folder.path().to_owned(), BTreeMap::new());
+    let mut recorder = Recorder::open(&bus, settings, Vec::new()).unwrap();
+    let mut channels = Vec::new();
+    for number in [10, 100, 500] {
+        while channels.len() < number {
+            channels.push(publishing.publisher::<Small>(&format!("motor/command/{}", channels.len())).unwrap());
+        }
+        recorder.poll(&bus, true).unwrap();
+        let (before_kb, mut took_ms) = (private_kb(), Vec::new());
+        for _ in 0..20 {
+            channels.push(publishing.publisher::<Small>(&format!("motor/command/{}", channels.len())).unwrap());
+            let begun = std::time::Instant::now();
+            recorder.poll(&bus, true).unwrap();
+            took_ms.push(1e3 * begun.elapsed().as_secs_f64());
+        }
+        let each_kb = (private_kb() - before_kb) / took_ms.len();
+        took_ms.sort_by(f64::total_cmp);
+        let begun = std::time::Instant::now();
+        recorder.poll(&bus, true).unwrap();
+        let none_ms = 1e3 * begun.elapsed().as_secs_f64();
+        println!(
+            "{number} channels: one more takes {:.2} ms (median; {:.2} to {:.2}) and {each_kb} kB with its publisher; a search without a new one {none_ms:.2} ms",
+            took_ms[10], took_ms[0], took_ms[19]
+        );
+    }
+}
+
+fn private_kb() -> usize {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse().unwrap()
 }
