@@ -1,9 +1,10 @@
 //! The whole control chain against the plant: tracking accuracy, and the conditions that stop the robot.
 
-use cable_robot::Vector3;
+use cable_robot::{Robot, RobotParts, Vector3};
 use messages::{MotorAuthority, PlanStatus, Request};
-use nims_tests::lockstep::{Cycle, Flight, Lockstep, fly};
+use nims_tests::lockstep::{Cycle, Flight, Lockstep, Scenario, fly};
 use nims_tests::scenarios::{self, Case};
+use plant::PlantConfig;
 use robot_state::Reason;
 
 const QUICK: [f64; 2] = [0.030, 0.040];
@@ -46,6 +47,59 @@ fn four_lines_follow_the_spiral_with_the_chosen_tensions() {
 #[test]
 fn four_lines_follow_the_polyline_with_the_chosen_tensions() {
     flights("lab4", "polyline");
+}
+
+/// Six cables on three drive units, whose answers one after another take longer than a period.
+fn six_cables(rate_hz: f64) -> Scenario {
+    let mut scenario = Case { robot: "lab4", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+    let around = |k: u32| {
+        let (y_m, x_m) = (f64::from(k) * std::f64::consts::FRAC_PI_3).sin_cos();
+        [4.8 + 4.5 * x_m, 3.0 + 4.5 * y_m, 4.0]
+    };
+    let anchors_m: Vec<[f64; 3]> = (0..6).map(around).collect();
+    let robot = scenario.robot;
+    let parts = RobotParts {
+        node_mass_kg: scenario.plant.node.mass_kg,
+        tension_limits_n: robot.tension_limits_n(),
+        speed_limit_m_s: robot.speed_limit_m_s(),
+        acceleration_limit_m_s2: robot.acceleration_limit_m_s2(),
+        stiffness_n: Some(6000.0),
+        ..RobotParts::default()
+    };
+    let lengths_m = Some(vec![6.0; anchors_m.len()]);
+    scenario.robot =
+        Robot::new(RobotParts { anchors_m: anchors_m.clone(), routed_length_m: lengths_m, ..parts }).unwrap();
+    scenario.distribution = scenario.robot.default_distribution();
+    let drive = scenario.plant.drive;
+    scenario.plant = PlantConfig::new(anchors_m, scenarios::START_M);
+    scenario.plant.start_limits_n = scenario.robot.tension_limits_n();
+    scenario.plant.drive = drive;
+    scenario.plant.idlers.iter_mut().for_each(|idler| idler.counts_per_m = scenarios::COUNTS_PER_M);
+    at(rate_hz, scenario)
+}
+
+fn at(rate_hz: f64, mut scenario: Scenario) -> Scenario {
+    scenario.period_s = 1.0 / rate_hz;
+    scenario.horizon = (2.0 * QUICK.iter().sum::<f64>() * rate_hz).round() as u32 + 3;
+    scenario
+}
+
+#[test]
+fn the_node_follows_its_mission_at_slow_and_at_quick_rates() {
+    let lab = |robot| Case { robot, mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+    let flights = [(20.0, lab("lab3")), (200.0, lab("lab3")), (250.0, lab("lab4"))].map(|(hz, lab)| at(hz, lab));
+    for scenario in flights.into_iter().chain([six_cables(200.0), six_cables(250.0)]) {
+        let rate_hz = 1.0 / scenario.period_s;
+        let flight = fly(scenario).unwrap_or_else(|error| panic!("{rate_hz} Hz: {error:#}"));
+        println!("{rate_hz} Hz: {flight:?}");
+        assert_eq!(flight.state, PlanStatus::STATE_DONE);
+        assert!(flight.moving_cycles as f64 > 30.0 * rate_hz, "{rate_hz} Hz: {flight:?}");
+        assert!(flight.truth.max_m <= 0.030, "{rate_hz} Hz: {:?}", flight.truth);
+        assert_eq!((flight.slack_cycles, flight.unsteered), (0, 0), "{rate_hz} Hz");
+    }
+    // A rate beyond that of a robot is refused, also here.
+    let error = fly(at(500.0, lab("lab3"))).unwrap_err().to_string();
+    assert!(error.contains("period") && error.contains("250"), "{error}");
 }
 
 /// The effect of the correction: without it the estimate still follows, but the node does not.

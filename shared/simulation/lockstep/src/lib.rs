@@ -26,8 +26,8 @@ use crate::tally::Tally;
 // Lengths of the same arrays.
 const _: () = assert!(plant::MAX_CABLES == messages::CABLES);
 
-/// Time from the start of a cycle to the answer of a drive unit, ns: two units at 230400 baud, 37 bytes out and
-/// 39 bytes back each.
+/// Time from the question of a drive unit to its answer, ns: two units at 230400 baud, 37 bytes out and 39 bytes back
+/// each. Units that need more than the period one after another share it: such a robot has more ports or quicker ones.
 const ANSWER_NS: u64 = 2_000_000;
 
 /// Number of cycles per step of the planner.
@@ -240,13 +240,15 @@ impl Lockstep {
         input
     }
 
-    /// Sends the commands to the drive units, one after another, and reads their answers.
-    fn exchange(&mut self, inputs: &[DriveInput], input: &mut MotorInput) -> Result<()> {
+    /// Sends the commands to the drive units, one after another within the period, and reads their answers.
+    fn exchange(&mut self, period_ns: u64, inputs: &[DriveInput], input: &mut MotorInput) -> Result<()> {
         let n = inputs.len();
+        let units = n.div_ceil(2);
+        let answer_ns = ANSWER_NS.min(period_ns / units.max(1) as u64);
         input.cable_count = n as u8;
-        input.unit_count = n.div_ceil(2) as u8;
-        for unit in 0..n.div_ceil(2) {
-            self.plant.step(ANSWER_NS as f64 * 1e-9, inputs)?;
+        input.unit_count = units as u8;
+        for unit in 0..units {
+            self.plant.step(answer_ns as f64 * 1e-9, inputs)?;
             input.unit[unit] = MotorInput::UNIT_OK;
             input.slow_fresh[unit] = MotorInput::SLOW_ALL;
             input.supply_v[unit] = self.plant.voltage_v();
@@ -283,7 +285,7 @@ impl Lockstep {
             }
         }
         self.drives = inputs;
-        self.exchange(&inputs[..n], &mut input)?;
+        self.exchange(period_ns, &inputs[..n], &mut input)?;
         input.end_ns = self.plant.time_ns();
         let (truth_m, truth_m_s) = (self.plant.position_m(), self.plant.velocity_m_s());
         let truth_n = CableVec::from_slice(&self.plant.tensions_n())?;
