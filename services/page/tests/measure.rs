@@ -1,4 +1,5 @@
-//! Measures how long a stop takes from the browser to the first braking cycle, and what the page costs.
+//! Measures how long a stop takes from the browser to the first braking cycle, what the page costs, and what flights are
+//! beside ten clients and a browser.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -7,7 +8,10 @@ mod rig;
 use bus::{Bus, Subscriber, clock};
 use messages::MotorAuthority;
 use rig::{Browser, Rig};
+use robot_state::Periods;
+use rustix::thread::{CpuSet, sched_setaffinity};
 use serde_json::json;
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Stops of each kind, and the time for which the cost is measured.
@@ -139,5 +143,85 @@ fn what_the_page_costs() {
         println!("{count} browsers: {share:.1} % of a core, {memory_mb:.1} MB; {lost} of {all} periods not steered");
         println!("    so far: {}", after["summary"].as_str().unwrap_or_default());
         before = after;
+    }
+}
+
+/// Clients beside a browser, and pairs of flights with and without them.
+const CLIENTS: usize = 10;
+const PAIRS: usize = 3;
+/// Minutes of each flight, if not 10.
+const MINUTES: &str = "NIMS_MINUTES";
+
+/// Keeps this thread, and what it starts, on one processor.
+fn keep_on(processor: usize) {
+    let mut one = CpuSet::new();
+    one.set(processor);
+    sched_setaffinity(None, &one).expect("two processors are needed");
+}
+
+/// A real browser that shows the page; ended when it is dropped.
+struct Chromium(Child);
+
+impl Chromium {
+    fn open(address: &str, folder: &std::path::Path) -> Self {
+        let mut command = Command::new("chromium");
+        command.args(["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]);
+        command.args(["--remote-debugging-port=0", "--window-size=820,1180"]);
+        command.arg(format!("--user-data-dir={}", folder.display())).arg(format!("http://{address}/"));
+        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        Self(child.expect("chromium is needed: apt-get install chromium"))
+    }
+}
+
+impl Drop for Chromium {
+    fn drop(&mut self) {
+        let _ = rustix::process::kill_process(rustix::process::Pid::from_child(&self.0), rustix::process::Signal::TERM);
+        let _ = self.0.wait();
+    }
+}
+
+/// Flies to and fro with the robot and its page on one processor, and all that look on the other; returns the periods.
+fn flight(lasts: Duration, crowd: bool) -> Periods {
+    keep_on(0);
+    let rig = Rig::up();
+    keep_on(1);
+    let bus = Bus::join(rig.domain(), "observer").unwrap();
+    let mut authority = bus.deep_subscriber::<MotorAuthority>("motor/authority").unwrap();
+    let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));
+    rig::ready(&mut flyer, START);
+    let folder = tempfile::tempdir().unwrap();
+    let chromium = crowd.then(|| Chromium::open(&rig.address, folder.path()));
+    for _ in 0..if crowd { CLIENTS } else { 0 } {
+        let mut client = rig.browser(None);
+        std::thread::spawn(move || while client.take_one() {});
+    }
+    let (begun, used_s, mut legs) = (Instant::now(), rig.page_cpu_s(), 0);
+    while begun.elapsed() < lasts {
+        fly(&mut flyer, POINTS[legs % 2]);
+        legs += 1;
+    }
+    let share = 100.0 * (rig.page_cpu_s() - used_s) / begun.elapsed().as_secs_f64();
+    let periods = Periods::from_authority(&authority.latest().unwrap().unwrap());
+    let beside = if crowd { "beside ten clients and a browser" } else { "alone" };
+    println!(
+        "{beside}: {} ({}); the page: {share:.1} % of a core, {:.1} MB",
+        periods.leading(),
+        periods.by_cause(),
+        rig.page_memory_mb()
+    );
+    drop(chromium);
+    periods
+}
+
+#[test]
+#[ignore = "takes an hour; prints what flights are beside ten clients and a browser: docs/page.md"]
+fn flights_beside_ten_clients() {
+    let minutes = std::env::var(MINUTES).map_or(10.0, |minutes| minutes.parse().unwrap());
+    let lasts = Duration::from_secs_f64(60.0 * minutes);
+    for pair in 0..PAIRS {
+        // Alternating, so that what changes with time is in both.
+        for crowd in [pair % 2 == 1, pair % 2 == 0] {
+            flight(lasts, crowd);
+        }
     }
 }

@@ -1,7 +1,8 @@
 //! A test process for the bus, which tests also kill: `peer DOMAIN PROCESS publish|answer|silent|own`.
 //!
 //! `publish` sends `motor/state` every millisecond, with ascending `counts`; `answer` answers requests; `silent`
-//! receives them and never answers; `own` owns the domain and never sweeps it. Prints `ready` on standard output, then runs until it is killed.
+//! receives them and never answers; `own` owns the domain and never sweeps it. Prints `ready` on standard output, then
+//! runs until it is killed.
 
 use bus::clock::Pacer;
 use bus::{Bus, BusError, Domain};
