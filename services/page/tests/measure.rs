@@ -1,5 +1,5 @@
-//! Measures how long a stop takes from the browser to the first braking cycle, what the page costs, and what flights are
-//! beside ten clients and a browser.
+//! Measures how long a stop takes from the browser to the first braking cycle, what the page costs, and what flights
+//! are beside ten clients and a browser.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

@@ -5,8 +5,8 @@
 //!   it.
 //! * It subscribes to a channel only while a tool requests it, and limits how many of its samples it forwards per
 //!   second ([`Budget`]). Samples that a slow tool does not take are dropped; a publisher never waits.
-//! * It shows the graph of processes and channels, and the parameters in use, while a tool asks for them; a tool changes
-//!   none.
+//! * It shows the graph of processes and channels, and the parameters in use, while a tool asks for them; a tool
+//!   changes none.
 //! * By default it accepts connections from this machine only, and only of users who may look: the kernel states who
 //!   connects, before a byte is read or sent. Nothing that a tool sends moves the robot.
 //! * What a tool can make it keep is bounded, and so is the time that connections of other users take.

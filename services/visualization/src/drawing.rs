@@ -155,8 +155,8 @@ impl Visualization {
             || ["sensor/", "sample/", "map/", "system/log/"].iter().any(|beginning| channel.starts_with(beginning))
     }
 
-    /// Processes the bytes of a sample; a log event and a map return their drawing at once. Samples of other types or versions are
-    /// ignored.
+    /// Processes the bytes of a sample; a log event and a map return their drawing at once. Samples of other types or
+    /// versions are ignored.
     pub fn record(&mut self, channel: &str, type_name: &str, sample: &[u8]) -> Option<Drawing> {
         match channel {
             "motor/authority" => self.authority = read(type_name, sample).or(self.authority),

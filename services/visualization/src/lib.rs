@@ -2,8 +2,8 @@
 //!
 //! Foxglove, Lichtblick, RViz, rerun and other tools that read `tf2_msgs/TFMessage`, `geometry_msgs/PoseStamped`,
 //! `nav_msgs/Path`, `visualization_msgs/MarkerArray`, `sensor_msgs/PointCloud2`, `nav_msgs/OccupancyGrid` and
-//! `rcl_interfaces/Log` show the node, cables and anchors, the planned and the flown path, the sensors' measurements and
-//! their maps, without a plug-in.
+//! `rcl_interfaces/Log` show the node, cables and anchors, the planned and the flown path, the sensors' measurements
+//! and their maps, without a plug-in.
 //!
 //! Invariants:
 //! * [`Visualization`] is pure: samples in as bytes, CDR bodies out; the same for live samples ([`process`]) and

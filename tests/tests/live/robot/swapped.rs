@@ -30,8 +30,8 @@ impl Late {
 }
 
 impl Robot {
-    /// Asks for a swap until it succeeds; returns the answer. A busy machine may make the new process late in one cycle,
-    /// and then the swap is rightly refused.
+    /// Asks for a swap until it succeeds; returns the answer. A busy machine may make the new process late in one
+    /// cycle, and then the swap is rightly refused.
     pub fn swapped(&self, args: &[&str]) -> String {
         for _ in 0..SWAPS {
             let output = self.nims(args);
