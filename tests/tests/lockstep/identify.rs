@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
+use config::SystemFile;
 use nims_sim::Args;
 use serde_json::Value;
 
@@ -57,9 +58,14 @@ fn fly(out: &Path, delay_s: f64, lag_s: f64, worlds: &str) -> Vec<Judged> {
     let system = project().join("configs/systems/demo3.toml");
     let [delay, lag] = [("delay_s", delay_s), ("lag_s", lag_s)].map(|(key, value)| format!("motor_box.{key}={value}"));
     let words = ["sim", system.to_str().unwrap(), "--set", &delay, "--set", &lag, "--world", worlds, "--out"];
-    let output = nims_sim::run(&Cli::parse_from(words.into_iter().chain(out.to_str())).args).unwrap();
+    flown(out, &words).iter().flat_map(|run| judged(run, delay_s, lag_s)).collect()
+}
+
+/// Flies with these words of the command line, and returns the runs.
+fn flown(out: &Path, words: &[&str]) -> Vec<PathBuf> {
+    let output = nims_sim::run(&Cli::parse_from(words.iter().copied().chain(out.to_str())).args).unwrap();
     let flights = output.value["flights"].as_array().unwrap().clone();
-    flights.iter().flat_map(|flight| judged(&out.join(flight["folder"].as_str().unwrap()), delay_s, lag_s)).collect()
+    flights.iter().map(|flight| out.join(flight["folder"].as_str().unwrap())).collect()
 }
 
 /// Share within so many standard deviations.
@@ -89,4 +95,42 @@ fn what_is_stated_covers_the_truth() {
     let split: Vec<&Judged> = all.iter().filter(|one| one.what == "delay" || one.what == "lag").collect();
     // Without the speed loop, 30 and 40 ms are taken for 44 and 26.
     assert!(split.iter().all(|one| one.sigma < 0.007), "the split says nothing");
+}
+
+#[test]
+fn a_robot_flies_with_what_was_identified() {
+    let folder = tempfile::tempdir().unwrap();
+    let system = project().join("configs/systems/demo3.toml");
+    let out = folder.path().join("before");
+    let runs = flown(&out, &["sim", system.to_str().unwrap(), "--world", "105", "--out"]);
+    let args = analysis::identify::Args { run: runs[0].clone(), out: Some(folder.path().join("identified")) };
+    analysis::identify::run(&args).unwrap();
+    fly_with(folder.path(), &folder.path().join("identified/identified.toml"));
+}
+
+/// Flies a robot whose file names an identified file.
+fn fly_with(folder: &Path, identified: &Path) {
+    let robot = std::fs::read_to_string(project().join("configs/robots/lab3.toml")).unwrap();
+    std::fs::copy(identified, folder.join("found.toml")).unwrap();
+    std::fs::write(folder.join("lab3.toml"), robot.replace("[robot]", "[robot]\nidentified = \"found.toml\"")).unwrap();
+    let system = std::fs::read_to_string(project().join("configs/systems/demo3.toml")).unwrap();
+    let line = system.lines().find(|line| line.starts_with("robot = ")).unwrap().to_owned();
+    let missions = project().join("configs/missions");
+    let system = system.replace(&line, "robot = \"lab3.toml\"");
+    let system = format!("{system}\n[planner]\nmissions = {missions:?}\n[controller]\nlaw = \"preview\"\n");
+    let path = folder.join("identified-system.toml");
+    std::fs::write(&path, system).unwrap();
+    let file = SystemFile::load(&path).unwrap();
+    let found: toml::Table = std::fs::read_to_string(identified).unwrap().parse().unwrap();
+    let number =
+        |key: &str| found[key].as_float().or_else(|| found[key].as_integer().map(|whole| whole as f64)).unwrap();
+    assert_eq!(file.controller.drive_lag_s, Some([number("delay_s"), number("lag_s")]));
+    let robot = file.robot_file().unwrap().robot().unwrap();
+    // The robot file's own stiffness stays.
+    assert_eq!((robot.node_mass_kg(), robot.stiffness_n()), (number("node_mass_kg"), Some(6000.0)));
+    assert_ne!(robot.node_mass_kg(), 1.2);
+    let runs = flown(&folder.join("with"), &["sim", path.to_str().unwrap(), "--out"]);
+    // The run keeps the file, so that it is read with the same robot.
+    let again = SystemFile::load(&runs[0].join("system.toml")).unwrap();
+    assert_eq!(again.controller.drive_lag_s, file.controller.drive_lag_s);
 }

@@ -3,6 +3,7 @@
 
 use crate::report::{self, FIGURES};
 use command::{Answer, Failure, Output};
+use config::IdentifiedFile;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -11,6 +12,8 @@ use std::time::SystemTime;
 
 /// Folder of runs of the current folder.
 pub const FOLDER: &str = "runs";
+/// File of `nims identify` in a run folder.
+const IDENTIFIED: &str = "identified/identified.toml";
 /// Fewest runs of a robot that have a trend.
 const FEWEST: usize = 3;
 
@@ -28,7 +31,7 @@ const fn figure(pointer: &'static str, name: &'static str, unit: &'static str, f
 }
 
 /// The followed figures. The deviation is that of the truth where there is one.
-const FIGURES_OF_RUNS: [Figure; 7] = [
+const FIGURES_OF_RUNS: [Figure; 11] = [
     figure("/deviation_rms_m", "deviation RMS", "mm", 1e3),
     figure("/wear/peak_tension_n", "peak tension", "N", 1.0),
     figure("/wear/mean_tension_n", "mean tension", "N", 1.0),
@@ -36,6 +39,10 @@ const FIGURES_OF_RUNS: [Figure; 7] = [
     figure("/wear/misfit_m", "misfit of lengths RMS", "mm", 1e3),
     figure("/wear/drift_m", "drift of lengths", "mm", 1e3),
     figure("/wear/stiffness_n", "stiffness in the robot file", "N", 1.0),
+    figure("/identified/stiffness_n", "identified stiffness EA", "N", 1.0),
+    figure("/identified/node_mass_kg", "identified node mass", "kg", 1.0),
+    figure("/identified/drive_lag_s", "identified delay and lag", "ms", 1e3),
+    figure("/identified/force_constant_n_a", "identified force constant", "N/A", 1.0),
 ];
 
 /// How a figure of a robot changes from run to run.
@@ -102,6 +109,17 @@ fn row(run: &Path) -> Value {
         "verdict": figures["verdict"], "flown_m": figures["flown_m"], "deviation_of": error,
         "deviation_rms_m": deviation["rms_m"], "deviation_max_m": deviation["max_m"],
         "unsteered": figures["unsteered"], "faults": figures["faults"], "wear": figures["wear"],
+        "identified": identified(run),
+    })
+}
+
+/// Returns what `nims identify RUN --out RUN/identified` found in a run; null if it was not asked.
+fn identified(run: &Path) -> Value {
+    let Ok(found) = IdentifiedFile::load(&run.join(IDENTIFIED)) else { return Value::Null };
+    json!({
+        "stiffness_n": found.stiffness_n, "node_mass_kg": found.node_mass_kg,
+        "drive_lag_s": found.drive_lag_s().map(|[delay_s, lag_s]| delay_s + lag_s),
+        "force_constant_n_a": found.motor.force_constant_n_a,
     })
 }
 
@@ -251,6 +269,24 @@ mod tests {
         assert!((per_run - 2.0).abs() < 1e-12);
         let words = words(&rows, &found);
         assert!(words.contains("y: why") && words.contains("+2.000"), "{words}");
+    }
+
+    #[test]
+    fn what_was_identified_in_a_run_is_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(identified(folder.path()), Value::Null);
+        std::fs::create_dir(folder.path().join("identified")).unwrap();
+        let mut rows = Vec::new();
+        for stiffness_n in [6000, 5900, 5700] {
+            let text = format!("delay_s = 0.03\nlag_s = 0.04\nstiffness_n = {stiffness_n}\n[motor]\ncoulomb_n = 3.0\n");
+            std::fs::write(folder.path().join(IDENTIFIED), text).unwrap();
+            rows.push(json!({ "run": "x", "system": "a", "identified": identified(folder.path()) }));
+        }
+        let found = trends(&rows);
+        let of = |name: &str| found.iter().find(|trend| trend.figure == name).map(|trend| (trend.first, trend.last));
+        assert_eq!(of("identified stiffness EA"), Some((6000.0, 5700.0)));
+        assert!(of("identified delay and lag").is_some_and(|(first, _)| (first - 70.0).abs() < 1e-9));
+        assert_eq!(of("identified node mass"), None);
     }
 
     #[test]

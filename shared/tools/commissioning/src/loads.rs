@@ -38,6 +38,7 @@ pub fn run(args: &Args) -> Answer<Output> {
             false => format!("\n{robot} stays as it is."),
         };
         output.value["written"] = json!(written.then_some(robot));
+        output.words += &replaced(&robot_path).unwrap_or_default();
     }
     Ok(output)
 }
@@ -50,6 +51,16 @@ pub(crate) fn robot(path: &Path) -> Result<LoadsRobot, String> {
     let file = RobotFile::load(path).map_err(|error| error.to_string())?;
     let text = files::read_text(path).map_err(|error| format!("{} cannot be read: {error}", path.display()))?;
     LoadsRobot::new(&file, text, &path.display().to_string())
+}
+
+/// What the identified file of the robot file replaces of that which measurements determine.
+fn replaced(path: &Path) -> Option<String> {
+    const MEASURED: [&str; 2] = ["robot.node_mass_kg", "lines.stiffness_n"];
+    let file = RobotFile::load(path).ok()?;
+    let keys: Vec<&str> = (file.replaced.iter().map(|one| one.key).filter(|key| MEASURED.contains(key))).collect();
+    let named = file.robot.identified.filter(|_| !keys.is_empty())?;
+    let keys = keys.join(" and ");
+    Some(format!("\n{} takes the place of {keys}; delete from it what was measured now.", named.display()))
 }
 
 /// Writes what is determined into the robot file, atomically. Returns false if nothing is.

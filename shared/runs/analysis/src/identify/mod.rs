@@ -13,6 +13,11 @@ use findings::Findings;
 use identification::{Identified, Value, identify};
 use serde_json::{Value as Json, json};
 
+/// Why a run states no stiffness: encoders on the winches do not see the stretch, and the swing of the node, which
+/// depends on it, changes the currents by a tenth of their noise.
+const WITHOUT_STIFFNESS: &str = "a run does not tell, because the encoders are on the winches; `nims loads` measures it \
+                                 with a known weight";
+
 /// `nims identify`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -70,7 +75,10 @@ fn pair(value: Value) -> Json {
 
 fn value(found: &Findings) -> Json {
     let cables: Vec<Json> = found.cables.iter().map(cable).collect();
-    json!({ "used_s": found.used_s, "cables": cables, "node_mass_kg": found.mass_kg.map(pair) })
+    let stiffness_n = json!({ "undetermined": WITHOUT_STIFFNESS });
+    json!({
+        "used_s": found.used_s, "cables": cables, "node_mass_kg": found.mass_kg.map(pair), "stiffness_n": stiffness_n,
+    })
 }
 
 fn cable(found: &Result<Identified, String>) -> Json {
@@ -134,6 +142,7 @@ fn text(found: &Findings) -> String {
     if let Some(mass) = found.mass_kg {
         let _ = write!(text, "\nnode with its sensors: {} kg", cell(mass, 1.0, 3));
     }
+    let _ = write!(text, "\nstiffness of the cables: {WITHOUT_STIFFNESS}");
     text
 }
 
@@ -166,6 +175,7 @@ fn file(run: &Path, found: &Findings) -> String {
     key("delay_s", overall(found, &|one| Some(one.drive.delay_s)), 4);
     key("lag_s", overall(found, &|one| Some(one.drive.lag_s)), 4);
     key("node_mass_kg", found.mass_kg, 4);
+    let _ = writeln!(text, "# stiffness_n = 6000.0   # EA of the cables, N, if it was measured otherwise");
     let _ = writeln!(text, "\n# Keys of [motor] in a robot file, as the mean of all cables.\n[motor]");
     let mut key = |name: &str, of: &dyn Fn(&identification::Motor) -> Value, decimals: usize| {
         if let Some(Value { value, sigma }) = overall(found, &|one| one.motor.as_ref().map(of)) {
