@@ -175,7 +175,10 @@ fn file(run: &Path, found: &Findings) -> String {
     key("delay_s", overall(found, &|one| Some(one.drive.delay_s)), 4);
     key("lag_s", overall(found, &|one| Some(one.drive.lag_s)), 4);
     key("node_mass_kg", found.mass_kg, 4);
-    let _ = writeln!(text, "# stiffness_n = 6000.0   # EA of the cables, N, if it was measured otherwise");
+    let _ = writeln!(
+        text,
+        "# stiffness_n: a run does not tell it; add it here, in N, if it was measured with a known weight"
+    );
     let _ = writeln!(text, "\n# Keys of [motor] in a robot file, as the mean of all cables.\n[motor]");
     let mut key = |name: &str, of: &dyn Fn(&identification::Motor) -> Value, decimals: usize| {
         if let Some(Value { value, sigma }) = overall(found, &|one| one.motor.as_ref().map(of)) {
