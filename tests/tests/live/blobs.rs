@@ -2,6 +2,7 @@
 //! not write, each with the place at which it was taken.
 
 use crate::robot::{GOAL, Robot, START, program, root};
+use messages::blob::BlobType;
 use messages::{MotorAuthority, Sample};
 use nims_tests::python;
 use rustix::process::Signal;
@@ -29,6 +30,16 @@ fn the_pictures_of_a_camera_in_python_are_recorded_with_their_places() {
     let path = format!("PYTHONPATH={}", modules.display());
     let command = ["env", &path, python.to_str().unwrap(), "-B", camera.to_str().unwrap()];
     are_recorded_with_their_places(&command, "running");
+}
+
+#[test]
+fn python_has_the_same_messages() {
+    let script = "import sys\nsys.path.insert(0, sys.argv[1])\nimport nims.blob as b\n\
+        for one in (b.Pictures, b.Images, b.Scans, b.Grids): print(one.MESSAGE.type_name())";
+    let output = Command::new(python()).args(["-B", "-c", script]).arg(root().join("scripts/python")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(said.lines().collect::<Vec<_>>(), BlobType::ALL.map(BlobType::type_name));
 }
 
 /// Plugs a camera in by this command, and flies.
