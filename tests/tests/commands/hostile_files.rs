@@ -148,7 +148,7 @@ fn anchors_in_a_row_are_refused_with_what_to_do() {
         &["workspace", "--config"],
     ] {
         let args: Vec<&str> = command.iter().copied().chain([name]).collect();
-        refused(&args, &["row.toml", "line 11", "anchors_m"]);
+        refused(&args, &["row.toml", "line 12", "anchors_m"]);
     }
 }
 
