@@ -1,9 +1,10 @@
 //! Lists channels, and subscribes to channels of any type as bytes.
 
-use std::collections::{HashMap, HashSet};
-use std::ffi::OsString;
+use std::collections::HashMap;
+use std::ffi::{CString, OsStr};
 use std::fs;
-use std::os::unix::fs::{DirEntryExt, MetadataExt};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 use iceoryx2::port::ReceiveError;
@@ -15,6 +16,7 @@ use iceoryx2::service::static_config::message_type_details::TypeVariant;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
 use messages::Header;
 use messages::schema::Schema;
+use rustix::fs::{Mode, OFlags, RawDir, open};
 
 use crate::blob::BLOB_HEADER;
 use crate::domain::info_of;
@@ -277,10 +279,24 @@ impl Tap {
 /// Finds new channels at low cost: lists a folder, and reads only the channels whose files in it are new.
 #[derive(Debug, Default)]
 pub struct ChannelWatch {
-    /// Service files by name and inode, with the name and the type of the channel; `None` for services of other kinds.
-    /// A channel that was removed and created again has another inode.
-    known: HashMap<(OsString, u64), Option<(String, String)>>,
+    /// Service files by inode. A channel that was removed and created again has another one.
+    known: HashMap<u64, ServiceEntry>,
+    /// Number of this search.
+    search: u64,
 }
+
+/// A service file that was seen before.
+#[derive(Debug)]
+struct ServiceEntry {
+    file: CString,
+    /// Name and type of the channel; `None` for services of other kinds.
+    channel: Option<(String, String)>,
+    /// Number of the last search that has found it.
+    search: u64,
+}
+
+/// Bytes of a listing that are read at once.
+const LISTING_BYTES: usize = 32 << 10;
 
 /// The service in a file of iceoryx2.
 enum ServiceFile {
@@ -305,39 +321,51 @@ impl ChannelWatch {
     /// As [`Bus::channels`].
     pub fn new_channels(&mut self, bus: &Bus) -> Result<Vec<ChannelInfo>, BusError> {
         let folder = bus.domain().root().join("services");
-        let mut files = HashSet::with_capacity(self.known.len());
-        let mut added = Vec::new();
-        for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
-            let file = (entry.file_name(), entry.ino());
-            // Incomplete files are writable and are skipped until they are complete.
-            let complete = || entry.metadata().is_ok_and(|found| found.mode() & 0o200 == 0);
-            if !self.known.contains_key(&file) && complete() {
-                added.push(file.clone());
-            }
-            files.insert(file);
-        }
+        self.search += 1;
         let mut new = Vec::new();
-        for file in added {
-            let name = match service_in(&folder.join(&file.0)) {
-                ServiceFile::Channel(name) => name,
-                ServiceFile::Other => {
-                    self.known.insert(file, None);
-                    continue;
+        for (inode, file) in self.unknown_files(&folder) {
+            let path = folder.join(OsStr::from_bytes(file.to_bytes()));
+            // Incomplete files are writable and are skipped until they are complete.
+            if !fs::metadata(&path).is_ok_and(|found| found.mode() & 0o200 == 0) {
+                continue;
+            }
+            let channel = match service_in(&path) {
+                ServiceFile::Channel(name) => {
+                    // It may be removed before it is read.
+                    let Some(info) = bus.channel(&name)? else { continue };
+                    let channel = Some((info.name.clone(), info.type_name.clone()));
+                    if !self.known.values().any(|known| known.channel == channel) {
+                        new.push(info);
+                    }
+                    channel
                 }
+                ServiceFile::Other => None,
                 ServiceFile::Unreadable => continue,
             };
-            // It may be removed before it is read.
-            if let Some(info) = bus.channel(&name)? {
-                let channel = Some((info.name.clone(), info.type_name.clone()));
-                if !self.known.values().any(|known| *known == channel) {
-                    new.push(info);
-                }
-                self.known.insert(file, channel);
-            }
+            self.known.insert(inode, ServiceEntry { file, channel, search: self.search });
         }
-        self.known.retain(|file, _| files.contains(file));
+        self.known.retain(|_, known| known.search == self.search);
         new.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(new)
+    }
+
+    /// Lists the folder; returns the files that are not known yet, by inode, and marks the others as found.
+    fn unknown_files(&mut self, folder: &Path) -> Vec<(u64, CString)> {
+        let mut unknown = Vec::new();
+        let Ok(listed) = open(folder, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty()) else {
+            return unknown;
+        };
+        // Without an allocation per entry, because there are thousands in a large robot.
+        let mut buffer = Vec::with_capacity(LISTING_BYTES);
+        let mut entries = RawDir::new(listed, buffer.spare_capacity_mut());
+        while let Some(Ok(entry)) = entries.next() {
+            match self.known.get_mut(&entry.ino()) {
+                Some(known) if known.file.as_c_str() == entry.file_name() => known.search = self.search,
+                _ if entry.file_name().to_bytes().starts_with(b".") => {}
+                _ => unknown.push((entry.ino(), entry.file_name().to_owned())),
+            }
+        }
+        unknown
     }
 }
 
