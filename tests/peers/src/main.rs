@@ -7,10 +7,12 @@
 
 mod link;
 mod measure;
+mod place;
 mod process;
 
 use anyhow::{Context, Result, bail};
 use link::Way;
+use place::Place;
 use std::path::Path;
 
 fn main() -> Result<()> {
@@ -18,8 +20,16 @@ fn main() -> Result<()> {
     match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["send", way, place] => process::send(Way::named(way)?, Path::new(place)),
         ["receive", way, place] => process::receive(Way::named(way)?, Path::new(place)),
-        [] => measure::measure(2000),
-        [samples] => measure::measure(samples.parse().context("the argument is the number of samples of each way")?),
-        _ => bail!("accepted: the number of samples of each way, or nothing"),
+        ["spin"] => loop {
+            std::hint::spin_loop();
+        },
+        [] => measure::measure(2000, Place::Any),
+        [samples] => measure::measure(number(samples)?, Place::Any),
+        [samples, place] => measure::measure(number(samples)?, Place::named(place)?),
+        _ => bail!("accepted: the number of samples of each way, then `one-core` or `two-cores`; or nothing"),
     }
+}
+
+fn number(samples: &str) -> Result<u64> {
+    samples.parse().context("the first argument is the number of samples of each way")
 }

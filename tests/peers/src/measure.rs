@@ -1,13 +1,14 @@
 //! Starts the processes of every way on one schedule, and prints the table.
 
 use crate::link::{BYTES, Way};
+use crate::place::Place;
 use crate::process::time_ns;
 use anyhow::{Context, Result};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::time::ClockId;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
-use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStderr, ChildStdout, Stdio};
 
 /// Time between the samples of two ways, ns: all fall asleep in between.
 const SLOT_NS: u64 = 1_000_000;
@@ -33,10 +34,10 @@ impl Drop for Pair {
 }
 
 impl Pair {
-    fn start(way: Way, name: &'static str, place: &Path) -> Result<Self> {
+    fn start(way: Way, name: &'static str, place: &Path, cores: Place) -> Result<Self> {
         let own = std::env::current_exe()?;
         let program = |role: &str| {
-            let mut command = Command::new(&own);
+            let mut command = cores.command(&own, role);
             command.arg(role).arg(name).arg(place);
             command
         };
@@ -80,19 +81,20 @@ fn said(from: &mut impl BufRead) -> Result<String> {
     Ok(line.trim().to_owned())
 }
 
-/// Measures every way with so many samples and prints the table.
-pub fn measure(samples: u64) -> Result<()> {
+/// Measures every way with so many samples on these processors, and prints the table.
+pub fn measure(samples: u64, cores: Place) -> Result<()> {
     let place = std::env::temp_dir().join(format!("peers-{}", std::process::id()));
     std::fs::create_dir_all(&place)?;
-    let result = in_folder(samples, &place);
+    let result = in_folder(samples, &place, cores);
     std::fs::remove_dir_all(&place)?;
     result
 }
 
-fn in_folder(samples: u64, place: &Path) -> Result<()> {
+fn in_folder(samples: u64, place: &Path, cores: Place) -> Result<()> {
+    let _awake = cores.keep_awake(&std::env::current_exe()?)?;
     let mut pairs = Vec::new();
     for (way, name) in Way::ALL {
-        match Pair::start(*way, name, place) {
+        match Pair::start(*way, name, place, cores) {
             Ok(pair) => pairs.push(pair),
             Err(error) => eprintln!("{name} is left out: {error:#}"),
         }

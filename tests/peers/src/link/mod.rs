@@ -1,7 +1,13 @@
 //! The ways from one process to another.
 
+#[cfg(feature = "dds")]
+mod dds;
 mod plain;
 mod shared;
+#[cfg(feature = "zenoh")]
+mod zenoh_link;
+#[cfg(feature = "zmq")]
+mod zmq_link;
 
 use anyhow::{Context, Result};
 use std::path::Path;
@@ -34,6 +40,15 @@ pub enum Way {
     Doorbell,
     /// A datagram between sockets of this machine.
     Datagram,
+    /// Zenoh over a socket of this machine.
+    #[cfg(feature = "zenoh")]
+    Zenoh,
+    /// ZeroMQ over `ipc://`.
+    #[cfg(feature = "zmq")]
+    Zmq,
+    /// A DDS in Rust, best effort.
+    #[cfg(feature = "dds")]
+    Dds,
 }
 
 impl Way {
@@ -44,6 +59,12 @@ impl Way {
         (Way::Iceoryx, "iceoryx2 with its listener"),
         (Way::Doorbell, "iceoryx2 with an eventfd"),
         (Way::Datagram, "datagram"),
+        #[cfg(feature = "zenoh")]
+        (Way::Zenoh, "zenoh"),
+        #[cfg(feature = "zmq")]
+        (Way::Zmq, "ZeroMQ"),
+        #[cfg(feature = "dds")]
+        (Way::Dds, "Dust DDS"),
     ];
 
     /// Returns the way of a name.
@@ -60,6 +81,12 @@ impl Way {
             Way::Iceoryx => Box::new(shared::IceoryxSender::open()?),
             Way::Doorbell => Box::new(shared::DoorbellSender::open()?),
             Way::Datagram => Box::new(plain::DatagramSender::open(place)?),
+            #[cfg(feature = "zenoh")]
+            Way::Zenoh => Box::new(zenoh_link::ZenohSender::open(place)?),
+            #[cfg(feature = "zmq")]
+            Way::Zmq => Box::new(zmq_link::ZmqSender::open(place)?),
+            #[cfg(feature = "dds")]
+            Way::Dds => Box::new(dds::DdsSender::open()?),
         })
     }
 
@@ -71,6 +98,12 @@ impl Way {
             Way::Iceoryx => Box::new(shared::IceoryxReceiver::open()?),
             Way::Doorbell => Box::new(shared::DoorbellReceiver::open()?),
             Way::Datagram => Box::new(plain::DatagramReceiver::open(place)?),
+            #[cfg(feature = "zenoh")]
+            Way::Zenoh => Box::new(zenoh_link::ZenohReceiver::open(place)?),
+            #[cfg(feature = "zmq")]
+            Way::Zmq => Box::new(zmq_link::ZmqReceiver::open(place)?),
+            #[cfg(feature = "dds")]
+            Way::Dds => Box::new(dds::DdsReceiver::open()?),
         })
     }
 }
