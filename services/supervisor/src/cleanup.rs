@@ -36,7 +36,11 @@ impl Cleanup {
             Some(Ok(Err(error))) => Some(error.to_string()),
             Some(Err(TryRecvError::Disconnected)) => Some("the cleanup thread ended early".to_owned()),
         };
-        self.running = None;
+        let has_ended = self.running.take().is_some();
+        if has_ended && self.due_ns > now_ns {
+            // A sweep that takes seconds is not followed by the next one at once.
+            self.due_ns = now_ns + EVERY_NS;
+        }
         if result.is_some() {
             self.due_ns = now_ns + RETRY_NS;
         } else if self.due_ns <= now_ns {

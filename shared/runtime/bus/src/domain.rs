@@ -82,6 +82,29 @@ pub struct NodeInfo {
     pub pid: u32,
 }
 
+/// Processes that were found in a domain.
+#[derive(Debug)]
+pub(crate) struct Nodes {
+    pub(crate) alive: Vec<NodeInfo>,
+    /// Number of dead processes that are not removed yet.
+    pub(crate) dead: usize,
+    /// False if the state of a process could not be determined, e.g. because this one has too many open files.
+    pub(crate) complete: bool,
+}
+
+impl Default for Nodes {
+    fn default() -> Self {
+        Self { alive: Vec::new(), dead: 0, complete: true }
+    }
+}
+
+impl Nodes {
+    /// Whether a process of the domain may be alive, so that its objects must stay.
+    pub(crate) fn may_live(&self) -> bool {
+        !self.alive.is_empty() || !self.complete
+    }
+}
+
 impl Domain {
     /// Returns this user's domain of that name, and creates its folder under /dev/shm.
     ///
@@ -315,28 +338,29 @@ impl Domain {
     /// Returns the running processes of the domain.
     #[must_use]
     pub fn alive(&self) -> Vec<NodeInfo> {
-        self.nodes().0
+        self.nodes().alive
     }
 
     /// Returns the number of dead processes that are not removed yet.
     #[must_use]
     pub fn dead(&self) -> usize {
-        self.nodes().1
+        self.nodes().dead
     }
 
-    /// Returns the running processes, and the number of dead processes that are not removed yet.
-    pub(crate) fn nodes(&self) -> (Vec<NodeInfo>, usize) {
-        let (mut alive, mut dead) = (Vec::new(), 0);
-        // Listing fails if there is no folder yet; then the list is empty.
-        let _ = Node::<ipc::Service>::list(&self.config, |state| {
+    /// Returns the processes of the domain.
+    pub(crate) fn nodes(&self) -> Nodes {
+        let mut nodes = Nodes::default();
+        let listed = Node::<ipc::Service>::list(&self.config, |state| {
             match state {
-                NodeState::Alive(node) => alive.push(info_of(&node)),
-                NodeState::Dead(_) => dead += 1,
-                NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
+                NodeState::Alive(node) => nodes.alive.push(info_of(&node)),
+                NodeState::Dead(_) => nodes.dead += 1,
+                NodeState::Inaccessible(_) | NodeState::Undefined(_) => nodes.complete = false,
             }
             CallbackProgression::Continue
         });
-        (alive, dead)
+        // Listing also fails if there is no folder yet.
+        nodes.complete &= listed.is_ok() || matches!(self.root.join("nodes").try_exists(), Ok(false));
+        nodes
     }
 
     /// Makes this process the owner of the domain, until the claim is dropped or the process ends in any way. The owner
@@ -376,7 +400,7 @@ impl Domain {
     /// Gives up the domain: if no process runs in it, removes its objects in shared memory, and its folder unless the
     /// user gave its path. Returns whether no process was left.
     pub fn release(&self, claim: Claim) -> bool {
-        if !self.alive().is_empty() {
+        if self.nodes().may_live() {
             return false;
         }
         self.wipe();

@@ -42,13 +42,13 @@ impl Domain {
     /// [`BusError::DomainFolder`] if the cleaner hangs. Then every process of the domain must be ended and started
     /// again.
     pub fn sweep(&self) -> Result<SweepReport, BusError> {
-        let (alive, dead) = self.nodes();
-        if alive.is_empty() {
+        let nodes = self.nodes();
+        if !nodes.may_live() {
             return Ok(SweepReport { files: self.wipe(), ..SweepReport::default() });
         }
         let files = self.remove_half_made();
-        let mut swept = SweepReport { alive: alive.len(), files, ..SweepReport::default() };
-        if dead > 0 {
+        let mut swept = SweepReport { alive: nodes.alive.len(), files, ..SweepReport::default() };
+        if nodes.dead > 0 {
             self.before_cleaning();
             // Runs in a thread, because the cleaner can hang on the objects of a process killed in its first
             // millisecond.
@@ -66,7 +66,7 @@ impl Domain {
             cleaner.map_err(|error| hangs(UnusableFolder::NoCleaner(error.to_string())))?;
             match result.recv_timeout(CLEANER_TIMEOUT) {
                 Ok(Some(state)) => (swept.removed, swept.failed) = (state.cleanups, state.failed_cleanups),
-                Ok(None) => swept.failed = dead as u64,
+                Ok(None) => swept.failed = nodes.dead as u64,
                 Err(_) => return Err(hangs(UnusableFolder::CleanerHangs)),
             }
         }
@@ -77,8 +77,13 @@ impl Domain {
     /// others: among hundreds that would take most of the time of a start. If the owner hangs, or is killed meanwhile,
     /// the places of dead processes are freed when they are needed.
     pub(crate) fn has_other_owner(&self) -> bool {
-        let owner = fs::read_to_string(self.root().join(CLAIM_FILE)).ok().and_then(|text| text.trim().parse().ok());
-        owner.is_some_and(|pid: u32| pid != std::process::id() && runs(pid))
+        // The kernel's list states who holds the lock. Trying the lock could refuse it to the owner that just starts.
+        let Ok(claim) = fs::metadata(self.root().join(CLAIM_FILE)) else { return false };
+        let locks = fs::read_to_string("/proc/locks").unwrap_or_default();
+        locks.lines().any(|line| {
+            let (holder, inode) = lock_in(line).unwrap_or_default();
+            inode == claim.ino() && holder != i64::from(std::process::id())
+        })
     }
 
     /// Removes incomplete objects of processes that were killed while they created them. No process can open these, and
@@ -139,9 +144,24 @@ impl Domain {
     }
 }
 
-/// Returns whether a process of this id runs, and is not only waiting for its parent after its end.
-fn runs(pid: u32) -> bool {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    let state = stat.rsplit_once(") ").and_then(|(_, rest)| rest.chars().next());
-    state.is_some_and(|state| !"ZXx".contains(state))
+/// Process and inode of a lock by `flock` in a line of `/proc/locks`:
+/// `12: FLOCK  ADVISORY  WRITE 4711 00:1b:1234 0 EOF`.
+fn lock_in(line: &str) -> Option<(i64, u64)> {
+    let mut fields = line.split_ascii_whitespace().skip(1);
+    (fields.next()? == "FLOCK").then_some(())?;
+    let holder = fields.nth(2)?.parse().ok()?;
+    Some((holder, fields.next()?.rsplit(':').next()?.parse().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lock_states_its_process_and_its_file() {
+        assert_eq!(lock_in("12: FLOCK  ADVISORY  WRITE 4711 00:1b:1234 0 EOF"), Some((4711, 1234)));
+        assert_eq!(lock_in("13: POSIX  ADVISORY  WRITE 4711 00:1b:1234 0 EOF"), None);
+        assert_eq!(lock_in("14: -> FLOCK  ADVISORY  WRITE 4711 00:1b:1234 0 EOF"), None);
+        assert_eq!(lock_in("broken"), None);
+    }
 }
