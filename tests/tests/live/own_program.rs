@@ -114,7 +114,15 @@ fn a_program_in_an_endless_loop_ends_with_the_controller_that_is_killed() {
         let mut robot = slow(&beside("controller", &program));
         robot.until_reported("the controller", |robot| robot.pid("controller-b").is_some());
         let controller = robot.pid("controller-b").unwrap();
-        robot.until_reported("its program", |_| !children(controller).is_empty());
+        // From here on the kernel ends it with its controller.
+        let loops = |pid: &u32| {
+            let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            command.split('\0').next().is_some_and(|program| program.ends_with("env") || program.contains("python"))
+        };
+        robot.until_reported("its program", |_| {
+            let children = children(controller);
+            !children.is_empty() && children.iter().all(loops)
+        });
         let program = children(controller);
         robot.signal("controller-b", Signal::KILL);
         let is_gone = |pid: &u32| {

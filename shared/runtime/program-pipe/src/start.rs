@@ -13,6 +13,7 @@ pub const ARGUMENT: &str = "--lockstep";
 
 /// Starts a program that is to be killed with the one that starts it.
 const SETPRIV: &str = "setpriv";
+const KILLED_WITH_THE_PARENT: [&str; 3] = ["--pdeathsig", "KILL", "--"];
 
 /// Why a program does not start.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -59,20 +60,23 @@ pub(crate) fn spawn(
 }
 
 /// A program that the kernel kills with the thread that started it, also where this process is killed: one that never
-/// reads does not see that its pipe is closed. Without `setpriv` (util-linux), or where it cannot be run, it is
-/// started as it is.
+/// reads does not see that its pipe is closed. What the program itself starts is not killed. Without a `setpriv` of
+/// util-linux, or where the program cannot be run, it is started as it is.
 fn ending_with_this_process(program: &str) -> Command {
-    let is_runnable = |path: &Path| rustix::fs::access(path, Access::EXEC_OK).is_ok();
-    let in_path = |name: &str| {
-        let path = std::env::var_os("PATH").unwrap_or_default();
-        name.contains('/') && is_runnable(Path::new(name))
-            || !name.contains('/') && std::env::split_paths(&path).any(|folder| is_runnable(&folder.join(name)))
+    let is_runnable = |path: &Path| path.is_file() && rustix::fs::access(path, Access::EXEC_OK).is_ok();
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let runs = if program.contains('/') {
+        is_runnable(Path::new(program))
+    } else {
+        std::env::split_paths(&path).any(|folder| is_runnable(&folder.join(program)))
     };
-    if !(in_path(SETPRIV) && in_path(program)) {
+    // Other programs of this name have no such option.
+    let has_option = || Command::new(SETPRIV).args(KILLED_WITH_THE_PARENT).arg("true").stderr(Stdio::null()).status();
+    if !(runs && has_option().is_ok_and(|status| status.success())) {
         return Command::new(program);
     }
     let mut start = Command::new(SETPRIV);
-    start.args(["--pdeathsig", "KILL", "--", program]);
+    start.args(KILLED_WITH_THE_PARENT).arg(program);
     start
 }
 
