@@ -63,16 +63,19 @@ pub struct Replaced {
     pub value: f64,
     /// Unit; empty: none.
     pub unit: &'static str,
-    /// What the robot file states; `None`: nothing.
-    pub stated: Option<f64>,
+    /// The value that it replaced; `None`: there was none.
+    pub before: Option<f64>,
+    /// Whether the robot file states that value; otherwise it is the default.
+    pub is_stated: bool,
 }
 
 impl std::fmt::Display for Replaced {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
         write!(f, "{} = {}{unit}", self.key, self.value)?;
-        match self.stated {
-            Some(stated) => write!(f, " (in the robot file: {stated})"),
+        match self.before {
+            Some(stated) if self.is_stated => write!(f, " (in the robot file: {stated})"),
+            Some(default) => write!(f, " (default: {default})"),
             None => f.write_str(" (in the robot file: none)"),
         }
     }

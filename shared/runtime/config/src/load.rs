@@ -93,7 +93,7 @@ impl RobotFile {
         check::robot(self).map_err(|problem| source.error(&problem))?;
         let path = resolve_named_file(folder, &named);
         let file = IdentifiedFile::load(&path)?;
-        self.replaced = file.apply(self).map_err(|problem| match Source::read(&path) {
+        self.replaced = file.apply(self, &source.parse()?).map_err(|problem| match Source::read(&path) {
             Ok(identified) => identified.error(&problem),
             Err(error) => error,
         })?;

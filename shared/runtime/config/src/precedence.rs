@@ -16,11 +16,11 @@ use crate::toml_file::{ConfigError, Source};
 const MOST_APART: f64 = 3.0;
 
 impl IdentifiedFile {
-    /// Puts its values in the places of those of a robot file.
+    /// Puts its values in the places of those of a robot file; `stated`: the keys that the robot file states.
     ///
     /// # Errors
     /// It was identified on a robot with another number of cables, or a value is far from that of the robot file.
-    pub(super) fn apply(&self, file: &mut RobotFile) -> Result<Vec<Replaced>, Problem> {
+    pub(super) fn apply(&self, file: &mut RobotFile, stated: &toml::Table) -> Result<Vec<Replaced>, Problem> {
         let cables = file.robot.anchors_m.len();
         if !self.cable.is_empty() && self.cable.len() != cables {
             let clause = format!(
@@ -30,11 +30,15 @@ impl IdentifiedFile {
             );
             return Err(Problem::with_clause("cable", clause));
         }
+        let is_stated = |dotted: &str| {
+            let (section, key) = dotted.split_once('.').unwrap_or(("", dotted));
+            stated.get(section).and_then(|section| section.get(key)).is_some()
+        };
         let motor = &mut file.motor;
         let mut all = Vec::new();
         let mut put = |key: &'static str, unit, value: Option<f64>, into: &mut f64| {
             if let Some(value) = value {
-                all.push(Replaced { key, value, unit, stated: Some(*into) });
+                all.push(Replaced { key, value, unit, before: Some(*into), is_stated: is_stated(key) });
                 *into = value;
             }
         };
@@ -46,13 +50,14 @@ impl IdentifiedFile {
         put("motor.coulomb_n", "N", found.coulomb_n, &mut motor.coulomb_n);
         put("motor.viscous_n_s_m", "N s/m", found.viscous_n_s_m, &mut motor.viscous_n_s_m);
         if let Some(value) = self.stiffness_n {
-            all.push(Replaced { key: "lines.stiffness_n", value, unit: "N", stated: file.lines.stiffness_n });
+            let before = file.lines.stiffness_n;
+            all.push(Replaced { key: "lines.stiffness_n", value, unit: "N", before, is_stated: before.is_some() });
             file.lines.stiffness_n = Some(value);
         }
         // Friction is often assumed, mass and stiffness are measured or from a data sheet.
         let told = ["robot.node_mass_kg", "lines.stiffness_n"];
         let apart = |one: &&Replaced| {
-            let ratio = one.value / one.stated.unwrap_or(one.value);
+            let ratio = one.value / one.before.unwrap_or(one.value);
             told.contains(&one.key) && !(MOST_APART.recip()..=MOST_APART).contains(&ratio)
         };
         match all.iter().find(apart) {
@@ -62,7 +67,7 @@ impl IdentifiedFile {
                     "is {}, and the robot file has {}: this is another robot, or a wrong robot file; identify again, or \
                      correct the robot file",
                     one.value,
-                    one.stated.unwrap_or_default()
+                    one.before.unwrap_or_default()
                 );
                 Err(Problem::with_clause(key, clause))
             }
@@ -160,11 +165,28 @@ mod tests {
             assert!(words.contains(part), "{part}: {words}");
         }
         assert!(!words.contains("resistance_ohm"), "{words}");
+        assert!(words.contains("coulomb_n = 2.5 N (in the robot file: 3)"), "{words}");
         // A run keeps the file, and reads the same values again.
         assert_eq!(robot.named_files(folder.path()), [folder.path().join("found.toml")]);
         std::fs::write(folder.path().join("again.toml"), file.resolved("robot.toml").unwrap()).unwrap();
         let again = SystemFile::load(&folder.path().join("again.toml")).unwrap();
         assert_eq!(again.controller.drive_lag_s, Some([0.05, 0.02]));
+    }
+
+    #[test]
+    fn a_default_is_not_stated_as_a_value_of_the_robot_file() {
+        let folder = tempfile::tempdir().unwrap();
+        load(folder.path(), FOUND, "").unwrap();
+        let path = folder.path().join("robot.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let short: String =
+            text.lines().filter(|line| !line.starts_with("coulomb_n")).map(|l| format!("{l}\n")).collect();
+        assert_ne!(short.lines().count(), text.lines().count());
+        std::fs::write(&path, short).unwrap();
+        let words = RobotFile::load(&path).unwrap().identified_in_words().unwrap();
+        let default = crate::MotorSection::default().coulomb_n;
+        assert!(words.contains(&format!("coulomb_n = 2.5 N (default: {default})")), "{words}");
+        assert!(words.contains("force_constant_n_a = 41 N/A (in the robot file: "), "{words}");
     }
 
     #[test]
