@@ -7,7 +7,7 @@
 use crate::make::{aside, ended, last_line, printed};
 use bus::{Bus, Domain, Participant, clock};
 use client::Running;
-use config::{SystemFile, file};
+use config::{RobotFile, SystemFile, file, toml_file};
 use gateway_protocol::FindingRow;
 use messages::MotorAuthority;
 use robot_state::Reason;
@@ -81,7 +81,8 @@ fn store_by(
             (with_calibration(&texts.robot, &name_of(&path)).map_err(|why| refused(&why))?, Some((path, calibration)))
         }
     };
-    names_no_other_files(&text, &before, calibration.is_some())?;
+    names_no_other_files(&text, (&present, &before), calibration.is_some())?;
+    states_nothing_in_vain(&text, (&present, &before))?;
     // What a client hands over is made from what the robot flies with.
     if text != before && flown.is_some_and(|flown| flown != before) {
         let name = name_of(&present);
@@ -169,18 +170,46 @@ struct Checked {
 }
 
 /// Refuses a text that names other files than the present one; a calibration that came with it is named here.
-fn names_no_other_files(text: &str, before: &str, with_calibration: bool) -> Result<(), Box<Reason>> {
-    let table = |text: &str| text.parse::<toml::Table>().map_err(|error| refused(&error.message()));
-    let (new, old) = (table(text)?, table(before)?);
-    for (section, key) in [("robot", "calibration"), ("motor", "table")] {
-        let of = |table: &toml::Table| table.get(section).and_then(|section| section.get(key)).cloned();
-        let is_own = with_calibration && key == "calibration";
-        if of(&new).is_some() && of(&new) != of(&old) && !is_own {
-            let why = format!("[{section}] {key} names a file; a robot file from here names those of the present one");
-            return Err(refused(&why));
+fn names_no_other_files(
+    text: &str,
+    (present, before): (&Path, &str),
+    with_calibration: bool,
+) -> Result<(), Box<Reason>> {
+    let name = PathBuf::from(name_of(present));
+    let parsed = |text: &str| toml_file::parse::<RobotFile>(text, &name).map_err(|error| refused(&error));
+    let (new, old) = (parsed(text)?, parsed(before)?);
+    for ((key, new), (_, old)) in new.names_of_files().into_iter().zip(old.names_of_files()) {
+        let is_own = with_calibration && key == "robot.calibration";
+        if !new.is_empty() && new != old && !is_own {
+            return Err(refused(&format!("{key} names a file; a robot file from here names those of the present one")));
         }
     }
     Ok(())
+}
+
+/// Refuses a text that changes a value which the identified file of the present robot file replaces: what was measured
+/// now would have no effect.
+fn states_nothing_in_vain(text: &str, (present, before): (&Path, &str)) -> Result<(), Box<Reason>> {
+    // Without a present file that loads, the check of the text says what is wrong.
+    let Ok(file) = RobotFile::load(present) else { return Ok(()) };
+    let Some(identified) = &file.robot.identified else { return Ok(()) };
+    let table = |text: &str| text.parse::<toml::Table>().map_err(|error| refused(&error.message()));
+    let (new, old) = (table(text)?, table(before)?);
+    let of = |table: &toml::Table, dotted: &str| {
+        let (section, key) = dotted.split_once('.')?;
+        table.get(section)?.get(key).cloned()
+    };
+    // A text that no longer names the identified file states its own values.
+    if of(&new, "robot.identified").is_none() {
+        return Ok(());
+    }
+    let vain: Vec<&str> =
+        file.replaced.iter().map(|one| one.key).filter(|key| of(&new, key) != of(&old, key)).collect();
+    if vain.is_empty() {
+        return Ok(());
+    }
+    let (keys, name) = (vain.join(" and "), name_of(identified));
+    Err(refused(&format!("{name} takes the place of {keys}; delete that from {name}, then repeat this")))
 }
 
 /// Whether a robot runs here that is not disarmed, or does not say so.
@@ -425,14 +454,45 @@ mod tests {
         assert_ne!(named, before);
         let table = before.replacen("[motor] ", "[motor]\ntable = \"/etc/passwd\" # ", 1);
         assert_ne!(table, before);
-        for (text, calibration) in
-            [(&named, None), (&table, None), (&table, Some("method = 1\n")), (&"x".to_owned(), None)]
-        {
+        let identified = before.replacen("[robot]\n", "[robot]\nidentified = \"/etc/passwd\"\n", 1);
+        assert_ne!(identified, before);
+        for (text, calibration) in [
+            (&named, None),
+            (&table, None),
+            (&table, Some("method = 1\n")),
+            (&identified, None),
+            (&identified, Some("method = 1\n")),
+            (&"x".to_owned(), None),
+        ] {
             assert_eq!(site.store(text, calibration).unwrap_err().code(), 486, "{text}");
             assert_eq!(site.files(), ["lab3.toml"]);
         }
         // A calibration that came with it replaces the name.
         site.store(&named, Some("method = 1\n")).unwrap();
         assert!(!site.text().contains("passwd"));
+    }
+
+    #[test]
+    fn what_the_identified_file_replaces_is_not_stored_in_vain() {
+        let site = site("exit 0");
+        let found = site.robot.with_file_name("found.toml");
+        fs::write(&found, "node_mass_kg = 1.25\n").unwrap();
+        let named = site.text().replacen("[robot]\n", "[robot]\nidentified = \"found.toml\"\n", 1);
+        fs::write(&site.robot, &named).unwrap();
+        let weighed = named.replacen("node_mass_kg = 1.2 ", "node_mass_kg = 1.3 ", 1);
+        assert_ne!(weighed, named);
+        let reason = site.store(&weighed, None).unwrap_err();
+        let words = format!("{reason:?}");
+        assert!(
+            reason.code() == 486 && words.contains("robot.node_mass_kg") && words.contains("found.toml"),
+            "{words}"
+        );
+        assert_eq!((site.text(), site.files()), (named.clone(), vec!["found.toml".to_owned(), "lab3.toml".to_owned()]));
+        // Other keys are stored, and this one once the identified file lacks it.
+        let stiff = named.replacen("stiffness_n = 6000", "stiffness_n = 6500", 1);
+        assert_ne!(stiff, named);
+        assert_eq!(site.store(&stiff, None).unwrap().code(), 483);
+        fs::write(&found, "delay_s = 0.03\nlag_s = 0.04\n").unwrap();
+        assert_eq!(site.store(&weighed, None).unwrap().code(), 483);
     }
 }
