@@ -1,5 +1,6 @@
 //! `nims identify`: delay and lag of the drives, motor constants, friction and the node's mass from a run.
 
+mod file;
 mod findings;
 mod page;
 mod rows;
@@ -146,58 +147,9 @@ fn text(found: &Findings) -> String {
     text
 }
 
-/// Mean over the cables, with the larger of the spread and the stated deviation.
-fn overall(found: &Findings, of: &dyn Fn(&Identified) -> Option<Value>) -> Option<Value> {
-    let all: Vec<Value> = found.cables.iter().flatten().filter_map(of).collect();
-    let count = all.len() as f64;
-    let mean = all.iter().map(|one| one.value).sum::<f64>() / count;
-    let stated = all.iter().map(|one| one.sigma.powi(2)).sum::<f64>() / count;
-    let spread = all.iter().map(|one| (one.value - mean).powi(2)).sum::<f64>() / count;
-    (count > 0.0).then(|| Value { value: mean, sigma: stated.max(spread).sqrt() })
-}
-
 fn write(out: &Path, run: &Path, recorded: &rows::Recorded, found: &Findings) -> Answer {
     let cannot = |why: std::io::Error| Failure::NotNow(format!("{} cannot be written: {why}", out.display()));
     std::fs::create_dir_all(out).map_err(cannot)?;
-    std::fs::write(out.join("identified.toml"), file(run, found)).map_err(cannot)?;
+    std::fs::write(out.join("identified.toml"), file::text(run, found)).map_err(cannot)?;
     page::save(out, recorded, found)
-}
-
-/// The identified values under the keys of the configuration files; a comment states each deviation.
-fn file(run: &Path, found: &Findings) -> String {
-    let name = run.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut text = format!("# Identified by nims identify from {name:?}; +- is one standard deviation.\n");
-    let mut key = |name: &str, value: Option<Value>, decimals: usize| {
-        if let Some(Value { value, sigma }) = value {
-            let _ = writeln!(text, "{name} = {value:.decimals$}   # +- {sigma:.decimals$}");
-        }
-    };
-    key("delay_s", overall(found, &|one| Some(one.drive.delay_s)), 4);
-    key("lag_s", overall(found, &|one| Some(one.drive.lag_s)), 4);
-    key("node_mass_kg", found.mass_kg, 4);
-    let _ = writeln!(
-        text,
-        "# stiffness_n: a run does not tell it; add it here, in N, if it was measured with a known weight"
-    );
-    let _ = writeln!(text, "\n# Keys of [motor] in a robot file, as the mean of all cables.\n[motor]");
-    let mut key = |name: &str, of: &dyn Fn(&identification::Motor) -> Value, decimals: usize| {
-        if let Some(Value { value, sigma }) = overall(found, &|one| one.motor.as_ref().map(of)) {
-            let _ = writeln!(text, "{name} = {:.decimals$}   # +- {sigma:.decimals$}", value.max(0.0));
-        }
-    };
-    key("force_constant_n_a", &|motor| motor.force_constant_n_a, 2);
-    key("resistance_ohm", &|motor| motor.resistance_ohm, 3);
-    key("gear_friction", &|motor| motor.gear_friction, 3);
-    key("coulomb_n", &|motor| motor.coulomb_n, 2);
-    key("viscous_n_s_m", &|motor| motor.viscous_n_s_m, 1);
-    for (index, one) in found.cables.iter().enumerate() {
-        let Ok(Identified { drive, .. }) = one else { continue };
-        let _ = writeln!(text, "\n[[cable]]   # {}", index + 1);
-        for (name, Value { value, sigma }) in
-            [("delay_s", drive.delay_s), ("lag_s", drive.lag_s), ("delay_and_lag_s", drive.total_s)]
-        {
-            let _ = writeln!(text, "{name} = {value:.4}   # +- {sigma:.4}");
-        }
-    }
-    text
 }
