@@ -125,6 +125,19 @@ mod tests {
     }
 
     #[test]
+    fn what_the_identified_file_takes_the_place_of_is_stated() {
+        let (folder, args) = site(|text| text);
+        let (robot, found) = (folder.path().join("lab3.toml"), folder.path().join("found.toml"));
+        let text = std::fs::read_to_string(&robot).unwrap();
+        std::fs::write(&robot, text.replacen("[robot]", "[robot]\nidentified = \"found.toml\"", 1)).unwrap();
+        std::fs::write(&found, "node_mass_kg = 1.21\ndelay_s = 0.03\nlag_s = 0.04\n").unwrap();
+        let words = run(&Args { write: true, ..args }).unwrap().words;
+        let last = words.lines().last().unwrap();
+        assert!(last.contains("found.toml") && last.contains("robot.node_mass_kg"), "{words}");
+        assert!(!last.contains("stiffness_n"), "{words}");
+    }
+
+    #[test]
     fn unusable_measurements_are_refused_by_entry() {
         let refused = |from: &str, to: &str| {
             let (_folder, args) = site(|text| {
